@@ -112,13 +112,9 @@ def loop(result: Result, solid: Solid) -> Loop:
     )
     tool = (Link("tool", (shaft,)), Link("holder", (box(holder[:3], holder[3:], here),)))
     contact = half * math.sin(math.radians(job.tool.axis_tilt)) + 0.1
-    # Boxes of wrist and holder that meet at home are taken not to: the notes say which.
-    said = [
-        note.what.removesuffix(" do not meet")
-        for note in result.notes
-        if note.what.endswith("do not meet")
-    ]
-    allowed = tuple((a, b) for a, _, b in (text.partition(" and ") for text in said))
+    # Boxes of wrist and holder that meet at home are not tested.
+    assert result.where is not None
+    allowed = tuple(pair.bodies for pair in result.where.untested)
     return Loop(of, solid, base_from_work, standing, tool, contact, allowed)
 
 

@@ -13,10 +13,12 @@ from camgen.check.lost import join_losses
 from camgen.check.reach import Reach
 from camgen.collision.cell import Surroundings
 from camgen.collision.motion import motion, motions
-from camgen.collision.scene import PART
+from camgen.collision.scene import PART, Scene
+from camgen.collision.tell import tell_hit
 from camgen.geometry.ragged import ends_run, offsets, run_lengths
 from camgen.model.errors import Blocked, Loss
 from camgen.model.part import IntArray, Note
+from camgen.model.pose import FloatArray
 from camgen.model.program import Program
 from camgen.model.text import short
 from camgen.motion.cell import FINE, STEP
@@ -66,10 +68,16 @@ class Clear(Struct, frozen=True):
 
 
 class _Collision(Struct, frozen=True):
-    """at: the place in rows of the course. pair: the two bodies."""
+    """A collision.
+
+    at: place in rows of the course.
+    pair: names of the two bodies.
+    text: the bodies, their depth and the joint values.
+    """
 
     at: float
     pair: tuple[str, str]
+    text: str
 
 
 def check_clear(
@@ -89,7 +97,9 @@ def check_clear(
             (where.work, motion(where.work, rows, STEP, apart=APART)),
         ]
         found += [
-            _Collision(begin + met.at, scene.pairs[met.pair]) for scene, met in meetings if met.hit
+            _collision(scene, course, begin + met.at, met.pair)
+            for scene, met in meetings
+            if met.hit
         ]
         if not found and beside.nearest >= 0:
             close += _find_near(where, reach, robot, course, (begin, begin + len(rows)), near)
@@ -155,11 +165,15 @@ def _find_by_path(where: Surroundings, reach: Reach, course: JointPath) -> list[
     for scene in (where.apart, where.work):
         met = motions(scene, runs, STEP, apart=APART)
         found += [
-            _Collision(a + m.at, scene.pairs[m.pair])
+            _collision(scene, course, a + m.at, m.pair)
             for a, m in zip(ends, met, strict=False)
             if m.pair >= 0
         ]
     return found
+
+
+def _collision(scene: Scene, course: JointPath, at: float, pair: int) -> _Collision:
+    return _Collision(at, scene.pairs[pair], tell_hit(scene, _joints_at(course, at), pair))
 
 
 def _motions(reach: Reach, course: JointPath) -> IntArray:
@@ -185,7 +199,7 @@ def _block(
         # Where a way ends the path begins.
         way = bool(columns.arrives[number]) and not (one.at == row and last[row])
         if not losses:
-            what = f"{robot.name} collides on {program.place_of(index)} {where}: {words}"
+            what = f"{robot.name} collides on {program.place_of(index)} {where}: {one.text}"
             error = file, what, f"instruction {index}", _remedy(one, robot)
         losses.append(Loss(path, "collision", f"collision, {words}, {where}{link}", way))
     return Blocked(*error, join_losses(losses))
@@ -193,14 +207,17 @@ def _block(
 
 def _place(program: Program, robot: Robot, course: JointPath, at: float) -> str:
     """The TCP there, x, y and z in the work frame."""
-    row = min(int(at), len(course.joints) - 2) if len(course.joints) > 1 else 0
-    part = at - row
-    joints = (
-        course.joints[row] * (1 - part) + course.joints[min(row + 1, len(course.joints) - 1)] * part
-    )
-    rotation, origin = flange(robot, joints[None])
+    rotation, origin = flange(robot, _joints_at(course, at)[None])
     tip = origin[0] + rotation[0] @ np.asarray(program.flange_from_tool.origin)
     return " ".join(short(v, 1) for v in program.base_from_work.inverse().apply(tip))
+
+
+def _joints_at(course: JointPath, at: float) -> FloatArray:
+    """(J,) the joint values at a place in rows of the course."""
+    row = min(int(at), len(course.joints) - 2) if len(course.joints) > 1 else 0
+    part = at - row
+    after = course.joints[min(row + 1, len(course.joints) - 1)]
+    return np.asarray(course.joints[row] * (1 - part) + after * part)
 
 
 def _remedy(one: _Collision, robot: Robot) -> str:

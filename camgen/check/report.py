@@ -21,9 +21,12 @@ from camgen.plan import Coverage
 
 if TYPE_CHECKING:
     from camgen.check.collide import Clear
+    from camgen.collision.cell import Untested
 
 #: The value of each of ``checks`` as long as the cell has no robot model.
 NOT_CHECKED = "not checked"
+#: The value of ``collision`` where pairs of bodies are not tested.
+PARTLY_CHECKED = "partly checked"
 
 
 class Motions(Struct, frozen=True):
@@ -213,6 +216,11 @@ def clearance_of(found: Clear) -> dict[str, object]:
         if least is None
         else told | {"between": list(least.pair), "on": clean(least.on), "at": least.at}
     )
+
+
+def untested_of(pairs: Sequence[Untested]) -> list[dict[str, object]]:
+    """The bodies that are not tested against each other, and the reason of each pair."""
+    return [{"bodies": list(map(clean, pair.bodies)), "why": clean(pair.why)} for pair in pairs]
 
 
 def _coverage(found: Coverage) -> dict[str, float]:

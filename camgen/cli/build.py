@@ -203,8 +203,21 @@ def _reach(result: Result) -> list[Row]:
         robot += f", not at its feed on {counted(slow, 'path')}"
     return [
         ("reach", f"{robot} ({samples})", "look" if slow else "good"),
-        ("collision", f"no collision, {_clearance(result)}", "good"),
+        _collision(result),
     ]
+
+
+def _collision(result: Result) -> Row:
+    """The proof that the arm, its tool and its cell do not meet."""
+    untested = result.where.untested if result.where else ()
+    if not untested:
+        return ("collision", f"no collision, {_clearance(result)}", "good")
+    pairs = ", ".join(map(str, untested))
+    return (
+        "collision",
+        f"not proven: {pairs}; the others do not meet, {_clearance(result)}",
+        "look",
+    )
 
 
 def _clearance(result: Result) -> str:

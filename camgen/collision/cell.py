@@ -29,6 +29,16 @@ _TOUCH = 0.1
 _NO_TOOL, _PLATE = 1e-6, 1.0
 
 
+class Untested(Struct, frozen=True):
+    """Two bodies that are not tested against each other, and the reason."""
+
+    bodies: tuple[str, str]
+    why: str
+
+    def __str__(self) -> str:
+        return " against ".join(self.bodies)
+
+
 class Surroundings(Struct, frozen=True, eq=False):
     """scene: all of it. apart: of it the pairs that are to keep ``margin`` mm, and ``work`` all else: the tool against
     the part, which are meant to meet, and what is nearer already where the robot is at its own home.
@@ -38,6 +48,7 @@ class Surroundings(Struct, frozen=True, eq=False):
 
     bodies: tool and holder, their boxes at the flange. standing: table and fixtures, their boxes in the base frame.
     meshes: fixtures that are meshes with their names, work frame.
+    untested: pairs that are not tested, beside links that a joint joins.
     """
 
     scene: Scene
@@ -52,6 +63,7 @@ class Surroundings(Struct, frozen=True, eq=False):
     bodies: tuple[Link, ...]
     standing: tuple[Link, ...]
     meshes: tuple[tuple[str, Solid], ...]
+    untested: tuple[Untested, ...]
 
 
 def around(
@@ -92,6 +104,7 @@ def around(
     part = make_mesh(solid) if solid is not None else ()
     overlaps = _overlaps(robot, tool)
     allowed = Allowed(contact, tip, overlaps)
+    untested = _untested(robot, overlaps)
     made = scene(robot, tool, (*standing, *walls), part, cell.base_from_work, allowed)
     close = _close(robot, made, tool, job.cell.margin)
     work = [k for k, pair in enumerate(made.pairs) if pair == ("tool", "part") or pair in close]
@@ -100,10 +113,7 @@ def around(
         Note("assumed", f"{a} and {b} keep no margin", f"they are {short(far, 2)} mm apart at home")
         for (a, b), far in close.items()
     )
-    notes += tuple(
-        Note("assumed", f"{a} and {b} do not meet", "their boxes overlap at home")
-        for a, b in overlaps
-    )
+    notes += tuple(Note("assumed", f"{pair} is not tested", pair.why) for pair in untested)
     points = [one for one in (None if solid is None else solid.vertices, beside) if one is not None]
     low, high = _extent(cell.base_from_work, np.concatenate(points or [np.zeros((1, 3))]))
     tops = [
@@ -124,42 +134,82 @@ def around(
         tool,
         standing,
         tuple(meshes),
+        untested,
     )
 
 
 def _close(
     robot: Robot, scene: Scene, tool: tuple[Link, ...], margin: float
 ) -> dict[tuple[str, str], float]:
-    """Pairs of a link and a body of the tool that are nearer than ``margin`` at the robot's own home, mm apart: no
-    choice of a way gives them more.
+    """Pairs of links and bodies of the tool that are nearer than `margin` at the robot's own home.
+
+    Returns their distances, mm. No path gives them more.
     """
-    links, bodies = {link.name for link in robot.links}, {body.name for body in tool}
-    found: dict[tuple[str, str], float] = {}
-    for k, (a, b) in enumerate(scene.pairs):
-        if a in links and b in bodies:
-            far = (
-                float(clearance(narrow(scene, [k]), robot.home[None], margin)[0])
-                if margin > 0
-                else margin
-            )
-            found |= {(a, b): far} if far < margin else {}
-    return found
+    if margin <= 0:
+        return {}
+    moving = {body.name for body in (*robot.links, *tool)}
+    distances: dict[tuple[str, str], float] = {}
+    for k, pair in enumerate(scene.pairs):
+        if moving.issuperset(pair):
+            distance = float(clearance(narrow(scene, [k]), robot.home[None], margin)[0])
+            if distance < margin:
+                distances[pair] = distance
+    return distances
+
+
+#: Configurations in which two links have to overlap, every time, to be left untested.
+_SAMPLES = 48
+#: Links at the end of an arm whose boxes reach beyond its flange, by the least number of joints.
+_WRISTS = ((6, 3), (0, 2))
 
 
 def _overlaps(robot: Robot, tool: tuple[Link, ...]) -> tuple[tuple[str, str], ...]:
-    """Pairs of a link of the wrist and a body of the tool whose boxes meet at the robot's own home, where nothing does:
-    the boxes of a wrist reach beyond its flange.
+    """Pairs that meet at the robot's own home, because their shapes are too coarse.
+
+    They are a body of the tool and a link of the wrist, boxes of two links of which one is of the
+    wrist, and any two links that meet at all joint values of an even sample as well.
     """
-    wrist = {
-        robot.links[k].name for pair in robot.touching if len(robot.joints) in pair for k in pair
-    }
-    found: list[tuple[str, str]] = []
-    while True:
-        bare = scene(robot, tool, allowed=Allowed(pairs=tuple(found)))
-        pair = int(hits(bare, robot.home[None])[0])
-        if pair < 0 or not wrist & set(bare.pairs[pair]):
-            return tuple(found)
-        found.append(bare.pairs[pair])
+    count = len(robot.joints)
+    last = next(links for joints, links in _WRISTS if count >= joints)
+    wrist = {link.name for link in robot.links[-last:]}
+    bodies = {body.name for body in tool}
+    bare = scene(robot, tool)
+    rng = np.random.default_rng(1)
+    spread = rng.uniform(robot.limits[:, 0], robot.limits[:, 1], (_SAMPLES, count))
+    overlapping: list[tuple[str, str]] = []
+    for k in _meeting(bare, robot.home[None]):
+        pair = bare.pairs[k]
+        is_tool = bool(bodies & set(pair))
+        is_coarse = is_tool or bare.closer[k] is None
+        is_spared = is_coarse and bool(wrist & set(pair))
+        if not (is_spared or is_tool):
+            is_spared = bool((hits(narrow(bare, [k]), spread) >= 0).all())
+        if is_spared:
+            overlapping.append(pair)
+    return tuple(overlapping)
+
+
+def _meeting(tested: Scene, joints: FloatArray) -> list[int]:
+    """The numbers of pairs that meet at any of the joint values (N, J)."""
+    pairs = range(len(tested.pairs))
+    return [k for k in pairs if (hits(narrow(tested, [k]), joints) >= 0).any()]
+
+
+def _untested(robot: Robot, overlaps: tuple[tuple[str, str], ...]) -> tuple[Untested, ...]:
+    """The pairs that are not tested, without links that a joint joins."""
+    spared = [
+        (robot.links[i].name, robot.links[j].name) for i, j in robot.touching if abs(i - j) > 1
+    ]
+    untested = [Untested(pair, "their boxes overlap at home") for pair in (*spared, *overlaps)]
+    for link in robot.links:
+        if link.unread:
+            why = f"{', '.join(link.unread)} could not be read"
+        elif not link.boxes and link is not robot.links[0]:
+            why = "it has no shape"
+        else:
+            continue
+        untested.append(Untested((link.name, "all others"), why))
+    return tuple(untested)
 
 
 def _fixtures(

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from msgspec import Struct
 
+from camgen.collision import pairs
 from camgen.collision.boxes import Boxes, every, least_apart, meet
 from camgen.collision.mesh import body, distance, find_struck
 from camgen.collision.scene import Scene, Target
@@ -43,15 +44,55 @@ def hits(
         bare = place(scene, joints[rows])
         placed = bare.grown((grow[rows] + near[rows, None] * scene.moving)[..., None])
         row, box = near_pairs(scene, placed)
-        pair = _grow(
+        first, second, room = _grow(
             scene, bare, (row, box), grow[rows], None if closing is None else closing[rows]
         )
-        met = meet(pair[0].grown(near[rows][row, None]), pair[1])
+        room += near[rows][row]
+        met = meet(first.grown(near[rows][row, None]), second)
+        tests = _BoxTests(row, scene.of_pair[box], room)
+        _look_closer(scene, joints[rows], tests, met, exactly=True)
         # Of several values for one place the last one stays: the first pair, since they come backwards.
         found[rows][row[met][::-1]] = scene.of_pair[box[met][::-1]]
+        more = grow[rows] + near[rows, None]
         for target in scene.targets:
-            _against(target, placed, found[rows])
+            _against(scene, joints[rows], target, placed, more, found[rows])
     return found
+
+
+class _BoxTests(NamedTuple):
+    """Tests of boxes.
+
+    row: (n,) rows of joint values.
+    pair: (n,) numbers of pairs of the scene.
+    room: (n,) mm by which both bodies of a pair are larger together.
+    """
+
+    row: IntArray
+    pair: IntArray
+    room: FloatArray
+
+
+def _look_closer(
+    scene: Scene, joints: FloatArray, tests: _BoxTests, met: BoolArray, exactly: bool = False
+) -> None:
+    """Clear ``met`` (n,) where the boxes meet and the meshes of a pair do not.
+
+    joints: (N, J).
+    exactly: whether meshes that are a little farther apart than `room` are cleared.
+    """
+    boxes_met = np.flatnonzero(met)
+    for number in np.unique(tests.pair[boxes_met]).tolist():
+        closer = scene.closer[number]
+        if closer is None:
+            continue
+        which = boxes_met[tests.pair[boxes_met] == number]
+        values, room = joints[tests.row[which]], tests.room[which]
+        if not room.any():
+            met[which] = pairs.meet(scene.robot, closer, values)
+        elif exactly:
+            met[which] = pairs.come_within(scene.robot, closer, values, room)
+        else:
+            met[which] = pairs.may_come_within(scene.robot, closer, values, room)
 
 
 #: A box that grows by 1 on every side reaches so much farther at its corners.
@@ -132,9 +173,10 @@ def find_meetings(
             some = _named(_meet_all(scene, *looked))
         else:
             low, high = np.searchsorted(asked[0], [begin, begin + ROWS])
-            links, growth = frames(scene.robot, looked[0]), GrowthTable(*looked[1:3])
+            at = looked[0], frames(scene.robot, looked[0])
+            growth = GrowthTable(*looked[1:3])
             some = meet_again(
-                scene, links, growth, looked[3], (asked[0][low:high] - begin, asked[1][low:high])
+                scene, at, growth, looked[3], (asked[0][low:high] - begin, asked[1][low:high])
             )
         found.append((some[0] + begin, some[1]))
     return join_tests(found)
@@ -167,17 +209,13 @@ def join_tests(several: Iterable[Tests]) -> Tests:
     return row, test
 
 
-def meet_again(
-    scene: Scene,
-    links: tuple[FloatArray, FloatArray],
-    growth: Growth,
-    near: FloatArray,
-    asked: Tests,
-) -> Tests:
-    """Those of the tests ``asked`` that meet where links are at ``links`` (N,), as of ``frames``, as of
-    ``find_meetings``.
-    """
-    return _named(_meet_some(scene, links, growth, near, *asked))
+#: Joint values (N, J), and the frames of the links there, see ``frames``.
+_Places = tuple[FloatArray, tuple[FloatArray, FloatArray]]
+
+
+def meet_again(scene: Scene, at: _Places, growth: Growth, near: FloatArray, tests: Tests) -> Tests:
+    """The tests that meet ``at`` some joint values, see ``find_meetings``."""
+    return _named(_meet_some(scene, at, growth, near, *tests))
 
 
 def _named(tested: Iterable[_Tested]) -> Tests:
@@ -198,24 +236,30 @@ def _meet_all(
     bare = place(scene, joints)
     more = grow + near[:, None] * scene.moving
     row, test = near_pairs(scene, bare.grown(_CORNERS * more[..., None]))
-    pair = _grow(scene, bare, (row, test), grow, closing)
-    yield row, test, meet(pair[0].grown(near[row, None]), pair[1])
+    boxes, others, room = _grow(scene, bare, (row, test), grow, closing)
+    met = meet(boxes.grown(near[row, None]), others)
+    _look_closer(scene, joints, _BoxTests(row, scene.of_pair[test], room + near[row]), met)
+    yield row, test, met
     first = len(scene.first)
     for target in scene.targets:
         row, which, boxes = near_mesh(target, bare.grown(more[..., None]))
-        yield row, which + first, find_struck(target.mesh, boxes)
+        met = find_struck(target.mesh, boxes)
+        room = more[row, target.striking[which]]
+        _look_closer(scene, joints, _BoxTests(row, target.of_strike[which], room), met)
+        yield row, which + first, met
         first += len(target.striking)
 
 
 def _meet_some(
     scene: Scene,
-    links: tuple[FloatArray, FloatArray],
+    placed: _Places,
     growth: Growth,
     near: FloatArray,
     row: IntArray,
     test: IntArray,
 ) -> Iterator[_Tested]:
     """``find_meetings`` of tests at these rows. Only boxes that are asked for are placed, each once."""
+    joints, links = placed
     first, many = len(scene.first), len(scene.frame)
     own = test < first
     at, pair = row[own], test[own]
@@ -243,16 +287,19 @@ def _meet_some(
         at, pair, one, other = at[kept], pair[kept], one[kept], other[kept]
         both = bare.take(one), bare.take(other)
         share = _share(grow.take(one), grow.take(other), growth.of_pairs(at, pair, *both))
-        yield (
-            at,
-            pair,
-            meet(both[0].grown((share[0] + near[at])[:, None]), both[1].grown(share[1][:, None])),
-        )
-    for target, (place, at, which) in zip(scene.targets, strikes, strict=True):
+        wide = share[0] + near[at]
+        met = meet(both[0].grown(wide[:, None]), both[1].grown(share[1][:, None]))
+        _look_closer(scene, joints, _BoxTests(at, scene.of_pair[pair], wide + share[1]), met)
+        yield at, pair, met
+    begins = len(scene.first) + np.cumsum([0, *(len(target.striking) for target in scene.targets)])
+    for target, begin, (place, at, which) in zip(scene.targets, begins, strikes, strict=False):
         if len(place):
             here = number.take(place)
             boxes = bare.take(here).grown(more.take(here, axis=0)).seen_from(*_frame(target))
-            yield at, which, find_struck(target.mesh, boxes)
+            met = find_struck(target.mesh, boxes)
+            of_pair = target.of_strike[which - begin]
+            _look_closer(scene, joints, _BoxTests(at, of_pair, more.take(here)), met)
+            yield at, which, met
 
 
 def _frame(target: Target) -> tuple[FloatArray, FloatArray]:
@@ -266,14 +313,16 @@ def _grow(
     which: tuple[IntArray, IntArray],
     grow: FloatArray,
     closing: FloatArray | None,
-) -> tuple[Boxes, Boxes]:
-    """The boxes of the pairs ``which`` (rows and pairs of boxes), larger by what each of them or both together grow."""
+) -> tuple[Boxes, Boxes, FloatArray]:
+    """The boxes of the pairs ``which`` (rows and pairs of boxes), grown each or together.
+
+    The third value is the growth of both together, mm.
+    """
     row, box = which
     one, other = grow[row, scene.first[box]], grow[row, scene.second[box]]
     one, other = _share(one, other, None if closing is None else closing[row, box])
-    return bare[row, scene.first[box]].grown(one[:, None]), bare[row, scene.second[box]].grown(
-        other[:, None]
-    )
+    first, second = bare[row, scene.first[box]], bare[row, scene.second[box]]
+    return first.grown(one[:, None]), second.grown(other[:, None]), one + other
 
 
 def _share(
@@ -350,12 +399,27 @@ def near_mesh(target: Target, placed: Boxes) -> tuple[IntArray, IntArray, Boxes]
     return row, which, striking[row, which].seen_from(rotation, origin)
 
 
-def _against(target: Target, placed: Boxes, found: IntArray) -> None:
-    """Fill in the pairs with the mesh for configurations that have none yet."""
+def _against(
+    scene: Scene,
+    joints: FloatArray,
+    target: Target,
+    placed: Boxes,
+    more: FloatArray,
+    found: IntArray,
+) -> None:
+    """Fill in the pairs with the mesh for configurations that have none yet.
+
+    more: (N, B) mm by which boxes are larger.
+    """
     free = np.flatnonzero(found < 0)
     row, which, boxes = near_mesh(target, placed if len(free) == len(found) else placed[free])
-    met = np.flatnonzero(find_struck(target.mesh, boxes))[::-1]
-    found[free[row[met]]] = target.of_strike[which[met]]
+    struck = find_struck(target.mesh, boxes)
+    row = free[row]
+    room = more[row, target.striking[which]]
+    tests = _BoxTests(row, target.of_strike[which], room)
+    _look_closer(scene, joints, tests, struck, exactly=True)
+    met = np.flatnonzero(struck)[::-1]
+    found[row[met]] = target.of_strike[which[met]]
 
 
 # How far what may collide is apart.
@@ -416,44 +480,88 @@ def least_of_each(
     return [Nearest(*one) for one in zip(*columns, strict=True)]
 
 
+class _Rows(NamedTuple):
+    """Configurations that are measured together.
+
+    joints: (n, J).
+    placed: all boxes there, (n, B).
+    row: (n,) numbers of the configurations.
+    place: (n,) their places in the results.
+    """
+
+    joints: FloatArray
+    placed: Boxes
+    row: IntArray
+    place: IntArray
+
+
 def _lower(scene: Scene, joints: FloatArray, place_of: IntArray, found: _Found) -> None:
     """Lower ``found`` at ``place_of`` (N,) to the distances at the configurations (N, J)."""
     for begin in range(0, len(joints), ROWS):
         rows = np.arange(begin, min(begin + ROWS, len(joints)))
-        placed = place(scene, joints[rows])
-        _between(scene, placed, rows, place_of, found)
+        looked = _Rows(joints[rows], place(scene, joints[rows]), rows, place_of[rows])
+        _between(scene, looked, found)
         for target in scene.targets:
-            _to_mesh(target, placed, rows, place_of, found)
+            _to_mesh(scene, target, looked, found)
 
 
-def _between(
-    scene: Scene, placed: Boxes, rows: IntArray, place_of: IntArray, found: _Found
-) -> None:
-    wide = placed.grown(found.distance[place_of[rows]][:, None, None] * scene.moving[:, None])
+def _between(scene: Scene, rows: _Rows, found: _Found) -> None:
+    placed = rows.placed
+    wide = placed.grown(found.distance[rows.place][:, None, None] * scene.moving[:, None])
     row, which = near_pairs(scene, wide)
     first, second = placed[row, scene.first[which]], placed[row, scene.second[which]]
+    pair = scene.of_pair[which]
     bound = least_apart(first, second)
+    _raise_bounds(scene, rows.joints[row], pair, found.distance[rows.place[row]], bound)
+
+    def measured(k: int) -> float:
+        closer = scene.closer[pair[k]]
+        if closer is not None:
+            return pairs.measure(scene.robot, closer, rows.joints[row[k]])
+        return distance(body(first, k), body(second, k))
+
     _measure(
-        _Asked(place_of[rows[row]], rows[row], scene.of_pair[which], bound),
+        _Asked(rows.place[row], rows.row[row], pair, bound),
         found,
         lambda some, by: bound[some] < by,
-        lambda k: distance(body(first, k), body(second, k)),
+        measured,
     )
 
 
-def _to_mesh(
-    target: Target, placed: Boxes, rows: IntArray, place_of: IntArray, found: _Found
-) -> None:
-    row, which, wide = near_mesh(
-        target, placed.grown(found.distance[place_of[rows]][:, None, None])
-    )
+def _to_mesh(scene: Scene, target: Target, rows: _Rows, found: _Found) -> None:
+    placed = rows.placed
+    row, which, wide = near_mesh(target, placed.grown(found.distance[rows.place][:, None, None]))
     boxes = Boxes(wide.centres, wide.axes, placed.half[row, target.striking[which]])
-    _measure(
-        _Asked(place_of[rows[row]], rows[row], target.of_strike[which], np.zeros(len(row))),
-        found,
-        lambda some, by: find_struck(target.mesh, boxes[some].grown(by[:, None])),
-        lambda k: distance(target.mesh.surface, body(boxes, k)),
-    )
+    pair = target.of_strike[which]
+    bound = np.zeros(len(row))
+    _raise_bounds(scene, rows.joints[row], pair, found.distance[rows.place[row]], bound)
+
+    def within(some: IntArray, by: FloatArray) -> BoolArray:
+        struck = find_struck(target.mesh, boxes[some].grown(by[:, None]))
+        return np.asarray(struck & (bound[some] < by))
+
+    def measured(k: int) -> float:
+        closer = scene.closer[pair[k]]
+        if closer is not None:
+            return pairs.measure(scene.robot, closer, rows.joints[row[k]])
+        return distance(target.mesh.surface, body(boxes, k))
+
+    _measure(_Asked(rows.place[row], rows.row[row], pair, bound), found, within, measured)
+
+
+def _raise_bounds(
+    scene: Scene, joints: FloatArray, pair: IntArray, enough: FloatArray, bound: FloatArray
+) -> None:
+    """Raise ``bound`` (n,) for meshes that are farther apart than their boxes at joints (n, J).
+
+    enough: (n,) mm; no bound need be more.
+    """
+    for number in np.unique(pair).tolist():
+        closer = scene.closer[number]
+        if closer is not None:
+            rows = np.flatnonzero((pair == number) & (bound < enough))
+            raised = pairs.at_least(scene.robot, closer, joints[rows], enough[rows])
+            bound[rows] = np.maximum(bound[rows], raised)
 
 
 class _Asked(Struct, frozen=True, eq=False):

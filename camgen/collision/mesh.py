@@ -27,12 +27,22 @@ _BOXES = 512
 
 
 class Mesh(Struct, frozen=True, eq=False, dict=True):
-    """A part's surface in its own frame. box: around all. surface: fcl's collision object. closed: it bounds a body."""
+    """A part's surface in its own frame.
+
+    box: cuboid around it.
+    model: the triangles for fcl.
+    closed: whether the surface bounds a body.
+    """
 
     tree: BoxTree
     box: Boxes
-    surface: Any
+    model: Any
     closed: bool
+
+    @cached_property
+    def surface(self) -> Any:
+        """Fcl's collision object, in the mesh's own frame."""
+        return fcl.CollisionObject(self.model)
 
     @cached_property
     def cells(self) -> Cells:
@@ -45,14 +55,19 @@ def make_mesh(solid: Solid) -> Mesh:
     """The mesh of a part, made once and used in any number of scenes: 50,000 triangles take 0.2 s, and a search for the
     place of a part asks for it hundreds of times.
     """
-    model = fcl.BVHModel()
-    model.beginModel(len(solid.vertices), len(solid.faces))
-    model.addSubModel(np.asarray(solid.vertices), np.asarray(solid.faces))
-    model.endModel()
     tree = grow(solid.vertices[solid.faces])
     low, high = tree.corners.min(axis=(0, 1)), tree.corners.max(axis=(0, 1))
     box = Boxes(frozen((low + high) / 2), frozen(np.eye(3)), frozen((high - low) / 2))
-    return Mesh(tree, box, fcl.CollisionObject(model), _is_closed(solid))
+    return Mesh(tree, box, make_model(solid.vertices, solid.faces), _is_closed(solid))
+
+
+def make_model(vertices: FloatArray, faces: IntArray) -> Any:
+    """Fcl's model of triangles: ``vertices`` (V, 3), mm, ``faces`` (F, 3)."""
+    model = fcl.BVHModel()
+    model.beginModel(len(vertices), len(faces))
+    model.addSubModel(np.asarray(vertices), np.asarray(faces))
+    model.endModel()
+    return model
 
 
 def _is_closed(solid: Solid) -> bool:

@@ -6,12 +6,14 @@ Links, tool, fixtures and table are cuboids (RFA paper, section II.B); the part 
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 
 import numpy as np
 from msgspec import Struct
 
 from camgen.collision.mesh import Mesh
+from camgen.collision.pairs import MeshPair, Shape, box_part, model_of, pair_up
 from camgen.model.errors import JobError
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import IDENTITY, FloatArray, Pose, frozen, translation
@@ -40,7 +42,9 @@ class Scene(Struct, frozen=True, eq=False):
 
     Boxes, B in all, some bodies with more than one set of them: frame: (B,) the link that carries it, 0 for what
     stands; rotation (B, 3, 3), origin (B, 3): link_from_box; half: (B, 3).
-    first, second, of_pair: (P,) boxes that are tested against each other and their pair. targets: the meshes.
+    first, second, of_pair: (P,) boxes that are tested against each other and their pair.
+    targets: meshes that stand.
+    closer: the meshes of each pair, which decide where boxes meet, None for two bodies of boxes.
     """
 
     robot: Robot
@@ -53,6 +57,7 @@ class Scene(Struct, frozen=True, eq=False):
     second: IntArray
     of_pair: IntArray
     targets: tuple[Target, ...]
+    closer: tuple[MeshPair | None, ...]
 
     @property
     def moving(self) -> BoolArray:
@@ -66,13 +71,25 @@ def name_pair(scene: Scene, pair: int) -> str:
 
 
 class _Body(Struct, frozen=True, eq=False):
-    """A name and its boxes in the frame of link ``frame``."""
+    """A name and its boxes in the frame of link ``frame``.
+
+    link: link whose meshes decide where boxes meet.
+    """
 
     name: str
     frame: int
     boxes: tuple[Box, ...]
     mesh: Mesh | None = None
     base_from_mesh: Pose = _HERE
+    link: Link | None = None
+
+    def shape(self) -> Shape:
+        """The body as fcl has it."""
+        if self.mesh is not None:
+            return Shape(self.frame, ((self.mesh.model, self.base_from_mesh),))
+        if self.link is not None:
+            return Shape(self.frame, ((model_of(self.link), _HERE),))
+        return Shape(self.frame, tuple(map(box_part, self.boxes)))
 
 
 class Wall(Struct, frozen=True, eq=False):
@@ -115,8 +132,13 @@ def scene(
     JobError: two bodies of one name, a name in ``allowed`` that no body has, a tool thinner than its contact.
     """
     last = len(robot.joints)
-    bare = [_Body(link.name, k, link.boxes) for k, link in enumerate(robot.links)]
-    links = [_Body(body.name, body.frame, _grow(body.boxes, robot.pad)) for body in bare]
+    bare = [
+        _Body(link.name, k, link.boxes, link=link if link.surfaces else None)
+        for k, link in enumerate(robot.links)
+    ]
+    links = [
+        _Body(body.name, body.frame, _grow(body.boxes, robot.pad), link=body.link) for body in bare
+    ]
     tools = [_Body(body.name, last, _on_flange(robot, body.boxes)) for body in tool]
     standing = [_stand(body) for body in obstacles]
     target = _part(part, base_from_part)
@@ -171,6 +193,7 @@ def narrow(scene: Scene, pairs: Sequence[int]) -> Scene:
             for one, kept in strikes
             if kept.any()
         ),
+        closer=tuple(scene.closer[k] for k in pairs),
     )
 
 
@@ -262,7 +285,34 @@ def _tabulate(robot: Robot, tested: list[tuple[_Body, _Body]]) -> Scene:
         second=second,
         of_pair=of_pair,
         targets=tuple(_target(body, tested, rows) for body in bodies if body.mesh),
+        closer=tuple(_closer(robot, a, b) for a, b in tested),
     )
+
+
+def _closer(robot: Robot, first: _Body, second: _Body) -> MeshPair | None:
+    """The meshes of a pair, None if no link of it has any, or if one body has no shape at all."""
+    if first.link is None and second.link is None:
+        return None
+    if not all(body.boxes or body.mesh for body in (first, second)):
+        return None
+    return pair_up(first.shape(), second.shape(), _levers_between(robot, first, second))
+
+
+def _levers_between(robot: Robot, first: _Body, second: _Body) -> FloatArray:
+    """(J,) mm per rad or mm of each joint by which two bodies come nearer at most.
+
+    A joint moves the body that is farther along the chain. No point of that body is farther from
+    the joint's origin than the lever.
+    """
+    near, far = sorted((first, second), key=lambda body: body.frame)
+    reach = max(math.hypot(*box.link_from_box.origin) + math.hypot(*box.half) for box in far.boxes)
+    levers = np.zeros(len(robot.joints))
+    travel = np.abs(robot.coupling) @ np.abs(robot.limits).max(axis=1)
+    for k in reversed(range(near.frame, far.frame)):
+        joint = robot.joints[k]
+        levers[k] = 1.0 if joint.sliding else reach
+        reach += math.hypot(*joint.previous_from_joint.origin) + joint.sliding * travel[k]
+    return levers
 
 
 def _target(body: _Body, tested: list[tuple[_Body, _Body]], rows: dict[int, range]) -> Target:

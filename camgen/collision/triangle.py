@@ -110,7 +110,9 @@ def _meet_within(reach: _Reach, some: _Left, off: FloatArray, near: float) -> Te
         low, high = np.searchsorted(some.asked[0], [begin, begin + ROWS])
         growth = _Growth.of(reach, links, moved, off[some.owner[rows]])
         asked = some.asked[0][low:high] - begin, some.asked[1][low:high]
-        row, test = meet_again(reach.scene, links, growth, np.full(len(middle), near), asked)
+        row, test = meet_again(
+            reach.scene, (middle, links), growth, np.full(len(middle), near), asked
+        )
         found.append((row + begin, test))
     return join_tests(found)
 

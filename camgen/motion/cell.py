@@ -11,12 +11,15 @@ from camgen.collision.cell import Surroundings
 from camgen.collision.hits import clearance, hits
 from camgen.collision.motion import MotionCheck, measure_apart, motions
 from camgen.collision.scene import Scene, name_pair
+from camgen.collision.tell import tell_hit
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError, NoSafeProgram
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.program import Joints
 from camgen.motion.joint_paths import APART, JointPath, follow_all
 from camgen.motion.setup import Blockage, FreeSpace, SampledMotion, Setup, all_clear
+from camgen.robots.kinematics.joint_limits import within
+from camgen.robots.kinematics.reasons import tell_limit
 from camgen.robots.models import Robot
 
 #: mm: what two bodies may enter each other before a motion in between is found to collide.
@@ -28,18 +31,22 @@ FINE = 0.5
 def home_of(robot: Robot, cell: Cell, scene: Scene) -> FloatArray:
     """(J,) the joint values at home.
 
-    Raises JobError if their number is not that of the joints, NoSafeProgram if the arm collides.
+    Raises JobError if their number is not that of the joints, or if they are beyond the limits.
+    Raises NoSafeProgram if the arm collides.
     """
     assert isinstance(cell.home, Joints)
     home = frozen(cell.home.values)
     if len(home) != len(robot.joints):
         what = f"{robot.name} has {len(robot.joints)} joints, home has {len(home)}"
         raise JobError("job", what, "cell.home", "give home for this robot")
+    if not within(robot, home):
+        what = f"at home {tell_limit(robot, home)}"
+        raise JobError("job", what, "cell.home", "give a home within the limits")
     pair = int(hits(scene, home[None])[0])
     if pair >= 0:
         raise NoSafeProgram(
             "job",
-            f"home collides: {name_pair(scene, pair)}",
+            f"home collides: {tell_hit(scene, home, pair)}",
             "cell.home",
             "give another, or move the part",
         )

@@ -16,7 +16,15 @@ from msgspec.structs import replace
 
 import camgen.preview.notebook  # noqa: F401 (values draw themselves)
 from camgen.check.executed import Rounding
-from camgen.check.report import NOT_CHECKED, Cycle, Motions, Verified, clearance_of
+from camgen.check.report import (
+    NOT_CHECKED,
+    PARTLY_CHECKED,
+    Cycle,
+    Motions,
+    Verified,
+    clearance_of,
+    untested_of,
+)
 from camgen.check.report import report as report_of
 from camgen.lower import lower
 from camgen.lower.steps import frame_of, tell_tool
@@ -169,7 +177,11 @@ class Result(Struct, frozen=True, eq=False, dict=True):
         if self.travel is not None and self.travel.placed:
             table["checks"] = {"reach": NOT_CHECKED, "collision": NOT_CHECKED, "limits": "ok"}
         if self.reach is not None:
-            table["checks"] = {"reach": "ok", "collision": "ok", "limits": "ok"}
+            untested = self.where.untested if self.where else ()
+            collision = PARTLY_CHECKED if untested else "ok"
+            table["checks"] = {"reach": "ok", "collision": collision, "limits": "ok"}
+            if untested:
+                table["untested"] = untested_of(untested)
         if self.fixtures is not None:
             table |= report_fixtures(self.fixtures)
         if self.slow:

@@ -41,11 +41,17 @@ class Surface(Struct, frozen=True, eq=False):
 
 
 class Link(Struct, frozen=True, eq=False):
-    """What moves together. boxes: what is tested. surfaces: what it looks like, where meshes alone describe it."""
+    """A body of an arm.
+
+    boxes: cuboids around it, the first test for collisions.
+    surfaces: meshes that decide where boxes meet, and that are shown; none if boxes describe it.
+    unread: names of meshes that could not be read.
+    """
 
     name: str
     boxes: tuple[Box, ...]
     surfaces: tuple[Surface, ...] = ()
+    unread: tuple[str, ...] = ()
 
 
 class Trust(Struct, frozen=True, forbid_unknown_fields=True):

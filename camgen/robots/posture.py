@@ -49,8 +49,8 @@ def postures(robot: Robot, joints: FloatArray, straight: NDArray[np.bool_]) -> l
 
     straight: (N,) lines and arcs, which must end in the figure in which they start (RC8 manual, Move C). One on which
     axis 4 or 6 turns past half a turn does not; its figure is left out, so that the arm keeps to the nearest. So is one
-    with axis 4 or 6 at half a turn, which the controller may see on either side of it. Nothing is sure of an arm from a
-    URDF: its joint values need not be those of its controller.
+    with axis 4 or 6 at half a turn, which the controller may see on either side of it.
+    Nothing is sure of an arm without a known controller, as most from a URDF.
     """
     count = len(joints)
     if not robot.controller:

@@ -116,7 +116,10 @@ def test_a_program_for_another_arm_is_refused(made: Program, arm: str, line: str
 def test_the_built_in_cells_are_reached_by_their_arms(post: str, arm: str) -> None:
     job: dict[str, Any] = {"cell": {"robot": arm}}
     result = camgen.build(PARTS / "bracket.dxf", post=post, job=job)
-    assert result.report["checks"] == {"reach": "ok", "collision": "ok", "limits": "ok"}
+    # The boxes of links 4 and 6 of the two six-axis arms overlap.
+    collision = "ok" if arm == "Cobra s600" else "partly checked"
+    assert result.report["checks"] == {"reach": "ok", "collision": collision, "limits": "ok"}
+    assert ("untested" in result.report) == (collision != "ok")
     plain = camgen.build(PARTS / "bracket.dxf", post=post)
     assert plain.report["checks"] == dict.fromkeys(("reach", "collision", "limits"), "not checked")
     assert [m for m in plain.program.body if not isinstance(m, Comment)]

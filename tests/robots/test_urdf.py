@@ -18,6 +18,7 @@ from camgen.robots.kinematics.forward import flange, frames, jacobian
 from camgen.robots.kinematics.inverse import inverse
 from camgen.robots.kinematics.joint_limits import within
 from camgen.robots.models import Robot
+from camgen.robots.posture import postures
 from camgen.robots.urdf.xml import urdf_files
 from tests.support.rounding import rounding_bound
 from tests.support.urdf_arms import Arm, built_in, disguised, rpy, step, tip, turn, urdf
@@ -187,7 +188,6 @@ def test_what_is_assumed_is_said() -> None:
         "wrist_3_joint has no limits: -360 to 360 deg are taken",
         "finger moves by itself: it is left out",
         "3 angles were taken as the multiples of 90 deg that they are rounded from",
-        "wrist_1 and wrist_3 overlap in every posture: they are not tested against each other",
     )
     assert robot(str(SIX)).notes == ()
 
@@ -347,6 +347,24 @@ def test_a_program_for_an_arm_of_a_urdf(name: Path, home: list[float]) -> None:
         f"warning: {name.name}: home and posture are in the joint values of the URDF (their zeros and signs need not "
         "be the controller's: compare one pose with the teach pendant)"
     )
+
+
+@pytest.mark.parametrize(
+    ("name", "is_abb"),
+    [("abb_irb120_3_58", True), ("irb 120", True), ("my arm", False), ("abb_irb2400", False)],
+)
+def test_an_abb_arm_by_name_and_axes_gets_its_confdata(
+    tmp_path: Path, name: str, is_abb: bool
+) -> None:
+    """The postures are those of the built-in arm. With an axis reversed it is not one of ABB's."""
+    arm, rows = built_in("irb120"), np.radians([[-10, 20, 10, 100, -30, 200], [0, 0, 0, 0, 30, 0]])
+    straight = np.zeros(2, dtype=np.bool_)
+    of = robot(written(tmp_path, urdf(arm, name)))
+    built = postures(robot("IRB 120"), rows, straight)
+    assert postures(of, rows, straight) == (built if is_abb else [None, None])
+    assert any("ABB" in note for note in of.notes) == is_abb
+    turned = arm._replace(axes=(*arm.axes[:3], -arm.axes[3], *arm.axes[4:]))
+    assert postures(robot(written(tmp_path, urdf(turned, name))), rows, straight) == [None, None]
 
 
 def test_what_the_arm_cannot_reach_is_refused() -> None:

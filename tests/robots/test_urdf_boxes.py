@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from camgen.collision.scene import scene
-from camgen.model.pose import Pose, frozen
 from camgen.robots.catalogue import robot
-from camgen.robots.models import Box
-from camgen.robots.urdf.boxes import around, overlaps
+from camgen.robots.models import Box, Surface
+from camgen.robots.urdf.boxes import around, is_own_hull
 from camgen.robots.urdf.xml import mesh_path
 from tests.support.rounding import rounding_bound
 from tests.support.urdf_arms import rpy
@@ -152,16 +151,17 @@ def test_meshes_are_found_where_packages_have_them(tmp_path: Path) -> None:
 
 def test_a_mesh_that_is_missing_or_damaged_is_said(tmp_path: Path) -> None:
     (tmp_path / "cut.stl").write_bytes(stl(CORNERS)[:200])
-    (tmp_path / "body.dae").write_text("<COLLADA/>")
-    names = ("none.stl", "cut.stl", "body.dae")
+    (tmp_path / "body.x3d").write_text("<X3D/>")
+    names = ("none.stl", "cut.stl", "body.x3d")
     text = "".join(shape(f'<mesh filename="{name}"/>') for name in names)
     of = robot(arm(tmp_path, text))
     assert of.links[1].boxes == ()
+    assert of.links[1].unread == names
     assert of.notes[-3:] == (
         "link c has no boxes of its mesh none.stl: there is no such file near the URDF",
         "link c has no boxes of its mesh cut.stl: the file ends before its last face, 2 of 12 are there; "
         "export it again from the CAD program",
-        "link c has no boxes of its mesh body.dae: is not a kind of mesh that camgen reads; "
+        "link c has no boxes of its mesh body.x3d: is not a kind of mesh that camgen reads; "
         "give one of .stl, .obj, .ply, .off, .3mf, .glb",
     )
 
@@ -211,40 +211,32 @@ def test_a_flat_mesh_has_a_thin_box() -> None:
     assert box.half == pytest.approx((5, 5, 0.01))
 
 
-def placed(rng: np.random.Generator, spread: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    return (
-        np.array([[rpy(*rng.uniform(-3, 3, 3))]]),
-        rng.uniform(-spread, spread, (1, 1, 3)),
-        rng.uniform(1, 10, (1, 3)),
-    )
-
-
-def test_overlap_agrees_with_points() -> None:
-    """Where sampled points of the one are in the other, they overlap; where a fine sample has none, hardly."""
-    rng = np.random.default_rng(2)
-    hits = misses = doubtful = 0
-    grid = np.array(list(itertools.product(np.linspace(-1, 1, 15), repeat=3)))
-    for _ in range(300):
-        a, b = placed(rng, 8), placed(rng, 8)
-        said = bool(overlaps(a, b)[0, 0, 0])
-        points = [grid * one[2][0] @ one[0][0, 0].T + one[1][0, 0] for one in (a, b)]
-        solid = [
-            Box(Pose(frozen(one[0][0, 0]), tuple(one[1][0, 0].tolist())), tuple(one[2][0].tolist()))
-            for one in (a, b)
-        ]
-        common = bool(inside(points[0], [solid[1]]).any() or inside(points[1], [solid[0]]).any())
-        hits += said and common
-        misses += not said and not common
-        doubtful += said and not common
-        assert said or not common
-    assert hits > 100
-    assert misses > 50
-    assert doubtful < 12
-
-
-def test_links_that_always_overlap_are_not_tested_and_others_are() -> None:
+def test_neighbours_alone_touch() -> None:
     of = robot(str(ROBOTS / "cobot.urdf"))
-    assert of.touching == ((0, 1), (1, 2), (2, 3), (3, 4), (4, 5), (4, 6), (5, 6))
+    assert of.touching == tuple((k, k + 1) for k in range(6))
     made = scene(of)
     assert ("world", "forearm") in made.pairs
-    assert ("wrist_1", "wrist_3") not in made.pairs
+    assert ("wrist_1", "wrist_3") in made.pairs
+
+
+def test_a_hull_is_told_from_a_shape_with_a_hollow() -> None:
+    """A cuboid, its faces wound one way or the other, is its own hull; two of them are not."""
+    assert is_own_hull(Surface(CORNERS * 50, FACES))
+    assert is_own_hull(Surface(CORNERS * 50, FACES[:, ::-1]))
+    both = np.concatenate([CORNERS * 10, CORNERS * 10 + [0, 0, 60]])
+    assert not is_own_hull(Surface(both, np.concatenate([FACES, FACES + 8])))
+
+
+def test_the_mesh_to_be_seen_counts_where_the_other_is_its_hull(tmp_path: Path) -> None:
+    """A fork of two prongs, 40 mm apart, in a hull that fills it; the hull if there is no fork."""
+    prongs = [CORNERS * [0.01, 0.02, 0.05] + [0, y, 0] for y in (-0.04, 0.04)]
+    lines = obj(np.concatenate(prongs), np.concatenate([FACES, FACES + 8]))
+    (tmp_path / "hull.stl").write_bytes(stl(CORNERS * [0.01, 0.06, 0.05]))
+    (tmp_path / "fork.obj").write_text(lines)
+    names = {"collision": "hull.stl", "visual": "fork.obj"}
+    text = "".join(shape(f'<mesh filename="{name}"/>', kind) for kind, name in names.items())
+    assert len(robot(arm(tmp_path, text)).links[1].surfaces[0].faces) == 24
+    (tmp_path / "fork.obj").unlink()
+    link = robot(arm(tmp_path, text)).links[1]
+    assert len(link.surfaces[0].faces) == 12
+    assert link.unread == ()

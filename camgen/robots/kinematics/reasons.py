@@ -84,6 +84,11 @@ def _no_solution(robot: Robot, rotation: FloatArray, origin: FloatArray, row: in
     return Reason(row, "reach", -1, short_of, f"out of reach by {short(short_of, 3)} mm")
 
 
+def tell_limit(robot: Robot, joints: FloatArray) -> str:
+    """The joint that is beyond its limits by most at joint values (J,), and by how much."""
+    return _limit(robot, joints[None], 0).text
+
+
 def _limit(robot: Robot, joints: FloatArray, row: int) -> Reason:
     """Of all ``joints`` (M, J) those that break the limits least."""
     beyond = excess(robot, joints)

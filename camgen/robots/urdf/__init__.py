@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,12 +16,13 @@ from camgen.model.errors import InputError
 from camgen.model.limits import tell
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted
+from camgen.model.tolerance import PARALLEL_EDGES
 from camgen.read.files import Files
 from camgen.robots.kinematics.arms import recognise
-from camgen.robots.kinematics.forward import jacobian
+from camgen.robots.kinematics.forward import frames, jacobian
 from camgen.robots.kinematics.joint_limits import turns
 from camgen.robots.models import Box, Link, Robot, Surface, Trust
-from camgen.robots.urdf.boxes import shapes_of, touching
+from camgen.robots.urdf.boxes import Shapes, is_own_hull, shapes_of
 from camgen.robots.urdf.chain import JointChain, chain_of, limits_of
 from camgen.robots.urdf.xml import Description, read_description
 
@@ -28,6 +30,8 @@ from camgen.robots.urdf.xml import Description, read_description
 _PAD = 5.0
 #: Sum of the lengths of all links, mm. The longest industrial arms reach 5 m.
 _LONGEST_MM = 20_000.0
+#: mm: an upper arm that leans by no more is upright.
+_STRAIGHT_MM = 1e-3
 #: Whole turns of all joints together that are looked at: seven joints of +-360 deg have 3 to the power of 7.
 _TURNS = 2187
 #: rad: joints are bent by so much for a home where the arm is not stretched. Least singular value that is enough there.
@@ -54,7 +58,37 @@ def read_urdf(file: str, tip: str, files: Files) -> Robot:
         remedy = "narrow the limits of some: half of what is stated is enough for most paths"
         raise InputError(file, "its joints can make too many whole turns", "limits", remedy)
     arm = replace(arm, home=_home(arm))
-    return _spare(replace(arm, touching=touching(arm)))
+    return (
+        replace(arm, maker=_ABB, controller=_RAPID, notes=(*arm.notes, _ABB_NOTE))
+        if _is_abb(arm)
+        else arm
+    )
+
+
+_ABB, _RAPID = "ABB", "IRC5 (RAPID)"
+_ABB_NOTE = "its name and axes are those of an ABB arm: confdata count by its joint values"
+#: The names of ABB's arms at ROS-Industrial and elsewhere. Arms with a parallel rod are left out:
+#: their controller has another joint 3.
+_ABB_NAME = re.compile(
+    r"(?:abb[ _-]?)?irb[ _-]?(?!1400|1410|2400|4400|640|660|760)\d", re.IGNORECASE
+)
+#: The axes of ABB's serial arms at zero, upper arm upright, in the frame of the base.
+_ABB_AXES = ((0, 0, 1), (0, 1, 0), (0, 1, 0), (1, 0, 0), (0, 1, 0), (1, 0, 0))
+
+
+def _is_abb(robot: Robot) -> bool:
+    """Whether the name is an ABB arm's, and zeros and signs of its joints are the controller's."""
+    if len(robot.joints) != len(_ABB_AXES) or not _ABB_NAME.match(robot.name):
+        return False
+    rotations, origins = (table[0] for table in frames(robot, np.zeros((1, len(_ABB_AXES)))))
+    axes = [
+        turn @ np.asarray(joint.axis)
+        for turn, joint in zip(rotations[1:], robot.joints, strict=True)
+    ]
+    if not np.allclose(axes, _ABB_AXES, atol=PARALLEL_EDGES):
+        return False
+    upright, ahead = origins[3] - origins[2], origins[5] - origins[3]
+    return bool(np.hypot(*upright[:2]) < _STRAIGHT_MM and upright[2] > 0 and ahead[0] > 0)
 
 
 def _insist_on_metres(file: str, chain: JointChain) -> None:
@@ -64,16 +98,6 @@ def _insist_on_metres(file: str, chain: JointChain) -> None:
     if length > _LONGEST_MM:
         what = f"is an arm of {length / 1000:.0f} m; lengths in mm, where URDF has metres?"
         raise InputError(file, what, "origin", "divide its lengths by 1000")
-
-
-def _spare(robot: Robot) -> Robot:
-    """With a note on links that are no neighbours, and yet not tested against each other."""
-    pairs = [(robot.links[i].name, robot.links[j].name) for i, j in robot.touching if j > i + 1]
-    said = [
-        f"{a} and {b} overlap in every posture: they are not tested against each other"
-        for a, b in pairs
-    ]
-    return replace(robot, notes=(*robot.notes, *said))
 
 
 def _links(
@@ -86,24 +110,44 @@ def _links(
     for name, body in zip(names, chain.bodies, strict=True):
         boxes: list[Box] = []
         surfaces: list[Surface] = []
+        unread: list[str] = []
+        whole = True
         for part, body_from_part in body.items():
-            own = shapes_of(part, described.links[part], Path(described.file).parent, files)
-            boxes += [Box(body_from_part @ box.link_from_box, box.half) for box in own.boxes]
+            shapes = _shapes(described, part, files)
+            boxes += [Box(body_from_part @ box.link_from_box, box.half) for box in shapes.boxes]
             turn, shift = body_from_part.rotation.T, body_from_part.origin
             surfaces += [
-                Surface(frozen(one.vertices @ turn + shift), one.faces) for one in own.surfaces
+                Surface(frozen(surface.vertices @ turn + shift), surface.faces)
+                for surface in shapes.surfaces
             ]
-            notes += own.notes
-        # Meshes that leave a shape out would show a link with a gap.
-        whole = len(surfaces) == sum(len(described.links[part]) for part in body)
-        links.append(Link(name, tuple(boxes), tuple(surfaces) if whole else ()))
+            unread += shapes.unread
+            notes += shapes.notes
+            whole = whole and shapes.whole
+        # Meshes that leave a shape out would be a link with a gap.
+        links.append(Link(name, tuple(boxes), tuple(surfaces) if whole else (), tuple(unread)))
     return tuple(links), notes
+
+
+def _shapes(described: Description, part: str, files: Files) -> Shapes:
+    """The shapes of a link for collisions.
+
+    A convex one is often the hull of its link, which fills the fork of a wrist. Then the visible
+    shapes count, if all of them can be read.
+    """
+    folder = Path(described.file).parent
+    shapes = shapes_of(part, described.links[part], folder, files)
+    visible = described.visible[part]
+    if visible and visible != described.links[part] and any(map(is_own_hull, shapes.surfaces)):
+        visible_shapes = shapes_of(part, visible, folder, files)
+        if not visible_shapes.notes:
+            return visible_shapes
+    return shapes
 
 
 def _bare(
     described: Description, chain: JointChain, links: tuple[Link, ...], notes: list[str]
 ) -> Robot:
-    """The robot, its home at the middle of the limits and no links taken for touching."""
+    """The robot, its home at the middle of the limits."""
     limits = frozen([limits_of(joint) for joint in chain.raw])
     count = len(chain.joints)
     said = [*chain.notes, *notes]
@@ -123,7 +167,7 @@ def _bare(
         coupling=frozen(np.eye(count)),
         serial_limits=frozen(np.tile([-math.inf, math.inf], (count, 1))),
         links=links,
-        touching=(),
+        touching=tuple((k, k + 1) for k in range(count)),
         pad=_PAD,
         home=frozen(limits.mean(axis=1)),
         trust=Trust("uncertain", "uncertain", "uncertain", "uncertain"),

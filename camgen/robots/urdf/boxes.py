@@ -8,22 +8,24 @@ from pathlib import Path
 
 import numpy as np
 from msgspec import Struct
-from numpy.typing import NDArray
 
 from camgen.model.errors import InputError
 from camgen.model.part import IntArray
 from camgen.model.pose import IDENTITY, FloatArray, Pose, frozen, to_vec3
-from camgen.model.tolerance import PARALLEL_EDGES
 from camgen.read.files import Files
 from camgen.read.solid.mesh_file import load
-from camgen.robots.kinematics.forward import frames
-from camgen.robots.models import Box, Robot, Surface
+from camgen.robots.models import Box, Surface
+from camgen.robots.urdf.dae import read_dae
 from camgen.robots.urdf.xml import UrdfShape, mesh_path
 
 #: A mesh is looked at in so many slices along each axis, and becomes so many cuboids at most.
 _SLICES, _MOST_CUBOIDS = 16, 3
 #: More cuboids, or turned ones, have to be smaller than the upright one by at least this factor.
 _WORTH_FACTOR = 0.85
+#: mm: no vertex of a convex mesh is farther on the outer side of a face. Files round.
+_HULL_MM = 0.5
+#: Planes that are compared with all vertices together.
+_PLANES = 256
 #: mm: the least half edge of a cuboid, for meshes that are flat.
 _THIN = 0.01
 #: Of the radius: two cuboids, one as wide as a circle and this high, the other the other way round, hold the circle.
@@ -31,44 +33,78 @@ _CROSS = math.sqrt(0.5)
 
 
 class Shapes(Struct, frozen=True):
-    """Cuboids around the shapes of a link, in its frame, its meshes, and notes on what has none."""
+    """The shapes of a link, in its frame.
+
+    boxes: cuboids around them.
+    surfaces: its meshes.
+    unread: names of meshes that could not be read.
+    notes: notes on these.
+    whole: whether the meshes are all of the link.
+    """
 
     boxes: tuple[Box, ...]
     surfaces: tuple[Surface, ...]
+    unread: tuple[str, ...]
     notes: tuple[str, ...]
+    whole: bool
 
 
 def shapes_of(link: str, shapes: tuple[UrdfShape, ...], folder: Path, files: Files) -> Shapes:
     """What the URDF in ``folder`` says of the shapes of a link."""
     boxes: list[Box] = []
-    surfaces, notes = [], []
+    surfaces, unread, notes = [], [], []
     for shape in shapes:
         if shape.kind != "mesh":
             boxes += _simple(shape)
             continue
         path = mesh_path(shape.mesh, folder)
         if path is None:
+            unread.append(shape.mesh)
             notes.append(
                 f"link {link} has no boxes of its mesh {shape.mesh}: there is no such file near the URDF"
             )
             continue
         try:
-            soup = load(files.read(path))
+            vertices, faces = _read_mesh(path, files)
         except InputError as error:
+            unread.append(shape.mesh)
             notes.append(f"link {link} has no boxes of its mesh {error}")
             continue
-        vertices = (soup.mm if soup.unit else 1000.0) * soup.vertices * np.array(shape.size)
+        vertices = vertices * np.array(shape.size)
         boxes += [
             Box(shape.link_from_shape @ box.link_from_box, box.half)
-            for box in around(vertices, soup.faces)
+            for box in around(vertices, faces)
         ]
-        surfaces.append(
-            Surface(
-                frozen(vertices @ shape.link_from_shape.rotation.T + shape.link_from_shape.origin),
-                soup.faces,
-            )
-        )
-    return Shapes(tuple(boxes), tuple(surfaces), tuple(notes))
+        placed = vertices @ shape.link_from_shape.rotation.T + shape.link_from_shape.origin
+        surfaces.append(Surface(frozen(placed), faces))
+    whole = len(surfaces) == len(shapes)
+    return Shapes(tuple(boxes), tuple(surfaces), tuple(unread), tuple(notes), whole)
+
+
+def _read_mesh(path: Path, files: Files) -> tuple[FloatArray, IntArray]:
+    """Vertices (V, 3), mm, and faces (F, 3)."""
+    source = files.read(path)
+    if source.suffix == ".dae":
+        vertices, triangles = read_dae(source)
+        return 1000.0 * vertices, triangles.faces
+    soup = load(source)
+    return (soup.mm if soup.unit else 1000.0) * soup.vertices, soup.faces
+
+
+def is_own_hull(surface: Surface) -> bool:
+    """Whether a mesh is convex: no vertex is on both sides of the plane of any face."""
+    vertices = np.unique(surface.vertices, axis=0)
+    corners = surface.vertices[surface.faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(normals, axis=1)
+    normals = normals[length > 0] / length[length > 0, None]
+    level = (normals * corners[length > 0, 0]).sum(axis=1)
+    for begin in range(0, len(normals), _PLANES):
+        planes = slice(begin, begin + _PLANES)
+        height = normals[planes] @ vertices.T - level[planes, None]
+        if ((height > _HULL_MM).any(axis=1) & (height < -_HULL_MM).any(axis=1)).any():
+            return False
+    return True
 
 
 def _simple(shape: UrdfShape) -> list[Box]:
@@ -161,60 +197,3 @@ def _slices(corners: FloatArray, axis: int) -> tuple[FloatArray, FloatArray]:
             low[slice_] = np.minimum(low[slice_], there.min(axis=0))
             high[slice_] = np.maximum(high[slice_], there.max(axis=0))
     return low, high
-
-
-# Which links of an arm overlap whatever its joints do: there is no sense in testing those against each other.
-
-#: Configurations in which two links have to overlap, every time.
-_OVERLAP_SAMPLES = 48
-
-_Boxes = tuple[FloatArray, FloatArray, FloatArray]
-
-
-def touching(robot: Robot) -> tuple[tuple[int, int], ...]:
-    """Pairs of links, the base being 0, that are neighbours or whose boxes, grown by the robot's pad, overlap at home
-    and in all of an even sample of configurations.
-    """
-    rng = np.random.default_rng(1)
-    spread = rng.uniform(
-        robot.limits[:, 0], robot.limits[:, 1], (_OVERLAP_SAMPLES, len(robot.joints))
-    )
-    rotations, origins = frames(robot, np.vstack([robot.home, spread]))
-    bodies = [
-        _place(link.boxes, robot.pad, rotations[:, k], origins[:, k]) if link.boxes else None
-        for k, link in enumerate(robot.links)
-    ]
-    pairs = []
-    for i, j in itertools.combinations(range(len(bodies)), 2):
-        a, b = bodies[i], bodies[j]
-        if j == i + 1 or (a and b and bool(overlaps(a, b).any(axis=(1, 2)).all())):
-            pairs.append((i, j))
-    return tuple(pairs)
-
-
-def _place(
-    boxes: tuple[Box, ...], pad: float, rotations: FloatArray, origins: FloatArray
-) -> _Boxes:
-    """B boxes of a link in S places of it: axes (S, B, 3, 3), centres (S, B, 3) and half edges (B, 3)."""
-    own = np.stack([box.link_from_box.rotation for box in boxes])
-    centres = np.array([box.link_from_box.origin for box in boxes])
-    half = np.array([box.half for box in boxes]) + pad
-    return rotations[:, None] @ own, origins[:, None] + centres @ rotations.transpose(0, 2, 1), half
-
-
-def overlaps(a: _Boxes, b: _Boxes) -> NDArray[np.bool_]:
-    """(S, A, B): which boxes overlap which others, by separating axes (Gottschalk, Lin, Manocha, 1996)."""
-    (axes_a, at_a, half_a), (axes_b, at_b, half_b) = a, b
-    turn = np.swapaxes(axes_a[:, :, None], -1, -2) @ axes_b[:, None]
-    away = ((at_b[:, None] - at_a[:, :, None])[..., None, :] @ axes_a[:, :, None])[..., 0, :]
-    size = np.abs(turn) + PARALLEL_EDGES
-    first, second = half_a[:, None], half_b[None]
-    apart = (np.abs(away) > first + (size @ second[..., None])[..., 0]).any(axis=-1)
-    seen = (away[..., None, :] @ turn)[..., 0, :]
-    apart |= (np.abs(seen) > second + (first[..., None, :] @ size)[..., 0, :]).any(axis=-1)
-    for i, j in itertools.product(range(3), range(3)):
-        i1, i2, j1, j2 = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3
-        reach = first[..., i1] * size[..., i2, j] + first[..., i2] * size[..., i1, j]
-        reach = reach + second[..., j1] * size[..., i, j2] + second[..., j2] * size[..., i, j1]
-        apart |= np.abs(away[..., i2] * turn[..., i1, j] - away[..., i1] * turn[..., i2, j]) > reach
-    return np.asarray(~apart)

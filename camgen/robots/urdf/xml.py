@@ -6,6 +6,7 @@ and safety controllers do not say where an arm can go, and are not looked at.
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 import stat
@@ -172,12 +173,14 @@ class UrdfShape(Struct, frozen=True, eq=False):
 
 class Description(Struct, frozen=True, eq=False):
     """A whole file. links: their shapes by name, those for collisions, or those to be seen where there are no others.
-    rounded: how many angles were taken as the multiples of 90 deg that they are rounded from.
+    visible: the visual shapes of each link.
+    rounded: number of angles that were replaced by the multiples of 90 deg they are rounded from.
     """
 
     file: str
     name: str
     links: dict[str, tuple[UrdfShape, ...]]
+    visible: dict[str, tuple[UrdfShape, ...]]
     joints: tuple[RawJoint, ...]
     rounded: int
 
@@ -193,12 +196,14 @@ def read_description(path: Path, files: Files) -> Description:
 
 def _describe(path: Path, root: Element) -> Description:
     links: dict[str, tuple[UrdfShape, ...]] = {}
+    visible: dict[str, tuple[UrdfShape, ...]] = {}
     for element in root.findall("link"):
         name = name_of(element, "name")
         if name in links:
             raise UrdfError(f"there are two links {name}", remedy="rename one")
-        bodies = element.findall("collision") or element.findall("visual")
-        links[name] = tuple(_shape(body, f"link {name}") for body in bodies)
+        visible[name] = tuple(_shape(body, f"link {name}") for body in element.findall("visual"))
+        bodies = element.findall("collision")
+        links[name] = tuple(_shape(body, f"link {name}") for body in bodies) or visible[name]
     joints: dict[str, RawJoint] = {}
     for element in root.findall("joint"):
         joint = _joint(element)
@@ -210,7 +215,7 @@ def _describe(path: Path, root: Element) -> Description:
         joints[joint.name] = joint
     rounded = sum(round_angles(element) for element in root.findall("joint"))
     name = one_line(root.get("name", "").strip()[:60]) or path.stem
-    return Description(str(path), name, links, tuple(joints.values()), rounded)
+    return Description(str(path), name, links, visible, tuple(joints.values()), rounded)
 
 
 def _joint(element: Element) -> RawJoint:
@@ -269,15 +274,16 @@ def _shape(element: Element, where: str) -> UrdfShape:
     return UrdfShape(own.tag, link_from_shape, (1000 * x, 1000 * y, 1000 * z))
 
 
-class _DeclaredError(Exception):
+class DeclaredError(Exception):
     """The file has a DOCTYPE."""
 
 
-class _Builder(TreeBuilder):
+class UndeclaredBuilder(TreeBuilder):
     """Ends at a DOCTYPE, the place where entities are declared: none is ever expanded, and no other file opened."""
 
     def doctype(self, _name: str, _public: str | None, _system: str | None) -> NoReturn:
-        raise _DeclaredError
+        """Called at a DOCTYPE."""
+        raise DeclaredError
 
 
 def _content(path: Path, files: Files) -> bytes:
@@ -308,8 +314,8 @@ def _parse(file: str, data: bytes) -> Element:
     if file.lower().endswith(".xacro"):
         raise xacro
     try:
-        root: Element = fromstring(data, XMLParser(target=_Builder()))
-    except _DeclaredError:
+        root: Element = fromstring(data, XMLParser(target=UndeclaredBuilder()))
+    except DeclaredError:
         raise InputError(
             file, "declares a DOCTYPE, which a URDF does not need", remedy="remove it"
         ) from None
@@ -337,9 +343,8 @@ _FAR_UP = 6
 def urdf_files(file: str, files: Files) -> tuple[Path, ...]:
     """The URDF and the meshes that it names and that are there. InputError for a URDF that cannot be read."""
     described = read_description(Path(file), files)
-    names = dict.fromkeys(
-        shape.mesh for shapes in described.links.values() for shape in shapes if shape.mesh
-    )
+    tables = *described.links.values(), *described.visible.values()
+    names = dict.fromkeys(shape.mesh for shape in itertools.chain(*tables) if shape.mesh)
     found = [mesh_path(name, Path(file).parent) for name in names]
     return (Path(file), *(path for path in found if path))
 
