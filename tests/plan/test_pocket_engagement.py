@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 import shapely
 
-from camgen.geometry.segments import from_contours, neighbours
+from camgen.geometry.segments import from_contours, neighbours, points_at
 from camgen.model.errors import JobError
 from camgen.model.job import Job, OperationTable, ToolTable
 from camgen.model.part import Contour
 from camgen.plan import Plan, plan
-from camgen.plan.pocket.channel import Bound, channels
+from camgen.plan.pocket.bound import Bound
+from camgen.plan.pocket.channel import Channel, channels
 from camgen.plan.pocket.ridge import ridge
 from tests.support.drawn import circle, contour, part, rectangle, rounded
 from tests.support.engaged import engaged
@@ -71,17 +72,15 @@ def test_a_bound_below_a_straight_pass_is_refused() -> None:
         planned(*SHAPES["circle"], stepover=0.6, engagement=0.6)
 
 
-def test_where_there_are_several_basins_the_channel_is_run_first_and_the_rest_in_its_order() -> (
-    None
-):
+def test_where_there_are_several_basins_one_path_goes_down_once_and_clears_them_all() -> None:
     wide = contour([(0, 0), (40, 0), (40, 16), (60, 16), (60, 0), (110, 0), (110, 40), (60, 40), (60, 24), (40, 24),
                     (40, 40), (0, 40)])  # fmt: skip
     made = planned(wide, stepover=0.4, depth=4.0, passes=2)
-    assert [path.id for path in made.paths] == ["c1.1", "c1.2", "c1.3"]
-    assert [path.parent for path in made.paths] == [1, 2, -1]
-    # The channel leads through the neck, into all corners.
-    low, high = made.paths[0].position[:, :2].min(axis=0), made.paths[0].position[:, :2].max(axis=0)
+    (path,) = made.paths
+    # It leads through the neck, into all corners.
+    low, high = path.position[:, :2].min(axis=0), path.position[:, :2].max(axis=0)
     assert np.allclose([*low, *high], [3, 3, 107, 37], atol=0.3)
+    assert way_above(made, 0.55 + NOISE) <= 2 * RADIUS
 
 
 @pytest.mark.parametrize("name", SHAPES)
@@ -122,3 +121,72 @@ def test_the_way_of_a_channel_never_leaves_its_discs(name: str) -> None:
         np.stack([channel.chain.start[straight], channel.chain.end[straight]], axis=1)
     )
     assert clear.covers(lines).all()
+
+
+def laid(name: str) -> Channel:
+    """The channel of a shape for passes of 2.4 mm."""
+    walls = from_contours(SHAPES[name])
+    following = neighbours(walls, np.ones(len(SHAPES[name]), dtype=bool))
+    bound = Bound(RADIUS, 2.4, 0.6, True)
+    axis = ridge(walls, following, enclosed(SHAPES[name]), RADIUS, 0.6, bound.turn)
+    (channel,) = channels(axis, RADIUS, bound, 0.0)
+    return channel
+
+
+@pytest.mark.parametrize("name", [name for name in SHAPES if name != "circle"])
+def test_a_front_runs_through_earlier_discs_on_short_stretches_only(name: str) -> None:
+    channel = laid(name)
+    arcs = channel.chain.take(channel.chain.is_arc)
+    middles = np.array([(disc.x, disc.y) for disc in channel.discs])
+    discs = shapely.buffer(
+        shapely.points(middles), [disc.room - 1e-3 for disc in channel.discs], quad_segs=256
+    )
+    fronts = 0
+    for row in range(len(arcs)):
+        arc = arcs.take(np.array([row]))
+        gaps = np.hypot(*(middles - arc.centre).T)
+        disc = int(np.argmin(gaps))
+        if disc == 0 or gaps[disc] > 1e-6:
+            continue
+        fronts += 1
+        places = points_at(arc.take(np.zeros(400, dtype=int)), np.linspace(0, 1, 400))
+        earlier = shapely.union_all(discs[:disc])
+        inside = shapely.get_parts(shapely.LineString(places).intersection(earlier))
+        assert max([part.length for part in inside], default=0.0) <= RADIUS
+    assert fronts > 3
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_a_way_over_a_channel_stays_in_its_discs(name: str) -> None:
+    channel = laid(name)
+    ground = channel.area(0.0).buffer(0.01)
+    middles = np.array([(disc.x, disc.y) for disc in channel.discs])
+    assert channel.holds(middles).all()
+    far = np.array([channel.discs[0].x, channel.discs[0].y]) + 200.0
+    assert not channel.holds(far[None]).any()
+    for start in middles[:: max(len(middles) // 5, 1)]:
+        for end in middles[:: max(len(middles) // 7, 1)]:
+            corners = channel.way(start, end)
+            assert np.array_equal(corners[0], start)
+            assert np.array_equal(corners[-1], end)
+            assert ground.covers(shapely.LineString(corners))
+
+
+@pytest.mark.parametrize("name", [name for name in SHAPES if name != "circle"])
+def test_discs_leave_the_pass_along_the_walls_no_more_than_it_may_take(name: str) -> None:
+    """Distances say how much is left: a disc as large as the walls allow leaves nothing."""
+    channel = laid(name)
+    border = enclosed(SHAPES[name]).boundary
+    middles = shapely.points([(disc.x, disc.y) for disc in channel.discs])
+    largest = shapely.distance(middles, border) - RADIUS
+    rooms = np.array([disc.room for disc in channel.discs])
+    bound = Bound(RADIUS, 2.4, 0.6, True)
+    left = largest - rooms
+    assert (left >= -0.003).all()
+    # Larger ones are not needed; those leave material for further passes.
+    small = rooms < bound.curve - 1e-6
+    assert (left[small] <= bound.step + 0.003).all()
+    total = largest[small] + RADIUS
+    share = left[small] * (2 * total - left[small]) / (4 * largest[small] * RADIUS)
+    assert (share <= bound.limit + 0.01).all()
+    assert left[small].max() > 0.5

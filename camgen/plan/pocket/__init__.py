@@ -44,7 +44,8 @@ from camgen.plan.columns import (
 )
 from camgen.plan.follow import turn_round
 from camgen.plan.open_outlines import check_outlines
-from camgen.plan.pocket.channel import Bound, Channel, channels
+from camgen.plan.pocket.bound import Bound
+from camgen.plan.pocket.channel import Channel, channels
 from camgen.plan.pocket.engagement import engagement
 from camgen.plan.pocket.hops import Speeds, cleared_by, hop, lift
 from camgen.plan.pocket.ridge import ridge

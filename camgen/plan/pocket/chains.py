@@ -111,3 +111,11 @@ def straight(start: FloatArray, ends: FloatArray) -> Segments:
     """Lines from one point (2,) to each of ``ends`` (M, 2)."""
     count = len(ends)
     return make(np.tile(start, (count, 1)), ends, np.zeros(count), np.arange(count))
+
+
+def polyline(corners: FloatArray) -> Segments:
+    """Lines from each of ``corners`` (K, 2) to the next one, if it is another point."""
+    is_new = np.append(True, np.hypot(*np.diff(corners, axis=0).T) > _LEAST)
+    corners = corners[is_new]
+    count = len(corners) - 1
+    return make(corners[:-1], corners[1:], np.zeros(count), np.zeros(count, dtype=np.int64))

@@ -4,8 +4,8 @@ A pass at one distance from the walls engages its share of the tool on a straigh
 all of it in corners, in necks and on the first way through a basin. All these lie on the ridge (where two walls are
 equally near) or turn about places on it. So first discs are cleared one after the other along the ridge, each reaching
 so little beyond the one before that the arc along its front engages no more than was asked; back it goes straight over
-what is clear. A disc is as large as the walls allow, and no larger than the passes need: on a curve of its radius a
-pass engages no more than that any more.
+what is clear. A disc is no larger than the passes need: on a curve of its radius a pass engages no more than that any
+more. At the walls it leaves as much as the pass along them may take.
 """
 
 from __future__ import annotations
@@ -20,8 +20,10 @@ import shapely
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.geometry.segments import Segments, make
+from camgen.geometry.segments import BoolArray, Segments, make
 from camgen.model.pose import FloatArray
+from camgen.plan.pocket.bound import Bound, disc_sizes
+from camgen.plan.pocket.fronts import bare_spans, clear_spans, crossings, unrolled
 from camgen.plan.pocket.ridge import Ridge
 
 #: A disc smaller than this share of the tool's radius about a place gives no room for a loop.
@@ -36,35 +38,13 @@ _FRONTS = 13
 _AHEAD = 48
 #: So many places of a way are looked at, from its end on, for whether it was cleared from another side.
 _LOOKS = 16
-#: Places on a way back lie so far apart, as a share of the tool's radius.
-_EVERY = 0.1
+#: A stretch of a front in clear ground is left out from this length on, as a share of the tool's
+#: radius.
+_SKIPPED_SHARE = 1.0
+#: Points that are nearer to each other are one, and a disc holds points so far within its rim, mm.
+_SAME_MM = 1e-6
 #: A half turn of a spiral goes so much farther out at least, as a share of the tool's radius.
 _FIRST_TURN = 0.1
-
-
-class Bound(Struct, frozen=True):
-    """How much of a tool may be engaged. radius: of the tool, mm. step: mm from pass to pass. most: share of the
-    diameter. ccw: whether fronts are cut counter-clockwise.
-    """
-
-    radius: float
-    step: float
-    most: float
-    ccw: bool
-
-    @property
-    def turn(self) -> float:
-        """By how much a straight pass may turn, rad, or a link lean, and engage no more."""
-        return math.acos(1 - 2 * self.most) - math.acos(1 - self.step / self.radius)
-
-    @property
-    def curve(self) -> float:
-        """The least radius of curves, mm, of the tool's centre, on which a pass engages no more.
-
-        share = step (2 (rho + r) - step) / (4 rho r) by the law of cosines, for the outer of two circles.
-        """
-        r, s = self.radius, self.step
-        return max(s, s * (2 * r - s) / (4 * r * self.most - 2 * s))
 
 
 class Disc(Struct, frozen=True):
@@ -81,17 +61,41 @@ def _disc(point: FloatArray, room: float, before: int) -> Disc:
 
 
 class Channel(Struct, frozen=True, eq=False):
-    """A way of the tool's centre that begins and ends in the middle of its first disc. room: mm, what it may leave that
-    by. rim: of the first disc, in the direction of travel. shares (M,), ways (M,): engagements along its arcs and how
-    long they last, mm.
+    """A way of the tool's centre that begins and ends in the middle of its first disc.
+
+    discs: all its discs, each after the neighbour from which it was cut.
+    radius: radius of the tool, mm.
+    room: largest distance of the entry from the middle of the first disc, mm.
+    rim: circle of the first disc, in the direction of travel.
+    chain: the lines and arcs of the way.
+    shares: (M,) engagements along its arcs.
+    ways: (M,) lengths on which these last, mm.
     """
 
     discs: tuple[Disc, ...]
+    radius: float
     room: float
     rim: Segments
     chain: Segments
     shares: FloatArray
     ways: FloatArray
+
+    def holds(self, points: FloatArray) -> BoolArray:
+        """(N,) which of the ``points`` (N, 2) lie in a disc: there the tool touches nothing."""
+        table = _table(self.discs)
+        _, held = shapely.STRtree(shapely.points(points)).query(
+            shapely.points(table[:, :2]), predicate="dwithin", distance=table[:, 2] - _SAME_MM
+        )
+        return np.isin(np.arange(len(points)), held)
+
+    def way(self, start: FloatArray, end: FloatArray) -> FloatArray:
+        """(K, 2) corners of a way over cleared ground between two points (2,) that discs hold."""
+        table = _table(self.discs)
+        steps = np.stack([start, end])[:, None] - table[None, :, :2]
+        margins = table[:, 2] - np.hypot(*np.moveaxis(steps, 2, 0))
+        discs = [self.discs[k] for k in _linked(self.discs, *np.argmax(margins, axis=1).tolist())]
+        table = np.vstack([[*start, 0.0], _table(discs), [*end, 0.0]])
+        return np.asarray(table[_shortened(table, 0, len(table) - 1), :2])
 
     def area(self, more: float) -> Any:
         """All discs, larger by ``more`` mm, as one polygon."""
@@ -107,7 +111,7 @@ def channels(axis: Ridge, first: float, bound: Bound, begun: float) -> list[Chan
     first: mm that the tool's centre keeps from the walls. begun: mm, the radius of the helix on which it goes down, 0
     for none.
     """
-    room = np.minimum(axis.room - first, bound.curve)
+    room = disc_sizes(axis, axis.room - first, bound)
     fit = room >= LEAST * bound.radius
     around: list[list[int]] = [[] for _ in room]
     for a, b in axis.links[fit[axis.links].all(axis=1)].tolist():
@@ -127,6 +131,7 @@ def channels(axis: Ridge, first: float, bound: Bound, begun: float) -> list[Chan
             found.append(
                 Channel(
                     tuple(made.discs),
+                    bound.radius,
                     float(axis.room[root]) - first,
                     rim,
                     made.chain(),
@@ -178,7 +183,7 @@ class _Made:
 
     def go(self, there: FloatArray, bulge: float = 0.0) -> None:
         """On to a point (2,)."""
-        if math.dist(there, self.ends[-1]) > 1e-6:
+        if math.dist(there, self.ends[-1]) > _SAME_MM:
             self.ends.append(there)
             self.bulges.append(bulge)
 
@@ -242,7 +247,7 @@ def _covered(
     points: FloatArray, room: FloatArray, discs: Sequence[Disc], slack: float
 ) -> np.ndarray:
     """Which discs about ``points`` lie in one that is clear already."""
-    table = np.array([(disc.x, disc.y, disc.room) for disc in discs])
+    table = _table(discs)
     gap = np.hypot(*np.moveaxis(points[:, None] - table[None, :, :2], 2, 0))
     return np.asarray((gap + room[:, None] <= table[None, :, 2] + slack).any(axis=1))
 
@@ -255,8 +260,8 @@ def _grow(made: _Made, room: float, begun: float) -> None:
     if begun:
         made.go(middle + np.array([side * rho, 0.0]))
     while rho < room - 1e-9:
-        # Twice the growth of a half turn is what a turn cuts: share(2 g) = most on the radius rho + g.
-        growth = bound.most * r * rho / (rho + (1 - bound.most) * r)
+        # Twice the growth of a half turn is what a turn cuts: share(2 g) = limit on the radius rho + g.
+        growth = bound.limit * r * rho / (rho + (1 - bound.limit) * r)
         opened = growth > _FIRST_TURN * r
         growth = min(max(growth, _FIRST_TURN * r), room - rho)
         rho, side = rho + growth, -side
@@ -292,7 +297,7 @@ def _follow(
             continue
         share = _engaged(middle, disc.room, points[rows], room[rows], made.bound).max(axis=1)
         near = apart <= _APART * np.minimum(disc.room, np.maximum(room[rows], disc.room / 4))
-        good = (share <= made.bound.most) & near
+        good = (share <= made.bound.limit) & near
         first = int(np.argmax(new))
         # As far as all before it are good as well; where none is, the first one that is new, and that is told.
         stop = first + int(np.argmin(good[first:])) if not good[first:].all() else len(rows)
@@ -333,56 +338,83 @@ def _front(room: FloatArray | float, apart: FloatArray, rooms: FloatArray) -> Fl
 
 
 def _loop(made: _Made, here: int, point: FloatArray, room: float) -> None:
-    """The front of a disc, from the one before it and back into it."""
+    """The front of a disc, from the one before it on, less its stretches in other discs."""
     disc, bound = made.discs[here], made.bound
-    middle = np.array([disc.x, disc.y])
-    step = point - middle
-    apart = float(np.hypot(*step))
-    ahead = math.atan2(step[1], step[0])
-    # What the tool clears of a larger disc goes on a little beyond where its middle enters it.
-    more = np.array([0.0, bound.radius])
-    half = float(_front(disc.room + more, np.full(2, apart), room + more).max())
-    way = 1.0 if bound.ccw else -1.0
+    sense = 1.0 if bound.ccw else -1.0
+    zero = math.atan2(disc.y - point[1], disc.x - point[0])
 
     def on_rim(angle: float) -> FloatArray:
-        return point + room * np.array([math.cos(ahead + angle), math.sin(ahead + angle)])
+        turned = zero + sense * angle
+        return point + room * np.array([math.cos(turned), math.sin(turned)])
 
-    made.go(on_rim(-way * half))
-    bulge = way * math.tan(half / 4)
-    made.go(on_rim(0.0), bulge)
-    made.go(on_rim(way * half), bulge)
+    spans = clear_spans(np.array([*point, room]), _table(made.discs), zero, sense)
+    clear = unrolled(spans)
+    reached = spans[here][1]
+    made.go(on_rim(reached))
+    length = 0.0
+    for first, last in bare_spans(clear, reached, _SKIPPED_SHARE * bound.radius / room):
+        for angle in crossings(clear, reached, first):
+            made.go(on_rim(angle))
+        bulge = sense * math.tan((last - first) / 8)
+        made.go(on_rim((first + last) / 2), bulge)
+        made.go(on_rim(last), bulge)
+        length += room * (last - first)
+        reached = last
     made.discs.append(_disc(point, room, here))
+    middle = np.array([disc.x, disc.y])
     shares = _engaged(middle, disc.room, point[None], np.array([room]), bound)[0]
     made.shares.append(shares)
-    made.ways.append(np.full(len(shares), 2 * half * room / len(shares)))
+    made.ways.append(np.full(len(shares), length / len(shares)))
+
+
+def _table(discs: Sequence[Disc]) -> FloatArray:
+    """Middles and radii (D, 3), mm."""
+    return np.array([(disc.x, disc.y, disc.room) for disc in discs])
 
 
 def _back(made: _Made, here: int, there: int) -> int:
     """From one disc to another one over what is clear; ``there``."""
     if here == there:
         return there
-    up, down = [here], [there]
-    while up[-1] != down[-1]:
-        longer = up if up[-1] > down[-1] else down
-        longer.append(made.discs[longer[-1]].before)
-    discs = [made.discs[k] for k in (*up, *down[-2::-1])]
-    table = np.array([(disc.x, disc.y, disc.room) for disc in discs])
+    discs = [made.discs[k] for k in _linked(made.discs, here, there)]
+    table = _table(discs)
     # From the end of a front to the middle of its disc first: from there on the way is known to be clear.
-    for k in _shortened(table, 0, len(table) - 1, made.bound.radius):
+    for k in _shortened(table, 0, len(table) - 1):
         made.go(table[k, :2])
     return there
 
 
-def _shortened(table: FloatArray, first: int, last: int, radius: float) -> list[int]:
-    """Of discs (K, 3) the rows over whose middles one goes straight and never leaves all discs."""
+def _linked(discs: Sequence[Disc], here: int, there: int) -> list[int]:
+    """Indices of the discs from one to another one, each cut from its neighbour."""
+    up, down = [here], [there]
+    while up[-1] != down[-1]:
+        longer = up if up[-1] > down[-1] else down
+        longer.append(discs[longer[-1]].before)
+    return [*up, *down[-2::-1]]
+
+
+def _shortened(table: FloatArray, first: int, last: int) -> list[int]:
+    """Rows of discs (K, 3) over whose middles one goes straight and never leaves all discs."""
     if last - first < 2:
         return [first, last] if last > first else [first]
-    a, b = table[first, :2], table[last, :2]
-    count = max(int(math.dist(a, b) / (_EVERY * radius)), 1) + 1
-    line = a + np.linspace(0, 1, count)[:, None] * (b - a)
-    own = table[first : last + 1]
-    inside = np.hypot(*np.moveaxis(line[:, None] - own[None, :, :2], 2, 0)) <= own[None, :, 2]
-    if inside.any(axis=1).all():
+    if _is_covered(table[first, :2], table[last, :2], table[first : last + 1]):
         return [first, last]
     middle = (first + last) // 2
-    return _shortened(table, first, middle, radius) + _shortened(table, middle, last, radius)[1:]
+    return _shortened(table, first, middle) + _shortened(table, middle, last)[1:]
+
+
+def _is_covered(start: FloatArray, end: FloatArray, discs: FloatArray) -> bool:
+    """Whether the line from ``start`` to ``end`` (2,) lies in the union of ``discs`` (K, 3)."""
+    length = math.dist(start, end)
+    direction = (end - start) / max(length, _SAME_MM)
+    steps = discs[:, :2] - start
+    along = steps @ direction
+    square = discs[:, 2] ** 2 - (steps**2).sum(axis=1) + along**2
+    half = np.sqrt(np.maximum(square, 0.0))
+    chords = np.column_stack([along - half, along + half])[square >= 0]
+    reached = 0.0
+    for low, high in sorted(chords.tolist()):
+        if low > reached + _SAME_MM:
+            break
+        reached = max(reached, high)
+    return reached >= length - _SAME_MM

@@ -24,12 +24,12 @@ from camgen.geometry.segments import (
     Segments,
     concatenate,
     flatten,
-    make,
     points_at,
     split,
 )
 from camgen.model.path import PLACES, ToolPath
 from camgen.model.pose import FloatArray, frozen
+from camgen.plan.pocket.chains import polyline
 from camgen.plan.pocket.channel import Channel
 
 #: Height of a hop above the floor of the pass, mm.
@@ -113,15 +113,15 @@ def hop(chain: Segments, loops: int, cleared: Any, radius: float, speeds: Speeds
     parts: list[Segments] = []
     travels: list[BoolArray] = []
     done = new_loops = 0
-    for first, last in [*true_runs(is_idle).tolist(), [len(whole), len(whole)]]:
+    for first, last in [*_idle_runs(whole, is_idle, loops, cleared), (len(whole), len(whole))]:
         parts.append(whole.take(np.arange(done, first)))
         travels.append(np.zeros(first - done, dtype=np.bool_))
         new_loops += max(min(first, loops) - done, 0)
         run = whole.take(np.arange(first, last))
         # Between two loops, ground may lie in the area that only later ones clear.
         straight: Segments | None = run
-        if last >= loops:
-            straight = _shorten(run, cleared) if len(run) else None
+        if last > loops and len(run):
+            straight = _shorten(run, cleared)
         saved = 0.0
         if straight is not None:
             saved = speeds.saved(run.length.sum(), straight.length.sum())
@@ -131,6 +131,23 @@ def hop(chain: Segments, loops: int, cleared: Any, radius: float, speeds: Speeds
         new_loops += len(chosen) if first < loops else 0
         done = last
     return Way(concatenate(parts), np.concatenate(travels), new_loops)
+
+
+def _idle_runs(
+    chain: Segments, is_idle: BoolArray, loops: int, cleared: Any
+) -> list[tuple[int, int]]:
+    """The runs of idle segments.
+
+    At the end of a channel a run is parted if no straight ways replace the whole of it.
+    """
+    runs: list[tuple[int, int]] = []
+    for first, last in true_runs(is_idle).tolist():
+        leaves = first < loops < last
+        if leaves and _shorten(chain.take(np.arange(first, last)), cleared) is None:
+            runs += [(first, loops), (loops, last)]
+        else:
+            runs.append((first, last))
+    return runs
 
 
 def _part(chain: Segments, cleared: Any, radius: float) -> tuple[Segments, BoolArray]:
@@ -188,10 +205,7 @@ def _shorten(run: Segments, cleared: Any) -> Segments | None:
         if not len(reached):
             return None
         stops.append(int(ahead[reached[-1]]))
-    size = len(stops) - 1
-    return make(
-        points[stops[:-1]], points[stops[1:]], np.zeros(size), np.zeros(size, dtype=np.int64)
-    )
+    return polyline(points[stops])
 
 
 def lift(path: ToolPath, travels: BoolArray, speeds: Speeds) -> ToolPath:

@@ -19,6 +19,9 @@ from camgen.model.pose import FloatArray
 
 #: Samples of the walls of one pocket at most, beside one for each of its segments.
 _MOST_SAMPLES = 100_000
+#: Places lie closer than samples by this factor. A loop ends at a place, so that wide distances
+#: between them would waste engagement.
+_FINER = 4
 #: Places lie no farther apart than this share of the room about them, but no nearer than that share of the spacing.
 _SHARE, _LEAST_SHARE = 0.25, 0.05
 #: Samples are moved to places of a grid of so many mm, or of the next one; how near the walls are is measured anew.
@@ -38,8 +41,9 @@ def ridge(
 ) -> Ridge:
     """The ridge in ``region``, which the closed ``walls`` enclose, where it is more than ``first`` mm from them.
 
-    following: (N,) the next segment of each. spacing: mm between samples of the walls, and between places at most, with
-    less near ``first``. turn: rad; left out is what runs into a corner, or along a bend, where the walls turn by less.
+    following: (N,) the next segment of each. spacing: mm between samples of the walls; places lie
+    closer, above all near ``first``. turn: rad; left out is what runs into a corner, or along a
+    bend, where the walls turn by less.
     """
     samples, after = _sample(walls, following, spacing)
     middle = samples.mean(axis=0)
@@ -52,7 +56,7 @@ def ridge(
     kept = np.isfinite(room) & (room > first) & (cosines.min(axis=1) <= np.cos(turn))
     kept[kept] = shapely.contains_xy(region, centres[kept])
     links = _links(triangles[kept], after)
-    points, links = _divide(centres[kept], links, room[kept] - first, spacing)
+    points, links = _divide(centres[kept], links, room[kept] - first, spacing / _FINER)
     reach = float(room[kept].max(initial=0.0)) + spacing
     return Ridge(points, nearest_distances(points, walls, reach), links)
 

@@ -25,6 +25,7 @@ from camgen.geometry.intersect import gaps
 from camgen.geometry.ragged import owners, ramp
 from camgen.geometry.segments import IntArray, Segments, make, points_at, tangents_at
 from camgen.model.pose import FloatArray
+from camgen.plan.pocket.bound import Bound
 from camgen.plan.pocket.chains import (
     begun_at,
     cut_out,
@@ -32,10 +33,11 @@ from camgen.plan.pocket.chains import (
     locate,
     nearest,
     places,
+    polyline,
     straight,
     tangents_along,
 )
-from camgen.plan.pocket.channel import Bound, Channel
+from camgen.plan.pocket.channel import Channel
 from camgen.plan.pocket.rings import Piece
 
 #: A link may come nearer to the walls than the outermost pass by this, mm.
@@ -51,6 +53,8 @@ _TRIES = 48
 _UNCUT = 4.0
 #: A link through so little, mm, leads over what is clear: that is polygons.
 _CLEAR = 0.005
+#: Distance of places of a ring that a channel may have cleared, as a share of the tool's radius.
+_BESIDE = 0.2
 #: Places on a link lie so far apart, as a share of the distance of the outermost passes from the walls.
 _EVERY = 0.1
 #: And there are so many at most.
@@ -88,6 +92,8 @@ class _Room(Struct, frozen=True, eq=False):
     """Where links may go: no nearer to ``walls`` than ``clear`` mm, and ``most`` mm at most outside of what is ``cut``
     already, where the tool would cut a slot. lean: mm along a ring for a link that engages no more than is allowed, and
     turn: rad, by which it leans; 0: not bounded.
+
+    channels: channels that are cut before.
     """
 
     walls: Segments
@@ -96,6 +102,7 @@ class _Room(Struct, frozen=True, eq=False):
     most: float
     lean: float
     turn: float
+    channels: Sequence[Channel]
 
 
 class _Open:
@@ -146,32 +153,39 @@ def lay(
     outermost = outermost_of(pieces)
     done: dict[int, _Open] = {}
     ended: list[_Open] = []
+    # The walk that begins with a channel runs over what that has cleared to all pieces around it.
     begun: dict[int, _Open] = {}
     for root in sorted(set(outermost)):
-        leaves = sum(outermost[k] == root and not inside[k] for k in range(len(pieces)))
         opened = [_open(pieces[root], channel) for channel in channels[root]]
-        if len(opened) == 1 and leaves == 1:
+        if opened:
             begun[root] = opened[0]
-        ended += [] if root in begun else opened
+        ended += opened[1:]
     turn = 0.0 if bound is None else bound.turn
     lean = step / math.tan(turn) if turn else 0.0
-    for k in range(len(pieces) - 1, -1, -1):
+    for k in _inside_first(inside, [k for k, piece in enumerate(pieces) if piece.parent < 0]):
         piece, root = pieces[k], outermost[k]
         # The largest one leads on.
         areas = np.array([pieces[j].area.area for j in inside[k]])
         within = [inside[k][row] for row in _smallest_first(areas).tolist()]
-        walk = done.pop(within[-1]) if within else begun.pop(root, None)
-        others = [done.pop(j) for j in within[:-1]]
+        walk, others = begun.get(root), list[_Open]()
+        if root not in begun and within:
+            *others, walk = (done.pop(j) for j in within)
         mine: list[_Open] = []
         least = max(first, piece.distance - _INNER_SLACK * step) - _SLACK
         cut = (*clear[root], *(pieces[j].area for j in within))
         shapely.prepare(cut)
-        room = _Room(walls[piece.pocket], least, cut, _UNCUT * step, lean, turn)
-        done[k] = _cut(piece, walk, room, first, step, mine)
-        for other in (*others, *mine):
-            other.before = done[k]
-            ended.append(other)
-    ended += done.values()
+        room = _Room(walls[piece.pocket], least, cut, _UNCUT * step, lean, turn, channels[root])
+        last = _cut(piece, walk, room, first, step, mine)
+        for other in others:
+            other.before = last
+        for earlier, later in pairwise([*mine, last]):
+            earlier.before = later
+        ended += (*others, *mine)
+        if root in begun:
+            begun[root] = last
+        else:
+            done[k] = last
+    ended += (*begun.values(), *done.values())
     _put_channels_first(ended)
     index = {id(walk): k for k, walk in enumerate(ended)}
     return [
@@ -186,6 +200,15 @@ def lay(
         )
         for walk in ended
     ]
+
+
+def _inside_first(inside: Sequence[Sequence[int]], roots: Sequence[int]) -> list[int]:
+    """All pieces, each after those in it, which follow each other."""
+    order, stack = [], list(roots)
+    while stack:
+        order.append(stack.pop())
+        stack += inside[order[-1]]
+    return order[::-1]
 
 
 def outermost_of(pieces: Sequence[Piece]) -> list[int]:
@@ -262,26 +285,17 @@ def _enter(piece: Piece, left: list[Segments], first: float) -> _Open:
 def _reach(walk: _Open, chain: Segments, room: _Room, step: float) -> bool:
     """Whether ``chain`` could be added to ``walk``, which then is done."""
     if not _is_closed(chain):
-        there = chain.start[:1]
-        clear = room.lean and _is_linked(walk, there, replace(room, most=_CLEAR))
-        if (
-            not clear
-            and not _is_linked(walk, there, room)
-            and not len(_go_round(walk, there, room))
-        ):
-            return False
-        walk.steep += not clear
-        walk.add(chain, False)
-        return True
+        return _reach_start(walk, chain, room)
     total = float(chain.length.sum())
     foot = nearest(chain, walk.end)[0]
-    if room.lean:
-        found = _reach_gently(walk, chain, foot, room)
-        if found is not None:
-            link, at = found
-            walk.parts.append(link)
-            walk.add(begun_at(chain, at), True)
-            return True
+    linked = _reach_over(walk, chain, room)
+    if linked is None and room.lean:
+        linked = _reach_gently(walk, chain, foot, room)
+    if linked is not None:
+        link, at = linked
+        walk.parts.append(link)
+        walk.add(begun_at(chain, at), True)
+        return True
     ahead = np.array([(foot + k * min(step, total / 12)) % total for k in _AHEAD])
     good = ahead[_first_free(straight(walk.end, locate(chain, ahead)), room)]
     if not len(good):
@@ -297,6 +311,60 @@ def _reach(walk: _Open, chain: Segments, room: _Room, step: float) -> bool:
     walk.steep += 1
     walk.add(begun_at(chain, float(good[0])), True)
     return True
+
+
+def _reach_start(walk: _Open, chain: Segments, room: _Room) -> bool:
+    """Whether an open ``chain`` could be added to ``walk``, which then is done."""
+    start = chain.start[:1]
+    is_clear = room.lean > 0 and _is_linked(walk, start, replace(room, most=_CLEAR))
+    over = None if is_clear else _go_over(walk, start, room)
+    if over is not None:
+        walk.parts.append(over[0])
+        is_clear = True
+    elif not (is_clear or _is_linked(walk, start, room) or len(_go_round(walk, start, room))):
+        return False
+    walk.steep += not is_clear
+    walk.add(chain, False)
+    return True
+
+
+def _reach_over(walk: _Open, chain: Segments, room: _Room) -> tuple[Segments, float] | None:
+    """A way over channels to a closed ``chain``, and where it ends, mm from its start."""
+    if not room.channels:
+        return None
+    lengths, points = places(chain, _BESIDE * room.channels[0].radius)
+    over = _go_over(walk, points, room)
+    return None if over is None else (over[0], float(lengths[over[1]]))
+
+
+def _go_over(walk: _Open, ends: FloatArray, room: _Room) -> tuple[Segments, int] | None:
+    """A way over the ground of a channel to one of ``ends`` (M, 2), and the row of that end.
+
+    None if the tool or the ends are beside all channels, with material between.
+    """
+    for channel in room.channels:
+        begin = _step_on(walk.end, channel, room)
+        if begin is None:
+            continue
+        held = np.flatnonzero(channel.holds(ends))
+        rows = held if len(held) else np.arange(len(ends))
+        row = int(rows[_smallest_first(np.hypot(*(ends[rows] - walk.end).T))[0]])
+        end = _step_on(ends[row], channel, room)
+        if end is not None:
+            corners = np.vstack([walk.end, channel.way(begin, end), ends[row]])
+            return polyline(corners), row
+    return None
+
+
+def _step_on(point: FloatArray, channel: Channel, room: _Room) -> FloatArray | None:
+    """The ``point`` (2,) if a disc of a channel holds it, or the middle of a disc near to it."""
+    if channel.holds(point[None])[0]:
+        return point
+    middles = np.array([(disc.x, disc.y) for disc in channel.discs])
+    links = straight(point, middles)
+    links = links.take(_smallest_first(links.length)[:_AT_ONCE])
+    rows = _first_free(links, replace(room, most=_CLEAR))
+    return np.asarray(links.end[rows[0]]) if len(rows) else None
 
 
 def _reach_gently(

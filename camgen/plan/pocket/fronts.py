@@ -1,0 +1,79 @@
+"""Stretches of a circle: those within discs, where nothing is cut, and the bare ones between them.
+
+A stretch is a pair of angles, rad, the first one smaller.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from camgen.model.pose import FloatArray
+
+#: Angles that differ by less are equal, rad.
+_SAME_RAD = 1e-9
+
+
+def clear_spans(
+    circle: FloatArray, discs: FloatArray, zero: float, sense: float
+) -> list[tuple[float, float]]:
+    """The stretch of a circle within each disc; both angles are equal beside a disc.
+
+    Angles are measured from the direction ``zero``, rad. The middle of a stretch lies between -pi
+    and pi.
+
+    circle: (3,) middle and radius, mm.
+    discs: (D, 3) middles and radii, mm.
+    sense: 1 for angles that grow counter-clockwise, -1 for the others.
+    """
+    steps = discs[:, :2] - circle[:2]
+    gaps = np.maximum(np.hypot(*steps.T), 1e-12)
+    cosines = (gaps**2 + circle[2] ** 2 - discs[:, 2] ** 2) / (2 * gaps * circle[2])
+    halves = np.arccos(np.clip(cosines, -1, 1))
+    angles = sense * (np.arctan2(steps[:, 1], steps[:, 0]) - zero)
+    middles = np.remainder(angles + np.pi, 2 * np.pi) - np.pi
+    return list(zip((middles - halves).tolist(), (middles + halves).tolist(), strict=True))
+
+
+def unrolled(spans: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+    """The stretches that are not empty, and the same a turn on, in the order of first angles."""
+    turn = 2 * math.pi
+    clear = [(first, last) for first, last in spans if last > first]
+    return sorted(clear + [(first + turn, last + turn) for first, last in clear])
+
+
+def bare_spans(
+    clear: Sequence[tuple[float, float]], begin: float, shortest: float
+) -> list[tuple[float, float]]:
+    """The stretches between ``begin`` and a turn on that lie in no stretch of ``clear``.
+
+    clear: stretches, `unrolled`.
+    shortest: a clear stretch between two bare ones that is shorter counts as bare, rad.
+    """
+    bare: list[tuple[float, float]] = []
+    reached, end = begin, begin + 2 * math.pi
+    for first, last in (*clear, (end, end)):
+        stop = min(first, end)
+        if stop > reached + _SAME_RAD:
+            is_joined = bare and reached - bare[-1][1] < shortest
+            start = bare.pop()[0] if is_joined else reached
+            bare.append((start, stop))
+        reached = max(reached, last)
+    return bare
+
+
+def crossings(clear: Sequence[tuple[float, float]], begin: float, end: float) -> list[float]:
+    """Angles on the way from ``begin`` to ``end`` over overlapping stretches, ``end`` the last one.
+
+    Each angle and the one before it lie in one stretch of ``clear``, which is `unrolled` and covers
+    the way.
+    """
+    angles = []
+    reached = begin
+    while reached < end:
+        ahead = max(last for first, last in clear if first <= reached + _SAME_RAD)
+        reached = min(end, ahead)
+        angles.append(reached)
+    return angles
