@@ -11,6 +11,7 @@ from msgspec import Struct
 from camgen.model.cell import Dynamics
 from camgen.model.job import ProcessTable
 from camgen.model.pose import FloatArray, Vec3, frozen
+from camgen.model.tolerance import NONZERO
 from camgen.motion.pose_paths import Index, PosePath
 from camgen.motion.setup import Setup
 from camgen.robots.kinematics.forward import flange
@@ -23,6 +24,8 @@ _WHOLE = 10.0
 _LOOKS = 33
 #: A share of the joints' maximum speeds is a whole number of these parts.
 _SHARES = 10**6
+#: Part of the change of a rate between two intervals by which the rate may exceed its mean.
+_PEAK = 0.75
 #: A speed below 10 mm/s is a whole number of these parts.
 _PARTS = 10**3
 #: mm/s: maximum speed of each point of arm, holder and tool in free space without
@@ -165,9 +168,9 @@ def line_speeds(
     joints: (D, J) joint values there.
     at: (N,) the samples at which segments begin and end.
     """
-    seconds = (np.abs(np.diff(joints, axis=0)) / setup.robot.fastest).max(axis=1)
+    slowest = (_peak_rates(joints, dense.length) / setup.robot.fastest).max(axis=1)
     with np.errstate(divide="ignore"):
-        by_joints = np.minimum.reduceat(dense.length / seconds, at[:-1])
+        by_joints = np.minimum.reduceat(1.0 / slowest, at[:-1])
     reached = np.sqrt(speeds.acceleration * np.add.reduceat(dense.length, at[:-1]))
     allowed = np.asarray(speeds.part if speeds.pressed else speeds.free)
     if math.isfinite(speeds.point):
@@ -176,6 +179,22 @@ def line_speeds(
         allowed = np.minimum(allowed, np.minimum.reduceat(by_points, at[:-1]))
     speed = np.minimum(np.minimum(by_joints, reached), allowed)
     return frozen(np.where(speed >= _WHOLE, np.floor(speed), speed))
+
+
+def _peak_rates(joints: FloatArray, length: FloatArray) -> FloatArray:
+    """(D - 1, J) greatest rates of the joints between samples, rad or mm for each mm of a path.
+
+    A rate that changes evenly is at the end of an interval half a change beyond its mean. A rate
+    with a peak in the interval exceeds it by less than `_PEAK` of a change.
+
+    joints: (D, J) joint values at the samples.
+    length: (D - 1,) lengths of the path between them, mm.
+    """
+    rates = np.diff(joints, axis=0) / np.maximum(length, NONZERO)[:, None]
+    changes = _PEAK * np.abs(np.diff(rates, axis=0))
+    none = np.zeros((1, joints.shape[1]))
+    before, after = np.concatenate([none, changes]), np.concatenate([changes, none])
+    return np.asarray(np.abs(rates) + np.maximum(before, after))
 
 
 def turn_speed(

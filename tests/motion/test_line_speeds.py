@@ -1,0 +1,62 @@
+"""Speeds of straight links: no joint is faster than it can be, between samples either."""
+
+import math
+
+import numpy as np
+import pytest
+
+from camgen.model.pose import FloatArray, frozen
+from camgen.motion.limits import LinkSpeeds, line_speeds
+from camgen.motion.pose_paths import PosePath, divide, rows
+from camgen.motion.setup import JUMP, dense_parts, flange_poses
+from camgen.robots.kinematics.continuity import Choice, follow
+from tests.motion.test_reach import CELL
+
+#: Joints alone limit these links, and not the way on which a speed is reached.
+FAST = LinkSpeeds(part=1e6, free=1e6, share=1.0, acceleration=1e9)
+
+
+def run(path: PosePath) -> FloatArray:
+    """The joint values at the rows of a path."""
+    poses = flange_poses(CELL, path.position, path.rotation)
+    followed = follow(CELL.robot, *poses, CELL.robot.home, 0.0, JUMP)
+    assert isinstance(followed, Choice)
+    return followed.joints
+
+
+#: Links on which a joint was up to 20 % too fast between two samples; lean of the tool, deg.
+FOUND = [
+    ((-63, 487, 310), (35, -448, 34), 30),
+    ((32, 443, 20), (139, -147, 136), 0),
+    ((268, 297, 336), (192, 439, 11), 0),
+    ((-37, -374, 3), (157, 411, 36), 0),
+]
+DRAW = np.random.default_rng(7)
+DRAWN = [
+    (tuple(start), tuple(end), lean)
+    for start, end, lean in zip(
+        DRAW.uniform([-100, -200, 20], [100, 200, 250], (12, 3)).tolist(),
+        DRAW.uniform([-100, -200, 20], [100, 200, 250], (12, 3)).tolist(),
+        [0, 15, 30] * 4,
+        strict=True,
+    )
+]
+
+
+@pytest.mark.parametrize(("start", "end", "lean"), [*FOUND, *DRAWN])
+def test_no_joint_is_too_fast_between_two_samples(
+    start: tuple[float, ...], end: tuple[float, ...], lean: float
+) -> None:
+    """The rates of the joints by differences over half a millimetre."""
+    angle = math.radians(lean)
+    cos, sin = math.cos(angle), math.sin(angle)
+    down = np.array([[cos, 0, sin], [0, -1, 0], [sin, 0, -cos]])
+    rotation = frozen(np.stack([down, down]))
+    path = PosePath(np.array([start, end], dtype=float), np.full((2, 3), np.nan), rotation)
+    parts = dense_parts(path)
+    looks = divide(path, parts)
+    (speed,) = line_speeds(CELL, FAST, looks, run(looks), rows(parts))
+    fine = divide(path, np.array([math.ceil(2 * float(path.length.sum()))]))
+    rates = np.abs(np.diff(run(fine), axis=0)) / fine.length[:, None]
+    share = float((rates * speed / CELL.robot.fastest).max())
+    assert 0.9 < share <= 1.0 + 1e-6
