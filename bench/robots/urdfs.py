@@ -302,7 +302,7 @@ def main(arguments: list[str]) -> int:
     folder, names = Path(arguments[0]), arguments[1:] or list(ARMS)
     print(f"{machine()}\n")
     table = Table(
-        "arm | edges {} of {} | build, s {:.1f} | not tested by the notes | rows {:,} "
+        "arm | edges {} of {}, {} of them in pieces | build, s {:.1f} | not tested by the notes | rows {:,} "
         "| questions {:,} | hits"
     )
     solid = bracket()
@@ -327,10 +327,12 @@ def row(
     try:
         result, seconds = timed(lambda: camgen.build(part, post="rapid", job=job(file)))
     except CamgenError as error:
-        table.add(name, (0, 13), None, Missed(str(error)))
+        table.add(name, (0, 13, 0), None, Missed(str(error)))
         return
-    skipped = sum(note.kind == "skipped" for note in result.notes)
-    done = len({path.id for path in result.tour.paths})
+    paths = result.tour.paths
+    done = {path.contours[0] for path in paths}
+    pieces = done - {path.id for path in paths}
+    asked = done.union(*(note.ids[-1:] for note in result.notes if note.kind == "skipped"))
     of = robot(str(file))
     rows = [joints for _, joints in runs(result.program, of, SAMPLES)]
     judge = Judge(file, result_tip(file))
@@ -340,7 +342,13 @@ def row(
     count = sum(len(joints) for joints in rows)
     hits = Missed(text) if counts else "0"
     table.add(
-        name, (done, done + skipped), seconds, "; ".join(untested(result)), count, questions, hits
+        name,
+        (len(done), len(asked), len(pieces)),
+        seconds,
+        "; ".join(untested(result)),
+        count,
+        questions,
+        hits,
     )
 
 

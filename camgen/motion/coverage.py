@@ -47,8 +47,6 @@ _PRICE = SHORTEST_MM / 2
 _STATION_TURN, _JUMP = math.radians(10), math.radians(45)
 #: An edge has no more stretches than these; on a longer edge the stations are farther apart.
 _MOST_STRETCHES = 400
-#: Cost of a posture that does not keep the margin, s.
-_NEAR = 100.0
 #: Number of moves that may fail in a stretch before no chain runs through it.
 _FAILURES = 3
 #: Parts of the stretch beyond the end of a chain, by which the chain is extended.
@@ -63,8 +61,7 @@ class _Ladder(Struct, frozen=True, eq=False):
     parts: number of stretches between stations in each of its segments.
     stations: the pose path with a row at each of the K stations.
     states, transitions: states at the stations, and steps between them.
-    near: (K, C, B) cost of the states that do not keep the margin, s.
-    checked: (K,) stations of whose states those that collide are closed.
+    checked: (K,) stations of whose states those that are not free are closed.
     """
 
     path: PosePath
@@ -73,23 +70,18 @@ class _Ladder(Struct, frozen=True, eq=False):
     stations: PosePath
     states: States
     transitions: Steps
-    near: FloatArray
     checked: BoolArray
 
     def find_chains(self, setup: Setup) -> list[CoverChain]:
-        """The best cover of the edge by states that do not collide.
+        """The best cover of the edge by states that are free.
 
-        A station is checked with all its states where a chain collides or does not keep the margin.
+        All states of a station are checked if a chain is not free there.
         """
         while True:
-            chains = find_cover(
-                self.states, self.transitions, self.stations.length, _PRICE, self.near
-            )
+            chains = find_cover(self.states, self.transitions, self.stations.length, _PRICE)
             met = np.zeros(len(self.checked), dtype=np.bool_)
             for chain in chains:
-                good = setup.clear(chain.joints)
-                good[good] = setup.roomy(chain.joints[good])
-                met[chain.first : chain.last + 1] |= ~good
+                met[chain.first : chain.last + 1] |= ~_are_free(setup, chain.joints)
             new = np.flatnonzero(met & ~self.checked)
             if not len(new):
                 return chains
@@ -109,8 +101,7 @@ class _Ladder(Struct, frozen=True, eq=False):
         lone = []
         for station in np.flatnonzero(~taken).tolist():
             usable = self.states.usable[station]
-            cost = self.states.cost[:, None] + self.near[station]
-            cost = np.where(usable.any(axis=-1), cost, math.inf)
+            cost = np.where(usable.any(axis=-1), self.states.cost[:, None], math.inf)
             orientation, branch = np.unravel_index(int(cost.argmin()), cost.shape)
             if math.isfinite(cost[orientation, branch]):
                 turn = int(usable[orientation, branch].argmax())
@@ -125,10 +116,9 @@ class _Ladder(Struct, frozen=True, eq=False):
             return
         check_states(setup, self.states, stations.tolist())
         joints = self.states.joints[stations]
-        stands = self.states.usable[stations].any(axis=-1)
-        near = np.zeros(stands.shape)
-        near[stands] = np.where(setup.roomy(joints[stands]), 0.0, _NEAR)
-        self.near[stations] = near
+        free = np.array(self.states.usable[stations].any(axis=-1))
+        free[free] = setup.roomy(joints[free])
+        self.states.usable[stations] &= free[..., None]
         self.checked[stations] = True
 
     def locate(self, station: float) -> tuple[int, float]:
@@ -271,9 +261,8 @@ class Coverage(Struct, frozen=True, eq=False):
         slowest = (stations.length / self.feed)[:, None, None, None]
         in_time = np.where(transitions.time - turning <= slowest, transitions.time, math.inf)
         transitions = replace(transitions, time=in_time)
-        near = np.zeros(states.joints.shape[:-1])
         checked = np.zeros(len(stations), dtype=np.bool_)
-        return _Ladder(path, lengths, parts, stations, states, transitions, near, checked)
+        return _Ladder(path, lengths, parts, stations, states, transitions, checked)
 
     def _prove_all(self, name: str, ladder: _Ladder, choice: Grid) -> list[EdgeMotion]:
         """The motions of the best cover all of whose chains stand the examination."""
@@ -358,11 +347,18 @@ class Coverage(Struct, frozen=True, eq=False):
             if not isinstance(followed, Choice):
                 good = min(good, followed.row) - 1
                 continue
-            hits = np.flatnonzero(~self.setup.clear(followed.joints))
+            hits = np.flatnonzero(~_are_free(self.setup, followed.joints))
             if not len(hits):
                 return _Extension(good / _PARTS_BEYOND, followed.joints[-1:])
             good = int(hits[0]) - 1
         return none
+
+
+def _are_free(setup: Setup, joints: FloatArray) -> BoolArray:
+    """Which joint values (N, J) collide with nothing and keep the margin."""
+    free = setup.clear(joints)
+    free[free] = setup.roomy(joints[free])
+    return free
 
 
 def _close(ladder: _Ladder, chain: CoverChain, stretch: int, failures: Index) -> None:

@@ -62,17 +62,16 @@ _BEGINS = -1
 
 
 def find_cover(
-    states: States, transitions: Steps, lengths: FloatArray, price: float, extra: FloatArray
+    states: States, transitions: Steps, lengths: FloatArray, price: float
 ) -> list[CoverChain]:
     """The chains, in order, that cover the most length less a price for each of them.
 
     lengths: (K - 1,) length from row to row, mm.
     price: length that a chain must cover at least, mm.
-    extra: (K, C, B) cost of each state besides that of its orientation, s.
     """
     if not states.usable.any():
         return []
-    cost = _MM_A_SECOND / len(states.joints) * (states.cost[:, None] + extra)[..., None]
+    cost = _MM_A_SECOND / len(states.joints) * states.cost[:, None, None]
     rows = _Rows([], [], np.zeros(len(states.joints) + 1))
     value = np.full(states.usable.shape[1:], -math.inf)
     for row, usable in enumerate(states.usable):
@@ -80,11 +79,11 @@ def find_cover(
         if row:
             value, move = _go_on(value, states, transitions, row)
             value += lengths[row - 1]
-        value = np.where(usable, value - cost[row], -math.inf)
+        value = np.where(usable, value - cost, -math.inf)
         end = int(value.argmax())
         rows.ending.append(end)
         rows.best[row + 1] = max(rows.best[row], value.flat[end])
-        start = np.where(usable, rows.best[row + 1] - price - cost[row], -math.inf)
+        start = np.where(usable, rows.best[row + 1] - price - cost, -math.inf)
         move[start > value] = _BEGINS
         rows.moves.append(move)
         value = np.maximum(value, start)

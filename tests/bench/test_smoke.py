@@ -102,7 +102,7 @@ SMOKES = [
     Smoke("robots.cycle --lines 1000", (10, 2), {"length over speed, s": (1, 60), "time, s": (1, 60)}),
     Smoke("robots.kinematics 20", (11,), {"found again": (100, 100), "mm": (0, 1e-3)}),
     Smoke("robots.collision 20", (12,), {"differ from the plain loop": (0, 0), "poses/s": (1, 1e9)}),
-    Smoke("robots.rfa paper", (16, 22), {"mm": (8, 210), "s": (0.4, 20)}),
+    Smoke("robots.rfa paper", (16, 21), {"mm": (8, 210), "s": (0.4, 20)}),
     Smoke("robots.rfa 1 rfa1 'IRB 1200'", (3,), {"nominal": (12, 12), "collide": (0, 0)}),
     Smoke("robots.coverage block", (1,), {"mm": (800, 900), "pieces": (8, 9)}, lacking("OCP")),
     Smoke("robots.reach_judge none", (0,), {}, lacking("py_opw_kinematics")),

@@ -17,7 +17,7 @@ MOVES = np.array([[0, 1], [1, 0]])
 PRICE = 3.0
 
 
-def draw_ladder(seed: int) -> tuple[States, Steps, FloatArray, FloatArray]:
+def draw_ladder(seed: int) -> tuple[States, Steps, FloatArray]:
     """States with one branch and one turn, some closed, with random times and lengths."""
     draw = np.random.default_rng(seed)
     usable = draw.random((ROWS, CHOICES, 1, 1)) < 0.7
@@ -28,8 +28,7 @@ def draw_ladder(seed: int) -> tuple[States, Steps, FloatArray, FloatArray]:
     states = States(joints, table, usable, opened, MOVES, cost)
     time = draw.random((ROWS - 1, 2, CHOICES, 1))
     before = np.zeros((ROWS - 1, 2, CHOICES, 1, 1), dtype=np.int16)
-    near = 100 * (draw.random((ROWS, CHOICES, 1)) < 0.3)
-    return states, Steps(time, before), draw.uniform(1, 10, ROWS - 1), near
+    return states, Steps(time, before), draw.uniform(1, 10, ROWS - 1)
 
 
 def list_chains(states: States) -> Iterator[tuple[int, tuple[int, ...], tuple[int, ...]]]:
@@ -48,15 +47,15 @@ def list_chains(states: States) -> Iterator[tuple[int, tuple[int, ...], tuple[in
 
 def measure(
     chain: tuple[int, tuple[int, ...], tuple[int, ...]],
-    ladder: tuple[States, Steps, FloatArray, FloatArray],
+    ladder: tuple[States, Steps, FloatArray],
 ) -> float:
     """The length of a chain less its price and its costs, mm, by the definition of `find_cover`."""
-    states, transitions, lengths, near = ladder
+    states, transitions, lengths = ladder
     first, passed, moves = chain
     seconds = sum(
         float(transitions.time[first + k, move, passed[k + 1], 0]) for k, move in enumerate(moves)
     )
-    seconds += sum((states.cost[c] + near[first + k, c, 0]) / ROWS for k, c in enumerate(passed))
+    seconds += sum(states.cost[c] / ROWS for c in passed)
     return float(lengths[first : first + len(moves)].sum()) - PRICE - 0.02 * seconds
 
 
@@ -71,7 +70,7 @@ def test_no_other_cover_is_worth_more(seed: int) -> None:
             best[chain[0]] + value for chain, value in chains if chain[0] + len(chain[2]) == row
         ]
         best[row] = max([best[row - 1], *ending])
-    cover = find_cover(*ladder[:3], PRICE, ladder[3])
+    cover = find_cover(*ladder, PRICE)
     values = [measure((chain.first, *_states_of(chain)), ladder) for chain in cover]
     assert sum(values) == pytest.approx(best[-1])
     listed = [chain for chain, _ in chains]
@@ -84,15 +83,15 @@ def _states_of(chain: CoverChain) -> tuple[tuple[int, ...], tuple[int, ...]]:
 
 
 def test_without_a_state_there_is_no_chain() -> None:
-    states, transitions, lengths, near = draw_ladder(0)
+    states, transitions, lengths = draw_ladder(0)
     states.usable[:] = False
-    assert find_cover(states, transitions, lengths, PRICE, near) == []
+    assert find_cover(states, transitions, lengths, PRICE) == []
 
 
 def test_a_chain_that_is_not_longer_than_its_price_is_not_taken() -> None:
-    states, transitions, lengths, near = draw_ladder(0)
+    states, transitions, lengths = draw_ladder(0)
     states.usable[:], states.open[:] = True, True
-    assert find_cover(states, transitions, 0 * lengths + 1.0, 4.0, near) == []
-    (whole,) = find_cover(states, transitions, 0 * lengths + 2.0, 4.0, 0 * near)
+    assert find_cover(states, transitions, 0 * lengths + 1.0, 4.0) == []
+    (whole,) = find_cover(states, transitions, 0 * lengths + 2.0, 4.0)
     assert (whole.first, whole.last) == (0, ROWS - 1)
     assert math.isclose(whole.joints[0, 0], states.joints[0, whole.orientation[0], 0, 0])
