@@ -21,7 +21,6 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import RigidTransform, Rotation
 
 import camgen
 from bench.machine import machine
@@ -54,6 +53,7 @@ class Judge:
         arm = self.robot.arm
         c4 = float(np.linalg.norm(arm.flange_from_wrist.origin))
         opw = importlib.import_module("py_opw_kinematics")
+        self.transform = importlib.import_module("scipy.spatial.transform")
         model = opw.KinematicModel(
             a1=arm.a1, a2=arm.a2, b=arm.b, c1=arm.c1, c2=arm.c2, c3=arm.c3, c4=c4
         )
@@ -80,8 +80,8 @@ class Judge:
         base, flange = self.base_from_work, self.tool_from_flange
         turned = base.rotation @ rotations
         origins = np.asarray(base.apply(tip)) + turned @ np.asarray(flange.origin)
-        poses = RigidTransform.from_components(
-            origins, Rotation.from_matrix(turned @ flange.rotation)
+        poses = self.transform.RigidTransform.from_components(
+            origins, self.transform.Rotation.from_matrix(turned @ flange.rotation)
         )
         theta = np.asarray(self.oracle.reach(poses).joints).reshape(-1, 6)
         theta = theta[np.isfinite(theta).all(axis=1)]
@@ -98,8 +98,8 @@ def _draw_turns(tilt: float) -> FloatArray:
     side, turn = draw.uniform(0, math.tau, (2, DRAWN))
     axis = np.column_stack([np.cos(side), np.sin(side), 0 * side]) * lean[:, None]
     spin = np.column_stack([0 * turn, 0 * turn, turn])
-    leant, spun = Rotation.from_rotvec(axis), Rotation.from_rotvec(spin)
-    return np.asarray((leant * spun).as_matrix())
+    rotation = importlib.import_module("scipy.spatial.transform").Rotation
+    return np.asarray((rotation.from_rotvec(axis) * rotation.from_rotvec(spin)).as_matrix())
 
 
 def _frame(outward: FloatArray, along: FloatArray) -> FloatArray:

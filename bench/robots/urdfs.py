@@ -302,8 +302,8 @@ def main(arguments: list[str]) -> int:
     folder, names = Path(arguments[0]), arguments[1:] or list(ARMS)
     print(f"{machine()}\n")
     table = Table(
-        "arm | edges {} of {}, {} of them in pieces | build, s {:.1f} | not tested by the notes | rows {:,} "
-        "| questions {:,} | hits"
+        "arm | edges {} of {}, {} of them in pieces | build, s {:.1f} | not tested by the notes "
+        "| rows {:,} | questions {:,} | hits"
     )
     solid = bracket()
     with tempfile.TemporaryDirectory() as scratch:
@@ -332,7 +332,7 @@ def row(
     paths = result.tour.paths
     done = {path.contours[0] for path in paths}
     pieces = done - {path.id for path in paths}
-    asked = done.union(*(note.ids[-1:] for note in result.notes if note.kind == "skipped"))
+    listed = done.union(*(note.ids[-1:] for note in result.notes if note.kind == "skipped"))
     of = robot(str(file))
     rows = [joints for _, joints in runs(result.program, of, SAMPLES)]
     judge = Judge(file, result_tip(file))
@@ -343,7 +343,7 @@ def row(
     hits = Missed(text) if counts else "0"
     table.add(
         name,
-        (len(done), len(asked), len(pieces)),
+        (len(done), len(listed), len(pieces)),
         seconds,
         "; ".join(untested(result)),
         count,
