@@ -18,8 +18,7 @@ FIXTURES = sorted((ROOT / "fixtures" / "parts").glob("*.dxf"))
 SHARED_FOLDER = ROOT.parent / "shared" / "data" / "dxf"
 #: Drawings of the shared data with closed contours that no job of a mill can be made of, and why.
 REFUSED = {
-    "1_polylines.dxf": "a coordinate is beyond 99999 mm",  # land, surveyed in metres
-    "2_polylines.dxf": "a coordinate is beyond 99999 mm",
+    "2_polylines.dxf": "a coordinate is beyond 99999 mm",  # land, surveyed in metres
     "dimension_in_nested_blocks.dxf": "a coordinate is beyond 99999 mm",
     "wipeout_door.dxf": "a coordinate is beyond 99999 mm",  # a house
     "ellipse.dxf": "no closed contour",  # they cross
@@ -44,7 +43,6 @@ SHARED = (
     "dxf/testModelPaperSpace.dxf",
     "dxf-parser/ellipse.dxf",
     "dxf-parser/polylines.dxf",
-    "ezdxf/1_polylines.dxf",
     "ezdxf/2_polylines.dxf",
     "ezdxf/5_us_states.dxf",
     "ezdxf/6_closed_loop_with_arcs.dxf",
