@@ -217,6 +217,10 @@ def _draw(setting: Setting, schema: Mapping[str, Any], chance: random.Random) ->
     if kind == "array":
         size = _draw_size(setting, schema["items"], chance)
         return [_draw(setting, schema["items"], chance) for _ in range(size)]
+    if "properties" in schema:
+        return {
+            name: _draw(setting, values, chance) for name, values in schema["properties"].items()
+        }
     if kind == "object":
         values = schema.get("additionalProperties", {"type": "number"})
         names = chance.sample(_NAMES, chance.randint(0, 3))

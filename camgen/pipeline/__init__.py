@@ -309,6 +309,12 @@ def _program(planned: Plan, request: Request) -> tuple[Plan, Tour, Checked]:
             first = first or error
             if not left:
                 raise
+            # The second half of the rounds leaves blocked edges out, so that the rounds are enough.
+            if left > _ROUNDS // 2 and isinstance(planned, EdgePlan):
+                barred = _bar_links(planned, tour, error)
+                if barred != planned.barred:
+                    planned = replace(planned, barred=barred)
+                    continue
             planned, ways = _plan_again(planned, tour, job, error, ways)
             if not planned.paths:
                 break
@@ -349,16 +355,20 @@ def _plan_again(plan: Plan, tour: Tour, job: Job, error: Blocked, ways: bool) ->
     if isinstance(plan, EdgePlan):
         from camgen.plan.edges import leave_out  # noqa: PLC0415 (fcl and kinematics, only for what needs them)
 
-        # A blocked way costs its edge only if the tool has left the part on it.
-        names = [path.id for path in tour.paths]
-        numbers = [loss.path for loss in lost if loss.way]
-        pairs = [names[k - 1 : k + 1] for k in numbers if k > 0]
-        pairs += [names[k : k + 2] for k in numbers if k + 1 < len(names)]
-        barred = plan.barred | set(map(frozenset, pairs))
-        if barred != plan.barred:
-            return replace(plan, barred=barred), ways
         return leave_out(plan, named), ways
     return leave_out_paths(plan, {name: why for name, _, why in named}), ways
+
+
+def _bar_links(plan: EdgePlan, tour: Tour, error: Blocked) -> frozenset[frozenset[str]]:
+    """`EdgePlan.barred` with the pairs of paths beside the links on which the check was blocked.
+
+    A blocked link costs its edge only if the tool has left the part on it.
+    """
+    names = [path.id for path in tour.paths]
+    numbers = [loss.path for loss in error.lost if loss.way and loss.path >= 0]
+    pairs = [names[k - 1 : k + 1] for k in numbers if k > 0]
+    pairs += [names[k : k + 2] for k in numbers if k + 1 < len(names)]
+    return plan.barred | set(map(frozenset, pairs))
 
 
 def _forget_coverage(plan: Plan) -> Plan:
