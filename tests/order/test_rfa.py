@@ -4,6 +4,7 @@ import importlib
 import math
 from collections.abc import Sequence
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -397,3 +398,24 @@ def test_reaching_tells_how_far_it_is() -> None:
     edges = [known[one.id] for one in motions[:2]]
     reach_ways([(edge, poses(edge, 2.0)) for edge in edges], setup, tell=told.append)
     assert told == [0, 1]
+
+
+def list_stays(tour: Route) -> set[frozenset[str]]:
+    """Pairs of motions between which the tool does not leave the part."""
+    pairs = set()
+    for before, leg in pairwise(tour.legs):
+        kinds = {piece.kind for piece in leg.link if isinstance(piece, PathLink)}
+        if not kinds:
+            pairs.add(frozenset((before.motion.id, leg.motion.id)))
+    return pairs
+
+
+def test_between_barred_motions_the_tool_leaves_the_part() -> None:
+    setup, room, motions = cell("rfa2")
+    edges = mesh.read(source(PARTS / "rfa2.stl")).edges
+    stays = list_stays(routed("rfa2"))
+    assert stays
+    options = RouteOptions(SPEEDS, best=True, barred=frozenset(stays))
+    tour = route(RouteCell(setup, room, ARM.home), motions, edges, options)
+    assert {leg.motion.id for leg in tour.legs} == {leg.motion.id for leg in routed("rfa2").legs}
+    assert not list_stays(tour) & stays
