@@ -140,9 +140,9 @@ def worked(result: Result) -> dict[str, list[tuple[float, float]]]:
     return stretches
 
 
-def judge_part(part: Part, result: Result) -> tuple[int, list[tuple[str, float, float]]]:
+def find_missed(part: Part, result: Result) -> tuple[int, list[tuple[str, float, float]]]:
     """The number of stations that were judged, and the reached stretches that are not worked."""
-    judge, done = Judge(result), worked(result)
+    reach_judge, done = Judge(result), worked(result)
     count, stretches = 0, []
     for edge in (edge for edge in part.solid.edges if edge.convex):
         reached: list[float] = []
@@ -151,7 +151,7 @@ def judge_part(part: Part, result: Result) -> tuple[int, list[tuple[str, float, 
             if any(low - STEP / 2 <= place <= high + STEP / 2 for low, high in pieces):
                 continue
             count += 1
-            if judge.reaches(point, outward, along):
+            if reach_judge.reaches(point, outward, along):
                 reached.append(place)
         for group in np.split(reached, np.flatnonzero(np.diff(reached) > 1.5 * STEP) + 1):
             if len(group) and (long := float(group[-1] - group[0])) > LISTED:
@@ -171,7 +171,7 @@ def main(arguments: Sequence[str]) -> int:
             except NoSafeProgram as error:
                 table.add(name, str(error))
                 continue
-            count, missed = judge_part(part, result)
+            count, missed = find_missed(part, result)
             lengths = [length for *_, length in missed]
             where = ", ".join(f"{edge} at {at:.0f}: {length:.0f}" for edge, at, length in missed)
             table.add(name, count, len(missed), sum(lengths), max(lengths, default=0.0), where)

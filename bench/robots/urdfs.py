@@ -199,7 +199,7 @@ class Judge:
         self.chain = chain[::-1]
         frames = {name: (0, np.eye(4))}
         count = 0
-        # Links beside the chain hang on it by fixed joints.
+        # Fixed joints carry links beside the chain.
         left = [*self.chain, *(joint for joint in root.findall("joint") if joint not in chain)]
         for joint in left:
             parent, child = (joint.find(end).get("link") for end in ("parent", "child"))

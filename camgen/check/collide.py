@@ -12,9 +12,9 @@ from msgspec import Struct
 from camgen.check.lost import join_losses
 from camgen.check.reach import Reach
 from camgen.collision.cell import Surroundings
+from camgen.collision.describe import describe_hit
 from camgen.collision.motion import motion, motions
 from camgen.collision.scene import PART, Scene
-from camgen.collision.tell import tell_hit
 from camgen.geometry.ragged import ends_run, offsets, run_lengths
 from camgen.model.errors import Blocked, Loss
 from camgen.model.part import IntArray, Note
@@ -173,7 +173,7 @@ def _find_by_path(where: Surroundings, reach: Reach, course: JointPath) -> list[
 
 
 def _collision(scene: Scene, course: JointPath, at: float, pair: int) -> _Collision:
-    return _Collision(at, scene.pairs[pair], tell_hit(scene, _joints_at(course, at), pair))
+    return _Collision(at, scene.pairs[pair], describe_hit(scene, _joints_at(course, at), pair))
 
 
 def _motions(reach: Reach, course: JointPath) -> IntArray:

@@ -8,10 +8,10 @@ from functools import partial
 import numpy as np
 
 from camgen.collision.cell import Surroundings
+from camgen.collision.describe import describe_hit
 from camgen.collision.hits import clearance, hits
 from camgen.collision.motion import MotionCheck, measure_apart, motions
 from camgen.collision.scene import Scene, name_pair
-from camgen.collision.tell import tell_hit
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError, NoSafeProgram
 from camgen.model.pose import FloatArray, frozen
@@ -46,7 +46,7 @@ def home_of(robot: Robot, cell: Cell, scene: Scene) -> FloatArray:
     if pair >= 0:
         raise NoSafeProgram(
             "job",
-            f"home collides: {tell_hit(scene, home, pair)}",
+            f"home collides: {describe_hit(scene, home, pair)}",
             "cell.home",
             "give another, or move the part",
         )

@@ -74,13 +74,13 @@ def left_out(
     pieces: result of ``list_pieces``.
     """
     notes = []
-    for one in lost:
-        why = one.reason
-        if one.id in pieces:
-            line, length = pieces[one.id]
-            notes.append(_note_piece(line, length, why, (one.id, line.id)))
+    for edge in lost:
+        why = edge.reason
+        if edge.id in pieces:
+            line, length = pieces[edge.id]
+            notes.append(_note_piece(line, length, why, (edge.id, line.id)))
         else:
-            notes.append(Note("skipped", _describe(lines[one.id]), why, (one.id,)))
+            notes.append(Note("skipped", _describe(lines[edge.id]), why, (edge.id,)))
     return notes
 
 

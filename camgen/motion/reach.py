@@ -69,7 +69,7 @@ def reach_ways(
 def can_end(setup: Setup, ways: Sequence[PosePath], freedom: OrientationFreedom) -> BoolArray:
     """The ways at both of whose ends the arm can stand in some orientation of ``freedom``, (K,).
 
-    Of others ``reach_along`` finds no motion either, and takes many times as long.
+    Along others ``reach_along`` finds no motion either, and takes many times as long.
     """
     choices = [widest_grid(freedom, way) for way in ways]
     found = np.ones(len(ways), dtype=np.bool_)

@@ -180,7 +180,7 @@ def search(setup: Setup, edge: str, way: PosePath, grid: Grid, most: float) -> E
 
 
 def make_states(setup: Setup, knots: PosePath, grid: Grid, whole: bool = True) -> States:
-    """What the rows of ``knots`` can choose from, and which orientations can stay from row to row.
+    """The states of the rows of ``knots``, and the orientations that can stay from row to row.
 
     whole: only branches in which each row can be stood at are of use.
     """

@@ -8,11 +8,11 @@ import pytest
 from msgspec.structs import replace
 
 from camgen.collision.cell import around
+from camgen.collision.describe import describe_hit, describe_joints, find_depth
 from camgen.collision.hits import clearance, find_meetings, hits, least
 from camgen.collision.motion import motion
 from camgen.collision.pairs import _SLACKS_MM
 from camgen.collision.scene import Scene, Wall, scene
-from camgen.collision.tell import find_depth, tell_hit, tell_joints
 from camgen.collision.triangle import are_free
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError
@@ -234,7 +234,7 @@ def test_a_link_with_a_mesh_that_is_not_read_is_named() -> None:
 def test_a_collision_is_told_with_its_depth_and_joint_values() -> None:
     cell_scene = scene(fork(), obstacles=(pillar(60, 0),))
     (row,) = turned(np.array([math.radians(30)]))
-    assert tell_hit(cell_scene, row, cell_scene.pairs.index(("link 1", "pillar"))) == (
+    assert describe_hit(cell_scene, row, cell_scene.pairs.index(("link 1", "pillar"))) == (
         "link 1 against pillar, their meshes meet, at joints 30 deg, 0 deg, 0 mm, 0 deg"
     )
     full = replace(fork(), links=tuple(replace(link, surfaces=()) for link in fork().links))
@@ -245,7 +245,8 @@ def test_a_collision_is_told_with_its_depth_and_joint_values() -> None:
         pair = int(hits(cell, turned(np.zeros(1)))[0])
         assert find_depth(cell, turned(np.zeros(1))[0], pair) == pytest.approx(4.0, abs=0.02)
     assert (
-        tell_joints(robot("IRB 1200"), np.radians([1, -2, 3, 0, 30, 0.5])) == "1 -2 3 0 30 0.5 deg"
+        describe_joints(robot("IRB 1200"), np.radians([1, -2, 3, 0, 30, 0.5]))
+        == "1 -2 3 0 30 0.5 deg"
     )
 
 

@@ -27,11 +27,11 @@ from tests.support.edge_shapes import rim, straight
 OFFSET = 5.0
 FREE = OrientationFreedom(math.radians(15), roll=True)
 RIM = rim((60, 60, 50), 50, outer=True)
-Wall = Callable[[FloatArray], FloatArray]
+Blocked = Callable[[FloatArray], FloatArray]
 
 
 def cover(
-    edge: Edge, wall: Wall, freedom: OrientationFreedom = FREE, feed: float = 20.0
+    edge: Edge, wall: Blocked, freedom: OrientationFreedom = FREE, feed: float = 20.0
 ) -> tuple[Setup, tuple[EdgeMotion, ...]]:
     """The pieces of an edge, whose TCP positions (N, 3) must not lie where ``wall`` is true."""
 

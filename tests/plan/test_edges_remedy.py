@@ -72,7 +72,7 @@ def test_a_trim_changes_what_is_said_and_nothing_that_is_worked() -> None:
             assert ends
             assert sum(map(float, ends.groups())) == pytest.approx(5.0, abs=0.5)
     assert kinds == ["skipped", "skipped", "assumed", "assumed"]
-    assert all(len(one) == len(programs[0]) for one in programs)
+    assert all(len(body) == len(programs[0]) for body in programs)
 
 
 # -- by rules alone --------------------------------------------------------------------------------------------------
@@ -84,8 +84,8 @@ def nothing(_: Job, names: Sequence[str]) -> list[EdgeMotion | UnreachableEdge]:
 
 def test_many_edges_are_counted_and_a_shape_is_not_tried() -> None:
     lost = [UnreachableEdge(f"e{k}", "limit", "beyond") for k in range(1, 12)]
-    told, notes = remedies(lost, camgen.job(), nothing)
-    assert [bool(one.remedy) for one in told] == [True] * 8 + [False] * 3
+    explained, notes = remedies(lost, camgen.job(), nothing)
+    assert [bool(edge.remedy) for edge in explained] == [True] * 8 + [False] * 3
     assert len(notes) == 1
     shape = [UnreachableEdge("e1", "shape", "its two faces are back to back")]
     assert remedies(shape, camgen.job(), nothing) == (shape, [])

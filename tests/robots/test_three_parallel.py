@@ -76,10 +76,10 @@ def far(first: FloatArray, second: FloatArray) -> FloatArray:
 
 @pytest.mark.parametrize("table", [UR5E, UR10])
 def test_all_branches_bring_the_flange_to_its_pose(table: Table) -> None:
-    of, joints = make_arm(table), draw(300)
-    assert of.kind == "three-parallel"
+    cobot, joints = make_arm(table), draw(300)
+    assert cobot.kind == "three-parallel"
     poses = np.array([place(table, row) for row in joints])
-    solutions = inverse(of, poses[:, :3, :3], poses[:, :3, 3])
+    solutions = inverse(cobot, poses[:, :3, :3], poses[:, :3, 3])
     assert solutions.shape == (300, 8, 6)
     assert np.nanmin(far(solutions, joints[:, None]), axis=1).max() < 1e-7
     for pose, branches in zip(poses, solutions, strict=True):
@@ -90,25 +90,26 @@ def test_all_branches_bring_the_flange_to_its_pose(table: Table) -> None:
 
 
 def test_the_place_of_a_solution_is_its_branch() -> None:
-    of, joints = make_arm(UR5E), draw(200)
-    assert isinstance(of.arm, ThreeParallel)
+    cobot, joints = make_arm(UR5E), draw(200)
+    assert isinstance(cobot.arm, ThreeParallel)
     poses = np.array([place(UR5E, row) for row in joints])
-    solutions = inverse(of, poses[:, :3, :3], poses[:, :3, 3])
-    flags = branch(of.arm, theta_of(of, of.arm, solutions))
+    solutions = inverse(cobot, poses[:, :3, :3], poses[:, :3, 3])
+    flags = branch(cobot.arm, theta_of(cobot, cobot.arm, solutions))
     reached = np.isfinite(solutions[..., 0])
     assert (flags == np.arange(8))[reached].all()
 
 
 def test_an_arm_is_recognised_however_it_stands_and_its_axes_turn() -> None:
-    of, joints = make_arm(UR10), draw(200)
-    base, crooked = pose_from_values(BASE), of.flange @ pose_from_values(FLANGE)
+    cobot, joints = make_arm(UR10), draw(200)
+    base, crooked = pose_from_values(BASE), cobot.flange @ pose_from_values(FLANGE)
     moved = [
-        replace(joint, axis=(0.0, 0.0, sign)) for joint, sign in zip(of.joints, SIGNS, strict=True)
+        replace(joint, axis=(0.0, 0.0, sign))
+        for joint, sign in zip(cobot.joints, SIGNS, strict=True)
     ]
     moved[0] = replace(moved[0], previous_from_joint=base @ moved[0].previous_from_joint)
     arm = recognise(tuple(moved), crooked)
     assert isinstance(arm, ThreeParallel)
-    other = replace(of, joints=tuple(moved), flange=crooked, arm=arm)
+    other = replace(cobot, joints=tuple(moved), flange=crooked, arm=arm)
     before, after = np.eye(4), np.eye(4)
     for matrix, values in ((before, BASE), (after, FLANGE)):
         matrix[:3, :3] = rotation_from_fixed_xyz(*np.radians(values[3:]))
@@ -119,17 +120,17 @@ def test_an_arm_is_recognised_however_it_stands_and_its_axes_turn() -> None:
 
 
 def test_where_axes_4_and_6_are_parallel_axis_6_is_kept() -> None:
-    of = make_arm(UR5E)
+    cobot = make_arm(UR5E)
     joints = np.radians([[20.0, -80, 100, -40, 0, 35]])
     pose = place(UR5E, joints[0])
-    solutions = inverse(of, pose[None, :3, :3], pose[None, :3, 3], joints[0])
+    solutions = inverse(cobot, pose[None, :3, :3], pose[None, :3, 3], joints[0])
     assert np.nanmin(far(solutions, joints[:, None])) < 1e-6
-    assert np.nanmin(from_singular(of, joints)[:, 2]) < 1e-9
+    assert np.nanmin(from_singular(cobot, joints)[:, 2]) < 1e-9
 
 
 def test_singularities_are_where_the_arm_loses_a_direction() -> None:
     """The least singular value of the numerical Jacobian is small there and not elsewhere."""
-    of = make_arm(UR5E)
+    cobot = make_arm(UR5E)
     straight, elbow = np.radians([[10.0, -60, 90, -50, 0, 20], [10, -60, 0, -50, 60, 20]])
     before, above = np.radians([[10.0, 30, 90, -50, 60, 20], [10, -150, 90, -50, 60, 20]])
     assert _ahead(before) * _ahead(above) < 0
@@ -140,10 +141,10 @@ def test_singularities_are_where_the_arm_loses_a_direction() -> None:
         else:
             above = middle
     for k, joints in ((2, straight), (1, elbow), (0, above)):
-        assert from_singular(of, joints[None])[0, k] < 1e-6
+        assert from_singular(cobot, joints[None])[0, k] < 1e-6
         assert _least_singular_value(joints) < 1e-3
     free = np.radians([10.0, -60, 90, -50, 60, 20])
-    assert from_singular(of, free[None]).min() > math.radians(10)
+    assert from_singular(cobot, free[None]).min() > math.radians(10)
     assert _least_singular_value(free) > 0.05
 
 
@@ -167,22 +168,22 @@ def _least_singular_value(joints: FloatArray) -> float:
 
 
 def test_a_pose_out_of_reach_is_told_by_its_distance() -> None:
-    of = make_arm(UR5E)
+    cobot = make_arm(UR5E)
     joints = np.radians([0.0, -90, 0, 0, 90, 0])
     pose = place(UR5E, joints)
     rotations = np.repeat(pose[None, :3, :3], 2, axis=0)
     origins = pose[:3, 3] + np.array([[0, 0, -100.0], [0, 0, 500.0]])
-    stuck = follow(of, rotations, origins, joints, 0.0)
+    stuck = follow(cobot, rotations, origins, joints, 0.0)
     assert isinstance(stuck, Stuck)
-    reason = why(of, rotations, origins, stuck)
+    reason = why(cobot, rotations, origins, stuck)
     assert isinstance(reason, Reason)
     assert reason.kind == "reach"
     assert 300 < reason.amount <= 500
 
 
 def test_a_chain_whose_axes_4_and_5_do_not_meet_is_another_arm() -> None:
-    of = make_arm(UR5E)
-    joints = list(of.joints)
+    cobot = make_arm(UR5E)
+    joints = list(cobot.joints)
     shifted = Pose(joints[4].previous_from_joint.rotation, (0.5, -133.3, 0.0))
     joints[4] = replace(joints[4], previous_from_joint=shifted)
-    assert recognise(tuple(joints), of.flange) is None
+    assert recognise(tuple(joints), cobot.flange) is None

@@ -98,26 +98,27 @@ def plan_ways(part: Part, job: Job, cell: Workcell, watch: Watch, task: LineTask
     def tell(done: int) -> None:
         watch(f"reaching {done} of {counted(len(lines), noun)}")
 
-    room = room_of(where, setup)
-    found = _clear_between(reach_ways(listed, setup, freedom_of(job), tell), room)
-    coverage = Coverage(setup, room, freedom_of(job), job.process.feed)
-    pieces = _find_pieces(listed, found, coverage, noun, watch)
+    space = room_of(where, setup)
+    whole = _clear_between(reach_ways(listed, setup, freedom_of(job), tell), space)
+    coverage = Coverage(setup, space, freedom_of(job), job.process.feed)
+    pieces = _find_pieces(listed, whole, coverage, noun, watch)
     watch("reaching, what would help others")
     attempt = _attempt(
         job, cell, cell.arm, {line.id: (line, way) for line, way in listed}, surround
     )
-    not_whole = [one for one in found if isinstance(one, UnreachableEdge)]
-    told, more = remedies(not_whole, job, attempt, noun)
-    lost = [one for one in told if one.id not in pieces]
+    unreached = [result for result in whole if isinstance(result, UnreachableEdge)]
+    explained, more = remedies(unreached, job, attempt, noun)
+    lost = [edge for edge in explained if edge.id not in pieces]
     motions: list[EdgeMotion] = []
-    for one in found:
-        motions += [one] if isinstance(one, EdgeMotion) else pieces.get(one.id, ())
+    for result in whole:
+        motions += [result] if isinstance(result, EdgeMotion) else pieces.get(result.id, ())
     if not motions:
         raise none_left(part, len(lines), lost[0], noun)
     notes: list[Note] = []
-    for one in told:
-        if one.id in pieces:
-            notes += note_gaps(lines[one.id], pieces[one.id], one.reason, job.operation.trim)
+    for edge in explained:
+        if edge.id in pieces:
+            line, reason = lines[edge.id], edge.reason
+            notes += note_gaps(line, pieces[edge.id], reason, job.operation.trim)
     paths = tuple(edge_path(motion, lines[motion.line], job) for motion in motions)
     return EdgePlan(
         part,
@@ -134,20 +135,20 @@ def plan_ways(part: Part, job: Job, cell: Workcell, watch: Watch, task: LineTask
 
 def _find_pieces(
     listed: Sequence[tuple[Line, PosePath | UnreachableEdge]],
-    found: Sequence[EdgeMotion | UnreachableEdge],
+    whole: Sequence[EdgeMotion | UnreachableEdge],
     coverage: Coverage,
     noun: str,
     watch: Watch,
 ) -> dict[str, tuple[EdgeMotion, ...]]:
     """The motions along pieces of the lines that have no motion along the whole, by their ids.
 
-    found: the motion along each whole line, or why there is none.
+    whole: the motion along each whole line, or the reason why it has no motion.
     """
     pieces = {}
-    for (line, way), whole in zip(listed, found, strict=True):
-        if isinstance(whole, UnreachableEdge) and isinstance(way, PosePath):
+    for (line, path), result in zip(listed, whole, strict=True):
+        if isinstance(result, UnreachableEdge) and isinstance(path, PosePath):
             watch(f"reaching, pieces of {noun} {line.id}")
-            motions = coverage.find_pieces(line, way, measure_line(line, way))
+            motions = coverage.find_pieces(line, path, measure_line(line, path))
             if motions:
                 pieces[line.id] = motions
     return pieces
@@ -160,7 +161,7 @@ def _attempt(
     ways: Mapping[str, tuple[Line, PosePath | UnreachableEdge]],
     surround: Surround,
 ) -> Attempt:
-    """What ``ways`` come to with other settings of the tool in the same cell."""
+    """Tries ``ways`` with other settings of the tool in the same cell."""
 
     @cache
     def place(tilt: float) -> tuple[Setup, FreeSpace]:

@@ -25,10 +25,12 @@ def remedies(
     """``lost`` with what would help each of its first, and a note where there are more."""
     able = [one.id for one in lost if one.kind != "shape"]
     tried = able[:_MOST]
-    found = _other_tools(tried, _freedoms(job), attempt)
+    helps = _other_tools(tried, _freedoms(job), attempt)
     vain = "no roll and no tilt up to 30 deg helps: another place may"
     vain += " (camgen place)" if noun == "edge" else ""
-    told = [replace(one, remedy=found.get(one.id, vain) if one.id in tried else "") for one in lost]
+    told = [
+        replace(edge, remedy=helps.get(edge.id, vain) if edge.id in tried else "") for edge in lost
+    ]
     rest = len(able) - len(tried)
     if not rest:
         return told, []

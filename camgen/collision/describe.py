@@ -18,14 +18,14 @@ from camgen.robots.models import Robot
 _HALVINGS = 12
 
 
-def tell_hit(scene: Scene, joints: FloatArray, pair: int) -> str:
+def describe_hit(scene: Scene, joints: FloatArray, pair: int) -> str:
     """The pair of `scene.pairs` that meets at joint values (J,), its depth, and the values."""
     depth = find_depth(scene, joints, pair)
     deep = "their meshes meet" if depth is None else f"{short(depth, 2)} mm deep"
-    return f"{name_pair(scene, pair)}, {deep}, at joints {tell_joints(scene.robot, joints)}"
+    return f"{name_pair(scene, pair)}, {deep}, at joints {describe_joints(scene.robot, joints)}"
 
 
-def tell_joints(robot: Robot, joints: FloatArray) -> str:
+def describe_joints(robot: Robot, joints: FloatArray) -> str:
     """Joint values (J,): '0 90 -12.5 deg', those of sliding joints with their unit."""
     turning = [not joint.sliding for joint in robot.joints]
     values = [
