@@ -234,8 +234,13 @@ def narrow_bores(patch: Patch) -> None:
 
 
 def half_cleared(patch: Patch) -> None:
-    """Every second path of a pocket is missing."""
-    change_result(patch, "pipeline", "order", lambda tour: replace(tour, paths=tour.paths[:1]))
+    """The second half of the only path of a pocket is missing."""
+
+    def cut(tour: Any) -> Any:
+        (path,) = tour.paths
+        return replace(tour, paths=(path.rows(0, len(path) // 2),))
+
+    change_result(patch, "pipeline", "order", cut)
 
 
 FORCE = {
