@@ -1,5 +1,6 @@
 """camgen verify --part: what a program does to the material of a drawing, and with what exit code."""
 
+import math
 import re
 from pathlib import Path
 
@@ -39,7 +40,10 @@ def test_a_built_program_cuts_what_it_may(program: str, capsys: pytest.CaptureFi
     told = capsys.readouterr().out
     assert "end mill of 3 mm, 5 mm deep: no gouge, no rapid motion in material" in told
     assert re.search(r"removed +3\.8 cm3", told)
-    assert re.search(r"excess +at z -2\.5 -5: 39\.42 mm2 in inner corners", told)
+    excess = re.search(r"excess +at z -2\.5 -5: ([0-9.]+) mm2 in inner corners", told)
+    assert excess
+    # The ring between the circles of 3.3 and 6 mm, which two contours want and no tool of 3 mm enters.
+    assert float(excess[1]) == pytest.approx(math.pi * (3.0**2 - 1.65**2), abs=0.02)
     assert "remark: the part within c1 is cut free" in told
 
 
