@@ -120,6 +120,12 @@ def put_clamps(drawing: str, job: Mapping[str, Any]) -> dict[str, Any]:
     return {**job, "cell": {"fixtures": clamps}}
 
 
+def without_held(job: Mapping[str, Any]) -> dict[str, Any]:
+    """The job without `stock.held`, which the peer neither knows nor asks for."""
+    stock = {key: value for key, value in job["stock"].items() if key != "held"}
+    return {**job, "stock": stock}
+
+
 def time_proof(python: str, drawing: str, job: Mapping[str, Any]) -> float:
     """Seconds of the stock proof in a build by an interpreter."""
     # With -P an interpreter does not import the camgen of the current folder.
@@ -132,7 +138,7 @@ def compare_peer(builds: Mapping[str, tuple[str, Mapping[str, Any]]], runs: int,
     table = Table("part | proof | median s **{:.3f}** | times the peer **{:.2f}** | ")
     for name, (drawing, job) in builds.items():
         kinds = {
-            "peer": (peer, job),
+            "peer": (peer, without_held(job)),
             "without clamps": (sys.executable, job),
             "with 4 clamps": (sys.executable, put_clamps(drawing, job)),
         }

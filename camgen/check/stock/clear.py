@@ -12,7 +12,7 @@ from msgspec import Struct
 from camgen.check.stock.design import Design
 from camgen.check.stock.moves import TOLERANCE_MM, Cut, Moves
 from camgen.check.stock.profile import is_flat, reach
-from camgen.check.stock.sweep import QUARTER, sweep, unite
+from camgen.check.stock.sweep import QUARTER, sweep_each
 from camgen.geometry.fixtures import list_bodies
 from camgen.geometry.intersect import box
 from camgen.geometry.ragged import starts_run
@@ -23,6 +23,8 @@ from camgen.geometry.segments import BoolArray, IntArray, bounds, points_at
 _SLACK_MM = 0.02
 #: A motion that goes down or up on its way is looked at in so many parts.
 _PARTS = 8
+#: So many motions are swept at once.
+_BLOCK = 64
 #: So many holders in material are told; a program of such depth has no end of them.
 MOST_TOLD = 20
 
@@ -39,18 +41,41 @@ class Struck(Struct, frozen=True):
 
 
 class Gone(Struct, frozen=True, eq=False):
-    """What has been taken away by whom: motions in material and a tree over their boxes."""
+    """What has been taken away by whom: motions in material and a tree over their boxes.
+
+    swept: by depth, of which there is one, and block of ``rows``: what each of its motions sweeps.
+    """
 
     moves: Moves
     cuts: tuple[Cut, ...]
     rows: IntArray
     tree: Any
+    swept: dict[float, dict[int, list[list[Any]]]]
 
-    def before(self, area: Any, row: int, depth: float, with_itself: bool = False) -> Any:
-        """What motions before ``row`` took away at ``depth`` near ``area``; polygons."""
-        near = np.sort(self.rows[self.tree.query(area)])
-        near = near[near <= row] if with_itself else near[near < row]
-        return unite(sweep(self.moves, self.cuts, depth, near))
+    def take_from(self, area: Any, row: int, depth: float, with_itself: bool = False) -> Any:
+        """What motions before ``row`` leave of ``area`` at ``depth``; polygons."""
+        last = int(np.searchsorted(self.rows, row, "right" if with_itself else "left"))
+        near = np.sort(self.tree.query(area))
+        # The latest first: a rapid motion mostly crosses what was cut just before.
+        for place in near[near < last][::-1].tolist():
+            for shape in self._sweep(depth, place // _BLOCK)[place % _BLOCK]:
+                area = area - shape
+            if area.is_empty:
+                break
+        return area
+
+    def _sweep(self, depth: float, block: int) -> list[list[Any]]:
+        """(_BLOCK,) the polygons of each motion of a block."""
+        if depth not in self.swept:
+            self.swept.clear()
+        known = self.swept.setdefault(depth, {})
+        if block not in known:
+            rows = self.rows[block * _BLOCK : (block + 1) * _BLOCK]
+            shapes: dict[int, list[Any]] = {row: [] for row in rows.tolist()}
+            for row, shape in zip(*sweep_each(self.moves, self.cuts, depth, rows), strict=True):
+                shapes[row].append(shape)
+            known[block] = list(shapes.values())
+        return known[block]
 
 
 def index(moves: Moves, cuts: Sequence[Cut]) -> Gone:
@@ -58,7 +83,7 @@ def index(moves: Moves, cuts: Sequence[Cut]) -> Gone:
     rows = np.flatnonzero(moves.deepest > TOLERANCE_MM)
     radius = np.array([cut.tool.radius for cut in cuts] or [0.0])[moves.cut[rows]]
     boxes = bounds(moves.plane.take(rows)) + radius[:, None] * np.array([-1, -1, 1, 1])
-    return Gone(moves, tuple(cuts), rows, shapely.STRtree(box(boxes)))
+    return Gone(moves, tuple(cuts), rows, shapely.STRtree(box(boxes)), {})
 
 
 def find_rapids(gone: Gone, design: Design) -> list[Struck]:
@@ -150,7 +175,7 @@ def _meet(
     swept = shapely.buffer(part.line, radius - _SLACK_MM, quad_segs=QUARTER) & design.outline
     if design.thickness is not None and depth > design.thickness:
         depth = design.thickness
-    left = swept - gone.before(swept, row, max(depth - 2 * _SLACK_MM, TOLERANCE_MM), with_itself)
+    left = gone.take_from(swept, row, max(depth - 2 * _SLACK_MM, TOLERANCE_MM), with_itself)
     left = shapely.buffer(left, -_SLACK_MM / 2, quad_segs=2)
     if left.is_empty:
         return None

@@ -42,11 +42,27 @@ def sweep(
     if seen is not None:
         new = _unseen(plane, chain, radius, seen)
         plane, chain, radius = plane.take(new), chain[new], radius[new]
-    lines, wide = _ways(plane, chain, radius)
+    return _widen(*_ways(plane, chain, radius))
+
+
+def sweep_each(
+    moves: Moves, cuts: Sequence[Cut], depth: float, rows: IntArray
+) -> tuple[list[int], Shapes]:
+    """Rows, and a polygon of what each takes away at ``depth``, mm. A row that goes above it and
+    below it again comes once for each part.
+    """
+    portions = moves.below(depth, rows)
+    number = np.arange(len(portions.row))
+    radius = radii(moves, cuts, portions, depth)
+    return portions.row.tolist(), _widen(*_ways(portions.plane, number, radius))
+
+
+def _widen(lines: Shapes, radius: FloatArray) -> Shapes:
+    """What discs of the radii sweep along the lines."""
     if not len(lines):
         return np.zeros(0, object)
-    quarter = np.pi / 4 / np.arccos(1 - min(_RIM_MM / float(wide.max(initial=_RIM_MM)), 0.3))
-    return np.asarray(shapely.buffer(lines, wide, quad_segs=int(np.ceil(quarter))))
+    quarter = np.pi / 4 / np.arccos(1 - min(_RIM_MM / float(radius.max(initial=_RIM_MM)), 0.3))
+    return np.asarray(shapely.buffer(lines, radius, quad_segs=int(np.ceil(quarter))))
 
 
 def _without_idle(moves: Moves, portions: Portions) -> Portions:
