@@ -1,4 +1,4 @@
-"""camgen verify --part: what a program does to the material of a drawing, and with what exit code."""
+"""camgen verify --part: gouges and excess in the material of a drawing, and exit codes."""
 
 import math
 import re
@@ -42,7 +42,7 @@ def test_a_built_program_cuts_what_it_may(program: str, capsys: pytest.CaptureFi
     assert re.search(r"removed +3\.8 cm3", told)
     excess = re.search(r"excess +at z -2\.5 -5: ([0-9.]+) mm2 in inner corners", told)
     assert excess
-    # The ring between the circles of 3.3 and 6 mm, which two contours want and no tool of 3 mm enters.
+    # Two contours want the ring between the circles of 3.3 and 6 mm, which a 3 mm tool cannot enter.
     assert float(excess[1]) == pytest.approx(math.pi * (3.0**2 - 1.65**2), abs=0.02)
     assert "remark: the part within c1 is cut free" in told
 

@@ -18,20 +18,24 @@ from camgen.geometry.intersect import box
 from camgen.geometry.ragged import starts_run
 from camgen.geometry.segments import BoolArray, IntArray, bounds, points_at
 
-#: What is swept is taken narrower by this on each side, mm, since polygons leave arcs; what is left and narrower is
-#: none.
+#: Swept areas are narrowed by this on each side, mm, since polygons deviate from arcs. Narrower
+#: material counts as gone.
 _SLACK_MM = 0.02
-#: A motion that goes down or up on its way is looked at in so many parts.
+#: Parts into which a sloping motion is divided.
 _PARTS = 8
-#: So many motions are swept at once.
+#: Motions that are swept in one call.
 _BLOCK = 64
-#: So many holders in material are told; a program of such depth has no end of them.
+#: Most holders in material that are reported: a program that is too deep has one at each motion.
 MOST_TOLD = 20
 
 
 class Struck(Struct, frozen=True):
-    """A motion through material. row: the motion. place: x, y, z, mm. mm: the width of what it meets. depth: how deep
-    below the top face it runs there.
+    """A motion through material.
+
+    row: number of the motion.
+    place: x, y, z of the material, mm.
+    mm: width of the material.
+    depth: depth of the motion there below the top face, mm.
     """
 
     row: int
@@ -41,9 +45,11 @@ class Struck(Struct, frozen=True):
 
 
 class Gone(Struct, frozen=True, eq=False):
-    """What has been taken away by whom: motions in material and a tree over their boxes.
+    """The motions in material, to be looked up by place.
 
-    swept: by depth, of which there is one, and block of ``rows``: what each of its motions sweeps.
+    rows: numbers of the motions.
+    tree: boxes of the motions, grown by the radii of their tools.
+    swept: areas by depth and block of ``rows``. Only the depth of the last question is kept.
     """
 
     moves: Moves
@@ -53,10 +59,10 @@ class Gone(Struct, frozen=True, eq=False):
     swept: dict[float, dict[int, list[list[Any]]]]
 
     def take_from(self, area: Any, row: int, depth: float, with_itself: bool = False) -> Any:
-        """What motions before ``row`` leave of ``area`` at ``depth``; polygons."""
+        """Polygons that remain of ``area`` at ``depth`` after the motions before ``row``."""
         last = int(np.searchsorted(self.rows, row, "right" if with_itself else "left"))
         near = np.sort(self.tree.query(area))
-        # The latest first: a rapid motion mostly crosses what was cut just before.
+        # The latest first: most rapid motions cross an area that was cut just before.
         for place in near[near < last][::-1].tolist():
             for shape in self._sweep(depth, place // _BLOCK)[place % _BLOCK]:
                 area = area - shape
@@ -87,7 +93,7 @@ def index(moves: Moves, cuts: Sequence[Cut]) -> Gone:
 
 
 def find_rapids(gone: Gone, design: Design) -> list[Struck]:
-    """Rapid motions through what is still there."""
+    """Rapid motions through material that is still there."""
     moves = gone.moves
     rows = np.flatnonzero(moves.rapid & (moves.deepest > TOLERANCE_MM))
     rows = rows[~moves.rising[rows]]
@@ -107,8 +113,9 @@ def find_rapids(gone: Gone, design: Design) -> list[Struck]:
 
 
 def find_in_own_hole(moves: Moves, rows: IntArray) -> BoolArray:
-    """(K,) which motions go straight down where one of the same cut went as deep before: pecks, and passes one after
-    the other.
+    """(K,) whether motions go straight down where the same cut went as deep before.
+
+    Pecks do so, and passes one after the other.
     """
     result = np.zeros(len(rows), dtype=np.bool_)
     if not len(rows):
@@ -129,7 +136,11 @@ def find_in_own_hole(moves: Moves, rows: IntArray) -> BoolArray:
 
 
 class _Part(Struct, frozen=True, eq=False):
-    """A part of a motion. line: seen from above. depth: of its deepest place, mm. z: there."""
+    """A part of a motion.
+
+    line: the part seen from above.
+    depth: depth of its deepest place, mm.
+    """
 
     line: Any
     depth: float
@@ -152,7 +163,7 @@ def _parts(moves: Moves, row: int) -> list[_Part]:
 
 
 def _strike(gone: Gone, design: Design, row: int, part: _Part, share: float) -> Struck | None:
-    """What one part of a motion meets at ``share`` of its depth above its tip."""
+    """Material that one part of a motion meets at ``share`` of its depth above its tip."""
     tool = gone.cuts[int(gone.moves.cut[row])].tool
     depth = part.depth * (1 - share) if share else part.depth
     radius = float(reach(tool, np.array([part.depth * share]))[0])

@@ -1,4 +1,4 @@
-"""What tools take away, seen from above at one depth: unions of swept discs."""
+"""Areas that tools take away at one depth, seen from above: unions of swept discs."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ def sweep(
     rows: IntArray | None = None,
     seen: set[bytes] | None = None,
 ) -> Shapes:
-    """Polygons of what ``rows`` (else all) take away at ``depth``, mm, one for each way of a tool.
+    """Polygons that ``rows`` (else all motions) take away at ``depth``, mm, one for each path of a tool.
 
-    seen: ways that need not be looked at again, to which these are added: passes at several depths are one way.
+    seen: paths to leave out, to which these are added: passes at several depths are one path.
     """
     portions = _without_idle(moves, moves.below(depth, rows))
     if not len(portions.row):
@@ -48,8 +48,9 @@ def sweep(
 def sweep_each(
     moves: Moves, cuts: Sequence[Cut], depth: float, rows: IntArray
 ) -> tuple[list[int], Shapes]:
-    """Rows, and a polygon of what each takes away at ``depth``, mm. A row that goes above it and
-    below it again comes once for each part.
+    """Numbers of motions in ``rows`` that reach below ``depth``, mm, and what each takes away there.
+
+    One polygon for each of the numbers.
     """
     portions = moves.below(depth, rows)
     number = np.arange(len(portions.row))
@@ -58,7 +59,7 @@ def sweep_each(
 
 
 def _widen(lines: Shapes, radius: FloatArray) -> Shapes:
-    """What discs of the radii sweep along the lines."""
+    """Polygons that discs of the radii sweep along the lines."""
     if not len(lines):
         return np.zeros(0, object)
     quarter = np.pi / 4 / np.arccos(1 - min(_RIM_MM / float(radius.max(initial=_RIM_MM)), 0.3))
@@ -66,7 +67,7 @@ def _widen(lines: Shapes, radius: FloatArray) -> Shapes:
 
 
 def _without_idle(moves: Moves, portions: Portions) -> Portions:
-    """The portions without ways straight up or down that end or begin where the tool goes on level: those see to it."""
+    """The portions without upright motions that meet a level one: that one covers them."""
     row = portions.row
     upright = moves.upright[row]
     after, before = np.minimum(row + 1, len(moves) - 1), np.maximum(row - 1, 0)
