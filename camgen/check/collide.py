@@ -28,9 +28,9 @@ from camgen.robots.models import Robot
 
 #: Rows that are tested together: bounds the memory.
 _ROWS = 2000
-#: mm: clearances above are not told apart.
+#: Clearances are measured up to this at least, mm.
 NEAR = 2.0
-#: mm: distances that are told as the same.
+#: Distances that differ less count as equal, mm.
 _SAME = 0.005
 _MOVE = "move or turn the part: cell.base_from_work"
 #: Of a collision of what is at the flange with what stands, which stays where it is if the part is moved with it.
@@ -43,28 +43,59 @@ _CHANGE_CELL = (
 
 
 class Near(Struct, frozen=True):
-    """Where two bodies are nearest. distance: mm. pair: their names. on: the path or way, in words. at: the TCP there,
-    x, y and z in the work frame, mm.
+    """The place on a path, or on the link that leads to it, at which two bodies are nearest.
+
+    distance: distance of the bodies, mm.
+    pair: their names.
+    on: the path or link, in words.
+    at: position of the TCP there, x, y and z in the work frame, mm.
+    path: number of the path in the tour; -1 on the link home.
+    works: whether the motion is along the path.
     """
 
     distance: float
     pair: tuple[str, str]
     on: str
     at: str
+    path: int = -1
+    works: bool = False
 
     def __str__(self) -> str:
         return f"{' against '.join(self.pair)} on {self.on} at {self.at} mm"
 
 
 class Clear(Struct, frozen=True):
-    """What was found. clearance: mm, the least distance of anything but the tool from the part, at most ``NEAR`` or the
-    margin, whichever is more. nearest: where that is, None where nothing is so near. notes: on every path, and every
-    way to and from it, that comes nearer than the margin.
+    """The clearances of a program without collisions. The tool at the part counts in none of them.
+
+    bound: distance up to which bodies are measured, mm: ``NEAR`` or the margin, whichever is more.
+    close: the nearest place of each path and of each link that comes nearer than ``bound``.
+    notes: a note on each path and link that comes nearer than the margin.
     """
 
-    clearance: float
-    nearest: Near | None = None
+    bound: float
+    close: tuple[Near, ...] = ()
     notes: tuple[Note, ...] = ()
+
+    @property
+    def nearest(self) -> Near | None:
+        """The nearest place of the program, None if all of it keeps ``bound``."""
+        return min(self.close, key=lambda near: near.distance, default=None)
+
+    @property
+    def clearance(self) -> float:
+        """The least distance in the program, mm, at most ``bound``."""
+        return min((near.distance for near in self.close), default=self.bound)
+
+    def by_path(self, paths: int) -> tuple[list[float], list[float], float]:
+        """The least distance on each path, on the link to each path and on the link home, mm.
+
+        paths: number of paths in the tour.
+        """
+        work, links = [self.bound] * paths, [self.bound] * (paths + 1)
+        for near in self.close:
+            table = work if near.works else links
+            table[near.path] = min(table[near.path], near.distance)
+        return work, links[:-1], links[-1]
 
 
 class _Collision(Struct, frozen=True):
@@ -105,8 +136,7 @@ def check_clear(
             close += _find_near(where, reach, robot, course, (begin, begin + len(rows)), near)
     if found:
         raise _block(reach, robot, file, course, [*found, *_find_by_path(where, reach, course)])
-    least = min(close, key=lambda one: one.distance, default=None)
-    return Clear(near if least is None else least.distance, least, _tell_near(close, where.margin))
+    return Clear(near, tuple(close), _tell_near(close, where.margin))
 
 
 def _find_near(
@@ -131,16 +161,13 @@ def _find_near(
             at = rows[0] + a + met.nearest_at
             index = int(program.columns.at[motion_of[max(math.ceil(a + met.nearest_at), a + 1)]])
             place = program.place_of(index)
-            works = program.columns.works[int(np.searchsorted(program.columns.at, index))]
+            motion_number = int(np.searchsorted(program.columns.at, index))
+            works = bool(program.columns.works[motion_number])
             on = place if works or place.startswith("the way") else f"the way to {place}"
-            found.append(
-                Near(
-                    met.clearance,
-                    where.apart.pairs[met.nearest],
-                    on,
-                    _place(program, robot, course, at),
-                )
-            )
+            pair, at_tip = where.apart.pairs[met.nearest], _place(program, robot, course, at)
+            ahead = program.columns.path[motion_number:]
+            path = int(next(iter(ahead[ahead >= 0]), -1))
+            found.append(Near(met.clearance, pair, on, at_tip, path, works))
     return found
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.check.collide import Clear, check_clear
+from camgen.check.collide import Clear, Near, check_clear
 from camgen.check.reach import MotionRows, Reach, ends, interpolate_joints, sample_motions, trace
 from camgen.collision.cell import Surroundings, around
 from camgen.collision.motion import measure_apart
@@ -85,11 +85,12 @@ def check_machine(program: Program, job: Job, cell: Workcell, file: str) -> Mach
     joints = np.concatenate([reach.joints for reach in reaches])
     owner = np.concatenate([reach.owner for reach in reaches])
     whole = replace(reaches[0], joints=joints, owner=owner, program=program)
-    nearest = min(clears, key=lambda clear: clear.clearance)
+    close: list[Near] = []
     notes: list[Note] = []
     for clear in clears:
+        close += clear.close
         notes += clear.notes
-    return MachineChecks(whole, replace(nearest, notes=tuple(notes)), scenes[0])
+    return MachineChecks(whole, Clear(clears[0].bound, tuple(close), tuple(notes)), scenes[0])
 
 
 def _split(program: Program, job: Job) -> list[_Section]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from itertools import chain
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from msgspec import Struct
@@ -205,17 +205,26 @@ def report(
     }
 
 
-def clearance_of(found: Clear) -> dict[str, object]:
-    """mm: the least distance, to 1e-3 mm. between, on, at: the bodies, the path or way and the place, where they are so
-    near that it was looked for.
+def add_clearances(table: dict[str, object], clear: Clear) -> None:
+    """Adds the clearances of a program, mm to 1e-3, to its report.
+
+    In the report as a whole: the least one and the bound up to which it is measured; the bodies,
+    the path or link and the place, if it is below the bound; and that of the link home.
+    In each path: the clearance on it and on the link that leads to it.
     """
-    least = found.nearest
-    told: dict[str, object] = {"mm": round(found.clearance, 3)}
-    return (
-        told
-        if least is None
-        else told | {"between": list(least.pair), "on": clean(least.on), "at": least.at}
+    paths: Any = table["paths"]
+    work, links, home = clear.by_path(len(paths))
+    nearest = clear.nearest
+    place = (
+        {"between": list(nearest.pair), "on": clean(nearest.on), "at": nearest.at}
+        if nearest
+        else {}
     )
+    sums = {"mm": clear.clearance, "bound_mm": clear.bound, "home_mm": home}
+    table["clearance"] = {name: round(value, 3) for name, value in sums.items()} | place
+    for path, on_path, on_link in zip(paths, work, links, strict=True):
+        path["clearance_mm"] = round(on_path, 3)
+        path["link_clearance_mm"] = round(on_link, 3)
 
 
 def untested_of(pairs: Sequence[Untested]) -> list[dict[str, object]]:

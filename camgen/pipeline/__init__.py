@@ -22,7 +22,7 @@ from camgen.check.report import (
     Cycle,
     Motions,
     Verified,
-    clearance_of,
+    add_clearances,
     untested_of,
 )
 from camgen.check.report import report as report_of
@@ -190,7 +190,9 @@ class Result(Struct, frozen=True, eq=False, dict=True):
             table["slow_feeds"] = report_slow_paths(
                 self.slow, [path.id for path in self.tour.paths]
             )
-        return table if self.clear is None else table | {"clearance": clearance_of(self.clear)}
+        if self.clear is not None:
+            add_clearances(table, self.clear)
+        return table
 
     @property
     def operations(self) -> list[OperationSum]:

@@ -3,6 +3,7 @@
 import json
 import math
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -68,6 +69,26 @@ def test_what_is_told_is_what_fcl_measures() -> None:
     )
     told = json.loads(json.dumps(result.report))["clearance"]
     assert (told["between"], told["on"]) == (["link 2", "link 4"], least.on)
+
+
+def test_each_path_and_each_link_has_its_clearance_in_the_report() -> None:
+    result = built(TIGHT, 2.0, select="e11, e14, e15")
+    assert result.reach is not None
+    assert result.clear is not None
+    judge, columns = loop(result, SOLID), result.program.columns
+    paths = len(result.tour.paths)
+    expected = np.full((paths + 1, 2), result.clear.bound)
+    motions = np.searchsorted(columns.at, result.reach.owner).tolist()
+    for rows, motion in zip(pairwise(result.reach.joints), motions[1:], strict=True):
+        place = columns.path[motion], int(columns.works[motion])
+        for row in rows:  # a path begins where the link to it ends
+            expected[place] = min(expected[place], judge.gap(row, expected[place]))
+    report = json.loads(json.dumps(result.report))
+    reported = [[path["link_clearance_mm"], path["clearance_mm"]] for path in report["paths"]]
+    assert np.allclose(reported, expected[:-1], atol=0.25)
+    assert report["clearance"]["home_mm"] == pytest.approx(expected[-1, 0], abs=0.25)
+    assert expected[:-1].min(axis=0).max() < 1.0  # a path and a link are close
+    assert expected[:-1].max(axis=0).min() == result.clear.bound  # and others are not
 
 
 @pytest.mark.parametrize(
