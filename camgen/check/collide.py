@@ -134,6 +134,7 @@ def check_clear(
         ]
         if not found and beside.nearest >= 0:
             close += _find_near(where, reach, robot, course, (begin, begin + len(rows)), near)
+    found += _find_strict(where, reach, course)
     if found:
         raise _block(reach, robot, file, course, [*found, *_find_by_path(where, reach, course)])
     return Clear(near, tuple(close), _tell_near(close, where.margin))
@@ -184,19 +185,45 @@ def _tell_near(close: Sequence[Near], margin: float) -> tuple[Note, ...]:
 
 
 def _find_by_path(where: Surroundings, reach: Reach, course: JointPath) -> list[_Collision]:
-    """The first collision of each run of motions of one path, and of the way that leads to it."""
+    """The first collision of each run of motions of one path, and of the link that leads to it."""
+    runs = _divide_by_path(reach, course)
+    return _find_in_runs(where.apart, course, runs) + _find_in_runs(where.work, course, runs)
+
+
+def _find_strict(where: Surroundings, reach: Reach, course: JointPath) -> list[_Collision]:
+    """The collisions by the strict test, of all paths but rims and of links between two of them."""
+    if where.strict is None:
+        return []
+    is_rim = [not where.rims.isdisjoint(path.contours) for path in reach.program.paths]
+    columns, motion_of = reach.program.columns, _motions(reach, course)
+    runs = []
+    spared = False  # the path before
+    for first, last in _divide_by_path(reach, course):
+        path = int(columns.path[motion_of[last]])
+        before, spared = spared, path >= 0 and is_rim[path]
+        if not (before or spared):
+            runs.append((first, last))
+    return _find_in_runs(where.strict, course, runs)
+
+
+def _divide_by_path(reach: Reach, course: JointPath) -> list[tuple[int, int]]:
+    """The first and the last row of each run of motions of one path, and of each link to one."""
     columns, motion_of = reach.program.columns, _motions(reach, course)[1:]
     ends = offsets(run_lengths(columns.path[motion_of] * 2 + columns.arrives[motion_of]))
-    runs = [course.joints[a : b + 1] for a, b in pairwise(ends.tolist())]
-    found = []
-    for scene in (where.apart, where.work):
-        met = motions(scene, runs, STEP, apart=APART)
-        found += [
-            _collision(scene, course, a + m.at, m.pair)
-            for a, m in zip(ends, met, strict=False)
-            if m.pair >= 0
-        ]
-    return found
+    return list(pairwise(ends.tolist()))
+
+
+def _find_in_runs(
+    scene: Scene, course: JointPath, runs: Sequence[tuple[int, int]]
+) -> list[_Collision]:
+    """The first collision of each run."""
+    joints = [course.joints[first : last + 1] for first, last in runs]
+    checked = motions(scene, joints, STEP, apart=APART)
+    return [
+        _collision(scene, course, first + result.at, result.pair)
+        for (first, _), result in zip(runs, checked, strict=True)
+        if result.hit
+    ]
 
 
 def _collision(scene: Scene, course: JointPath, at: float, pair: int) -> _Collision:

@@ -49,6 +49,8 @@ class Surroundings(Struct, frozen=True, eq=False):
     bodies: tool and holder, their boxes at the flange. standing: table and fixtures, their boxes in the base frame.
     meshes: fixtures that are meshes with their names, work frame.
     untested: pairs that are not tested, beside links that a joint joins.
+    rims: ids of the lines whose own rim may enter the tip of the tool, as ``work`` allows.
+    strict: ``work`` for all other lines; None without rims.
     """
 
     scene: Scene
@@ -64,6 +66,8 @@ class Surroundings(Struct, frozen=True, eq=False):
     standing: tuple[Link, ...]
     meshes: tuple[tuple[str, Solid], ...]
     untested: tuple[Untested, ...]
+    rims: frozenset[str] = frozenset()
+    strict: Scene | None = None
 
 
 def around(

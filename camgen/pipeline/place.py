@@ -26,7 +26,7 @@ from camgen.motion.setup import MARGIN, EdgeMotion, Setup, flange_poses
 from camgen.pipeline import Result, build
 from camgen.plan import Watch, ignore_stages
 from camgen.plan.edges import choose
-from camgen.plan.edges.contact import own_contact
+from camgen.plan.edges.contact import find_contacts
 from camgen.plan.edges.last_face import Offset, offset_along
 from camgen.plan.edges.poses import poses, reach
 from camgen.robots.kinematics.inverse import inverse
@@ -190,7 +190,7 @@ def _case(part: Part, job: Job, cell: Workcell) -> _Case:
     bottom = np.array([*((low + high) / 2)[:2], low[2]])
     x, y, _ = cell.base_from_work.origin + bottom
     azimuth = math.atan2(y, x) if math.hypot(x, y) > 1.0 else 0.0
-    tip = own_contact(edges.values(), job, direction)
+    tip = max(find_contacts(edges.values(), job, direction).values(), default=0.0)
     middle = rotation.T @ bottom
     return _Case(
         job, cell, cell.arm, part.solid, middle, rotation, azimuth, tuple(looks), direction, tip

@@ -22,7 +22,8 @@ from camgen.motion.joint_paths import APART, follow_all, follow_closely
 from camgen.motion.pose_paths import PosePath
 from camgen.motion.setup import SampledMotion, Setup, flange_poses
 from camgen.pipeline import programs
-from camgen.plan.edges.contact import own_contact
+from camgen.plan.edges import LineTask
+from camgen.plan.edges.contact import find_contacts
 from camgen.robots.catalogue import robot
 from camgen.robots.kinematics.forward import flange
 from camgen.robots.kinematics.inverse import nearest
@@ -251,22 +252,25 @@ def test_every_path_that_collides_is_told_with_its_place(box: Path) -> None:
 
 def plate_with_hole(radius: float) -> trimesh.Trimesh:
     angle = np.arange(90) * (math.tau / 90)
-    ring = radius * np.column_stack([np.cos(angle), np.sin(angle)])
-    square = (
-        40.0
-        * np.column_stack([np.cos(angle), np.sin(angle)])
-        / np.abs([np.cos(angle), np.sin(angle)]).max(axis=0)[:, None]
-    )
+    round_hole = radius * np.column_stack([np.cos(angle), np.sin(angle)])
+    reach = np.abs(round_hole).max(axis=1, keepdims=True)
+    return plate_between(round_hole, 40.0 * round_hole / reach)
+
+
+def plate_between(hole: FloatArray, outline: FloatArray) -> trimesh.Trimesh:
+    """A plate of 10 mm between two rings of points (N, 2)."""
+    count = len(hole)
     points = np.concatenate(
-        [np.insert(rim, 2, z, axis=1) for rim in (ring, square) for z in (0.0, 10.0)]
+        [np.insert(ring, 2, z, axis=1) for ring in (hole, outline) for z in (0.0, 10.0)]
     )
-    a = np.arange(90)
+    a = np.arange(count)
     b = np.roll(a, -1)
     faces = []
-    for one, other in ((90, 0), (0, 180), (180, 270), (270, 90)):
+    for one, other in ((1, 0), (0, 2), (2, 3), (3, 1)):
+        first, second = one * count, other * count
         faces += [
-            np.column_stack([a + one, b + one, b + other]),
-            np.column_stack([a + one, b + other, a + other]),
+            np.column_stack([a + first, b + first, b + second]),
+            np.column_stack([a + first, b + second, a + second]),
         ]
     made = trimesh.Trimesh(points, np.concatenate(faces), process=False)
     assert made.is_watertight
@@ -286,22 +290,67 @@ def test_a_rim_that_bends_into_the_tip_of_its_tool_is_run(tmp_path: Path) -> Non
     angle = np.linspace(0, math.pi, 10001)
     bent = 6.5 * (1 - np.cos(angle)) / math.sqrt(2)
     deep = np.minimum.reduce([3.0 - 6.5 * np.sin(angle), 3.0 - bent, bent]).max()
-    assert own_contact(rims, camgen.job(job)) == pytest.approx(deep, abs=0.02)
+    contacts = find_contacts(rims, camgen.job(job))
+    assert list(contacts.values()) == pytest.approx([deep, deep], abs=0.02)
     (upper,) = [edge.id for edge in rims if edge.points[0, 2] > 5]
     result = camgen.build(
         tmp_path / "plate.stl", post="rapid", job={**job, "input": {"select": upper}}
     )
     assert len(result.tour.paths) == 1
-    assert any("its own edge may enter the tool's tip" in note.what for note in result.notes)
+    expected = "the rim of 1 edge may enter the tool's tip"
+    assert any(expected in note.what and note.ids == (upper,) for note in result.notes)
+
+
+def build_two_plates(folder: Path) -> dict[str, float]:
+    """Worked lengths: of a rim that enters the tip by 0.47 mm, and of the edges of a square hole.
+
+    The square hole, 60 mm wide, is in a plate of its own.
+    """
+    square = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    square_plate = plate_between(30.0 * square, 50.0 * square)
+    square_plate.apply_translation([0.0, -150.0, 0.0])
+    both = trimesh.util.concatenate([plate_with_hole(5.0), square_plate])
+    both.export(folder / "plates.stl")
+    part = camgen.read(folder / "plates.stl")
+    assert part.solid is not None
+    upper = [edge for edge in part.solid.edges if edge.points[:, 2].min() > 5.0]
+    kinds = {
+        edge.id: edge.kind
+        for edge in upper
+        if edge.kind == "circle" or edge.length == pytest.approx(60.0)
+    }
+    job = {
+        "cell": {"robot": "IRB 2400", "base_from_work": [1000, 0, 500, 0, 0, 0]},
+        "input": {"select": ", ".join(kinds)},
+    }
+    tour = camgen.build(folder / "plates.stl", post="rapid", job=job).tour
+    worked = zip(tour.paths, tour.lengths, strict=True)
+    return {f"{kinds[path.contours[0]]} {path.id}": length for path, length in worked}
+
+
+def test_no_other_edge_is_entered_as_deep_as_a_rim(tmp_path: Path) -> None:
+    """Half of the tool, 3 mm, stands between the end of a path and the wall, less 0.1 mm."""
+    lengths = build_two_plates(tmp_path)
+    lines = [length for name, length in lengths.items() if name.startswith("line")]
+    assert len(lines) == 4
+    assert any(name.startswith("circle") for name in lengths)
+    assert all(53.0 <= length <= 60.0 - 2 * (3.0 - 0.1) + 1e-6 for length in lines)
+
+
+def test_the_check_allows_no_more_if_the_plan_does(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(LineTask, "by_contact", lambda _, lines: [(lines, 0.47)])
+    worked = build_two_plates(tmp_path)
+    assert worked
+    assert all(name.startswith("circle") for name in worked)
 
 
 def test_a_rim_that_a_tool_does_not_fit_into_is_left_out() -> None:
     part = camgen.part(plate_with_hole(1.6))
     assert part.solid is not None
-    assert (
-        own_contact([edge for edge in part.solid.edges if edge.kind == "circle"], camgen.job())
-        == 0.0
-    )
+    rims = [edge for edge in part.solid.edges if edge.kind == "circle"]
+    assert find_contacts(rims, camgen.job()) == {}
 
 
 @pytest.mark.parametrize(("at", "met"), [(102.0, False), (99.0, False), (96.0, True)])

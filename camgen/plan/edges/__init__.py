@@ -33,7 +33,7 @@ from camgen.motion.setup import (
     UnreachableEdge,
 )
 from camgen.plan import EdgePlan, Watch
-from camgen.plan.edges.contact import own_contact
+from camgen.plan.edges.contact import find_contacts
 from camgen.plan.edges.last_face import offset_along
 from camgen.plan.edges.poses import measure_line, poses
 from camgen.plan.edges.remedy import Attempt, remedies
@@ -42,8 +42,10 @@ from camgen.plan.unused import no_idle
 from camgen.robots.models import Robot
 from camgen.robots.workcell import Workcell
 
-#: The cell with what stands in it, for a job.
-Surround = Callable[[Job], Surroundings]
+#: The surroundings of the arm, from a job and the depth by which rims enter the tool's tip, mm.
+Surround = Callable[[Job, float], Surroundings]
+#: Lines with their pose paths, or with the reasons why they have none.
+Ways = Sequence[tuple[Line, PosePath | UnreachableEdge]]
 
 
 def plan_edges(part: Part, job: Job, cell: Cell | None, watch: Watch) -> EdgePlan:
@@ -60,52 +62,68 @@ def plan_edges(part: Part, job: Job, cell: Cell | None, watch: Watch) -> EdgePla
     _check(job, cell)
     edges = choose(solid, job)
     direction = offset_along(job, solid, edges.values())
-    tip = own_contact(edges.values(), job, direction)
+    contacts = find_contacts(edges.values(), job, direction)
 
-    def surround(other: Job) -> Surroundings:
+    def surround(other: Job, tip: float) -> Surroundings:
         return around(other, cell, solid, tip)
 
     ways = ((edge, poses(edge, job.operation.offset, direction)) for edge in edges.values())
-    return plan_ways(part, job, cell, watch, LineTask(ways, surround, _note_contact(tip), "edge"))
+    task = LineTask(ways, surround, _note_contacts(contacts), "edge", contacts)
+    return plan_ways(part, job, cell, watch, task)
 
 
 class LineTask(Struct, frozen=True, eq=False):
     """Lines of a part that are worked on.
 
     ways: each line with its pose path, or the reason why it has none.
-    surround: makes the scene of the cell, for a job.
+    surround: makes the surroundings of the arm.
     notes: notes besides those of the part and of the cell.
     noun: "edge" or "curve".
+    contacts: depths by which rims enter the tool's tip, mm, by the ids of their lines.
     """
 
     ways: Iterable[tuple[Line, PosePath | UnreachableEdge]]
     surround: Surround
     notes: Sequence[Note]
     noun: str
+    contacts: Mapping[str, float] = {}
+
+    def by_contact(self, lines: Ways) -> list[tuple[Ways, float]]:
+        """The lines without contact and the rims, both with the depth of their contact, mm."""
+        plain = [pair for pair in lines if pair[0].id not in self.contacts]
+        rims = [pair for pair in lines if pair[0].id in self.contacts]
+        groups = [(plain, 0.0), (rims, max(self.contacts.values(), default=0.0))]
+        return [group for group in groups if group[0]]
 
 
 def plan_ways(part: Part, job: Job, cell: Workcell, watch: Watch, task: LineTask) -> EdgePlan:
     """The motions along the lines of ``task`` that the arm reaches. NoSafeProgram if it reaches none."""
     assert cell.arm is not None
-    surround, noun = task.surround, task.noun
-    where = surround(job)
+    noun, freedom = task.noun, freedom_of(job)
+    where = task.surround(job, 0.0)
     home_of(cell.arm, cell, where.scene)
     watch("reaching")
-    setup = setup_of(cell.arm, cell, where)
     listed = list(task.ways)
     lines = {line.id: line for line, _ in listed}
+    reached: dict[str, EdgeMotion | UnreachableEdge] = {}
+    pieces: dict[str, tuple[EdgeMotion, ...]] = {}
 
     def tell(done: int) -> None:
-        watch(f"reaching {done} of {counted(len(lines), noun)}")
+        watch(f"reaching {len(reached) + done} of {counted(len(lines), noun)}")
 
-    space = room_of(where, setup)
-    whole = _clear_between(reach_ways(listed, setup, freedom_of(job), tell), space)
-    coverage = Coverage(setup, space, freedom_of(job), job.process.feed)
-    pieces = _find_pieces(listed, whole, coverage, noun, watch)
+    for group, tip in task.by_contact(listed):
+        if tip:
+            at_rims = task.surround(job, tip)
+            where = replace(at_rims, rims=frozenset(task.contacts), strict=where.work)
+        setup = setup_of(cell.arm, cell, where)
+        space = room_of(where, setup)
+        results = _clear_between(reach_ways(group, setup, freedom, tell), space)
+        coverage = Coverage(setup, space, freedom, job.process.feed)
+        pieces |= _find_pieces(group, results, coverage, noun, watch)
+        reached |= {line.id: result for (line, _), result in zip(group, results, strict=True)}
+    whole = [reached[name] for name in lines]
     watch("reaching, what would help others")
-    attempt = _attempt(
-        job, cell, cell.arm, {line.id: (line, way) for line, way in listed}, surround
-    )
+    attempt = _attempt(job, cell, cell.arm, task, {line.id: (line, way) for line, way in listed})
     unreached = [result for result in whole if isinstance(result, UnreachableEdge)]
     explained, more = remedies(unreached, job, attempt, noun)
     lost = [edge for edge in explained if edge.id not in pieces]
@@ -134,7 +152,7 @@ def plan_ways(part: Part, job: Job, cell: Workcell, watch: Watch, task: LineTask
 
 
 def _find_pieces(
-    listed: Sequence[tuple[Line, PosePath | UnreachableEdge]],
+    listed: Ways,
     whole: Sequence[EdgeMotion | UnreachableEdge],
     coverage: Coverage,
     noun: str,
@@ -158,34 +176,40 @@ def _attempt(
     job: Job,
     cell: Workcell,
     arm: Robot,
+    task: LineTask,
     ways: Mapping[str, tuple[Line, PosePath | UnreachableEdge]],
-    surround: Surround,
 ) -> Attempt:
-    """Tries ``ways`` with other settings of the tool in the same cell."""
+    """Tries ``ways`` of a task with other settings of the tool in the same cell."""
 
     @cache
-    def place(tilt: float) -> tuple[Setup, FreeSpace]:
-        # Whether there is a way at all is asked, not whether it keeps the margin.
+    def place(tilt: float, tip: float) -> tuple[Setup, FreeSpace]:
+        # The margin does not decide whether there is a path at all.
         bare = replace(job.cell, margin=0.0)
-        where = surround(replace(job, tool=replace(job.tool, axis_tilt=tilt), cell=bare))
-        here = setup_of(arm, cell, where)
-        return here, room_of(where, here)
+        other = replace(job, tool=replace(job.tool, axis_tilt=tilt), cell=bare)
+        where = task.surround(other, tip)
+        setup = setup_of(arm, cell, where)
+        return setup, room_of(where, setup)
 
-    def attempt(other: Job, names: Sequence[str]) -> tuple[EdgeMotion | UnreachableEdge, ...]:
-        here, room = place(other.tool.axis_tilt)
-        freedom, listed = freedom_of(other), [ways[name] for name in names]
-        shaped = [(line, way) for line, way in listed if isinstance(way, PosePath)]
-        able = list(compress(shaped, can_end(here, [way for _, way in shaped], freedom)))
-        return _clear_between(reach_ways(able, here, freedom), room)
+    def attempt(other: Job, names: Sequence[str]) -> list[EdgeMotion | UnreachableEdge]:
+        freedom = freedom_of(other)
+        results: list[EdgeMotion | UnreachableEdge] = []
+        for group, tip in task.by_contact([ways[name] for name in names]):
+            setup, space = place(other.tool.axis_tilt, tip)
+            shaped = [(line, way) for line, way in group if isinstance(way, PosePath)]
+            able = list(compress(shaped, can_end(setup, [way for _, way in shaped], freedom)))
+            results += _clear_between(reach_ways(able, setup, freedom), space)
+        return results
 
     return attempt
 
 
-def _note_contact(tip: float) -> list[Note]:
-    if tip == 0:
+def _note_contacts(contacts: Mapping[str, float]) -> list[Note]:
+    if not contacts:
         return []
-    why = f"the rims that it works bend into it by up to {short(tip, 2)} mm: tool.diameter, operation.offset"
-    return [Note("assumed", "its own edge may enter the tool's tip", why)]
+    depth = short(max(contacts.values()), 2)
+    why = f"it bends into the tip by up to {depth} mm: tool.diameter, operation.offset"
+    what = f"the rim of {counted(len(contacts), 'edge')} may enter the tool's tip"
+    return [Note("assumed", what, why, tuple(contacts))]
 
 
 def _clear_between(

@@ -1,4 +1,4 @@
-"""How far an edge bends into the tip of the tool that works it: contact, and no collision."""
+"""Depths by which rims bend into the tip of the tool that works them: contact, and no collision."""
 
 from __future__ import annotations
 
@@ -14,25 +14,28 @@ from camgen.motion.setup import dense_parts
 from camgen.plan.edges.last_face import Offset
 from camgen.plan.edges.poses import poses
 
-#: Of the tool's radius: an edge that bends into its tip by more does not fit round it, and collides.
+#: Greatest depth as a part of the tool's radius. A rim that bends deeper collides.
 _MOST = 0.25
-#: mm: what the collision test lets a tip enter anyway.
+#: Depth that the collision test allows for any edge, mm.
 _ANYWAY = 0.1
-#: mm, rad: an edge is looked at so often.
+#: Greatest distance and turn between two samples of an edge, mm and rad.
 _LOOK_MM, _LOOK_TURN = 0.5, np.radians(5)
 
 
-def own_contact(edges: Iterable[Edge], job: Job, direction: Offset = "mean") -> float:
-    """Mm that the tip of the nominal tool may enter the part so that those of ``edges`` that bend into it by no more
-    than a quarter of its radius are free of it: 0 where none does.
+def find_contacts(edges: Iterable[Edge], job: Job, direction: Offset = "mean") -> dict[str, float]:
+    """The depth by which each rim bends into the tip of the nominal tool, mm, by its id.
+
+    A rim is an edge that bends into the tip by more than 0.1 mm, and by a quarter of the radius of
+    the tool at most. Other edges are not in the result.
     """
     radius = job.tool.radius
-    deep = (_depth(edge, job, radius, direction) for edge in edges if edge.kind != "line")
-    return max((depth for depth in deep if _ANYWAY < depth <= _MOST * radius), default=0.0)
+    bent = (edge for edge in edges if edge.kind != "line")
+    depths = {edge.id: _depth(edge, job, radius, direction) for edge in bent}
+    return {name: depth for name, depth in depths.items() if _ANYWAY < depth <= _MOST * radius}
 
 
 def _depth(edge: Edge, job: Job, radius: float, direction: Offset) -> float:
-    """Mm by which the edge enters the square bar of the tool that works it, from its end or its sides."""
+    """Depth by which the edge enters the square bar of the tool that works it, mm, at end or sides."""
     tool, drawn = (poses(edge, offset, direction) for offset in (job.operation.offset, 0.0))
     if not isinstance(tool, PosePath) or not isinstance(drawn, PosePath):
         return 0.0
@@ -48,6 +51,6 @@ def _depth(edge: Edge, job: Job, radius: float, direction: Offset) -> float:
 
 
 def _enter(points: FloatArray, position: FloatArray, rotation: FloatArray, radius: float) -> float:
-    """Mm by which the bar must become thinner and shorter to be free of ``points`` (N, 3), work frame."""
+    """Depth by which the bar must shrink to be free of ``points`` (N, 3), work frame, mm."""
     x, y, z = ((points - position) @ rotation).T
     return float(np.minimum.reduce([radius - np.abs(x), radius - np.abs(y), -z]).max(initial=0.0))

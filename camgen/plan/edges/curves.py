@@ -49,8 +49,8 @@ def plan_curves(part: Part, job: Job, cell: Cell, watch: Watch) -> EdgePlan:
         [column for curve in part.curves for column in (curve.points, curve.middles)]
     )
 
-    def surround(other: Job) -> Surroundings:
-        return around(other, cell, part.solid, beside=points)
+    def surround(other: Job, tip: float) -> Surroundings:
+        return around(other, cell, part.solid, tip, beside=points)
 
     task = LineTask(ways, surround, _note_faces(part, job), "curve")
     return plan_ways(part, job, cell, watch, task)
