@@ -58,6 +58,7 @@ class _Ladder(Struct, frozen=True, eq=False):
 
     path: pose path of the edge.
     lengths: length of the edge along each segment of the path, mm.
+    folded: whether no piece may run along the segment.
     parts: number of stretches between stations in each of its segments.
     stations: the pose path with a row at each of the K stations.
     states, transitions: states at the stations, and steps between them.
@@ -66,6 +67,7 @@ class _Ladder(Struct, frozen=True, eq=False):
 
     path: PosePath
     lengths: FloatArray
+    folded: BoolArray
     parts: Index
     stations: PosePath
     states: States
@@ -214,7 +216,11 @@ class Coverage(Struct, frozen=True, eq=False):
     feed: float
 
     def find_pieces(
-        self, line: Line, path: PosePath, lengths: FloatArray
+        self,
+        line: Line,
+        path: PosePath,
+        lengths: FloatArray,
+        folded: BoolArray | None = None,
     ) -> tuple[EdgeMotion, ...]:
         """The motions along as much of an edge as possible, in the order of its length.
 
@@ -222,13 +228,16 @@ class Coverage(Struct, frozen=True, eq=False):
 
         path: pose path of ``line``.
         lengths: length of ``line`` along each segment of the path, mm.
+        folded: segments of the path that no piece may run along.
         """
         # Without a closed form the joint values at a station depend on those before it.
         setup = self.setup
         if setup.robot.arm is None:
             return ()
         choice = widest_grid(self.freedom, path)
-        ladder = self._make_ladder(path, lengths, choice)
+        if folded is None:
+            folded = np.zeros(len(lengths), dtype=np.bool_)
+        ladder = self._make_ladder(path, lengths, folded, choice)
         shift = 0.0
         if line.closed:
             start = _choose_start(ladder.find_chains(setup), len(ladder.stations) - 1)
@@ -250,7 +259,9 @@ class Coverage(Struct, frozen=True, eq=False):
             for number, motion in enumerate(long, 1)
         )
 
-    def _make_ladder(self, path: PosePath, lengths: FloatArray, choice: Grid) -> _Ladder:
+    def _make_ladder(
+        self, path: PosePath, lengths: FloatArray, folded: BoolArray, choice: Grid
+    ) -> _Ladder:
         setup = self.setup
         step = max(_STATION_MM, float(path.length.sum()) / _MOST_STRETCHES)
         parts = counts(path, step, _STATION_TURN)
@@ -261,8 +272,9 @@ class Coverage(Struct, frozen=True, eq=False):
         slowest = (stations.length / self.feed)[:, None, None, None]
         in_time = np.where(transitions.time - turning <= slowest, transitions.time, math.inf)
         transitions = replace(transitions, time=in_time)
+        states.open[folded[owners(parts)]] = False
         checked = np.zeros(len(stations), dtype=np.bool_)
-        return _Ladder(path, lengths, parts, stations, states, transitions, checked)
+        return _Ladder(path, lengths, folded, parts, stations, states, transitions, checked)
 
     def _prove_all(self, name: str, ladder: _Ladder, choice: Grid) -> list[EdgeMotion]:
         """The motions of the best cover all of whose chains stand the examination."""
@@ -336,6 +348,8 @@ class Coverage(Struct, frozen=True, eq=False):
         if not 0 <= row + beyond < len(ladder.stations):
             return none
         low = min(row, row + beyond)
+        if ladder.folded[ladder.locate(low)[0]]:
+            return none
         looks = divide(ladder.stations.slice(low, low + 2), np.array([_PARTS_BEYOND]))
         turned = looks.rotation @ choice.nominal_from_tool[chain.orientation[end]]
         goals = [goal[::beyond] for goal in flange_poses(self.setup, looks.position, turned)]
@@ -389,17 +403,21 @@ def _choose_start(chains: list[CoverChain], last: int) -> int:
     return (end + gap // 2) % last
 
 
-def _begin_at(ladder: _Ladder, station: int) -> tuple[PosePath, FloatArray]:
-    """The path of a closed edge that begins at a station, and the lengths of its segments."""
+def _begin_at(ladder: _Ladder, station: int) -> tuple[PosePath, FloatArray, BoolArray]:
+    """The path of a closed edge that begins at a station.
+
+    Returns the path, the lengths of its segments, mm, and whether each segment is folded.
+    """
     segment, share = ladder.locate(station)
-    path, lengths = ladder.path, ladder.lengths
+    path, lengths, folded = ladder.path, ladder.lengths, ladder.folded
     at = ladder.measure(station, path.length)
     turned = join([cut(path, at, float(np.cumsum(path.length)[-1])), cut(path, 0.0, at)])
     if share == 0:
-        return turned, np.roll(lengths, -segment)
+        return turned, np.roll(lengths, -segment), np.roll(folded, -segment)
     divided = np.insert(lengths, segment, share * lengths[segment])
     divided[segment + 1] *= 1 - share
-    return turned, np.roll(divided, -segment - 1)
+    folded = np.insert(folded, segment, folded[segment])
+    return turned, np.roll(divided, -segment - 1), np.roll(folded, -segment - 1)
 
 
 def _shift_ends(trimmed: tuple[float, float], shift: float, length: float) -> tuple[float, float]:

@@ -105,6 +105,17 @@ class UnreachableEdge(Struct, frozen=True):
         return "; ".join(filter(None, (self.text, self.remedy)))
 
 
+class FoldedEdge(UnreachableEdge, frozen=True, eq=False, kw_only=True):
+    """An edge that the offset folds back on itself in places; elsewhere it can be run in pieces.
+
+    path: pose path of the whole edge.
+    folded: (S,) segments of the path that are folded, not all of them.
+    """
+
+    path: PosePath
+    folded: NDArray[np.bool_]
+
+
 class EdgeMotion(Struct, frozen=True, eq=False):
     """A processing motion.
 

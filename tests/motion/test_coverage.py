@@ -71,6 +71,23 @@ def test_a_clamp_over_the_middle_costs_its_own_width(low: float, high: float) ->
         assert piece.way.position[[0, -1], 0] == pytest.approx([begin, stop])
 
 
+def test_no_piece_runs_along_a_folded_segment() -> None:
+    """The rim consists of four arcs, of which the second and the third are folded in turn."""
+    path = poses(RIM, OFFSET)
+    lengths = measure_line(RIM, path)
+    none = np.zeros(3)
+    space = FreeSpace(0.0, none, none, 0.0, 0.0, lambda motions: [9.0] * len(motions), all_clear)
+    coverage = Coverage(CELL, space, FREE, 20.0)
+    quarter = RIM.length / 4
+    for segment in range(4):
+        folded = np.arange(4) == segment
+        (piece,) = coverage.find_pieces(RIM, path, lengths, folded)
+        judged(CELL, piece)
+        ((start, end),) = stretches(RIM, (piece,))
+        assert end - start == pytest.approx(3 * quarter)
+        assert (start - (segment + 1) * quarter) % RIM.length == pytest.approx(0.0, abs=1e-6)
+
+
 def test_a_free_stretch_that_is_too_short_is_not_worked() -> None:
     assert cover(TOP, lambda at: at[:, 0] > SHORTEST_MM - 0.2)[1] == ()
     (piece,) = cover(TOP, lambda at: (at[:, 0] < 33) | (at[:, 0] > 33.6 + SHORTEST_MM))[1]

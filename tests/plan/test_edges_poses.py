@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from camgen.model.pose import FloatArray, rotation_about
 from camgen.motion.pose_paths import PosePath, counts, divide, rows
-from camgen.motion.setup import UnreachableEdge
+from camgen.motion.setup import FoldedEdge, UnreachableEdge
 from camgen.plan.edges.last_face import TOP
 from camgen.plan.edges.poses import poses
 from tests.support.edge_shapes import rim, straight
@@ -85,6 +86,32 @@ def test_an_offset_that_closes_the_bore_is_refused() -> None:
         "an offset of 8 mm leaves nothing of its inner radius",
     )
     assert isinstance(poses(rim((0, 0, 0), 5, outer=False), 6), PosePath)  # 6 / sqrt 2 < 5
+
+
+def test_an_edge_that_the_offset_folds_in_one_place_keeps_the_rest() -> None:
+    """The normals of the middle segment, 0.2 mm long, turn by 0.2 rad towards each other."""
+    points = np.array([[0, 0, 0], [10, 0, 0], [10.2, 0, 0], [20, 0, 0]], dtype=float)
+    up, inwards = np.tile([0.0, 0.0, 1.0], (4, 1)), np.tile([0.0, -1.0, 0.0], (4, 1))
+    turn = 0.1
+    inwards[1] = [math.sin(turn), -math.cos(turn), 0.0]
+    inwards[2] = [-math.sin(turn), -math.cos(turn), 0.0]
+    normals = np.stack([up, inwards], axis=1)
+    middles = normals[:-1] + normals[1:]
+    middles /= np.linalg.norm(middles, axis=2, keepdims=True)
+    edge = replace(
+        straight((0, 0, 0), (20, 0, 0), (0, 0, 1), (0, -1, 0)),
+        points=points,
+        via=(points[:-1] + points[1:]) / 2,
+        normals=normals,
+        via_normals=middles,
+    )
+    folded = poses(edge, 2)
+    assert isinstance(folded, FoldedEdge)
+    assert folded.folded.tolist() == [False, True, False]
+    assert "10 mm along it" in folded.text
+    assert np.linalg.norm(folded.path.position - points, axis=1) == pytest.approx([2.0] * 4)
+    # An offset by which the middle segment keeps some of its length folds nothing.
+    assert isinstance(poses(edge, 0.9 * 0.2 / (2 * H * turn)), PosePath)
 
 
 def test_faces_back_to_back_have_no_mean() -> None:

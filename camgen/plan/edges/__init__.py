@@ -27,6 +27,7 @@ from camgen.motion.rolls import freedom_of
 from camgen.motion.setup import (
     Blockage,
     EdgeMotion,
+    FoldedEdge,
     FreeSpace,
     SampledMotion,
     Setup,
@@ -164,9 +165,13 @@ def _find_pieces(
     """
     pieces = {}
     for (line, path), result in zip(listed, whole, strict=True):
-        if isinstance(result, UnreachableEdge) and isinstance(path, PosePath):
+        whole_path, folded = path, None
+        if isinstance(path, FoldedEdge):
+            whole_path, folded = path.path, path.folded
+        if isinstance(result, UnreachableEdge) and isinstance(whole_path, PosePath):
             watch(f"reaching, pieces of {noun} {line.id}")
-            motions = coverage.find_pieces(line, path, measure_line(line, path))
+            lengths = measure_line(line, whole_path)
+            motions = coverage.find_pieces(line, whole_path, lengths, folded)
             if motions:
                 pieces[line.id] = motions
     return pieces

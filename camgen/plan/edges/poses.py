@@ -15,7 +15,13 @@ from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import short
 from camgen.motion.pose_paths import PosePath, divide
 from camgen.motion.reach import reach_ways
-from camgen.motion.setup import EdgeMotion, OrientationFreedom, Setup, UnreachableEdge
+from camgen.motion.setup import (
+    EdgeMotion,
+    FoldedEdge,
+    OrientationFreedom,
+    Setup,
+    UnreachableEdge,
+)
 from camgen.plan.edges.last_face import Offset
 
 #: Below this the sum of two unit normals has no direction.
@@ -29,7 +35,7 @@ _CLOSED = 1e-3
 def poses(edge: Edge, offset: float, direction: Offset = "mean") -> PosePath | UnreachableEdge:
     """The TCP poses along ``edge``, ``offset`` mm away from it, in the direction of the edge.
 
-    UnreachableEdge if it has none.
+    FoldedEdge if the offset folds a part of the edge, UnreachableEdge if there are no poses.
 
     work_from_tool is right-handed: z against the offset, y along the edge or against it, so that x = y cross z points
     downwards on the whole. Where x is level all along, y points upwards at the start; where that is level too, x goes
@@ -47,12 +53,9 @@ def poses(edge: Edge, offset: float, direction: Offset = "mean") -> PosePath | U
     # The second half of an arc does not run back: no arc turns by more than half a circle.
     halves = via - position[:-1], position[1:] - via
     folded |= arc & (np.multiply(*halves).sum(axis=1) < -_CLOSED * (after * after).sum(axis=1))
-    if folded.any():
-        return UnreachableEdge(
-            edge.id,
-            "shape",
-            f"an offset of {short(offset, 3)} mm leaves nothing of its inner radius",
-        )
+    leaves = f"an offset of {short(offset, 3)} mm leaves nothing of its inner radius"
+    if folded.all():
+        return UnreachableEdge(edge.id, "shape", leaves)
     begins, ends = _tangents(edge, arc)
     tangent = _at_rows(edge, begins, ends)
     wide = _are_wide(arc, begins, ends)
@@ -67,7 +70,13 @@ def poses(edge: Edge, offset: float, direction: Offset = "mean") -> PosePath | U
     ways = np.full_like(position, np.nan)
     ways[1:][arc] = via[arc]
     whole = PosePath(position, ways, np.broadcast_to(np.eye(3), (len(position), 3, 3)))
-    return replace(divide(whole, 1 + wide), rotation=frozen(rotation))
+    path = replace(divide(whole, 1 + wide), rotation=frozen(rotation))
+    if not folded.any():
+        return path
+    lengths = span_lengths(edge.points, np.where(arc[:, None], edge.via, np.nan))
+    first = short(float(lengths[: int(folded.argmax())].sum()), 1)
+    text = f"{leaves} {first} mm along it; beside that only pieces are run, if any"
+    return FoldedEdge(edge.id, "shape", text, path=path, folded=np.repeat(folded, 1 + wide))
 
 
 def measure_line(line: Line, path: PosePath) -> FloatArray:
