@@ -26,6 +26,9 @@ class Limits(Struct, frozen=True, forbid_unknown_fields=True):
     chord: Annotated[float, _most("`tolerance.chord` at least, mm")] = 1e-6
     motions: Annotated[float, _most("the segments of all paths times the passes")] = 3_000_000
     edges: Annotated[float, _most("selected edges of a 3-D part")] = 2000
+    stations: Annotated[
+        float, _most("places at which pieces of edges are sought; the others are not sought")
+    ] = 50_000
     dxf_depth: Annotated[float, _most("block references within another in a DXF drawing", 200)] = 64
     dxf_entities: Annotated[
         float, _most("entities that the blocks and arrays of a DXF drawing expand to")

@@ -259,12 +259,15 @@ class Coverage(Struct, frozen=True, eq=False):
             for number, motion in enumerate(long, 1)
         )
 
+    def count_stations(self, path: PosePath) -> int:
+        """The number of stations along a pose path."""
+        return int(_divide_evenly(path).sum()) + 1
+
     def _make_ladder(
         self, path: PosePath, lengths: FloatArray, folded: BoolArray, choice: Grid
     ) -> _Ladder:
         setup = self.setup
-        step = max(_STATION_MM, float(path.length.sum()) / _MOST_STRETCHES)
-        parts = counts(path, step, _STATION_TURN)
+        parts = _divide_evenly(path)
         stations = divide(path, parts)
         states = make_states(setup, stations, choice, whole=False)
         transitions = steps(setup.robot, states, _JUMP)
@@ -366,6 +369,12 @@ class Coverage(Struct, frozen=True, eq=False):
                 return _Extension(good / _PARTS_BEYOND, followed.joints[-1:])
             good = int(hits[0]) - 1
         return none
+
+
+def _divide_evenly(path: PosePath) -> Index:
+    """The number of stretches between stations in each segment of a pose path."""
+    step = max(_STATION_MM, float(path.length.sum()) / _MOST_STRETCHES)
+    return counts(path, step, _STATION_TURN)
 
 
 def _are_free(setup: Setup, joints: FloatArray) -> BoolArray:

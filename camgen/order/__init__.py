@@ -15,7 +15,7 @@ from camgen.model.part import Note
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import Pose
 from camgen.order.tours import ArmTour, EdgeTour, JobTour, ReplayTour
-from camgen.plan import EdgePlan, JobPlan, Plan, ReplayPlan, Watch, ignore_stages
+from camgen.plan import MAY_END, EdgePlan, JobPlan, Plan, ReplayPlan, Watch, ignore_stages
 from camgen.robots.workcell import Workcell
 
 if TYPE_CHECKING:
@@ -32,13 +32,9 @@ __all__ = [
 ]
 
 
-#: What the stages end with in which who watches may raise KeyboardInterrupt: the search alone is ended.
-_ENDS = "takes the best tour so far"
-
-
 def may_end_early(stage: str) -> bool:
-    """Whether a stage that is told to who watches is a search whose best result so far can be taken."""
-    return stage.endswith(_ENDS)
+    """Whether a stage is a search that KeyboardInterrupt ends alone: its best result is taken."""
+    return stage.endswith(MAY_END)
 
 
 def order(
@@ -153,7 +149,7 @@ def _order_paths(plan: Plan, job: Job, cell: Cell | None, watch: Watch, ways: bo
     choice, operation = job.tour, job.operation
 
     def tell(part: float) -> None:
-        watch(f"ordering {part:.0%}, Ctrl-C {_ENDS}")
+        watch(f"ordering {part:.0%}, Ctrl-C {MAY_END}")
 
     told = None if watch is ignore_stages else tell
     settings = Search(

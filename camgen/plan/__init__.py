@@ -36,6 +36,10 @@ Kind = Literal["drawing", "picture", "solid", "program", "curves"]
 Options = TypeVar("Options")
 
 
+#: The end of the name of a stage in which Ctrl-C ends a search alone.
+MAY_END = "takes the best so far"
+
+
 def ignore_stages(_: str) -> None:
     """Nobody watches: then nobody can stop a search but with all the rest."""
 

@@ -141,8 +141,12 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+#: Limits beyond which work is left out with a note; tests/plan/test_edges_pieces.py lowers it.
+LEAVES_OUT = {"stations"}
+
+
 def test_every_limit_has_a_case() -> None:
-    assert set(CASES) == {field.name for field in msgspec.structs.fields(Limits)}
+    assert set(CASES) | LEAVES_OUT == {field.name for field in msgspec.structs.fields(Limits)}
 
 
 @pytest.mark.parametrize("limit", CASES)

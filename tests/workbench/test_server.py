@@ -412,7 +412,7 @@ def test_a_search_that_is_ended_keeps_its_best_tour(tmp_path: Path) -> None:
     with open_bench(tmp_path, ["part.dxf"]) as bench:
         bench.wait()
         bench.post("change", changes=[{"path": ["tour", "seconds"], "value": 500}, TRACE])
-        searching = bench.wait(lambda state: state["stage"].endswith("takes the best tour so far"))
+        searching = bench.wait(lambda state: state["stage"].endswith("takes the best so far"))
         assert "Cancel" in searching["stage"]
         assert "Ctrl-C" not in searching["stage"]
         assert bench.post("stop")[0] == 200
@@ -468,9 +468,7 @@ def building(
 
 
 def test_a_second_cancel_kills(monkeypatch: pytest.MonkeyPatch) -> None:
-    builder, pipe, heard, _ = building(
-        "ordering 3%, Cancel takes the best tour so far", monkeypatch
-    )
+    builder, pipe, heard, _ = building("ordering 3%, Cancel takes the best so far", monkeypatch)
     builder.stop()
     assert pipe.sent == ["end the search"]
     assert not [one for one in heard if isinstance(one, Stopped)]
@@ -493,7 +491,7 @@ def test_a_stage_that_is_no_search_is_given_up_and_killed_where_it_does_not_end(
 
 
 def test_a_change_gives_up_a_search_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    builder, pipe, _, ask = building("ordering 3%, Cancel takes the best tour so far", monkeypatch)
+    builder, pipe, _, ask = building("ordering 3%, Cancel takes the best so far", monkeypatch)
     builder.ask(replace(ask, number=2))
     assert pipe.sent == ["give up"]
 

@@ -27,7 +27,6 @@ from camgen.motion.rolls import freedom_of
 from camgen.motion.setup import (
     Blockage,
     EdgeMotion,
-    FoldedEdge,
     FreeSpace,
     SampledMotion,
     Setup,
@@ -36,7 +35,8 @@ from camgen.motion.setup import (
 from camgen.plan import EdgePlan, Watch
 from camgen.plan.edges.contact import find_contacts
 from camgen.plan.edges.last_face import offset_along
-from camgen.plan.edges.poses import measure_line, poses
+from camgen.plan.edges.pieces import PieceSearch, Ways
+from camgen.plan.edges.poses import poses
 from camgen.plan.edges.remedy import Attempt, remedies
 from camgen.plan.edges.select import select
 from camgen.plan.unused import no_idle
@@ -45,8 +45,6 @@ from camgen.robots.workcell import Workcell
 
 #: The surroundings of the arm, from a job and the depth by which rims enter the tool's tip, mm.
 Surround = Callable[[Job, float], Surroundings]
-#: Lines with their pose paths, or with the reasons why they have none.
-Ways = Sequence[tuple[Line, PosePath | UnreachableEdge]]
 
 
 def plan_edges(part: Part, job: Job, cell: Cell | None, watch: Watch) -> EdgePlan:
@@ -108,6 +106,7 @@ def plan_ways(part: Part, job: Job, cell: Workcell, watch: Watch, task: LineTask
     lines = {line.id: line for line, _ in listed}
     reached: dict[str, EdgeMotion | UnreachableEdge] = {}
     pieces: dict[str, tuple[EdgeMotion, ...]] = {}
+    search = PieceSearch(noun, watch, job.limits.stations)
 
     def tell(done: int) -> None:
         watch(f"reaching {len(reached) + done} of {counted(len(lines), noun)}")
@@ -120,7 +119,7 @@ def plan_ways(part: Part, job: Job, cell: Workcell, watch: Watch, task: LineTask
         space = room_of(where, setup)
         results = _clear_between(reach_ways(group, setup, freedom, tell), space)
         coverage = Coverage(setup, space, freedom, job.process.feed)
-        pieces |= _find_pieces(group, results, coverage, noun, watch)
+        pieces |= search.find(group, results, coverage)
         reached |= {line.id: result for (line, _), result in zip(group, results, strict=True)}
     whole = [reached[name] for name in lines]
     watch("reaching, what would help others")
@@ -133,7 +132,7 @@ def plan_ways(part: Part, job: Job, cell: Workcell, watch: Watch, task: LineTask
         motions += [result] if isinstance(result, EdgeMotion) else pieces.get(result.id, ())
     if not motions:
         raise none_left(part, len(lines), lost[0], noun)
-    notes: list[Note] = []
+    notes = search.notes()
     for edge in explained:
         if edge.id in pieces:
             line, reason = lines[edge.id], edge.reason
@@ -150,31 +149,6 @@ def plan_ways(part: Part, job: Job, cell: Workcell, watch: Watch, task: LineTask
         made=paths,
         noun=noun,
     )
-
-
-def _find_pieces(
-    listed: Ways,
-    whole: Sequence[EdgeMotion | UnreachableEdge],
-    coverage: Coverage,
-    noun: str,
-    watch: Watch,
-) -> dict[str, tuple[EdgeMotion, ...]]:
-    """The motions along pieces of the lines that have no motion along the whole, by their ids.
-
-    whole: the motion along each whole line, or the reason why it has no motion.
-    """
-    pieces = {}
-    for (line, path), result in zip(listed, whole, strict=True):
-        whole_path, folded = path, None
-        if isinstance(path, FoldedEdge):
-            whole_path, folded = path.path, path.folded
-        if isinstance(result, UnreachableEdge) and isinstance(whole_path, PosePath):
-            watch(f"reaching, pieces of {noun} {line.id}")
-            lengths = measure_line(line, whole_path)
-            motions = coverage.find_pieces(line, whole_path, lengths, folded)
-            if motions:
-                pieces[line.id] = motions
-    return pieces
 
 
 def _attempt(
