@@ -6,9 +6,10 @@ The parts and set-ups are those of ``coverage``. The judge has a station every 2
 beside the pieces that camgen works. At each station it draws orientations within the cone that the
 job allows, with any turn of the tool. It finds their joint values by py-opw-kinematics, leaves out
 those beyond a limit or within 2 deg of a straight wrist, and tests the others with fcl, by
-``plain_loop``. A station is reached if one posture is free. Nothing of camgen's planner is used. A
-stretch of reached stations is an upper limit of what can be worked: one posture need not lead to
-the next.
+``plain_loop``. A station is reached if one posture is free. The columns "with the margin" count
+stations at which one posture keeps ``cell.margin`` too, as pieces of edges do. Nothing of camgen's
+planner is used. A stretch of reached stations is an upper limit of what can be worked: one posture
+need not lead to the next.
 """
 
 from __future__ import annotations
@@ -38,6 +39,8 @@ from camgen.robots.models import Robot
 
 #: Distance of two stations, mm, and length of a stretch that is listed.
 STEP, LISTED = 2.0, 5.0
+#: Gaps that differ less count as equal, mm.
+SAME_MM = 0.01
 #: Random orientations at a station, and the seed of their draw.
 DRAWN, SEED = 150, 43
 #: rad: postures nearer to a straight wrist are not counted.
@@ -60,12 +63,15 @@ class Judge:
         self.oracle = opw.Robot(model, degrees=False)
         self.loop: Loop = loop(result, result.part.solid)
         self.offset = job.operation.offset
+        self.margin = job.cell.margin
         self.base_from_work = pose_from_values(job.cell.base_from_work)
         self.tool_from_flange = pose_from_values(job.cell.flange_from_tool).inverse()
         self.turns = _draw_turns(math.radians(job.tool.axis_tilt))
 
-    def reaches(self, point: FloatArray, outward: FloatArray, along: FloatArray) -> bool:
-        """Whether the tip stands free beside a point of an edge.
+    def measure_gap(self, point: FloatArray, outward: FloatArray, along: FloatArray) -> float:
+        """The most that a posture with the tip beside a point of an edge keeps from anything, mm.
+
+        At most the margin of the job; -1 if no posture is free.
 
         outward: unit direction from the edge to the tip.
         along: direction of the edge.
@@ -73,7 +79,13 @@ class Judge:
         joints = self._find_joints(
             point + self.offset * outward, _frame(outward, along) @ self.turns
         )
-        return any(self.loop.first(row) is None for row in joints)
+        largest = -1.0
+        for row in joints:
+            if self.loop.first(row) is None:
+                largest = max(largest, self.loop.gap(row, self.margin))
+            if largest >= self.margin:
+                break
+        return largest
 
     def _find_joints(self, tip: FloatArray, rotations: FloatArray) -> FloatArray:
         """All joint values (K, 6) for a position of the tip and orientations, work frame."""
@@ -140,29 +152,44 @@ def worked(result: Result) -> dict[str, list[tuple[float, float]]]:
     return stretches
 
 
-def find_missed(part: Part, result: Result) -> tuple[int, list[tuple[str, float, float]]]:
-    """The number of stations that were judged, and the reached stretches that are not worked."""
+Stretch = tuple[str, float, float]
+
+
+def find_missed(part: Part, result: Result) -> tuple[int, list[Stretch], list[Stretch]]:
+    """The number of stations that were judged, and the reached stretches that are not worked.
+
+    A stretch is an edge, its start and its length, mm. The last list is of those with the margin.
+    """
     reach_judge, done = Judge(result), worked(result)
-    count, stretches = 0, []
+    count = 0
+    free: list[Stretch] = []
+    roomy: list[Stretch] = []
     for edge in (edge for edge in part.solid.edges if edge.convex):
-        reached: list[float] = []
+        gaps: dict[float, float] = {}
         for place, point, outward, along in list_stations(edge):
             pieces = done.get(edge.id, [])
             if any(low - STEP / 2 <= place <= high + STEP / 2 for low, high in pieces):
                 continue
             count += 1
-            if reach_judge.reaches(point, outward, along):
-                reached.append(place)
-        for group in np.split(reached, np.flatnonzero(np.diff(reached) > 1.5 * STEP) + 1):
-            if len(group) and (long := float(group[-1] - group[0])) > LISTED:
-                stretches.append((edge.id, float(group[0]), long))
-    return count, stretches
+            gaps[place] = reach_judge.measure_gap(point, outward, along)
+        free += _find_stretches(edge.id, [place for place, gap in gaps.items() if gap >= 0])
+        with_margin = [place for place, gap in gaps.items() if gap >= reach_judge.margin - SAME_MM]
+        roomy += _find_stretches(edge.id, with_margin)
+    return count, free, roomy
+
+
+def _find_stretches(name: str, places: Sequence[float]) -> Iterator[Stretch]:
+    """The stretches over `LISTED` of the places on an edge that are reached."""
+    for group in np.split(places, np.flatnonzero(np.diff(places) > 1.5 * STEP) + 1):
+        if len(group) and (long := float(group[-1] - group[0])) > LISTED:
+            yield name, float(group[0]), long
 
 
 def main(arguments: Sequence[str]) -> int:
     print(machine())
     table = Table(
-        "part | stations judged | stretches over 5 mm | mm {:,.0f} | longest, mm {:.0f} | where"
+        "part | stations judged | stretches over 5 mm | mm {:,.0f} | with the margin "
+        "| mm {:,.0f} | longest, mm {:.0f} | where"
     )
     with tempfile.TemporaryDirectory() as folder:
         for name, part in list_parts(Path(folder), arguments):
@@ -171,10 +198,11 @@ def main(arguments: Sequence[str]) -> int:
             except NoSafeProgram as error:
                 table.add(name, str(error))
                 continue
-            count, missed = find_missed(part, result)
-            lengths = [length for *_, length in missed]
-            where = ", ".join(f"{edge} at {at:.0f}: {length:.0f}" for edge, at, length in missed)
-            table.add(name, count, len(missed), sum(lengths), max(lengths, default=0.0), where)
+            count, free, roomy = find_missed(part, result)
+            lengths = [sum(length for *_, length in free), sum(length for *_, length in roomy)]
+            longest = max((length for *_, length in roomy), default=0.0)
+            where = ", ".join(f"{edge} at {at:.0f}: {length:.0f}" for edge, at, length in roomy)
+            table.add(name, count, len(free), lengths[0], len(roomy), lengths[1], longest, where)
     return 0
 
 
