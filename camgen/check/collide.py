@@ -1,4 +1,4 @@
-"""Does the whole program, links included, run clear of everything: every motion, with a bound on what is in between."""
+"""Collision check of a program, links included, with a bound on the depth between samples."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ from camgen.motion.joint_paths import APART, JointPath
 from camgen.robots.kinematics.forward import flange
 from camgen.robots.models import Robot
 
-#: Rows that are tested together: bounds the memory.
+#: Number of rows that are tested in one call, which bounds the memory.
 _ROWS = 2000
 #: Clearances are measured up to this at least, mm.
 NEAR = 2.0
 #: Distances that differ less count as equal, mm.
 _SAME = 0.005
 _MOVE = "move or turn the part: cell.base_from_work"
-#: Of a collision of what is at the flange with what stands, which stays where it is if the part is moved with it.
+#: Remedies for a collision of a body at the flange, whose place at the part is that of the path.
 _CHANGE_TOOL = (
     "let the tool lean, or take a slimmer or longer one: tool.axis_tilt, tool.diameter, tool.length"
 )
@@ -78,16 +78,16 @@ class Clear(Struct, frozen=True):
 
     @property
     def nearest(self) -> Near | None:
-        """The nearest place of the program, None if all of it keeps ``bound``."""
+        """The nearest place of the program; None if all of it keeps ``bound``."""
         return min(self.close, key=lambda near: near.distance, default=None)
 
     @property
     def clearance(self) -> float:
-        """The least distance in the program, mm, at most ``bound``."""
+        """The smallest distance in the program, mm, at most ``bound``."""
         return min((near.distance for near in self.close), default=self.bound)
 
     def by_path(self, paths: int) -> tuple[list[float], list[float], float]:
-        """The least distance on each path, on the link to each path and on the link home, mm.
+        """The smallest distance on each path, on the link to each path and on the link home, mm.
 
         paths: number of paths in the tour.
         """
@@ -114,30 +114,29 @@ class _Collision(Struct, frozen=True):
 def check_clear(
     where: Surroundings, reach: Reach, course: JointPath, robot: Robot, file: str
 ) -> Clear:
-    """Tests the motions of ``reach``, all of them, on their ``course``, as a controller makes them but for blends.
-    Blocked, with the motion, the place and the obstacle of the first collision, and every path on which there is one.
+    """The clearances of a program whose motions are followed as a controller runs them, unblended.
+
+    course: joint values along all motions of ``reach``.
+    Raises Blocked with the motion, the place and the bodies of the first collision, and with every
+    path that has one.
     """
     near = max(where.margin, NEAR)
-    found = []
+    collisions: list[_Collision] = []
     close: list[Near] = []
     for begin in range(0, max(len(course.joints) - 1, 1), _ROWS):
         rows = course.joints[begin : begin + _ROWS + 1]
-        beside = motion(where.apart, rows, FINE, near, APART)
-        meetings = [
-            (where.apart, beside),
-            (where.work, motion(where.work, rows, STEP, apart=APART)),
-        ]
-        found += [
-            _collision(scene, course, begin + met.at, met.pair)
-            for scene, met in meetings
-            if met.hit
-        ]
-        if not found and beside.nearest >= 0:
+        others = motion(where.apart, rows, FINE, near, APART)
+        working = motion(where.work, rows, STEP, apart=APART)
+        for scene, check in ((where.apart, others), (where.work, working)):
+            if check.hit:
+                collisions.append(_collision(scene, course, begin + check.at, check.pair))
+        if not collisions and others.nearest >= 0:
             close += _find_near(where, reach, robot, course, (begin, begin + len(rows)), near)
-    found += _find_strict(where, reach, course)
-    if found:
-        raise _block(reach, robot, file, course, [*found, *_find_by_path(where, reach, course)])
-    return Clear(near, tuple(close), _tell_near(close, where.margin))
+    collisions += _find_strict(where, reach, course)
+    if collisions:
+        collisions += _find_by_path(where, reach, course)
+        raise _block(reach, robot, file, course, collisions)
+    return Clear(near, tuple(close), _note_near(close, where.margin))
 
 
 def _find_near(
@@ -148,39 +147,44 @@ def _find_near(
     rows: tuple[int, int],
     near: float,
 ) -> list[Near]:
-    """The nearest place on each path and on each way between two, of those rows of the course, that is within ``near``
-    mm.
+    """The nearest place of each path and of each link in some rows of the course, if it is near.
+
+    rows: the first row and the one after the last.
+    near: distance up to which places count, mm.
     """
-    program = reach.program
+    program, columns = reach.program, reach.program.columns
     motion_of = _motions(reach, course)[rows[0] : rows[1]]
-    own = program.columns.path[motion_of[1:]] * 2 + program.columns.works[motion_of[1:]]
-    runs = np.append(0, np.cumsum(run_lengths(own)))
-    joints = [course.joints[rows[0] + a : rows[0] + b + 1] for a, b in pairwise(runs.tolist())]
-    found = []
-    for a, met in zip(runs.tolist(), motions(where.apart, joints, FINE, near, APART), strict=False):
-        if met.nearest >= 0:
-            at = rows[0] + a + met.nearest_at
-            index = int(program.columns.at[motion_of[max(math.ceil(a + met.nearest_at), a + 1)]])
-            place = program.place_of(index)
-            motion_number = int(np.searchsorted(program.columns.at, index))
-            works = bool(program.columns.works[motion_number])
-            on = place if works or place.startswith("the way") else f"the way to {place}"
-            pair, at_tip = where.apart.pairs[met.nearest], _place(program, robot, course, at)
-            ahead = program.columns.path[motion_number:]
-            path = int(next(iter(ahead[ahead >= 0]), -1))
-            found.append(Near(met.clearance, pair, on, at_tip, path, works))
-    return found
+    kinds = columns.path[motion_of[1:]] * 2 + columns.works[motion_of[1:]]
+    runs = list(pairwise([0, *np.cumsum(run_lengths(kinds)).tolist()]))
+    joints = [course.joints[rows[0] + first : rows[0] + last + 1] for first, last in runs]
+    checks = motions(where.apart, joints, FINE, near, APART)
+    close = []
+    for (first, _), check in zip(runs, checks, strict=True):
+        if check.nearest < 0:
+            continue
+        at = first + check.nearest_at
+        number = int(motion_of[max(math.ceil(at), first + 1)])
+        place = program.place_of(int(columns.at[number]))
+        works = bool(columns.works[number])
+        on = place if works or place.startswith("the way") else f"the way to {place}"
+        ahead = columns.path[number:]
+        path = int(next(iter(ahead[ahead >= 0]), -1))
+        pair, tip = where.apart.pairs[check.nearest], _place(program, robot, course, rows[0] + at)
+        close.append(Near(check.clearance, pair, on, tip, path, works))
+    return close
 
 
-def _tell_near(close: Sequence[Near], margin: float) -> tuple[Note, ...]:
-    """A note on each path or way that is nearer than ``margin`` anywhere, with its nearest place."""
-    told: dict[str, Near] = {}
-    for one in close:
-        if one.distance < margin - _SAME and one.distance <= told.get(one.on, one).distance:
-            told[one.on] = one
+def _note_near(close: Sequence[Near], margin: float) -> tuple[Note, ...]:
+    """A note on each path or link that comes nearer than ``margin``, with its nearest place."""
+    nearest: dict[str, Near] = {}
+    for near in close:
+        is_near = near.distance < margin - _SAME
+        if is_near and near.distance <= nearest.get(near.on, near).distance:
+            nearest[near.on] = near
     why = f"cell.margin asks for {short(margin, 2)} mm"
     return tuple(
-        Note("warning", f"{short(one.distance, 2)} mm apart: {one}", why) for one in told.values()
+        Note("warning", f"{short(near.distance, 2)} mm apart: {near}", why)
+        for near in nearest.values()
     )
 
 
@@ -236,31 +240,31 @@ def _motions(reach: Reach, course: JointPath) -> IntArray:
 
 
 def _block(
-    reach: Reach, robot: Robot, file: str, course: JointPath, found: list[_Collision]
+    reach: Reach, robot: Robot, file: str, course: JointPath, collisions: list[_Collision]
 ) -> Blocked:
-    """The error about all paths with a collision."""
+    """The error with all paths that have a collision."""
     program, columns = reach.program, reach.program.columns
     motion_of = _motions(reach, course)
     losses: list[Loss] = []
     last = ends_run(motion_of)
-    for one in sorted(found, key=lambda one: one.at):
-        row = math.ceil(one.at)
+    for collision in sorted(collisions, key=lambda collision: collision.at):
+        row = math.ceil(collision.at)
         number = int(motion_of[row])
         index = int(columns.at[number])
-        path, words = program.path_at(index), " against ".join(one.pair)
-        where = f"at {_place(program, robot, course, one.at)} mm"
+        path, bodies = program.path_at(index), " against ".join(collision.pair)
+        where = f"at {_place(program, robot, course, collision.at)} mm"
         link = "" if columns.works[number] else " on a way to or from it"
-        # Where a way ends the path begins.
-        way = bool(columns.arrives[number]) and not (one.at == row and last[row])
+        # The path begins at the end of its link.
+        is_link = bool(columns.arrives[number]) and not (collision.at == row and last[row])
         if not losses:
-            what = f"{robot.name} collides on {program.place_of(index)} {where}: {one.text}"
-            error = file, what, f"instruction {index}", _remedy(one, robot)
-        losses.append(Loss(path, "collision", f"collision, {words}, {where}{link}", way))
+            what = f"{robot.name} collides on {program.place_of(index)} {where}: {collision.text}"
+            error = file, what, f"instruction {index}", _remedy(collision, robot)
+        losses.append(Loss(path, "collision", f"collision, {bodies}, {where}{link}", is_link))
     return Blocked(*error, join_losses(losses))
 
 
 def _place(program: Program, robot: Robot, course: JointPath, at: float) -> str:
-    """The TCP there, x, y and z in the work frame."""
+    """Position of the TCP at a place in rows of the course: x, y and z in the work frame, mm."""
     rotation, origin = flange(robot, _joints_at(course, at)[None])
     tip = origin[0] + rotation[0] @ np.asarray(program.flange_from_tool.origin)
     return " ".join(short(v, 1) for v in program.base_from_work.inverse().apply(tip))
@@ -274,10 +278,10 @@ def _joints_at(course: JointPath, at: float) -> FloatArray:
     return np.asarray(course.joints[row] * (1 - part) + after * part)
 
 
-def _remedy(one: _Collision, robot: Robot) -> str:
-    """What would help. What is at the flange stays where it is beside the part, however that is moved."""
-    if one.at == 0:
+def _remedy(collision: _Collision, robot: Robot) -> str:
+    """A change of the job that helps. Tool and holder keep their place at a part that is moved."""
+    if collision.at == 0:
         return "give another home: cell.home"
-    if {link.name for link in robot.links} & set(one.pair):
+    if {link.name for link in robot.links} & set(collision.pair):
         return _MOVE
-    return _CHANGE_TOOL if PART in one.pair else _CHANGE_CELL
+    return _CHANGE_TOOL if PART in collision.pair else _CHANGE_CELL

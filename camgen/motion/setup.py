@@ -1,4 +1,4 @@
-"""What comes of an edge: the joints that process it, or the reason why none do."""
+"""Set-up of an arm, and the result for each edge: joint values along it, or the reason for none."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from camgen.robots.models import Robot
 
 
 def all_clear(joints: FloatArray) -> NDArray[np.bool_]:
-    """For where there is nothing to come near (N,)."""
+    """A test of joint values (N, J) in a space without obstacles: true (N,)."""
     return np.ones(len(joints), dtype=bool)
 
 
@@ -27,10 +27,15 @@ def _never_apart(one: FloatArray, _: FloatArray) -> FloatArray:
 
 
 class Setup(Struct, frozen=True, eq=False):
-    """A robot, its work and its tool. clear: which joint values (N, J) collide with nothing (N,). hit: what joint
-    values (J,) that are not clear collide with, as a phrase: "link 5 with the part". apart: mm
-    that a point of arm and tool is at most from where other joint values have it (N,), for two tables of them (N, J).
-    roomy: which joint values (N, J) that are clear keep the margin too (N,).
+    """A robot, its work and its tool.
+
+    robot: the arm.
+    base_from_work, flange_from_tool: frames of the work and of the tip.
+    clear: tells whether joint values (N, J) are free of collisions, (N,).
+    hit: names the bodies that collide at joint values (J,), "link 5 with the part".
+    apart: the largest distance by which a point of arm and tool moves between two tables of joint
+        values (N, J), (N,) mm.
+    roomy: tells whether joint values (N, J) that are clear keep the margin, (N,).
     """
 
     robot: Robot
@@ -43,8 +48,11 @@ class Setup(Struct, frozen=True, eq=False):
 
 
 class SampledMotion(Struct, frozen=True, eq=False):
-    """A motion as it was looked at: joints (D, J), and the TCP's poses there, from one to the next of which it keeps to
-    lines and arcs. way: None where the joints run evenly instead.
+    """A motion at the places where it is examined.
+
+    joints: (D, J) joint values.
+    way: poses of the TCP there, between which it runs on lines and arcs; None if the joints run
+        evenly.
     """
 
     joints: FloatArray
@@ -52,7 +60,11 @@ class SampledMotion(Struct, frozen=True, eq=False):
 
 
 class Blockage(Struct, frozen=True):
-    """What stops a motion. what: "collision, link 5 against part". at: where, in rows of its track."""
+    """The first place where a motion fails.
+
+    what: "collision, link 5 against part".
+    at: the place, in rows of the motion.
+    """
 
     kind: Literal["collision", "jump"]
     what: str
@@ -60,10 +72,14 @@ class Blockage(Struct, frozen=True):
 
 
 class FreeSpace(Struct, frozen=True, eq=False):
-    """Where it is free, base frame. level: z, mm, above which tool and holder are free. low, high: (3,) corners of the
-    part's box. beside: mm from that box within which the holder may meet it. look: what stops each of some motions,
-    or the mm that it keeps from what it must not come near, at most ``margin``. gaps: the same mm of joint values (N,
-    J) that collide with nothing (N,).
+    """Free space around the part, base frame.
+
+    level: z above which tool and holder are free, mm.
+    low, high: (3,) corners of the part's box, mm.
+    beside: distance from that box within which the holder may meet it, mm.
+    margin: `cell.margin`, mm.
+    look: the blockage of each motion, or its clearance, at most ``margin``, mm.
+    gaps: the clearance of joint values (N, J) without a collision, (N,) mm.
     """
 
     level: float
@@ -76,9 +92,13 @@ class FreeSpace(Struct, frozen=True, eq=False):
 
 
 class OrientationFreedom(Struct, frozen=True):
-    """What of a tool's orientation is free where the nominal one does not do. tilt: rad, how far its axis may lean from
-    the nominal one to any side. roll: turns about its axis are as good, any or, where they are given, ``turns`` (rad,
-    in order, 0 among them). Where the roll changes along an arc the axis may lean by up to 2 deg between two rows.
+    """Orientations that a tool may have beside the nominal one.
+
+    Where the roll changes along an arc, the axis may lean by up to 2 deg between two rows.
+
+    tilt: largest angle of its axis to the nominal axis, rad.
+    roll: whether it may be turned about its axis.
+    turns: the turns about its axis, rad, in order, 0 among them; None for any.
     """
 
     tilt: float = 0.0
@@ -90,8 +110,12 @@ class OrientationFreedom(Struct, frozen=True):
 
 
 class UnreachableEdge(Struct, frozen=True):
-    """An edge that cannot be processed. kind: the shape itself; as in ``kinematics.reasons``; or a collision. text: the
-    reason with its amount and the place along the edge. remedy: what would help, "" where that is not known.
+    """An edge that cannot be processed.
+
+    id: id of the edge.
+    kind: kind of the reason: its shape, one of ``kinematics.reasons``, or a collision.
+    text: the reason with its amount and the place along the edge.
+    remedy: a setting that would help; empty if none is known.
     """
 
     id: str
@@ -152,7 +176,7 @@ class EdgeMotion(Struct, frozen=True, eq=False):
         return self.part_of or self.id
 
     def reversed(self) -> EdgeMotion:
-        """The same motion the other way."""
+        """The motion from its end to its start."""
         return replace(
             self,
             backwards=not self.backwards,
@@ -168,13 +192,16 @@ class EdgeMotion(Struct, frozen=True, eq=False):
 
     @property
     def freed(self) -> tuple[float, float] | None:
-        """The most tilt and roll, deg; None where the nominal orientation does."""
-        most = (math.degrees(np.abs(self.tilt).max()), math.degrees(np.abs(self.roll).max()))
-        return most if max(most) > 1e-6 else None
+        """The greatest tilt and roll, deg; None if the tool keeps the nominal orientation."""
+        freed = (math.degrees(np.abs(self.tilt).max()), math.degrees(np.abs(self.roll).max()))
+        return freed if max(freed) > 1e-6 else None
 
 
 def feed_of(motion: EdgeMotion, length: float, process: ProcessTable) -> float:
-    """The feed of the TCP, so that the point on the edge, ``length`` mm long, runs at ``process.feed``."""
+    """Feed of the TCP, mm/s, with which the contact runs at ``process.feed``.
+
+    length: length of the edge, mm.
+    """
     return process.feed * min(feed_factor(motion, length), process.max_feed_factor)
 
 
@@ -183,23 +210,27 @@ def feed_factor(motion: EdgeMotion, length: float) -> float:
     return float(motion.way.length.sum()) / length if length > 0 else 1.0
 
 
-# From the poses of a way to those of the flange, and how finely a motion is looked at.
+# Poses of the flange, and the places at which a motion is examined.
 
-#: mm, rad: a motion is looked at so often, and no joint turns by more than JUMP rad from one look to the next.
+#: Largest distance and turn of the TCP between two such places, mm and rad; largest turn of a
+#: joint, rad.
 _LOOK_MM, _LOOK_TURN, JUMP = 5.0, math.radians(5), math.radians(15)
-#: rad: what a motion keeps from singularities.
+#: Least distance of a motion from singularities, rad.
 MARGIN = math.radians(2)
 
 
 def dense_parts(way: PosePath) -> Index:
-    """Into how many parts the segments of ``way`` are cut to be looked at."""
+    """The number of parts into which each segment of a pose path is divided to be examined."""
     return counts(way, _LOOK_MM, _LOOK_TURN)
 
 
 def flange_poses(
     setup: Setup, position: FloatArray, rotation: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """base_from_flange, rotations (..., 3, 3) and origins (..., 3), for the TCP in the work frame."""
+    """Rotations (..., 3, 3) and origins (..., 3) of the flange in the base, for poses of the TCP.
+
+    position, rotation: the TCP in the work frame, (..., 3) and (..., 3, 3).
+    """
     tool_from_flange = setup.flange_from_tool.inverse()
     turned = setup.base_from_work.rotation @ rotation
     base = position @ setup.base_from_work.rotation.T + np.asarray(setup.base_from_work.origin)

@@ -1,4 +1,4 @@
-"""Edges of a 3-D part: which are asked for, and the processing motions along those that the arm reaches (RFA paper)."""
+"""Edges of a 3-D part that the job asks for, and motions along those that the arm reaches."""
 
 from __future__ import annotations
 
@@ -50,8 +50,8 @@ Surround = Callable[[Job, float], Surroundings]
 def plan_edges(part: Part, job: Job, cell: Cell | None, watch: Watch) -> EdgePlan:
     """The processing motions along the selected edges of ``part`` that the arm of ``cell`` reaches.
 
-    InputError for a part without edges, JobError for settings that do not go together and a cell without an arm,
-    NoSafeProgram where no edge can be processed.
+    Raises InputError for a part without edges, JobError for settings that contradict each other and
+    for a cell without an arm, NoSafeProgram if no edge can be processed.
     """
     solid = part.solid
     if not isinstance(cell, Workcell) or cell.arm is None or solid is None:
@@ -96,7 +96,7 @@ class LineTask(Struct, frozen=True, eq=False):
 
 
 def plan_ways(part: Part, job: Job, cell: Workcell, watch: Watch, task: LineTask) -> EdgePlan:
-    """The motions along the lines of ``task`` that the arm reaches. NoSafeProgram if it reaches none."""
+    """The motions along the lines of a task. Raises NoSafeProgram if the arm reaches none."""
     assert cell.arm is not None
     noun, freedom = task.noun, freedom_of(job)
     where = task.surround(job, 0.0)
@@ -192,21 +192,19 @@ def _note_contacts(contacts: Mapping[str, float]) -> list[Note]:
 
 
 def _clear_between(
-    found: Sequence[EdgeMotion | UnreachableEdge], room: FreeSpace
+    results: Sequence[EdgeMotion | UnreachableEdge], space: FreeSpace
 ) -> tuple[EdgeMotion | UnreachableEdge, ...]:
-    """``found``, without the motions that collide between two of the places where they were looked at; of one that was
-    taken for its margin the one that it was preferred to, where that does not.
+    """The results, with a reason in place of each motion that collides between its samples.
+
+    A motion that was chosen for its margin is replaced by the one without it, if that is free.
     """
-    said = iter(
-        room.look(
-            [SampledMotion(one.dense, one.looks) for one in found if isinstance(one, EdgeMotion)]
-        )
-    )
-    proved = [_stop(one, next(said)) if isinstance(one, EdgeMotion) else one for one in found]
-    for k, (one, now) in enumerate(zip(found, proved, strict=True)):
-        if isinstance(one, EdgeMotion) and one.nearer and isinstance(now, UnreachableEdge):
-            proved[k] = _clear_between([one.nearer], room)[0]
-    return tuple(proved)
+    moved = [result for result in results if isinstance(result, EdgeMotion)]
+    looks = space.look([SampledMotion(motion.dense, motion.looks) for motion in moved])
+    checked = {motion.id: _stop(motion, look) for motion, look in zip(moved, looks, strict=True)}
+    for motion in moved:
+        if motion.nearer and isinstance(checked[motion.id], UnreachableEdge):
+            checked[motion.id] = _clear_between([motion.nearer], space)[0]
+    return tuple(checked.get(result.id, result) for result in results)
 
 
 def _stop(motion: EdgeMotion, hit: Blockage | float) -> EdgeMotion | UnreachableEdge:
@@ -218,7 +216,10 @@ def _stop(motion: EdgeMotion, hit: Blockage | float) -> EdgeMotion | Unreachable
 
 
 def choose(solid: Solid, job: Job) -> dict[str, Edge]:
-    """The selected edges by their ids. InputError for more than may be: of a noisy mesh every triangle has some."""
+    """The selected edges by their ids.
+
+    Raises InputError for too many: a noisy mesh has thousands.
+    """
     if not solid.edges:
         raise InputError(
             solid.source, "has no sharp edges", remedy="camgen inspect shows what is in it"
@@ -228,7 +229,8 @@ def choose(solid: Solid, job: Job) -> dict[str, Edge]:
         what = f"picks no edge; the part has {counted(len(solid.edges), 'edge')}"
         raise JobError("job", what, "input.select", "camgen inspect lists them")
     if len(chosen) > job.limits.edges:
-        what = f"{counted(len(chosen), 'edge')} are to be processed, more than {tell(job.limits.edges)}"
+        count = counted(len(chosen), "edge")
+        what = f"{count} are to be processed, more than {tell(job.limits.edges)}"
         remedy = "smooth the mesh, select some of them, or raise limits.edges"
         raise InputError(solid.source, what, "input.select", remedy)
     return {edge.id: edge for edge in solid.edges if edge.id in chosen}
@@ -252,9 +254,13 @@ def _check(job: Job, cell: Cell) -> None:
 def leave_out(
     plan: EdgePlan, lost: Sequence[tuple[str, Literal["collision", "jump"], str]]
 ) -> EdgePlan:
-    """The plan without some motions. lost: id, kind and reason of each. NoSafeProgram if none is left."""
-    more = tuple(UnreachableEdge(*one) for one in lost)
-    gone = {one.id for one in more}
+    """The plan without some motions.
+
+    lost: id, kind and reason of each.
+    Raises NoSafeProgram if no motion is left.
+    """
+    more = tuple(UnreachableEdge(*edge) for edge in lost)
+    gone = {edge.id for edge in more}
     paths = tuple(path for path in plan.paths if path.id not in gone)
     edges = {edge.id: edge for edge in plan.edges}
     pieces = list_pieces(plan.motions, edges)
@@ -264,7 +270,7 @@ def leave_out(
         plan,
         paths=paths,
         made=paths,
-        motions=tuple(one for one in plan.motions if one.id not in gone),
+        motions=tuple(motion for motion in plan.motions if motion.id not in gone),
         unreached=(*plan.unreached, *more),
         notes=(*plan.notes, *left_out(more, edges, pieces)),
     )

@@ -35,7 +35,7 @@ def find_contacts(edges: Iterable[Edge], job: Job, direction: Offset = "mean") -
 
 
 def _depth(edge: Edge, job: Job, radius: float, direction: Offset) -> float:
-    """Depth by which the edge enters the square bar of the tool that works it, mm, at end or sides."""
+    """Depth by which an edge enters the square bar of its tool, from the end or a side, mm."""
     tool, drawn = (poses(edge, offset, direction) for offset in (job.operation.offset, 0.0))
     if not isinstance(tool, PosePath) or not isinstance(drawn, PosePath):
         return 0.0

@@ -1,4 +1,4 @@
-"""Curves in space for an arm: as the edges of a 3-D part, with the tool as the job or the points say."""
+"""Curves in space for an arm, with the orientation of the tool by the job or by the points."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from camgen.plan.edges import LineTask, plan_ways
 from camgen.plan.edges.stand import choose_axis, stand
 from camgen.robots.workcell import Workcell
 
-#: mm: a curve that is farther from the part is not on it.
+#: Distance from the part beyond which a curve does not lie on it, mm.
 _ON_IT = 0.01
 
 
 def plan_curves(part: Part, job: Job, cell: Cell, watch: Watch) -> EdgePlan:
     """The motions along the curves of ``part`` that the arm of ``cell`` reaches, a path each.
 
-    JobError for a cell without an arm and settings that do not go together, InputError for too many curves,
-    NoSafeProgram where none can be followed.
+    Raises JobError for a cell without an arm and for settings that contradict each other,
+    InputError for too many curves, NoSafeProgram if none can be followed.
     """
     if not isinstance(cell, Workcell) or cell.arm is None:
         what = "an arm follows curves in space only where it is known"
@@ -44,29 +44,27 @@ def plan_curves(part: Part, job: Job, cell: Cell, watch: Watch) -> EdgePlan:
         raise InputError(
             part.source, what, remedy="build them in several programs, or raise limits.edges"
         )
-    ways = [(curve, stand(curve, job, part.solid)) for curve in part.curves]
+    lines = [(curve, stand(curve, job, part.solid)) for curve in part.curves]
     points = np.concatenate(
-        [column for curve in part.curves for column in (curve.points, curve.middles)]
+        [np.concatenate([curve.points, curve.middles]) for curve in part.curves]
     )
 
     def surround(other: Job, tip: float) -> Surroundings:
         return around(other, cell, part.solid, tip, beside=points)
 
-    task = LineTask(ways, surround, _note_faces(part, job), "curve")
+    task = LineTask(lines, surround, _note_faces(part, job), "curve")
     return plan_ways(part, job, cell, watch, task)
 
 
 def _note_faces(part: Part, job: Job) -> tuple[Note, ...]:
-    """How far the curves are from the part whose faces the tool is square to."""
+    """A note on curves that lie off the part to whose faces the tool is square."""
     solid = part.solid
     square = [curve for curve in part.curves if choose_axis(curve, job) == "normal"]
     if solid is None or not square:
         return ()
-    apart = {curve.id: float(nearest(solid, curve.points).apart.max()) for curve in square}
-    far = tuple(name for name, way in apart.items() if way > _ON_IT)
+    distances = {curve.id: float(nearest(solid, curve.points).apart.max()) for curve in square}
+    far = tuple(name for name, distance in distances.items() if distance > _ON_IT)
     if not far:
         return ()
-    what = (
-        f"{counted(len(far), 'curve')} up to {short(max(apart.values()), 3)} mm off {solid.source}"
-    )
+    what = f"{counted(len(far), 'curve')} up to {short(max(distances.values()), 3)} mm off {solid.source}"
     return (Note("assumed", what, "the tool is square to the nearest face, wherever that is", far),)

@@ -1,4 +1,4 @@
-"""TCP poses along an edge at an offset: z against it, y along the edge, x downwards (RFA, III.A)."""
+"""TCP poses along an edge at an offset: z against the offset, y along the edge (RFA, III.A)."""
 
 from __future__ import annotations
 
@@ -37,16 +37,17 @@ def poses(edge: Edge, offset: float, direction: Offset = "mean") -> PosePath | U
 
     FoldedEdge if the offset folds a part of the edge, UnreachableEdge if there are no poses.
 
-    work_from_tool is right-handed: z against the offset, y along the edge or against it, so that x = y cross z points
-    downwards on the whole. Where x is level all along, y points upwards at the start; where that is level too, x goes
-    with the work's x, or else its y. The travel's direction does not change it, see ``PosePath.reversed``.
+    work_from_tool is right-handed. Its z points against the offset, its y along the edge or against
+    it: so that x = y cross z points downwards on the whole. If x is level all along, y points
+    upwards at the start. If that is level too, x points along the x of the work, or else its y.
+    The direction of travel does not change the poses, see ``PosePath.reversed``.
     """
-    away, middle = _directions(edge, direction)
-    if not (np.isfinite(away).all() and np.isfinite(middle).all()):
+    outward, middle = _directions(edge, direction)
+    if not (np.isfinite(outward).all() and np.isfinite(middle).all()):
         return UnreachableEdge(
             edge.id, "shape", "its two faces are back to back: there is no direction between them"
         )
-    position, via = edge.points + offset * away, edge.via + offset * middle
+    position, via = edge.points + offset * outward, edge.via + offset * middle
     before, after = np.diff(edge.points, axis=0), np.diff(position, axis=0)
     arc = are_bent(edge.points[:-1], edge.via, edge.points[1:])
     folded = (before * after).sum(axis=1) < _CLOSED * (before * before).sum(axis=1)
@@ -60,16 +61,16 @@ def poses(edge: Edge, offset: float, direction: Offset = "mean") -> PosePath | U
     tangent = _at_rows(edge, begins, ends)
     wide = _are_wide(arc, begins, ends)
     at = np.flatnonzero(wide)
-    away, tangent = (
+    outward, tangent = (
         np.insert(rows, at + 1, middles[at], axis=0)
-        for rows, middles in ((away, middle), (tangent, _chords(edge)))
+        for rows, middles in ((outward, middle), (tangent, _chords(edge)))
     )
-    rotation = _frames(away, tangent, edge.closed)
+    rotation = _frames(outward, tangent, edge.closed)
     if not np.isfinite(rotation).all():
         return UnreachableEdge(edge.id, "shape", "it turns back on itself")
-    ways = np.full_like(position, np.nan)
-    ways[1:][arc] = via[arc]
-    whole = PosePath(position, ways, np.broadcast_to(np.eye(3), (len(position), 3, 3)))
+    middles = np.full_like(position, np.nan)
+    middles[1:][arc] = via[arc]
+    whole = PosePath(position, middles, np.broadcast_to(np.eye(3), (len(position), 3, 3)))
     path = replace(divide(whole, 1 + wide), rotation=frozen(rotation))
     if not folded.any():
         return path
@@ -100,7 +101,7 @@ def _are_wide(arc: BoolArray, begins: FloatArray, ends: FloatArray) -> BoolArray
 
 
 def _directions(edge: Edge, direction: Offset) -> tuple[FloatArray, FloatArray]:
-    """Unit offset directions at the rows (N, 3) and in the middles (N - 1, 3); NaN where there is none."""
+    """Unit offset directions at the rows (N, 3) and in the middles (N - 1, 3); NaN if undefined."""
     if direction == "mean":
         return _mean(edge.normals), _mean(edge.via_normals)
     face = direction.of(edge)
@@ -127,9 +128,12 @@ def _at_rows(edge: Edge, begins: FloatArray, ends: FloatArray) -> FloatArray:
     return np.asarray(before + after)
 
 
-def _frames(away: FloatArray, tangent: FloatArray, closed: bool) -> FloatArray:
-    """(N, 3, 3): z against ``away``, y along ``tangent`` or, all of them, against it; NaN where they are parallel."""
-    z = -away
+def _frames(outward: FloatArray, tangent: FloatArray, closed: bool) -> FloatArray:
+    """Frames (N, 3, 3) with z against ``outward``, NaN where it is parallel to the tangent.
+
+    The y of all of them points along the tangent, or of all of them against it.
+    """
+    z = -outward
     y = tangent - z * (z * tangent).sum(axis=1)[:, None]
     length = np.linalg.norm(y, axis=1, keepdims=True)
     y = np.divide(y, length, out=np.full_like(y, np.nan), where=length > _OPPOSED)
