@@ -63,6 +63,7 @@ class _Ladder(Struct, frozen=True, eq=False):
     stations: the pose path with a row at each of the K stations.
     states, transitions: states at the stations, and steps between them.
     checked: (K,) stations of whose states those that are not free are closed.
+    too_fast: (K - 1,) stretches along which every motion would need a joint that is faster.
     """
 
     path: PosePath
@@ -73,6 +74,7 @@ class _Ladder(Struct, frozen=True, eq=False):
     states: States
     transitions: Steps
     checked: BoolArray
+    too_fast: BoolArray
 
     def find_chains(self, setup: Setup) -> list[CoverChain]:
         """The best cover of the edge by states that are free.
@@ -201,6 +203,17 @@ class _Piece(Struct, frozen=True, eq=False):
         return replace(thin_out(motion, kept, thin), trimmed=self.trimmed)
 
 
+class Pieces(Struct, frozen=True, eq=False):
+    """The result of the search along an edge.
+
+    motions: the pieces, or the motion along the whole edge, which is not called a piece.
+    too_fast: length of the edge along which a joint would have to be faster than it can be, mm.
+    """
+
+    motions: tuple[EdgeMotion, ...] = ()
+    too_fast: float = 0.0
+
+
 class Coverage(Struct, frozen=True, eq=False):
     """How pieces of edges are sought.
 
@@ -221,10 +234,8 @@ class Coverage(Struct, frozen=True, eq=False):
         path: PosePath,
         lengths: FloatArray,
         folded: BoolArray | None = None,
-    ) -> tuple[EdgeMotion, ...]:
+    ) -> Pieces:
         """The motions along as much of an edge as possible, in the order of its length.
-
-        If one motion runs along the whole edge, it alone is returned, and it is not called a piece.
 
         path: pose path of ``line``.
         lengths: length of ``line`` along each segment of the path, mm.
@@ -233,7 +244,7 @@ class Coverage(Struct, frozen=True, eq=False):
         # Without a closed form the joint values at a station depend on those before it.
         setup = self.setup
         if setup.robot.arm is None:
-            return ()
+            return Pieces()
         choice = widest_grid(self.freedom, path)
         if folded is None:
             folded = np.zeros(len(lengths), dtype=np.bool_)
@@ -247,9 +258,9 @@ class Coverage(Struct, frozen=True, eq=False):
         whole = float(lengths.sum())
         motions = self._prove_all(line.id, ladder, choice)
         if len(motions) == 1 and not shift and max(motions[0].trimmed) < SAME_POINT_MM:
-            return (replace(motions[0], trimmed=(0.0, 0.0)),)
+            return Pieces((replace(motions[0], trimmed=(0.0, 0.0)),))
         long = [motion for motion in motions if whole - sum(motion.trimmed) >= SHORTEST_MM]
-        return tuple(
+        pieces = [
             replace(
                 motion,
                 id=f"{line.id}.{number}",
@@ -257,7 +268,9 @@ class Coverage(Struct, frozen=True, eq=False):
                 trimmed=_shift_ends(motion.trimmed, shift, whole),
             )
             for number, motion in enumerate(long, 1)
-        )
+        ]
+        stretches = (ladder.lengths / ladder.parts)[owners(ladder.parts)]
+        return Pieces(tuple(pieces), float(stretches[ladder.too_fast].sum()))
 
     def count_stations(self, path: PosePath) -> int:
         """The number of stations along a pose path."""
@@ -274,10 +287,13 @@ class Coverage(Struct, frozen=True, eq=False):
         turning = CHANGE * (np.arange(len(states.moves)) > 0)[:, None, None]
         slowest = (stations.length / self.feed)[:, None, None, None]
         in_time = np.where(transitions.time - turning <= slowest, transitions.time, math.inf)
+        too_fast = _have_any(transitions.time) & ~_have_any(in_time)
         transitions = replace(transitions, time=in_time)
         states.open[folded[owners(parts)]] = False
         checked = np.zeros(len(stations), dtype=np.bool_)
-        return _Ladder(path, lengths, folded, parts, stations, states, transitions, checked)
+        return _Ladder(
+            path, lengths, folded, parts, stations, states, transitions, checked, too_fast
+        )
 
     def _prove_all(self, name: str, ladder: _Ladder, choice: Grid) -> list[EdgeMotion]:
         """The motions of the best cover all of whose chains stand the examination."""
@@ -369,6 +385,11 @@ class Coverage(Struct, frozen=True, eq=False):
                 return _Extension(good / _PARTS_BEYOND, followed.joints[-1:])
             good = int(hits[0]) - 1
         return none
+
+
+def _have_any(time: FloatArray) -> BoolArray:
+    """Whether any motion along each stretch has a time."""
+    return np.asarray(np.isfinite(time).reshape(len(time), -1).any(axis=1))
 
 
 def _divide_evenly(path: PosePath) -> Index:

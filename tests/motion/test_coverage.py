@@ -46,9 +46,8 @@ def cover(
     none = np.zeros(3)
     space = FreeSpace(0.0, none, none, 0.0, 0.0, look, lambda joints: np.zeros(len(joints)))
     path = poses(edge, OFFSET)
-    return cell, Coverage(cell, space, freedom, feed).find_pieces(
-        edge, path, measure_line(edge, path)
-    )
+    result = Coverage(cell, space, freedom, feed).find_pieces(edge, path, measure_line(edge, path))
+    return cell, result.motions
 
 
 def stretches(edge: Edge, pieces: tuple[EdgeMotion, ...]) -> list[tuple[float, float]]:
@@ -71,6 +70,19 @@ def test_a_clamp_over_the_middle_costs_its_own_width(low: float, high: float) ->
         assert piece.way.position[[0, -1], 0] == pytest.approx([begin, stop])
 
 
+@pytest.mark.parametrize(("feed", "share"), [(20.0, 0.0), (1e5, 1.0)])
+def test_the_length_is_measured_along_which_the_joints_are_too_slow(
+    feed: float, share: float
+) -> None:
+    """At 1e5 mm/s the rim takes 3 ms, in which no joint turns by a degree."""
+    none = np.zeros(3)
+    space = FreeSpace(0.0, none, none, 0.0, 0.0, lambda motions: [9.0] * len(motions), all_clear)
+    path = poses(RIM, OFFSET)
+    result = Coverage(CELL, space, FREE, feed).find_pieces(RIM, path, measure_line(RIM, path))
+    assert result.too_fast == pytest.approx(share * RIM.length)
+    assert bool(result.motions) is (share == 0.0)
+
+
 def test_no_piece_runs_along_a_folded_segment() -> None:
     """The rim consists of four arcs, of which the second and the third are folded in turn."""
     path = poses(RIM, OFFSET)
@@ -81,7 +93,7 @@ def test_no_piece_runs_along_a_folded_segment() -> None:
     quarter = RIM.length / 4
     for segment in range(4):
         folded = np.arange(4) == segment
-        (piece,) = coverage.find_pieces(RIM, path, lengths, folded)
+        (piece,) = coverage.find_pieces(RIM, path, lengths, folded).motions
         judged(CELL, piece)
         ((start, end),) = stretches(RIM, (piece,))
         assert end - start == pytest.approx(3 * quarter)
@@ -137,11 +149,11 @@ def test_another_orientation_leads_past_what_only_the_nominal_one_meets() -> Non
     space = FreeSpace(0.0, none, none, 0.0, 0.0, lambda motions: [9.0] * len(motions), all_clear)
     path = poses(TOP, OFFSET)
     lengths = measure_line(TOP, path)
-    (piece,) = Coverage(cell, space, FREE, 20.0).find_pieces(TOP, path, lengths)
+    (piece,) = Coverage(cell, space, FREE, 20.0).find_pieces(TOP, path, lengths).motions
     assert piece.trimmed == (0.0, pytest.approx(0.0, abs=1e-9))
     judged(cell, piece)
     stiff = Coverage(cell, space, OrientationFreedom(), 20.0).find_pieces(TOP, path, lengths)
-    assert len(stiff) == 2
+    assert len(stiff.motions) == 2
 
 
 def test_no_joint_is_asked_to_be_faster_than_it_can() -> None:
@@ -159,7 +171,7 @@ def test_an_arm_without_a_closed_form_has_no_pieces() -> None:
     path = poses(TOP, OFFSET)
     space = FreeSpace(0.0, path.position[0], path.position[0], 0.0, 0.0, list, all_clear)
     bare = replace(CELL, robot=replace(CELL.robot, arm=None))
-    assert Coverage(bare, space, FREE, 20.0).find_pieces(TOP, path, path.length) == ()
+    assert Coverage(bare, space, FREE, 20.0).find_pieces(TOP, path, path.length).motions == ()
 
 
 def test_lengths_are_those_of_the_edge_not_of_the_way_beside_it() -> None:

@@ -1,6 +1,7 @@
 """The search of pieces: its limit, and its end by Ctrl-C."""
 
 import tomllib
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -31,10 +32,10 @@ class EndedCoverage:
     def count_stations(self, _: PosePath) -> int:
         return STATIONS
 
-    def find_pieces(self, line: Line, *_: Any) -> tuple[str]:
+    def find_pieces(self, line: Line, *_: Any) -> Any:
         if line.id == self.ends_at:
             raise KeyboardInterrupt
-        return (f"{line.id}.1",)
+        return SimpleNamespace(motions=(f"{line.id}.1",), too_fast=0.0)
 
 
 def search_edges(search: PieceSearch, coverage: Any) -> dict[str, Any]:
@@ -69,6 +70,14 @@ def test_edges_beyond_the_limit_of_stations_are_named() -> None:
     (note,) = search.notes()
     assert note.ids == ("e3", "e4")
     assert "limits.stations" in note.why
+
+
+def test_the_reason_has_the_length_along_which_joints_are_too_slow() -> None:
+    search = PieceSearch("edge", ignore_stages, 1000, too_fast={"e1": 12.34})
+    slow, other = (UnreachableEdge(name, "limit", "axis 5", "turn it") for name in ("e1", "e2"))
+    assert search.explain(other) is other
+    reason = search.explain(slow).reason
+    assert reason == "axis 5; the joints are too slow for process.feed along 12.3 mm of it; turn it"
 
 
 @pytest.mark.parametrize(("stations", "is_sought"), [(5, False), (50_000, True)])

@@ -125,7 +125,8 @@ def plan_ways(part: Part, job: Job, cell: Workcell, watch: Watch, task: LineTask
     watch("reaching, what would help others")
     attempt = _attempt(job, cell, cell.arm, task, {line.id: (line, way) for line, way in listed})
     unreached = [result for result in whole if isinstance(result, UnreachableEdge)]
-    explained, more = remedies(unreached, job, attempt, noun)
+    remedied, more = remedies(unreached, job, attempt, noun)
+    explained = [search.explain(edge) for edge in remedied]
     lost = [edge for edge in explained if edge.id not in pieces]
     motions: list[EdgeMotion] = []
     for result in whole:

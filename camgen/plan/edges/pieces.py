@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from camgen.model.limits import tell
 from camgen.model.part import Line, Note
-from camgen.model.text import counted
-from camgen.motion.coverage import Coverage
+from camgen.model.text import counted, short
+from camgen.motion.coverage import SHORTEST_MM, Coverage
 from camgen.motion.pose_paths import PosePath
 from camgen.motion.setup import EdgeMotion, FoldedEdge, UnreachableEdge
 from camgen.plan import MAY_END, Watch, ignore_stages
@@ -28,6 +29,7 @@ class PieceSearch(Struct):
     stations: number of stations that were examined.
     beyond: ids of lines that would need more stations than there may be.
     unsought: ids of lines whose pieces were not sought, since the search was ended.
+    too_fast: length along which a joint would have to be faster than it can be, mm, by line.
     """
 
     noun: str
@@ -36,6 +38,7 @@ class PieceSearch(Struct):
     stations: int = 0
     beyond: list[str] = []
     unsought: list[str] = []
+    too_fast: dict[str, float] = {}
 
     def find(
         self,
@@ -72,12 +75,23 @@ class PieceSearch(Struct):
         try:
             self.watch(f"reaching, pieces of {self.noun} {line.id}, Ctrl-C {MAY_END}")
             lengths = measure_line(line, whole_path)
-            return coverage.find_pieces(line, whole_path, lengths, folded)
+            result = coverage.find_pieces(line, whole_path, lengths, folded)
         except KeyboardInterrupt:
             if self.watch is ignore_stages:
                 raise
             self.unsought.append(line.id)
             return ()
+        if result.too_fast >= SHORTEST_MM:
+            self.too_fast[line.id] = result.too_fast
+        return result.motions
+
+    def explain(self, edge: UnreachableEdge) -> UnreachableEdge:
+        """The edge with the length along which its joints are too slow in its reason."""
+        length = self.too_fast.get(edge.id)
+        if length is None:
+            return edge
+        what = f"the joints are too slow for process.feed along {short(length, 1)} mm of it"
+        return replace(edge, text=f"{edge.text}; {what}")
 
     def notes(self) -> list[Note]:
         """Notes on the lines whose pieces were not sought."""
