@@ -99,13 +99,19 @@ def _go_on(
     """
     count, branches, turns = value.shape
     none = np.full((count, branches, 1), -math.inf)
-    sources = states.moves[:, :, None] % count * branches + np.arange(branches)
-    places = sources[..., None] * (turns + 1) + transitions.before[row - 1]
-    total = np.concatenate([value, none], axis=2).take(places)
-    total -= _MM_A_SECOND * transitions.time[row - 1][..., None]
-    total[~states.open[row - 1]] = -math.inf
-    move = total.argmax(axis=0)
-    return np.take_along_axis(total, move[None], axis=0)[0], move.astype(np.int8)
+    padded = np.concatenate([value, none], axis=2)
+    # Few states are usable where joints may turn more than once.
+    used = np.flatnonzero(states.usable[row])
+    state = used // turns
+    source = (states.moves % count)[:, state // branches] * branches + state % branches
+    before = transitions.before[row - 1].reshape(len(source), -1).take(used, axis=1)
+    total = padded.take(source * (turns + 1) + before)
+    total -= _MM_A_SECOND * transitions.time[row - 1].reshape(len(source), -1).take(state, axis=1)
+    total[~states.open[row - 1].reshape(len(source), -1).take(used, axis=1)] = -math.inf
+    best, move = np.full(value.shape, -math.inf), np.full(value.shape, _BEGINS, dtype=np.int8)
+    chosen = total.argmax(axis=0)
+    best.flat[used], move.flat[used] = total[chosen, np.arange(len(used))], chosen
+    return best, move
 
 
 def _trace(rows: _Rows, states: States, transitions: Steps) -> list[CoverChain]:
