@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import numpy as np
 from msgspec import Struct
 
-from camgen.collision.mesh import Mesh
-from camgen.collision.pairs import MeshPair, Shape, box_part, model_of, pair_up
+from camgen.collision.mesh import Mesh, join_surfaces
+from camgen.collision.pairs import MeshPair, Shape, Sweep, box_part, model_of, pair_up
+from camgen.collision.swept import enlarge_levers, measure_roundness, sweep
 from camgen.geometry.vectors import cross
 from camgen.model.errors import JobError
 from camgen.model.part import BoolArray, IntArray
@@ -221,8 +222,7 @@ def _grow(boxes: tuple[Box, ...], pad: float) -> tuple[Box, ...]:
 
 @lru_cache(maxsize=256)
 def _measure_link(link: Link, origin: Vec3, axis: Vec3) -> tuple[float, float]:
-    vertices = np.concatenate([surface.vertices for surface in link.surfaces])
-    return _measure_reach(vertices - np.array(origin), np.array(axis))
+    return _measure_reach(join_surfaces(link)[0] - np.array(origin), np.array(axis))
 
 
 def _measure_reach(points: FloatArray, axis: FloatArray) -> tuple[float, float]:
@@ -329,7 +329,55 @@ def _closer(robot: Robot, first: _Body, second: _Body) -> MeshPair | None:
         return None
     if not all(body.boxes or body.mesh for body in (first, second)):
         return None
+    if first.link is not None and second.link is not None:
+        return _pair_links(robot, (first.link, first.frame), (second.link, second.frame))
     return pair_up(first.shape(), second.shape(), _levers_between(robot, first, second))
+
+
+#: A link that is a mesh, and its number.
+_NumberedLink = tuple[Link, int]
+
+
+@lru_cache(maxsize=128)
+def _pair_links(robot: Robot, first: _NumberedLink, second: _NumberedLink) -> MeshPair:
+    """The pair of two links, with its known distances, for any number of scenes."""
+    one, other = (_Body(link.name, frame, link.boxes, link=link) for link, frame in (first, second))
+    levers = _levers_between(robot, one, other)
+    wider = cache(lambda: _widen(robot, first, second, levers))
+    return pair_up(one.shape(), other.shape(), levers, wider)
+
+
+def _widen(
+    robot: Robot, first: _NumberedLink, second: _NumberedLink, levers: FloatArray
+) -> MeshPair | None:
+    """The pair of two links with one link between them, the rounder one as the solid it sweeps.
+
+    With one joint left there are few cells. None for other links, and where no joint turns.
+    """
+    if second[1] - first[1] != 2:
+        return None
+    after, before = robot.joints[first[1] : second[1]]
+    place = after.previous_from_joint
+    choices = []
+    if not after.sliding:
+        about = place.origin, to_vec3(place.rotation @ np.asarray(after.axis))
+        choices.append((measure_roundness(first[0], *about), first, second, about))
+    if not before.sliding:
+        about = _HERE.origin, before.axis
+        choices.append((measure_roundness(second[0], *about), second, first, about))
+    if not choices:
+        return None
+    _, (link, frame), (other, other_frame), about = min(choices, key=lambda choice: choice[0])
+    solid, (points, _) = sweep(link, *about), join_surfaces(other)
+    swept = Shape(frame, ((solid.model, _HERE),))
+    beside = Shape(other_frame, ((model_of(other), _HERE),))
+    is_first = frame < other_frame
+    return pair_up(
+        swept if is_first else beside,
+        beside if is_first else swept,
+        enlarge_levers(levers),
+        sweep=Sweep(solid, is_first, points),
+    )
 
 
 def _levers_between(robot: Robot, first: _Body, second: _Body) -> FloatArray:
