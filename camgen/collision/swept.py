@@ -82,14 +82,12 @@ def sweep(link: Link, origin: Vec3, axis: Vec3) -> SweptSolid:
     height, radius = _measure(vertices, origin, axis)
     planes = np.linspace(height.min(), height.max(), _DISCS + 1)
     size = max(float(planes[-1] - planes[0]), _ROUNDING_MM) / _DISCS
-    # A corner between two discs belongs to both.
     lower, upper = (
         ((height + by - planes[0]) // size).astype(np.int64).clip(0, _DISCS - 1)
         for by in (-_ROUNDING_MM, _ROUNDING_MM)
     )
     radii = np.zeros(_DISCS)
-    for disc in (lower, upper):
-        np.maximum.at(radii, disc, radius)
+    np.maximum.at(radii, upper, radius)
     sides = faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     falls = height[sides[:, 0]] > height[sides[:, 1]]
     begin, end = np.where(falls[:, None], sides[:, ::-1], sides).T
