@@ -199,16 +199,19 @@ def at_least(
 ) -> FloatArray:
     """No more than the distance at joint values (N, J), mm (N,); it may be negative.
 
-    enough: (N,) mm; nothing more is measured for a bound that is more.
+    enough: (N,) mm; nothing more is measured for a bound that is more, nor where none can be.
     worth: as of ``may_come_within``.
     """
     bound = np.full(len(joints), -math.inf)
     if (wider := pair.wider()) is not None:
         bound = at_least(robot, wider, joints, enough, worth)
-    for level in range(len(pair.slacks)):
-        left = np.flatnonzero(bound <= enough)
+    is_open = np.ones(len(joints), dtype=np.bool_)
+    for level, slack in enumerate(pair.slacks):
+        left = np.flatnonzero(is_open & (bound <= enough))
         more = _bound(robot, pair, joints[left], level, worth)
         bound[left] = np.maximum(bound[left], more)
+        # The distance is no more than that in the middle of the cell and its slack.
+        is_open[left] = more + 2 * (slack + _ROUNDING_MM) > enough[left]
     return bound
 
 
