@@ -38,7 +38,7 @@ from camgen.robots.models import Box, Link, Robot
 
 #: mm by which bodies may come nearer from the middle of a cell to its border, for each size; and
 #: the size of more cells for solids, with one joint between them and a link.
-_SLACKS_MM, _SMALL_SLACK_MM = (24.0, 4.0), 0.5
+_SLACKS_MM, _SMALL_SLACK_MM = (24.0, 3.0), 0.5
 #: Meetings that take fcl as long as a distance.
 _WORTH = 12
 #: Cells and meetings that a pair keeps: they take some 200 bytes each.
