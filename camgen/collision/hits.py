@@ -64,22 +64,20 @@ def split_off_meshes(scene: Scene) -> tuple[Scene, ...]:
 
     Two links meet the less, the fewer joints are between them.
     """
-    slow = [k for k, closer in enumerate(scene.closer) if closer is not None]
-    if not slow:
+    between = {k: len(closer.joints) for k, closer in enumerate(scene.closer) if closer is not None}
+    if not between:
         return (scene,)
-    slow.sort(key=lambda k: -len(closer.joints) if (closer := scene.closer[k]) else 0)
-    quick = [k for k, closer in enumerate(scene.closer) if closer is None]
+    slow = sorted(between, key=lambda k: -between[k])
+    quick = [k for k in range(len(scene.pairs)) if k not in between]
     return narrow(scene, quick), narrow(scene, slow)
 
 
-def are_clear(
-    scenes: Sequence[Scene], joints: FloatArray, near: float | FloatArray = 0.0
-) -> BoolArray:
-    """Where no pair of any scene collides (N,), as of ``hits``; scenes that take least time first."""
+def are_clear(scenes: Sequence[Scene], joints: FloatArray, near: float = 0.0) -> BoolArray:
+    """The rows without a collision in any scene (N,), see ``hits``. Quick scenes come first."""
     clear = np.ones(len(joints), dtype=np.bool_)
     for scene in scenes:
         left = np.flatnonzero(clear)
-        clear[left] = hits(scene, joints[left], near=np.broadcast_to(near, len(joints))[left]) < 0
+        clear[left] = hits(scene, joints[left], near=near) < 0
     return clear
 
 

@@ -361,9 +361,9 @@ def closing(scene: Scene, travel: FloatArray) -> FloatArray:
     low, high = np.minimum(one, other), np.maximum(one, other)
     lever = levers(scene, travel)[:, np.where(one > other, scene.first, scene.second)]
     joint = np.arange(len(lever))[:, None]
-    found = np.where((joint >= low) & (joint < high), lever, 0.0)
+    approach = np.where((joint >= low) & (joint < high), lever, 0.0)
     for number, closer in enumerate(scene.closer):
         if closer is not None:
             between = np.ix_(closer.joints, np.flatnonzero(scene.of_pair == number))
-            found[between] = np.minimum(found[between], closer.levers[:, None])
-    return found
+            approach[between] = np.minimum(approach[between], closer.levers[:, None])
+    return approach

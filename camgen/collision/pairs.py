@@ -124,7 +124,7 @@ def pair_up(
 
     levers: (J,) mm per rad or mm of each joint, 0 for joints that are not between them, and for
         that of a swept body.
-    wider, sweep: as of ``MeshPair``.
+    wider, sweep: fields of ``MeshPair``.
     """
     low, high = sorted((first.frame, second.frame))
     joints = np.arange(low, high)
@@ -200,7 +200,7 @@ def at_least(
     """No more than the distance at joint values (N, J), mm (N,); it may be negative.
 
     enough: (N,) mm; nothing more is measured for a bound that is more, nor where none can be.
-    worth: as of ``may_come_within``.
+    worth: argument of ``may_come_within``.
     """
     bound = np.full(len(joints), -math.inf)
     if (wider := pair.wider()) is not None:
@@ -218,7 +218,7 @@ def at_least(
 def _bound(robot: Robot, pair: MeshPair, joints: FloatArray, level: int, worth: int) -> FloatArray:
     """The least that the distance can be at joint values (N, J), mm (N,).
 
-    worth: as of ``may_come_within``; where nothing is measured the bound is below 0.
+    worth: argument of ``may_come_within``; the bound of an unknown cell is below 0.
     """
     width = 2 * pair.slacks[level] / np.maximum(len(pair.joints) * pair.levers, 1.0)
     serial = (joints @ robot.coupling.T)[:, pair.joints]
@@ -263,7 +263,7 @@ def _move(pair: MeshPair, placed: _Relative) -> None:
 
 
 def _distance(pair: MeshPair, placed: _Relative) -> float:
-    # To fcl a solid is its surface: what is within would be apart from it.
+    # To fcl a solid is its surface, and bodies within the solid are apart from it.
     if pair.sweep is not None and _is_within(pair.sweep, placed):
         return 0.0
     _move(pair, placed)

@@ -86,7 +86,7 @@ class _Body(Struct, frozen=True, eq=False):
     link: Link | None = None
 
     def measure_reach(self, origin: FloatArray, axis: FloatArray) -> tuple[float, float]:
-        """The greatest distances of the body from an axis and from a point on it, mm.
+        """The reach of the body from an axis and from a point on it, mm.
 
         origin: (3,) the point, in the frame of the link.
         axis: (3,) direction, a unit vector.
@@ -226,7 +226,7 @@ def _measure_link(link: Link, origin: Vec3, axis: Vec3) -> tuple[float, float]:
 
 
 def _measure_reach(points: FloatArray, axis: FloatArray) -> tuple[float, float]:
-    """The greatest distances of points (N, 3) from an axis through their origin, and from that."""
+    """The reach of points (N, 3) from an axis through their origin, and from that, mm."""
     across = np.linalg.norm(cross(points, axis), axis=1)
     return float(across.max()), float(np.linalg.norm(points, axis=1).max())
 
@@ -341,10 +341,12 @@ _NumberedLink = tuple[Link, int]
 @lru_cache(maxsize=128)
 def _pair_links(robot: Robot, first: _NumberedLink, second: _NumberedLink) -> MeshPair:
     """The pair of two links, with its known distances, for any number of scenes."""
-    one, other = (_Body(link.name, frame, link.boxes, link=link) for link, frame in (first, second))
-    levers = _levers_between(robot, one, other)
+    body, second_body = (
+        _Body(link.name, frame, link.boxes, link=link) for link, frame in (first, second)
+    )
+    levers = _levers_between(robot, body, second_body)
     wider = cache(lambda: _widen(robot, first, second, levers))
-    return pair_up(one.shape(), other.shape(), levers, wider)
+    return pair_up(body.shape(), second_body.shape(), levers, wider)
 
 
 def _widen(
@@ -370,11 +372,11 @@ def _widen(
     _, (link, frame), (other, other_frame), about = min(choices, key=lambda choice: choice[0])
     solid, (points, _) = sweep(link, *about), join_surfaces(other)
     swept = Shape(frame, ((solid.model, _HERE),))
-    beside = Shape(other_frame, ((model_of(other), _HERE),))
+    other_shape = Shape(other_frame, ((model_of(other), _HERE),))
     is_first = frame < other_frame
     return pair_up(
-        swept if is_first else beside,
-        beside if is_first else swept,
+        swept if is_first else other_shape,
+        other_shape if is_first else swept,
         enlarge_levers(levers),
         sweep=Sweep(solid, is_first, points),
     )
@@ -410,12 +412,12 @@ def _levers_between(robot: Robot, first: _Body, second: _Body) -> FloatArray:
 def _sum_levers(
     reach_at_first: tuple[float, float], axes: FloatArray, shifts: FloatArray, travel: FloatArray
 ) -> FloatArray:
-    """The greatest distance (K,) of a body from each of K axes, mm, for all joint values.
+    """The reach of a body from each of K axes at any joint values (K,), mm.
 
-    reach_at_first: greatest distances from the first axis and from its origin, mm.
+    reach_at_first: reach from the first axis and from its origin, mm.
     axes: (K, 3) unit vectors.
     shifts: (K - 1, 3) from the origin of each axis to that of the next one, mm.
-    travel: (K,) mm by which a joint moves what is beyond it along its axis.
+    travel: (K,) mm by which a sliding joint moves the links beyond it, 0 for others.
     """
     distances, reach = [reach_at_first[0]], reach_at_first[1] + travel[0]
     for axis, shift, slide in zip(axes[1:], shifts, travel[1:], strict=True):

@@ -1,4 +1,4 @@
-"""What a link sweeps where it turns about an axis, as a solid around all that it passes.
+"""Solids around links that turn about an axis: each holds its link at all angles.
 
 The solid looks the same at all angles. Many links of an arm are nearly round about the axis of a
 joint beside them, so the solid of such a link is hardly larger than the link.
@@ -19,11 +19,11 @@ from camgen.geometry.vectors import lengths
 from camgen.model.pose import FloatArray, Vec3
 from camgen.robots.models import Link
 
-#: A solid is a stack of so many discs at most. Neighbours are one if their radii differ less, mm.
+#: Discs of a solid at most. Neighbours are one disc if their radii differ less, mm.
 _DISCS, _SAME_RADIUS_MM = 64, 0.1
 #: Sides of the prism around a disc.
 _SIDES = 32
-#: mm by which discs reach beyond what is computed.
+#: mm by which discs are larger than computed.
 _ROUNDING_MM = 1e-6
 
 
@@ -100,8 +100,8 @@ def sweep(link: Link, origin: Vec3, axis: Vec3) -> SweptSolid:
     share = (planes[disc + 1] - height[begin][side]) / np.where(rise > 0, rise, 1.0)
     first, last = vertices[begin][side], vertices[end][side]
     _, across = _measure(first + share.clip(0.0, 1.0)[:, None] * (last - first), origin, axis)
-    for beside in (disc, disc + 1):
-        np.maximum.at(radii, beside, across)
+    for neighbour in (disc, disc + 1):
+        np.maximum.at(radii, neighbour, across)
     starts = [0]
     for number in range(1, _DISCS):
         if np.ptp(radii[starts[-1] : number + 1]) > _SAME_RADIUS_MM:
@@ -131,13 +131,13 @@ def _make_prisms(
     middles = origin + np.repeat(heights, 2)[1:-1, None] * axis
     corners = (middles[:, None] + radius[:, None, None] * circle).reshape(-1, 3)
     low = np.arange(len(corners) - _SIDES)
-    beside = low // _SIDES * _SIDES + (low + 1) % _SIDES
+    following = low // _SIDES * _SIDES + (low + 1) % _SIDES
     number = np.arange(1, _SIDES - 1)
     end = np.column_stack([0 * number, number, number + 1])
     faces = np.concatenate(
         [
-            np.column_stack([low, beside, low + _SIDES]),
-            np.column_stack([beside, beside + _SIDES, low + _SIDES]),
+            np.column_stack([low, following, low + _SIDES]),
+            np.column_stack([following, following + _SIDES, low + _SIDES]),
             end,
             end + len(corners) - _SIDES,
         ]

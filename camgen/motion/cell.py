@@ -56,7 +56,7 @@ def home_of(robot: Robot, cell: Cell, scene: Scene) -> FloatArray:
 def setup_of(robot: Robot, cell: Cell, where: Surroundings) -> Setup:
     """The set-up of a cell for motions along edges: arm, frames and collision tests."""
     scene = where.scene
-    scenes, apart = split_off_meshes(scene), split_off_meshes(where.apart)
+    scenes, margin_scenes = split_off_meshes(scene), split_off_meshes(where.apart)
     return Setup(
         robot,
         cell.base_from_work,
@@ -64,7 +64,7 @@ def setup_of(robot: Robot, cell: Cell, where: Surroundings) -> Setup:
         partial(are_clear, scenes),
         lambda joints: name_pair(scene, int(hits(scene, joints[None])[0])),
         partial(measure_apart, scene),
-        partial(are_clear, apart, near=where.margin) if where.margin > 0 else all_clear,
+        partial(are_clear, margin_scenes, near=where.margin) if where.margin > 0 else all_clear,
     )
 
 

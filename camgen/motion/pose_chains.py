@@ -98,8 +98,8 @@ def cheapest(robot: Robot, states: States, ways: Steps, start: FloatArray) -> Po
     cost = np.full((count, branches, turns + 1), math.inf)
     costs = []
     for row, usable in enumerate(states.usable):
-        # Few states are usable where joints may turn more than once. Those of a row lie in one
-        # line, one more of each branch for "from none".
+        # Few states are usable where joints may turn more than once. The states of a row lie in
+        # one line. Each branch has one more, for "from none".
         used = np.flatnonzero(usable)
         state, turn = used // turns, used % turns
         if row:

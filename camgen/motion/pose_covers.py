@@ -74,7 +74,7 @@ def find_cover(
     share = _MM_A_SECOND / len(states.joints) * states.cost
     rows = _Rows([], [], np.zeros(len(states.joints) + 1))
     count, branches, turns = states.usable.shape[1:]
-    # Values of the states of a row in one line, with one more for each branch: that of none.
+    # Values of the states of a row in one line. Each branch has one more, for no state at all.
     values = np.full(count * branches * (turns + 1), -math.inf)
     for row, usable in enumerate(states.usable):
         # Few states are usable where joints may turn more than once.

@@ -113,7 +113,7 @@ def test_a_solid_holds_its_link_at_all_angles() -> None:
 
 
 def test_a_solid_holds_a_triangle_that_falls() -> None:
-    """Of a mesh that is closed each side is run both ways; of one triangle it is not."""
+    """A closed mesh runs each side both ways; one triangle does not."""
     corners = np.array([[10.0, 0.0, 50.0], [40.0, 0.0, 0.0], [0.0, 5.0, 20.0]])
     link = Link("link", (), (Surface(frozen(corners), np.array([[0, 1, 2]])),))
     solid = sweep(link, (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
@@ -124,9 +124,9 @@ def test_a_solid_holds_a_triangle_that_falls() -> None:
 
 def test_the_rounder_link_is_the_solid(pair: MeshPair) -> None:
     bar, block = (Link("", (Box(translation(*p[1]), p[0]),), (plates(p),)) for p in (BAR, BLOCK))
-    end, here = (300.0, 20.0, 10.0), (0.0, 0.0, 0.0)
+    end, origin = (300.0, 20.0, 10.0), (0.0, 0.0, 0.0)
     about_z = (0.0, 0.0, 1.0)
-    assert measure_roundness(bar, end, about_z) > 2 * measure_roundness(block, here, about_z)
+    assert measure_roundness(bar, end, about_z) > 2 * measure_roundness(block, origin, about_z)
     wider = pair.wider()
     assert wider is not None
     assert wider.sweep is not None
@@ -172,9 +172,9 @@ def test_no_joint_brings_bodies_nearer_than_its_lever(cell_scene: Scene) -> None
             turn = np.zeros(6)
             turn[int(rng.choice(closer.joints))] = rng.uniform(-0.2, 0.2)
             moved = closer.levers @ np.abs(turn[closer.joints])
-            here, there = (pairs.measure(arm, closer, each) for each in (row, row + turn))
-            assert abs(here - there) <= moved + 1e-6
-            used += int(abs(here - there) > 0.5 * moved)
+            before, after = (pairs.measure(arm, closer, each) for each in (row, row + turn))
+            assert abs(before - after) <= moved + 1e-6
+            used += int(abs(before - after) > 0.5 * moved)
     assert used > 5
 
 
