@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -12,7 +12,7 @@ from msgspec import Struct
 from camgen.collision import pairs
 from camgen.collision.boxes import Boxes, every, least_apart, meet
 from camgen.collision.mesh import body, distance, find_struck
-from camgen.collision.scene import Scene, Target
+from camgen.collision.scene import Scene, Target, narrow
 from camgen.geometry.ragged import ramp, run_lengths
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
@@ -59,6 +59,28 @@ def hits(
     return found
 
 
+def split_off_meshes(scene: Scene) -> tuple[Scene, ...]:
+    """The pairs of boxes, and those of which a link is a mesh: first the pairs that meet most.
+
+    Two links meet the less, the fewer joints are between them.
+    """
+    between = {k: len(closer.joints) for k, closer in enumerate(scene.closer) if closer is not None}
+    if not between:
+        return (scene,)
+    slow = sorted(between, key=lambda k: -between[k])
+    quick = [k for k in range(len(scene.pairs)) if k not in between]
+    return narrow(scene, quick), narrow(scene, slow)
+
+
+def are_clear(scenes: Sequence[Scene], joints: FloatArray, near: float = 0.0) -> BoolArray:
+    """The rows without a collision in any scene (N,), see ``hits``. Quick scenes come first."""
+    clear = np.ones(len(joints), dtype=np.bool_)
+    for scene in scenes:
+        left = np.flatnonzero(clear)
+        clear[left] = hits(scene, joints[left], near=near) < 0
+    return clear
+
+
 class _BoxTests(NamedTuple):
     """Tests of boxes.
 
@@ -78,21 +100,28 @@ def _look_closer(
     """Clear ``met`` (n,) where the boxes meet and the meshes of a pair do not.
 
     joints: (N, J).
-    exactly: whether meshes that are a little farther apart than `room` are cleared.
+    exactly: whether meshes that are a little farther apart than `room` are cleared, and all pairs
+        but the first one at each of the joint values.
     """
     boxes_met = np.flatnonzero(met)
+    is_named = np.zeros(len(joints), dtype=np.bool_)
     for number in np.unique(tests.pair[boxes_met]).tolist():
-        closer = scene.closer[number]
-        if closer is None:
-            continue
         which = boxes_met[tests.pair[boxes_met] == number]
-        values, room = joints[tests.row[which]], tests.room[which]
-        if not room.any():
-            met[which] = pairs.meet(scene.robot, closer, values)
-        elif exactly:
-            met[which] = pairs.come_within(scene.robot, closer, values, room)
-        else:
-            met[which] = pairs.may_come_within(scene.robot, closer, values, room)
+        if exactly:
+            # An earlier pair collides there.
+            late = is_named[tests.row[which]]
+            met[which[late]] = False
+            which = which[~late]
+        closer = scene.closer[number]
+        if closer is not None and len(which):
+            values, room = joints[tests.row[which]], tests.room[which]
+            if not room.any():
+                met[which] = pairs.meet(scene.robot, closer, values)
+            elif exactly:
+                met[which] = pairs.come_within(scene.robot, closer, values, room)
+            else:
+                met[which] = pairs.may_come_within(scene.robot, closer, values, room)
+        is_named[tests.row[which[met[which]]]] = True
 
 
 #: A box that grows by 1 on every side reaches so much farther at its corners.
@@ -459,7 +488,7 @@ def clearance(scene: Scene, joints: FloatArray, near: float) -> FloatArray:
     are as far apart or farther. True to 1e-6 mm; the cost grows with what lies within ``near``.
     """
     joints = np.asarray(joints, dtype=np.float64)
-    least = np.where(hits(scene, joints) < 0, near, 0.0)
+    least = np.where(are_clear(split_off_meshes(scene), joints), near, 0.0)
     free = np.flatnonzero(least)
     _lower(scene, joints[free], free, _Found.beyond(least))
     return least

@@ -21,6 +21,7 @@ from camgen.geometry.ragged import each_once
 from camgen.geometry.vectors import cross
 from camgen.model.part import BoolArray, IntArray, Solid
 from camgen.model.pose import FloatArray, frozen
+from camgen.robots.models import Link
 
 #: Boxes that are put to the tree at once.
 _BOXES = 512
@@ -59,6 +60,15 @@ def make_mesh(solid: Solid) -> Mesh:
     low, high = tree.corners.min(axis=(0, 1)), tree.corners.max(axis=(0, 1))
     box = Boxes(frozen((low + high) / 2), frozen(np.eye(3)), frozen((high - low) / 2))
     return Mesh(tree, box, make_model(solid.vertices, solid.faces), _is_closed(solid))
+
+
+@lru_cache(maxsize=64)
+def join_surfaces(link: Link) -> tuple[FloatArray, IntArray]:
+    """Vertices (V, 3), mm, and faces (F, 3) of all surfaces of a link, in its frame."""
+    first = np.cumsum([0, *(len(surface.vertices) for surface in link.surfaces)])
+    vertices = np.concatenate([surface.vertices for surface in link.surfaces])
+    faces = [surface.faces + row for surface, row in zip(link.surfaces, first, strict=False)]
+    return frozen(vertices), np.concatenate(faces)
 
 
 def make_model(vertices: FloatArray, faces: IntArray) -> Any:

@@ -355,10 +355,15 @@ def levers(scene: Scene, travel: FloatArray) -> FloatArray:
 
 def closing(scene: Scene, travel: FloatArray) -> FloatArray:
     """By how much two boxes of a pair come nearer at most per rad or mm of a joint (J, P): by what the joints between
-    their links do to the farther one. travel: as for ``levers``.
+    their links do to the farther one; where meshes decide, the meshes. travel: as for ``levers``.
     """
     one, other = scene.frame[scene.first], scene.frame[scene.second]
     low, high = np.minimum(one, other), np.maximum(one, other)
     lever = levers(scene, travel)[:, np.where(one > other, scene.first, scene.second)]
     joint = np.arange(len(lever))[:, None]
-    return np.where((joint >= low) & (joint < high), lever, 0.0)
+    approach = np.where((joint >= low) & (joint < high), lever, 0.0)
+    for number, closer in enumerate(scene.closer):
+        if closer is not None:
+            between = np.ix_(closer.joints, np.flatnonzero(scene.of_pair == number))
+            approach[between] = np.minimum(approach[between], closer.levers[:, None])
+    return approach

@@ -7,6 +7,10 @@ takes 0.2 to 5 ms, a thousand times as long as a test of cuboids, so each distan
 - A joint brings them nearer by no more than its angle times its lever.
 - So the distance at the middle of a cell of joint values bounds the distances in all of the cell.
 
+Of two links with one link between them, one is nearly round about the joint beside it. A solid
+around all that it sweeps takes its place first (``swept``): then that joint does not count, and
+there are far fewer cells.
+
 The answers of `come_within` and `meet` do not depend on the distances that were kept before: if the
 bounds do not decide, fcl measures at the joint values themselves.
 
@@ -17,7 +21,7 @@ together, from a base that is outside: before one is within, another passes the 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -25,16 +29,20 @@ import fcl  # type: ignore[import-untyped]
 import numpy as np
 from msgspec import Struct
 
-from camgen.collision.mesh import distance, make_model
+from camgen.collision.mesh import distance, join_surfaces, make_model
+from camgen.collision.swept import SweptSolid
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray, Pose
 from camgen.robots.kinematics.forward import frames
 from camgen.robots.models import Box, Link, Robot
 
-#: mm by which bodies may come nearer from the middle of a cell to its border, for two sizes.
-_SLACKS_MM = (24.0, 4.0)
+#: mm by which bodies may come nearer from the middle of a cell to its border, for each size; and
+#: the size of more cells for solids, with one joint between them and a link.
+_SLACKS_MM, _SMALL_SLACK_MM = (24.0, 3.0), 0.5
 #: Meetings that take fcl as long as a distance.
 _WORTH = 12
+#: Cells and meetings that a pair keeps: they take some 200 bytes each.
+_MOST_KNOWN = 100_000
 #: Decimals of joint values, rad or mm; the values are equal if these are.
 _DIGITS = 12
 #: mm by which fcl's distances may be off: two ways to compute one differ by less.
@@ -52,6 +60,19 @@ class Shape(Struct, frozen=True, eq=False):
     parts: tuple[tuple[Any, Pose], ...]
 
 
+class Sweep(Struct, frozen=True, eq=False):
+    """A body of which the solid that it sweeps is tested.
+
+    solid: the solid.
+    is_first: whether that is the first body.
+    points: (N, 3) corners of the other body, in its link's frame.
+    """
+
+    solid: SweptSolid
+    is_first: bool
+    points: FloatArray
+
+
 class MeshPair(Struct, frozen=True, eq=False):
     """Two bodies and their known distances.
 
@@ -60,8 +81,12 @@ class MeshPair(Struct, frozen=True, eq=False):
     second: fcl's objects of the second one, each with its pose in its link's frame.
     joints: (d,) the joints of the chain between both links.
     levers: (d,) mm per rad or mm of each, by which the bodies come nearer at most.
-    known: distances by cells, one table for each of ``_SLACKS_MM``.
+    slacks: mm by which they come nearer from the middle of a cell to its border, for each size.
+    known: distances by cells, one table for each of ``slacks``.
     meetings: whether the bodies meet, by the values of ``joints``.
+    wider: the pair with a solid around one of these bodies, which is tested first, if there is one;
+        made where it is asked for.
+    sweep: the body of this pair that is such a solid.
     """
 
     frames: tuple[int, int]
@@ -69,17 +94,17 @@ class MeshPair(Struct, frozen=True, eq=False):
     second: tuple[tuple[Any, Pose], ...]
     joints: IntArray
     levers: FloatArray
+    slacks: tuple[float, ...]
     known: tuple[dict[tuple[int, ...], float], ...]
     meetings: dict[bytes, bool]
+    wider: Callable[[], MeshPair | None] = lambda: None
+    sweep: Sweep | None = None
 
 
 @lru_cache(maxsize=64)
 def model_of(link: Link) -> Any:
     """Fcl's model of all surfaces of a link, made once for any number of scenes."""
-    first = np.cumsum([0, *(len(surface.vertices) for surface in link.surfaces)])
-    vertices = np.concatenate([surface.vertices for surface in link.surfaces])
-    faces = [surface.faces + row for surface, row in zip(link.surfaces, first, strict=False)]
-    return make_model(vertices, np.concatenate(faces))
+    return make_model(*join_surfaces(link))
 
 
 def box_part(box: Box) -> tuple[Any, Pose]:
@@ -88,21 +113,36 @@ def box_part(box: Box) -> tuple[Any, Pose]:
     return fcl.Box(2 * x, 2 * y, 2 * z), box.link_from_box
 
 
-def pair_up(first: Shape, second: Shape, levers: FloatArray) -> MeshPair:
+def pair_up(
+    first: Shape,
+    second: Shape,
+    levers: FloatArray,
+    wider: Callable[[], MeshPair | None] = lambda: None,
+    sweep: Sweep | None = None,
+) -> MeshPair:
     """The pair of two bodies.
 
-    levers: (J,) mm per rad or mm of each joint, 0 for joints that are not between them.
+    levers: (J,) mm per rad or mm of each joint, 0 for joints that are not between them, and for
+        that of a swept body.
+    wider, sweep: fields of ``MeshPair``.
     """
     low, high = sorted((first.frame, second.frame))
     joints = np.arange(low, high)
+    slacks: tuple[float, ...] = _SLACKS_MM
+    if sweep is not None:
+        joints = joints[1:] if sweep.is_first else joints[:-1]
+        slacks += (_SMALL_SLACK_MM,)
     return MeshPair(
         (first.frame, second.frame),
         tuple(fcl.CollisionObject(*_with_transform(*part)) for part in first.parts),
         tuple((fcl.CollisionObject(part[0]), part[1]) for part in second.parts),
         joints,
         levers[joints],
-        tuple({} for _ in _SLACKS_MM),
+        slacks,
+        tuple({} for _ in slacks),
         {},
+        wider,
+        sweep,
     )
 
 
@@ -125,11 +165,10 @@ def meet(robot: Robot, pair: MeshPair, joints: FloatArray) -> BoolArray:
     fcl takes a tenth of the time of a distance for it. So known distances are used, and new ones
     are measured in cells of many questions alone.
     """
-    met = np.ones(len(joints), dtype=np.bool_)
-    for level in range(len(_SLACKS_MM)):
-        left = np.flatnonzero(met)
-        met[left] = _bound(robot, pair, joints[left], level, _WORTH) <= 0.0
+    met = may_come_within(robot, pair, joints, np.zeros(len(joints)), _WORTH)
     left = np.flatnonzero(met)
+    if len(pair.meetings) > _MOST_KNOWN:
+        pair.meetings.clear()
     serial = (joints[left] @ robot.coupling.T)[:, pair.joints]
     keys = [row.tobytes() for row in serial.round(_DIGITS)]
     new = [k for k, key in enumerate(keys) if key not in pair.meetings]
@@ -140,14 +179,13 @@ def meet(robot: Robot, pair: MeshPair, joints: FloatArray) -> BoolArray:
 
 
 def may_come_within(
-    robot: Robot, pair: MeshPair, joints: FloatArray, room: FloatArray
+    robot: Robot, pair: MeshPair, joints: FloatArray, room: FloatArray, worth: int = 1
 ) -> BoolArray:
-    """At which joint values (N, J) bounds prove no distance above ``room`` (N,), mm."""
-    met = np.ones(len(joints), dtype=np.bool_)
-    for level in range(len(_SLACKS_MM)):
-        left = np.flatnonzero(met)
-        met[left] = _bound(robot, pair, joints[left], level) <= room[left]
-    return met
+    """At which joint values (N, J) bounds prove no distance above ``room`` (N,), mm.
+
+    worth: questions in a cell for which fcl measures its distance if that is not known.
+    """
+    return np.asarray(at_least(robot, pair, joints, room, worth) <= room)
 
 
 def measure(robot: Robot, pair: MeshPair, joints: FloatArray) -> float:
@@ -156,31 +194,39 @@ def measure(robot: Robot, pair: MeshPair, joints: FloatArray) -> float:
     return _distance(pair, placed)
 
 
-def at_least(robot: Robot, pair: MeshPair, joints: FloatArray, enough: FloatArray) -> FloatArray:
+def at_least(
+    robot: Robot, pair: MeshPair, joints: FloatArray, enough: FloatArray, worth: int = 1
+) -> FloatArray:
     """No more than the distance at joint values (N, J), mm (N,); it may be negative.
 
-    enough: (N,) mm; small cells are not used for a bound that is no less.
+    enough: (N,) mm; nothing more is measured for a bound that is more, nor where none can be.
+    worth: argument of ``may_come_within``.
     """
     bound = np.full(len(joints), -math.inf)
-    for level in range(len(_SLACKS_MM)):
-        left = np.flatnonzero(bound < enough)
-        bound[left] = np.maximum(bound[left], _bound(robot, pair, joints[left], level))
+    if (wider := pair.wider()) is not None:
+        bound = at_least(robot, wider, joints, enough, worth)
+    is_open = np.ones(len(joints), dtype=np.bool_)
+    for level, slack in enumerate(pair.slacks):
+        left = np.flatnonzero(is_open & (bound <= enough))
+        more = _bound(robot, pair, joints[left], level, worth)
+        bound[left] = np.maximum(bound[left], more)
+        # The distance is no more than that in the middle of the cell and its slack.
+        is_open[left] = more + 2 * (slack + _ROUNDING_MM) > enough[left]
     return bound
 
 
-def _bound(
-    robot: Robot, pair: MeshPair, joints: FloatArray, level: int, worth: int = 1
-) -> FloatArray:
+def _bound(robot: Robot, pair: MeshPair, joints: FloatArray, level: int, worth: int) -> FloatArray:
     """The least that the distance can be at joint values (N, J), mm (N,).
 
-    worth: questions in a cell for which fcl measures its distance if that is not known; else the
-        bound is below 0.
+    worth: argument of ``may_come_within``; the bound of an unknown cell is below 0.
     """
-    width = 2 * _SLACKS_MM[level] / np.maximum(len(pair.joints) * pair.levers, 1.0)
+    width = 2 * pair.slacks[level] / np.maximum(len(pair.joints) * pair.levers, 1.0)
     serial = (joints @ robot.coupling.T)[:, pair.joints]
     cells = np.rint(serial / width).astype(np.int64)
     unique, cell_of, counts = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
     known = pair.known[level]
+    if len(known) > _MOST_KNOWN:
+        known.clear()
     keys = list(map(tuple, unique.tolist()))
     new = [k for k, key in enumerate(keys) if counts[k] >= worth and key not in known]
     if new:
@@ -217,12 +263,23 @@ def _move(pair: MeshPair, placed: _Relative) -> None:
 
 
 def _distance(pair: MeshPair, placed: _Relative) -> float:
+    # To fcl a solid is its surface, and bodies within the solid are apart from it.
+    if pair.sweep is not None and _is_within(pair.sweep, placed):
+        return 0.0
     _move(pair, placed)
     least = math.inf
     for item in pair.first:
         for other, _ in pair.second:
             least = min(least, distance(item, other))
     return least
+
+
+def _is_within(sweep: Sweep, placed: _Relative) -> bool:
+    """Whether a corner of the other body is within the solid."""
+    turned, shifted = placed
+    if sweep.is_first:
+        turned, shifted = turned.T, -shifted @ turned
+    return sweep.solid.holds_any(sweep.points, turned, shifted)
 
 
 def _meet(pair: MeshPair, placed: _Relative) -> bool:

@@ -6,17 +6,19 @@ Links, tool, fixtures and table are cuboids (RFA paper, section II.B); the part 
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Sequence
+from functools import cache, lru_cache
 
 import numpy as np
 from msgspec import Struct
 
-from camgen.collision.mesh import Mesh
-from camgen.collision.pairs import MeshPair, Shape, box_part, model_of, pair_up
+from camgen.collision.mesh import Mesh, join_surfaces
+from camgen.collision.pairs import MeshPair, Shape, Sweep, box_part, model_of, pair_up
+from camgen.collision.swept import enlarge_levers, measure_roundness, sweep
+from camgen.geometry.vectors import cross
 from camgen.model.errors import JobError
 from camgen.model.part import BoolArray, IntArray
-from camgen.model.pose import IDENTITY, FloatArray, Pose, frozen, translation
+from camgen.model.pose import IDENTITY, FloatArray, Pose, Vec3, frozen, to_vec3, translation
 from camgen.model.text import short, suggest
 from camgen.robots.models import Box, Link, Robot
 
@@ -82,6 +84,20 @@ class _Body(Struct, frozen=True, eq=False):
     mesh: Mesh | None = None
     base_from_mesh: Pose = _HERE
     link: Link | None = None
+
+    def measure_reach(self, origin: FloatArray, axis: FloatArray) -> tuple[float, float]:
+        """The reach of the body from an axis and from a point on it, mm.
+
+        origin: (3,) the point, in the frame of the link.
+        axis: (3,) direction, a unit vector.
+        """
+        if self.link is not None:
+            return _measure_link(self.link, to_vec3(origin), to_vec3(axis))
+        if self.mesh is None:
+            return _measure_reach(np.concatenate([*map(_corners, self.boxes)]) - origin, axis)
+        place, corners = self.base_from_mesh, self.mesh.tree.corners.reshape(-1, 3)
+        placed = corners @ place.rotation.T + np.asarray(place.origin)
+        return _measure_reach(placed - origin, axis)
 
     def shape(self) -> Shape:
         """The body as fcl has it."""
@@ -204,6 +220,24 @@ def _grow(boxes: tuple[Box, ...], pad: float) -> tuple[Box, ...]:
     )
 
 
+@lru_cache(maxsize=256)
+def _measure_link(link: Link, origin: Vec3, axis: Vec3) -> tuple[float, float]:
+    return _measure_reach(join_surfaces(link)[0] - np.array(origin), np.array(axis))
+
+
+def _measure_reach(points: FloatArray, axis: FloatArray) -> tuple[float, float]:
+    """The reach of points (N, 3) from an axis through their origin, and from that, mm."""
+    across = np.linalg.norm(cross(points, axis), axis=1)
+    return float(across.max()), float(np.linalg.norm(points, axis=1).max())
+
+
+def _corners(box: Box) -> FloatArray:
+    """(8, 3) the corners of a cuboid."""
+    place, half = box.link_from_box, np.asarray(box.half)
+    signs = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+    return np.asarray((signs * half) @ place.rotation.T + np.asarray(place.origin))
+
+
 def _on_flange(robot: Robot, boxes: tuple[Box, ...]) -> tuple[Box, ...]:
     return tuple(Box(robot.flange @ box.link_from_box, box.half) for box in boxes)
 
@@ -295,24 +329,101 @@ def _closer(robot: Robot, first: _Body, second: _Body) -> MeshPair | None:
         return None
     if not all(body.boxes or body.mesh for body in (first, second)):
         return None
+    if first.link is not None and second.link is not None:
+        return _pair_links(robot, (first.link, first.frame), (second.link, second.frame))
     return pair_up(first.shape(), second.shape(), _levers_between(robot, first, second))
+
+
+#: A link that is a mesh, and its number.
+_NumberedLink = tuple[Link, int]
+
+
+@lru_cache(maxsize=128)
+def _pair_links(robot: Robot, first: _NumberedLink, second: _NumberedLink) -> MeshPair:
+    """The pair of two links, with its known distances, for any number of scenes."""
+    body, second_body = (
+        _Body(link.name, frame, link.boxes, link=link) for link, frame in (first, second)
+    )
+    levers = _levers_between(robot, body, second_body)
+    wider = cache(lambda: _widen(robot, first, second, levers))
+    return pair_up(body.shape(), second_body.shape(), levers, wider)
+
+
+def _widen(
+    robot: Robot, first: _NumberedLink, second: _NumberedLink, levers: FloatArray
+) -> MeshPair | None:
+    """The pair of two links with one link between them, the rounder one as the solid it sweeps.
+
+    With one joint left there are few cells. None for other links, and where no joint turns.
+    """
+    if second[1] - first[1] != 2:
+        return None
+    after, before = robot.joints[first[1] : second[1]]
+    place = after.previous_from_joint
+    choices = []
+    if not after.sliding:
+        about = place.origin, to_vec3(place.rotation @ np.asarray(after.axis))
+        choices.append((measure_roundness(first[0], *about), first, second, about))
+    if not before.sliding:
+        about = _HERE.origin, before.axis
+        choices.append((measure_roundness(second[0], *about), second, first, about))
+    if not choices:
+        return None
+    _, (link, frame), (other, other_frame), about = min(choices, key=lambda choice: choice[0])
+    solid, (points, _) = sweep(link, *about), join_surfaces(other)
+    swept = Shape(frame, ((solid.model, _HERE),))
+    other_shape = Shape(other_frame, ((model_of(other), _HERE),))
+    is_first = frame < other_frame
+    return pair_up(
+        swept if is_first else other_shape,
+        other_shape if is_first else swept,
+        enlarge_levers(levers),
+        sweep=Sweep(solid, is_first, points),
+    )
 
 
 def _levers_between(robot: Robot, first: _Body, second: _Body) -> FloatArray:
     """(J,) mm per rad or mm of each joint by which two bodies come nearer at most.
 
-    A joint moves the body that is farther along the chain. No point of that body is farther from
-    the joint's origin than the lever.
+    To turn one body about a joint is to turn the other one the other way, so the less distant
+    counts. No point of a body is farther from the axis of the joint than the lever.
     """
     near, far = sorted((first, second), key=lambda body: body.frame)
-    reach = max(math.hypot(*box.link_from_box.origin) + math.hypot(*box.half) for box in far.boxes)
+    between = slice(near.frame, far.frame)
+    joints = robot.joints[between]
     levers = np.zeros(len(robot.joints))
-    travel = np.abs(robot.coupling) @ np.abs(robot.limits).max(axis=1)
-    for k in reversed(range(near.frame, far.frame)):
-        joint = robot.joints[k]
-        levers[k] = 1.0 if joint.sliding else reach
-        reach += math.hypot(*joint.previous_from_joint.origin) + joint.sliding * travel[k]
+    if not joints:
+        return levers
+    sliding = np.array([joint.sliding for joint in joints])
+    travel = (np.abs(robot.coupling) @ np.abs(robot.limits).max(axis=1))[between] * sliding
+    shifts = np.array([joint.previous_from_joint.origin for joint in joints])
+    axes = np.array([joint.axis for joint in joints], dtype=np.float64)
+    turned = np.array(
+        [joint.previous_from_joint.rotation @ joint.axis for joint in joints], dtype=np.float64
+    )
+    outward = _sum_levers(near.measure_reach(shifts[0], turned[0]), turned, shifts[1:], travel)
+    inward = _sum_levers(
+        far.measure_reach(np.zeros(3), axes[-1]), axes[::-1], shifts[:0:-1], travel[::-1]
+    )
+    levers[between] = np.where(sliding, 1.0, np.minimum(outward, inward[::-1]))
     return levers
+
+
+def _sum_levers(
+    reach_at_first: tuple[float, float], axes: FloatArray, shifts: FloatArray, travel: FloatArray
+) -> FloatArray:
+    """The reach of a body from each of K axes at any joint values (K,), mm.
+
+    reach_at_first: reach from the first axis and from its origin, mm.
+    axes: (K, 3) unit vectors.
+    shifts: (K - 1, 3) from the origin of each axis to that of the next one, mm.
+    travel: (K,) mm by which a sliding joint moves the links beyond it, 0 for others.
+    """
+    distances, reach = [reach_at_first[0]], reach_at_first[1] + travel[0]
+    for axis, shift, slide in zip(axes[1:], shifts, travel[1:], strict=True):
+        distances.append(float(np.linalg.norm(np.cross(shift, axis))) + reach)
+        reach += float(np.linalg.norm(shift)) + slide
+    return np.array(distances)
 
 
 def _target(body: _Body, tested: list[tuple[_Body, _Body]], rows: dict[int, range]) -> Target:

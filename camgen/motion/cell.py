@@ -9,7 +9,7 @@ import numpy as np
 
 from camgen.collision.cell import Surroundings
 from camgen.collision.describe import describe_hit
-from camgen.collision.hits import clearance, hits
+from camgen.collision.hits import are_clear, clearance, hits, split_off_meshes
 from camgen.collision.motion import MotionCheck, measure_apart, motions
 from camgen.collision.scene import Scene, name_pair
 from camgen.model.cell import Cell
@@ -56,16 +56,15 @@ def home_of(robot: Robot, cell: Cell, scene: Scene) -> FloatArray:
 def setup_of(robot: Robot, cell: Cell, where: Surroundings) -> Setup:
     """The set-up of a cell for motions along edges: arm, frames and collision tests."""
     scene = where.scene
+    scenes, margin_scenes = split_off_meshes(scene), split_off_meshes(where.apart)
     return Setup(
         robot,
         cell.base_from_work,
         cell.flange_from_tool,
-        lambda joints: hits(scene, joints) < 0,
+        partial(are_clear, scenes),
         lambda joints: name_pair(scene, int(hits(scene, joints[None])[0])),
         partial(measure_apart, scene),
-        (lambda joints: hits(where.apart, joints, near=where.margin) < 0)
-        if where.margin > 0
-        else all_clear,
+        partial(are_clear, margin_scenes, near=where.margin) if where.margin > 0 else all_clear,
     )
 
 

@@ -91,23 +91,33 @@ def cheapest(robot: Robot, states: States, ways: Steps, start: FloatArray) -> Po
     """The chain with the least sum of times, the slowest joint counting, from ``start`` (J,), of the orientations'
     cost, averaged over the rows, and of changes.
     """
-    share = states.cost[:, None, None] / len(states.joints)
-    first = states.joints[0][:, :, None] + math.tau * states.table - start
-    cost = np.where(states.usable[0], _time(robot, first) + share, math.inf)
-    unreachable = np.full((*cost.shape[:2], 1), math.inf)
-    # Where a move comes from in the costs of a row, laid out in one line, one more for "from none".
-    count, branches, turns = cost.shape
-    places = (states.moves[:, :, None] % count * branches + np.arange(branches))[..., None] * (
-        turns + 1
-    )
+    if not states.usable.any(axis=(1, 2, 3)).all():
+        return None
+    share = states.cost / len(states.joints)
+    count, branches, turns = states.usable.shape[1:]
+    cost = np.full((count, branches, turns + 1), math.inf)
     costs = []
-    for row, (time, before) in enumerate(zip(ways.time, ways.before, strict=True), start=1):
-        padded = np.concatenate([cost, unreachable], axis=2)
-        costs.append(padded)
-        total = padded.take(places + before)
-        total += time[..., None]
-        np.copyto(total, math.inf, where=~states.open[row - 1])
-        cost = np.where(states.usable[row], total.min(axis=0) + share, math.inf)
+    for row, usable in enumerate(states.usable):
+        # Few states are usable where joints may turn more than once. The states of a row lie in
+        # one line. Each branch has one more, for "from none".
+        used = np.flatnonzero(usable)
+        state, turn = used // turns, used % turns
+        if row:
+            source = (states.moves % count)[:, state // branches] * branches + state % branches
+            before, time, is_open = (
+                table[row - 1].reshape(len(source), -1)
+                for table in (ways.before, ways.time, states.open)
+            )
+            total = cost.take(source * (turns + 1) + before.take(used, axis=1))
+            total += time.take(state, axis=1)
+            total[~is_open.take(used, axis=1)] = math.inf
+            least = total.min(axis=0)
+            costs.append(cost)
+            cost = np.full(cost.shape, math.inf)
+        else:
+            solutions = states.joints[0].reshape(count * branches, -1)
+            least = _time(robot, solutions[state] + math.tau * states.table[turn] - start)
+        cost.reshape(-1)[state * (turns + 1) + turn] = least + share[state // branches]
     return _trace(states, ways, cost, costs) if np.isfinite(cost).any() else None
 
 

@@ -71,41 +71,54 @@ def find_cover(
     """
     if not states.usable.any():
         return []
-    cost = _MM_A_SECOND / len(states.joints) * states.cost[:, None, None]
+    share = _MM_A_SECOND / len(states.joints) * states.cost
     rows = _Rows([], [], np.zeros(len(states.joints) + 1))
-    value = np.full(states.usable.shape[1:], -math.inf)
+    count, branches, turns = states.usable.shape[1:]
+    # Values of the states of a row in one line. Each branch has one more, for no state at all.
+    values = np.full(count * branches * (turns + 1), -math.inf)
     for row, usable in enumerate(states.usable):
-        move = np.full(value.shape, _BEGINS, dtype=np.int8)
-        if row:
-            value, move = _go_on(value, states, transitions, row)
+        # Few states are usable where joints may turn more than once.
+        used = np.flatnonzero(usable)
+        cost = share[used // (branches * turns)]
+        value, move = np.full(len(used), -math.inf), np.full(len(used), _BEGINS, dtype=np.int8)
+        if row and len(used):
+            value, move = _go_on(values, states, transitions, row, used)
             value += lengths[row - 1]
-        value = np.where(usable, value - cost, -math.inf)
-        end = int(value.argmax())
-        rows.ending.append(end)
-        rows.best[row + 1] = max(rows.best[row], value.flat[end])
-        start = np.where(usable, rows.best[row + 1] - price - cost, -math.inf)
+            value -= cost
+        end = int(value.argmax()) if len(used) else None
+        rows.ending.append(0 if end is None else int(used[end]))
+        rows.best[row + 1] = rows.best[row] if end is None else max(rows.best[row], value[end])
+        start = rows.best[row + 1] - price - cost
         move[start > value] = _BEGINS
-        rows.moves.append(move)
-        value = np.maximum(value, start)
+        moves = np.full(usable.shape, _BEGINS, dtype=np.int8)
+        moves.flat[used] = move
+        rows.moves.append(moves)
+        values = np.full(len(values), -math.inf)
+        values[used + used // turns] = np.maximum(value, start)
     return _trace(rows, states, transitions)
 
 
 def _go_on(
-    value: FloatArray, states: States, transitions: Steps, row: int
+    values: FloatArray, states: States, transitions: Steps, row: int, used: Index
 ) -> tuple[FloatArray, NDArray[np.int8]]:
-    """The best values of the states of a row that follow the row before, and their moves.
+    """The best values of the states ``used`` (N,) of a row that follow the row before.
 
-    value: (C, B, T) values of the row before.
+    Returns these and their moves, (N,) each.
+
+    values: values of the row before, with one of none for each orientation and branch.
     """
-    count, branches, turns = value.shape
-    none = np.full((count, branches, 1), -math.inf)
-    sources = states.moves[:, :, None] % count * branches + np.arange(branches)
-    places = sources[..., None] * (turns + 1) + transitions.before[row - 1]
-    total = np.concatenate([value, none], axis=2).take(places)
-    total -= _MM_A_SECOND * transitions.time[row - 1][..., None]
-    total[~states.open[row - 1]] = -math.inf
+    count, branches, turns = states.usable.shape[1:]
+    state = used // turns
+    source = (states.moves % count)[:, state // branches] * branches + state % branches
+    before, time, is_open = (
+        table[row - 1].reshape(len(source), -1)
+        for table in (transitions.before, transitions.time, states.open)
+    )
+    total = values.take(source * (turns + 1) + before.take(used, axis=1))
+    total -= _MM_A_SECOND * time.take(state, axis=1)
+    total[~is_open.take(used, axis=1)] = -math.inf
     move = total.argmax(axis=0)
-    return np.take_along_axis(total, move[None], axis=0)[0], move.astype(np.int8)
+    return total[move, np.arange(len(used))], move.astype(np.int8)
 
 
 def _trace(rows: _Rows, states: States, transitions: Steps) -> list[CoverChain]:

@@ -322,14 +322,15 @@ def _transitions(
         free[:, None, None], ~np.eye(found.shape[1], dtype=bool), _leaps(robot, moved, jump)
     )
     times = np.where(leaps, math.inf, _time(robot, moved))
-    index = np.zeros((*times.shape, size), dtype=np.int64)
-    lost = np.zeros_like(index, dtype=bool)
+    source = np.full((*times.shape, size), size)
+    near = np.isfinite(times)
+    index, lost = np.zeros((1, size), dtype=np.int64), np.zeros((1, size), dtype=np.bool_)
     for k in np.flatnonzero(most):
-        before = table[:, k] + whole[..., k, None]
-        lost |= np.abs(before) > most[k]
+        before = table[:, k] + whole[near, k, None]
+        lost = lost | (np.abs(before) > most[k])
         index = index * (2 * most[k] + 1) + before + most[k]
-    branch = np.arange(found.shape[1])[:, None, None] * (size + 1)
-    return np.where(lost, size, index) + branch, times
+    source[near] = np.where(lost, size, index)
+    return source + np.arange(found.shape[1])[:, None, None] * (size + 1), times
 
 
 def _trace(cost: FloatArray, backs: NDArray[np.int32]) -> Index:

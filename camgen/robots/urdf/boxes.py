@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from msgspec import Struct
 
+from camgen.geometry.ragged import owners, ramp
 from camgen.model.errors import InputError
 from camgen.model.part import IntArray
 from camgen.model.pose import IDENTITY, FloatArray, Pose, frozen, to_vec3
@@ -101,8 +102,9 @@ def is_own_hull(surface: Surface) -> bool:
     level = (normals * corners[length > 0, 0]).sum(axis=1)
     for begin in range(0, len(normals), _PLANES):
         planes = slice(begin, begin + _PLANES)
-        height = normals[planes] @ vertices.T - level[planes, None]
-        if ((height > _HULL_MM).any(axis=1) & (height < -_HULL_MM).any(axis=1)).any():
+        height = normals[planes] @ vertices.T
+        is_above = height.max(axis=1) - level[planes] > _HULL_MM
+        if (is_above & (height.min(axis=1) - level[planes] < -_HULL_MM)).any():
             return False
     return True
 
@@ -182,18 +184,19 @@ def _slices(corners: FloatArray, axis: int) -> tuple[FloatArray, FloatArray]:
     np.minimum.at(low, inside, points)
     np.maximum.at(high, inside, points)
     a, b = points, corners[:, [1, 2, 0]].reshape(-1, 3)
-    for k, plane in enumerate(planes[1:-1].tolist()):
-        crosses = (a[:, axis] - plane) * (b[:, axis] - plane) <= 0
-        crosses &= a[:, axis] != b[:, axis]
-        if not crosses.any():
-            continue
-        start, end = a[crosses], b[crosses]
-        there = (
-            start
-            + (end - start) * ((plane - start[:, axis]) / (end[:, axis] - start[:, axis]))[:, None]
-        )
-        there[:, axis] = plane
-        for slice_ in (k, k + 1):
-            low[slice_] = np.minimum(low[slice_], there.min(axis=0))
-            high[slice_] = np.maximum(high[slice_], there.max(axis=0))
+    begin, stop = np.minimum(a[:, axis], b[:, axis]), np.maximum(a[:, axis], b[:, axis])
+    first = np.searchsorted(planes[1:-1], begin)
+    counts = np.searchsorted(planes[1:-1], stop, side="right") - first
+    counts[begin == stop] = 0
+    side = owners(counts)
+    number = first[side] + ramp(counts)
+    start, end, plane = a[side], b[side], planes[1 + number]
+    there = (
+        start
+        + (end - start) * ((plane - start[:, axis]) / (end[:, axis] - start[:, axis]))[:, None]
+    )
+    there[:, axis] = plane
+    for slice_ in (number, number + 1):
+        np.minimum.at(low, slice_, there)
+        np.maximum.at(high, slice_, there)
     return low, high
