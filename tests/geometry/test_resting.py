@@ -13,6 +13,7 @@ from camgen.geometry.resting import (
     make_rotation_down,
     turn_down,
 )
+from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray, rotation_from_fixed_xyz
 
 _BOX = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
@@ -22,7 +23,7 @@ TETRAHEDRON_FACES = np.array([(0, 1, 2), (0, 2, 3), (0, 3, 1), (1, 3, 2)])
 ROTATION = rotation_from_fixed_xyz(0.7, -1.1, 2.3)
 
 
-def make_box(size: tuple[float, float, float], shear: float = 0.0) -> tuple[FloatArray, FloatArray]:
+def make_box(size: tuple[float, float, float], shear: float = 0.0) -> tuple[FloatArray, IntArray]:
     """A box from the origin, or a prism whose top is displaced along x."""
     corners = np.array(list(product((0, 1), repeat=3)), dtype=float)[:, ::-1]
     vertices = corners * size
@@ -136,10 +137,9 @@ def test_no_point_is_outside_the_hull_and_its_volume_is_known() -> None:
         a, b, c = points[hull].transpose(1, 0, 2)
         normals = np.cross(b - a, c - a)
         assert (np.einsum("fpk,fk->fp", points[None] - a[:, None], normals) <= 1e-7).all()
-        sides = {
-            tuple(side) for one in hull.tolist() for side in zip(one, np.roll(one, -1), strict=True)
-        }
-        assert all(side[::-1] in sides for side in sides)
+        ends = np.roll(hull, -1, axis=1)
+        sides = set(zip(hull.ravel().tolist(), ends.ravel().tolist(), strict=True))
+        assert all((end, start) in sides for start, end in sides)
         # Euler: a closed surface of triangles around one body.
         assert len(np.unique(hull)) - len(hull) / 2 == 2
         if points is not ball:
