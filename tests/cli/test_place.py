@@ -1,4 +1,4 @@
-"""Where a part should stand: found by search, and what is written is what was built."""
+"""How a part should stand: found by search, and the files that are written give what was built."""
 
 import contextlib
 import tomllib
@@ -13,7 +13,7 @@ from camgen.cli import main
 from camgen.model.pose import pose_from_values
 from camgen.pipeline import poster_of
 from camgen.pipeline.inputs import read_inputs
-from camgen.pipeline.place import Spot, _case, _far, _grid, _nominal
+from camgen.pipeline.place import Case, Request, Spot, examine, list_spots, make_case, reach_joints
 from camgen.read.files import Files
 
 #: A plate of 60 x 40 x 10 mm in front of an IRB 120, too far away for some of its upper edges.
@@ -28,6 +28,10 @@ base_from_work = [760, -20, 150, 0, 0, 0]
 """
 
 
+#: The edges of both large faces, with any roll of the tool.
+BOTH_SIDES = JOB.replace("e1-e4", "e1-e4 e9-e12").replace(
+    "[cell]", "[tool]\nsymmetric = true\n[cell]"
+)
 COMMAND = ["place", "plate.obj", "--post", "rapid", "--height", "150"]
 
 
@@ -42,10 +46,13 @@ def write_plate(folder: Path) -> Path:
 
 
 @pytest.fixture(scope="module", autouse=True)
-def two_built() -> Iterator[None]:
-    """The best two places are built instead of three, which is as good for a comparison."""
+def short_search() -> Iterator[None]:
+    """A search on fewer faces and with fewer builds, which is as good for a comparison."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("camgen.pipeline.place._BUILT", 2)
+        for name in ("_BUILT", "_SECOND_BUILT", "_IMPROVED", "_ROUNDS"):
+            patch.setattr(f"camgen.pipeline.place.{name}", 1)
+        for name in ("_FACES", "_EXAMINED"):
+            patch.setattr(f"camgen.pipeline.place.{name}", 2)
         yield
 
 
@@ -103,26 +110,140 @@ def test_the_job_s_own_place_is_kept_where_none_is_better(
     assert plate.with_name("b.toml").read_text().count("[cell]") == 1
 
 
-def test_no_place_has_more_edges_than_its_joints_reach(plate: Path) -> None:
-    """What the grid says is a bound: with collisions and all looks it is never more."""
+def read_case(plate: Path) -> Case:
     job = camgen.job(str(plate.with_suffix(".toml")))
     read = read_inputs([plate], job, poster_of("rapid", job, "job").cell(), Files())
-    case = _case(read.part, job, read.cell)
-    spots = list(_grid(case, 150.0))[::11]
-    bounds = [most for most, _ in _far(case, spots)]
-    counts = [_nominal(case, spot) for spot in spots]
-    assert all(count <= most for count, most in zip(counts, bounds, strict=True))
-    assert max(counts) == 4
-    assert min(bounds) == 0
+    return make_case(read.part, job, read.cell, Request(plate, "rapid"))
+
+
+def test_collisions_add_no_edge_to_those_that_the_joints_reach(plate: Path) -> None:
+    case = read_case(plate)
+    spots = [spot for spot in list_spots(case, 150.0) if spot.stand == 0][::3]
+    by_joints = reach_joints(case, spots, case.stands[0].samples).shares
+    with_collisions = np.concatenate([examine(case, spot).shares for spot in spots])
+    assert (with_collisions <= by_joints + 1e-9).all()
+    assert with_collisions.max() == pytest.approx(1)
+    assert by_joints.min() == 0
 
 
 def test_a_spot_is_where_the_middle_of_the_bottom_is(plate: Path) -> None:
-    job = camgen.job(str(plate.with_suffix(".toml")))
-    read = read_inputs([plate], job, poster_of("rapid", job, "job").cell(), Files())
-    case = _case(read.part, job, read.cell)
+    case = read_case(plate)
     frame = case.base_from_work(Spot(400.0, 90.0, 90.0))
     assert np.allclose(frame.apply([30, 20, 0]), [400, 0, 90])
     assert np.allclose(frame.rotation @ [1, 0, 0], [0, 1, 0])
+
+
+def test_a_part_that_is_turned_over_stands_on_the_face(plate: Path) -> None:
+    case = read_case(plate)
+    assert [stand.is_own for stand in case.stands] == [True, False, False]
+    for number, stand in enumerate(case.stands):
+        assert stand.face is not None
+        frame = case.base_from_work(Spot(400.0, 90.0, 30.0, number))
+        assert np.allclose(frame.rotation @ stand.face.normal, [0, 0, -1])
+        heights = [frame.apply(vertex)[2] for vertex in case.solid.vertices.tolist()]
+        assert min(heights) == pytest.approx(90)
+        assert sum(abs(height - 90) < 1e-6 for height in heights) == 4
+
+
+@pytest.fixture(scope="module")
+def two_set_ups(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a plate all of whose edges are asked for, with the two set-ups."""
+    folder = tmp_path_factory.mktemp("two")
+    write_plate(folder).with_suffix(".toml").write_text(BOTH_SIDES)
+    with contextlib.chdir(folder):
+        assert main([*COMMAND, "-q", "-o", "place.toml"]) == 0
+    return folder
+
+
+def test_two_set_ups_work_all_edges_and_each_edge_once(two_set_ups: Path) -> None:
+    assert {path.name for path in two_set_ups.iterdir()} == {
+        *("plate.obj", "plate.toml", "place.toml"),
+        *("place-1.toml", "place-1.mod", "place-1.svg"),
+        *("place-2.toml", "place-2.mod", "place-2.svg"),
+    }
+    cells, edges = [], []
+    for number in (1, 2):
+        tables = tomllib.loads((two_set_ups / f"place-{number}.toml").read_text())
+        assert tables["operation"] == {"offset": 2}
+        job = two_set_ups / f"place-{number}.toml"
+        result = camgen.build(two_set_ups / "plate.obj", post="rapid", job=job)
+        cells.append(tables["cell"])
+        edges += [path.id for path in result.tour.paths]
+    assert sorted(edges) == sorted(f"e{number}" for number in (1, 2, 3, 4, 9, 10, 11, 12))
+    # One lies on the other side than the other.
+    up = [pose_from_values(cell["base_from_work"]).rotation[2] for cell in cells]
+    assert float(up[0] @ up[1]) < 0.1
+    alone = tomllib.loads((two_set_ups / "place.toml").read_text())
+    assert list(alone) == ["cell"]
+    assert alone["cell"] == cells[0]
+
+
+@pytest.mark.parametrize("number", [1, 2])
+def test_the_program_of_a_set_up_is_that_of_its_job_file(two_set_ups: Path, number: int) -> None:
+    program = two_set_ups / f"place-{number}.mod"
+    before = program.read_bytes()
+    with contextlib.chdir(two_set_ups):
+        words = ["build", "plate.obj", "--post", "rapid", "--job", f"place-{number}.toml"]
+        assert main([*words, "-q", "-o", program.name]) == 0
+    assert program.read_bytes() == before
+
+
+def test_a_job_file_says_how_the_part_rests_and_which_edge_is_worked_where(
+    two_set_ups: Path,
+) -> None:
+    texts = [(two_set_ups / f"place-{number}.toml").read_text() for number in (1, 2)]
+    turned = next(text for text in texts if "rests_on" in text)
+    cell = tomllib.loads(turned)["cell"]
+    assert "fixtures" not in cell
+    normal = ", ".join(f"{value:g}" for value in cell["rests_on"])
+    assert f"the normal [{normal}]" in turned
+    assert "# turned from how the file has it by " in turned
+    for text in texts:
+        lines = [line for line in text.splitlines() if line.startswith("# e")]
+        assert [line.split(":")[0] for line in lines] == [
+            f"# e{k}" for k in (1, 2, 3, 4, 9, 10, 11, 12)
+        ]
+        assert all(" in set-up " in line for line in lines)
+
+
+def test_the_result_does_not_advise_to_run_the_command_again(
+    plate: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A block stands where the tool would have to be along one of the edges."""
+    block = "fixtures = [[-20, 41, -20, 80, 51, 40]]\n"
+    plate.with_suffix(".toml").write_text(JOB + block)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("camgen.pipeline.place._FACES", 0)
+        assert main([*COMMAND, "-o", "a.toml"]) == 0
+    said = capsys.readouterr().err + plate.with_name("a.toml").read_text()
+    assert "mm not worked" in said
+    assert "no roll and no tilt up to 30 deg helps" in said
+    assert "another place" not in said
+
+
+def test_an_edited_program_is_not_replaced_and_nothing_is_written(
+    two_set_ups: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plate = write_plate(tmp_path)
+    plate.with_suffix(".toml").write_text(BOTH_SIDES)
+    text = (two_set_ups / "place-2.mod").read_text()
+    edited = text.replace("MoveL", "MoveL ", 1)
+    assert edited != text
+    (tmp_path / "place-2.mod").write_text(edited)
+    with contextlib.chdir(tmp_path):
+        assert main([*COMMAND, "-o", "place.toml"]) == 2
+    assert "was edited" in capsys.readouterr().err.splitlines()[-1]
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names == {"plate.obj", "plate.toml", "place-2.mod"}
+
+
+def test_a_name_that_is_read_is_not_written(
+    plate: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    job = plate.with_name("part-2.toml")
+    plate.with_suffix(".toml").rename(job)
+    assert main([*COMMAND, "--job", "part-2.toml", "-o", "part.toml"]) == 2
+    assert "would overwrite part-2.toml" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
