@@ -75,7 +75,7 @@ def main(names: Sequence[str]) -> int:
         for name, part in list_parts(Path(folder), names):
             edges = [edge for edge in part.solid.edges if edge.convex]
             result, seconds = timed(partial(search, part))
-            chosen = [[result.here], [result.best[0]], result.set_ups]
+            chosen = [[result.as_given], [result.best[0]], result.set_ups]
             cells: list[object] = []
             for trials in chosen:
                 worked = result.measure_worked(trials)

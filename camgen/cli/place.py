@@ -38,18 +38,19 @@ _LISTED = 12
 
 
 def run(arguments: Namespace, says: Voice) -> int:
-    """Searches, writes the cell and the set-ups, and says what was found."""
+    """Searches, writes the cell and the set-ups, and sums up."""
     source, target = Path(arguments.input), Path(arguments.output)
     if arguments.height is not None and not math.isfinite(arguments.height):
         raise JobError(
             "--height",
-            f"{arguments.height} is no height",
+            f"{arguments.height} is not a height",
             remedy="give mm above the base of the robot",
         )
     job_file = beside(arguments.job, source)
     read_files = [source, *([job_file] if job_file else [])]
     numbers = range(1, SET_UPS + 1)
-    possible = [_place_beside(target, k, suffix) for k in numbers for suffix in (".toml", ".svg")]
+    possible = [_place_beside(target, number, ".toml") for number in numbers]
+    possible += [path.with_suffix(".svg") for path in possible]
     check_targets([target, *possible], read_files)
     files = Files()
     with no_collector(), rename_errors("job", str(job_file or "job")):
@@ -58,23 +59,23 @@ def run(arguments: Namespace, says: Voice) -> int:
         says.stage("reading")
         read = read_inputs([source], job, poster.cell(), files.within(job.limits))
         request = Request(source, arguments.post, target.stem)
-        found = search_place(read.part, job, read.cell, request, arguments.height, says.stage)
+        result = search_place(read.part, job, read.cell, request, arguments.height, says.stage)
         says.stage("writing")
         written: list[tuple[Path, SupportsBytes]] = [
-            (target, _write_cell(found, source.name, target.parent).encode())
+            (target, _write_cell(result, source.name, target.parent).encode())
         ]
-        if len(found.set_ups) > 1:
+        if len(result.set_ups) > 1:
             for number in numbers:
-                written += _write_set_up(found, number, source.name, target)
+                written += _write_set_up(result, number, source.name, target)
     check_targets([path for path, _ in written], read_files)
     write_all(written, files.opened)
     says.clear()
     if not says.quiet:
-        says.out(f"base_from_work = {list(found.best[0].base_from_work)}\n")
+        says.out(f"base_from_work = {list(result.best[0].base_from_work)}\n")
     says.rows(
         [
-            *_describe(found),
-            *_list_edges(found, _LISTED),
+            *_describe(result),
+            *_list_edges(result, _LISTED),
             *(("written", str(path), "good") for path, _ in written),
         ]
     )
@@ -86,22 +87,22 @@ def _place_beside(target: Path, number: int, suffix: str) -> Path:
     return target.with_name(name_set_up(target.stem, number) + suffix)
 
 
-def _write_cell(found: Search, part: str, folder: Path) -> str:
+def _write_cell(result: Search, part: str, folder: Path) -> str:
     """The file of the cell of the best set-up."""
     head = [f"camgen {__version__}: where {harmless(part)} should stand"]
-    head += _tell_rows(_describe(found))
-    lines = write_table("cell", found.best[0].job.cell, folder)
-    return _join([*head, *_tell_rows(_list_edges(found))], lines)
+    head += _tell_rows(_describe(result))
+    lines = write_table("cell", result.best[0].job.cell, folder)
+    return _join([*head, *_tell_rows(_list_edges(result))], lines)
 
 
 def _write_set_up(
-    found: Search, number: int, part: str, target: Path
+    result: Search, number: int, part: str, target: Path
 ) -> Iterator[tuple[Path, SupportsBytes]]:
     """The files of a set-up: job, program and picture.
 
     Raises JobError if a program would replace that of another part, or one that was edited.
     """
-    trial = found.set_ups[number - 1]
+    trial = result.set_ups[number - 1]
     assert trial.result is not None
     job = _place_beside(target, number, ".toml")
     suffix = Path(trial.result.files[0].name).suffix
@@ -113,11 +114,11 @@ def _write_set_up(
             raise JobError(str(path), what, remedy="give another name with -o")
     names = ", ".join(path.name for path, _ in programs)
     head = [
-        f"camgen {__version__}: set-up {number} of {len(found.set_ups)} of {harmless(part)}",
+        f"camgen {__version__}: set-up {number} of {len(result.set_ups)} of {harmless(part)}",
         f"program: {harmless(names)}, picture: {harmless(job.with_suffix('.svg').name)}",
-        f"set-up {number}: {_tell(found, trial)}",
+        f"set-up {number}: {_tell(result, trial)}",
         *_tell_frame(trial),
-        *_tell_rows(_list_edges(found)),
+        *_tell_rows(_list_edges(result)),
     ]
     yield job, _join(head, write_tables(trial.job, job.parent)).encode()
     yield from programs
@@ -133,49 +134,49 @@ def _tell_rows(rows: list[Row]) -> list[str]:
     return [f"{label}: {text}" if label else text for label, text, _ in rows]
 
 
-def _describe(found: Search) -> list[Row]:
-    """The places that were built, the set-ups, and what was searched."""
-    best, *others = found.best
-    own = ", where the job has it" if best is found.here else ""
-    rows: list[Row] = [("place", _tell(found, best) + own, "plain")]
+def _describe(result: Search) -> list[Row]:
+    """The places that were built, the set-ups, and the size of the search."""
+    best, *others = result.best
+    remark = ", where the job has it" if best is result.as_given else ""
+    rows: list[Row] = [("place", _tell(result, best) + remark, "plain")]
     for trial in others:
-        if trial is not found.here:
-            rows.append(("next best", _tell(found, trial), "plain"))
-    if best is not found.here:
-        rows.append(("the job's", _tell(found, found.here), "plain"))
-    if len(found.set_ups) > 1:
-        for number, trial in enumerate(found.set_ups, 1):
-            rows.append((f"set-up {number}", _tell(found, trial), "plain"))
+        if trial is not result.as_given:
+            rows.append(("next best", _tell(result, trial), "plain"))
+    if best is not result.as_given:
+        rows.append(("the job's", _tell(result, result.as_given), "plain"))
+    if len(result.set_ups) > 1:
+        for number, trial in enumerate(result.set_ups, 1):
+            rows.append((f"set-up {number}", _tell(result, trial), "plain"))
             rows += [("", text, "plain") for text in _tell_frame(trial)]
-        rows.append(("together", _tell_worked(found, found.set_ups), "plain"))
-    rows.append(("searched", _tell_search(found), "plain"))
+        rows.append(("together", _tell_worked(result, result.set_ups), "plain"))
+    rows.append(("searched", _tell_search(result), "plain"))
     return rows
 
 
-def _tell_search(found: Search) -> str:
-    grid, near = found.places
-    searched = sum(stand.face is not None for stand in found.stands)
-    faces = counted(found.faces, "resting face")
-    if searched < found.faces:
+def _tell_search(result: Search) -> str:
+    grid, near = result.places
+    searched = sum(stand.face is not None for stand in result.stands)
+    faces = counted(result.faces, "resting face")
+    if searched < result.faces:
         faces = f"the {searched} largest of {faces}"
     return f"{faces}, {counted(grid, 'place')} by the joints alone, {near} with collisions"
 
 
-def _tell(found: Search, trial: Trial) -> str:
-    """Where the part stands, and what is worked there."""
+def _tell(result: Search, trial: Trial) -> str:
+    """The place of the part, and the edges that are worked there."""
     spot = trial.spot
     where = (
         f"{_tell_stand(trial.stand)}, {short(spot.distance, 1)} mm from axis 1, "
         f"{short(spot.height, 1)} mm up, turned by {short(spot.turn, 2)} deg"
     )
     time = f", about {duration(trial.seconds)}" if trial.worked else ""
-    return f"{where}: {_tell_worked(found, [trial])}{time}"
+    return f"{where}: {_tell_worked(result, [trial])}{time}"
 
 
-def _tell_worked(found: Search, trials: Sequence[Trial]) -> str:
-    worked = found.measure_worked(trials)
-    length, total = (short(mm, 1) for mm in (sum(worked.values()), found.length))
-    edges = f"{grouped(len(worked))} of {counted(len(found.edges), 'edge')}"
+def _tell_worked(result: Search, trials: Sequence[Trial]) -> str:
+    worked = result.measure_worked(trials)
+    length, total = (short(mm, 1) for mm in (sum(worked.values()), result.length))
+    edges = f"{grouped(len(worked))} of {counted(len(result.edges), 'edge')}"
     return f"{edges}, {length} of {total} mm"
 
 
@@ -187,7 +188,7 @@ def _tell_stand(stand: Stand) -> str:
 
 
 def _tell_frame(trial: Trial) -> list[str]:
-    """What an operator has to know to set the part up."""
+    """The face, the rotation and the frame, for the operator."""
     stand, lines = trial.stand, []
     if stand.face is not None:
         normal, middle = _tell_vector(stand.face.normal), _tell_vector(stand.face.middle)
@@ -210,12 +211,12 @@ def _tell_vector(values: np.ndarray) -> str:
     return f"[{', '.join(short(value, 3) for value in values.tolist())}]"
 
 
-def _list_edges(found: Search, limit: int | None = None) -> list[Row]:
+def _list_edges(result: Search, limit: int | None = None) -> list[Row]:
     """A line for each edge: in which set-up it is worked, or why in none.
 
     limit: number of edges that are listed, those first of which something is left.
     """
-    rows = [(_order_edge(found, name), _row_of_edge(found, name)) for name in found.edges]
+    rows = [(_order_edge(result, name), _row_of_edge(result, name)) for name in result.edges]
     if limit is None:
         return [row for _, row in rows]
     rows.sort(key=lambda item: item[0])
@@ -226,26 +227,26 @@ def _list_edges(found: Search, limit: int | None = None) -> list[Row]:
     return listed
 
 
-def _order_edge(found: Search, name: str) -> int:
+def _order_edge(result: Search, name: str) -> int:
     """0 for an edge that is not worked, 1 for one in pieces, 2 for a whole one."""
-    if any(name in trial.whole for trial in found.set_ups):
+    if any(name in trial.whole for trial in result.set_ups):
         return 2
-    return int(any(name in trial.worked for trial in found.set_ups))
+    return int(any(name in trial.worked for trial in result.set_ups))
 
 
-def _row_of_edge(found: Search, name: str) -> Row:
-    length = found.edges[name].length
+def _row_of_edge(result: Search, name: str) -> Row:
+    length = result.edges[name].length
     parts = []
-    for number, trial in enumerate(found.set_ups, 1):
+    for number, trial in enumerate(result.set_ups, 1):
         if name in trial.whole:
             parts.append(f"whole in set-up {number}")
         elif name in trial.worked:
             worked = short(length * float(trial.worked[name].mean()), 1)
             parts.append(f"{worked} of {short(length, 1)} mm in set-up {number}")
-    state = _order_edge(found, name)
+    state = _order_edge(result, name)
     if state == 2:
         return (name, ", ".join(parts), "plain")
-    parts += _tell_reasons(found.set_ups, name)
+    parts += _tell_reasons(result.set_ups, name)
     if state == 0:
         parts.insert(0, f"{short(length, 1)} mm not worked")
     return (name, "; ".join(parts), "look")

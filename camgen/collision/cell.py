@@ -225,7 +225,7 @@ def _standing(
                 box = box_between(base_from_work, *corners_of("cell.fixtures", shape))
                 fixtures.append(Link(f"fixture {number}", (box,)))
         return tuple(fixtures), ()
-    upright = Pose(_turn_upright(table.rests_on), (0.0, 0.0, 0.0))
+    upright = Pose(turn_upright(table.rests_on), (0.0, 0.0, 0.0))
     placed = solid.vertices @ upright.rotation.T
     low, high = placed.min(axis=0), placed.max(axis=0)
     top = float(low[2]) - _TABLE_GAP_MM
@@ -239,7 +239,7 @@ def _standing(
     return (Link("table", (box,)),), (note,)
 
 
-def _turn_upright(rests_on: Sequence[float] | None) -> FloatArray:
+def turn_upright(rests_on: Sequence[float] | None) -> FloatArray:
     """The rotation (3, 3) that turns the face on which a part rests downwards."""
     if rests_on is None:
         return IDENTITY

@@ -1,4 +1,4 @@
-"""Search how a 3-D part should stand before an arm: on which face it rests, where, and in how many set-ups.
+"""Search the stand of a 3-D part before an arm: the face on which it rests, and its place.
 
 The part rests on a face of its hull, or as the job has it. A grid of places is examined by the
 joints alone, the best of them with collisions at samples of the edges, and these are improved step
@@ -60,7 +60,7 @@ _EXAMINED, _IMPROVED, _ROUNDS, _BUILT = 12, 4, 4, 3
 _SECOND_BUILT = 2
 #: Joint values of each sample that are tested for collisions.
 _TESTED = 8
-#: rad: room to a limit beyond which more is no better.
+#: rad: room to a limit beyond which more room counts the same.
 _ROOM = math.radians(30)
 #: mm: how often the worked length of an edge is measured.
 _MARK_MM = 1.0
@@ -71,9 +71,9 @@ _SAME = 0.01
 class Spot(Struct, frozen=True, order=True):
     """A place of the part before the arm.
 
-    distance: from axis 1 of the arm to the middle of the bottom of the part, mm.
-    height: of that bottom above the base, mm.
-    turn: about the vertical, deg.
+    distance: distance of the middle of the bottom of the part from axis 1 of the arm, mm.
+    height: height of that bottom above the base, mm.
+    turn: angle about the vertical, deg.
     stand: number of the stand of the part.
     """
 
@@ -86,7 +86,7 @@ class Spot(Struct, frozen=True, order=True):
 class Stand(Struct, frozen=True, eq=False):
     """The face on which the part stands.
 
-    face: the resting face; None where the job's own stand is on none.
+    face: the resting face; None if the job has the part on another side.
     rotation: (3, 3) base_from_work before the part is turned about the vertical.
     middle: (3,) middle of the bottom of the part, work frame, mm.
     job: the job with the surroundings of this stand.
@@ -105,7 +105,7 @@ class Stand(Struct, frozen=True, eq=False):
 
     @property
     def turned(self) -> tuple[FloatArray, float]:
-        """Axis, work frame, and angle, rad, by which the part is turned from how its file has it."""
+        """Axis (work frame) and angle (rad) of the rotation from how the file has the part."""
         down = np.array([0.0, 0.0, -1.0]) if self.face is None else self.face.normal
         return make_rotation_down(down)
 
@@ -113,9 +113,9 @@ class Stand(Struct, frozen=True, eq=False):
 class Trial(Struct, frozen=True, eq=False):
     """A set-up and its build.
 
-    spot, stand: where and how the part stands.
+    spot, stand: place and stand of the part.
     job: the job of the set-up.
-    worked: which millimetres of each edge are worked, by its id.
+    worked: mask of the millimetres of each edge that are worked, by its id.
     whole: ids of edges that are worked whole.
     reasons: why an edge is not worked, by its id.
     seconds: time of the program, s.
@@ -140,7 +140,7 @@ class Trial(Struct, frozen=True, eq=False):
 class Search(Struct, frozen=True, eq=False):
     """The result of a search.
 
-    here: the place that the job has.
+    as_given: the set-up as the job has it.
     best: the set-ups that were built and work something, the best one first.
     set_ups: the best set-up, and the second one if it adds something. The first one leaves to the
         second what that works whole.
@@ -150,7 +150,7 @@ class Search(Struct, frozen=True, eq=False):
     places: number of places that were examined by the joints alone, and with collisions.
     """
 
-    here: Trial
+    as_given: Trial
     best: tuple[Trial, ...]
     set_ups: tuple[Trial, ...]
     edges: Mapping[str, Edge]
@@ -176,7 +176,7 @@ class Request(Struct, frozen=True, eq=False):
 
     source: the file of the part, or a part that was made in code. Headers of programs name it.
     post: name of the post.
-    stem: how the names of the programs begin, see `name_set_up`.
+    stem: first part of the names of the programs, see `name_set_up`.
     """
 
     source: Path | Part
@@ -190,7 +190,7 @@ class Case(Struct, frozen=True, eq=False):
     azimuth: direction in which it stands about axis 1, rad.
     edges: the edges by their ids.
     paths: pose path of each edge that has one, with a row at every millimetre.
-    stands: how the part may stand, the stand of the job first.
+    stands: the stands of the part, that of the job first.
     faces: number of resting faces of the part.
     tip: mm that its own edge may enter the tool.
     """
@@ -219,7 +219,7 @@ class Case(Struct, frozen=True, eq=False):
 
 
 class Reached(Struct, frozen=True, eq=False):
-    """What the arm reaches from places.
+    """Shares of the edges that the arm reaches from places.
 
     shares: (S, E) share of each edge.
     room: (S,) mean room of the joints to their limits, as a share.
@@ -238,8 +238,8 @@ class _Hunt(Struct, eq=False):
     """A search while it runs.
 
     spots: places of the grid, with what the joints reach from them.
-    known: what the arm reaches with collisions.
-    height: of the bottom of the part, mm, None if it is searched.
+    known: shares that the arm reaches without a collision.
+    height: height of the bottom of the part, mm; None if it is searched.
     """
 
     case: Case
@@ -282,16 +282,16 @@ class _Hunt(Struct, eq=False):
         return self.known[spot]
 
     def _improve(self, start: Spot, lengths: FloatArray) -> None:
-        """Goes from ``start`` to better neighbours, in steps that are halved."""
+        """Goes from ``start`` to neighbours with a lower rank, in steps that are halved."""
         step, turn, current = _step(self.case) / 2, _TURN / 2, start
         moves = [(1, 0, 0), (-1, 0, 0), (0, 0, 1), (0, 0, -1)]
         if self.height is None:
             moves += [(0, 1, 0), (0, -1, 0)]
         for _ in range(_ROUNDS):
-            for away, up, by in moves:
+            for outwards, up, by in moves:
                 self.watch(f"placing {counted(len(self.known), 'place')}")
                 spot = Spot(
-                    float(round(current.distance + away * step)),
+                    float(round(current.distance + outwards * step)),
                     current.height + float(round(up * step)),
                     (current.turn + by * turn) % 360,
                     current.stand,
@@ -310,12 +310,12 @@ def search_place(
     height: float | None = None,
     watch: Watch = ignore_stages,
 ) -> Search:
-    """How ``part`` should stand for the greatest length of edges, then the least time.
+    """How ``part`` should stand so that most of the edges is worked, then in the shortest time.
 
-    height: of the lowest point of the part above the base, mm, if it is fixed.
+    height: height of the lowest point of the part above the base, mm, if it is fixed.
 
-    The search is deterministic. Raises JobError for a part without a solid or a resting face and for
-    an arm without a closed form, NoSafeProgram if no edge is reached from any place.
+    The search is deterministic. Raises JobError for a part without a solid or a resting face and
+    for an arm without a closed form, NoSafeProgram if no edge is reached from any place.
     """
     case = make_case(part, job, cell, request, watch)
     spots = list_spots(case, height)
@@ -325,26 +325,28 @@ def search_place(
     trials = []
     for number, spot in enumerate(ordered, 1):
         trials.append(_build(case, spot, _name(watch, f"building {number} of {len(ordered)}")))
-    own = _own_spot(case)
-    here = _build(case, own, _name(watch, "building where the job has it"))
-    # The search samples the edges: the place of the job may be better than it looks.
-    if height is None or math.isclose(height, own.height, abs_tol=1e-6):
-        trials.append(here)
-    best = sorted((one for one in trials if one.worked), key=lambda one: _order_trial(case, one))
+    job_spot = _own_spot(case)
+    job_trial = _build(case, job_spot, _name(watch, "building where the job has it"))
+    # The search samples the edges: the place of the job may work more than its samples say.
+    if height is None or math.isclose(height, job_spot.height, abs_tol=1e-6):
+        trials.append(job_trial)
+    best = sorted(
+        (trial for trial in trials if trial.worked), key=lambda trial: _order_trial(case, trial)
+    )
     if not best:
         raise NoSafeProgram(
             part.source, "no place was found from which an edge is reached", "", "give another tool"
         )
     set_ups = _find_second(case, hunt, best[0])
     places = len(spots), len(hunt.known)
-    return Search(here, tuple(best), set_ups, case.edges, case.stands, case.faces, places)
+    return Search(job_trial, tuple(best), set_ups, case.edges, case.stands, case.faces, places)
 
 
 def _find_second(case: Case, hunt: _Hunt, first: Trial) -> tuple[Trial, ...]:
     """The first set-up, and a second one for what it leaves if that works any of it."""
     done = _measure(case.edges, [first])
     left = {name: edge.length - done.get(name, 0.0) for name, edge in case.edges.items()}
-    pending = [name for name in case.edges if left[name] >= SHORTEST_MM and name not in first.whole]
+    pending = [name for name in case.edges if name not in done or left[name] >= SHORTEST_MM]
     lengths = np.array([left[name] if name in pending else 0.0 for name in case.paths])
     if not lengths.any():
         return (first,)
@@ -366,9 +368,9 @@ def _find_second(case: Case, hunt: _Hunt, first: Trial) -> tuple[Trial, ...]:
         added = _find_added(case, first, second)
     if not added:
         return (first,)
-    moved = second.whole & first.worked.keys()
-    kept = [name for name in case.edges if name not in moved]
-    if moved and first.worked.keys() - moved:
+    partly = first.worked.keys() - second.whole
+    kept = [name for name in case.edges if name not in added or name in partly]
+    if first.worked.keys() & set(kept):
         watch = _name(hunt.watch, "building set-up 1 again")
         again = replace(_build(case, first.spot, watch, kept), reasons=first.reasons)
         if _order_trial(case, again, second)[0] <= _order_trial(case, first, second)[0] + 1.0:
@@ -378,8 +380,9 @@ def _find_second(case: Case, hunt: _Hunt, first: Trial) -> tuple[Trial, ...]:
 
 def _find_added(case: Case, first: Trial, second: Trial) -> set[str]:
     """Edges of which the second set-up works a piece that the first one leaves."""
-    alone, both = (_measure(case.edges, trials) for trials in ([first], [first, second]))
-    return {name for name in both if both[name] - alone.get(name, 0.0) >= SHORTEST_MM}
+    done = _measure(case.edges, [first])
+    both = _measure(case.edges, [first, second])
+    return {name for name in both if name not in done or both[name] - done[name] >= SHORTEST_MM}
 
 
 def _order_trial(case: Case, *trials: Trial) -> tuple[float, float, Spot]:
@@ -416,18 +419,18 @@ def make_case(
     """A part with its edges and all its stands. Raises JobError as `search_place` does."""
     solid, robot = part.solid, cell.arm
     if solid is None or robot is None or robot.arm is None:
-        what = "needs an arm whose joints have a closed form" if solid else "is no 3-D part"
+        what = "needs an arm whose joints have a closed form" if solid else "is not a 3-D part"
         remedy = "give a mesh or a STEP model, and a post of an arm"
         raise JobError(part.source, what, "camgen place", remedy)
     edges = choose(solid, job)
     direction = offset_along(job, solid, edges.values())
     tip = own_contact(edges.values(), job, direction)
-    ways: dict[str, PosePath] = {}
+    paths: dict[str, PosePath] = {}
     marks: dict[str, PosePath] = {}
     for name, edge in edges.items():
         path = poses(edge, job.operation.offset, direction)
         if isinstance(path, PosePath):
-            ways[name] = path
+            paths[name] = path
             parts = np.ceil(measure_line(edge, path) / _MARK_MM).astype(np.int64)
             marks[name] = divide(path, np.maximum(parts, 1))
     watch("finding resting faces")
@@ -435,16 +438,16 @@ def make_case(
     if not resting:
         remedy = "give a closed part that stands on its own"
         raise JobError(part.source, "has no face on which it rests", "camgen place", remedy)
-    own = cell.base_from_work.rotation
-    down = -own[2]
+    rotation_of_job = cell.base_from_work.rotation
+    down = -rotation_of_job[2]
     faces = [face for face in resting if np.linalg.norm(face.normal - down) > _SAME]
     same = next((face for face in resting if np.linalg.norm(face.normal - down) <= _SAME), None)
     stands: list[Stand] = []
     for face in [same, *faces[:_FACES]]:
         is_own = face is same
-        rotation, stand_job, stand_cell = own, job, cell
+        rotation, stand_job, stand_cell = rotation_of_job, job, cell
         if not is_own and face is not None:
-            rotation = turn_down(own @ face.normal) @ own
+            rotation = turn_down(rotation_of_job @ face.normal) @ rotation_of_job
             table = replace(job.cell, fixtures=None, rests_on=face.normal.tolist())
             stand_job, stand_cell = replace(job, cell=table), replace(cell, meshes=())
         placed = solid.vertices @ rotation.T
@@ -452,11 +455,11 @@ def make_case(
         bottom = np.array([*((low + high) / 2)[:2], low[2]])
         watch(f"finding the room of the tool, face {len(stands) + 1}")
         upright = replace(stand_cell, base_from_work=Pose(rotation, (0.0, 0.0, 0.0)))
-        samples = make_samples(stand_job, upright, solid, tip, ways)
+        samples = make_samples(stand_job, upright, solid, tip, paths)
         stands.append(
             Stand(face, rotation, rotation.T @ bottom, stand_job, stand_cell, is_own, samples)
         )
-    x, y, _ = cell.base_from_work.origin + own @ stands[0].middle
+    x, y, _ = cell.base_from_work.origin + rotation_of_job @ stands[0].middle
     azimuth = math.atan2(y, x) if math.hypot(x, y) > 1.0 else 0.0
     return Case(
         request=request,
@@ -514,7 +517,7 @@ def _are_apart(spot: Spot, other: Spot, step: float) -> bool:
 
 
 def _reach_all(case: Case, spots: Sequence[Spot], watch: Watch) -> Reached:
-    """What the joints reach from the places of the grid, at some samples."""
+    """The shares that the joints reach from the places of the grid, at some samples."""
     shares = np.zeros((len(spots), len(case.paths)))
     room = np.zeros(len(spots))
     for number, stand in enumerate(case.stands):
@@ -529,7 +532,7 @@ def _reach_all(case: Case, spots: Sequence[Spot], watch: Watch) -> Reached:
 
 
 def reach_joints(case: Case, spots: Sequence[Spot], samples: Samples) -> Reached:
-    """What the joints reach from places on one stand, collisions aside.
+    """The shares that the joints reach from places on one stand, collisions aside.
 
     samples: samples of the stand.
 
@@ -549,7 +552,7 @@ def _find_joints(
 ) -> tuple[FloatArray, FloatArray]:
     """Joint values (S, M, B, J) at all orientations, and their room to the limits (S, M, B), rad.
 
-    The room is -inf if there are none, or if they are near a singularity.
+    The room is -inf without joint values, and near a singularity.
     """
     cell = case.stands[spots[0].stand].cell
     position = samples.position[samples.owner]
@@ -562,15 +565,15 @@ def _find_joints(
     margins = np.full(joints.shape[:2], -math.inf)
     exists = np.isfinite(joints).all(axis=-1)
     values = joints[exists]
-    away = from_singular(case.robot, values).min(axis=-1, initial=math.inf)
+    singularity_distance = from_singular(case.robot, values).min(axis=-1, initial=math.inf)
     room = -excess(case.robot, values).max(axis=-1)
-    margins[exists] = np.where(away >= MARGIN, room, -math.inf)
+    margins[exists] = np.where(singularity_distance >= MARGIN, room, -math.inf)
     shape = len(spots), len(position)
     return joints.reshape(*shape, *joints.shape[1:]), margins.reshape(*shape, -1)
 
 
 def examine(case: Case, spot: Spot) -> Reached:
-    """What the arm reaches from a place at all samples without a collision."""
+    """The shares that the arm reaches from a place without a collision, at all samples."""
     stand = case.stands[spot.stand]
     samples = stand.samples
     nothing = Reached(np.zeros((1, len(case.paths))), np.zeros(1))
@@ -634,10 +637,10 @@ def _build(
     pieces: dict[str, list[PosePath]] = {}
     for path in result.tour.paths:
         eye = np.broadcast_to(np.eye(3), (len(path), 3, 3))
-        way = PosePath(path.position, path.via, eye)
-        pieces.setdefault(path.contours[0], []).append(way)
+        piece = PosePath(path.position, path.via, eye)
+        pieces.setdefault(path.contours[0], []).append(piece)
     whole = frozenset(path.id for path in result.tour.paths if path.id in case.edges)
-    worked = {name: _mark(case.paths[name], ways) for name, ways in pieces.items()}
+    worked = {name: _mark(case.paths[name], edge_pieces) for name, edge_pieces in pieces.items()}
     return Trial(spot, stand, job, worked, whole, reasons, result.cycle.total, result)
 
 
@@ -650,6 +653,6 @@ def _mark(edge: PosePath, pieces: Sequence[PosePath]) -> BoolArray:
     nearest = np.full(len(middles), math.inf)
     for piece in pieces:
         dense = divide(piece, counts(piece, _MARK_MM / 2, math.inf)).position
-        apart = np.linalg.norm(middles[:, None] - dense[None], axis=2).min(axis=1)
-        nearest = np.minimum(nearest, apart)
+        distances = np.linalg.norm(middles[:, None] - dense[None], axis=2).min(axis=1)
+        nearest = np.minimum(nearest, distances)
     return np.asarray(nearest <= _MARK_MM)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from itertools import chain
 
 import numpy as np
 from msgspec import Struct
@@ -60,7 +61,11 @@ class Samples(Struct, frozen=True, eq=False):
         return np.asarray(is_reached @ weights)
 
     def thin_out(self, samples: int, choices: int) -> Samples:
-        """About so many samples, evenly, with at most so many orientations each."""
+        """An even choice of samples and the first orientations of each.
+
+        samples: number of samples, about.
+        choices: number of orientations of a sample, at most.
+        """
         step = max(1, math.ceil(len(self.position) / samples))
         kept = np.arange(len(self.position)) % step == 0
         rank = np.arange(len(self.owner)) - np.searchsorted(self.owner, self.owner)
@@ -122,13 +127,15 @@ def _choose(
     traces = np.einsum("aij,bij->ab", orientations, orientations)
     distance = np.arccos(np.clip((traces - 1) / 2, -1.0, 1.0)).round(6)
     chosen = np.where(has_room, cost, math.inf).argmin(axis=1)
-    apart = np.where(has_room, distance[chosen], -1.0)
+    distance_to_kept = np.where(has_room, distance[chosen], -1.0)
     kept = [np.where(has_room.any(axis=1), chosen, -1)]
     for _ in range(_CHOICES - 1):
-        following = apart.argmax(axis=1)
-        is_new = apart.max(axis=1) > 0
+        following = distance_to_kept.argmax(axis=1)
+        is_new = distance_to_kept.max(axis=1) > 0
         kept.append(np.where(is_new, following, -1))
-        apart = np.minimum(apart, np.where(has_room, distance[following], -1.0))
+        distance_to_kept = np.minimum(
+            distance_to_kept, np.where(has_room, distance[following], -1.0)
+        )
     table = np.stack(kept, axis=1)
     row, column = np.nonzero(table >= 0)
     return row, table[row, column]
@@ -159,11 +166,12 @@ def _find_room(
             left = np.flatnonzero(is_free)
             seen = boxes[left].seen_from(work_from_mesh.rotation, np.asarray(work_from_mesh.origin))
             is_free[left] = ~find_struck(target.mesh, seen)
+    obstacles = list(chain.from_iterable(link.boxes for link in scene.standing))
     for body in scene.bodies:
         for box in body.boxes:
             pose = cell.flange_from_tool.inverse() @ box.link_from_box
             boxes = _place(pose, np.asarray(box.half), origin, turned)
-            for obstacle in (other for link in scene.standing for other in link.boxes):
+            for obstacle in obstacles:
                 place = work_from_base @ obstacle.link_from_box
                 left = np.flatnonzero(is_free)
                 fixed = Boxes(

@@ -1,4 +1,4 @@
-"""How a part should stand: found by search, and the files that are written give what was built."""
+"""How a part should stand: found by search, and the files that are written give the same program."""
 
 import contextlib
 import tomllib
@@ -64,7 +64,7 @@ def plate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture(scope="module")
 def placed(tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    """What the search writes: it takes seconds."""
+    """The file that the search writes: it takes seconds."""
     folder = tmp_path_factory.mktemp("placed")
     write_plate(folder)
     with contextlib.chdir(folder):
@@ -78,12 +78,12 @@ def test_the_place_that_is_written_reaches_more_and_is_the_same_again(
     with pytest.raises(camgen.NoSafeProgram):
         camgen.build(plate, post="rapid", job=plate.with_suffix(".toml"))
     assert main([*COMMAND, "-o", "a.toml"]) == 0
-    said = capsys.readouterr()
+    output = capsys.readouterr()
     assert plate.with_name("a.toml").read_bytes() == placed
     cell = tomllib.loads(placed.decode())["cell"]
     assert cell["robot"] == "IRB 120"
-    assert said.out == f"base_from_work = {cell['base_from_work']}\n"
-    assert "4 of 4 edges" in said.err.splitlines()[0]
+    assert output.out == f"base_from_work = {cell['base_from_work']}\n"
+    assert "4 of 4 edges" in output.err.splitlines()[0]
     # The part stands at the height that was asked for, level, straight ahead.
     frame = pose_from_values(cell["base_from_work"])
     assert np.allclose(frame.rotation[2], [0, 0, 1])
@@ -215,10 +215,10 @@ def test_the_result_does_not_advise_to_run_the_command_again(
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("camgen.pipeline.place._FACES", 0)
         assert main([*COMMAND, "-o", "a.toml"]) == 0
-    said = capsys.readouterr().err + plate.with_name("a.toml").read_text()
-    assert "mm not worked" in said
-    assert "no roll and no tilt up to 30 deg helps" in said
-    assert "another place" not in said
+    output = capsys.readouterr().err + plate.with_name("a.toml").read_text()
+    assert "mm not worked" in output
+    assert "no roll and no tilt up to 30 deg helps" in output
+    assert "another place" not in output
 
 
 def test_an_edited_program_is_not_replaced_and_nothing_is_written(
@@ -250,7 +250,7 @@ def test_a_name_that_is_read_is_not_written(
     ("words", "message"),
     [
         (["--post", "gcode"], "needs an arm"),
-        (["--post", "rapid", "--height", "nan"], "is no height"),
+        (["--post", "rapid", "--height", "nan"], "is not a height"),
         (["--post", "rapid", "--set", "cell.robot=COBOTTA"], "closed form"),
         (["--post", "rapid", "--height", "9000"], "no place was found"),
     ],
@@ -261,6 +261,6 @@ def test_what_cannot_be_placed_is_told_and_nothing_written(
     if "gcode" in words:
         plate.with_suffix(".toml").write_text('[input]\nselect = "all"\n')
     assert main(["place", "plate.obj", *words, "-o", "found.toml"]) in (2, 3)
-    said = capsys.readouterr().err
-    assert message in said.splitlines()[-1]
+    output = capsys.readouterr().err
+    assert message in output.splitlines()[-1]
     assert not plate.with_name("found.toml").exists()
