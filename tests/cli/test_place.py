@@ -15,6 +15,7 @@ from camgen.pipeline import poster_of
 from camgen.pipeline.inputs import read_inputs
 from camgen.pipeline.place import Case, Request, Spot, examine, list_spots, make_case, reach_joints
 from camgen.read.files import Files
+from tests.support.plate import write_plate
 
 #: A plate of 60 x 40 x 10 mm in front of an IRB 120, too far away for some of its upper edges.
 JOB = """
@@ -35,14 +36,11 @@ BOTH_SIDES = JOB.replace("e1-e4", "e1-e4 e9-e12").replace(
 COMMAND = ["place", "plate.obj", "--post", "rapid", "--height", "150"]
 
 
-def write_plate(folder: Path) -> Path:
-    corners = np.array([(x, y, z) for x in (0, 60) for y in (0, 40) for z in (0, 10)], dtype=float)
-    faces = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
-    lines = [f"v {x} {y} {z}" for x, y, z in corners]
-    lines += [f"f {a + 1} {c + 1} {b + 1}\nf {a + 1} {d + 1} {c + 1}" for a, b, c, d in faces]
-    (folder / "plate.obj").write_text("\n".join(lines))
-    (folder / "plate.toml").write_text(JOB)
-    return folder / "plate.obj"
+def write_job(folder: Path, text: str = JOB) -> Path:
+    """The plate with its job beside it."""
+    plate = write_plate(folder)
+    plate.with_suffix(".toml").write_text(text)
+    return plate
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -59,14 +57,14 @@ def short_search() -> Iterator[None]:
 @pytest.fixture
 def plate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
-    return write_plate(tmp_path)
+    return write_job(tmp_path)
 
 
 @pytest.fixture(scope="module")
 def placed(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     """The file that the search writes: it takes seconds."""
     folder = tmp_path_factory.mktemp("placed")
-    write_plate(folder)
+    write_job(folder)
     with contextlib.chdir(folder):
         assert main([*COMMAND, "-q", "-o", "found.toml"]) == 0
     return (folder / "found.toml").read_bytes()
@@ -149,7 +147,7 @@ def test_a_part_that_is_turned_over_stands_on_the_face(plate: Path) -> None:
 def two_set_ups(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a plate all of whose edges are asked for, with the two set-ups."""
     folder = tmp_path_factory.mktemp("two")
-    write_plate(folder).with_suffix(".toml").write_text(BOTH_SIDES)
+    write_job(folder, BOTH_SIDES)
     with contextlib.chdir(folder):
         assert main([*COMMAND, "-q", "-o", "place.toml"]) == 0
     return folder
@@ -224,8 +222,7 @@ def test_the_result_does_not_advise_to_run_the_command_again(
 def test_an_edited_program_is_not_replaced_and_nothing_is_written(
     two_set_ups: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    plate = write_plate(tmp_path)
-    plate.with_suffix(".toml").write_text(BOTH_SIDES)
+    write_job(tmp_path, BOTH_SIDES)
     text = (two_set_ups / "place-2.mod").read_text()
     edited = text.replace("MoveL", "MoveL ", 1)
     assert edited != text
