@@ -245,7 +245,7 @@ def turn_upright(rests_on: Sequence[float] | None) -> FloatArray:
         return IDENTITY
     length = math.hypot(*rests_on)
     if len(rests_on) != 3 or not length > 0:
-        what = f"{rests_on} is no direction"
+        what = f"{rests_on} is not a direction"
         raise JobError("job", what, "cell.rests_on", "give an outward normal, [x, y, z]")
     return turn_down(np.asarray(rests_on) / length)
 

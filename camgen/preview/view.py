@@ -229,7 +229,7 @@ def _stand_upright(result: Built) -> FloatArray:
     """The rotation (3, 3) that turns a 3-D part as it stands."""
     if result.job.cell.rests_on is None:
         return IDENTITY
-    from camgen.collision.cell import turn_upright  # noqa: PLC0415 (fcl, only for a part that is turned over)
+    from camgen.collision.cell import turn_upright  # noqa: PLC0415 (fcl, rarely needed)
 
     return turn_upright(result.job.cell.rests_on)
 

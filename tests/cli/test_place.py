@@ -1,4 +1,4 @@
-"""How a part should stand: found by search, and the files that are written give the same program."""
+"""How a part should stand: found by search, and the written files give the same program."""
 
 import contextlib
 import tomllib

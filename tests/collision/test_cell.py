@@ -118,8 +118,8 @@ def test_the_table_lies_under_the_face_on_which_the_part_rests(
 @pytest.mark.parametrize(
     ("cell", "message"),
     [
-        ({"rests_on": [0, 0]}, "is no direction"),
-        ({"rests_on": [0, 0, 0]}, "is no direction"),
+        ({"rests_on": [0, 0]}, "is not a direction"),
+        ({"rests_on": [0, 0, 0]}, "is not a direction"),
         ({"rests_on": [0, 0, 1], "fixtures": []}, "has no effect beside cell.fixtures"),
     ],
 )

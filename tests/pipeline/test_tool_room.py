@@ -1,4 +1,4 @@
-"""The room of the tool at samples of edges, judged by points in the tool and a plate that is a box."""
+"""The room of the tool at samples of edges, judged by points in the tool and a plate."""
 
 from itertools import product
 
@@ -87,11 +87,11 @@ def test_the_weights_of_the_samples_of_an_edge_make_one(case: Case) -> None:
 
 def test_fewer_samples_keep_their_first_orientations(case: Case) -> None:
     samples = case.stands[0].samples
-    few: Samples = samples.thin_out(len(samples.position) // 2, 1)
-    assert len(few.position) == -(-len(samples.position) // 2)
-    assert (np.bincount(few.owner) <= 1).all()
+    fewer: Samples = samples.thin_out(len(samples.position) // 2, 1)
+    assert len(fewer.position) == -(-len(samples.position) // 2)
+    assert (np.bincount(fewer.owner) <= 1).all()
     firsts = samples.rotation[samples.starts]
-    assert all((firsts == rotation).all(axis=(1, 2)).any() for rotation in few.rotation)
+    assert all((firsts == rotation).all(axis=(1, 2)).any() for rotation in fewer.rotation)
 
 
 def test_a_mark_is_worked_where_a_piece_runs_along_it() -> None:

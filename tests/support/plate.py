@@ -11,7 +11,7 @@ _QUADS = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), 
 
 
 def write_plate(folder: Path) -> Path:
-    """The file of a box from the origin, `plate.obj`."""
+    """The file of a box from the origin: plate.obj."""
     corners = np.array(list(product((0, 1), repeat=3))) * PLATE_SIZE
     lines = [f"v {x} {y} {z}" for x, y, z in corners.tolist()]
     for a, b, c, d in _QUADS:
