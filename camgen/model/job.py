@@ -778,9 +778,9 @@ class CellTable(Table, frozen=True):
     rests_on: Annotated[
         Values | None,
         Meta(
-            description="outward normal [x, y, z] of the face on which a 3-D part rests, work frame: the "
-            "table that is assumed without fixtures lies under it; not set: the lowest side, "
-            "[0, 0, -1]"
+            description="outward normal [x, y, z] of the face on which a 3-D part rests, work "
+            "frame: the table that is assumed without fixtures lies under it; not set: the lowest "
+            "side, [0, 0, -1]"
         ),
     ] = None
     safety: Annotated[

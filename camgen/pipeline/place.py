@@ -616,10 +616,12 @@ def _build(
     number: number of the set-up, which names its program.
     """
     stand = case.stands[spot.stand]
-    frame = case.base_from_work(spot)
-    angles = [math.degrees(angle) for angle in fixed_xyz(frame.rotation)]
-    values = [round(value, 4) + 0.0 for value in (*frame.origin, *angles)]
-    job = replace(stand.job, cell=replace(stand.job.cell, base_from_work=values))
+    job = stand.job
+    if spot != _own_spot(case) or job.cell.base_from_work is None:
+        frame = case.base_from_work(spot)
+        angles = [math.degrees(angle) for angle in fixed_xyz(frame.rotation)]
+        values = [round(value, 4) + 0.0 for value in (*frame.origin, *angles)]
+        job = replace(job, cell=replace(job.cell, base_from_work=values))
     if names is not None:
         job = replace(job, input=replace(job.input, select=" ".join(names)))
     request = case.request
