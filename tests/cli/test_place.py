@@ -261,3 +261,20 @@ def test_what_cannot_be_placed_is_told_and_nothing_written(
     output = capsys.readouterr().err
     assert message in output.splitlines()[-1]
     assert not plate.with_name("found.toml").exists()
+
+
+def test_a_part_without_a_resting_face_is_refused(
+    plate: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Two cones of 80 sides at one rim: each of their faces is 3 deg from the next."""
+    turns = np.arange(80) * np.pi / 40
+    rim = np.column_stack([30 * np.cos(turns), 30 * np.sin(turns), np.zeros(80)])
+    lines = [f"v {x} {y} {z}" for x, y, z in [*rim.tolist(), (0, 0, 30), (0, 0, -30)]]
+    for number in range(80):
+        first, second = number + 1, (number + 1) % 80 + 1
+        lines += [f"f {first} {second} 81", f"f {second} {first} 82"]
+    plate.write_text("\n".join(lines))
+    plate.with_suffix(".toml").write_text(JOB.replace("e1-e4", "all"))
+    assert main([*COMMAND, "-o", "found.toml"]) == 2
+    assert "plate.obj: has no face on which it rests" in capsys.readouterr().err
+    assert not plate.with_name("found.toml").exists()
