@@ -70,10 +70,11 @@ def find_resting_faces(
             continue
         normal = normals[triangle] / areas[triangle]
         heights = points[corners] @ normal
-        support = corners[heights >= heights.max() - _FLAT * size]
-        pending &= ~np.isin(hull, support).all(axis=1)
+        touches = np.zeros(len(points), dtype=np.bool_)
+        touches[corners[heights >= heights.max() - _FLAT * size]] = True
+        pending &= ~touches[hull].all(axis=1)
         pending[triangle] = False
-        face = _make_face(points[support], normal, centre)
+        face = _make_face(points[touches], normal, centre, stable)
         if face is not None and face.tipping >= stable:
             resting.append(face)
     return sorted(resting, key=lambda face: (-round(face.area, 3), face.normal.round(6).tolist()))
@@ -111,8 +112,15 @@ def turn_down(normal: FloatArray) -> FloatArray:
     return rotation_about_axis(axis, angle)
 
 
-def _make_face(points: FloatArray, normal: FloatArray, centre: FloatArray) -> RestingFace | None:
-    """The face with the corners ``points``; None if the centre of mass is not above it."""
+def _make_face(
+    points: FloatArray, normal: FloatArray, centre: FloatArray, stable: float
+) -> RestingFace | None:
+    """The face with the corners ``points``; None if the part falls over on it."""
+    level = float((points @ normal).mean())
+    height = level - float(centre @ normal)
+    aside = np.linalg.norm(points - centre - height * normal, axis=1).max()
+    if aside < height * math.tan(stable):
+        return None
     from shapely import MultiPoint, Point  # noqa: PLC0415 (only where faces are sought)
 
     x = np.cross(normal, np.eye(3)[int(np.abs(normal).argmin())])
@@ -122,8 +130,6 @@ def _make_face(points: FloatArray, normal: FloatArray, centre: FloatArray) -> Re
     foot = Point(*(axes @ centre))
     if polygon.area <= 0 or not polygon.contains(foot):
         return None
-    level = float((points @ normal).mean())
-    height = level - float(centre @ normal)
     rectangle = polygon.minimum_rotated_rectangle
     ring = np.array(rectangle.exterior.coords)
     sides = np.linalg.norm(np.diff(ring[:3], axis=0), axis=1)

@@ -187,6 +187,8 @@ class Request(Struct, frozen=True, eq=False):
 class Case(Struct, frozen=True, eq=False):
     """A part that is to be placed.
 
+    request: how its set-ups are built.
+    robot, solid: the arm and the part.
     azimuth: direction in which it stands about axis 1, rad.
     edges: the edges by their ids.
     paths: pose path of each edge that has one, with a row at every millimetre.
