@@ -215,9 +215,9 @@ def _standing(
 ) -> tuple[tuple[Link, ...], tuple[Note, ...]]:
     """Fixtures that are boxes, or the table that is assumed, base frame."""
     table = job.cell
-    if table.rests_on is not None and table.fixtures is not None:
-        what = "has no effect beside cell.fixtures"
-        raise JobError("job", what, "cell.rests_on", "leave out one of the two")
+    if table.rests_on is not None and (table.fixtures is not None or solid is None):
+        what = "has no effect beside cell.fixtures" if solid else "has no effect without a 3-D part"
+        raise JobError("job", what, "cell.rests_on", "leave it out")
     if table.fixtures is not None or solid is None:
         fixtures = []
         for number, shape in enumerate(table.fixtures or (), 1):

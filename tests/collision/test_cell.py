@@ -128,6 +128,8 @@ def test_a_face_that_says_nothing_is_refused(
 ) -> None:
     with pytest.raises(JobError, match=message):
         made({}, cell, solid)
+    with pytest.raises(JobError, match=r"has no effect without a 3-D part \(cell.rests_on\)"):
+        made({}, {"rests_on": [0, 0, 1]}, None)
 
 
 def test_high_fixtures_raise_the_level(solid: Solid) -> None:
