@@ -187,7 +187,7 @@ class Request(Struct, frozen=True, eq=False):
 class Case(Struct, frozen=True, eq=False):
     """A part that is to be placed.
 
-    request: how its set-ups are built.
+    request: post and names of its set-ups.
     robot, solid: the arm and the part.
     azimuth: direction in which it stands about axis 1, rad.
     edges: the edges by their ids.
