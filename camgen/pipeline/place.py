@@ -58,6 +58,8 @@ _GRID_SAMPLES, _GRID_CHOICES = 48, 2
 #: they are, places that are built, and the same of the second set-up.
 _EXAMINED, _IMPROVED, _ROUNDS, _BUILT = 12, 4, 4, 3
 _SECOND_BUILT = 2
+#: Share of the length that two other set-ups have to promise before they are built.
+_GAIN = 0.01
 #: Joint values of each sample that are tested for collisions.
 _TESTED = 8
 #: rad: room to a limit beyond which more room counts the same.
@@ -142,8 +144,8 @@ class Search(Struct, frozen=True, eq=False):
 
     as_given: the set-up as the job has it.
     best: the set-ups that were built and work something, the best one first.
-    set_ups: the best set-up, and the second one if it adds something. The first one leaves to the
-        second what that works whole.
+    set_ups: the best set-up, or two that together work more. The first one leaves to the second
+        what that works whole.
     edges: the edges that were asked for, by their ids.
     stands: the stands that were searched.
     faces: number of resting faces of the part.
@@ -275,6 +277,18 @@ class _Hunt(Struct, eq=False):
             chosen += [spot for spot in taken.values() if spot.stand == stand][:_EXAMINED]
         return chosen
 
+    def choose_pair(self, lengths: FloatArray) -> tuple[Spot, float]:
+        """The pair of places that reaches most together: the one that reaches more alone.
+
+        Returns it with the length that the two reach at the samples, mm.
+        """
+        spots = sorted(self.known)
+        shares = np.concatenate([self.known[spot].shares for spot in spots])
+        alone = shares @ lengths
+        longest = np.array([(np.maximum(shares, row) @ lengths).max() for row in shares])
+        order = np.lexsort((np.arange(len(spots)), -alone.round(3), -longest.round(3)))
+        return spots[order[0]], float(longest[order[0]])
+
     def _order(self, lengths: FloatArray) -> list[Spot]:
         return sorted(self.known, key=lambda spot: (self.known[spot].rank(lengths), spot))
 
@@ -339,9 +353,21 @@ def search_place(
         raise NoSafeProgram(
             part.source, "no place was found from which an edge is reached", "", "give another tool"
         )
-    set_ups = _find_second(case, hunt, best[0])
+    set_ups = _find_set_ups(case, hunt, best[0])
     places = len(spots), len(hunt.known)
     return Search(job_trial, tuple(best), set_ups, case.edges, case.stands, case.faces, places)
+
+
+def _find_set_ups(case: Case, hunt: _Hunt, best: Trial) -> tuple[Trial, ...]:
+    """The best set-up with the second one to it, or two others that together work more."""
+    set_ups = _find_second(case, hunt, best)
+    spot, length = hunt.choose_pair(case.lengths)
+    gain = length - sum(_measure(case.edges, set_ups).values())
+    if spot == best.spot or gain < _GAIN * case.lengths.sum():
+        return set_ups
+    first = _build(case, spot, _name(hunt.watch, "building another set-up 1"))
+    others = _find_second(case, hunt, first)
+    return min(set_ups, others, key=lambda trials: _order_trial(case, *trials))
 
 
 def _find_second(case: Case, hunt: _Hunt, first: Trial) -> tuple[Trial, ...]:
