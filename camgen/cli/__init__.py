@@ -193,7 +193,7 @@ def parsers() -> tuple[argparse.ArgumentParser, dict[str, _Parser]]:
         "markers", "draw a sheet of markers that shows a photo where the work plane is", _markers
     )
     command("localize", "find a CAD part in a point cloud and write its work frame", _localize)
-    command("place", "search where a 3-D part should stand for an arm", _place)
+    command("place", "search how a 3-D part should stand for an arm, in one set-up or two", _place)
     command("robots", "list the robots that camgen knows, or say what a URDF describes", _robots)
     command("posts", "list the posts that are installed", _json)
     command("schema", "print the JSON schema of job files, for editors", _schema)

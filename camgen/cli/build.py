@@ -28,7 +28,7 @@ from camgen.check.executed import UNLIMITED
 from camgen.check.report import clean, path_sums
 from camgen.cli.inputs import open_inputs
 from camgen.cli.motion_file import encode
-from camgen.cli.say import Voice, join_names, length, size
+from camgen.cli.say import Row, Voice, join_names, length, size
 from camgen.model.errors import JobError, rename_errors
 from camgen.model.job import CameraTable, ImageTable, Job
 from camgen.model.part import GRAVEST, Note, NoteKind, describe_bodies
@@ -47,8 +47,6 @@ from camgen.read.job_file import beside, load
 from camgen.read.recorded import Recorded
 
 # The summary of a build: one line each for what was read, left out, planned, proved and written.
-
-Row = tuple[str, str, str]
 
 #: Notes that are told plainly; all others ask for a look.
 _PLAIN: tuple[NoteKind, ...] = ("joined", "repaired")

@@ -1,116 +1,260 @@
-"""``camgen place``: where a 3-D part should stand before an arm, as a job file with its cell."""
+"""``camgen place``: how a 3-D part should stand before an arm, as a job file with its cell.
+
+If a second set-up works more, both are written as whole jobs with program and picture.
+"""
 
 from __future__ import annotations
 
-import json
 import math
-import os
 from argparse import Namespace
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import SupportsBytes
 
-from msgspec.structs import asdict
+import numpy as np
 
-from camgen.batch.writing import check_targets, write_all
-from camgen.cli.say import Voice
-from camgen.model.errors import JobError, rename_errors
-from camgen.model.job import CellTable, Job
-from camgen.model.text import counted, duration, harmless, short
+from camgen.batch.writing import (
+    HEADER_BYTES,
+    check_programs,
+    check_targets,
+    is_edited,
+    write_all,
+)
+from camgen.cli.job_text import write_table, write_tables
+from camgen.cli.say import Row, Voice
+from camgen.model.errors import JobError, one_line, rename_errors
+from camgen.model.text import counted, duration, grouped, harmless, short
 from camgen.model.version import __version__
-from camgen.pipeline import poster_of
+from camgen.pipeline import poster_of, program_files
 from camgen.pipeline.inputs import read_inputs
 from camgen.pipeline.memory import no_collector
-from camgen.pipeline.place import Found, Search, search_place
+from camgen.pipeline.place import SET_UPS, Request, Search, Stand, Trial, name_set_up, search_place
+from camgen.preview.drawings import draw
 from camgen.read.files import Files
 from camgen.read.job_file import beside, load
 
-#: The keys of [cell] that hold names of files.
-_FILES = ("fixtures", "robot")
+#: Edges that the summary lists.
+_LISTED = 12
 
 
 def run(arguments: Namespace, says: Voice) -> int:
-    """Searches, writes the cell, and says what was found."""
+    """Searches, writes the cell and the set-ups, and sums up."""
     source, target = Path(arguments.input), Path(arguments.output)
     if arguments.height is not None and not math.isfinite(arguments.height):
         raise JobError(
             "--height",
-            f"{arguments.height} is no height",
+            f"{arguments.height} is not a height",
             remedy="give mm above the base of the robot",
         )
     job_file = beside(arguments.job, source)
-    check_targets([target], [source, *([job_file] if job_file else [])])
+    read_files = [source, *([job_file] if job_file else [])]
+    numbers = range(1, SET_UPS + 1)
+    possible = [_place_beside(target, number, ".toml") for number in numbers]
+    possible += [path.with_suffix(".svg") for path in possible]
+    check_targets([target, *possible], read_files)
     files = Files()
     with no_collector(), rename_errors("job", str(job_file or "job")):
         job = load(job_file, arguments.sets, files)
         poster = poster_of(arguments.post, job, str(job_file or "job"))
         says.stage("reading")
         read = read_inputs([source], job, poster.cell(), files.within(job.limits))
-        found = search_place(
-            read.part, job, read.cell, arguments.post, arguments.height, says.stage
-        )
+        request = Request(source, arguments.post, target.stem)
+        result = search_place(read.part, job, read.cell, request, arguments.height, says.stage)
+        says.stage("writing")
+        written: list[tuple[Path, SupportsBytes]] = [
+            (target, _write_cell(result, source.name, target.parent).encode())
+        ]
+        if len(result.set_ups) > 1:
+            for number in numbers:
+                written += _write_set_up(result, number, source.name, target)
+    check_targets([path for path, _ in written], read_files)
+    write_all(written, files.opened)
     says.clear()
-    text = job_text(job, found, source.name, target.parent)
-    write_all([(target, text.encode())], files.opened)
     if not says.quiet:
-        says.out(f"base_from_work = {list(found.best[0].base_from_work)}\n")
+        says.out(f"base_from_work = {list(result.best[0].base_from_work)}\n")
     says.rows(
         [
-            *((label, words, "plain") for label, words in _describe(found)),
-            ("written", str(target), "good"),
+            *_describe(result),
+            *_list_edges(result, _LISTED),
+            *(("written", str(path), "good") for path, _ in written),
         ]
     )
     return 0
 
 
-def job_text(job: Job, found: Search, part: str, folder: Path) -> str:
-    """The job file: the cell with the place that was found, and as comments what it rests on. Files that the cell names
-    are told from ``folder``.
+def _place_beside(target: Path, number: int, suffix: str) -> Path:
+    """The file of a set-up beside the file of the cell."""
+    return target.with_name(name_set_up(target.stem, number) + suffix)
+
+
+def _write_cell(result: Search, part: str, folder: Path) -> str:
+    """The file of the cell of the best set-up."""
+    head = [f"camgen {__version__}: where {harmless(part)} should stand"]
+    head += _tell_rows(_describe(result))
+    lines = write_table("cell", result.best[0].job.cell, folder)
+    return _join([*head, *_tell_rows(_list_edges(result))], lines)
+
+
+def _write_set_up(
+    result: Search, number: int, part: str, target: Path
+) -> Iterator[tuple[Path, SupportsBytes]]:
+    """The files of a set-up: job, program and picture.
+
+    Raises JobError if a program would replace that of another part, or one that was edited.
     """
-    told = [f"{label}: {words}" for label, words in _describe(found)]
-    head = [f"camgen {__version__}: where {harmless(part)} should stand", *told]
-    given, default = asdict(job.cell), asdict(CellTable())
-    keys = {key: value for key, value in given.items() if value != default[key] and key != "file"}
-    keys["base_from_work"] = list(found.best[0].base_from_work)
-    if isinstance(keys.get("fixtures"), list):
-        keys["fixtures"] = [
-            _from(folder, one) if isinstance(one, str) else one for one in keys["fixtures"]
-        ]
-    if ".urdf" in str(keys.get("robot", "")).lower():
-        keys["robot"] = _from(folder, keys["robot"])
-    lines = [f"{key} = {json.dumps(value)}" for key, value in keys.items()]
-    return (
-        "".join(f"# {line}\n" for line in head)
-        + "\n[cell]\n"
-        + "".join(f"{line}\n" for line in lines)
-    )
-
-
-def _from(folder: Path, name: str) -> str:
-    return name if os.path.isabs(name) else os.path.relpath(name, folder)
-
-
-def _describe(found: Search) -> list[tuple[str, str]]:
-    grid, near = found.looked
-    best, *others = found.best
-    rows = [
-        (
-            "place",
-            _tell(best, found.edges) + (", where the job has it" if best is found.here else ""),
-        )
+    trial = result.set_ups[number - 1]
+    assert trial.result is not None
+    job = _place_beside(target, number, ".toml")
+    suffix = Path(trial.result.files[0].name).suffix
+    programs = program_files(trial.result, job.parent, job.with_suffix(suffix))
+    check_programs([(path, file.head(HEADER_BYTES)) for path, file in programs])
+    for path, _ in programs:
+        if is_edited(path):
+            what = "was edited since camgen wrote it"
+            raise JobError(str(path), what, remedy="give another name with -o")
+    names = ", ".join(path.name for path, _ in programs)
+    head = [
+        f"camgen {__version__}: set-up {number} of {len(result.set_ups)} of {harmless(part)}",
+        f"program: {harmless(names)}, picture: {harmless(job.with_suffix('.svg').name)}",
+        f"set-up {number}: {_tell(result, trial)}",
+        *_tell_frame(trial),
+        *_tell_rows(_list_edges(result)),
     ]
-    rows += [("next best", _tell(one, found.edges)) for one in others if one is not found.here]
-    if best is not found.here:
-        rows.append(("the job's", _tell(found.here, found.edges)))
-    rows.append(
-        ("searched", f"{counted(grid, 'place')} by the joints alone, {near} with collisions")
-    )
+    yield job, _join(head, write_tables(trial.job, job.parent)).encode()
+    yield from programs
+    picture = job.with_suffix(".svg")
+    yield picture, draw(trial.result, picture)
+
+
+def _join(head: list[str], lines: list[str]) -> str:
+    return "".join([*(f"# {one_line(line)}\n" for line in head), *(f"{line}\n" for line in lines)])
+
+
+def _tell_rows(rows: list[Row]) -> list[str]:
+    return [f"{label}: {text}" if label else text for label, text, _ in rows]
+
+
+def _describe(result: Search) -> list[Row]:
+    """The places that were built, the set-ups, and the size of the search."""
+    best, *others = result.best
+    remark = ", where the job has it" if best is result.as_given else ""
+    rows: list[Row] = [("place", _tell(result, best) + remark, "plain")]
+    for trial in others:
+        if trial is not result.as_given:
+            rows.append(("next best", _tell(result, trial), "plain"))
+    if best is not result.as_given:
+        rows.append(("the job's", _tell(result, result.as_given), "plain"))
+    if len(result.set_ups) > 1:
+        for number, trial in enumerate(result.set_ups, 1):
+            rows.append((f"set-up {number}", _tell(result, trial), "plain"))
+            rows += [("", text, "plain") for text in _tell_frame(trial)]
+        rows.append(("together", _tell_worked(result, result.set_ups), "plain"))
+    rows.append(("searched", _tell_search(result), "plain"))
     return rows
 
 
-def _tell(one: Found, edges: int) -> str:
-    spot = one.spot
+def _tell_search(result: Search) -> str:
+    grid, near = result.places
+    searched = sum(stand.face is not None for stand in result.stands)
+    faces = counted(result.faces, "resting face")
+    if searched < result.faces:
+        faces = f"the {searched} largest of {faces}"
+    return f"{faces}, {counted(grid, 'place')} by the joints alone, {near} with collisions"
+
+
+def _tell(result: Search, trial: Trial) -> str:
+    """The place of the part, and the edges that are worked there."""
+    spot = trial.spot
     where = (
-        f"{short(spot.distance, 1)} mm from axis 1, "
+        f"{_tell_stand(trial.stand)}, {short(spot.distance, 1)} mm from axis 1, "
         f"{short(spot.height, 1)} mm up, turned by {short(spot.turn, 2)} deg"
     )
-    time = f", about {duration(one.seconds)}" if one.edges else ""
-    return f"{where}: {one.edges} of {counted(edges, 'edge')}, {one.nominal} with the nominal tool{time}"
+    time = f", about {duration(trial.seconds)}" if trial.worked else ""
+    return f"{where}: {_tell_worked(result, [trial])}{time}"
+
+
+def _tell_worked(result: Search, trials: Sequence[Trial]) -> str:
+    worked = result.measure_worked(trials)
+    length, total = (short(mm, 1) for mm in (sum(worked.values()), result.length))
+    edges = f"{grouped(len(worked))} of {counted(len(result.edges), 'edge')}"
+    return f"{edges}, {length} of {total} mm"
+
+
+def _tell_stand(stand: Stand) -> str:
+    if stand.is_own:
+        return "as the job has it"
+    axis, angle = stand.turned
+    return f"turned over by {short(math.degrees(angle), 2)} deg about {_tell_vector(axis)}"
+
+
+def _tell_frame(trial: Trial) -> list[str]:
+    """The face, the rotation and the frame, for the operator."""
+    stand, lines = trial.stand, []
+    if stand.face is not None:
+        normal, middle = _tell_vector(stand.face.normal), _tell_vector(stand.face.middle)
+        longer, shorter = (short(side, 1) for side in stand.face.size)
+        lines.append(
+            f"rests on the face of {longer} x {shorter} mm with the middle {middle} mm and the "
+            f"normal {normal}, in the frame of the part"
+        )
+    if not stand.is_own:
+        axis, angle = stand.turned
+        turned = f"{short(math.degrees(angle), 2)} deg about {_tell_vector(axis)} of the part"
+        lines.append(
+            f"turned from how the file has it by {turned}; a table is assumed under it, "
+            "fixtures of the job do not stand there"
+        )
+    return [*lines, f"base_from_work = {list(trial.base_from_work)}"]
+
+
+def _tell_vector(values: np.ndarray) -> str:
+    return f"[{', '.join(short(value, 3) for value in values.tolist())}]"
+
+
+def _list_edges(result: Search, limit: int | None = None) -> list[Row]:
+    """A line for each edge: in which set-up it is worked, or why in none.
+
+    limit: number of edges that are listed, those first of which something is left.
+    """
+    rows = [(_order_edge(result, name), _row_of_edge(result, name)) for name in result.edges]
+    if limit is None:
+        return [row for _, row in rows]
+    rows.sort(key=lambda item: item[0])
+    listed = [row for _, row in rows[:limit]]
+    if len(rows) > limit:
+        more = f"and {grouped(len(rows) - limit)} more, listed in the job file"
+        listed.append(("edges", more, "plain"))
+    return listed
+
+
+def _order_edge(result: Search, name: str) -> int:
+    """0 for an edge that is not worked, 1 for one in pieces, 2 for a whole one."""
+    if any(name in trial.whole for trial in result.set_ups):
+        return 2
+    return int(any(name in trial.worked for trial in result.set_ups))
+
+
+def _row_of_edge(result: Search, name: str) -> Row:
+    length = result.edges[name].length
+    parts = []
+    for number, trial in enumerate(result.set_ups, 1):
+        if name in trial.whole:
+            parts.append(f"whole in set-up {number}")
+        elif name in trial.worked:
+            worked = short(length * float(trial.worked[name].mean()), 1)
+            parts.append(f"{worked} of {short(length, 1)} mm in set-up {number}")
+    state = _order_edge(result, name)
+    if state == 2:
+        return (name, ", ".join(parts), "plain")
+    parts += _tell_reasons(result.set_ups, name)
+    if state == 0:
+        parts.insert(0, f"{short(length, 1)} mm not worked")
+    return (name, "; ".join(parts), "look")
+
+
+def _tell_reasons(set_ups: Sequence[Trial], name: str) -> list[str]:
+    """Why the set-ups do not work an edge, or all of it."""
+    reasons = [trial.reasons.get(name, "") for trial in set_ups]
+    if len(set(reasons)) == 1:
+        return [reasons[0]]
+    return [f"set-up {number}: {reason}" for number, reason in enumerate(reasons, 1) if reason]

@@ -6,17 +6,15 @@ job that it was made from is read again.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-from msgspec import Struct, structs
 
 from camgen.check.photo import Inspection, Rework
 from camgen.check.photo.rework import LEAD, WITHOUT_FORCE
+from camgen.cli.job_text import write_table
 from camgen.model.job import Job, OperationTable
-from camgen.model.job_tables import FILES, split_name
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted, harmless, short
 from camgen.model.toml import toml
@@ -70,36 +68,13 @@ def write_job(inspection: Inspection, works: Sequence[Rework], job: Job, target:
         'units = "mm"',
     ]
     for table in _TABLES:
-        lines += _table(table, getattr(job, table), target.parent)
+        lines += write_table(table, getattr(job, table), target.parent, _LEFT_OUT)
     lines += ["", "[operation]", *_operation(job.operation)]
     if job.post:
         lines += ["", "[post]", *(f"{key} = {toml(value)}" for key, value in job.post.items())]
     for work in works:
         lines += _rows(work)
     return "\n".join([*lines, ""]).encode()
-
-
-def _table(name: str, table: Struct, folder: Path) -> list[str]:
-    """The settings of a table that differ from their defaults, files as seen from ``folder``."""
-    default = type(table)()
-    lines = []
-    for key, value in structs.asdict(table).items():
-        if value == getattr(default, key) or (name, key) in _LEFT_OUT:
-            continue
-        lines.append(f"{key} = {toml(_seen_from(folder, name, key, value))}")
-    return ["", f"[{name}]", *lines] if lines else []
-
-
-def _seen_from(folder: Path, table: str, key: str, value: object) -> object:
-    """A setting with the files that it names as they are found from ``folder``."""
-    if key == "fixtures" and isinstance(value, list):
-        return [_relative(folder, item) if isinstance(item, str) else item for item in value]
-    is_file = (table, key) in FILES and (key != "robot" or split_name(str(value)))
-    return _relative(folder, str(value)) if is_file else value
-
-
-def _relative(folder: Path, name: str) -> str:
-    return Path(os.path.relpath(name, folder)).as_posix()
 
 
 def _operation(operation: OperationTable) -> list[str]:

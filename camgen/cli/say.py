@@ -10,6 +10,9 @@ from typing import NamedTuple, TextIO
 from camgen.model.errors import one_line
 from camgen.model.text import counted
 
+#: Label, text and tone of a line of a summary.
+Row = tuple[str, str, str]
+
 _COLOURS = {"plain": "", "good": "32", "look": "33", "bad": "31"}
 _WIDTH = 10
 
@@ -36,7 +39,7 @@ class Voice(NamedTuple):
         text = msgspec.json.encode(value, enc_hook=_plain, order="deterministic")
         self.out(msgspec.json.format(text, indent=2).decode() + "\n")
 
-    def rows(self, rows: Sequence[tuple[str, str, str]]) -> None:
+    def rows(self, rows: Sequence[Row]) -> None:
         """Summary lines (label, text, tone) on standard error; tone: plain, good, look or bad."""
         if not self.quiet:
             self.clear()

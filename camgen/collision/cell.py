@@ -12,6 +12,7 @@ from camgen.collision.hits import clearance, hits
 from camgen.collision.mesh import make_mesh
 from camgen.collision.scene import Allowed, Scene, Wall, narrow, scene
 from camgen.geometry.fixtures import Corners, corners_of
+from camgen.geometry.resting import turn_down
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError
 from camgen.model.job import Job
@@ -86,10 +87,7 @@ def around(
     """
     robot, meshes = cell.arm, cell.meshes
     assert robot is not None
-    fixtures, notes = _fixtures(job, solid)
-    standing = tuple(
-        Link(name, (box_between(cell.base_from_work, low, high),)) for name, (low, high) in fixtures
-    )
+    standing, notes = _standing(job, cell.base_from_work, solid)
     walls = tuple(Wall(name, make_mesh(shape), cell.base_from_work) for name, shape in meshes)
     holder = [corners_of("tool.holder", box) for box in job.tool.holder or ()]
     contact = job.tool.radius * math.sin(math.radians(job.tool.axis_tilt)) + _TOUCH
@@ -216,27 +214,44 @@ def _untested(robot: Robot, overlaps: tuple[tuple[str, str], ...]) -> tuple[Unte
     return tuple(untested)
 
 
-def _fixtures(
-    job: Job, solid: Solid | None
-) -> tuple[list[tuple[str, tuple[FloatArray, FloatArray]]], tuple[Note, ...]]:
-    """Names and corners, work frame."""
-    listed = enumerate(job.cell.fixtures or (), 1)
-    given = [
-        (f"fixture {k}", corners_of("cell.fixtures", box))
-        for k, box in listed
-        if isinstance(box, list)
-    ]
-    if job.cell.fixtures is not None or solid is None:
-        return given, ()
-    low, high = solid.vertices.min(axis=0), solid.vertices.max(axis=0)
+def _standing(
+    job: Job, base_from_work: Pose, solid: Solid | None
+) -> tuple[tuple[Link, ...], tuple[Note, ...]]:
+    """Fixtures that are boxes, or the table that is assumed, base frame."""
+    table = job.cell
+    if table.rests_on is not None and (table.fixtures is not None or solid is None):
+        what = "has no effect beside cell.fixtures" if solid else "has no effect without a 3-D part"
+        raise JobError("job", what, "cell.rests_on", "leave it out")
+    if table.fixtures is not None or solid is None:
+        fixtures = []
+        for number, shape in enumerate(table.fixtures or (), 1):
+            if isinstance(shape, list):
+                box = box_between(base_from_work, *corners_of("cell.fixtures", shape))
+                fixtures.append(Link(f"fixture {number}", (box,)))
+        return tuple(fixtures), ()
+    upright = Pose(turn_upright(table.rests_on), (0.0, 0.0, 0.0))
+    placed = solid.vertices @ upright.rotation.T
+    low, high = placed.min(axis=0), placed.max(axis=0)
     top = float(low[2]) - _TABLE_GAP_MM
-    table = np.array([*(low[:2] - _BEYOND), top - _THICK]), np.array([*(high[:2] + _BEYOND), top])
+    corners = np.array([*(low[:2] - _BEYOND), top - _THICK]), np.array([*(high[:2] + _BEYOND), top])
     note = Note(
         "assumed",
         "the part stands on a table",
         "say what it stands on: cell.fixtures, [] for nothing",
     )
-    return [("table", table)], (note,)
+    box = box_between(base_from_work @ upright.inverse(), *corners)
+    return (Link("table", (box,)),), (note,)
+
+
+def turn_upright(rests_on: Sequence[float] | None) -> FloatArray:
+    """The rotation (3, 3) that turns the face on which a part rests downwards."""
+    if rests_on is None:
+        return IDENTITY
+    length = math.hypot(*rests_on)
+    if len(rests_on) != 3 or not length > 0:
+        what = f"{rests_on} is not a direction"
+        raise JobError("job", what, "cell.rests_on", "give an outward normal, [x, y, z]")
+    return turn_down(np.asarray(rests_on) / length)
 
 
 def box_between(frame: Pose, low: FloatArray, high: FloatArray) -> Box:

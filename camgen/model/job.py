@@ -775,6 +775,14 @@ class CellTable(Table, frozen=True):
             "them, and what they block is left out"
         ),
     ] = None
+    rests_on: Annotated[
+        Values | None,
+        Meta(
+            description="outward normal [x, y, z] of the face on which a 3-D part rests, work "
+            "frame: the table that is assumed without fixtures lies under it; not set: the lowest "
+            "side, [0, 0, -1]"
+        ),
+    ] = None
     safety: Annotated[
         NotNegative,
         Meta(

@@ -95,6 +95,11 @@ _IDLE["a taught program"] = _IDLE["a replay"] | {
     "process": (*_IDLE["a replay"]["process"], "clearance", *_REPLAYS["process"]),
 }
 
+# Only a 3-D part rests on a face; there may be one beside curves in space.
+for _kind, _tables in _IDLE.items():
+    if _kind not in ("a 3-D part", "curves in space", "the geometric planner"):
+        _tables["cell"] = ("rests_on",)
+
 #: Settings that only these operations read.
 _ONLY: dict[str, tuple[str, ...]] = {
     "entry": ("follow", "trace", "fill", "pocket", "bore"),

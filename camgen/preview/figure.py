@@ -13,28 +13,42 @@ from numpy.typing import NDArray
 
 from camgen.geometry.ragged import run_starts
 from camgen.model.part import BoolArray, Solid
-from camgen.model.pose import FloatArray
+from camgen.model.pose import IDENTITY, FloatArray
 from camgen.preview.aside import TILT, TURN, look_from
 from camgen.preview.view import View
 
 # The direction of view, and points in it.
 
 
+#: Direction of the light for a part that stands upright.
+_LIGHT = np.array([-0.35, -0.55, 0.76])
+
+
 class Look(Struct, frozen=True, eq=False):
-    """From the work frame to the sheet: right and up (2, 3), and toward the viewer (3,), unit vectors."""
+    """How a part is seen on a sheet, as unit vectors of the work frame.
+
+    axes: (2, 3) to the right and up.
+    toward: (3,) toward the viewer.
+    light: (3,) toward the light.
+    """
 
     axes: FloatArray
     toward: FloatArray
+    light: FloatArray
 
     def place(self, points: FloatArray) -> FloatArray:
         """(N, 2) mm to the right and up."""
         return np.asarray(points @ self.axes.T)
 
 
-def oblique() -> Look:
-    """How 3-D parts are looked at."""
+def oblique(upright: FloatArray = IDENTITY) -> Look:
+    """The view of 3-D parts, from the side and above.
+
+    upright: (3, 3) the rotation that turns the part as it stands.
+    """
     toward = (math.cos(TILT) * math.cos(TURN), math.cos(TILT) * math.sin(TURN), math.sin(TILT))
-    return Look(np.array(look_from(TURN, TILT)), np.array(toward))
+    axes = np.array(look_from(TURN, TILT))
+    return Look(axes @ upright, np.array(toward) @ upright, _LIGHT @ upright)
 
 
 # What of the part is in front: every pixel of a sheet knows the triangle that is seen there.
@@ -43,8 +57,7 @@ def oblique() -> Look:
 _LONG, _BORDER = 1000, 3
 #: Of the part's size: what lies less behind a face is on it.
 _ON = 0.004
-#: Where the light comes from, and the greys of a face away from it and square to it.
-_LIGHT = np.array([-0.35, -0.55, 0.76])
+#: Greys of a face away from the light and square to it.
 _DARK, _BRIGHT = 168.0, 244.0
 
 
@@ -84,7 +97,7 @@ def shade(solid: Solid, look: Look) -> Shaded:
     facing = np.flatnonzero(solid.normals @ look.toward > 0)
     for face in facing[np.argsort(depth[facing], kind="stable")].tolist():
         cv2.fillConvexPoly(front, corners[face], face, cv2.LINE_8, 4)
-    lit = np.clip(solid.normals @ _LIGHT, 0.0, 1.0)
+    lit = np.clip(solid.normals @ look.light, 0.0, 1.0)
     return Shaded(front, low, per_px, np.round(_DARK + (_BRIGHT - _DARK) * lit).astype(np.uint8))
 
 

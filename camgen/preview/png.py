@@ -75,7 +75,8 @@ def png(view: View) -> bytes:
 
 
 def _fit(view: View) -> _Sheet:
-    right, up = look_from(-math.pi / 2, math.pi / 2) if view.flat else look_from(TURN, TILT)
+    axes = look_from(-math.pi / 2, math.pi / 2) if view.flat else look_from(TURN, TILT)
+    right, up = axes @ view.upright
     seen = np.array([right, -up])
     work = view.track.events.path[view.track.event] >= 0
     loops: list[FloatArray] = []
@@ -93,7 +94,7 @@ def _fit(view: View) -> _Sheet:
 
 def _solid(image: Pixels, view: View, solid: Solid, sheet: _Sheet) -> None:
     """Shaded faces, edges by state, thin where they are hidden, the way, and the number of every edge."""
-    look = oblique()
+    look = oblique(view.upright)
     shaded = shade(solid, look)
     # From a pixel of the shaded picture to one of the image.
     scale, left = shaded.per_px * sheet.scale, shaded.low * (1.0, -1.0) * sheet.scale + sheet.shift

@@ -60,7 +60,7 @@ class _Sheet(Struct, frozen=True, eq=False):
 
 def svg(view: View, solid: Solid) -> str:
     """The picture as SVG text, sized in mm, legible on light and dark."""
-    look = oblique()
+    look = oblique(view.upright)
     shaded = shade(solid, look)
     edges = figure_edges(view, solid, look, shaded)
     sheet = _fit(solid, look)

@@ -189,6 +189,7 @@ class View(Struct, frozen=True, eq=False):
     switches: outputs, in the order of time.
     executed: the path that the controller runs; None without a model of it.
     fixtures: fixtures of a mill, from above.
+    upright: (3, 3) the rotation that turns a 3-D part as it stands.
     """
 
     title: str
@@ -216,11 +217,21 @@ class View(Struct, frozen=True, eq=False):
     switches: tuple[Switch, ...] = ()
     executed: SpaceChains | None = None
     fixtures: tuple[FixtureView, ...] = ()
+    upright: FloatArray = IDENTITY
 
     @property
     def skipped(self) -> tuple[ViewNote, ...]:
         """What was left out."""
         return tuple(note for note in self.notes if note.kind == "skipped")
+
+
+def _stand_upright(result: Built) -> FloatArray:
+    """The rotation (3, 3) that turns a 3-D part as it stands."""
+    if result.job.cell.rests_on is None:
+        return IDENTITY
+    from camgen.collision.cell import turn_upright  # noqa: PLC0415 (fcl, rarely needed)
+
+    return turn_upright(result.job.cell.rests_on)
 
 
 def view(result: Built) -> View:
@@ -260,6 +271,7 @@ def view(result: Built) -> View:
         switches=switches_of(program.columns, way.events),
         executed=trace_executed(result, sag),
         fixtures=see_fixtures(result),
+        upright=_stand_upright(result),
     )
 
 

@@ -105,6 +105,7 @@ SMOKES = [
     Smoke("robots.rfa paper", (16, 21), {"mm": (8, 210), "s": (0.4, 20)}),
     Smoke("robots.rfa 1 rfa1 'IRB 1200'", (3,), {"nominal": (12, 12), "collide": (0, 0)}),
     Smoke("robots.coverage block", (1,), {"mm": (800, 900), "pieces": (8, 9)}, lacking("OCP")),
+    Smoke("robots.set_ups block", (1,), {"two": (16, 16), "left of it": (0, 0)}, lacking("OCP")),
     Smoke("robots.reach_judge none", (0,), {}, lacking("py_opw_kinematics")),
     Smoke("robots.flow rfa1 'IRB 2400'", (2,), {"less": (20, 80)}),
     Smoke("robots.robotsp made", (2,), {"not reached": (0, 0), "cost": (1, 12), "execution, s": (2, 15)}),

@@ -1,4 +1,4 @@
-"""Where a part should stand: found by search, and what is written is what was built."""
+"""How a part should stand: found by search, and the written files give the same program."""
 
 import contextlib
 import tomllib
@@ -13,8 +13,9 @@ from camgen.cli import main
 from camgen.model.pose import pose_from_values
 from camgen.pipeline import poster_of
 from camgen.pipeline.inputs import read_inputs
-from camgen.pipeline.place import Spot, _case, _far, _grid, _nominal
+from camgen.pipeline.place import Case, Request, Spot, examine, list_spots, make_case, reach_joints
 from camgen.read.files import Files
+from tests.support.plate import write_plate
 
 #: A plate of 60 x 40 x 10 mm in front of an IRB 120, too far away for some of its upper edges.
 JOB = """
@@ -28,38 +29,42 @@ base_from_work = [760, -20, 150, 0, 0, 0]
 """
 
 
+#: The edges of both large faces, with any roll of the tool.
+BOTH_SIDES = JOB.replace("e1-e4", "e1-e4 e9-e12").replace(
+    "[cell]", "[tool]\nsymmetric = true\n[cell]"
+)
 COMMAND = ["place", "plate.obj", "--post", "rapid", "--height", "150"]
 
 
-def write_plate(folder: Path) -> Path:
-    corners = np.array([(x, y, z) for x in (0, 60) for y in (0, 40) for z in (0, 10)], dtype=float)
-    faces = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
-    lines = [f"v {x} {y} {z}" for x, y, z in corners]
-    lines += [f"f {a + 1} {c + 1} {b + 1}\nf {a + 1} {d + 1} {c + 1}" for a, b, c, d in faces]
-    (folder / "plate.obj").write_text("\n".join(lines))
-    (folder / "plate.toml").write_text(JOB)
-    return folder / "plate.obj"
+def write_job(folder: Path, text: str = JOB) -> Path:
+    """The plate with its job beside it."""
+    plate = write_plate(folder)
+    plate.with_suffix(".toml").write_text(text)
+    return plate
 
 
 @pytest.fixture(scope="module", autouse=True)
-def two_built() -> Iterator[None]:
-    """The best two places are built instead of three, which is as good for a comparison."""
+def short_search() -> Iterator[None]:
+    """A search on fewer faces and with fewer builds, which is as good for a comparison."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("camgen.pipeline.place._BUILT", 2)
+        for name in ("_BUILT", "_SECOND_BUILT", "_IMPROVED", "_ROUNDS"):
+            patch.setattr(f"camgen.pipeline.place.{name}", 1)
+        for name in ("_FACES", "_EXAMINED"):
+            patch.setattr(f"camgen.pipeline.place.{name}", 2)
         yield
 
 
 @pytest.fixture
 def plate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
-    return write_plate(tmp_path)
+    return write_job(tmp_path)
 
 
 @pytest.fixture(scope="module")
 def placed(tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    """What the search writes: it takes seconds."""
+    """The file that the search writes: it takes seconds."""
     folder = tmp_path_factory.mktemp("placed")
-    write_plate(folder)
+    write_job(folder)
     with contextlib.chdir(folder):
         assert main([*COMMAND, "-q", "-o", "found.toml"]) == 0
     return (folder / "found.toml").read_bytes()
@@ -71,12 +76,12 @@ def test_the_place_that_is_written_reaches_more_and_is_the_same_again(
     with pytest.raises(camgen.NoSafeProgram):
         camgen.build(plate, post="rapid", job=plate.with_suffix(".toml"))
     assert main([*COMMAND, "-o", "a.toml"]) == 0
-    said = capsys.readouterr()
+    output = capsys.readouterr()
     assert plate.with_name("a.toml").read_bytes() == placed
     cell = tomllib.loads(placed.decode())["cell"]
     assert cell["robot"] == "IRB 120"
-    assert said.out == f"base_from_work = {cell['base_from_work']}\n"
-    assert "4 of 4 edges" in said.err.splitlines()[0]
+    assert output.out == f"base_from_work = {cell['base_from_work']}\n"
+    assert "4 of 4 edges" in output.err.splitlines()[0]
     # The part stands at the height that was asked for, level, straight ahead.
     frame = pose_from_values(cell["base_from_work"])
     assert np.allclose(frame.rotation[2], [0, 0, 1])
@@ -103,33 +108,146 @@ def test_the_job_s_own_place_is_kept_where_none_is_better(
     assert plate.with_name("b.toml").read_text().count("[cell]") == 1
 
 
-def test_no_place_has_more_edges_than_its_joints_reach(plate: Path) -> None:
-    """What the grid says is a bound: with collisions and all looks it is never more."""
+def read_case(plate: Path) -> Case:
     job = camgen.job(str(plate.with_suffix(".toml")))
     read = read_inputs([plate], job, poster_of("rapid", job, "job").cell(), Files())
-    case = _case(read.part, job, read.cell)
-    spots = list(_grid(case, 150.0))[::11]
-    bounds = [most for most, _ in _far(case, spots)]
-    counts = [_nominal(case, spot) for spot in spots]
-    assert all(count <= most for count, most in zip(counts, bounds, strict=True))
-    assert max(counts) == 4
-    assert min(bounds) == 0
+    return make_case(read.part, job, read.cell, Request(plate, "rapid"))
+
+
+def test_collisions_add_no_edge_to_those_that_the_joints_reach(plate: Path) -> None:
+    case = read_case(plate)
+    spots = [spot for spot in list_spots(case, 150.0) if spot.stand == 0][::3]
+    by_joints = reach_joints(case, spots, case.stands[0].samples).shares
+    with_collisions = np.concatenate([examine(case, spot).shares for spot in spots])
+    assert (with_collisions <= by_joints + 1e-9).all()
+    assert with_collisions.max() == pytest.approx(1)
+    assert by_joints.min() == 0
 
 
 def test_a_spot_is_where_the_middle_of_the_bottom_is(plate: Path) -> None:
-    job = camgen.job(str(plate.with_suffix(".toml")))
-    read = read_inputs([plate], job, poster_of("rapid", job, "job").cell(), Files())
-    case = _case(read.part, job, read.cell)
+    case = read_case(plate)
     frame = case.base_from_work(Spot(400.0, 90.0, 90.0))
     assert np.allclose(frame.apply([30, 20, 0]), [400, 0, 90])
     assert np.allclose(frame.rotation @ [1, 0, 0], [0, 1, 0])
+
+
+def test_a_part_that_is_turned_over_stands_on_the_face(plate: Path) -> None:
+    case = read_case(plate)
+    assert [stand.is_own for stand in case.stands] == [True, False, False]
+    for number, stand in enumerate(case.stands):
+        assert stand.face is not None
+        frame = case.base_from_work(Spot(400.0, 90.0, 30.0, number))
+        assert np.allclose(frame.rotation @ stand.face.normal, [0, 0, -1])
+        heights = [frame.apply(vertex)[2] for vertex in case.solid.vertices.tolist()]
+        assert min(heights) == pytest.approx(90)
+        assert sum(abs(height - 90) < 1e-6 for height in heights) == 4
+
+
+@pytest.fixture(scope="module")
+def two_set_ups(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a plate all of whose edges are asked for, with the two set-ups."""
+    folder = tmp_path_factory.mktemp("two")
+    write_job(folder, BOTH_SIDES)
+    with contextlib.chdir(folder):
+        assert main([*COMMAND, "-q", "-o", "place.toml"]) == 0
+    return folder
+
+
+def test_two_set_ups_work_all_edges_and_each_edge_once(two_set_ups: Path) -> None:
+    assert {path.name for path in two_set_ups.iterdir()} == {
+        *("plate.obj", "plate.toml", "place.toml"),
+        *("place-1.toml", "place-1.mod", "place-1.svg"),
+        *("place-2.toml", "place-2.mod", "place-2.svg"),
+    }
+    cells, edges = [], []
+    for number in (1, 2):
+        tables = tomllib.loads((two_set_ups / f"place-{number}.toml").read_text())
+        assert tables["operation"] == {"offset": 2}
+        job = two_set_ups / f"place-{number}.toml"
+        result = camgen.build(two_set_ups / "plate.obj", post="rapid", job=job)
+        cells.append(tables["cell"])
+        edges += [path.id for path in result.tour.paths]
+    assert sorted(edges) == sorted(f"e{number}" for number in (1, 2, 3, 4, 9, 10, 11, 12))
+    # One lies on the other side than the other.
+    up = [pose_from_values(cell["base_from_work"]).rotation[2] for cell in cells]
+    assert float(up[0] @ up[1]) < 0.1
+    alone = tomllib.loads((two_set_ups / "place.toml").read_text())
+    assert list(alone) == ["cell"]
+    assert alone["cell"] == cells[0]
+
+
+@pytest.mark.parametrize("number", [1, 2])
+def test_the_program_of_a_set_up_is_that_of_its_job_file(two_set_ups: Path, number: int) -> None:
+    program = two_set_ups / f"place-{number}.mod"
+    before = program.read_bytes()
+    with contextlib.chdir(two_set_ups):
+        words = ["build", "plate.obj", "--post", "rapid", "--job", f"place-{number}.toml"]
+        assert main([*words, "-q", "-o", program.name]) == 0
+    assert program.read_bytes() == before
+
+
+def test_a_job_file_says_how_the_part_rests_and_which_edge_is_worked_where(
+    two_set_ups: Path,
+) -> None:
+    texts = [(two_set_ups / f"place-{number}.toml").read_text() for number in (1, 2)]
+    turned = next(text for text in texts if "rests_on" in text)
+    cell = tomllib.loads(turned)["cell"]
+    assert "fixtures" not in cell
+    normal = ", ".join(f"{value:g}" for value in cell["rests_on"])
+    assert f"the normal [{normal}]" in turned
+    assert "# turned from how the file has it by " in turned
+    for text in texts:
+        lines = [line for line in text.splitlines() if line.startswith("# e")]
+        assert [line.split(":")[0] for line in lines] == [
+            f"# e{k}" for k in (1, 2, 3, 4, 9, 10, 11, 12)
+        ]
+        assert all(" in set-up " in line for line in lines)
+
+
+def test_the_result_does_not_advise_to_run_the_command_again(
+    plate: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A block stands where the tool would have to be along one of the edges."""
+    block = "fixtures = [[-20, 41, -20, 80, 51, 40]]\n"
+    plate.with_suffix(".toml").write_text(JOB + block)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("camgen.pipeline.place._FACES", 0)
+        assert main([*COMMAND, "-o", "a.toml"]) == 0
+    output = capsys.readouterr().err + plate.with_name("a.toml").read_text()
+    assert "mm not worked" in output
+    assert "no roll and no tilt up to 30 deg helps" in output
+    assert "another place" not in output
+
+
+def test_an_edited_program_is_not_replaced_and_nothing_is_written(
+    two_set_ups: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_job(tmp_path, BOTH_SIDES)
+    text = (two_set_ups / "place-2.mod").read_text()
+    edited = text.replace("MoveL", "MoveL ", 1)
+    assert edited != text
+    (tmp_path / "place-2.mod").write_text(edited)
+    with contextlib.chdir(tmp_path):
+        assert main([*COMMAND, "-o", "place.toml"]) == 2
+    assert "was edited" in capsys.readouterr().err.splitlines()[-1]
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names == {"plate.obj", "plate.toml", "place-2.mod"}
+
+
+def test_a_name_that_is_read_is_not_written(
+    plate: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    job = plate.with_name("part-2.toml")
+    plate.with_suffix(".toml").rename(job)
+    assert main([*COMMAND, "--job", "part-2.toml", "-o", "part.toml"]) == 2
+    assert "would overwrite part-2.toml" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
     ("words", "message"),
     [
         (["--post", "gcode"], "needs an arm"),
-        (["--post", "rapid", "--height", "nan"], "is no height"),
+        (["--post", "rapid", "--height", "nan"], "is not a height"),
         (["--post", "rapid", "--set", "cell.robot=COBOTTA"], "closed form"),
         (["--post", "rapid", "--height", "9000"], "no place was found"),
     ],
@@ -140,6 +258,23 @@ def test_what_cannot_be_placed_is_told_and_nothing_written(
     if "gcode" in words:
         plate.with_suffix(".toml").write_text('[input]\nselect = "all"\n')
     assert main(["place", "plate.obj", *words, "-o", "found.toml"]) in (2, 3)
-    said = capsys.readouterr().err
-    assert message in said.splitlines()[-1]
+    output = capsys.readouterr().err
+    assert message in output.splitlines()[-1]
+    assert not plate.with_name("found.toml").exists()
+
+
+def test_a_part_without_a_resting_face_is_refused(
+    plate: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Two cones of 80 sides at one rim: each of their faces is 3 deg from the next."""
+    turns = np.arange(80) * np.pi / 40
+    rim = np.column_stack([30 * np.cos(turns), 30 * np.sin(turns), np.zeros(80)])
+    lines = [f"v {x} {y} {z}" for x, y, z in [*rim.tolist(), (0, 0, 30), (0, 0, -30)]]
+    for number in range(80):
+        first, second = number + 1, (number + 1) % 80 + 1
+        lines += [f"f {first} {second} 81", f"f {second} {first} 82"]
+    plate.write_text("\n".join(lines))
+    plate.with_suffix(".toml").write_text(JOB.replace("e1-e4", "all"))
+    assert main([*COMMAND, "-o", "found.toml"]) == 2
+    assert "plate.obj: has no face on which it rests" in capsys.readouterr().err
     assert not plate.with_name("found.toml").exists()

@@ -2,6 +2,7 @@
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -94,6 +95,41 @@ def test_a_part_stands_on_a_table_unless_the_job_says_otherwise(solid: Solid) ->
         assert not any("table" in pair for pair in own.scene.pairs)
     flat = made({}, {}, None)
     assert not any("table" in pair for pair in flat.scene.pairs)
+
+
+@pytest.mark.parametrize("normal", [(0, 0, -1), (0, 0, 2), (-1, 0, 0), (0.6, 0, 0.8)])
+def test_the_table_lies_under_the_face_on_which_the_part_rests(
+    solid: Solid, normal: tuple[float, float, float]
+) -> None:
+    """Along the normal it begins 0.5 mm beyond the part and is 20 mm thick."""
+    frame = [400.0, 50.0, 30.0, 0.0, 0.0, 30.0]
+    where = made({}, {"base_from_work": frame, "rests_on": list(normal)}, solid)
+    centre, axes, half = boxes(where.scene, "table")[0]
+    down = pose_from_values(frame).rotation @ np.array(normal) / np.linalg.norm(normal)
+    placed = np.array([pose_from_values(frame).apply(v) for v in solid.vertices.tolist()])
+    lowest = float((placed @ down).max())
+    middle, reach = float(down @ centre), float(np.abs(down @ axes) @ half)
+    assert (middle - reach, middle + reach) == pytest.approx((lowest + 0.5, lowest + 20.5))
+    # It reaches 200 mm beyond the part on all sides.
+    level = np.abs(down @ axes) < 0.5
+    assert np.allclose((half - np.abs((placed - centre) @ axes).max(axis=0))[level], 200)
+
+
+@pytest.mark.parametrize(
+    ("cell", "message"),
+    [
+        ({"rests_on": [0, 0]}, "is not a direction"),
+        ({"rests_on": [0, 0, 0]}, "is not a direction"),
+        ({"rests_on": [0, 0, 1], "fixtures": []}, "has no effect beside cell.fixtures"),
+    ],
+)
+def test_a_face_that_says_nothing_is_refused(
+    solid: Solid, cell: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(JobError, match=message):
+        made({}, cell, solid)
+    with pytest.raises(JobError, match=r"has no effect without a 3-D part \(cell.rests_on\)"):
+        made({}, {"rests_on": [0, 0, 1]}, None)
 
 
 def test_high_fixtures_raise_the_level(solid: Solid) -> None:

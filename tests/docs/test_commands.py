@@ -67,6 +67,7 @@ NOT_RUN = {
     "--post krl": "needs the example post installed, see tests/docs/test_writing_a_post.py",
     "slot.xy": "needs the example reader installed, see tests/read/test_example_reader.py",
     "place rfa1.stl": "a search of half a minute, which is run on part.stl, a part of few edges",
+    "--job place-2.toml": "needs the files of camgen place, see tests/cli/test_place.py",
     "one.mod par": "a line that a shell completes, see tests/cli/test_completion.py",
     "capture 0": "needs a camera, see tests/cli/test_capture.py",
     "build camera:0": "needs a camera, see tests/cli/test_capture.py",

@@ -392,6 +392,9 @@ def test_flat_drawings_refuse_the_settings_of_curves() -> None:
     for key, value in (("axis", "fixed"), ("angles", [180, 0, 0])):
         said = refused(PARTS / "plate.dxf", "rapid", TRACE | {"tool": {key: value}})
         assert said == f"job: has no effect on a drawing (tool.{key}); leave it out"
+    job: Tables = TRACE | {"cell": {"rests_on": [0, 0, 1]}}
+    error = refused(PARTS / "plate.dxf", "rapid", job)
+    assert error == "job: has no effect on a drawing (cell.rests_on); leave it out"
 
 
 @pytest.mark.parametrize(("tool", "what"), [

@@ -6,6 +6,7 @@ import numpy as np
 from msgspec import Struct, field
 
 from camgen.geometry.rotations import turned_about_z
+from camgen.model.advice import ANOTHER_PLACE
 from camgen.model.pose import FloatArray, frozen
 from camgen.motion.pose_paths import PosePath, divide
 from camgen.motion.setup import JUMP, Blockage, SampledMotion, dense_parts, flange_poses
@@ -22,7 +23,7 @@ from camgen.order.arm.search import (
 )
 from camgen.robots.kinematics.continuity import Choice, follow
 
-_NO_WAY = "no free motion leads to it: another place (camgen place), clearance or home may help"
+_NO_WAY = f"no free motion leads to it: {ANOTHER_PLACE}, clearance or home may help"
 _COLLIDES = "it collides with every turn that is tried"
 
 

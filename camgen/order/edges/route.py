@@ -14,6 +14,7 @@ import numpy as np
 from msgspec import Struct, field
 from msgspec.structs import replace
 
+from camgen.model.advice import ANOTHER_PLACE
 from camgen.model.part import BoolArray, IntArray, Line
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted
@@ -52,7 +53,7 @@ _AS_NEAR_MM = 0.05
 _FRUITLESS = 12
 #: s: a power of two, so that a sum of less than two months is exact.
 _TICK = 2.0**-30
-_REMEDY = "cell.safety or another place (camgen place) may help"
+_REMEDY = f"cell.safety or {ANOTHER_PLACE} may help"
 
 
 class RouteCell(Struct, frozen=True, eq=False):

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 
 from msgspec.structs import replace
 
+from camgen.model.advice import ANOTHER_PLACE
 from camgen.model.job import Job, ToolTable
 from camgen.model.part import Note
 from camgen.model.text import short
@@ -26,8 +27,8 @@ def remedies(
     able = [one.id for one in lost if one.kind != "shape"]
     tried = able[:_MOST]
     helps = _other_tools(tried, _freedoms(job), attempt)
-    vain = "no roll and no tilt up to 30 deg helps: another place may"
-    vain += " (camgen place)" if noun == "edge" else ""
+    place = ANOTHER_PLACE if noun == "edge" else "another place"
+    vain = f"no roll and no tilt up to 30 deg helps: {place} may"
     told = [
         replace(edge, remedy=helps.get(edge.id, vain) if edge.id in tried else "") for edge in lost
     ]
