@@ -1,6 +1,6 @@
 """Stretches of edges that an arm reaches by a judge of its own, and that camgen leaves out.
 
-    python -m bench.robots.reach_judge [PART ...]
+    python -m bench.robots.reach_judge [--feed MM_S] [PART ...]
 
 The parts and set-ups are those of ``coverage``. The judge has a station every 2 mm along the edges,
 beside the pieces that camgen works. At each station it draws orientations within the cone that the
@@ -9,11 +9,13 @@ those beyond a limit or within 2 deg of a straight wrist, and tests the others w
 ``plain_loop``. A station is reached if one posture is free. The columns "with the margin" count
 stations at which one posture keeps ``cell.margin`` too, as pieces of edges do. Nothing of camgen's
 planner is used. A stretch of reached stations is an upper limit of what can be worked: one posture
-need not lead to the next.
+need not lead to the next, and the judge knows no speeds. At a small feed the joints are fast enough
+for camgen too.
 """
 
 from __future__ import annotations
 
+import argparse
 import importlib
 import math
 import sys
@@ -30,6 +32,7 @@ from bench.robots.plain_loop import Loop
 from bench.robots.rfa import loop
 from bench.support.runner import Table
 from camgen.model.errors import NoSafeProgram
+from camgen.model.job import ProcessTable
 from camgen.model.part import Edge, Part
 from camgen.model.pose import FloatArray, pose_from_values
 from camgen.pipeline import Result
@@ -185,16 +188,17 @@ def _find_stretches(name: str, places: Sequence[float]) -> Iterator[Stretch]:
             yield name, float(group[0]), long
 
 
-def main(arguments: Sequence[str]) -> int:
-    print(machine())
+def main(parts: Sequence[str], feed: float) -> int:
+    print(machine(), f"{feed:g} mm/s")
     table = Table(
         "part | stations judged | stretches over 5 mm | mm {:,.0f} | with the margin "
         "| mm {:,.0f} | longest, mm {:.0f} | where"
     )
     with tempfile.TemporaryDirectory() as folder:
-        for name, part in list_parts(Path(folder), arguments):
+        for name, part in list_parts(Path(folder), parts):
+            job = make_job(part) | {"process": {"feed": feed}}
             try:
-                result = camgen.build(part, post="rapid", job=make_job(part))
+                result = camgen.build(part, post="rapid", job=job)
             except NoSafeProgram as error:
                 table.add(name, str(error))
                 continue
@@ -207,4 +211,8 @@ def main(arguments: Sequence[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    parser = argparse.ArgumentParser()
+    parser.add_argument("parts", nargs="*")
+    parser.add_argument("--feed", type=float, default=ProcessTable().feed)
+    given = parser.parse_args()
+    sys.exit(main(given.parts, given.feed))
