@@ -29,7 +29,7 @@ from camgen.geometry.segments import (
 )
 from camgen.model.path import PLACES, ToolPath
 from camgen.model.pose import FloatArray, frozen
-from camgen.plan.pocket.chains import polyline
+from camgen.plan.pocket.chains import make_polyline
 from camgen.plan.pocket.channel import Channel
 
 #: Height of a hop above the floor of the pass, mm.
@@ -205,7 +205,7 @@ def _shorten(run: Segments, cleared: Any) -> Segments | None:
         if not len(reached):
             return None
         stops.append(int(ahead[reached[-1]]))
-    return polyline(points[stops])
+    return make_polyline(points[stops])
 
 
 def lift(path: ToolPath, travels: BoolArray, speeds: Speeds) -> ToolPath:

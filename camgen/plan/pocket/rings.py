@@ -32,7 +32,7 @@ from camgen.geometry.segments import (
     neighbours,
 )
 from camgen.plan.beside import Beside, beside
-from camgen.plan.pocket.chains import cut_out, places
+from camgen.plan.pocket.chains import cut_out, sample_chain
 
 #: Rings are flattened to this, mm, where it is looked at what lies in what, and at what stays uncut.
 CHORD = 0.002
@@ -329,7 +329,7 @@ def _stretches(
     result: list[Segments] = []
     for chain in chains:
         spacing = min(_EVERY * radius, float(chain.length.sum()) / 8)
-        at, points = places(chain, spacing)
+        at, points = sample_chain(chain, spacing)
         # The last place is the first again.
         near = shapely.dwithin(shapely.points(points), bare, reach + spacing + 2 * _THIN)[:-1]
         if near.all():

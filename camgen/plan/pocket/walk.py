@@ -27,14 +27,14 @@ from camgen.geometry.segments import IntArray, Segments, make, points_at, tangen
 from camgen.model.pose import FloatArray
 from camgen.plan.pocket.bound import Bound
 from camgen.plan.pocket.chains import (
-    begun_at,
     cut_out,
-    join,
+    find_nearest,
+    join_chains,
     locate,
-    nearest,
-    places,
-    polyline,
-    straight,
+    make_lines,
+    make_polyline,
+    sample_chain,
+    start_at,
     tangents_along,
 )
 from camgen.plan.pocket.channel import Channel
@@ -191,7 +191,7 @@ def lay(
     return [
         Walk(
             walk.pocket,
-            join(walk.parts),
+            join_chains(walk.parts),
             walk.rings,
             walk.room,
             index[id(walk.before)] if walk.before is not None else -1,
@@ -247,7 +247,7 @@ def _cut(
         if walk is None:
             walk = _enter(piece, left, first)
             continue
-        gaps_to_chains = np.array([nearest(chain, walk.end)[1] for chain in left])
+        gaps_to_chains = np.array([find_nearest(chain, walk.end)[1] for chain in left])
         for k in _smallest_first(gaps_to_chains).tolist():
             if _reach(walk, left[k], room, step):
                 left.pop(k)
@@ -269,11 +269,11 @@ def _enter(piece: Piece, left: list[Segments], first: float) -> _Open:
         middle, edge = shapely.get_coordinates(shapely.maximum_inscribed_circle(area, 0.01))
         room = float(np.hypot(*(edge - middle)))
         if room > _NO_ROOM:
-            at = [nearest(chain, middle) for chain in left]
+            at = [find_nearest(chain, middle) for chain in left]
             k = int(_smallest_first(np.array([gap for _, gap in at]))[0])
             walk = _Open(piece.pocket, piece.distance - first + room)
-            ring = begun_at(left.pop(k), at[k][0])
-            walk.parts.append(straight(middle, ring.start[:1]))
+            ring = start_at(left.pop(k), at[k][0])
+            walk.parts.append(make_lines(middle, ring.start[:1]))
             walk.add(ring, True)
             return walk
     walk = _Open(piece.pocket, piece.distance - first)
@@ -287,21 +287,21 @@ def _reach(walk: _Open, chain: Segments, room: _Room, step: float) -> bool:
     if not _is_closed(chain):
         return _reach_start(walk, chain, room)
     total = float(chain.length.sum())
-    foot = nearest(chain, walk.end)[0]
+    foot = find_nearest(chain, walk.end)[0]
     linked = _reach_over(walk, chain, room)
     if linked is None and room.lean:
         linked = _reach_gently(walk, chain, foot, room)
     if linked is not None:
         link, at = linked
         walk.parts.append(link)
-        walk.add(begun_at(chain, at), True)
+        walk.add(start_at(chain, at), True)
         return True
     ahead = np.array([(foot + k * min(step, total / 12)) % total for k in _AHEAD])
-    good = ahead[_first_free(straight(walk.end, locate(chain, ahead)), room)]
+    good = ahead[_first_free(make_lines(walk.end, locate(chain, ahead)), room)]
     if not len(good):
-        around = places(chain, total / _TRIES)[0][:-1]
+        around = sample_chain(chain, total / _TRIES)[0][:-1]
         ends = locate(chain, around)
-        links = straight(walk.end, ends)
+        links = make_lines(walk.end, ends)
         order = _smallest_first(links.length)
         good = around[order[_first_free(links.take(order), room)]]
         if not len(good):
@@ -309,7 +309,7 @@ def _reach(walk: _Open, chain: Segments, room: _Room, step: float) -> bool:
     if not len(good):
         return False
     walk.steep += 1
-    walk.add(begun_at(chain, float(good[0])), True)
+    walk.add(start_at(chain, float(good[0])), True)
     return True
 
 
@@ -332,7 +332,7 @@ def _reach_over(walk: _Open, chain: Segments, room: _Room) -> tuple[Segments, fl
     """A way over channels to a closed ``chain``, and where it ends, mm from its start."""
     if not room.channels:
         return None
-    lengths, points = places(chain, _BESIDE * room.channels[0].radius)
+    lengths, points = sample_chain(chain, _BESIDE * room.channels[0].radius)
     over = _go_over(walk, points, room)
     return None if over is None else (over[0], float(lengths[over[1]]))
 
@@ -352,7 +352,7 @@ def _go_over(walk: _Open, ends: FloatArray, room: _Room) -> tuple[Segments, int]
         end = _step_on(ends[row], channel, room)
         if end is not None:
             corners = np.vstack([walk.end, channel.way(begin, end), ends[row]])
-            return polyline(corners), row
+            return make_polyline(corners), row
     return None
 
 
@@ -361,7 +361,7 @@ def _step_on(point: FloatArray, channel: Channel, room: _Room) -> FloatArray | N
     if channel.holds(point[None])[0]:
         return point
     middles = np.array([(disc.x, disc.y) for disc in channel.discs])
-    links = straight(point, middles)
+    links = make_lines(point, middles)
     links = links.take(_smallest_first(links.length)[:_AT_ONCE])
     rows = _first_free(links, replace(room, most=_CLEAR))
     return np.asarray(links.end[rows[0]]) if len(rows) else None
@@ -373,8 +373,8 @@ def _reach_gently(
     """A link to a closed ``chain`` that engages no more than is allowed, and where it ends, mm from its start."""
     total = float(chain.length.sum())
     near = foot + room.lean * np.linspace(-1, 1, _TRIES)
-    around = np.concatenate([near % total, places(chain, total / _TRIES)[0][:-1]])
-    links = straight(walk.end, locate(chain, around))
+    around = np.concatenate([near % total, sample_chain(chain, total / _TRIES)[0][:-1]])
+    links = make_lines(walk.end, locate(chain, around))
     order = _smallest_first(links.length)
     good = order[_first_free(links.take(order), replace(room, most=_CLEAR))]
     if len(good):
@@ -388,17 +388,17 @@ def _lean_on(walk: _Open, chain: Segments, room: _Room) -> tuple[Segments, float
     ways = room.lean * np.array([factor for factor in _LEANS if factor * room.lean < total / 3])
     if walk.last is None or not len(ways):
         return None
-    start = nearest(walk.last, walk.end)[0]
+    start = find_nearest(walk.last, walk.end)[0]
     here = locate(walk.last, np.array([start]))
-    back = straight(walk.end, here)
+    back = make_lines(walk.end, here)
     if back.length[0] > _SLACK and not len(_first_free(back, replace(room, most=_CLEAR))):
         return None
-    foot = nearest(chain, here[0])[0]
+    foot = find_nearest(chain, here[0])[0]
     # Half-way it is in the middle between both rings; on straight ones that is a line.
     inner = locate(walk.last, (start + ways / 2) % float(walk.last.length.sum()))
     half = (inner + locate(chain, (foot + ways / 2) % total)) / 2
     ends = (foot + ways) % total
-    links = straight(here[0], locate(chain, ends))
+    links = make_lines(here[0], locate(chain, ends))
     links = make(links.start, links.end, bulges(links.start, half, links.end), links.owner)
     lean = (tangents_at(links, np.ones(len(links))) * tangents_along(chain, ends)).sum(axis=1)
     rows = np.flatnonzero(
@@ -408,7 +408,7 @@ def _lean_on(walk: _Open, chain: Segments, room: _Room) -> tuple[Segments, float
 
 
 def _is_linked(walk: _Open, there: FloatArray, room: _Room) -> bool:
-    return len(_first_free(straight(walk.end, there), room)) > 0
+    return len(_first_free(make_lines(walk.end, there), room)) > 0
 
 
 def _go_round(walk: _Open, ends: FloatArray, room: _Room) -> IntArray:
@@ -416,12 +416,12 @@ def _go_round(walk: _Open, ends: FloatArray, room: _Room) -> IntArray:
     if walk.last is None:
         return np.zeros(0, dtype=np.int64)
     ring, total = walk.last, float(walk.last.length.sum())
-    off, points = places(ring, total / _TRIES)
-    start, gap = nearest(ring, walk.end)
+    off, points = sample_chain(ring, total / _TRIES)
+    start, gap = find_nearest(ring, walk.end)
     if gap > _SLACK:
         # A stretch beside the ring was run since; back to it first.
         back = np.concatenate([[start], off])
-        lines = straight(walk.end, locate(ring, back))
+        lines = make_lines(walk.end, locate(ring, back))
         order = _smallest_first(lines.length)
         free = order[_first_free(lines.take(order), room)]
         if not len(free):
@@ -439,7 +439,7 @@ def _go_round(walk: _Open, ends: FloatArray, room: _Room) -> IntArray:
 
 
 def _lines(starts: FloatArray, ends: FloatArray) -> Segments:
-    lines = straight(np.zeros(2), ends)
+    lines = make_lines(np.zeros(2), ends)
     return Segments(starts, lines.end, lines.bulge, lines.centre, lines.radius, lines.owner)
 
 
