@@ -44,11 +44,11 @@ from camgen.plan.columns import (
 )
 from camgen.plan.follow import turn_round
 from camgen.plan.open_outlines import check_outlines
-from camgen.plan.pocket.bound import Bound
 from camgen.plan.pocket.channel import Channel, channels
 from camgen.plan.pocket.engagement import engagement
+from camgen.plan.pocket.engagement_limit import EngagementLimit
 from camgen.plan.pocket.hops import Speeds, cleared_by, hop, lift
-from camgen.plan.pocket.ridge import ridge
+from camgen.plan.pocket.medial_axis import compute_medial_axis
 from camgen.plan.pocket.rings import (
     CHORD,
     LEAST_CORNERS,
@@ -249,7 +249,7 @@ def _chosen(pieces: Sequence[Piece], kept: Sequence[int]) -> list[Piece]:
     return [replace(pieces[k], parent=new.get(pieces[k].parent, -1)) for k in kept]
 
 
-def _bound(job: Job) -> Bound | None:
+def _bound(job: Job) -> EngagementLimit | None:
     """How much of the tool may be engaged; None: as much as there is."""
     operation, radius = job.operation, job.tool.radius
     most = (
@@ -259,24 +259,26 @@ def _bound(job: Job) -> Bound | None:
     )
     if most >= _MOST_BOUND:
         return None
-    return Bound(
+    return EngagementLimit(
         radius, operation.stepover * job.tool.diameter, most, operation.direction != "conventional"
     )
 
 
 def _open(
-    pieces: list[Piece], pockets: _Pockets, bound: Bound | None, job: Job
+    pieces: list[Piece], pockets: _Pockets, bound: EngagementLimit | None, job: Job
 ) -> tuple[list[Piece], list[tuple[Channel, ...]]]:
     """The pieces that are worth a pass after the channels, and the channels in each of the outermost ones."""
     if bound is None:
         return pieces, [()] * len(pieces)
-    first = bound.radius + job.operation.finish
+    first = bound.tool_radius + job.operation.finish
     begun = _HELIX_SHARE * job.tool.diameter if job.operation.entry == "helix" else 0.0
     found: list[Channel] = []
     for number in sorted({piece.pocket for piece in pieces}):
         ground = of_pockets(pockets.ground, frozenset([number]))
-        region, spacing = region_of(pockets.ground, number), _SPACING * bound.radius
-        axis = ridge(ground.walls, ground.following, region, first, spacing, bound.turn)
+        region, spacing = region_of(pockets.ground, number), _SPACING * bound.tool_radius
+        axis = compute_medial_axis(
+            ground.walls, ground.following, region, first, spacing, bound.max_turn
+        )
         found += channels(axis, first, bound, begun)
     if not found:
         return pieces, [()] * len(pieces)
@@ -288,7 +290,7 @@ def _open(
     opened: list[list[Channel]] = [[] for _ in pieces]
     for k, root in zip(here.tolist(), there.tolist(), strict=True):
         opened[roots[root]].append(found[k])
-    kept = _worth(pieces, opened, bound.radius)
+    kept = _worth(pieces, opened, bound.tool_radius)
     return _chosen(pieces, kept), [tuple(opened[k]) for k in kept]
 
 

@@ -22,9 +22,9 @@ from msgspec.structs import replace
 
 from camgen.geometry.segments import BoolArray, Segments, make
 from camgen.model.pose import FloatArray
-from camgen.plan.pocket.bound import Bound, disc_sizes
+from camgen.plan.pocket.engagement_limit import EngagementLimit, compute_disc_radii
 from camgen.plan.pocket.fronts import bare_spans, clear_spans, crossings, unrolled
-from camgen.plan.pocket.ridge import Ridge
+from camgen.plan.pocket.medial_axis import MedialAxis
 
 #: A disc smaller than this share of the tool's radius about a place gives no room for a loop.
 LEAST = 0.05
@@ -105,22 +105,22 @@ class Channel(Struct, frozen=True, eq=False):
         )
 
 
-def channels(axis: Ridge, first: float, bound: Bound, begun: float) -> list[Channel]:
+def channels(axis: MedialAxis, first: float, bound: EngagementLimit, begun: float) -> list[Channel]:
     """One for each connected part of a ridge.
 
     first: mm that the tool's centre keeps from the walls. begun: mm, the radius of the helix on which it goes down, 0
     for none.
     """
-    room = disc_sizes(axis, axis.room - first, bound)
-    fit = room >= LEAST * bound.radius
+    room = compute_disc_radii(axis, axis.wall_distance - first, bound)
+    fit = room >= LEAST * bound.tool_radius
     around: list[list[int]] = [[] for _ in room]
     for a, b in axis.links[fit[axis.links].all(axis=1)].tolist():
         around[a].append(b)
         around[b].append(a)
-    inside = replace(axis, room=room)
+    inside = replace(axis, wall_distance=room)
     left = set(np.flatnonzero(fit).tolist())
     # Where there is most room first; that is in the middle of a basin.
-    order = sorted(left, key=lambda k: (-float(axis.room[k]), k))
+    order = sorted(left, key=lambda k: (-float(axis.wall_distance[k]), k))
     found = []
     for root in order:
         if root in left:
@@ -131,8 +131,8 @@ def channels(axis: Ridge, first: float, bound: Bound, begun: float) -> list[Chan
             found.append(
                 Channel(
                     tuple(made.discs),
-                    bound.radius,
-                    float(axis.room[root]) - first,
+                    bound.tool_radius,
+                    float(axis.wall_distance[root]) - first,
                     rim,
                     made.chain(),
                     *made.engaged(),
@@ -173,7 +173,7 @@ def _leaves(before: dict[int, int], root: int) -> list[int]:
 class _Made:
     """A channel that is being laid."""
 
-    def __init__(self, bound: Bound, start: FloatArray) -> None:
+    def __init__(self, bound: EngagementLimit, start: FloatArray) -> None:
         self.bound = bound
         self.discs: list[Disc] = []
         self.ends: list[FloatArray] = [start]
@@ -204,14 +204,14 @@ class _Made:
 
 
 def _cut(
-    axis: Ridge,
+    axis: MedialAxis,
     root: int,
     ends: Sequence[int],
     before: dict[int, int],
-    bound: Bound,
+    bound: EngagementLimit,
     begun: float,
 ) -> _Made:
-    points, room = axis.points, axis.room
+    points, room = axis.points, axis.wall_distance
     made = _Made(bound, points[root])
     made.discs.append(_disc(points[root], float(room[root]), -1))
     _grow(made, float(room[root]), min(begun, float(room[root])))
@@ -226,7 +226,12 @@ def _cut(
         last = at[way[0]]
         way = way[1:]
         some = way[:: -max(len(way) // _LOOKS, 1)]
-        if way and not _covered(points[some], room[some], made.discs, _BEYOND * bound.radius).all():
+        if (
+            way
+            and not _covered(
+                points[some], room[some], made.discs, _BEYOND * bound.tool_radius
+            ).all()
+        ):
             here = _back(made, here, last)
             here = _follow(made, way, points, room, here, at)
         at |= {place: at.get(place, last) for place in way}
@@ -235,7 +240,7 @@ def _cut(
     return made
 
 
-def _rim(disc: Disc, bound: Bound) -> Segments:
+def _rim(disc: Disc, bound: EngagementLimit) -> Segments:
     """All round a disc in two halves."""
     ends = np.array([[disc.x - disc.room, disc.y], [disc.x + disc.room, disc.y]])
     return make(
@@ -255,13 +260,13 @@ def _covered(
 def _grow(made: _Made, room: float, begun: float) -> None:
     """From the middle of the first disc on a spiral of half circles to its rim, and once round."""
     middle, bound = made.ends[0], made.bound
-    r, rho, side = bound.radius, begun, -1.0
+    r, rho, side = bound.tool_radius, begun, -1.0
     bulge = 1.0 if bound.ccw else -1.0
     if begun:
         made.go(middle + np.array([side * rho, 0.0]))
     while rho < room - 1e-9:
         # Twice the growth of a half turn is what a turn cuts: share(2 g) = limit on the radius rho + g.
-        growth = bound.limit * r * rho / (rho + (1 - bound.limit) * r)
+        growth = bound.engagement * r * rho / (rho + (1 - bound.engagement) * r)
         opened = growth > _FIRST_TURN * r
         growth = min(max(growth, _FIRST_TURN * r), room - rho)
         rho, side = rho + growth, -side
@@ -290,14 +295,14 @@ def _follow(
         disc = made.discs[here]
         middle = np.array([disc.x, disc.y])
         apart = np.hypot(*(points[rows] - middle).T)
-        new = apart + room[rows] > disc.room + _BEYOND * made.bound.radius
+        new = apart + room[rows] > disc.room + _BEYOND * made.bound.tool_radius
         if not new.any():
             at |= dict.fromkeys(rows.tolist(), here)
             place += len(rows)
             continue
         share = _engaged(middle, disc.room, points[rows], room[rows], made.bound).max(axis=1)
         near = apart <= _APART * np.minimum(disc.room, np.maximum(room[rows], disc.room / 4))
-        good = (share <= made.bound.limit) & near
+        good = (share <= made.bound.engagement) & near
         first = int(np.argmax(new))
         # As far as all before it are good as well; where none is, the first one that is new, and that is told.
         stop = first + int(np.argmin(good[first:])) if not good[first:].all() else len(rows)
@@ -311,7 +316,7 @@ def _follow(
 
 
 def _engaged(
-    middle: FloatArray, room: float, points: FloatArray, rooms: FloatArray, bound: Bound
+    middle: FloatArray, room: float, points: FloatArray, rooms: FloatArray, bound: EngagementLimit
 ) -> FloatArray:
     """(M, F) shares of the diameter along the fronts of discs about ``points``, when that about ``middle`` is clear.
 
@@ -319,7 +324,7 @@ def _engaged(
     than what is clear there spans the angles around the way out from it, by the law of cosines; of these count those
     ahead of the tool, by what they take of its width.
     """
-    r, clear = bound.radius, room + bound.radius
+    r, clear = bound.tool_radius, room + bound.tool_radius
     step = points - middle
     apart = np.hypot(*step.T)
     phi = _front(room, apart, rooms)[:, None] * np.linspace(-1, 1, _FRONTS)
@@ -352,7 +357,7 @@ def _loop(made: _Made, here: int, point: FloatArray, room: float) -> None:
     reached = spans[here][1]
     made.go(on_rim(reached))
     length = 0.0
-    for first, last in bare_spans(clear, reached, _SKIPPED_SHARE * bound.radius / room):
+    for first, last in bare_spans(clear, reached, _SKIPPED_SHARE * bound.tool_radius / room):
         for angle in crossings(clear, reached, first):
             made.go(on_rim(angle))
         bulge = sense * math.tan((last - first) / 8)

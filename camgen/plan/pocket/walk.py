@@ -25,7 +25,6 @@ from camgen.geometry.intersect import gaps
 from camgen.geometry.ragged import owners, ramp
 from camgen.geometry.segments import IntArray, Segments, make, points_at, tangents_at
 from camgen.model.pose import FloatArray
-from camgen.plan.pocket.bound import Bound
 from camgen.plan.pocket.chains import (
     cut_out,
     find_nearest,
@@ -38,6 +37,7 @@ from camgen.plan.pocket.chains import (
     tangents_along,
 )
 from camgen.plan.pocket.channel import Channel
+from camgen.plan.pocket.engagement_limit import EngagementLimit
 from camgen.plan.pocket.rings import Piece
 
 #: A link may come nearer to the walls than the outermost pass by this, mm.
@@ -138,7 +138,7 @@ def lay(
     first: float,
     step: float,
     channels: Sequence[Sequence[Channel]],
-    bound: Bound | None,
+    bound: EngagementLimit | None,
 ) -> list[Walk]:
     """The walks over all ``pieces``, what must be run first before the rest.
 
@@ -160,7 +160,7 @@ def lay(
         if opened:
             begun[root] = opened[0]
         ended += opened[1:]
-    turn = 0.0 if bound is None else bound.turn
+    turn = 0.0 if bound is None else bound.max_turn
     lean = step / math.tan(turn) if turn else 0.0
     for k in _inside_first(inside, [k for k, piece in enumerate(pieces) if piece.parent < 0]):
         piece, root = pieces[k], outermost[k]
