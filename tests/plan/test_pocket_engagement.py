@@ -9,7 +9,7 @@ from camgen.model.errors import JobError
 from camgen.model.job import Job, OperationTable, ToolTable
 from camgen.model.part import Contour
 from camgen.plan import Plan, plan
-from camgen.plan.pocket.channel import Channel, channels
+from camgen.plan.pocket.channel import Channel, plan_channels
 from camgen.plan.pocket.engagement_limit import EngagementLimit
 from camgen.plan.pocket.medial_axis import compute_medial_axis
 from tests.support.drawn import circle, contour, part, rectangle, rounded
@@ -111,12 +111,12 @@ def test_the_way_of_a_channel_never_leaves_its_discs(name: str) -> None:
     axis = compute_medial_axis(
         walls, following, enclosed(SHAPES[name]), RADIUS, 0.6, bound.max_turn
     )
-    (channel,) = channels(axis, RADIUS, bound, 0.0)
-    assert channel.shares.max() <= 0.6 + 1e-9
+    (channel,) = plan_channels(axis, RADIUS, bound, 0.0)
+    assert channel.engagements.max() <= 0.6 + 1e-9
     ends = np.vstack([channel.chain.start, channel.chain.end[-1:]])
     assert np.allclose(ends[0], ends[-1])
     assert np.allclose(channel.chain.start[1:], channel.chain.end[:-1])
-    clear = channel.area(0.01)
+    clear = channel.make_polygon(0.01)
     assert clear.contains(shapely.MultiPoint(ends))
     straight = ~channel.chain.is_arc
     lines = shapely.linestrings(
@@ -133,7 +133,7 @@ def laid(name: str) -> Channel:
     axis = compute_medial_axis(
         walls, following, enclosed(SHAPES[name]), RADIUS, 0.6, bound.max_turn
     )
-    (channel,) = channels(axis, RADIUS, bound, 0.0)
+    (channel,) = plan_channels(axis, RADIUS, bound, 0.0)
     return channel
 
 
@@ -143,7 +143,7 @@ def test_a_front_runs_through_earlier_discs_on_short_stretches_only(name: str) -
     arcs = channel.chain.take(channel.chain.is_arc)
     middles = np.array([(disc.x, disc.y) for disc in channel.discs])
     discs = shapely.buffer(
-        shapely.points(middles), [disc.room - 1e-3 for disc in channel.discs], quad_segs=256
+        shapely.points(middles), [disc.radius - 1e-3 for disc in channel.discs], quad_segs=256
     )
     fronts = 0
     for row in range(len(arcs)):
@@ -163,14 +163,14 @@ def test_a_front_runs_through_earlier_discs_on_short_stretches_only(name: str) -
 @pytest.mark.parametrize("name", SHAPES)
 def test_a_way_over_a_channel_stays_in_its_discs(name: str) -> None:
     channel = laid(name)
-    ground = channel.area(0.0).buffer(0.01)
+    ground = channel.make_polygon(0.0).buffer(0.01)
     middles = np.array([(disc.x, disc.y) for disc in channel.discs])
-    assert channel.holds(middles).all()
+    assert channel.contains(middles).all()
     far = np.array([channel.discs[0].x, channel.discs[0].y]) + 200.0
-    assert not channel.holds(far[None]).any()
+    assert not channel.contains(far[None]).any()
     for start in middles[:: max(len(middles) // 5, 1)]:
         for end in middles[:: max(len(middles) // 7, 1)]:
-            corners = channel.way(start, end)
+            corners = channel.find_link(start, end)
             assert np.array_equal(corners[0], start)
             assert np.array_equal(corners[-1], end)
             assert ground.covers(shapely.LineString(corners))
@@ -183,7 +183,7 @@ def test_discs_leave_the_pass_along_the_walls_no_more_than_it_may_take(name: str
     border = enclosed(SHAPES[name]).boundary
     middles = shapely.points([(disc.x, disc.y) for disc in channel.discs])
     largest = shapely.distance(middles, border) - RADIUS
-    rooms = np.array([disc.room for disc in channel.discs])
+    rooms = np.array([disc.radius for disc in channel.discs])
     bound = EngagementLimit(RADIUS, 2.4, 0.6, True)
     left = largest - rooms
     assert (left >= -0.003).all()

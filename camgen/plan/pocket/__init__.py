@@ -44,7 +44,7 @@ from camgen.plan.columns import (
 )
 from camgen.plan.follow import turn_round
 from camgen.plan.open_outlines import check_outlines
-from camgen.plan.pocket.channel import Channel, channels
+from camgen.plan.pocket.channel import Channel, plan_channels
 from camgen.plan.pocket.engagement import engagement
 from camgen.plan.pocket.engagement_limit import EngagementLimit
 from camgen.plan.pocket.hops import Speeds, cleared_by, hop, lift
@@ -279,7 +279,7 @@ def _open(
         axis = compute_medial_axis(
             ground.walls, ground.following, region, first, spacing, bound.max_turn
         )
-        found += channels(axis, first, bound, begun)
+        found += plan_channels(axis, first, bound, begun)
     if not found:
         return pieces, [()] * len(pieces)
     roots = [k for k, piece in enumerate(pieces) if piece.parent < 0]
@@ -303,7 +303,7 @@ def _worth(
     """
     roots = outermost_of(pieces)
     clear = {
-        k: shapely.union_all([made.area(radius) for made in own])
+        k: shapely.union_all([made.make_polygon(radius) for made in own])
         for k, own in enumerate(opened)
         if own
     }

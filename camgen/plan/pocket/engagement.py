@@ -67,8 +67,8 @@ def engagement(
             shares.append(share)
             ways.append(way)
     own_channels = [channel for own in channels for channel in own]
-    shares += [channel.shares for channel in own_channels]
-    ways += [channel.ways for channel in own_channels]
+    shares += [channel.engagements for channel in own_channels]
+    ways += [channel.lengths for channel in own_channels]
     return np.concatenate(shares), np.concatenate(ways)
 
 
@@ -79,7 +79,7 @@ def _clear(
     found: dict[int, list[Any]] = {}
     for piece, own in zip(pieces, channels, strict=True):
         found.setdefault(piece.pocket, []).extend(
-            channel.area(radius * (1 + _CHIP)) for channel in own
+            channel.make_polygon(radius * (1 + _CHIP)) for channel in own
         )
     made = {pocket: shapely.union_all(areas) for pocket, areas in found.items() if areas}
     for area in made.values():

@@ -149,7 +149,7 @@ def lay(
     for k, piece in enumerate(pieces):
         if piece.parent >= 0:
             inside[piece.parent].append(k)
-    clear = [tuple(channel.area(_CLEAR) for channel in own) for own in channels]
+    clear = [tuple(channel.make_polygon(_CLEAR) for channel in own) for own in channels]
     outermost = outermost_of(pieces)
     done: dict[int, _Open] = {}
     ended: list[_Open] = []
@@ -221,7 +221,7 @@ def outermost_of(pieces: Sequence[Piece]) -> list[int]:
 
 def _open(piece: Piece, channel: Channel) -> _Open:
     """A walk that begins with a channel."""
-    walk = _Open(piece.pocket, channel.room)
+    walk = _Open(piece.pocket, channel.entry_radius)
     walk.parts.append(channel.chain)
     walk.loops = len(channel.chain)
     walk.last = channel.rim
@@ -332,7 +332,7 @@ def _reach_over(walk: _Open, chain: Segments, room: _Room) -> tuple[Segments, fl
     """A way over channels to a closed ``chain``, and where it ends, mm from its start."""
     if not room.channels:
         return None
-    lengths, points = sample_chain(chain, _BESIDE * room.channels[0].radius)
+    lengths, points = sample_chain(chain, _BESIDE * room.channels[0].tool_radius)
     over = _go_over(walk, points, room)
     return None if over is None else (over[0], float(lengths[over[1]]))
 
@@ -346,19 +346,19 @@ def _go_over(walk: _Open, ends: FloatArray, room: _Room) -> tuple[Segments, int]
         begin = _step_on(walk.end, channel, room)
         if begin is None:
             continue
-        held = np.flatnonzero(channel.holds(ends))
+        held = np.flatnonzero(channel.contains(ends))
         rows = held if len(held) else np.arange(len(ends))
         row = int(rows[_smallest_first(np.hypot(*(ends[rows] - walk.end).T))[0]])
         end = _step_on(ends[row], channel, room)
         if end is not None:
-            corners = np.vstack([walk.end, channel.way(begin, end), ends[row]])
+            corners = np.vstack([walk.end, channel.find_link(begin, end), ends[row]])
             return make_polyline(corners), row
     return None
 
 
 def _step_on(point: FloatArray, channel: Channel, room: _Room) -> FloatArray | None:
     """The ``point`` (2,) if a disc of a channel holds it, or the middle of a disc near to it."""
-    if channel.holds(point[None])[0]:
+    if channel.contains(point[None])[0]:
         return point
     middles = np.array([(disc.x, disc.y) for disc in channel.discs])
     links = make_lines(point, middles)
