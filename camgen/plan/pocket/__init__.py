@@ -49,17 +49,17 @@ from camgen.plan.pocket.engagement import engagement
 from camgen.plan.pocket.engagement_limit import EngagementLimit
 from camgen.plan.pocket.hops import Speeds, cleared_by, hop, lift
 from camgen.plan.pocket.medial_axis import compute_medial_axis
-from camgen.plan.pocket.rings import (
-    CHORD,
-    LEAST_CORNERS,
-    QUARTER,
-    Ground,
-    Peeled,
-    Piece,
-    along_walls,
-    of_pockets,
-    peel,
-    region_of,
+from camgen.plan.pocket.regions import (
+    CHORD_MM,
+    MIN_CORNERS,
+    QUARTER_CHORDS,
+    OffsetRegion,
+    PocketWalls,
+    RegionForest,
+    compute_regions,
+    compute_wall_passes,
+    make_pocket_polygon,
+    select_pockets,
 )
 from camgen.plan.pocket.walk import Walk, lay, outermost_of
 
@@ -97,7 +97,7 @@ class _Pockets(Struct, frozen=True, eq=False):
     cleared: polygons that earlier operations clear, for `operation.rest`; empty without it.
     """
 
-    ground: Ground
+    ground: PocketWalls
     names: list[str]
     layers: list[str]
     contours: list[tuple[str, ...]]
@@ -130,15 +130,17 @@ def pocket(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]
     radius, finish = job.tool.radius, job.operation.finish
     step = job.operation.stepover * job.tool.diameter
     climb = job.operation.direction != "conventional"
-    rough = peel(pockets.ground, radius + finish, step, radius, climb)
-    walls = along_walls(pockets.ground, radius, climb) if finish else rough
+    rough = compute_regions(pockets.ground, radius + finish, step, radius, climb)
+    walls = compute_wall_passes(pockets.ground, radius, climb) if finish else rough
     failed = rough.failed | walls.failed
-    own = [pockets.ground.walls.take(pockets.ground.group == k) for k in range(len(pockets.names))]
+    own = [
+        pockets.ground.segments.take(pockets.ground.pocket == k) for k in range(len(pockets.names))
+    ]
     bound = _bound(job)
-    pieces, opened = _open(_without(rough.pieces, failed), pockets, bound, job)
+    pieces, opened = _open(_without(rough.regions, failed), pockets, bound, job)
     walks = sorted_by_pocket(lay(pieces, own, radius + finish, step, opened, bound))
     walks = _with_hops(walks, pieces, opened, job)
-    borders = [piece for piece in _without(walls.pieces, failed) if piece.parent < 0]
+    borders = [piece for piece in _without(walls.regions, failed) if piece.parent < 0]
     slots = _slots(walls, pockets.ground, job)
     paths = _paths(walks, borders if finish else [], pieces, pockets, job)
     paths = (*paths, *_slot_paths(slots, pockets, job))
@@ -191,24 +193,24 @@ class _Slots(Struct, frozen=True, eq=False):
     hole_pocket: list[int]
 
 
-def _slots(walls: Peeled, ground: Ground, job: Job) -> _Slots:
+def _slots(walls: RegionForest, ground: PocketWalls, job: Job) -> _Slots:
     """The channels and holes that the last pass along the ``walls`` does not get into."""
     known = [from_contours([])]
-    for piece in walls.pieces:
-        known += piece.chains if piece.parent < 0 else ()
+    for piece in walls.regions:
+        known += piece.passes if piece.parent < 0 else ()
     lines = centre_lines(
         concatenate(known),
-        ground.walls,
+        ground.segments,
         ground.following,
-        ground.group,
+        ground.pocket,
         job.tool.radius,
         job.tolerance.arc_fit,
     )
     rows = np.searchsorted(lines.segments.owner, np.arange(len(lines.closed)))
-    pocket = ground.group[lines.source[rows]]
+    pocket = ground.pocket[lines.source[rows]]
     order = np.argsort(pocket, kind="stable")
     chains = [lines.segments.take(lines.segments.owner == k) for k in order.tolist()]
-    hole_pocket = ground.group[lines.hole_source].tolist()
+    hole_pocket = ground.pocket[lines.hole_source].tolist()
     return _Slots(pocket[order].tolist(), chains, lines.holes, hole_pocket)
 
 
@@ -238,12 +240,12 @@ def _refuse(job: Job) -> None:
         raise JobError("job", what, "operation.inside_first", "leave it out")
 
 
-def _without(pieces: Sequence[Piece], failed: frozenset[int]) -> list[Piece]:
+def _without(pieces: Sequence[OffsetRegion], failed: frozenset[int]) -> list[OffsetRegion]:
     """The pieces of the other pockets; a parent is of the same pocket as its child."""
     return _chosen(pieces, [k for k, piece in enumerate(pieces) if piece.pocket not in failed])
 
 
-def _chosen(pieces: Sequence[Piece], kept: Sequence[int]) -> list[Piece]:
+def _chosen(pieces: Sequence[OffsetRegion], kept: Sequence[int]) -> list[OffsetRegion]:
     """The pieces ``kept``; the parents of all of them are."""
     new = {k: n for n, k in enumerate(kept)}
     return [replace(pieces[k], parent=new.get(pieces[k].parent, -1)) for k in kept]
@@ -265,8 +267,8 @@ def _bound(job: Job) -> EngagementLimit | None:
 
 
 def _open(
-    pieces: list[Piece], pockets: _Pockets, bound: EngagementLimit | None, job: Job
-) -> tuple[list[Piece], list[tuple[Channel, ...]]]:
+    pieces: list[OffsetRegion], pockets: _Pockets, bound: EngagementLimit | None, job: Job
+) -> tuple[list[OffsetRegion], list[tuple[Channel, ...]]]:
     """The pieces that are worth a pass after the channels, and the channels in each of the outermost ones."""
     if bound is None:
         return pieces, [()] * len(pieces)
@@ -274,17 +276,17 @@ def _open(
     begun = _HELIX_SHARE * job.tool.diameter if job.operation.entry == "helix" else 0.0
     found: list[Channel] = []
     for number in sorted({piece.pocket for piece in pieces}):
-        ground = of_pockets(pockets.ground, frozenset([number]))
-        region, spacing = region_of(pockets.ground, number), _SPACING * bound.tool_radius
+        ground = select_pockets(pockets.ground, frozenset([number]))
+        region, spacing = make_pocket_polygon(pockets.ground, number), _SPACING * bound.tool_radius
         axis = compute_medial_axis(
-            ground.walls, ground.following, region, first, spacing, bound.max_turn
+            ground.segments, ground.following, region, first, spacing, bound.max_turn
         )
         found += plan_channels(axis, first, bound, begun)
     if not found:
         return pieces, [()] * len(pieces)
     roots = [k for k, piece in enumerate(pieces) if piece.parent < 0]
     begin = shapely.points([(made.discs[0].x, made.discs[0].y) for made in found])
-    here, there = shapely.STRtree([pieces[k].area for k in roots]).query_nearest(
+    here, there = shapely.STRtree([pieces[k].polygon for k in roots]).query_nearest(
         begin, all_matches=False
     )
     opened: list[list[Channel]] = [[] for _ in pieces]
@@ -295,7 +297,7 @@ def _open(
 
 
 def _worth(
-    pieces: Sequence[Piece], opened: Sequence[Sequence[Channel]], radius: float
+    pieces: Sequence[OffsetRegion], opened: Sequence[Sequence[Channel]], radius: float
 ) -> list[int]:
     """The pieces in which the channels leave something, or around which others do; radius: of the tool, mm.
 
@@ -310,12 +312,16 @@ def _worth(
     kept: set[int] = set()
     for k in range(len(pieces) - 1, -1, -1):
         piece = pieces[k]
-        if k not in kept and piece.parent >= 0 and piece.ring and roots[k] in clear:
-            left = piece.area.buffer(radius, quad_segs=QUARTER).difference(clear[roots[k]])
-            around = pieces[piece.parent].area.boundary.buffer(radius - CHORD, quad_segs=QUARTER)
+        if k not in kept and piece.parent >= 0 and piece.is_whole and roots[k] in clear:
+            left = piece.polygon.buffer(radius, quad_segs=QUARTER_CHORDS).difference(
+                clear[roots[k]]
+            )
+            around = pieces[piece.parent].polygon.boundary.buffer(
+                radius - CHORD_MM, quad_segs=QUARTER_CHORDS
+            )
             if (
                 left.buffer(-_THIN_SHARE * radius).is_empty
-                and left.buffer(-CHORD).difference(around).is_empty
+                and left.buffer(-CHORD_MM).difference(around).is_empty
             ):
                 continue
         kept.add(k)
@@ -325,7 +331,10 @@ def _worth(
 
 
 def _with_hops(
-    walks: Sequence[Walk], pieces: Sequence[Piece], opened: Sequence[Sequence[Channel]], job: Job
+    walks: Sequence[Walk],
+    pieces: Sequence[OffsetRegion],
+    opened: Sequence[Sequence[Channel]],
+    job: Job,
 ) -> list[Walk]:
     """The walks with hops over what channels have cleared, where a mill can lift.
 
@@ -406,7 +415,7 @@ def _find(contours: Sequence[Contour]) -> tuple[_Pockets, list[Note]]:
     walls, following = uncross(walls, following, slips)
     group = np.repeat(np.arange(len(members)), [len(own) for own in members.values()])
     return _Pockets(
-        Ground(walls, following, group[walls.owner], len(members)),
+        PocketWalls(walls, following, group[walls.owner], len(members)),
         [closed[k].id for k in members],
         [closed[k].layer for k in members],
         [tuple(closed[k].id for k in own) for own in members.values()],
@@ -415,7 +424,7 @@ def _find(contours: Sequence[Contour]) -> tuple[_Pockets, list[Note]]:
 
 def _find_overlaps(closed: Sequence[Contour], nesting: Nesting) -> Nesting:
     """``nesting`` with the loops that cross others by a sliver too: what is between them would be cut away."""
-    points, owner = flatten(from_contours(closed), CHORD)
+    points, owner = flatten(from_contours(closed), CHORD_MM)
     many = np.flatnonzero((np.bincount(owner, minlength=len(closed)) >= 3) & (nesting.crossed < 0))
     rows = np.isin(owner, many)
     loops = shapely.polygons(
@@ -427,7 +436,7 @@ def _find_overlaps(closed: Sequence[Contour], nesting: Nesting) -> Nesting:
     loops[np.unique([one, two])] = shapely.make_valid(loops[np.unique([one, two])])
     common = shapely.area(shapely.intersection(loops[one], loops[two]))
     apart = np.minimum(shapely.area(loops[one]), shapely.area(loops[two])) - common
-    slack = 2 * CHORD * np.minimum(shapely.length(edges[one]), shapely.length(edges[two]))
+    slack = 2 * CHORD_MM * np.minimum(shapely.length(edges[one]), shapely.length(edges[two]))
     partly = (common > slack) & (apart > slack)
     crossed = nesting.crossed.copy()
     crossed[many[one[partly]]], crossed[many[two[partly]]] = many[two[partly]], many[one[partly]]
@@ -441,9 +450,9 @@ def contours_of(closed: Sequence[Contour], chosen: Any) -> list[Contour]:
 
 def _are_crossed(loops: Segments, count: int) -> NDArray[np.bool_]:
     """(count,) which closed loops, ``owner`` of ``loops``, cross themselves."""
-    points, owner = flatten(loops, CHORD)
+    points, owner = flatten(loops, CHORD_MM)
     crossed = np.zeros(count, dtype=np.bool_)
-    polygons = np.flatnonzero(np.bincount(owner, minlength=count) >= LEAST_CORNERS)
+    polygons = np.flatnonzero(np.bincount(owner, minlength=count) >= MIN_CORNERS)
     rows = np.isin(owner, polygons)
     rings = shapely.linearrings(points[rows], indices=np.searchsorted(polygons, owner[rows]))
     crossed[polygons] = ~shapely.is_valid(shapely.polygons(rings))
@@ -458,7 +467,7 @@ def _find_crossings(closed: Sequence[Contour]) -> dict[int, tuple[float, float]]
     places: dict[int, tuple[float, float]] = {}
     crossed = _are_crossed(from_contours(closed), len(closed))
     for k in np.flatnonzero(crossed).tolist():
-        points, _ = flatten(from_contours([closed[k]]), CHORD)
+        points, _ = flatten(from_contours([closed[k]]), CHORD_MM)
         parts = shapely.get_parts(shapely.make_valid(shapely.Polygon(points)))
         parts = parts[np.argsort(-shapely.area(parts), kind="stable")]
         loops = parts[1:][~shapely.is_empty(shapely.buffer(parts[1:], -_SLIP / 2))]
@@ -488,9 +497,9 @@ def _with_doubt(
     """Those of the ``outer`` loops in which one of the ``doubtful`` contours lies, or that it meets."""
     if not doubtful or not outer:
         return []
-    points, owner = flatten(from_contours([closed[k] for k in outer]), CHORD)
+    points, owner = flatten(from_contours([closed[k] for k in outer]), CHORD_MM)
     loops = [shapely.make_valid(shapely.Polygon(points[owner == k])) for k in range(len(outer))]
-    ends, of = flatten(from_contours(doubtful), CHORD)
+    ends, of = flatten(from_contours(doubtful), CHORD_MM)
     last = np.array([c.points[0 if c.closed else -1] for c in doubtful])
     lines = [shapely.LineString(np.vstack([ends[of == k], last[k]])) for k in range(len(doubtful))]
     tree = shapely.STRtree(loops)
@@ -522,8 +531,8 @@ class _Run(Struct, frozen=True, eq=False):
 
 def _paths(
     walks: Sequence[Walk],
-    borders: Sequence[Piece],
-    pieces: Sequence[Piece],
+    borders: Sequence[OffsetRegion],
+    pieces: Sequence[OffsetRegion],
     pockets: _Pockets,
     job: Job,
 ) -> tuple[ToolPath, ...]:
@@ -534,7 +543,7 @@ def _paths(
         last = [
             (chain, full)
             for piece, full in zip(borders, reached, strict=True)
-            for chain in piece.chains
+            for chain in piece.passes
             if piece.pocket == number
         ]
         runs += _rough_runs(number, walks, len(runs), bool(last), pockets, job)
@@ -544,7 +553,7 @@ def _paths(
     table = concatenate([run.chain for run in runs])
     table = replace(table, owner=np.repeat(np.arange(len(runs)), [len(run.chain) for run in runs]))
     depths = pass_depths(job.operation.depth, job.operation.passes)
-    feeds = _feeds(table, runs, pockets.ground.walls, job)
+    feeds = _feeds(table, runs, pockets.ground.segments, job)
     work = SegmentWork(sideways(table, 0), np.zeros(len(table)), feeds)
     paths = tool_paths(table, [run.label for run in runs], work, depths, "pocket")
     planned = []
@@ -630,7 +639,9 @@ def _feeds(table: Segments, runs: Sequence[_Run], walls: Segments, job: Job) -> 
     return np.asarray(job.process.feed * np.maximum(np.where(inner, share, 1.0), SLOWEST))
 
 
-def _reached_by_roughing(borders: Sequence[Piece], pieces: Sequence[Piece], job: Job) -> list[bool]:
+def _reached_by_roughing(
+    borders: Sequence[OffsetRegion], pieces: Sequence[OffsetRegion], job: Job
+) -> list[bool]:
     """Whether along the walls of each piece no more is left for the last pass than it may take at the whole depth.
 
     In places too narrow for the passes before, it would cut a slot.
@@ -639,13 +650,13 @@ def _reached_by_roughing(borders: Sequence[Piece], pieces: Sequence[Piece], job:
     result = []
     for border in borders:
         inside = [
-            piece.area for piece in pieces if piece.parent < 0 and piece.pocket == border.pocket
+            piece.polygon for piece in pieces if piece.parent < 0 and piece.pocket == border.pocket
         ]
         rough = shapely.union_all(inside) if inside else shapely.Polygon()
         far = (
-            border.area
+            border.polygon
             if rough.is_empty
-            else border.area.difference(rough.buffer(most + CHORD, quad_segs=QUARTER))
+            else border.polygon.difference(rough.buffer(most + CHORD_MM, quad_segs=QUARTER_CHORDS))
         )
         result.append(bool(far.is_empty))
     return result
@@ -656,7 +667,7 @@ def _reached_by_roughing(borders: Sequence[Piece], pieces: Sequence[Piece], job:
 
 def _tell_failed(
     failed: frozenset[int],
-    borders: Sequence[Piece],
+    borders: Sequence[OffsetRegion],
     slots: _Slots,
     pockets: _Pockets,
     job: Job,
@@ -668,7 +679,7 @@ def _tell_failed(
     narrow = [k for k in range(len(pockets.names)) if k not in {*reached, *failed, *round_}]
     tool = "nothing is narrow"
     if narrow:
-        regions = [region_of(pockets.ground, k) for k in narrow]
+        regions = [make_pocket_polygon(pockets.ground, k) for k in narrow]
         tool = does_not_fit(regions, job.tool.diameter)
     report = (
         "the border of the tool's way does not close there, as where edges lie on one line: "
@@ -701,7 +712,7 @@ def _tell_slots(slots: _Slots, pockets: _Pockets) -> list[Note]:
 
 def _tell_passes(
     walks: Sequence[Walk],
-    pieces: Sequence[Piece],
+    pieces: Sequence[OffsetRegion],
     opened: Sequence[Sequence[Channel]],
     pockets: _Pockets,
     job: Job,
@@ -732,7 +743,8 @@ def _tell_passes(
         what += f" at most, over {100 * _MUCH:.0f} % on {short(much, 1)} % of it"
     parents, roots = {piece.parent for piece in pieces}, outermost_of(pieces)
     first = sum(
-        k not in parents and piece.ring and not opened[roots[k]] for k, piece in enumerate(pieces)
+        k not in parents and piece.is_whole and not opened[roots[k]]
+        for k, piece in enumerate(pieces)
     )
     slots = f"the first pass in the middle of {counted(first, 'place')}, which is a slot"
     why = (
@@ -750,7 +762,7 @@ def _percent(share: float) -> str:
 
 
 def _tell_unreached(
-    borders: Sequence[Piece], slots: _Slots, pockets: _Pockets, job: Job
+    borders: Sequence[OffsetRegion], slots: _Slots, pockets: _Pockets, job: Job
 ) -> list[Note]:
     """What the tool leaves of the pockets that it clears: corners and narrow places."""
     radius = job.tool.radius
@@ -758,14 +770,16 @@ def _tell_unreached(
     places: list[tuple[float, float, float]] = []
     ids: list[str] = []
     for number in sorted({piece.pocket for piece in borders} | set(slots.pocket)):
-        region = region_of(pockets.ground, number).difference(pockets.cleared)
+        region = make_pocket_polygon(pockets.ground, number).difference(pockets.cleared)
         chains = [slots.chains[k] for k, pocket in enumerate(slots.pocket) if pocket == number]
         centres = [_line(chain) for chain in chains]
-        centres += [piece.area for piece in borders if piece.pocket == number]
-        left = region.difference(shapely.union_all(centres).buffer(radius, quad_segs=QUARTER))
+        centres += [piece.polygon for piece in borders if piece.pocket == number]
+        left = region.difference(
+            shapely.union_all(centres).buffer(radius, quad_segs=QUARTER_CHORDS)
+        )
         whole += region.area
         # What is as thin as the chords of the flattened curves is none.
-        parts = [p for p in shapely.get_parts(left) if not p.buffer(-2 * CHORD).is_empty]
+        parts = [p for p in shapely.get_parts(left) if not p.buffer(-2 * CHORD_MM).is_empty]
         total += sum(p.area for p in parts)
         large = [p for p in parts if p.area >= _PLACE_SHARE * np.pi * radius**2]
         places += [(p.area, *p.representative_point().coords[0]) for p in large]
@@ -784,5 +798,5 @@ def _tell_unreached(
 
 def _line(chain: Segments) -> Any:
     """A chain as a line of chords."""
-    points, _ = flatten(chain, CHORD)
+    points, _ = flatten(chain, CHORD_MM)
     return shapely.LineString(np.vstack([points, chain.end[-1:]]))

@@ -20,7 +20,7 @@ from camgen.geometry.segments import (
 )
 from camgen.model.pose import FloatArray
 from camgen.plan.pocket.channel import Channel
-from camgen.plan.pocket.rings import Piece
+from camgen.plan.pocket.regions import OffsetRegion
 from camgen.plan.pocket.walk import outermost_of
 
 #: Places looked at on one segment at most, beside its end.
@@ -32,7 +32,7 @@ _CHIP = 0.02
 
 
 def engagement(
-    pieces: Sequence[Piece],
+    pieces: Sequence[OffsetRegion],
     channels: Sequence[Sequence[Channel]],
     radius: float,
     step: float,
@@ -52,7 +52,7 @@ def engagement(
     clear = _clear(pieces, channels, radius)
     for level in np.unique(distance):
         at_level = np.flatnonzero(distance == level).tolist()
-        rows = [k for k in at_level if k in inner or not pieces[k].ring or opened[k]]
+        rows = [k for k in at_level if k in inner or not pieces[k].is_whole or opened[k]]
         if rows:
             cleared = np.flatnonzero(
                 (distance > level) & (distance <= level + 1.05 * step)
@@ -73,7 +73,7 @@ def engagement(
 
 
 def _clear(
-    pieces: Sequence[Piece], channels: Sequence[Sequence[Channel]], radius: float
+    pieces: Sequence[OffsetRegion], channels: Sequence[Sequence[Channel]], radius: float
 ) -> dict[int, Any]:
     """What the channels of each pocket clear; what is thinner than a chip worth the name with it."""
     found: dict[int, list[Any]] = {}
@@ -87,11 +87,11 @@ def _clear(
     return made
 
 
-def _gather(pieces: Sequence[Piece], rows: Sequence[int]) -> tuple[Segments, IntArray]:
+def _gather(pieces: Sequence[OffsetRegion], rows: Sequence[int]) -> tuple[Segments, IntArray]:
     """All segments of the pieces ``rows``, and the place in ``rows`` of each."""
-    parts = [chain for k in rows for chain in pieces[k].chains]
+    parts = [chain for k in rows for chain in pieces[k].passes]
     of = np.repeat(
-        np.arange(len(rows)), [sum(len(chain) for chain in pieces[k].chains) for k in rows]
+        np.arange(len(rows)), [sum(len(chain) for chain in pieces[k].passes) for k in rows]
     )
     return concatenate(parts) if parts else from_contours([]), of
 

@@ -17,7 +17,7 @@ from camgen.geometry.segments import from_contours, neighbours
 from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.part import Contour, Part
-from camgen.plan.pocket.rings import QUARTER, Ground, region_of
+from camgen.plan.pocket.regions import QUARTER_CHORDS, PocketWalls, make_pocket_polygon
 from camgen.plan.recover import recover
 from camgen.plan.rest import find_rest
 
@@ -39,12 +39,12 @@ class Rest(Struct, frozen=True, eq=False):
     cleared: polygons of the pockets that are cleared before.
     """
 
-    ground: Ground
+    ground: PocketWalls
     pocket: list[int]
     cleared: Any
 
 
-def find_rest_of_pockets(ground: Ground, part: Part, job: Job) -> Rest:
+def find_rest_of_pockets(ground: PocketWalls, part: Part, job: Job) -> Rest:
     """The walls of what operations before, of `part`, leave of the pockets of `ground`.
 
     Raises JobError if no operation with a larger tool comes before.
@@ -54,7 +54,7 @@ def find_rest_of_pockets(ground: Ground, part: Part, job: Job) -> Rest:
         what = "no operation before it has a larger tool"
         remedy = "list it after the operations of larger tools"
         raise JobError("job", what, "operation.rest", remedy)
-    regions = [region_of(ground, number) for number in range(ground.count)]
+    regions = [make_pocket_polygon(ground, number) for number in range(ground.pocket_count)]
     whole = shapely.union_all(regions)
     rest = find_rest(whole, part, job)
     loops: list[Contour] = []
@@ -70,17 +70,19 @@ def find_rest_of_pockets(ground: Ground, part: Part, job: Job) -> Rest:
     walls = from_contours(recover(loops, _ARC_MM)[0])
     following = neighbours(walls, np.ones(len(loops), np.bool_))
     owner_group = np.array(group, np.int64)[walls.owner]
-    rest_ground = Ground(walls, following, owner_group, len(pocket))
+    rest_ground = PocketWalls(walls, following, owner_group, len(pocket))
     return Rest(rest_ground, pocket, shapely.difference(whole, rest))
 
 
 def _grow(region: Any, rest: Any, radius: float) -> Any:
     """The area around the rest that a tool has to clear of a pocket, empty polygons for nothing."""
-    centres = shapely.buffer(region, _CHANNEL_MM - radius, quad_segs=QUARTER)
-    reached = shapely.buffer(centres, radius, quad_segs=QUARTER)
+    centres = shapely.buffer(region, _CHANNEL_MM - radius, quad_segs=QUARTER_CHORDS)
+    reached = shapely.buffer(centres, radius, quad_segs=QUARTER_CHORDS)
     left = shapely.get_parts(shapely.intersection(reached, rest))
     left = left[~shapely.is_empty(shapely.buffer(left, -_NARROW_MM / 2, quad_segs=2))]
-    grown = shapely.buffer(shapely.union_all(left), (2 + _MORE_SHARE) * radius, quad_segs=QUARTER)
+    grown = shapely.buffer(
+        shapely.union_all(left), (2 + _MORE_SHARE) * radius, quad_segs=QUARTER_CHORDS
+    )
     area = shapely.get_parts(shapely.intersection(region, grown))
     return shapely.multipolygons(area[shapely.area(area) > np.pi * radius**2 / 2])
 

@@ -38,7 +38,7 @@ from camgen.plan.pocket.chains import (
 )
 from camgen.plan.pocket.channel import Channel
 from camgen.plan.pocket.engagement_limit import EngagementLimit
-from camgen.plan.pocket.rings import Piece
+from camgen.plan.pocket.regions import OffsetRegion
 
 #: A link may come nearer to the walls than the outermost pass by this, mm.
 _SLACK = 1e-4
@@ -133,7 +133,7 @@ class _Open:
 
 
 def lay(
-    pieces: Sequence[Piece],
+    pieces: Sequence[OffsetRegion],
     walls: Sequence[Segments],
     first: float,
     step: float,
@@ -165,14 +165,14 @@ def lay(
     for k in _inside_first(inside, [k for k, piece in enumerate(pieces) if piece.parent < 0]):
         piece, root = pieces[k], outermost[k]
         # The largest one leads on.
-        areas = np.array([pieces[j].area.area for j in inside[k]])
+        areas = np.array([pieces[j].polygon.area for j in inside[k]])
         within = [inside[k][row] for row in _smallest_first(areas).tolist()]
         walk, others = begun.get(root), list[_Open]()
         if root not in begun and within:
             *others, walk = (done.pop(j) for j in within)
         mine: list[_Open] = []
         least = max(first, piece.distance - _INNER_SLACK * step) - _SLACK
-        cut = (*clear[root], *(pieces[j].area for j in within))
+        cut = (*clear[root], *(pieces[j].polygon for j in within))
         shapely.prepare(cut)
         room = _Room(walls[piece.pocket], least, cut, _UNCUT * step, lean, turn, channels[root])
         last = _cut(piece, walk, room, first, step, mine)
@@ -211,7 +211,7 @@ def _inside_first(inside: Sequence[Sequence[int]], roots: Sequence[int]) -> list
     return order[::-1]
 
 
-def outermost_of(pieces: Sequence[Piece]) -> list[int]:
+def outermost_of(pieces: Sequence[OffsetRegion]) -> list[int]:
     """Of each piece the one around all that are around it, or itself."""
     roots: list[int] = []
     for k, piece in enumerate(pieces):
@@ -219,7 +219,7 @@ def outermost_of(pieces: Sequence[Piece]) -> list[int]:
     return roots
 
 
-def _open(piece: Piece, channel: Channel) -> _Open:
+def _open(piece: OffsetRegion, channel: Channel) -> _Open:
     """A walk that begins with a channel."""
     walk = _Open(piece.pocket, channel.entry_radius)
     walk.parts.append(channel.chain)
@@ -239,10 +239,15 @@ def _put_channels_first(walks: list[_Open]) -> None:
 
 
 def _cut(
-    piece: Piece, walk: _Open | None, room: _Room, first: float, step: float, ended: list[_Open]
+    piece: OffsetRegion,
+    walk: _Open | None,
+    room: _Room,
+    first: float,
+    step: float,
+    ended: list[_Open],
 ) -> _Open:
     """The walk after the chains of ``piece``; those that were left for another one are appended to ``ended``."""
-    left = list(piece.chains)
+    left = list(piece.passes)
     while left:
         if walk is None:
             walk = _enter(piece, left, first)
@@ -259,13 +264,13 @@ def _cut(
     return walk
 
 
-def _enter(piece: Piece, left: list[Segments], first: float) -> _Open:
+def _enter(piece: OffsetRegion, left: list[Segments], first: float) -> _Open:
     """A walk that begins in ``piece``, in its middle if it is whole; the chain that it runs first is taken off
     ``left``.
     """
-    if piece.ring and len(left) == len(piece.chains):
+    if piece.is_whole and len(left) == len(piece.passes):
         # A symmetric area has several such circles, and the last bit of a corner would choose one.
-        area = shapely.transform(piece.area, lambda points: np.round(points, _EQUAL_DIGITS))
+        area = shapely.transform(piece.polygon, lambda points: np.round(points, _EQUAL_DIGITS))
         middle, edge = shapely.get_coordinates(shapely.maximum_inscribed_circle(area, 0.01))
         room = float(np.hypot(*(edge - middle)))
         if room > _NO_ROOM:
@@ -278,7 +283,7 @@ def _enter(piece: Piece, left: list[Segments], first: float) -> _Open:
             return walk
     walk = _Open(piece.pocket, piece.distance - first)
     lengths = np.array([chain.length.sum() for chain in left])
-    walk.add(left.pop(int(_smallest_first(-lengths)[0])), piece.ring)
+    walk.add(left.pop(int(_smallest_first(-lengths)[0])), piece.is_whole)
     return walk
 
 
