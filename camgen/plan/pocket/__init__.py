@@ -48,6 +48,7 @@ from camgen.plan.pocket.channel import Channel, plan_channels
 from camgen.plan.pocket.engagement import engagement
 from camgen.plan.pocket.engagement_limit import EngagementLimit
 from camgen.plan.pocket.hops import Speeds, cleared_by, hop, lift
+from camgen.plan.pocket.linking import LinkedPasses, find_outermost, link_passes
 from camgen.plan.pocket.medial_axis import compute_medial_axis
 from camgen.plan.pocket.regions import (
     CHORD_MM,
@@ -61,7 +62,6 @@ from camgen.plan.pocket.regions import (
     make_pocket_polygon,
     select_pockets,
 )
-from camgen.plan.pocket.walk import Walk, lay, outermost_of
 
 #: Passes that overlap by less than a twentieth of the tool leave ridges on a real machine.
 _MOST_STEP = 0.95
@@ -138,7 +138,7 @@ def pocket(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]
     ]
     bound = _bound(job)
     pieces, opened = _open(_without(rough.regions, failed), pockets, bound, job)
-    walks = sorted_by_pocket(lay(pieces, own, radius + finish, step, opened, bound))
+    walks = sorted_by_pocket(link_passes(pieces, own, radius + finish, step, opened, bound))
     walks = _with_hops(walks, pieces, opened, job)
     borders = [piece for piece in _without(walls.regions, failed) if piece.parent < 0]
     slots = _slots(walls, pockets.ground, job)
@@ -303,7 +303,7 @@ def _worth(
 
     What they leave may be so thin that the pass around takes it along.
     """
-    roots = outermost_of(pieces)
+    roots = find_outermost(pieces)
     clear = {
         k: shapely.union_all([made.make_polygon(radius) for made in own])
         for k, own in enumerate(opened)
@@ -331,11 +331,11 @@ def _worth(
 
 
 def _with_hops(
-    walks: Sequence[Walk],
+    walks: Sequence[LinkedPasses],
     pieces: Sequence[OffsetRegion],
     opened: Sequence[Sequence[Channel]],
     job: Job,
-) -> list[Walk]:
+) -> list[LinkedPasses]:
     """The walks with hops over what channels have cleared, where a mill can lift.
 
     A ramp leads down along the first stretch of a path, which has to be level.
@@ -351,12 +351,21 @@ def _with_hops(
     }
     result = []
     for walk in walks:
-        levels_only = operation.entry == "ramp" or (operation.entry == "helix" and walk.room <= 0)
+        levels_only = operation.entry == "ramp" or (
+            operation.entry == "helix" and walk.entry_radius <= 0
+        )
         if walk.pocket in cleared and not levels_only:
             speeds = _speeds(job)
-            hopping = hop(walk.chain, walk.loops, cleared[walk.pocket], job.tool.radius, speeds)
+            hopping = hop(
+                walk.chain, walk.channel_segments, cleared[walk.pocket], job.tool.radius, speeds
+            )
             result.append(
-                replace(walk, chain=hopping.chain, travels=hopping.travels, loops=hopping.loops)
+                replace(
+                    walk,
+                    chain=hopping.chain,
+                    is_hop=hopping.travels,
+                    channel_segments=hopping.loops,
+                )
             )
         else:
             result.append(walk)
@@ -367,11 +376,11 @@ def _speeds(job: Job) -> Speeds:
     return Speeds(job.process.feed, job.process.travel_speed)
 
 
-def sorted_by_pocket(walks: Sequence[Walk]) -> list[Walk]:
+def sorted_by_pocket(walks: Sequence[LinkedPasses]) -> list[LinkedPasses]:
     """Pocket by pocket, each walk before the one that must come after it."""
     order = sorted(range(len(walks)), key=lambda k: walks[k].pocket)
     new = {k: n for n, k in enumerate(order)}
-    return [replace(walks[k], before=new.get(walks[k].before, -1)) for k in order]
+    return [replace(walks[k], successor=new.get(walks[k].successor, -1)) for k in order]
 
 
 # What is a wall, what an island, and what is left out.
@@ -530,7 +539,7 @@ class _Run(Struct, frozen=True, eq=False):
 
 
 def _paths(
-    walks: Sequence[Walk],
+    walks: Sequence[LinkedPasses],
     borders: Sequence[OffsetRegion],
     pieces: Sequence[OffsetRegion],
     pockets: _Pockets,
@@ -565,7 +574,12 @@ def _paths(
 
 
 def _rough_runs(
-    number: int, walks: Sequence[Walk], base: int, followed: bool, pockets: _Pockets, job: Job
+    number: int,
+    walks: Sequence[LinkedPasses],
+    base: int,
+    followed: bool,
+    pockets: _Pockets,
+    job: Job,
 ) -> list[_Run]:
     """The walks of a pocket, the first of them path ``base``; followed: by a last pass."""
     own = [k for k, walk in enumerate(walks) if walk.pocket == number]
@@ -573,11 +587,11 @@ def _rough_runs(
     for n, k in enumerate(own, 1):
         walk = walks[k]
         after = base + len(own) if followed else -1
-        before = base + own.index(walk.before) if walk.before >= 0 else after
+        before = base + own.index(walk.successor) if walk.successor >= 0 else after
         name = f"{pockets.names[number]}.{n}" if len(own) > 1 else pockets.names[number]
         label = Label(name, pockets.layers[number], False, False, before, pockets.contours[number])
-        room = max(0.0, min(walk.room, _HELIX_SHARE * job.tool.diameter))
-        runs.append(_Run(label, walk.chain, room, walk.loops, travels=walk.travels))
+        room = max(0.0, min(walk.entry_radius, _HELIX_SHARE * job.tool.diameter))
+        runs.append(_Run(label, walk.chain, room, walk.channel_segments, travels=walk.is_hop))
     return runs
 
 
@@ -711,7 +725,7 @@ def _tell_slots(slots: _Slots, pockets: _Pockets) -> list[Note]:
 
 
 def _tell_passes(
-    walks: Sequence[Walk],
+    walks: Sequence[LinkedPasses],
     pieces: Sequence[OffsetRegion],
     opened: Sequence[Sequence[Channel]],
     pockets: _Pockets,
@@ -729,7 +743,7 @@ def _tell_passes(
         if len(pockets.names) == 1
         else counted(len({w.pocket for w in walks}), noun)
     )
-    passes = sum(walk.rings for walk in walks)
+    passes = sum(walk.pass_count for walk in walks)
     what = f"{which}: {counted(passes, 'pass', 'passes')} in {counted(len(walks), 'path')}, {short(step, 3)} mm apart"
     if made:
         loops = sum(len(channel.discs) for channel in made)
@@ -741,7 +755,7 @@ def _tell_passes(
         much = 100 * way[share > _MUCH].sum() / way.sum()
         what += f", engagement {_percent(half)} % of the diameter or less on half of the way, {_percent(share.max())} %"
         what += f" at most, over {100 * _MUCH:.0f} % on {short(much, 1)} % of it"
-    parents, roots = {piece.parent for piece in pieces}, outermost_of(pieces)
+    parents, roots = {piece.parent for piece in pieces}, find_outermost(pieces)
     first = sum(
         k not in parents and piece.is_whole and not opened[roots[k]]
         for k, piece in enumerate(pieces)
@@ -750,7 +764,7 @@ def _tell_passes(
     why = (
         f"not counted: {slots}" if first else "not counted: the first turns where the tool goes in"
     )
-    steep = sum(walk.steep for walk in walks)
+    steep = sum(walk.steep_links for walk in walks)
     if made and steep:
         why += f", and {counted(steep, 'link')} for which there was no room to lean"
     return [Note("assumed", what, why)]

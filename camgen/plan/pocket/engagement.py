@@ -20,8 +20,8 @@ from camgen.geometry.segments import (
 )
 from camgen.model.pose import FloatArray
 from camgen.plan.pocket.channel import Channel
+from camgen.plan.pocket.linking import find_outermost
 from camgen.plan.pocket.regions import OffsetRegion
-from camgen.plan.pocket.walk import outermost_of
 
 #: Places looked at on one segment at most, beside its end.
 _MOST_PLACES = 6
@@ -48,7 +48,7 @@ def engagement(
     shares, ways = [np.zeros(0)], [np.zeros(0)]
     distance = np.array([piece.distance for piece in pieces])
     inner = {piece.parent for piece in pieces}
-    opened = [bool(channels[root]) for root in outermost_of(pieces)]
+    opened = [bool(channels[root]) for root in find_outermost(pieces)]
     clear = _clear(pieces, channels, radius)
     for level in np.unique(distance):
         at_level = np.flatnonzero(distance == level).tolist()
