@@ -45,9 +45,9 @@ from camgen.plan.columns import (
 from camgen.plan.follow import turn_round
 from camgen.plan.open_outlines import check_outlines
 from camgen.plan.pocket.channel import Channel, plan_channels
-from camgen.plan.pocket.engagement import engagement
+from camgen.plan.pocket.engagement import measure_engagement
 from camgen.plan.pocket.engagement_limit import EngagementLimit
-from camgen.plan.pocket.hops import Speeds, cleared_by, hop, lift
+from camgen.plan.pocket.hops import Speeds, add_hops, lift_hops, make_cleared_area
 from camgen.plan.pocket.linking import LinkedPasses, find_outermost, link_passes
 from camgen.plan.pocket.medial_axis import compute_medial_axis
 from camgen.plan.pocket.regions import (
@@ -347,7 +347,9 @@ def _with_hops(
     for piece, inside in zip(pieces, opened, strict=True):
         channels.setdefault(piece.pocket, []).extend(inside)
     cleared = {
-        pocket: cleared_by(loops, job.tool.radius) for pocket, loops in channels.items() if loops
+        pocket: make_cleared_area(loops, job.tool.radius)
+        for pocket, loops in channels.items()
+        if loops
     }
     result = []
     for walk in walks:
@@ -356,15 +358,15 @@ def _with_hops(
         )
         if walk.pocket in cleared and not levels_only:
             speeds = _speeds(job)
-            hopping = hop(
+            hopping = add_hops(
                 walk.chain, walk.channel_segments, cleared[walk.pocket], job.tool.radius, speeds
             )
             result.append(
                 replace(
                     walk,
                     chain=hopping.chain,
-                    is_hop=hopping.travels,
-                    channel_segments=hopping.loops,
+                    is_hop=hopping.is_hop,
+                    channel_segments=hopping.channel_segments,
                 )
             )
         else:
@@ -569,7 +571,7 @@ def _paths(
     for path, run in zip(paths, runs, strict=True):
         levels = depths[-1:] if run.whole else depths
         whole = replace(path, entry_radius=run.room, depths=levels)
-        planned.append(lift(whole, np.append(False, run.travels), _speeds(job)))
+        planned.append(lift_hops(whole, np.append(False, run.travels), _speeds(job)))
     return tuple(planned)
 
 
@@ -735,7 +737,9 @@ def _tell_passes(
     if not walks:
         return []
     step, radius = job.operation.stepover * job.tool.diameter, job.tool.radius
-    share, way = engagement(pieces, opened, radius, step, job.operation.direction != "conventional")
+    share, way = measure_engagement(
+        pieces, opened, radius, step, job.operation.direction != "conventional"
+    )
     made = [channel for own in opened for channel in own]
     noun = "area" if job.operation.rest else "pocket"
     which = (
