@@ -63,7 +63,7 @@ from camgen.plan.pocket.regions import (
     select_pockets,
 )
 
-#: Maximum stepover, as a fraction of the tool diameter. Passes that overlap by less leave ridges on a
+#: Maximum stepover, as a fraction of the tool diameter. With a larger one, passes leave ridges on a
 #: real machine.
 _MAX_STEPOVER = 0.95
 #: Maximum radius of an entry helix, as a fraction of the tool diameter: a wider one leaves a core.

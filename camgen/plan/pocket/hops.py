@@ -60,7 +60,7 @@ class Speeds(Struct, frozen=True):
     travel: float
 
     def saved(self, cut: float, travelled: float) -> float:
-        """Seconds that a hop of ``travelled`` mm saves in place of ``cut`` mm at the feed."""
+        """Seconds that a hop of `travelled` mm saves in place of `cut` mm at the feed."""
         lifts = LIFT_MM / self.travel + LIFT_MM / self.feed
         return cut / self.feed - travelled / self.travel - lifts
 
