@@ -1,4 +1,7 @@
-"""``camgen inspect PHOTO --against PART``: what is missing of a part, what is too much, in mm and as a picture."""
+"""`camgen inspect PHOTO --against PART`: missing and surplus material of a part in a photo.
+
+Prints a list of the differences in mm. Draws them, and plans the rework of burrs, if asked for.
+"""
 
 from __future__ import annotations
 
@@ -34,70 +37,72 @@ from camgen.read.job_file import beside, load
 from camgen.read.move import move_part
 
 _PICTURES = (".svg", ".png")
-#: So many places are listed, the greatest.
-_LISTED = 40
+#: Maximum number of differences in the printed list; the largest ones come first.
+_MAX_LISTED = 40
 
 
 def run(arguments: Namespace, says: Voice) -> int:
-    """Prints what differs, writes the picture and the rework of burrs. --strict: differing is an error."""
-    _insist(arguments)
+    """Compare a photo with a part, print the differences, and write the picture and the rework.
+
+    Raises VerifyError for any difference with `--strict`, JobError for unusable arguments,
+    NoSafeProgram if a rework is asked for and no burr can be reworked.
+    """
+    _check_arguments(arguments)
     targets = [Path(name) for name in (arguments.preview, arguments.rework) if name]
     if arguments.rework:
         targets.append(Path(arguments.rework).with_suffix(".dxf"))
     with open_inputs([arguments.input], arguments.format) as ((photo,), opened):
-        drawing, own = _drawing(Path(arguments.against))
+        drawing, drawing_job = _find_drawing(Path(arguments.against))
         job_file = beside(arguments.job, photo)
-        check_targets(targets, [photo, drawing, *(one for one in (job_file, own) if one)])
+        job_files = [file for file in (job_file, drawing_job) if file]
+        check_targets(targets, [photo, drawing, *job_files])
         job = load(job_file, arguments.sets, opened)
         files = opened.within(job.limits)
         says.stage("reading")
         seen = read_outlines(files.read(photo), job, files)
-        expects = (
-            load(own, [], files) if own else replace(job, camera=CameraTable(), image=ImageTable())
-        )
+        if drawing_job:
+            part_job = load(drawing_job, [], files)
+        else:
+            part_job = replace(job, camera=CameraTable(), image=ImageTable())
         source = files.read(drawing)
-        drawn = set_clamps_aside(find_reader(source).read(source, expects, files), expects)
-        part = move_part(drawn, expects)
+        drawn = set_clamps_aside(find_reader(source).read(source, part_job, files), part_job)
+        part = move_part(drawn, part_job)
         says.stage("comparing")
-        found = inspect_photo(seen, part, expects, arguments.least)
+        inspection = inspect_photo(seen, part, part_job, arguments.least)
         says.clear()
-        works, left = (
-            list_rework(found, expects, arguments.removal)
-            if arguments.removal is not None
-            else ((), ())
-        )
-        if arguments.strict and found.differences:
-            first = found.differences[0]
-            what = f"differs from {drawing.name} in {counted(len(found.differences), 'place')}, first: {_tell(first)}"
+        works: Sequence[Rework] = ()
+        not_reworked: Sequence[NotReworked] = ()
+        if arguments.removal is not None:
+            works, not_reworked = list_rework(inspection, part_job, arguments.removal)
+        if arguments.strict and inspection.differences:
+            count = counted(len(inspection.differences), "place")
+            first = _format_difference(inspection.differences[0])
+            what = f"differs from {drawing.name} in {count}, first: {first}"
             raise VerifyError(arguments.input, what, remedy="leave --strict out to see all of them")
         if arguments.rework:
-            _insist_on_boxes(expects)
-            insist_on_following(expects, name_operation(part, expects))
-            insist_on_pose(arguments.input, found.fit, found.expected.region)
+            _check_clamps(part_job)
+            insist_on_following(part_job, name_operation(part, part_job))
+            insist_on_pose(arguments.input, inspection.fit, inspection.expected.region)
             if not works:
                 what = "shows no burr that can be worked again"
                 raise NoSafeProgram(
                     arguments.input, what, remedy="leave --rework out to see what differs"
                 )
-        write_all(list(_outputs(arguments, found, works, expects)), files.opened)
+        write_all(list(_make_files(arguments, inspection, works, part_job)), files.opened)
     if arguments.json:
-        says.data(_facts(found, works, left))
+        says.data(_make_json(inspection, works, not_reworked))
     else:
-        says.out(_page(found, works, left))
-        if works and not expects.process.force:
+        says.out(_format_page(inspection, works, not_reworked))
+        if works and not part_job.process.force:
             says.rows([("warning", WITHOUT_FORCE, "look")])
-    says.rows(
-        [
-            (note.kind, str(note).partition(": ")[2], "look")
-            for note in found.notes
-            if note.kind == "warning"
-        ]
-    )
+    warnings = [note for note in inspection.notes if note.kind == "warning"]
+    says.rows([(note.kind, str(note).partition(": ")[2], "look") for note in warnings])
     says.rows([("written", str(target), "good") for target in targets])
     return 0
 
 
-def _insist(arguments: Namespace) -> None:
+def _check_arguments(arguments: Namespace) -> None:
+    """Raises JobError for file names or combinations of options that cannot be used."""
     if arguments.preview and Path(arguments.preview).suffix.lower() not in _PICTURES:
         raise JobError(
             arguments.preview,
@@ -115,145 +120,149 @@ def _insist(arguments: Namespace) -> None:
         raise JobError(arguments.rework, what, remedy="end it in .toml; a drawing comes beside it")
 
 
-def _insist_on_boxes(job: Job) -> None:
-    """Raises JobError for clamps that are drawn: the drawing of the rework has no such layer."""
+def _check_clamps(job: Job) -> None:
+    """Raises JobError if clamps are layers of the drawing, which the drawing of a rework lacks."""
     if job.drawn_fixtures:
         what = "the drawing of a rework has no layers of clamps"
         raise JobError("job", what, "cell.fixtures", "give boxes or mesh files")
 
 
-def _drawing(named: Path) -> tuple[Path, Path | None]:
-    """The drawing, and its own job file. Of a job file that is named, the input of its name beside it."""
+def _find_drawing(named: Path) -> tuple[Path, Path | None]:
+    """The drawing of the part, and its own job file, None without one.
+
+    named: the drawing, or its job file. For a job file, the drawing is the input of the same name
+        in the same folder.
+
+    Raises JobError if a job file has no such input, or several.
+    """
     if named.suffix.lower() != ".toml":
         return named, beside(None, named)
-    suffixes = sorted(
-        {
-            suffix
-            for one in list_installed()
-            if one.reader
-            for suffix in one.reader.suffixes
-            if suffix
-        }
-    )
-    found = [path for path in (named.with_suffix(suffix) for suffix in suffixes) if path.is_file()]
-    if len(found) == 1:
-        return found[0], named
-    which = ", ".join(path.name for path in found) or "no input of its name"
+    suffixes: set[str] = set()
+    for plugin in list_installed():
+        if plugin.reader:
+            suffixes.update(suffix for suffix in plugin.reader.suffixes if suffix)
+    candidates = [named.with_suffix(suffix) for suffix in sorted(suffixes)]
+    drawings = [path for path in candidates if path.is_file()]
+    if len(drawings) == 1:
+        return drawings[0], named
+    which = ", ".join(path.name for path in drawings) or "no input of its name"
     raise JobError(str(named), f"beside it is {which}", remedy="give the drawing to --against")
 
 
-def _outputs(
-    arguments: Namespace, found: Inspection, works: Sequence[Rework], job: Job
+def _make_files(
+    arguments: Namespace, inspection: Inspection, works: Sequence[Rework], job: Job
 ) -> Iterator[tuple[Path, bytes]]:
+    """Path and content of each file to write."""
     if arguments.preview:
         target = Path(arguments.preview)
-        yield target, draw(found, target.suffix.lower())
+        yield target, draw(inspection, target.suffix.lower())
     if arguments.rework:
         target = Path(arguments.rework)
-        yield target, write_job(found, works, job, target)
-        yield target.with_suffix(".dxf"), write_drawing(works, found.expected.rings)
+        yield target, write_job(inspection, works, job, target)
+        yield target.with_suffix(".dxf"), write_drawing(works, inspection.expected.rings)
 
 
-# What is printed.
+# The printed result.
 
 
-def _page(found: Inspection, works: Sequence[Rework], left: Sequence[NotReworked]) -> str:
-    expected = found.expected
+def _format_page(
+    inspection: Inspection, works: Sequence[Rework], not_reworked: Sequence[NotReworked]
+) -> str:
+    """The text for the terminal: a summary, a table of differences, and the rework."""
+    expected = inspection.expected
     what = "ink along the planned paths" if expected.inked else "material inside the contours"
     lines = [
-        f"{found.photo.source} against {expected.source}: {what}, {expected.region.area:.2f} mm2 expected",
-        *(note.what for note in found.notes if note.what.startswith("photo laid")),
-        *(_sum(found, much) for much in (True, False)),
+        f"{inspection.photo.source} against {expected.source}: {what}, "
+        f"{expected.region.area:.2f} mm2 expected",
     ]
-    places = [_row(number, each) for number, each in enumerate(found.differences[:_LISTED], 1)]
-    listed = (
-        table([("", "what", "x mm", "y mm", "height mm", "length mm", "mm2", "at"), *places])
-        if places
-        else ""
-    )
-    more = len(found.differences) - len(places)
-    told = [f"and {counted(more, 'more place')}"] if more else []
-    return (
-        "\n".join(
-            [*lines, *([listed.rstrip("\n")] if listed else []), *told, *_needs(found, works, left)]
-        )
-        + "\n"
-    )
+    lines += [note.what for note in inspection.notes if note.what.startswith("photo laid")]
+    lines += [_format_total(inspection, True), _format_total(inspection, False)]
+    listed = inspection.differences[:_MAX_LISTED]
+    if listed:
+        head = ("", "what", "x mm", "y mm", "height mm", "length mm", "mm2", "at")
+        rows = [_format_row(number, difference) for number, difference in enumerate(listed, 1)]
+        lines.append(table([head, *rows]).rstrip("\n"))
+    more = len(inspection.differences) - len(listed)
+    if more:
+        lines.append(f"and {counted(more, 'more place')}")
+    lines += _list_rework_lines(inspection, works, not_reworked)
+    return "\n".join(lines) + "\n"
 
 
-def _facts(
-    found: Inspection, works: Sequence[Rework], left: Sequence[NotReworked]
+def _make_json(
+    inspection: Inspection, works: Sequence[Rework], not_reworked: Sequence[NotReworked]
 ) -> dict[str, object]:
-    """The list as data."""
+    """The result as data for `--json`."""
     rows = [
         {
-            "kind": each.kind,
-            "place": each.place,
-            "height": each.height,
-            "length": each.length,
-            "area": each.area,
-            "contour": each.contour,
+            "kind": difference.kind,
+            "place": difference.place,
+            "height": difference.height,
+            "length": difference.length,
+            "area": difference.area,
+            "contour": difference.contour,
         }
-        for each in found.differences
+        for difference in inspection.differences
     ]
     return {
-        "source": found.photo.source,
-        "against": found.expected.source,
-        "expected_area": found.expected.region.area,
-        "turn": found.fit.turn,
-        "shift": found.fit.shift,
-        "fit": found.fit.share,
-        "least": found.least,
+        "source": inspection.photo.source,
+        "against": inspection.expected.source,
+        "expected_area": inspection.expected.region.area,
+        "turn": inspection.fit.turn,
+        "shift": inspection.fit.shift,
+        "fit": inspection.fit.share,
+        "least": inspection.least,
         "differences": rows,
         "rework": [
             {"number": work.number, "passes": work.passes, "feed": work.feed} for work in works
         ],
-        "not_reworked": list(left),
+        "not_reworked": list(not_reworked),
     }
 
 
-def _sum(found: Inspection, much: bool) -> str:
-    count = sum(each.much == much for each in found.differences)
-    area = found.area(much)
-    share = 100 * area / found.expected.region.area
-    label = "too much" if much else "missing"
+def _format_total(inspection: Inspection, surplus: bool) -> str:
+    """Number and area of the differences with surplus material, or with missing material."""
+    count = sum(difference.much == surplus for difference in inspection.differences)
+    area = inspection.area(surplus)
+    percent = 100 * area / inspection.expected.region.area
+    label = "too much" if surplus else "missing"
     if not count:
-        return f"{label}: nothing from {short(found.least, 3)} mm on"
-    return f"{label}: {counted(count, 'place')}, {area:.2f} mm2, {share:.2f} %"
+        return f"{label}: nothing from {short(inspection.least, 3)} mm on"
+    return f"{label}: {counted(count, 'place')}, {area:.2f} mm2, {percent:.2f} %"
 
 
-def _row(number: int, difference: Difference) -> tuple[str, ...]:
+def _format_row(number: int, difference: Difference) -> tuple[str, ...]:
     sizes = (*difference.place, difference.height, difference.length, difference.area)
     return (str(number), difference.kind, *(f"{size:.2f}" for size in sizes), difference.contour)
 
 
-def _tell(difference: Difference) -> str:
+def _format_difference(difference: Difference) -> str:
     x, y = difference.place
     return f"{difference.kind} at {x:.2f}, {y:.2f} mm, {difference.height:.2f} mm"
 
 
-def _needs(
-    found: Inspection, works: Sequence[Rework], left: Sequence[NotReworked]
+def _list_rework_lines(
+    inspection: Inspection, works: Sequence[Rework], not_reworked: Sequence[NotReworked]
 ) -> Iterator[str]:
-    """Lines on the work for each burr, and on the reasons to leave the others."""
+    """Lines on the passes for each burr, and on the reasons to leave other differences."""
     for work in works:
         passes = counted(work.passes, "pass", "passes")
         yield f"burr {work.number}: {passes} at {short(work.feed, 3)} mm/s"
     reasons: dict[str, list[str]] = {}
-    for each in left or _unplanned(found):
-        reasons.setdefault(each.why, []).append(str(each.number))
+    for skipped in not_reworked or _list_unplanned(inspection):
+        reasons.setdefault(skipped.why, []).append(str(skipped.number))
     for why, numbers in reasons.items():
         yield f"not to be reworked: {', '.join(name_ranges(numbers))}: {why}"
-    if found.burrs and not works and not left:
-        count = counted(len(found.burrs), "burr")
-        highest = f"{count}, the highest {found.burrs[0].height:.2f} mm"
+    if inspection.burrs and not works and not not_reworked:
+        count = counted(len(inspection.burrs), "burr")
+        highest = f"{count}, the highest {inspection.burrs[0].height:.2f} mm"
         yield f"{highest}: --removal MM, the height that a pass takes off, says how many passes"
 
 
-def _unplanned(found: Inspection) -> list[NotReworked]:
-    """The differences that are not burrs, if the height that a pass takes off is not known."""
+def _list_unplanned(inspection: Inspection) -> list[NotReworked]:
+    """The differences that are not burrs, for a list without `--removal`."""
     return [
-        NotReworked(number, WHY_NOT[each.kind])
-        for number, each in enumerate(found.differences, 1)
-        if each.kind in WHY_NOT
+        NotReworked(number, WHY_NOT[difference.kind])
+        for number, difference in enumerate(inspection.differences, 1)
+        if difference.kind in WHY_NOT
     ]

@@ -1,4 +1,7 @@
-"""``camgen verify PROGRAM --part DRAWING``: what a program does to the material that the part is cut from."""
+"""`camgen verify PROGRAM --part DRAWING`: the stock proof of a program that was read.
+
+The proof cuts the stock by the motions of the program and compares it with the part.
+"""
 
 from __future__ import annotations
 
@@ -38,16 +41,23 @@ from camgen.read.programs import Executed
 
 #: mm: a smaller depth does not count.
 _NO_BITE_MM = 0.0001
-#: So many faults of a kind are listed.
-_LISTED = 20
-_MEND = "mend the program, or say with --job what it is meant to do"
+#: Maximum number of faults in the printed list.
+_MAX_LISTED = 20
+#: mm2: smaller areas of excess material are not listed.
+_MIN_EXCESS = 0.01
+_REMEDY = "mend the program, or say with --job what it is meant to do"
 
 
 class StockSays(Struct, frozen=True):
-    """rows: of the summary. told: a line for each fault. error: for which the program is refused, None without one."""
+    """The result of a stock proof for the terminal.
+
+    rows: label and text of each row of the summary.
+    fault_lines: a line for each fault and each warning, as one text.
+    error: reason to refuse the program, None without one.
+    """
 
     rows: tuple[tuple[str, str], ...]
-    told: str
+    fault_lines: str
     error: NoSafeProgram | None
 
 
@@ -60,11 +70,13 @@ def judge(
 ) -> StockSays:
     """The stock proof of a program that was read.
 
+    With a depth, the job says how the contours of the drawing are cut. Without one, the contours
+    are the part, which is cut out as deep as the program goes.
+
     drawn: the drawing of the part.
     place: names file and line of a line that is counted through all files.
 
-    With a depth the job says what is done to the contours of the drawing; without one they are the part, cut around
-    as deep as the program goes.
+    Raises InputError if the drawing has no flat contours.
     """
     part = on_page(drawn, job)
     if part.solid is not None or part.curves or not part.contours:
@@ -75,7 +87,8 @@ def judge(
     reading = proven.reading
     columns = Columns(reading.body)
     if job.operations:
-        tasks = [task_on(part, job_of(job, one.step), one.part) for one in share_out(part, job)[0]]
+        shares, _ = share_out(part, job)
+        tasks = [task_on(part, job_of(job, share.step), share.part) for share in shares]
     else:
         tasks = [_task(part, job, columns)]
     cuts = _list_cuts(program, reading, columns, job)
@@ -87,7 +100,7 @@ def judge(
         f"{place(breach.line)}: warning: {breach.what} ({breach.remedy})\n"
         for breach in proof.set_up.breaches
     ]
-    lines = "".join([_tell(proof.faults, place), *warnings])
+    lines = "".join([_format_faults(proof.faults, place), *warnings])
     return StockSays(tuple(_rows(proof, tasks, cuts, job)), lines, _refuse(program, proof, place))
 
 
@@ -103,8 +116,8 @@ def judge_fixtures(
     error = None
     if faults:
         what = f"{counted(len(faults), 'fault')} beside the fixtures, first: {faults[0].text}"
-        error = NoSafeProgram(program, what, place(faults[0].line), _MEND)
-    return StockSays(tuple(rows), _tell(faults, place), error)
+        error = NoSafeProgram(program, what, place(faults[0].line), _REMEDY)
+    return StockSays(tuple(rows), _format_faults(faults, place), error)
 
 
 def _list_cuts(program: str, reading: Reading | Executed, columns: Columns, job: Job) -> list[Cut]:
@@ -142,7 +155,10 @@ def _task(part: Part, job: Job, columns: Columns) -> Task:
 def _cuts_by_tool(
     program: str, reading: Reading | Executed, columns: Columns, job: Job
 ) -> list[Cut]:
-    """What each tool of a program does. JobError where it does not say which tools of the job it has."""
+    """The cuts of each tool of a program.
+
+    Raises JobError if the program does not show which tools of the job it uses.
+    """
     used = name_drills([job_of(job, step) for step in job.operations])
     changes = np.flatnonzero(columns.are(ToolChange)).tolist()
     whole = _cut(program, reading, columns, replace(job, tool=used[0]))
@@ -159,7 +175,8 @@ def _cuts_by_tool(
         assert isinstance(change, ToolChange)
         tool = next((tool for tool in used if tool.number == change.number), None)
         if tool is None:
-            what = f"line {reading.lines[start]} changes to tool {change.number}, which no operation names"
+            line = reading.lines[start]
+            what = f"line {line} changes to tool {change.number}, which no operation names"
             raise JobError("job", what, "[[tools]]", "give its number to one of them")
         body, lines = reading.body[start:end], reading.lines[start:end]
         cuts.append(replace(whole, body=body, lines=lines, tool=tool, name=f"tool {change.number}"))
@@ -167,7 +184,10 @@ def _cuts_by_tool(
 
 
 def _cut(program: str, reading: Reading | Executed, columns: Columns, job: Job) -> Cut:
-    """Controllers without a rapid motion travel at process.travel on straight lines."""
+    """The cut of a whole program with the tool of the job.
+
+    A program without rapid motions travels at `process.travel` on straight lines.
+    """
     rapid = columns.moves_are(MoveJ) & columns.posed
     process = job.process
     slower = process.feed * process.max_feed_factor < process.travel_speed
@@ -184,17 +204,17 @@ def _cut(program: str, reading: Reading | Executed, columns: Columns, job: Job) 
 
 
 def rows_of_build(proof: StockProof) -> list[tuple[str, str, str]]:
-    """The summary of a build says what its program does to the material."""
+    """Rows of the summary of a build: stock, excess material, loose parts and set-up."""
     tone = "look" if proof.bite is None else "good"
-    rows = [("stock", f"{_sum(proof)}; {volume(proof.volume)} removed", tone)]
-    rows += [("excess", text, "plain") for text in _excess(proof)]
-    rows += [("loose", one.text, "look") for one in proof.loose if one.serious]
+    rows = [("stock", f"{_format_result(proof)}; {volume(proof.volume)} removed", tone)]
+    rows += [("excess", text, "plain") for text in _list_excess(proof)]
+    rows += [("loose", fault.text, "look") for fault in proof.loose if fault.serious]
     rows += [("stock", note, "look") for note in proof.notes]
-    return rows + [("set-up", text, "look") for text in _tell_examined(proof)]
+    return rows + [("set-up", text, "look") for text in _list_examined(proof)]
 
 
 def volume(mm3: float) -> str:
-    """In mm3 below 1 cm3."""
+    """A volume as text: in cm3, or in mm3 below 1 cm3."""
     return f"{short(mm3 / 1000, 1)} cm3" if mm3 >= 1000 else f"{short(mm3, 0)} mm3"
 
 
@@ -224,16 +244,16 @@ def _rows(
 ) -> list[tuple[str, str]]:
     tools = dict.fromkeys(f"{cut.tool.kind} of {short(cut.tool.diameter, 3)} mm" for cut in cuts)
     depth = short(max(task.job.operation.depth for task in tasks), 3)
-    rows = [("stock", f"{', '.join(tools)}, {depth} mm deep: {_sum(proof)}")]
+    rows = [("stock", f"{', '.join(tools)}, {depth} mm deep: {_format_result(proof)}")]
     rows.append(("removed", volume(proof.volume)))
-    rows += [("excess", text) for text in _excess(proof)]
+    rows += [("excess", text) for text in _list_excess(proof)]
     rows += [("not judged" if "not" in note else "note", note) for note in proof.notes]
     rows += [(label, text) for label, text, _ in rows_of_fixtures(proof.clearance, job)]
-    return rows + [("set-up", text) for text in _tell_examined(proof)]
+    return rows + [("set-up", text) for text in _list_examined(proof)]
 
 
-def _tell_examined(proof: StockProof) -> list[str]:
-    """The examined limits of tools and stock, and the others."""
+def _list_examined(proof: StockProof) -> list[str]:
+    """A line on the limits of tools and stock that were examined, and on those that were not."""
     set_up = proof.set_up
     if not set_up.examined:
         return []
@@ -244,7 +264,8 @@ def _tell_examined(proof: StockProof) -> list[str]:
     return [text]
 
 
-def _sum(proof: StockProof) -> str:
+def _format_result(proof: StockProof) -> str:
+    """Numbers of faults, and the largest cut of rounded corners into the part."""
     kinds = (
         ("gouge", "gouges", proof.gouges),
         ("rounded corner that cuts the part", "rounded corners that cut the part", proof.corners),
@@ -258,53 +279,50 @@ def _sum(proof: StockProof) -> str:
         ("motion too near to a fixture", "motions too near to a fixture", proof.fixtures),
         ("part or bridge that does not hold", "parts or bridges that do not hold", proof.unheld),
     )
-    found = [counted(len(faults), one, many) for one, many, faults in kinds if faults]
-    faults = ", ".join(found) or "no gouge, no rapid motion in material"
+    counts = [counted(len(faults), noun, plural) for noun, plural, faults in kinds if faults]
+    text = ", ".join(counts) or "no gouge, no rapid motion in material"
     if proof.bite is None:
-        return f"{faults}, of the programmed path only"
+        return f"{text}, of the programmed path only"
     if proof.bite < _NO_BITE_MM:
-        return f"{faults}, rounded corners included"
-    return f"{faults}; rounded corners cut at most {short(proof.bite, 4)} mm into the part"
+        return f"{text}, rounded corners included"
+    return f"{text}; rounded corners cut at most {short(proof.bite, 4)} mm into the part"
 
 
-def _excess(proof: StockProof) -> list[str]:
-    """A line for each level at which something is left, the same ones together."""
-    found: dict[str, list[float]] = {}
+def _list_excess(proof: StockProof) -> list[str]:
+    """A line for each depth layer with excess material; layers with equal areas share a line."""
+    depths_of: dict[str, list[float]] = {}
     for level in proof.levels:
-        left = level.excess
-        if left.area < 0.01:
+        excess = level.excess
+        if excess.area < _MIN_EXCESS:
             continue
-        parts = (
-            [f"{short(left.corners, 2)} mm2 in inner corners and narrow places"]
-            if left.corners >= 0.01
-            else []
+        areas = (
+            (excess.corners, "in inner corners and narrow places"),
+            (excess.tabs, "in tabs"),
+            (excess.untaken, "of paths that are left out"),
         )
-        parts += [f"{short(left.tabs, 2)} mm2 in tabs"] if left.tabs >= 0.01 else []
-        parts += (
-            [f"{short(left.untaken, 2)} mm2 of paths that are left out"]
-            if left.untaken >= 0.01
-            else []
-        )
-        if left.unexplained.area >= 0.01 and left.place is not None:
-            at = " ".join(short(v, 2) for v in left.place)
-            parts.append(
-                f"{short(left.unexplained.area, 2)} mm2 else, up to {short(left.size, 2)} mm wide at {at}"
-            )
-        found.setdefault(", ".join(parts), []).append(level.bottom)
-    return [
-        f"at z {' '.join(short(z, 3) for z in depths)}: {text}" for text, depths in found.items()
-    ]
+        parts = [f"{short(mm2, 2)} mm2 {cause}" for mm2, cause in areas if mm2 >= _MIN_EXCESS]
+        if excess.unexplained.area >= _MIN_EXCESS and excess.place is not None:
+            position = " ".join(short(value, 2) for value in excess.place)
+            area = short(excess.unexplained.area, 2)
+            parts.append(f"{area} mm2 else, up to {short(excess.size, 2)} mm wide at {position}")
+        depths_of.setdefault(", ".join(parts), []).append(level.bottom)
+    lines = []
+    for text, depths in depths_of.items():
+        heights = " ".join(short(z, 3) for z in depths)
+        lines.append(f"at z {heights}: {text}")
+    return lines
 
 
-def _tell(faults: Sequence[Fault], place: Callable[[int], str]) -> str:
-    lines = [
-        f"{place(one.line)}: {'' if one.serious else 'remark: '}{one.text}\n"
-        for one in faults[:_LISTED]
-    ]
-    more = len(faults) - _LISTED
-    return "".join(lines) + (
-        f"and {counted(more, 'more fault')} of the stock proof\n" if more > 0 else ""
-    )
+def _format_faults(faults: Sequence[Fault], place: Callable[[int], str]) -> str:
+    """A line for each of the first `_MAX_LISTED` faults, and one for the number of others."""
+    lines = []
+    for fault in faults[:_MAX_LISTED]:
+        remark = "" if fault.serious else "remark: "
+        lines.append(f"{place(fault.line)}: {remark}{fault.text}\n")
+    more = len(faults) - _MAX_LISTED
+    if more > 0:
+        lines.append(f"and {counted(more, 'more fault')} of the stock proof\n")
+    return "".join(lines)
 
 
 def _refuse(program: str, proof: StockProof, place: Callable[[int], str]) -> NoSafeProgram | None:
@@ -314,5 +332,5 @@ def _refuse(program: str, proof: StockProof, place: Callable[[int], str]) -> NoS
     first = refused[0]
     where = "in the material" if len(refused) > len(proof.fixtures) else "beside the fixtures"
     what = f"{counted(len(refused), 'fault')} {where}, first: {first.text}"
-    remedy = REMEDY_FOR_PIECES if first.kind == "unheld" else _MEND
+    remedy = REMEDY_FOR_PIECES if first.kind == "unheld" else _REMEDY
     return NoSafeProgram(program, what, place(first.line), remedy)

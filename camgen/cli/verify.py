@@ -309,13 +309,13 @@ def _prove(
         judged = judge_fixtures(str(asked.paths[0]), asked.job, proven, place)
         says.clear()
         rows = [*_UNEXAMINED[:2], *judged.rows, *_UNEXAMINED[2:]]
-        return rows, judged.told, judged.error
+        return rows, judged.fault_lines, judged.error
     part = read(drawing, asked.job, asked.files)
     reading = proven.reading
     stock = judge(str(asked.paths[0]), part, asked.job, proven, place)
     motion = compare_text(part, asked.job, reading.body, reading.lines, place, proven.post)
     says.clear()
-    return [("motion", motion), *stock.rows, *_UNEXAMINED[2:]], stock.told, stock.error
+    return [("motion", motion), *stock.rows, *_UNEXAMINED[2:]], stock.fault_lines, stock.error
 
 
 def _read_fixtures(post: str, job: Job, files: Files, drawing: Path | None) -> Fixtures | None:

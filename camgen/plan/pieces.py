@@ -1,7 +1,7 @@
-"""Pieces of tool paths: vertices added on the way, stretches of them, and chords in place of arcs.
+"""Sections of tool paths: adds vertices, cuts out stretches, replaces arcs by chords.
 
-Lengths count along a path from its start, mm. Arcs stay arcs where they are cut, press turns with them, and a floor
-runs straight on between its waypoints.
+Lengths count along a path from its start, mm. Parts of an arc stay arcs. Press directions turn
+along an arc, and a floor is interpolated linearly between its waypoints.
 """
 
 from __future__ import annotations
@@ -20,84 +20,98 @@ from camgen.model.pose import FloatArray, frozen
 from camgen.model.tolerance import NONZERO, SAME_POINT_MM
 from camgen.plan.starting import between
 
-#: A chord never stands for more of an arc than this, rad, however small the arc is.
-_WIDEST = math.radians(30)
+#: rad: maximum sweep of an arc that one chord replaces, for small arcs.
+_MAX_SWEEP = math.radians(30)
 
 
 def lengths_along(path: ToolPath) -> FloatArray:
-    """(N,) mm from the start of ``path`` to each of its vertices."""
+    """Length (N,) of each vertex of a path from its start, mm."""
     return np.asarray(np.concatenate([[0.0], np.cumsum(span_lengths(path.position, path.via[1:]))]))
 
 
 def split_at(path: ToolPath, lengths: FloatArray) -> ToolPath:
-    """``path`` with a vertex at each of ``lengths`` (K,), but where there is one already, within 1e-6 mm."""
-    at = lengths_along(path)
-    wanted = np.unique(lengths)
-    wanted = wanted[np.diff(wanted, prepend=-np.inf) > SAME_POINT_MM]
-    after = np.clip(np.searchsorted(at, wanted), 1, len(at) - 1)
-    new = (wanted - at[after - 1] > SAME_POINT_MM) & (at[after] - wanted > SAME_POINT_MM)
-    wanted, after = wanted[new], after[new]
-    return _expand(path, after - 1, (wanted - at[after - 1]) / (at[after] - at[after - 1]))[0]
+    """The path with a vertex at each of `lengths` (K,), mm.
+
+    Nothing is added within `SAME_POINT_MM` of another vertex.
+    """
+    vertices = lengths_along(path)
+    added = np.unique(lengths)
+    added = added[np.diff(added, prepend=-np.inf) > SAME_POINT_MM]
+    after = np.clip(np.searchsorted(vertices, added), 1, len(vertices) - 1)
+    is_new = added - vertices[after - 1] > SAME_POINT_MM
+    is_new &= vertices[after] - added > SAME_POINT_MM
+    added, after = added[is_new], after[is_new]
+    fraction = (added - vertices[after - 1]) / (vertices[after] - vertices[after - 1])
+    return _expand(path, after - 1, fraction)[0]
 
 
 def point_at(path: ToolPath, length: float) -> FloatArray:
-    """(3,) the point ``length`` mm after the start of ``path``, at one of its ends beyond them."""
-    at = lengths_along(path)
-    segment = np.clip(np.searchsorted(at, [length]) - 1, 0, len(at) - 2)
-    fraction = (length - at[segment]) / np.maximum(at[segment + 1] - at[segment], NONZERO)
-    return np.asarray(
-        chain(path.position, path.via[1:]).point(np.clip(fraction, 0.0, 1.0), segment)[0]
-    )
+    """The point (3,) at `length` mm from the start of a path, or the end nearest to it."""
+    vertices = lengths_along(path)
+    segment = np.clip(np.searchsorted(vertices, [length]) - 1, 0, len(vertices) - 2)
+    size = np.maximum(vertices[segment + 1] - vertices[segment], NONZERO)
+    fraction = np.clip((length - vertices[segment]) / size, 0.0, 1.0)
+    return np.asarray(chain(path.position, path.via[1:]).point(fraction, segment)[0])
 
 
 def nearest(path: ToolPath, point: FloatArray) -> tuple[float, float]:
-    """Where on ``path`` is nearest to ``point`` (3,), mm from its start, and how far away that is, mm."""
+    """The point of a path that is nearest to `point` (3,).
+
+    Returns its length from the start of the path and its distance from `point`, both in mm.
+    """
     shape = chain(path.position, path.via[1:])
     arms = point - _centres(shape, np.arange(len(shape.length)))
-    turn = np.arctan2(dots(arms, shape.along), dots(arms, shape.towards)) / np.where(
-        shape.curved, shape.sweep, 1.0
-    )
-    ahead = dots(point - shape.start, shape.along) / np.maximum(shape.length, NONZERO)
-    fraction = np.clip(np.where(shape.curved, turn + 0.5, ahead), 0.0, 1.0)
-    away = np.linalg.norm(shape.point(fraction) - point, axis=1)
-    k = int(np.argmin(away))
-    return float(lengths_along(path)[k] + fraction[k] * shape.length[k]), float(away[k])
+    angle = np.arctan2(dots(arms, shape.along), dots(arms, shape.towards))
+    on_arc = angle / np.where(shape.curved, shape.sweep, 1.0) + 0.5
+    on_line = dots(point - shape.start, shape.along) / np.maximum(shape.length, NONZERO)
+    fraction = np.clip(np.where(shape.curved, on_arc, on_line), 0.0, 1.0)
+    distance = np.linalg.norm(shape.point(fraction) - point, axis=1)
+    k = int(np.argmin(distance))
+    return float(lengths_along(path)[k] + fraction[k] * shape.length[k]), float(distance[k])
 
 
 def head(path: ToolPath, length: float) -> ToolPath:
-    """The first ``length`` mm of ``path``, as an open path."""
+    """The first `length` mm of a path, as an open path."""
     split = split_at(path, np.array([length]))
     return split.rows(0, _vertex(split, length) + 1)
 
 
 def begin_at(path: ToolPath, length: float) -> ToolPath:
-    """The closed ``path`` begun ``length`` mm after its start; with its floor, if it has one."""
+    """A closed path with its start point moved forwards by `length`, mm; it keeps its floor."""
     split = split_at(path, np.array([length]))
     vertex, last = _vertex(split, length), len(split.position) - 1
     if vertex in (0, last):
         return path
-    turned = join_paths([split.rows(vertex, last + 1), split.rows(0, vertex + 1)])
-    return replace(turned, closed=True, reversible=path.reversible)
+    moved = join_paths([split.rows(vertex, last + 1), split.rows(0, vertex + 1)])
+    return replace(moved, closed=True, reversible=path.reversible)
 
 
 def stretch(path: ToolPath, begin: float, length: float) -> ToolPath:
-    """From ``begin`` on the closed ``path`` for ``length`` mm, round and round, as an open path."""
-    begun = begin_at(path, begin)
-    rounds, rest = divmod(length, float(lengths_along(path)[-1]))
-    pieces = [begun] * int(rounds) + ([head(begun, rest)] if rest > SAME_POINT_MM else [])
-    return join_paths(pieces)
+    """`length` mm of a closed path, as an open path; it may be longer than one turn.
+
+    begin: start of the stretch, mm from the start of the path.
+    """
+    moved = begin_at(path, begin)
+    turns, rest = divmod(length, float(lengths_along(path)[-1]))
+    parts = [moved] * int(turns)
+    if rest > SAME_POINT_MM:
+        parts.append(head(moved, rest))
+    return join_paths(parts)
 
 
 def _vertex(path: ToolPath, length: float) -> int:
-    """The vertex that is ``length`` mm after the start."""
+    """Index of the vertex that is nearest to `length` mm from the start, along the path."""
     return int(np.argmin(np.abs(lengths_along(path) - length)))
 
 
 def chorded(path: ToolPath, chord: float, which: BoolArray | None = None) -> ToolPath:
-    """``path`` with chords that leave its arcs by ``chord`` mm at most; they never come nearer to what it presses on.
+    """The path with chords in place of arcs. They never come nearer to the surface in contact.
 
-    which: (N - 1,) the segments that it is done to, all if not given. Around what is pressed on the chords touch the
-    arc from outside, everywhere else their ends are on it.
+    The chords of an arc around the surface touch that arc from outside. On any other arc the ends
+    of the chords lie on the arc.
+
+    chord: maximum deviation of the chords from an arc, mm.
+    which: (N - 1,) whether a segment is replaced; None for all.
     """
     shape = chain(path.position, path.via[1:])
     rows = np.flatnonzero(shape.curved if which is None else shape.curved & which)
@@ -105,38 +119,44 @@ def chorded(path: ToolPath, chord: float, which: BoolArray | None = None) -> Too
         return path
     radius, sweep = shape.radius[rows], shape.sweep[rows]
     count = np.ceil(sweep / _steps(radius, chord)).astype(np.int64)
-    outside = (
-        dots(path.force_direction[rows + 1, 0], shape.start[rows] - _centres(shape, rows))
-        < -1e-9 * radius
-    )
+    towards_start = shape.start[rows] - _centres(shape, rows)
+    outside = dots(path.force_direction[rows + 1, 0], towards_start) < -1e-9 * radius
     inner = [
-        (np.arange(n) + 0.5) / n if out else np.arange(1, n) / n
-        for n, out in zip(count.tolist(), outside.tolist(), strict=True)
+        (np.arange(n) + 0.5) / n if is_outside else np.arange(1, n) / n
+        for n, is_outside in zip(count.tolist(), outside.tolist(), strict=True)
     ]
-    cuts = np.concatenate(inner)
-    result, owner, part = _expand(path, np.repeat(rows, [len(one) for one in inner]), cuts)
+    sizes = [len(fractions) for fractions in inner]
+    result, owner, part = _expand(path, np.repeat(rows, sizes), np.concatenate(inner))
     via, position = result.via.copy(), result.position.copy()
     via[1 + np.flatnonzero(np.isin(owner, rows))] = np.nan
     pushed = np.flatnonzero(np.isin(owner, rows[outside]) & (part < 1))
     centre = _centres(shape, owner[pushed])
     half = np.zeros(len(shape.sweep))
     half[rows] = sweep / count / 2
-    position[pushed + 1] = (
-        centre + (position[pushed + 1] - centre) / np.cos(half[owner[pushed]])[:, None]
-    )
+    stretching = np.cos(half[owner[pushed]])[:, None]
+    position[pushed + 1] = centre + (position[pushed + 1] - centre) / stretching
     return result.with_columns(via=via, position=position)
 
 
 def shortest(path: ToolPath, chord: float) -> float:
-    """The least length of ``chorded`` of any stretch of ``path`` for each mm of it: below 1 where it has arcs."""
+    """Minimum length of `chorded` for one mm of a path: 1 without arcs, less with arcs.
+
+    chord: maximum deviation of the chords from an arc, mm.
+    """
     shape = chain(path.position, path.via[1:])
     half = _steps(shape.radius[shape.curved], chord) / 2
     return float(np.min(np.sin(half) / half, initial=1.0))
 
 
 def _steps(radius: FloatArray, chord: float) -> FloatArray:
-    """The angles (N,) whose chords touch arcs of ``radius`` from outside and leave them by ``chord`` at their ends."""
-    return np.asarray(np.minimum(2 * np.arccos(radius / (radius + chord)), _WIDEST))
+    """Sweep (N,) of the arc that one chord replaces, rad.
+
+    Such a chord touches the arc from outside and deviates from it by `chord` at its ends.
+
+    radius: (N,) radii of arcs, mm.
+    chord: mm.
+    """
+    return np.asarray(np.minimum(2 * np.arccos(radius / (radius + chord)), _MAX_SWEEP))
 
 
 def _centres(shape: Spans, row: IntArray) -> FloatArray:
@@ -146,49 +166,61 @@ def _centres(shape: Spans, row: IntArray) -> FloatArray:
 def _expand(
     path: ToolPath, segment: IntArray, fraction: FloatArray
 ) -> tuple[ToolPath, IntArray, FloatArray]:
-    """``path`` with vertices at each ``fraction`` (K,) 0..1 of each ``segment`` (K,) 0..N-2; and by segment of the
-    result the one of the path that it is of, and at what fraction of that it ends.
+    """Add a vertex at a fraction of each of some segments.
+
+    segment: (K,) from 0 to N - 2.
+    fraction: (K,) from 0 to 1, along the segment.
+
+    Returns the new path. For each of its segments, returns the old segment of which it is a part,
+    and the fraction of that old segment at which it ends.
     """
     count = len(path.position) - 1
-    owner, part = (
-        np.concatenate([segment, np.arange(count)]),
-        np.concatenate([fraction, np.ones(count)]),
-    )
+    owner = np.concatenate([segment, np.arange(count)])
+    part = np.concatenate([fraction, np.ones(count)])
     order = np.lexsort((part, owner))
     owner, part = owner[order], part[order]
     before = np.where(np.diff(owner, prepend=-1) > 0, 0.0, np.roll(part, 1))
-    shape, whole, row = chain(path.position, path.via[1:]), (before == 0) & (part == 1), owner + 1
-    inside, axis = (part < 1)[:, None], path.axis
-    position = np.where(inside, shape.point(part, owner), path.position[row])
-    via = np.where(whole[:, None], path.via[row], shape.point((before + part) / 2, owner))
+    shape, is_whole, row = (
+        chain(path.position, path.via[1:]),
+        (before == 0) & (part == 1),
+        owner + 1,
+    )
+    is_inside, axis = (part < 1)[:, None], path.axis
+    position = np.where(is_inside, shape.point(part, owner), path.position[row])
+    via = np.where(is_whole[:, None], path.via[row], shape.point((before + part) / 2, owner))
     via[~shape.curved[owner]] = np.nan
-    press = np.stack([_press_at(path, shape, owner, at) for at in (before, part)], axis=1)
-    press = np.where(whole[:, None, None], path.force_direction[row], press)
+    directions = [_press_at(path, shape, owner, end) for end in (before, part)]
+    press = np.stack(directions, axis=1)
+    press = np.where(is_whole[:, None, None], path.force_direction[row], press)
+    axes = np.where(is_inside, between(axis[owner], axis[row], part), axis[row])
     floor = path.floor
-    held = None if floor is None else floor[owner] + part * (floor[row] - floor[owner])
-    made = replace(
+    if floor is not None:
+        at_ends = floor[owner] + part * (floor[row] - floor[owner])
+        floor = frozen(np.concatenate([floor[:1], at_ends]))
+    expanded = replace(
         path,
         table=waypoints(
             position=np.concatenate([path.position[:1], position]),
             via=np.concatenate([np.full((1, 3), np.nan), via]),
-            axis=np.concatenate(
-                [axis[:1], np.where(inside, between(axis[owner], axis[row], part), axis[row])]
-            ),
+            axis=np.concatenate([axis[:1], axes]),
             force_direction=np.concatenate([press[:1], press]),
             force=np.concatenate([path.force[1:2], path.force[row]]),
             feed=np.concatenate([path.feed[1:2], path.feed[row]]),
         ),
-        floor=None if floor is None or held is None else frozen(np.concatenate([floor[:1], held])),
+        floor=floor,
     )
-    return made, owner, part
+    return expanded, owner, part
 
 
 def _press_at(path: ToolPath, shape: Spans, owner: IntArray, fraction: FloatArray) -> FloatArray:
-    """The press directions (M, 3) at ``fraction`` (M,) of the segments ``owner`` (M,): they turn with an arc."""
+    """Press directions (M, 3) at `fraction` (M,) of the segments `owner` (M,).
+
+    On an arc they turn with the tangent. On a line they are interpolated.
+    """
     press = path.force_direction[owner + 1]
     turned = between(press[:, 0], press[:, 1], fraction)
     arc = np.flatnonzero(shape.curved[owner])
-    of = owner[arc]
-    axle = cross(shape.towards[of], shape.along[of])
-    turned[arc] = turn_vectors(press[arc, 0], axle, fraction[arc] * shape.sweep[of])
+    arc_owner = owner[arc]
+    axle = cross(shape.towards[arc_owner], shape.along[arc_owner])
+    turned[arc] = turn_vectors(press[arc, 0], axle, fraction[arc] * shape.sweep[arc_owner])
     return turned

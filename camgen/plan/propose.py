@@ -41,23 +41,30 @@ from camgen.plan.proposed_mills import (
 )
 from camgen.plan.proposed_tools import ProposedTool, ToolRack
 
-#: Thickness of the material, mm, until it is measured.
+#: mm: assumed thickness of the material, until it is measured.
 THICKNESS_MM = 3.0
-#: A cut through the material ends so far below it, mm.
+#: mm: a cut through the material ends this far below it.
 _THROUGH_MM = 0.5
-#: Larger circles are cut, mm, and of smaller ones there is no drill.
-_LARGEST_DRILL, _SMALLEST_DRILL = 13.0, 0.2
-#: Diameters that differ by no more are one size, mm; so much more and less is in the range that chooses it.
-_SAME_SIZE, _ROOM = 0.02, 0.01
-#: A circle around a hole, up to so many times as wide, is a counterbore; so far off, in diameters of the hole.
-_COUNTERBORE, _OFF_CENTRE = 3.0, 0.1
-#: The depth of a peck of a drill, as a share of the diameter.
+#: mm: circles larger than this are cut, not drilled.
+_LARGEST_DRILL_MM = 13.0
+#: mm: there are no drills smaller than this.
+_SMALLEST_DRILL_MM = 0.2
+#: mm: diameters that differ by at most this are one size.
+_SAME_SIZE_MM = 0.02
+#: mm: the range of diameters that selects a size extends beyond it on both sides by this.
+_RANGE_MARGIN_MM = 0.01
+#: Maximum diameter of a counterbore, in diameters of the hole in it.
+_MAX_COUNTERBORE = 3.0
+#: Maximum distance between the centres of a counterbore and of its hole, in diameters of the hole.
+_MAX_OFF_CENTRE = 0.1
+#: Depth of a peck, in diameters of the drill.
 _PECK = 3.0
-#: The depth of a pass, as a share of the diameter. The second one is for materials whose charts
-#: allow passes deeper than the diameter.
-_PASS, _DEEP_PASS = 0.6, 1.0
-#: A ramp is run at this share of the feed.
-_RAMP_SHARE = 0.75
+#: Depth of a pass, in diameters of the mill.
+_PASS = 0.6
+#: The same for materials whose charts allow passes deeper than the diameter.
+_DEEP_PASS = 1.0
+#: Speed on a ramp, as a fraction of the feed.
+_RAMP_FRACTION = 0.75
 #: A path in a corner is shorter than this, in diameters of the mill before.
 _CORNER_PATHS = 4.0
 #: A mill of this diameter or more, mm, takes a last pass at the wall after several passes.
@@ -129,7 +136,8 @@ class _Tabs(Struct, frozen=True):
         }
 
 
-#: Tabs of an outline, the first that fits. Makers of end mills recommend ramps of 10 degrees at most.
+#: Tabs of an outline, of which the first that fit are taken. Makers of end mills recommend ramps of
+#: at most 10 degrees.
 _TABS = (_Tabs(4, 5.0, 1.0, 3.0), _Tabs(4, 3.0, 0.8, 5.0), _Tabs(3, 2.0, 0.8, 10.0))
 
 
@@ -192,15 +200,20 @@ class _Loops(Struct, frozen=True, eq=False):
         return [self.contours[k].id for k in rows]
 
     def count_inside(self) -> list[int]:
-        """How many loops lie directly inside each."""
+        """Number of loops directly inside each loop."""
         parent = self.nesting.parent
-        return [
-            int(count) for count in np.bincount(parent[parent >= 0], minlength=len(self.contours))
-        ]
+        counts: list[int] = np.bincount(parent[parent >= 0], minlength=len(self.contours)).tolist()
+        return counts
 
 
 class _Sorted(Struct, frozen=True):
-    """Which loops, by row, are what. holes: by size. bores: circles around holes. inner, outer: the others."""
+    """Rows of loops, sorted by their kind of operation.
+
+    holes: round holes to be drilled or bored, one list for each size.
+    bores: counterbores around such holes.
+    inner: other loops inside others.
+    outer: other loops inside no loop.
+    """
 
     holes: list[list[int]]
     bores: list[int]
@@ -222,8 +235,8 @@ def propose(
     library: tools to choose from before new ones are proposed.
     with_tabs: whether tabs hold parts and slugs; else a skin does.
 
-    Raises AmbiguousInput if an outline with a gap encloses closed contours, because the outlines are
-    not known then.
+    Raises AmbiguousInput if an outline with a gap encloses closed contours: the outlines are not
+    known then.
     """
     closed = tuple(c for c in part.contours if c.closed)
     if not closed:
@@ -245,7 +258,9 @@ def propose(
         across,
     )
     kinds = _sort(loops)
-    drilled = {name for rows in kinds.holes for name in loops.name(rows)}
+    drilled: set[str] = set()
+    for same_size in kinds.holes:
+        drilled.update(loops.name(same_size))
     # A drilled hole bounds no cut.
     loops = replace(
         loops, part=replace(part, contours=tuple(c for c in part.contours if c.id not in drilled))
@@ -258,26 +273,28 @@ def propose(
     ]
     if not operations:
         return None
-    used = {name for _, ids in operations for name in ids}
-    left = tuple(c.id for c in (*closed, *across) if c.id not in used)
-    rows = tuple(one for one, _ in operations)
+    used: set[str] = set()
+    for _, ids in operations:
+        used.update(ids)
+    left_out = tuple(c.id for c in (*closed, *across) if c.id not in used)
+    rows = tuple(row for row, _ in operations)
     margin = max(stock.margin, _FRAME * rack.widest_mill)
-    return Proposal(rack.tools, rows, left, loops.thickness, stock.material or "", margin)
+    return Proposal(rack.tools, rows, left_out, loops.thickness, stock.material or "", margin)
 
 
 def _sort(loops: _Loops) -> _Sorted:
-    """Holes are circles with nothing in them that a drill makes: in material, in a wider circle, or all there is."""
+    """Sort the loops by their kind of operation.
+
+    A hole is an empty circle of the size of a drill. It lies in material, in a counterbore, or
+    inside no loop.
+    """
     nesting, inside = loops.nesting, loops.count_inside()
     sound = (nesting.crossed < 0) & ~nesting.empty
     holes, bores, inner, outer = list[int](), list[int](), list[int](), list[int]()
     depth, parent = nesting.depth.tolist(), nesting.parent.tolist()
     for k in np.flatnonzero(sound).tolist():
         circle = loops.circles.get(loops.contours[k].id)
-        if (
-            circle
-            and _SMALLEST_DRILL - _ROOM <= circle.diameter <= _LARGEST_DRILL + _ROOM
-            and not inside[k]
-        ):
+        if circle and _has_drill_size(circle.diameter) and not inside[k]:
             around = loops.circles.get(loops.contours[parent[k]].id) if depth[k] else None
             bored = around is not None and _is_counterbore(around, circle) and depth[k] > 1
             if depth[k] % 2 or depth[k] == 0 or bored:
@@ -289,9 +306,14 @@ def _sort(loops: _Loops) -> _Sorted:
     return _Sorted(_by_size(loops, holes), bores, inner, outer)
 
 
+def _has_drill_size(diameter: float) -> bool:
+    smallest = _SMALLEST_DRILL_MM - _RANGE_MARGIN_MM
+    return smallest <= diameter <= _LARGEST_DRILL_MM + _RANGE_MARGIN_MM
+
+
 def _is_counterbore(around: Hole, hole: Hole) -> bool:
-    near = math.hypot(around.x - hole.x, around.y - hole.y) <= _OFF_CENTRE * hole.diameter
-    return near and around.diameter <= _COUNTERBORE * hole.diameter
+    near = math.hypot(around.x - hole.x, around.y - hole.y) <= _MAX_OFF_CENTRE * hole.diameter
+    return near and around.diameter <= _MAX_COUNTERBORE * hole.diameter
 
 
 def _diameter(loops: _Loops, k: int) -> float:
@@ -299,13 +321,14 @@ def _diameter(loops: _Loops, k: int) -> float:
 
 
 def _by_size(loops: _Loops, rows: list[int]) -> list[list[int]]:
-    """Circles of one size each, the smallest first, so far apart that no range of diameters holds two sizes."""
+    """Group circles by size, the smallest first.
+
+    The range of diameters that selects one size contains no other size.
+    """
+    min_step = 2 * _RANGE_MARGIN_MM + _SAME_SIZE_MM
     groups: list[list[int]] = []
     for k in sorted(rows, key=lambda k: _diameter(loops, k)):
-        if (
-            groups
-            and _diameter(loops, k) - _diameter(loops, groups[-1][-1]) <= 2 * _ROOM + _SAME_SIZE
-        ):
+        if groups and _diameter(loops, k) - _diameter(loops, groups[-1][-1]) <= min_step:
             groups[-1].append(k)
         else:
             groups.append([k])
@@ -317,12 +340,13 @@ def _drill(
 ) -> Iterator[tuple[Proposed, list[str]]]:
     """An operation for each size: a standard drill, else a mill that bores."""
     for rows in sizes:
-        sizes_here = [_diameter(loops, k) for k in rows]
-        low, high = min(sizes_here) - _ROOM, max(sizes_here) + _ROOM
-        about = f"{counted(len(rows), 'hole')} of {short(min(sizes_here), 3)} mm"
+        diameters = [_diameter(loops, k) for k in rows]
+        smallest, largest = min(diameters), max(diameters)
+        low, high = smallest - _RANGE_MARGIN_MM, largest + _RANGE_MARGIN_MM
+        about = f"{counted(len(rows), 'hole')} of {short(smallest, 3)} mm"
         chosen = _choose_holes(loops, rows, low, high)
-        drill = rack.find_drill(min(sizes_here))
-        mill = None if drill else _find_boring_mill(rack, min(sizes_here), max(sizes_here))
+        drill = rack.find_drill(smallest)
+        mill = None if drill else _find_boring_mill(rack, smallest, largest)
         if drill:
             deepest = loops.thickness + _THROUGH_MM + drill / 2 / math.tan(_TIP)
             depth = math.floor(deepest * 10) / 10
@@ -337,7 +361,10 @@ def _drill(
 
 
 def _find_boring_mill(rack: ToolRack, smallest: float, largest: float) -> float | None:
-    """The diameter of the largest mill that bores holes of these diameters, mm, None without one."""
+    """Diameter of the largest mill that bores a group of holes, mm; None if there is no such mill.
+
+    smallest, largest: diameters of the holes, mm.
+    """
     fitting = [
         diameter
         for diameter in rack.mills
@@ -347,7 +374,10 @@ def _find_boring_mill(rack: ToolRack, smallest: float, largest: float) -> float 
 
 
 def _choose_holes(loops: _Loops, rows: list[int], low: float, high: float) -> dict[str, object]:
-    """By diameter and nesting where that chooses these and no others, else by their ids too."""
+    """Keys of an operation that select holes: diameters and nesting, and ids if needed.
+
+    low, high: range of their diameters, mm.
+    """
     wanted = set(loops.name(rows))
     sizes = {"holes": [round(low, 3), round(high, 3)]}
     level = dict(zip((c.id for c in loops.contours), loops.nesting.depth.tolist(), strict=True))
@@ -356,8 +386,8 @@ def _choose_holes(loops: _Loops, rows: list[int], low: float, high: float) -> di
         ("outer", lambda n: n == 0),
         ("any", lambda _: True),
     ):
-        found = innermost([hole for name, hole in loops.circles.items() if fits(level[name])])
-        chosen = {hole.id for hole in found if low <= hole.diameter <= high}
+        nested = [hole for name, hole in loops.circles.items() if fits(level[name])]
+        chosen = {hole.id for hole in innermost(nested) if low <= hole.diameter <= high}
         if chosen == wanted and not loops.across:
             return sizes | ({"nesting": nesting} if nesting != "any" else {})
     return sizes | {"ids": loops.name(rows)}
@@ -372,7 +402,7 @@ def _clear(loops: _Loops, rack: ToolRack) -> Iterator[tuple[Proposed, list[str]]
     tool = rack.take("end mill", diameter)
     depth = loops.thickness / 2
     row: dict[str, object] = {"kind": "pocket", "tool": tool, "ids": ids, "depth": depth}
-    row |= {"entry": "ramp", "plunge": round(rack.feed(tool) * _RAMP_SHARE, 2)}
+    row |= {"entry": "ramp", "plunge": round(rack.feed(tool) * _RAMP_FRACTION, 2)}
     passes = math.ceil(depth / (_PASS * diameter) - 1e-9)
     row |= {"passes": passes} if passes > 1 else {}
     about = f"{counted(len(ids), 'pocket')} across other contours: how deep?"
@@ -384,7 +414,8 @@ def _cut(loops: _Loops, kinds: _Sorted, rack: ToolRack) -> Iterator[tuple[Propos
     through = loops.thickness + _THROUGH_MM
     bores = _by_size(loops, sorted(set(kinds.bores)))
     for rows in bores:
-        what = f"{counted(len(rows), 'counterbore')} of {short(_diameter(loops, rows[0]), 3)} mm: how deep?"
+        count = counted(len(rows), "counterbore")
+        what = f"{count} of {short(_diameter(loops, rows[0]), 3)} mm: how deep?"
         yield from _follow(
             loops, rows, {"side": "inside", "depth": loops.thickness / 2}, what, rack
         )
@@ -529,7 +560,7 @@ def _go_down(
     passes = math.ceil(depth / ((_DEEP_PASS if deep else _PASS) * mill.diameter) - 1e-9)
     keys: dict[str, object] = {"depth": depth}
     if may_have_tabs or not is_rest or math.isinf(mill.longest):
-        plunge = round(rack.feed(tool) * _RAMP_SHARE, 2)
+        plunge = round(rack.feed(tool) * _RAMP_FRACTION, 2)
         keys |= {"entry": "ramp", "plunge": plunge}
     if passes > 1:
         keys |= {"passes": passes}
@@ -541,17 +572,20 @@ def _go_down(
 
 
 def _choose_loops(loops: _Loops, ids: list[str]) -> dict[str, object]:
-    """By nesting, or by nesting and layers, where that chooses these and no others, else by their ids."""
+    """Keys of an operation that select loops: nesting, nesting and layers, or ids.
+
+    The first of these that selects no other loop is taken.
+    """
     wanted = set(ids)
     layers = sorted({c.layer for c in loops.contours if c.id in wanted})
     folded = {layer.casefold() for layer in layers}
     for nesting, fits in (("inner", loops.nesting.depth > 0), ("outer", loops.nesting.depth == 0)):
-        found = [c for c, fit in zip(loops.contours, fits.tolist(), strict=True) if fit]
+        nested = [c for c, fit in zip(loops.contours, fits.tolist(), strict=True) if fit]
         if loops.across:  # they are inside or outside of nothing
             break
-        if {c.id for c in found} == wanted:
+        if {c.id for c in nested} == wanted:
             return {"nesting": nesting}
         plain = not any(set(layer) & set("*?[]!") for layer in layers)
-        if plain and {c.id for c in found if c.layer.casefold() in folded} == wanted:
+        if plain and {c.id for c in nested if c.layer.casefold() in folded} == wanted:
             return {"layers": layers, "nesting": nesting}
     return {"ids": ids}

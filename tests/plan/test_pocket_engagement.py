@@ -9,9 +9,9 @@ from camgen.model.errors import JobError
 from camgen.model.job import Job, OperationTable, ToolTable
 from camgen.model.part import Contour
 from camgen.plan import Plan, plan
-from camgen.plan.pocket.bound import Bound
-from camgen.plan.pocket.channel import Channel, channels
-from camgen.plan.pocket.ridge import ridge
+from camgen.plan.pocket.channel import Channel, plan_channels
+from camgen.plan.pocket.engagement_limit import EngagementLimit
+from camgen.plan.pocket.medial_axis import compute_medial_axis
 from tests.support.drawn import circle, contour, part, rectangle, rounded
 from tests.support.engaged import engaged
 from tests.support.swept import enclosed
@@ -88,14 +88,14 @@ def test_the_ridge_is_as_far_from_two_walls(name: str) -> None:
     walls = from_contours(SHAPES[name])
     following = neighbours(walls, np.ones(len(SHAPES[name]), dtype=bool))
     region = enclosed(SHAPES[name])
-    axis = ridge(walls, following, region, RADIUS, 0.6, 0.3)
+    axis = compute_medial_axis(walls, following, region, RADIUS, 0.6, 0.3)
     assert len(axis.points) > 0
     border = region.boundary
     gap = shapely.distance(shapely.points(axis.points), border)
-    assert np.allclose(gap, axis.room, atol=0.002)
+    assert np.allclose(gap, axis.wall_distance, atol=0.002)
     assert (gap > RADIUS - 0.002).all()
     # Two places of the walls, apart from each other, are as near: what of them is within a little more has parts.
-    for place, room in zip(axis.points[::7], axis.room[::7], strict=True):
+    for place, room in zip(axis.points[::7], axis.wall_distance[::7], strict=True):
         near = shapely.Point(place).buffer(room + 0.05, quad_segs=256).intersection(border)
         assert shapely.minimum_rotated_rectangle(near).length > 0.25 * room
     # Links are short, and never lead through a wall.
@@ -107,14 +107,16 @@ def test_the_ridge_is_as_far_from_two_walls(name: str) -> None:
 def test_the_way_of_a_channel_never_leaves_its_discs(name: str) -> None:
     walls = from_contours(SHAPES[name])
     following = neighbours(walls, np.ones(len(SHAPES[name]), dtype=bool))
-    bound = Bound(RADIUS, 2.4, 0.6, True)
-    axis = ridge(walls, following, enclosed(SHAPES[name]), RADIUS, 0.6, bound.turn)
-    (channel,) = channels(axis, RADIUS, bound, 0.0)
-    assert channel.shares.max() <= 0.6 + 1e-9
+    bound = EngagementLimit(RADIUS, 2.4, 0.6, True)
+    axis = compute_medial_axis(
+        walls, following, enclosed(SHAPES[name]), RADIUS, 0.6, bound.max_turn
+    )
+    (channel,) = plan_channels(axis, RADIUS, bound, 0.0)
+    assert channel.engagements.max() <= 0.6 + 1e-9
     ends = np.vstack([channel.chain.start, channel.chain.end[-1:]])
     assert np.allclose(ends[0], ends[-1])
     assert np.allclose(channel.chain.start[1:], channel.chain.end[:-1])
-    clear = channel.area(0.01)
+    clear = channel.make_polygon(0.01)
     assert clear.contains(shapely.MultiPoint(ends))
     straight = ~channel.chain.is_arc
     lines = shapely.linestrings(
@@ -127,9 +129,11 @@ def laid(name: str) -> Channel:
     """The channel of a shape for passes of 2.4 mm."""
     walls = from_contours(SHAPES[name])
     following = neighbours(walls, np.ones(len(SHAPES[name]), dtype=bool))
-    bound = Bound(RADIUS, 2.4, 0.6, True)
-    axis = ridge(walls, following, enclosed(SHAPES[name]), RADIUS, 0.6, bound.turn)
-    (channel,) = channels(axis, RADIUS, bound, 0.0)
+    bound = EngagementLimit(RADIUS, 2.4, 0.6, True)
+    axis = compute_medial_axis(
+        walls, following, enclosed(SHAPES[name]), RADIUS, 0.6, bound.max_turn
+    )
+    (channel,) = plan_channels(axis, RADIUS, bound, 0.0)
     return channel
 
 
@@ -139,7 +143,7 @@ def test_a_front_runs_through_earlier_discs_on_short_stretches_only(name: str) -
     arcs = channel.chain.take(channel.chain.is_arc)
     middles = np.array([(disc.x, disc.y) for disc in channel.discs])
     discs = shapely.buffer(
-        shapely.points(middles), [disc.room - 1e-3 for disc in channel.discs], quad_segs=256
+        shapely.points(middles), [disc.radius - 1e-3 for disc in channel.discs], quad_segs=256
     )
     fronts = 0
     for row in range(len(arcs)):
@@ -159,14 +163,14 @@ def test_a_front_runs_through_earlier_discs_on_short_stretches_only(name: str) -
 @pytest.mark.parametrize("name", SHAPES)
 def test_a_way_over_a_channel_stays_in_its_discs(name: str) -> None:
     channel = laid(name)
-    ground = channel.area(0.0).buffer(0.01)
+    ground = channel.make_polygon(0.0).buffer(0.01)
     middles = np.array([(disc.x, disc.y) for disc in channel.discs])
-    assert channel.holds(middles).all()
+    assert channel.contains(middles).all()
     far = np.array([channel.discs[0].x, channel.discs[0].y]) + 200.0
-    assert not channel.holds(far[None]).any()
+    assert not channel.contains(far[None]).any()
     for start in middles[:: max(len(middles) // 5, 1)]:
         for end in middles[:: max(len(middles) // 7, 1)]:
-            corners = channel.way(start, end)
+            corners = channel.find_link(start, end)
             assert np.array_equal(corners[0], start)
             assert np.array_equal(corners[-1], end)
             assert ground.covers(shapely.LineString(corners))
@@ -179,14 +183,14 @@ def test_discs_leave_the_pass_along_the_walls_no_more_than_it_may_take(name: str
     border = enclosed(SHAPES[name]).boundary
     middles = shapely.points([(disc.x, disc.y) for disc in channel.discs])
     largest = shapely.distance(middles, border) - RADIUS
-    rooms = np.array([disc.room for disc in channel.discs])
-    bound = Bound(RADIUS, 2.4, 0.6, True)
+    rooms = np.array([disc.radius for disc in channel.discs])
+    bound = EngagementLimit(RADIUS, 2.4, 0.6, True)
     left = largest - rooms
     assert (left >= -0.003).all()
     # Larger ones are not needed; those leave material for further passes.
-    small = rooms < bound.curve - 1e-6
-    assert (left[small] <= bound.step + 0.003).all()
+    small = rooms < bound.min_radius - 1e-6
+    assert (left[small] <= bound.stepover + 0.003).all()
     total = largest[small] + RADIUS
     share = left[small] * (2 * total - left[small]) / (4 * largest[small] * RADIUS)
-    assert (share <= bound.limit + 0.01).all()
+    assert (share <= bound.engagement + 0.01).all()
     assert left[small].max() > 0.5

@@ -1,7 +1,7 @@
-"""Pockets: what closed contours enclose is cleared from the middle outwards, each pass at one distance from the walls.
+"""Plans the paths that clear pockets, from the middle outwards.
 
-Outermost loops are walls, loops in them islands, loops in islands walls again. The passes are exact offsets: arcs stay
-arcs, and the last one runs along the walls.
+Outermost contours are walls, contours inside them islands, contours inside islands walls again. The
+passes are exact offset curves of the walls: arcs stay arcs, and the last pass runs along the walls.
 """
 
 from __future__ import annotations
@@ -44,118 +44,131 @@ from camgen.plan.columns import (
 )
 from camgen.plan.follow import turn_round
 from camgen.plan.open_outlines import check_outlines
-from camgen.plan.pocket.bound import Bound
-from camgen.plan.pocket.channel import Channel, channels
-from camgen.plan.pocket.engagement import engagement
-from camgen.plan.pocket.hops import Speeds, cleared_by, hop, lift
-from camgen.plan.pocket.ridge import ridge
-from camgen.plan.pocket.rings import (
-    CHORD,
-    LEAST_CORNERS,
-    QUARTER,
-    Ground,
-    Peeled,
-    Piece,
-    along_walls,
-    of_pockets,
-    peel,
-    region_of,
+from camgen.plan.pocket.channel import Channel, plan_channels
+from camgen.plan.pocket.engagement import measure_engagement
+from camgen.plan.pocket.engagement_limit import EngagementLimit
+from camgen.plan.pocket.hops import Speeds, add_hops, lift_hops, make_cleared_area
+from camgen.plan.pocket.linking import LinkedPasses, find_outermost, link_passes
+from camgen.plan.pocket.medial_axis import compute_medial_axis
+from camgen.plan.pocket.regions import (
+    CHORD_MM,
+    MIN_CORNERS,
+    QUARTER_CHORDS,
+    OffsetRegion,
+    PocketWalls,
+    RegionForest,
+    compute_regions,
+    compute_wall_passes,
+    make_pocket_polygon,
+    select_pockets,
 )
-from camgen.plan.pocket.walk import Walk, lay, outermost_of
 
-#: Passes that overlap by less than a twentieth of the tool leave ridges on a real machine.
-_MOST_STEP = 0.95
-#: A helix into the material is no wider than this share of the tool's diameter: a wider one leaves a core.
-_HELIX_SHARE = 0.45
-#: What stays of a corner is shown as a place from this share of the tool's disc on.
-_PLACE_SHARE = 0.02
-#: Where no engagement is asked for it may be more than that of a straight pass by so much of the diameter.
-_MORE = 0.15
-#: Less more than that leaves no room for a link from pass to pass.
-_LEAST_MORE = 0.05
-#: From this engagement on a pass is as good as a slot.
-_MUCH = 0.9
-#: A pass takes what is nowhere wider than twice this share of the tool's radius along with its own.
-_THIN_SHARE = 0.05
-#: A bound of this and more is none.
-_MOST_BOUND = 0.995
-#: Samples of the walls lie so far apart where the ridge between them is looked for, as a share of the tool's radius.
-_SPACING = 0.2
-#: Places that are named at most, and in a text.
-_MOST_PLACES, _NAMED = 100, 4
-#: A pass is along a wall if it is no farther from it than the first one by this, mm.
-_AT_WALL = 0.05
-_NOTHING = shapely.Polygon()
-#: A loop of a wall that crosses itself is a slip of the drawing if no wider disc fits in it, mm.
-_SLIP = 0.02
+#: Maximum stepover, as a fraction of the tool diameter. With a larger one, passes leave ridges on a
+#: real machine.
+_MAX_STEPOVER = 0.95
+#: Maximum radius of an entry helix, as a fraction of the tool diameter: a wider one leaves a core.
+_HELIX_FRACTION = 0.45
+#: Minimum area of rest material that is reported as a place, as a fraction of the tool's area.
+_PLACE_FRACTION = 0.02
+#: Engagement above that of a straight pass that is allowed by default, as a fraction of the
+#: diameter.
+_DEFAULT_MARGIN = 0.15
+#: Minimum of this margin: a smaller one leaves no room for a link from pass to pass.
+_MIN_MARGIN = 0.05
+#: Engagement above which a pass is reported as similar to a slot.
+_HIGH_ENGAGEMENT = 0.9
+#: From this engagement on there is no limit.
+_MAX_ENGAGEMENT = 0.995
+#: Half the maximum width of material that a pass takes in addition to its own, as a fraction of the
+#: tool radius.
+_THIN_FRACTION = 0.05
+#: Spacing of samples of the walls for the medial axis, as a fraction of the tool radius.
+_SPACING_FRACTION = 0.2
+#: Maximum number of places in a note.
+_MAX_PLACES = 100
+#: Maximum number of places that are listed in the text of a note.
+_NAMED_PLACES = 4
+#: mm: a pass is along a wall if it is no farther from the wall than the outermost pass by this.
+_AT_WALL_MM = 0.05
+#: mm: a loop that crosses itself is repaired if no wider disc fits into the part that crosses.
+_SLIP_MM = 0.02
+_EMPTY = shapely.Polygon()
 
 
 class _Pockets(Struct, frozen=True, eq=False):
-    """ground: the walls, the material on their left. names, layers, contours: by pocket, those of its outer wall, and
-    the ids of all its walls.
+    """The P pockets of a part.
 
+    walls: their walls and islands.
+    names: id of the outer wall of each pocket.
+    layers: layer of the outer wall of each pocket.
+    contours: ids of all walls of each pocket.
     cleared: polygons that earlier operations clear, for `operation.rest`; empty without it.
     """
 
-    ground: Ground
+    walls: PocketWalls
     names: list[str]
     layers: list[str]
     contours: list[tuple[str, ...]]
-    cleared: Any = _NOTHING
+    cleared: Any = _EMPTY
 
 
 def pocket(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]:
-    """Paths that clear what the contours worked on enclose, and notes on what is not reached.
+    """Plan paths that clear the pockets of a part.
 
-    Raises InputError where nothing is closed, JobError for settings that make no sense.
+    Returns the paths, and notes on contours and material that are not cleared.
+
+    Raises InputError if no contour is closed, JobError if settings contradict each other.
     """
-    _refuse(job)
-    contours = [c for c in part.contours if part.works_on((c.id,))]
-    if not any(c.closed for c in contours):
+    _check_settings(job)
+    contours = [contour for contour in part.contours if part.works_on((contour.id,))]
+    if not any(contour.closed for contour in contours):
         raise InputError(
             part.source,
             "no closed contour to clear",
             remedy="close its outlines, or raise input.join",
         )
-    decided = {contour.id for contour in contours}
+    chosen_ids = {contour.id for contour in contours}
     check_outlines(
-        replace(part, contours=tuple(contours)), decided, "leave it out of what is cleared"
+        replace(part, contours=tuple(contours)), chosen_ids, "leave it out of what is cleared"
     )
-    pockets, notes = _find(contours)
+    pockets, notes = _find_pockets(contours)
     if not pockets.names:
         return (), tuple(notes)
     if job.operation.rest:
-        pockets, done = _keep_rest(pockets, part, job)
-        notes += done
+        pockets, rest_notes = _keep_rest(pockets, part, job)
+        notes += rest_notes
     radius, finish = job.tool.radius, job.operation.finish
-    step = job.operation.stepover * job.tool.diameter
+    stepover = job.operation.stepover * job.tool.diameter
     climb = job.operation.direction != "conventional"
-    rough = peel(pockets.ground, radius + finish, step, radius, climb)
-    walls = along_walls(pockets.ground, radius, climb) if finish else rough
+    rough = compute_regions(pockets.walls, radius + finish, stepover, radius, climb)
+    walls = compute_wall_passes(pockets.walls, radius, climb) if finish else rough
     failed = rough.failed | walls.failed
-    own = [pockets.ground.walls.take(pockets.ground.group == k) for k in range(len(pockets.names))]
-    bound = _bound(job)
-    pieces, opened = _open(_without(rough.pieces, failed), pockets, bound, job)
-    walks = sorted_by_pocket(lay(pieces, own, radius + finish, step, opened, bound))
-    walks = _with_hops(walks, pieces, opened, job)
-    borders = [piece for piece in _without(walls.pieces, failed) if piece.parent < 0]
-    slots = _slots(walls, pockets.ground, job)
-    paths = _paths(walks, borders if finish else [], pieces, pockets, job)
-    paths = (*paths, *_slot_paths(slots, pockets, job))
-    notes += _tell_failed(failed, borders, slots, pockets, job)
-    notes += _tell_passes(walks, pieces, opened, pockets, job)
-    notes += _tell_slots(slots, pockets)
-    return paths, (*notes, *_tell_unreached(borders, slots, pockets, job))
+    limit = _make_limit(job)
+    regions = _leave_out(rough.regions, failed)
+    regions, channels = _plan_channels(regions, pockets, limit, job)
+    pocket_walls = [
+        pockets.walls.segments.take(pockets.walls.pocket == k) for k in range(len(pockets.names))
+    ]
+    linked = link_passes(regions, pocket_walls, radius + finish, stepover, channels, limit)
+    linked = _add_hops_over_channels(_sort_by_pocket(linked), regions, channels, job)
+    borders = [region for region in _leave_out(walls.regions, failed) if region.parent < 0]
+    slots = _find_slots(walls, pockets.walls, job)
+    paths = _make_paths(linked, borders if finish else [], regions, pockets, job)
+    paths = (*paths, *_plan_slots(slots, pockets, job))
+    notes += _note_failed(failed, borders, slots, pockets, job)
+    notes += _note_passes(linked, regions, channels, pockets, job)
+    notes += _note_slots(slots, pockets)
+    return paths, (*notes, *_note_rest_material(borders, slots, pockets, job))
 
 
 def _keep_rest(pockets: _Pockets, part: Part, job: Job) -> tuple[_Pockets, list[Note]]:
     """The areas of the pockets that earlier operations leave, and a note on pockets without any.
 
-    JobError if no operation with a larger tool comes before.
+    Raises JobError if no operation with a larger tool comes before.
     """
     from camgen.plan.pocket.rest import find_rest_of_pockets  # noqa: PLC0415 (only where asked for)
 
-    rest = find_rest_of_pockets(pockets.ground, part, job)
+    rest = find_rest_of_pockets(pockets.walls, part, job)
     names: list[str] = []
     for n, k in enumerate(rest.pocket):
         number = rest.pocket[: n + 1].count(k)
@@ -173,16 +186,16 @@ def _keep_rest(pockets: _Pockets, part: Part, job: Job) -> tuple[_Pockets, list[
         for k in cleared:
             ids += pockets.contours[k]
         notes.append(Note("assumed", what, why, tuple(ids)))
-    return _Pockets(rest.ground, names, layers, contours, rest.cleared), notes
+    return _Pockets(rest.walls, names, layers, contours, rest.cleared), notes
 
 
 class _Slots(Struct, frozen=True, eq=False):
-    """Channels as wide as the tool, and round holes.
+    """Channels as wide as the tool, and round holes as wide as the tool.
 
-    pocket: (S,) the pocket of each channel.
-    chains: its centre line, in the order of the pockets.
-    holes: (H, 2) middles of round holes, mm.
-    hole_pocket: (H,) the pocket that is one.
+    pocket: (S,) pocket of each channel.
+    chains: centre line of each channel, in the order of the pockets.
+    holes: (H, 2) centres of the holes, mm.
+    hole_pocket: (H,) index of the pocket that is each hole.
     """
 
     pocket: list[int]
@@ -191,28 +204,30 @@ class _Slots(Struct, frozen=True, eq=False):
     hole_pocket: list[int]
 
 
-def _slots(walls: Peeled, ground: Ground, job: Job) -> _Slots:
-    """The channels and holes that the last pass along the ``walls`` does not get into."""
-    known = [from_contours([])]
-    for piece in walls.pieces:
-        known += piece.chains if piece.parent < 0 else ()
+def _find_slots(wall_passes: RegionForest, walls: PocketWalls, job: Job) -> _Slots:
+    """Find the channels and holes that the passes along the walls do not enter."""
+    passes = [from_contours([])]
+    for region in wall_passes.regions:
+        if region.parent < 0:
+            passes += region.passes
     lines = centre_lines(
-        concatenate(known),
-        ground.walls,
-        ground.following,
-        ground.group,
+        concatenate(passes),
+        walls.segments,
+        walls.following,
+        walls.pocket,
         job.tool.radius,
         job.tolerance.arc_fit,
     )
     rows = np.searchsorted(lines.segments.owner, np.arange(len(lines.closed)))
-    pocket = ground.group[lines.source[rows]]
+    pocket = walls.pocket[lines.source[rows]]
     order = np.argsort(pocket, kind="stable")
     chains = [lines.segments.take(lines.segments.owner == k) for k in order.tolist()]
-    hole_pocket = ground.group[lines.hole_source].tolist()
+    hole_pocket = walls.pocket[lines.hole_source].tolist()
     return _Slots(pocket[order].tolist(), chains, lines.holes, hole_pocket)
 
 
-def _refuse(job: Job) -> None:
+def _check_settings(job: Job) -> None:
+    """Raises JobError for settings with which a pocket cannot be cleared."""
     operation, tool = job.operation, job.tool
     if tool.kind == "drill":
         raise JobError("job", "a drill does not cut sideways", "tool.kind", "choose a mill")
@@ -223,225 +238,296 @@ def _refuse(job: Job) -> None:
             "process.force",
             "set process.force to 0",
         )
-    if operation.stepover > _MOST_STEP:
+    if operation.stepover > _MAX_STEPOVER:
         what = f"passes {operation.stepover:g} of the diameter apart leave ridges between them"
-        raise JobError("job", what, "operation.stepover", f"{_MOST_STEP:g} at most")
-    if operation.engagement is not None and operation.engagement < operation.stepover + _LEAST_MORE:
-        what = f"passes {operation.stepover:g} of the diameter apart engage more of it than {operation.engagement:g}"
-        remedy = f"{operation.stepover + _LEAST_MORE:g} at least, or a smaller operation.stepover"
+        raise JobError("job", what, "operation.stepover", f"{_MAX_STEPOVER:g} at most")
+    min_engagement = operation.stepover + _MIN_MARGIN
+    if operation.engagement is not None and operation.engagement < min_engagement:
+        what = (
+            f"passes {operation.stepover:g} of the diameter apart engage more of it than "
+            f"{operation.engagement:g}"
+        )
+        remedy = f"{min_engagement:g} at least, or a smaller operation.stepover"
         raise JobError("job", what, "operation.engagement", remedy)
     if operation.finish > tool.radius:
-        what = f"{operation.finish:g} mm is more than the radius of the tool, a last pass would leave some of it"
+        what = (
+            f"{operation.finish:g} mm is more than the radius of the tool, "
+            "a last pass would leave some of it"
+        )
         raise JobError("job", what, "operation.finish", "leave less at the walls")
     if not operation.inside_first:
         what = "pockets are cut from the middle outwards"
         raise JobError("job", what, "operation.inside_first", "leave it out")
 
 
-def _without(pieces: Sequence[Piece], failed: frozenset[int]) -> list[Piece]:
-    """The pieces of the other pockets; a parent is of the same pocket as its child."""
-    return _chosen(pieces, [k for k, piece in enumerate(pieces) if piece.pocket not in failed])
+def _leave_out(regions: Sequence[OffsetRegion], pockets: frozenset[int]) -> list[OffsetRegion]:
+    """The regions outside of some pockets."""
+    kept = [k for k, region in enumerate(regions) if region.pocket not in pockets]
+    return _select_regions(regions, kept)
 
 
-def _chosen(pieces: Sequence[Piece], kept: Sequence[int]) -> list[Piece]:
-    """The pieces ``kept``; the parents of all of them are."""
-    new = {k: n for n, k in enumerate(kept)}
-    return [replace(pieces[k], parent=new.get(pieces[k].parent, -1)) for k in kept]
+def _select_regions(regions: Sequence[OffsetRegion], rows: Sequence[int]) -> list[OffsetRegion]:
+    """The regions of some rows, with their parents renumbered; `rows` has all their parents."""
+    new_index = {k: n for n, k in enumerate(rows)}
+    return [replace(regions[k], parent=new_index.get(regions[k].parent, -1)) for k in rows]
 
 
-def _bound(job: Job) -> Bound | None:
-    """How much of the tool may be engaged; None: as much as there is."""
+def _make_limit(job: Job) -> EngagementLimit | None:
+    """The engagement limit of a job; None if there is no limit."""
     operation, radius = job.operation, job.tool.radius
-    most = (
-        min(1.0, operation.stepover + _MORE)
-        if operation.engagement is None
-        else operation.engagement
-    )
-    if most >= _MOST_BOUND:
+    engagement = operation.engagement
+    if engagement is None:
+        engagement = min(1.0, operation.stepover + _DEFAULT_MARGIN)
+    if engagement >= _MAX_ENGAGEMENT:
         return None
-    return Bound(
-        radius, operation.stepover * job.tool.diameter, most, operation.direction != "conventional"
-    )
+    stepover = operation.stepover * job.tool.diameter
+    return EngagementLimit(radius, stepover, engagement, operation.direction != "conventional")
 
 
-def _open(
-    pieces: list[Piece], pockets: _Pockets, bound: Bound | None, job: Job
-) -> tuple[list[Piece], list[tuple[Channel, ...]]]:
-    """The pieces that are worth a pass after the channels, and the channels in each of the outermost ones."""
-    if bound is None:
-        return pieces, [()] * len(pieces)
-    first = bound.radius + job.operation.finish
-    begun = _HELIX_SHARE * job.tool.diameter if job.operation.entry == "helix" else 0.0
-    found: list[Channel] = []
-    for number in sorted({piece.pocket for piece in pieces}):
-        ground = of_pockets(pockets.ground, frozenset([number]))
-        region, spacing = region_of(pockets.ground, number), _SPACING * bound.radius
-        axis = ridge(ground.walls, ground.following, region, first, spacing, bound.turn)
-        found += channels(axis, first, bound, begun)
-    if not found:
-        return pieces, [()] * len(pieces)
-    roots = [k for k, piece in enumerate(pieces) if piece.parent < 0]
-    begin = shapely.points([(made.discs[0].x, made.discs[0].y) for made in found])
-    here, there = shapely.STRtree([pieces[k].area for k in roots]).query_nearest(
-        begin, all_matches=False
-    )
-    opened: list[list[Channel]] = [[] for _ in pieces]
-    for k, root in zip(here.tolist(), there.tolist(), strict=True):
-        opened[roots[root]].append(found[k])
-    kept = _worth(pieces, opened, bound.radius)
-    return _chosen(pieces, kept), [tuple(opened[k]) for k in kept]
+def _plan_channels(
+    regions: list[OffsetRegion], pockets: _Pockets, limit: EngagementLimit | None, job: Job
+) -> tuple[list[OffsetRegion], list[tuple[Channel, ...]]]:
+    """Plan the channels that are cut before the passes.
 
-
-def _worth(
-    pieces: Sequence[Piece], opened: Sequence[Sequence[Channel]], radius: float
-) -> list[int]:
-    """The pieces in which the channels leave something, or around which others do; radius: of the tool, mm.
-
-    What they leave may be so thin that the pass around takes it along.
+    Returns the regions that still need passes, and the channels of each. Only outermost regions
+    have channels.
     """
-    roots = outermost_of(pieces)
-    clear = {
-        k: shapely.union_all([made.area(radius) for made in own])
-        for k, own in enumerate(opened)
-        if own
-    }
-    kept: set[int] = set()
-    for k in range(len(pieces) - 1, -1, -1):
-        piece = pieces[k]
-        if k not in kept and piece.parent >= 0 and piece.ring and roots[k] in clear:
-            left = piece.area.buffer(radius, quad_segs=QUARTER).difference(clear[roots[k]])
-            around = pieces[piece.parent].area.boundary.buffer(radius - CHORD, quad_segs=QUARTER)
-            if (
-                left.buffer(-_THIN_SHARE * radius).is_empty
-                and left.buffer(-CHORD).difference(around).is_empty
-            ):
+    if limit is None:
+        return regions, [()] * len(regions)
+    min_distance = limit.tool_radius + job.operation.finish
+    spacing = _SPACING_FRACTION * limit.tool_radius
+    has_helix = job.operation.entry == "helix"
+    helix_radius = _HELIX_FRACTION * job.tool.diameter if has_helix else 0.0
+    channels: list[Channel] = []
+    for k in sorted({region.pocket for region in regions}):
+        walls = select_pockets(pockets.walls, frozenset([k]))
+        polygon = make_pocket_polygon(pockets.walls, k)
+        axis = compute_medial_axis(
+            walls.segments, walls.following, polygon, min_distance, spacing, limit.max_turn
+        )
+        channels += plan_channels(axis, min_distance, limit, helix_radius)
+    if not channels:
+        return regions, [()] * len(regions)
+    roots = [k for k, region in enumerate(regions) if region.parent < 0]
+    starts = shapely.points([(channel.discs[0].x, channel.discs[0].y) for channel in channels])
+    tree = shapely.STRtree([regions[k].polygon for k in roots])
+    rows, nearest = tree.query_nearest(starts, all_matches=False)
+    channels_of: list[list[Channel]] = [[] for _ in regions]
+    for row, root in zip(rows.tolist(), nearest.tolist(), strict=True):
+        channels_of[roots[root]].append(channels[row])
+    kept = _find_needed(regions, channels_of, limit.tool_radius)
+    return _select_regions(regions, kept), [tuple(channels_of[k]) for k in kept]
+
+
+def _find_needed(
+    regions: Sequence[OffsetRegion], channels: Sequence[Sequence[Channel]], radius: float
+) -> list[int]:
+    """Indices of the regions that need passes after the channels.
+
+    These are regions in which the channels leave material, with all regions around them. Material
+    so thin that the pass around takes it along does not count.
+
+    radius: tool radius, mm.
+    """
+    roots = find_outermost(regions)
+    cleared: dict[int, Any] = {}
+    for k, region_channels in enumerate(channels):
+        if region_channels:
+            polygons = [channel.make_polygon(radius) for channel in region_channels]
+            cleared[k] = shapely.union_all(polygons)
+    needed: set[int] = set()
+    # Children come after their parents.
+    for k in range(len(regions) - 1, -1, -1):
+        region = regions[k]
+        may_be_done = region.parent >= 0 and region.is_whole and roots[k] in cleared
+        if k not in needed and may_be_done:
+            border = regions[region.parent].polygon.boundary
+            if _is_cleared(region.polygon, border, cleared[roots[k]], radius):
                 continue
-        kept.add(k)
-        if piece.parent >= 0:
-            kept.add(piece.parent)
-    return sorted(kept)
+        needed.add(k)
+        if region.parent >= 0:
+            needed.add(region.parent)
+    return sorted(needed)
 
 
-def _with_hops(
-    walks: Sequence[Walk], pieces: Sequence[Piece], opened: Sequence[Sequence[Channel]], job: Job
-) -> list[Walk]:
-    """The walks with hops over what channels have cleared, where a mill can lift.
+def _is_cleared(polygon: Any, border: Any, cleared: Any, radius: float) -> bool:
+    """Whether the pass around a region takes all material that channels leave in it.
 
-    A ramp leads down along the first stretch of a path, which has to be level.
+    polygon: the region.
+    border: border of the region around it, along which the pass runs.
+    cleared: area that channels clear.
+    radius: tool radius, mm.
+    """
+    left = polygon.buffer(radius, quad_segs=QUARTER_CHORDS).difference(cleared)
+    swept = border.buffer(radius - CHORD_MM, quad_segs=QUARTER_CHORDS)
+    is_thin = left.buffer(-_THIN_FRACTION * radius).is_empty
+    return bool(is_thin and left.buffer(-CHORD_MM).difference(swept).is_empty)
+
+
+def _add_hops_over_channels(
+    linked: Sequence[LinkedPasses],
+    regions: Sequence[OffsetRegion],
+    channels: Sequence[Sequence[Channel]],
+    job: Job,
+) -> list[LinkedPasses]:
+    """The linked passes with hops over the area that channels clear, if the tool can lift.
+
+    A ramp goes down along the first stretch of a path. This stretch has to be level, so paths that
+    are entered on a ramp have no hops.
     """
     process, operation = job.process, job.operation
     if not (process.spindle and operation.depth) or process.stay_down:
-        return list(walks)
-    channels: dict[int, list[Channel]] = {}
-    for piece, inside in zip(pieces, opened, strict=True):
-        channels.setdefault(piece.pocket, []).extend(inside)
+        return list(linked)
+    channels_of: dict[int, list[Channel]] = {}
+    for region, region_channels in zip(regions, channels, strict=True):
+        channels_of.setdefault(region.pocket, []).extend(region_channels)
     cleared = {
-        pocket: cleared_by(loops, job.tool.radius) for pocket, loops in channels.items() if loops
+        pocket: make_cleared_area(pocket_channels, job.tool.radius)
+        for pocket, pocket_channels in channels_of.items()
+        if pocket_channels
     }
+    speeds = _get_speeds(job)
     result = []
-    for walk in walks:
-        levels_only = operation.entry == "ramp" or (operation.entry == "helix" and walk.room <= 0)
-        if walk.pocket in cleared and not levels_only:
-            speeds = _speeds(job)
-            hopping = hop(walk.chain, walk.loops, cleared[walk.pocket], job.tool.radius, speeds)
-            result.append(
-                replace(walk, chain=hopping.chain, travels=hopping.travels, loops=hopping.loops)
+    for passes in linked:
+        lacks_helix = operation.entry == "helix" and passes.entry_radius <= 0
+        if passes.pocket not in cleared or operation.entry == "ramp" or lacks_helix:
+            result.append(passes)
+            continue
+        area, segments = cleared[passes.pocket], passes.channel_segments
+        path = add_hops(passes.chain, segments, area, job.tool.radius, speeds)
+        result.append(
+            replace(
+                passes,
+                chain=path.chain,
+                is_hop=path.is_hop,
+                channel_segments=path.channel_segments,
             )
-        else:
-            result.append(walk)
+        )
     return result
 
 
-def _speeds(job: Job) -> Speeds:
+def _get_speeds(job: Job) -> Speeds:
     return Speeds(job.process.feed, job.process.travel_speed)
 
 
-def sorted_by_pocket(walks: Sequence[Walk]) -> list[Walk]:
-    """Pocket by pocket, each walk before the one that must come after it."""
-    order = sorted(range(len(walks)), key=lambda k: walks[k].pocket)
-    new = {k: n for n, k in enumerate(order)}
-    return [replace(walks[k], before=new.get(walks[k].before, -1)) for k in order]
+def _sort_by_pocket(linked: Sequence[LinkedPasses]) -> list[LinkedPasses]:
+    """The linked passes by pocket, with their successors renumbered."""
+    order = sorted(range(len(linked)), key=lambda k: linked[k].pocket)
+    new_index = {k: n for n, k in enumerate(order)}
+    return [replace(linked[k], successor=new_index.get(linked[k].successor, -1)) for k in order]
 
 
-# What is a wall, what an island, and what is left out.
+# Walls, islands, and contours that are left out.
 
 
-def _find(contours: Sequence[Contour]) -> tuple[_Pockets, list[Note]]:
-    closed = [c for c in contours if c.closed]
+def _find_pockets(contours: Sequence[Contour]) -> tuple[_Pockets, list[Note]]:
+    """The pockets that the contours enclose, and notes on contours that are left out."""
+    closed = [contour for contour in contours if contour.closed]
     nesting = _find_overlaps(closed, nest(from_contours(closed), len(closed)))
     crossings = _find_crossings(closed)
     for k in crossings:
         nesting.crossed[k] = k
-    unfit = [(contours_of(closed, own), how, why) for own, how, why in _unfit(nesting, crossings)]
-    loose = [c for c in contours if not c.closed]
+    unfit: list[tuple[list[Contour], str, str]] = []
+    for is_unfit, problem, why in _find_unfit(nesting, crossings):
+        unfit.append((_select_contours(closed, is_unfit), problem, why))
+    loose = [contour for contour in contours if not contour.closed]
     if loose:
-        unfit.append(
-            (loose, "open", "only what is closed has an inside; raise input.join to close gaps")
+        why = "only what is closed has an inside; raise input.join to close gaps"
+        unfit.append((loose, "open", why))
+    notes = [_note_not_cleared(chosen, problem, why) for chosen, problem, why in unfit if chosen]
+    is_valid = (nesting.crossed < 0) & ~nesting.empty
+    outer = np.flatnonzero(is_valid & (nesting.depth % 2 == 0))
+    unfit_contours: list[Contour] = []
+    for chosen, _, _ in unfit:
+        unfit_contours += chosen
+    unclear = _find_unclear(closed, outer.tolist(), unfit_contours)
+    if unclear:
+        why = (
+            "what they are there for is not clear: as islands they would be cut away; "
+            "mend or leave them out"
         )
-    notes = [_not_cleared(chosen, how, why) for chosen, how, why in unfit if chosen]
-    sound = (nesting.crossed < 0) & ~nesting.empty
-    outer = np.flatnonzero(sound & (nesting.depth % 2 == 0))
-    spoiled = _with_doubt(closed, outer.tolist(), [c for chosen, _, _ in unfit for c in chosen])
-    if spoiled:
-        why = "what they are there for is not clear: as islands they would be cut away; mend or leave them out"
-        names = [closed[k] for k in spoiled]
-        notes.append(
-            _not_cleared(names, "with contours in them that are open or cross others", why)
-        )
-    members = {
-        k: [k, *np.flatnonzero(sound & (nesting.parent == k) & (nesting.depth % 2 == 1)).tolist()]
-        for k in outer.tolist()
-        if k not in spoiled
-    }
-    chosen = [k for own in members.values() for k in own]
-    area = nesting.area[chosen]
-    # The material on the left: walls clockwise, islands the other way round.
-    flip = (area > 0) == (nesting.depth[chosen] % 2 == 0)
-    walls = turn_round(from_contours([closed[k] for k in chosen]), flip)
-    every = np.ones(len(chosen), dtype=bool)
-    following = neighbours(walls, every)
-    slips = find_slips(walls, following, len(chosen)) | _are_crossed(walls, len(chosen))
-    walls, following = uncross(walls, following, slips)
-    group = np.repeat(np.arange(len(members)), [len(own) for own in members.values()])
-    return _Pockets(
-        Ground(walls, following, group[walls.owner], len(members)),
-        [closed[k].id for k in members],
-        [closed[k].layer for k in members],
-        [tuple(closed[k].id for k in own) for own in members.values()],
-    ), notes
+        problem = "with contours in them that are open or cross others"
+        notes.append(_note_not_cleared([closed[k] for k in unclear], problem, why))
+    members: list[list[int]] = []
+    for k in outer.tolist():
+        if k not in unclear:
+            is_island = is_valid & (nesting.parent == k) & (nesting.depth % 2 == 1)
+            members.append([k, *np.flatnonzero(is_island).tolist()])
+    return _make_pockets(closed, nesting, members), notes
+
+
+def _make_pockets(
+    closed: Sequence[Contour], nesting: Nesting, members: Sequence[Sequence[int]]
+) -> _Pockets:
+    """The pockets, with the material on the left of their walls.
+
+    Outer walls run clockwise, islands counter-clockwise.
+
+    closed: closed contours.
+    nesting: depth and signed area of each of them.
+    members: indices of the outer wall and of the islands of each pocket.
+    """
+    chosen: list[int] = []
+    for pocket_members in members:
+        chosen += pocket_members
+    is_reversed = (nesting.area[chosen] > 0) == (nesting.depth[chosen] % 2 == 0)
+    segments = turn_round(from_contours([closed[k] for k in chosen]), is_reversed)
+    following = neighbours(segments, np.ones(len(chosen), dtype=bool))
+    slips = find_slips(segments, following, len(chosen)) | _are_crossed(segments, len(chosen))
+    segments, following = uncross(segments, following, slips)
+    sizes = [len(pocket_members) for pocket_members in members]
+    pocket = np.repeat(np.arange(len(members)), sizes)
+    walls = PocketWalls(segments, following, pocket[segments.owner], len(members))
+    outer = [closed[pocket_members[0]] for pocket_members in members]
+    names = [wall.id for wall in outer]
+    layers = [wall.layer for wall in outer]
+    contours = []
+    for pocket_members in members:
+        contours.append(_list_ids([closed[k] for k in pocket_members]))
+    return _Pockets(walls, names, layers, contours)
+
+
+def _list_ids(contours: Sequence[Contour]) -> tuple[str, ...]:
+    return tuple(contour.id for contour in contours)
 
 
 def _find_overlaps(closed: Sequence[Contour], nesting: Nesting) -> Nesting:
-    """``nesting`` with the loops that cross others by a sliver too: what is between them would be cut away."""
-    points, owner = flatten(from_contours(closed), CHORD)
-    many = np.flatnonzero((np.bincount(owner, minlength=len(closed)) >= 3) & (nesting.crossed < 0))
-    rows = np.isin(owner, many)
-    loops = shapely.polygons(
-        shapely.linearrings(points[rows], indices=np.searchsorted(many, owner[rows]))
-    )
-    edges = shapely.boundary(loops)
-    one, two = shapely.STRtree(edges).query(edges, predicate="intersects")
-    one, two = one[one < two], two[one < two]
-    loops[np.unique([one, two])] = shapely.make_valid(loops[np.unique([one, two])])
-    common = shapely.area(shapely.intersection(loops[one], loops[two]))
-    apart = np.minimum(shapely.area(loops[one]), shapely.area(loops[two])) - common
-    slack = 2 * CHORD * np.minimum(shapely.length(edges[one]), shapely.length(edges[two]))
-    partly = (common > slack) & (apart > slack)
+    """The nesting, with contours marked as crossing that overlap others in a thin sliver.
+
+    Between two such contours material would be cut away.
+    """
+    points, owner = flatten(from_contours(closed), CHORD_MM)
+    has_area = np.bincount(owner, minlength=len(closed)) >= MIN_CORNERS
+    tested = np.flatnonzero(has_area & (nesting.crossed < 0))
+    rows = np.isin(owner, tested)
+    indices = np.searchsorted(tested, owner[rows])
+    polygons = shapely.polygons(shapely.linearrings(points[rows], indices=indices))
+    edges = shapely.boundary(polygons)
+    first, second = shapely.STRtree(edges).query(edges, predicate="intersects")
+    first, second = first[first < second], second[first < second]
+    touching = np.unique([first, second])
+    polygons[touching] = shapely.make_valid(polygons[touching])
+    common = shapely.area(shapely.intersection(polygons[first], polygons[second]))
+    smaller = np.minimum(shapely.area(polygons[first]), shapely.area(polygons[second]))
+    shorter = np.minimum(shapely.length(edges[first]), shapely.length(edges[second]))
+    slack = 2 * CHORD_MM * shorter
+    overlaps = (common > slack) & (smaller - common > slack)
+    first, second = tested[first[overlaps]], tested[second[overlaps]]
     crossed = nesting.crossed.copy()
-    crossed[many[one[partly]]], crossed[many[two[partly]]] = many[two[partly]], many[one[partly]]
+    crossed[first], crossed[second] = second, first
     return replace(nesting, crossed=crossed)
 
 
-def contours_of(closed: Sequence[Contour], chosen: Any) -> list[Contour]:
-    """Those of ``closed`` that are ``chosen``."""
-    return [closed[k] for k in np.flatnonzero(chosen).tolist()]
+def _select_contours(closed: Sequence[Contour], is_chosen: Any) -> list[Contour]:
+    """The contours for which `is_chosen` (C,) is true."""
+    return [closed[k] for k in np.flatnonzero(is_chosen).tolist()]
 
 
 def _are_crossed(loops: Segments, count: int) -> NDArray[np.bool_]:
-    """(count,) which closed loops, ``owner`` of ``loops``, cross themselves."""
-    points, owner = flatten(loops, CHORD)
+    """(count,) whether each closed loop, an owner of `loops`, crosses itself."""
+    points, owner = flatten(loops, CHORD_MM)
     crossed = np.zeros(count, dtype=np.bool_)
-    polygons = np.flatnonzero(np.bincount(owner, minlength=count) >= LEAST_CORNERS)
+    polygons = np.flatnonzero(np.bincount(owner, minlength=count) >= MIN_CORNERS)
     rows = np.isin(owner, polygons)
     rings = shapely.linearrings(points[rows], indices=np.searchsorted(polygons, owner[rows]))
     crossed[polygons] = ~shapely.is_valid(shapely.polygons(rings))
@@ -449,246 +535,310 @@ def _are_crossed(loops: Segments, count: int) -> NDArray[np.bool_]:
 
 
 def _find_crossings(closed: Sequence[Contour]) -> dict[int, tuple[float, float]]:
-    """The contours that cross themselves by more than a slip, and a place of the loop, mm.
+    """The contours that cross themselves in a loop wider than `_SLIP_MM`, with a point of it, mm.
 
-    Within such a loop it is not clear on which side the pocket lies.
+    Inside such a loop it is not clear on which side the pocket lies.
     """
     places: dict[int, tuple[float, float]] = {}
     crossed = _are_crossed(from_contours(closed), len(closed))
     for k in np.flatnonzero(crossed).tolist():
-        points, _ = flatten(from_contours([closed[k]]), CHORD)
+        points, _ = flatten(from_contours([closed[k]]), CHORD_MM)
         parts = shapely.get_parts(shapely.make_valid(shapely.Polygon(points)))
         parts = parts[np.argsort(-shapely.area(parts), kind="stable")]
-        loops = parts[1:][~shapely.is_empty(shapely.buffer(parts[1:], -_SLIP / 2))]
+        loops = parts[1:][~shapely.is_empty(shapely.buffer(parts[1:], -_SLIP_MM / 2))]
         if len(loops):
             places[k] = loops[0].representative_point().coords[0]
     return places
 
 
-def _unfit(
+def _find_unfit(
     nesting: Nesting, crossings: dict[int, tuple[float, float]]
 ) -> list[tuple[Any, str, str]]:
-    own = nesting.crossed == np.arange(len(nesting.crossed))
-    other = (nesting.crossed >= 0) & ~own
+    """Contours that cannot be walls: a mask (C,), the problem, and the reason with a remedy."""
+    crosses_itself = nesting.crossed == np.arange(len(nesting.crossed))
+    crosses_other = (nesting.crossed >= 0) & ~crosses_itself
     why = "no clear inside; draw one outline"
-    at = [f"near {short(x, 2)} {short(y, 2)} mm" for x, y in crossings.values()][:_NAMED]
-    where = f"{why}, see {', '.join(at)}" if at else why
+    points = list(crossings.values())[:_NAMED_PLACES]
+    places = ", ".join(f"near {short(x, 2)} {short(y, 2)} mm" for x, y in points)
+    why_itself = f"{why}, see {places}" if places else why
     return [
-        (own & ~nesting.empty, "crossing themselves", where),
-        (other, "crossing each other", why),
-        (nesting.empty & ~other, "without an inside", why),
+        (crosses_itself & ~nesting.empty, "crossing themselves", why_itself),
+        (crosses_other, "crossing each other", why),
+        (nesting.empty & ~crosses_other, "without an inside", why),
     ]
 
 
-def _with_doubt(
-    closed: Sequence[Contour], outer: Sequence[int], doubtful: Sequence[Contour]
+def _find_unclear(
+    closed: Sequence[Contour], outer: Sequence[int], unfit: Sequence[Contour]
 ) -> list[int]:
-    """Those of the ``outer`` loops in which one of the ``doubtful`` contours lies, or that it meets."""
-    if not doubtful or not outer:
+    """Indices of the outer walls that an unfit contour touches, or inside which it lies.
+
+    closed: closed contours.
+    outer: indices of those that are outer walls.
+    unfit: contours that cannot be walls.
+    """
+    if not unfit or not outer:
         return []
-    points, owner = flatten(from_contours([closed[k] for k in outer]), CHORD)
-    loops = [shapely.make_valid(shapely.Polygon(points[owner == k])) for k in range(len(outer))]
-    ends, of = flatten(from_contours(doubtful), CHORD)
-    last = np.array([c.points[0 if c.closed else -1] for c in doubtful])
-    lines = [shapely.LineString(np.vstack([ends[of == k], last[k]])) for k in range(len(doubtful))]
-    tree = shapely.STRtree(loops)
-    return [outer[k] for k in np.unique(tree.query(lines, predicate="intersects")[1]).tolist()]
+    points, owner = flatten(from_contours([closed[k] for k in outer]), CHORD_MM)
+    rings = [points[owner == k] for k in range(len(outer))]
+    polygons = [shapely.make_valid(shapely.Polygon(ring)) for ring in rings]
+    chords, chord_owner = flatten(from_contours(unfit), CHORD_MM)
+    ends = np.array([contour.points[0 if contour.closed else -1] for contour in unfit])
+    lines = []
+    for k, end in enumerate(ends):
+        lines.append(shapely.LineString(np.vstack([chords[chord_owner == k], end])))
+    touched = shapely.STRtree(polygons).query(lines, predicate="intersects")[1]
+    return [outer[k] for k in np.unique(touched).tolist()]
 
 
-def _not_cleared(contours: Sequence[Contour], how: str, why: str) -> Note:
-    ids = tuple(c.id for c in contours)
-    layers = ", ".join(sorted({c.layer for c in contours}))
-    what = f"{counted(len(ids), 'contour')} not cleared, {how}: {', '.join(name_ranges(list(ids)))} on layer {layers}"
-    return Note("skipped", what, why, ids)
+def _note_not_cleared(contours: Sequence[Contour], problem: str, why: str) -> Note:
+    ids = _list_ids(contours)
+    layers = {contour.layer for contour in contours}
+    return Note("skipped", _format_not_cleared(ids, layers, problem), why, ids)
+
+
+def _format_not_cleared(names: Sequence[str], layers: set[str], problem: str) -> str:
+    count, ranges = counted(len(names), "contour"), ", ".join(name_ranges(list(names)))
+    return f"{count} not cleared, {problem}: {ranges} on layer {', '.join(sorted(layers))}"
 
 
 # Paths.
 
 
-class _Run(Struct, frozen=True, eq=False):
-    """One path to be. room: mm, for the helix of its entry. loops: how many segments at its start are a channel. whole:
-    it runs at the whole depth alone. travels: (N,) which of its segments are hops; empty for none.
+class _PathDraft(Struct, frozen=True, eq=False):
+    """The data of one path.
+
+    label: name, layer, successor and contours.
+    chain: N segments of passes and links.
+    entry_radius: maximum radius of the helix of the entry, mm.
+    channel_segments: number of segments at the start that are a trochoidal channel.
+    full_depth: whether the path runs only once, at the full depth.
+    is_hop: (N,) whether a segment is part of a hop; empty without hops.
     """
 
     label: Label
     chain: Segments
-    room: float = 0.0
-    loops: int = 0
-    whole: bool = False
-    travels: NDArray[np.bool_] = np.zeros(0, dtype=np.bool_)
+    entry_radius: float = 0.0
+    channel_segments: int = 0
+    full_depth: bool = False
+    is_hop: NDArray[np.bool_] = np.zeros(0, dtype=np.bool_)
 
 
-def _paths(
-    walks: Sequence[Walk],
-    borders: Sequence[Piece],
-    pieces: Sequence[Piece],
+def _make_paths(
+    linked: Sequence[LinkedPasses],
+    borders: Sequence[OffsetRegion],
+    regions: Sequence[OffsetRegion],
     pockets: _Pockets,
     job: Job,
 ) -> tuple[ToolPath, ...]:
-    """The walks, then the finishing passes of each pocket, by pocket."""
-    reached = _reached_by_roughing(borders, pieces, job)
-    runs: list[_Run] = []
-    for number in range(len(pockets.names)):
-        last = [
-            (chain, full)
-            for piece, full in zip(borders, reached, strict=True)
-            for chain in piece.chains
-            if piece.pocket == number
-        ]
-        runs += _rough_runs(number, walks, len(runs), bool(last), pockets, job)
-        runs += _last_runs(number, last, len(runs), pockets)
-    if not runs:
+    """The paths by pocket: first the linked passes, then the finishing passes.
+
+    borders: outermost regions of the finishing passes; empty without finishing passes.
+    regions: offset regions of the linked passes.
+    """
+    can_finish = _can_finish_at_depth(borders, regions, job)
+    drafts: list[_PathDraft] = []
+    for pocket_index in range(len(pockets.names)):
+        finishing: list[tuple[Segments, bool]] = []
+        for border, full_depth in zip(borders, can_finish, strict=True):
+            if border.pocket == pocket_index:
+                finishing += [(chain, full_depth) for chain in border.passes]
+        is_finished = bool(finishing)
+        drafts += _draft_linked(pocket_index, linked, len(drafts), is_finished, pockets, job)
+        drafts += _draft_finishing(pocket_index, finishing, len(drafts), pockets)
+    if not drafts:
         return ()
-    table = concatenate([run.chain for run in runs])
-    table = replace(table, owner=np.repeat(np.arange(len(runs)), [len(run.chain) for run in runs]))
+    segments = concatenate([draft.chain for draft in drafts])
+    sizes = [len(draft.chain) for draft in drafts]
+    segments = replace(segments, owner=np.repeat(np.arange(len(drafts)), sizes))
     depths = pass_depths(job.operation.depth, job.operation.passes)
-    feeds = _feeds(table, runs, pockets.ground.walls, job)
-    work = SegmentWork(sideways(table, 0), np.zeros(len(table)), feeds)
-    paths = tool_paths(table, [run.label for run in runs], work, depths, "pocket")
+    feeds = _compute_feeds(segments, drafts, pockets.walls.segments, job)
+    work = SegmentWork(sideways(segments, 0), np.zeros(len(segments)), feeds)
+    paths = tool_paths(segments, [draft.label for draft in drafts], work, depths, "pocket")
     planned = []
-    for path, run in zip(paths, runs, strict=True):
-        levels = depths[-1:] if run.whole else depths
-        whole = replace(path, entry_radius=run.room, depths=levels)
-        planned.append(lift(whole, np.append(False, run.travels), _speeds(job)))
+    for path, draft in zip(paths, drafts, strict=True):
+        path_depths = depths[-1:] if draft.full_depth else depths
+        at_depths = replace(path, entry_radius=draft.entry_radius, depths=path_depths)
+        planned.append(lift_hops(at_depths, np.append(False, draft.is_hop), _get_speeds(job)))
     return tuple(planned)
 
 
-def _rough_runs(
-    number: int, walks: Sequence[Walk], base: int, followed: bool, pockets: _Pockets, job: Job
-) -> list[_Run]:
-    """The walks of a pocket, the first of them path ``base``; followed: by a last pass."""
-    own = [k for k, walk in enumerate(walks) if walk.pocket == number]
-    runs = []
-    for n, k in enumerate(own, 1):
-        walk = walks[k]
-        after = base + len(own) if followed else -1
-        before = base + own.index(walk.before) if walk.before >= 0 else after
-        name = f"{pockets.names[number]}.{n}" if len(own) > 1 else pockets.names[number]
-        label = Label(name, pockets.layers[number], False, False, before, pockets.contours[number])
-        room = max(0.0, min(walk.room, _HELIX_SHARE * job.tool.diameter))
-        runs.append(_Run(label, walk.chain, room, walk.loops, travels=walk.travels))
-    return runs
+def _draft_linked(
+    pocket_index: int,
+    linked: Sequence[LinkedPasses],
+    first: int,
+    is_finished: bool,
+    pockets: _Pockets,
+    job: Job,
+) -> list[_PathDraft]:
+    """The drafts of the linked passes of a pocket.
+
+    first: index of their first path.
+    is_finished: whether finishing passes of the pocket follow.
+    """
+    rows = [k for k, passes in enumerate(linked) if passes.pocket == pocket_index]
+    max_radius = _HELIX_FRACTION * job.tool.diameter
+    layer, contours = pockets.layers[pocket_index], pockets.contours[pocket_index]
+    drafts = []
+    for number, k in enumerate(rows, 1):
+        passes = linked[k]
+        successor = first + len(rows) if is_finished else -1
+        if passes.successor >= 0:
+            successor = first + rows.index(passes.successor)
+        name = pockets.names[pocket_index]
+        if len(rows) > 1:
+            name += f".{number}"
+        label = Label(name, layer, False, False, successor, contours)
+        drafts.append(
+            _PathDraft(
+                label,
+                passes.chain,
+                max(0.0, min(passes.entry_radius, max_radius)),
+                passes.channel_segments,
+                is_hop=passes.is_hop,
+            )
+        )
+    return drafts
 
 
-def _last_runs(
-    number: int, last: Sequence[tuple[Segments, bool]], base: int, pockets: _Pockets
-) -> list[_Run]:
-    """The last passes of a pocket one after the other, the first of them path ``base``."""
-    runs = []
-    for n, (chain, whole) in enumerate(last, 1):
-        name = f"{pockets.names[number]}.finish" + (f".{n}" if len(last) > 1 else "")
-        before = base + n if n < len(last) else -1
-        label = Label(name, pockets.layers[number], True, False, before, pockets.contours[number])
-        runs.append(_Run(label, chain, whole=whole))
-    return runs
+def _draft_finishing(
+    pocket_index: int, finishing: Sequence[tuple[Segments, bool]], first: int, pockets: _Pockets
+) -> list[_PathDraft]:
+    """The drafts of the finishing passes of a pocket, each the successor of the one before.
+
+    finishing: each pass, and whether it runs only at the full depth.
+    first: index of their first path.
+    """
+    layer, contours = pockets.layers[pocket_index], pockets.contours[pocket_index]
+    drafts = []
+    for number, (chain, full_depth) in enumerate(finishing, 1):
+        name = f"{pockets.names[pocket_index]}.finish"
+        if len(finishing) > 1:
+            name += f".{number}"
+        successor = first + number if number < len(finishing) else -1
+        label = Label(name, layer, True, False, successor, contours)
+        drafts.append(_PathDraft(label, chain, full_depth=full_depth))
+    return drafts
 
 
-def _slot_paths(slots: _Slots, pockets: _Pockets, job: Job) -> list[ToolPath]:
-    """A path along each channel as wide as the tool, and one straight down into each hole."""
+def _plan_slots(slots: _Slots, pockets: _Pockets, job: Job) -> list[ToolPath]:
+    """A path along each channel as wide as the tool, and a plunge into each hole.
+
+    There are no plunges without `tool.center_cutting`.
+    """
     depths = pass_depths(job.operation.depth, job.operation.passes)
     labels: list[Label] = []
-    for k, number in enumerate(slots.pocket):
-        name = f"{pockets.names[number]}.slot"
-        name += f".{slots.pocket[: k + 1].count(number)}" if slots.pocket.count(number) > 1 else ""
+    for k, pocket_index in enumerate(slots.pocket):
+        name = f"{pockets.names[pocket_index]}.slot"
+        if slots.pocket.count(pocket_index) > 1:
+            name += f".{slots.pocket[: k + 1].count(pocket_index)}"
         chain = slots.chains[k]
-        ring = bool((chain.start[0] == chain.end[-1]).all())
-        either = job.operation.direction == "any" and not ring
-        layer, names = pockets.layers[number], pockets.contours[number]
-        labels.append(Label(name, layer, ring, either, -1, names))
+        is_closed = bool((chain.start[0] == chain.end[-1]).all())
+        is_reversible = job.operation.direction == "any" and not is_closed
+        layer, contours = pockets.layers[pocket_index], pockets.contours[pocket_index]
+        labels.append(Label(name, layer, is_closed, is_reversible, -1, contours))
     paths: list[ToolPath] = []
     if labels:
-        table = concatenate(slots.chains)
+        segments = concatenate(slots.chains)
         sizes = [len(chain) for chain in slots.chains]
-        table = replace(table, owner=np.repeat(np.arange(len(sizes)), sizes))
-        none = np.zeros(len(table))
-        work = SegmentWork(sideways(table, 0), none, none + job.process.feed)
-        paths += tool_paths(table, labels, work, depths, "pocket")
+        segments = replace(segments, owner=np.repeat(np.arange(len(sizes)), sizes))
+        zeros = np.zeros(len(segments))
+        work = SegmentWork(sideways(segments, 0), zeros, zeros + job.process.feed)
+        paths += tool_paths(segments, labels, work, depths, "pocket")
     if job.tool.center_cutting:
-        for (x, y), number in zip(slots.holes.tolist(), slots.hole_pocket, strict=True):
-            name, layer = pockets.names[number], pockets.layers[number]
-            paths.append(plunge_path(name, layer, (x, y), job, "pocket", pockets.contours[number]))
+        for (x, y), pocket_index in zip(slots.holes.tolist(), slots.hole_pocket, strict=True):
+            name, layer = pockets.names[pocket_index], pockets.layers[pocket_index]
+            contours = pockets.contours[pocket_index]
+            paths.append(plunge_path(name, layer, (x, y), job, "pocket", contours))
     return paths
 
 
-def _feeds(table: Segments, runs: Sequence[_Run], walls: Segments, job: Job) -> FloatArray:
-    """(N,) mm/s: on inner curves along the walls the feed is that of the edge at the wall.
+def _compute_feeds(
+    segments: Segments, drafts: Sequence[_PathDraft], walls: Segments, job: Job
+) -> FloatArray:
+    """Feed (N,) of the tool centre on each segment, mm/s.
 
-    The centre runs on a smaller circle. Other curves leave no wall. Where engagement is bounded,
-    they take no more than it allows, and run at the full feed.
+    On an inner curve along a wall the tool centre runs on a smaller circle than the cutting edge.
+    So its feed is lowered until the edge has the feed of the job there. Other curves form no wall.
+    With an engagement limit, the tool takes no more on them than on straight passes, so they have
+    the full feed.
     """
-    wall = 1 if job.operation.direction == "conventional" else -1
-    loops = np.concatenate([np.arange(len(run.chain)) < run.loops for run in runs])
-    inner = table.is_arc & (np.sign(table.bulge) == -wall) & ~loops
-    if _bound(job) is not None:
-        rows = np.flatnonzero(inner)
-        middles = points_at(table.take(rows), np.full(len(rows), 0.5))
-        reach = job.tool.radius + job.operation.finish + _AT_WALL
-        inner[rows] = np.isfinite(nearest_distances(middles, walls, reach))
-    share = 1 / (1 + job.tool.radius / table.radius)
-    return np.asarray(job.process.feed * np.maximum(np.where(inner, share, 1.0), SLOWEST))
+    wall_side = 1 if job.operation.direction == "conventional" else -1
+    is_channel = [np.arange(len(draft.chain)) < draft.channel_segments for draft in drafts]
+    is_inner = segments.is_arc & (np.sign(segments.bulge) == -wall_side)
+    is_inner &= ~np.concatenate(is_channel)
+    if _make_limit(job) is not None:
+        rows = np.flatnonzero(is_inner)
+        middles = points_at(segments.take(rows), np.full(len(rows), 0.5))
+        wall_distance = job.tool.radius + job.operation.finish + _AT_WALL_MM
+        is_inner[rows] = np.isfinite(nearest_distances(middles, walls, wall_distance))
+    fraction = 1 / (1 + job.tool.radius / segments.radius)
+    return np.asarray(job.process.feed * np.maximum(np.where(is_inner, fraction, 1.0), SLOWEST))
 
 
-def _reached_by_roughing(borders: Sequence[Piece], pieces: Sequence[Piece], job: Job) -> list[bool]:
-    """Whether along the walls of each piece no more is left for the last pass than it may take at the whole depth.
+def _can_finish_at_depth(
+    borders: Sequence[OffsetRegion], regions: Sequence[OffsetRegion], job: Job
+) -> list[bool]:
+    """Whether the finishing pass of each border can run at the full depth at once.
 
-    In places too narrow for the passes before, it would cut a slot.
+    It cannot in places too narrow for the passes before it: there it would cut a slot.
     """
-    most = max(job.operation.finish, job.operation.stepover * job.tool.diameter)
+    max_width = max(job.operation.finish, job.operation.stepover * job.tool.diameter)
     result = []
     for border in borders:
         inside = [
-            piece.area for piece in pieces if piece.parent < 0 and piece.pocket == border.pocket
+            region.polygon
+            for region in regions
+            if region.parent < 0 and region.pocket == border.pocket
         ]
-        rough = shapely.union_all(inside) if inside else shapely.Polygon()
-        far = (
-            border.area
-            if rough.is_empty
-            else border.area.difference(rough.buffer(most + CHORD, quad_segs=QUARTER))
-        )
-        result.append(bool(far.is_empty))
+        rough = shapely.union_all(inside)
+        reached = rough.buffer(max_width + CHORD_MM, quad_segs=QUARTER_CHORDS)
+        result.append(bool(border.polygon.difference(reached).is_empty))
     return result
 
 
-# What is said of them.
+# Notes.
 
 
-def _tell_failed(
+def _note_failed(
     failed: frozenset[int],
-    borders: Sequence[Piece],
+    borders: Sequence[OffsetRegion],
     slots: _Slots,
     pockets: _Pockets,
     job: Job,
 ) -> list[Note]:
     """Notes on pockets without a path."""
-    reached = {piece.pocket for piece in borders} | set(slots.pocket)
-    round_ = [k for k in slots.hole_pocket if not job.tool.center_cutting]
-    reached |= set(slots.hole_pocket) - set(round_)
-    narrow = [k for k in range(len(pockets.names)) if k not in {*reached, *failed, *round_}]
-    tool = "nothing is narrow"
+    round_pockets = [] if job.tool.center_cutting else list(slots.hole_pocket)
+    has_path = {border.pocket for border in borders} | set(slots.pocket)
+    has_path |= set(slots.hole_pocket) - set(round_pockets)
+    explained = {*has_path, *failed, *round_pockets}
+    narrow = [k for k in range(len(pockets.names)) if k not in explained]
+    why_narrow = "nothing is narrow"
     if narrow:
-        regions = [region_of(pockets.ground, k) for k in narrow]
-        tool = does_not_fit(regions, job.tool.diameter)
-    report = (
+        regions = [make_pocket_polygon(pockets.walls, k) for k in narrow]
+        why_narrow = does_not_fit(regions, job.tool.diameter)
+    why_failed = (
         "the border of the tool's way does not close there, as where edges lie on one line: "
         "draw one outline, or take another tool"
     )
-    result = []
-    for chosen, how, why in (
-        (narrow, "too narrow", tool),
-        (round_, "round and as wide as the tool", NO_HELIX),
-        (sorted(failed), "check failed", report),
+    notes = []
+    for chosen, problem, why in (
+        (narrow, "too narrow", why_narrow),
+        (round_pockets, "round and as wide as the tool", NO_HELIX),
+        (sorted(failed), "check failed", why_failed),
     ):
         if chosen:
-            ids = [pockets.names[k] for k in chosen]
-            layers = ", ".join(sorted({pockets.layers[k] for k in chosen}))
-            what = f"{counted(len(ids), 'contour')} not cleared, {how}: {', '.join(name_ranges(ids))} on layer {layers}"
-            every = tuple(name for k in chosen for name in pockets.contours[k])
-            result.append(Note("skipped", what, why, every))
-    return result
+            layers = {pockets.layers[k] for k in chosen}
+            what = _format_not_cleared([pockets.names[k] for k in chosen], layers, problem)
+            ids: list[str] = []
+            for k in chosen:
+                ids += pockets.contours[k]
+            notes.append(Note("skipped", what, why, tuple(ids)))
+    return notes
 
 
-def _tell_slots(slots: _Slots, pockets: _Pockets) -> list[Note]:
-    """Which channels are as wide as the tool, so that nothing bounds the engagement there."""
+def _note_slots(slots: _Slots, pockets: _Pockets) -> list[Note]:
+    """A note on channels as wide as the tool, in which engagement is not limited."""
     if not slots.chains:
         return []
     names = ", ".join(name_ranges([pockets.names[k] for k in dict.fromkeys(slots.pocket)]))
@@ -697,90 +847,111 @@ def _tell_slots(slots: _Slots, pockets: _Pockets) -> list[Note]:
     return [Note("assumed", what, "along the middle, with all of its width in the material")]
 
 
-def _tell_passes(
-    walks: Sequence[Walk],
-    pieces: Sequence[Piece],
-    opened: Sequence[Sequence[Channel]],
+def _note_passes(
+    linked: Sequence[LinkedPasses],
+    regions: Sequence[OffsetRegion],
+    channels: Sequence[Sequence[Channel]],
     pockets: _Pockets,
     job: Job,
 ) -> list[Note]:
-    """How many passes there are, how far apart, and how much of the tool is in the material."""
-    if not walks:
+    """A note on the number of passes, the stepover and the engagement."""
+    if not linked:
         return []
-    step, radius = job.operation.stepover * job.tool.diameter, job.tool.radius
-    share, way = engagement(pieces, opened, radius, step, job.operation.direction != "conventional")
-    made = [channel for own in opened for channel in own]
-    noun = "area" if job.operation.rest else "pocket"
-    which = (
-        pockets.names[0]
-        if len(pockets.names) == 1
-        else counted(len({w.pocket for w in walks}), noun)
-    )
-    passes = sum(walk.rings for walk in walks)
-    what = f"{which}: {counted(passes, 'pass', 'passes')} in {counted(len(walks), 'path')}, {short(step, 3)} mm apart"
-    if made:
-        loops = sum(len(channel.discs) for channel in made)
-        metres = sum(float(channel.chain.length.sum()) for channel in made) / 1000
-        what += f", {counted(loops, 'loop')} of {short(metres, 2)} m before them (none with operation.engagement = 1)"
-    if len(share):
-        order = np.argsort(share)
-        half = share[order[np.searchsorted(np.cumsum(way[order]), way.sum() / 2)]]
-        much = 100 * way[share > _MUCH].sum() / way.sum()
-        what += f", engagement {_percent(half)} % of the diameter or less on half of the way, {_percent(share.max())} %"
-        what += f" at most, over {100 * _MUCH:.0f} % on {short(much, 1)} % of it"
-    parents, roots = {piece.parent for piece in pieces}, outermost_of(pieces)
-    first = sum(
-        k not in parents and piece.ring and not opened[roots[k]] for k, piece in enumerate(pieces)
-    )
-    slots = f"the first pass in the middle of {counted(first, 'place')}, which is a slot"
-    why = (
-        f"not counted: {slots}" if first else "not counted: the first turns where the tool goes in"
-    )
-    steep = sum(walk.steep for walk in walks)
-    if made and steep:
-        why += f", and {counted(steep, 'link')} for which there was no room to lean"
+    stepover, radius = job.operation.stepover * job.tool.diameter, job.tool.radius
+    climb = job.operation.direction != "conventional"
+    engagement, length = measure_engagement(regions, channels, radius, stepover, climb)
+    all_channels: list[Channel] = []
+    for region_channels in channels:
+        all_channels += region_channels
+    subject = pockets.names[0]
+    if len(pockets.names) > 1:
+        noun = "area" if job.operation.rest else "pocket"
+        subject = counted(len({passes.pocket for passes in linked}), noun)
+    pass_count = counted(sum(passes.pass_count for passes in linked), "pass", "passes")
+    path_count = counted(len(linked), "path")
+    what = f"{subject}: {pass_count} in {path_count}, {short(stepover, 3)} mm apart"
+    if all_channels:
+        loop_count = counted(sum(len(channel.discs) for channel in all_channels), "loop")
+        metres = sum(float(channel.chain.length.sum()) for channel in all_channels) / 1000
+        what += f", {loop_count} of {short(metres, 2)} m before them"
+        what += " (none with operation.engagement = 1)"
+    if len(engagement):
+        what += f", {_format_engagement(engagement, length)}"
+    entered = _count_slot_entries(regions, channels)
+    why = "not counted: the first turns where the tool goes in"
+    if entered:
+        places = counted(entered, "place")
+        why = f"not counted: the first pass in the middle of {places}, which is a slot"
+    steep_links = sum(passes.steep_links for passes in linked)
+    if all_channels and steep_links:
+        why += f", and {counted(steep_links, 'link')} for which there was no room to lean"
     return [Note("assumed", what, why)]
 
 
-def _percent(share: float) -> str:
-    """A share in whole percent, rounded up."""
-    return f"{max(np.ceil(100 * share - 1e-6), 0.0):.0f}"
+def _format_engagement(engagement: FloatArray, length: FloatArray) -> str:
+    """Median, maximum and fraction of high values of engagements (M,), weighted by length (M,)."""
+    order = np.argsort(engagement)
+    middle = np.searchsorted(np.cumsum(length[order]), length.sum() / 2)
+    median = _percent(engagement[order[middle]])
+    high_percent = 100 * length[engagement > _HIGH_ENGAGEMENT].sum() / length.sum()
+    return (
+        f"engagement {median} % of the diameter or less on half of the way, "
+        f"{_percent(engagement.max())} % at most, "
+        f"over {100 * _HIGH_ENGAGEMENT:.0f} % on {short(high_percent, 1)} % of it"
+    )
 
 
-def _tell_unreached(
-    borders: Sequence[Piece], slots: _Slots, pockets: _Pockets, job: Job
+def _count_slot_entries(
+    regions: Sequence[OffsetRegion], channels: Sequence[Sequence[Channel]]
+) -> int:
+    """Number of innermost regions without a channel: their first pass is a slot."""
+    parents = {region.parent for region in regions}
+    roots = find_outermost(regions)
+    count = 0
+    for k, region in enumerate(regions):
+        count += k not in parents and region.is_whole and not channels[roots[k]]
+    return count
+
+
+def _percent(fraction: float) -> str:
+    """A fraction in whole percent, rounded up."""
+    return f"{max(np.ceil(100 * fraction - 1e-6), 0.0):.0f}"
+
+
+def _note_rest_material(
+    borders: Sequence[OffsetRegion], slots: _Slots, pockets: _Pockets, job: Job
 ) -> list[Note]:
-    """What the tool leaves of the pockets that it clears: corners and narrow places."""
+    """A note on rest material in the pockets that have paths: in corners and narrow places."""
     radius = job.tool.radius
-    total, whole = 0.0, 0.0
+    rest_area, whole_area = 0.0, 0.0
     places: list[tuple[float, float, float]] = []
     ids: list[str] = []
-    for number in sorted({piece.pocket for piece in borders} | set(slots.pocket)):
-        region = region_of(pockets.ground, number).difference(pockets.cleared)
-        chains = [slots.chains[k] for k, pocket in enumerate(slots.pocket) if pocket == number]
-        centres = [_line(chain) for chain in chains]
-        centres += [piece.area for piece in borders if piece.pocket == number]
-        left = region.difference(shapely.union_all(centres).buffer(radius, quad_segs=QUARTER))
-        whole += region.area
-        # What is as thin as the chords of the flattened curves is none.
-        parts = [p for p in shapely.get_parts(left) if not p.buffer(-2 * CHORD).is_empty]
-        total += sum(p.area for p in parts)
-        large = [p for p in parts if p.area >= _PLACE_SHARE * np.pi * radius**2]
-        places += [(p.area, *p.representative_point().coords[0]) for p in large]
-        ids += pockets.contours[number] if large else []
-    if total <= max(1e-4 * whole, 0.05 * radius**2):
+    for pocket_index in sorted({border.pocket for border in borders} | set(slots.pocket)):
+        polygon = make_pocket_polygon(pockets.walls, pocket_index).difference(pockets.cleared)
+        slot_rows = [k for k, pocket in enumerate(slots.pocket) if pocket == pocket_index]
+        centres = [_make_line(slots.chains[k]) for k in slot_rows]
+        centres += [border.polygon for border in borders if border.pocket == pocket_index]
+        swept = shapely.union_all(centres).buffer(radius, quad_segs=QUARTER_CHORDS)
+        whole_area += polygon.area
+        # Strips as thin as the deviation of chords do not count.
+        parts = shapely.get_parts(polygon.difference(swept))
+        parts = [part for part in parts if not part.buffer(-2 * CHORD_MM).is_empty]
+        rest_area += sum(part.area for part in parts)
+        large = [part for part in parts if part.area >= _PLACE_FRACTION * np.pi * radius**2]
+        places += [(part.area, *part.representative_point().coords[0]) for part in large]
+        ids += pockets.contours[pocket_index] if large else []
+    if rest_area <= max(1e-4 * whole_area, 0.05 * radius**2):
         return []
     places.sort(reverse=True)
-    what = f"{short(total, 2)} mm2 of {short(whole, 2)} mm2 not cleared"
+    what = f"{short(rest_area, 2)} mm2 of {short(whole_area, 2)} mm2 not cleared"
     if places:
         what += f", {counted(len(places), 'place')} of {short(places[0][0], 2)} mm2 or less"
     why = f"inner corners and narrow places that a {job.tool.diameter:g} mm tool does not reach"
-    return [
-        Note("warning", what, why, tuple(ids), tuple((x, y) for _, x, y in places[:_MOST_PLACES]))
-    ]
+    points = tuple((x, y) for _, x, y in places[:_MAX_PLACES])
+    return [Note("warning", what, why, tuple(ids), points)]
 
 
-def _line(chain: Segments) -> Any:
-    """A chain as a line of chords."""
-    points, _ = flatten(chain, CHORD)
+def _make_line(chain: Segments) -> Any:
+    """A chain as a shapely line of chords."""
+    points, _ = flatten(chain, CHORD_MM)
     return shapely.LineString(np.vstack([points, chain.end[-1:]]))

@@ -1,4 +1,8 @@
-"""Chains of segments as one runs along them: places by the length from the start, pieces, another start."""
+"""Chains of segments, measured by the length from their start.
+
+A chain is a `Segments` table in the direction of travel. Each segment starts where the one before
+it ends. A closed chain ends at its start point.
+"""
 
 from __future__ import annotations
 
@@ -16,38 +20,52 @@ from camgen.geometry.segments import (
 )
 from camgen.model.pose import FloatArray
 
-#: A cut nearer than this, mm, to the end of a segment is made there: no controller prints a shorter piece.
-_LEAST = 1e-4
+#: mm: a cut nearer than this to the end of a segment is moved to that end, because no controller
+#: prints a shorter segment. Points nearer than this to each other are equal.
+_SHORTEST_MM = 1e-4
 
 
-def places(chain: Segments, spacing: float) -> tuple[FloatArray, FloatArray]:
-    """Lengths (M,) from the start of ``chain``, at most ``spacing`` mm apart, its ends among them; points (M, 2)."""
+def sample_chain(chain: Segments, spacing: float) -> tuple[FloatArray, FloatArray]:
+    """Sample a chain evenly, both ends included.
+
+    spacing: maximum distance between samples along the chain, mm.
+
+    Returns the lengths (M,) of the samples from the start, mm, and the sampled points (M, 2).
+    """
     total = float(chain.length.sum())
-    at = np.linspace(0.0, total, max(int(np.ceil(total / spacing)), 1) + 1)
-    return at, locate(chain, at)
+    lengths = np.linspace(0.0, total, max(int(np.ceil(total / spacing)), 1) + 1)
+    return lengths, locate(chain, lengths)
 
 
-def locate(chain: Segments, at: FloatArray) -> FloatArray:
-    """(M, 2) the points at the lengths ``at`` (M,) mm from the start."""
-    row, fraction = _find(chain, at)
+def locate(chain: Segments, lengths: FloatArray) -> FloatArray:
+    """The points (M, 2) of a chain at the given `lengths` (M,) from its start, mm."""
+    row, fraction = _find(chain, lengths)
     return points_at(chain.take(row), fraction)
 
 
-def tangents_along(chain: Segments, at: FloatArray) -> FloatArray:
-    """(M, 2) unit directions of travel at the lengths ``at`` (M,) mm from the start of a closed chain."""
-    row, fraction = _find(chain, at % float(chain.length.sum()))
+def tangents_along(chain: Segments, lengths: FloatArray) -> FloatArray:
+    """Unit directions of travel (M, 2) of a closed chain at `lengths` (M,) from its start, mm.
+
+    A length beyond the end continues at the start.
+    """
+    row, fraction = _find(chain, lengths % float(chain.length.sum()))
     return tangents_at(chain.take(row), fraction)
 
 
-def _find(chain: Segments, at: FloatArray) -> tuple[IntArray, FloatArray]:
-    length = chain.length
-    ends = np.cumsum(length)
-    row = np.minimum(np.searchsorted(ends, at, side="right"), len(chain) - 1)
-    return row, np.clip((at - (ends[row] - length[row])) / np.maximum(length[row], 1e-12), 0.0, 1.0)
+def _find(chain: Segments, lengths: FloatArray) -> tuple[IntArray, FloatArray]:
+    """The segment (M,) at each length, and the fraction (M,) of that segment before it, 0 to 1."""
+    sizes = chain.length
+    ends = np.cumsum(sizes)
+    row = np.minimum(np.searchsorted(ends, lengths, side="right"), len(chain) - 1)
+    fraction = (lengths - (ends[row] - sizes[row])) / np.maximum(sizes[row], 1e-12)
+    return row, np.clip(fraction, 0.0, 1.0)
 
 
-def nearest(chain: Segments, point: FloatArray) -> tuple[float, float]:
-    """How far (mm) along ``chain`` it is nearest to ``point`` (2,), and its distance there."""
+def find_nearest(chain: Segments, point: FloatArray) -> tuple[float, float]:
+    """The point of a chain that is nearest to `point` (2,).
+
+    Returns its length from the start of the chain and its distance from `point`, both in mm.
+    """
     fraction = np.clip(fractions(chain, np.tile(point, (len(chain), 1))), 0.0, 1.0)
     gap = np.hypot(*(points_at(chain, fraction) - point).T)
     row = int(np.argmin(gap))
@@ -56,41 +74,42 @@ def nearest(chain: Segments, point: FloatArray) -> tuple[float, float]:
 
 
 def cut_out(chain: Segments, low: float, high: float) -> Segments:
-    """The stretch from ``low`` to ``high`` mm; of a closed chain it may pass the start."""
+    """The section of a chain from `low` to `high`, mm from its start.
+
+    On a closed chain `high` may exceed the total length: the section then continues over the start.
+    """
     total = float(chain.length.sum())
     if high > total:
-        return (
-            join([cut_out(chain, low, total), cut_out(chain, 0.0, high - total)])
-            if low < total
-            else (cut_out(chain, low - total, high - total))
-        )
+        if low >= total:
+            return cut_out(chain, low - total, high - total)
+        return join_chains([cut_out(chain, low, total), cut_out(chain, 0.0, high - total)])
     length = chain.length
     ends = np.cumsum(length)
     begin = ends - length
     first, last = np.maximum(low - begin, 0.0), np.minimum(high - begin, length)
-    first, last = (
-        np.where(first < _LEAST, 0.0, first),
-        np.where(length - last < _LEAST, length, last),
-    )
-    rows = np.flatnonzero(last - first > np.minimum(_LEAST, length / 2))
+    first = np.where(first < _SHORTEST_MM, 0.0, first)
+    last = np.where(length - last < _SHORTEST_MM, length, last)
+    rows = np.flatnonzero(last - first > np.minimum(_SHORTEST_MM, length / 2))
     return split(chain, rows, first[rows] / length[rows], last[rows] / length[rows])
 
 
-def begun_at(ring: Segments, at: float) -> Segments:
-    """The closed chain ``ring`` begun ``at`` mm from its start."""
+def start_at(ring: Segments, length: float) -> Segments:
+    """A closed chain with its start point moved forwards by `length`, mm."""
     total = float(ring.length.sum())
-    return ring if at < _LEAST or total - at < _LEAST else cut_out(ring, at, at + total)
+    if length < _SHORTEST_MM or total - length < _SHORTEST_MM:
+        return ring
+    return cut_out(ring, length, length + total)
 
 
-def join(chains: list[Segments]) -> Segments:
-    """The chains one after the other, with straight links where they do not meet."""
+def join_chains(chains: list[Segments]) -> Segments:
+    """The chains in the given order as one, with straight links where two do not meet."""
     parts: list[Segments] = []
     for chain in chains:
         if not len(chain):
             continue
         if parts:
             start, end = parts[-1].end[-1:], chain.start[:1]
-            if np.hypot(*(end - start)[0]) > _LEAST:
+            if np.hypot(*(end - start)[0]) > _SHORTEST_MM:
                 parts.append(make(start, end, np.zeros(1), np.zeros(1, dtype=np.int64)))
                 parts.append(chain)
             else:
@@ -101,21 +120,21 @@ def join(chains: list[Segments]) -> Segments:
 
 
 def _with_start(chain: Segments, start: FloatArray) -> Segments:
-    """``chain`` begun exactly at ``start``, which is as near as its own start."""
-    begins = chain.start.copy()
-    begins[0] = start
-    return make(begins, chain.end, chain.bulge, chain.owner)
+    """A chain with its first point moved to `start` (2,), within `_SHORTEST_MM` of it."""
+    starts = chain.start.copy()
+    starts[0] = start
+    return make(starts, chain.end, chain.bulge, chain.owner)
 
 
-def straight(start: FloatArray, ends: FloatArray) -> Segments:
-    """Lines from one point (2,) to each of ``ends`` (M, 2)."""
+def make_lines(start: FloatArray, ends: FloatArray) -> Segments:
+    """Lines from one point `start` (2,) to each of `ends` (M, 2)."""
     count = len(ends)
     return make(np.tile(start, (count, 1)), ends, np.zeros(count), np.arange(count))
 
 
-def polyline(corners: FloatArray) -> Segments:
-    """Lines from each of ``corners`` (K, 2) to the next one, if it is another point."""
-    is_new = np.append(True, np.hypot(*np.diff(corners, axis=0).T) > _LEAST)
+def make_polyline(corners: FloatArray) -> Segments:
+    """A chain of lines through `corners` (K, 2); a corner equal to the one before is left out."""
+    is_new = np.append(True, np.hypot(*np.diff(corners, axis=0).T) > _SHORTEST_MM)
     corners = corners[is_new]
     count = len(corners) - 1
     return make(corners[:-1], corners[1:], np.zeros(count), np.zeros(count, dtype=np.int64))

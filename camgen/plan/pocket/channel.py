@@ -1,11 +1,17 @@
-"""Channels: what the tool would cut with too much of its width is cleared first, in loops along a pocket's ridge.
+"""Trochoidal channels: loops along the medial axis of a pocket that keep the engagement limit.
 
-A pass at one distance from the walls engages its share of the tool on a straight wall, more on inner curves, and nearly
-all of it in corners, in necks and on the first way through a basin. All these lie on the ridge (where two walls are
-equally near) or turn about places on it. So first discs are cleared one after the other along the ridge, each reaching
-so little beyond the one before that the arc along its front engages no more than was asked; back it goes straight over
-what is clear. A disc is no larger than the passes need: on a curve of its radius a pass engages no more than that any
-more. At the walls it leaves as much as the pass along them may take.
+A pass at a constant distance from the walls has the engagement of its stepover on a straight wall
+and more on inner curves. In corners, in necks and on the first pass in the middle of a pocket
+nearly the whole tool is engaged. All these places lie on the medial axis, or on curves around
+points of it.
+
+So trochoidal loops clear discs along the medial axis before the passes, one after the other. Each
+disc extends beyond the previous one only as far as the engagement along its front stays within the
+limit. The tool returns in a straight line over the cleared area. A disc is no larger than
+necessary: on a curve of its radius a pass keeps the limit without loops. At the walls it leaves as
+much material as the pass along them may take.
+
+All discs are areas of the tool centre. The tool clears an area that is larger by its radius.
 """
 
 from __future__ import annotations
@@ -18,393 +24,456 @@ from typing import Any
 import numpy as np
 import shapely
 from msgspec import Struct
-from msgspec.structs import replace
 
 from camgen.geometry.segments import BoolArray, Segments, make
 from camgen.model.pose import FloatArray
-from camgen.plan.pocket.bound import Bound, disc_sizes
+from camgen.plan.pocket.engagement_limit import EngagementLimit, compute_disc_radii
 from camgen.plan.pocket.fronts import bare_spans, clear_spans, crossings, unrolled
-from camgen.plan.pocket.ridge import Ridge
+from camgen.plan.pocket.medial_axis import MedialAxis
 
-#: A disc smaller than this share of the tool's radius about a place gives no room for a loop.
-LEAST = 0.05
-#: The next disc reaches beyond the one before by this share of the tool's radius, or it is not needed.
-_BEYOND = 0.02
-#: Its centre lies no farther from that of the one before than this share of the smaller of both discs.
-_APART = 1.4
-#: Directions along the front of a disc in which it is looked at how much of the tool is engaged.
-_FRONTS = 13
-#: Places of the ridge that are looked at together.
-_AHEAD = 48
-#: So many places of a way are looked at, from its end on, for whether it was cleared from another side.
-_LOOKS = 16
-#: A stretch of a front in clear ground is left out from this length on, as a share of the tool's
-#: radius.
-_SKIPPED_SHARE = 1.0
-#: Points that are nearer to each other are one, and a disc holds points so far within its rim, mm.
+#: Radius of the smallest disc, as a fraction of the tool radius: a smaller one has no room for a
+#: loop.
+_MIN_RADIUS_FRACTION = 0.05
+#: A disc is needed if it extends beyond the previous one by this fraction of the tool radius.
+_MIN_ADVANCE_FRACTION = 0.02
+#: Maximum distance between the centres of two successive discs, as a fraction of the smaller
+#: radius of both.
+_MAX_STEP_FRACTION = 1.4
+#: Directions along the front of a disc in which the engagement is computed.
+_FRONT_SAMPLES = 13
+#: Points of the medial axis that are tested together.
+_BATCH = 48
+#: Maximum number of intervals between the points of a branch at which is tested whether earlier
+#: loops have cleared it.
+_BRANCH_TESTS = 16
+#: A stretch of a front over cleared area is left out from this length on, as a fraction of the
+#: tool radius.
+_SKIPPED_FRACTION = 1.0
+#: mm: points nearer than this to each other are equal. A disc contains points that are farther than
+#: this inside its rim.
 _SAME_MM = 1e-6
-#: A half turn of a spiral goes so much farther out at least, as a share of the tool's radius.
-_FIRST_TURN = 0.1
+#: Minimum growth of the radius in half a turn of the first spiral, as a fraction of the tool
+#: radius.
+_MIN_GROWTH_FRACTION = 0.1
 
 
 class Disc(Struct, frozen=True):
-    """What the tool's centre may reach around a place. before: index of the disc from which this one was cut, -1."""
+    """A cleared disc of tool-centre positions.
+
+    x, y: centre, mm.
+    radius: mm.
+    parent: index of the disc from which this one was cut, -1 for the first.
+    """
 
     x: float
     y: float
-    room: float
-    before: int
+    radius: float
+    parent: int
 
 
-def _disc(point: FloatArray, room: float, before: int) -> Disc:
-    return Disc(float(point[0]), float(point[1]), room, before)
+def _make_disc(centre: FloatArray, radius: float, parent: int) -> Disc:
+    return Disc(float(centre[0]), float(centre[1]), radius, parent)
 
 
 class Channel(Struct, frozen=True, eq=False):
-    """A way of the tool's centre that begins and ends in the middle of its first disc.
+    """A trochoidal channel, whose path starts and ends at the centre of its first disc.
 
-    discs: all its discs, each after the neighbour from which it was cut.
-    radius: radius of the tool, mm.
-    room: largest distance of the entry from the middle of the first disc, mm.
+    discs: all discs, each after the neighbour from which it was cut.
+    tool_radius: mm.
+    entry_radius: largest distance of the tool centre from the centre of the first disc during the
+        entry, mm.
     rim: circle of the first disc, in the direction of travel.
-    chain: the lines and arcs of the way.
-    shares: (M,) engagements along its arcs.
-    ways: (M,) lengths on which these last, mm.
+    chain: path of the tool centre.
+    engagements: (M,) engagements along the arcs of `chain`.
+    lengths: (M,) length of the path with each engagement, mm.
     """
 
     discs: tuple[Disc, ...]
-    radius: float
-    room: float
+    tool_radius: float
+    entry_radius: float
     rim: Segments
     chain: Segments
-    shares: FloatArray
-    ways: FloatArray
+    engagements: FloatArray
+    lengths: FloatArray
 
-    def holds(self, points: FloatArray) -> BoolArray:
-        """(N,) which of the ``points`` (N, 2) lie in a disc: there the tool touches nothing."""
-        table = _table(self.discs)
-        _, held = shapely.STRtree(shapely.points(points)).query(
+    def contains(self, points: FloatArray) -> BoolArray:
+        """(N,) whether each of `points` (N, 2) lies in a disc: there the tool cuts nothing."""
+        table = _make_table(self.discs)
+        _, inside = shapely.STRtree(shapely.points(points)).query(
             shapely.points(table[:, :2]), predicate="dwithin", distance=table[:, 2] - _SAME_MM
         )
-        return np.isin(np.arange(len(points)), held)
+        return np.isin(np.arange(len(points)), inside)
 
-    def way(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """(K, 2) corners of a way over cleared ground between two points (2,) that discs hold."""
-        table = _table(self.discs)
+    def find_link(self, start: FloatArray, end: FloatArray) -> FloatArray:
+        """Corners (K, 2) of a link over the cleared area from `start` to `end` (2,).
+
+        Both points have to lie in discs.
+        """
+        table = _make_table(self.discs)
         steps = np.stack([start, end])[:, None] - table[None, :, :2]
         margins = table[:, 2] - np.hypot(*np.moveaxis(steps, 2, 0))
-        discs = [self.discs[k] for k in _linked(self.discs, *np.argmax(margins, axis=1).tolist())]
-        table = np.vstack([[*start, 0.0], _table(discs), [*end, 0.0]])
-        return np.asarray(table[_shortened(table, 0, len(table) - 1), :2])
+        first, last = np.argmax(margins, axis=1).tolist()
+        discs = [self.discs[k] for k in _find_disc_path(self.discs, first, last)]
+        table = np.vstack([[*start, 0.0], _make_table(discs), [*end, 0.0]])
+        return np.asarray(table[_shorten_path(table, 0, len(table) - 1), :2])
 
-    def area(self, more: float) -> Any:
-        """All discs, larger by ``more`` mm, as one polygon."""
-        places = shapely.points([(disc.x, disc.y) for disc in self.discs])
-        return shapely.union_all(
-            shapely.buffer(places, [disc.room + more for disc in self.discs], quad_segs=32)
-        )
+    def make_polygon(self, growth: float) -> Any:
+        """The union of all discs, with radii enlarged by `growth` in mm, as a polygon."""
+        centres = shapely.points([(disc.x, disc.y) for disc in self.discs])
+        radii = [disc.radius + growth for disc in self.discs]
+        return shapely.union_all(shapely.buffer(centres, radii, quad_segs=32))
 
 
-def channels(axis: Ridge, first: float, bound: Bound, begun: float) -> list[Channel]:
-    """One for each connected part of a ridge.
+def plan_channels(
+    axis: MedialAxis, min_distance: float, limit: EngagementLimit, helix_radius: float
+) -> list[Channel]:
+    """Plan one channel for each connected part of a medial axis that has room for loops.
 
-    first: mm that the tool's centre keeps from the walls. begun: mm, the radius of the helix on which it goes down, 0
-    for none.
+    min_distance: minimum distance of the tool centre from the walls, mm.
+    helix_radius: radius of the helix of the entry, mm; 0 without a helix.
     """
-    room = disc_sizes(axis, axis.room - first, bound)
-    fit = room >= LEAST * bound.radius
-    around: list[list[int]] = [[] for _ in room]
-    for a, b in axis.links[fit[axis.links].all(axis=1)].tolist():
-        around[a].append(b)
-        around[b].append(a)
-    inside = replace(axis, room=room)
-    left = set(np.flatnonzero(fit).tolist())
-    # Where there is most room first; that is in the middle of a basin.
-    order = sorted(left, key=lambda k: (-float(axis.room[k]), k))
-    found = []
-    for root in order:
-        if root in left:
-            ways = _spread(axis.points, around, root)
-            left -= set(ways)
-            made = _cut(inside, root, _leaves(ways, root), ways, bound, begun)
-            rim = _rim(made.discs[0], bound)
-            found.append(
-                Channel(
-                    tuple(made.discs),
-                    bound.radius,
-                    float(axis.room[root]) - first,
-                    rim,
-                    made.chain(),
-                    *made.engaged(),
-                )
-            )
-    return found
+    radii = compute_disc_radii(axis, axis.wall_distance - min_distance, limit)
+    fits = radii >= _MIN_RADIUS_FRACTION * limit.tool_radius
+    neighbours: list[list[int]] = [[] for _ in radii]
+    for first, second in axis.links[fits[axis.links].all(axis=1)].tolist():
+        neighbours[first].append(second)
+        neighbours[second].append(first)
+    pending = set(np.flatnonzero(fits).tolist())
+    # A channel starts at the point farthest from the walls, in the middle of an open area.
+    by_distance = sorted(pending, key=lambda k: (-float(axis.wall_distance[k]), k))
+    channels = []
+    for root in by_distance:
+        if root not in pending:
+            continue
+        sources = _find_shortest_paths(axis.points, neighbours, root)
+        pending -= set(sources)
+        builder = _ChannelBuilder(axis.points, radii, limit)
+        _cut_channel(builder, root, sources, helix_radius)
+        entry_radius = float(axis.wall_distance[root]) - min_distance
+        channels.append(builder.make_channel(entry_radius))
+    return channels
 
 
-def _spread(points: FloatArray, around: Sequence[Sequence[int]], root: int) -> dict[int, int]:
-    """The place before each one on the shortest way from ``root``, for all that it is linked with."""
-    before: dict[int, int] = {}
+def _find_shortest_paths(
+    points: FloatArray, neighbours: Sequence[Sequence[int]], root: int
+) -> dict[int, int]:
+    """For each point connected with `root`, the point before it on the shortest path from there.
+
+    -1 for `root` itself.
+    """
+    sources: dict[int, int] = {}
     queue = [(0.0, root, -1)]
     while queue:
-        gone, here, source = heapq.heappop(queue)
-        if here in before:
+        length, point, source = heapq.heappop(queue)
+        if point in sources:
             continue
-        before[here] = source
-        for there in around[here]:
-            if there not in before:
-                heapq.heappush(queue, (gone + math.dist(points[here], points[there]), there, here))
-    return before
+        sources[point] = source
+        for neighbour in neighbours[point]:
+            if neighbour not in sources:
+                step = math.dist(points[point], points[neighbour])
+                heapq.heappush(queue, (length + step, neighbour, point))
+    return sources
 
 
-def _leaves(before: dict[int, int], root: int) -> list[int]:
-    """The ends of the ways, depth first: ways that part late follow each other."""
-    below: dict[int, list[int]] = {}
-    for here, source in before.items():
-        below.setdefault(source, []).append(here)
+def _list_ends(sources: dict[int, int], root: int) -> list[int]:
+    """The end points of the tree of shortest paths, depth first.
+
+    So branches that separate late follow each other.
+    """
+    children: dict[int, list[int]] = {}
+    for point, source in sources.items():
+        children.setdefault(source, []).append(point)
     ends, stack = [], [root]
     while stack:
-        here = stack.pop()
-        stack += below.get(here, [])
-        if here not in below:
-            ends.append(here)
+        point = stack.pop()
+        stack += children.get(point, [])
+        if point not in children:
+            ends.append(point)
     return ends
 
 
-class _Made:
-    """A channel that is being laid."""
+class _ChannelBuilder:
+    """A channel while its loops are added.
 
-    def __init__(self, bound: Bound, start: FloatArray) -> None:
-        self.bound = bound
+    points: (N, 2) points of the medial axis, mm.
+    radii: (N,) radius of the disc around each point, mm.
+    limit: the engagement limit.
+    discs: discs that are cleared.
+    current: index of the disc in which the tool is.
+    corners: points of the path so far; the tool is at the last one.
+    bulges: bulge of each segment of the path.
+    engagements, lengths: arrays as in `Channel`, one pair for each arc.
+    """
+
+    def __init__(self, points: FloatArray, radii: FloatArray, limit: EngagementLimit) -> None:
+        self.points = points
+        self.radii = radii
+        self.limit = limit
         self.discs: list[Disc] = []
-        self.ends: list[FloatArray] = [start]
+        self.current = 0
+        self.corners: list[FloatArray] = []
         self.bulges: list[float] = []
-        self.shares: list[FloatArray] = []
-        self.ways: list[FloatArray] = []
+        self.engagements: list[FloatArray] = []
+        self.lengths: list[FloatArray] = []
 
-    def go(self, there: FloatArray, bulge: float = 0.0) -> None:
-        """On to a point (2,)."""
-        if math.dist(there, self.ends[-1]) > _SAME_MM:
-            self.ends.append(there)
+    def move_to(self, point: FloatArray, bulge: float = 0.0) -> None:
+        """Add a line or arc to a point (2,); nothing if the tool is there."""
+        if math.dist(point, self.corners[-1]) > _SAME_MM:
+            self.corners.append(point)
             self.bulges.append(bulge)
 
-    def chain(self) -> Segments:
-        """All of the way so far."""
-        points = np.array(self.ends)
-        return make(
-            points[:-1],
-            points[1:],
-            np.array(self.bulges),
-            np.zeros(len(points) - 1, dtype=np.int64),
+    def make_channel(self, entry_radius: float) -> Channel:
+        """The finished channel."""
+        corners = np.array(self.corners)
+        owner = np.zeros(len(corners) - 1, dtype=np.int64)
+        chain = make(corners[:-1], corners[1:], np.array(self.bulges), owner)
+        empty = np.zeros(0)
+        return Channel(
+            tuple(self.discs),
+            self.limit.tool_radius,
+            entry_radius,
+            _make_rim(self.discs[0], self.limit.ccw),
+            chain,
+            np.concatenate([empty, *self.engagements]),
+            np.concatenate([empty, *self.lengths]),
         )
 
-    def engaged(self) -> tuple[FloatArray, FloatArray]:
-        """Shares of the diameter along the arcs, and how long they last, mm."""
-        none = np.zeros(0)
-        return np.concatenate([none, *self.shares]), np.concatenate([none, *self.ways])
+
+def _cut_channel(
+    builder: _ChannelBuilder, root: int, sources: dict[int, int], helix_radius: float
+) -> None:
+    """Clear the discs around all points of a connected part of the medial axis, and return.
+
+    root: the point at which the channel starts and ends.
+    sources: point before each point on the shortest path from `root`, -1 for `root`.
+    """
+    points, radii = builder.points, builder.radii
+    radius = float(radii[root])
+    builder.corners.append(points[root])
+    builder.discs.append(_make_disc(points[root], radius, -1))
+    _clear_first_disc(builder, min(helix_radius, radius))
+    slack = _MIN_ADVANCE_FRACTION * builder.limit.tool_radius
+    # The disc from which the channel continues at each point.
+    disc_at = {root: 0}
+    for end in _list_ends(sources, root):
+        branch = [end]
+        while branch[-1] not in disc_at:
+            branch.append(sources[branch[-1]])
+        branch.reverse()
+        fork = disc_at[branch[0]]
+        branch = branch[1:]
+        tested = branch[:: -max(len(branch) // _BRANCH_TESTS, 1)]
+        if branch and not _are_covered(points[tested], radii[tested], builder.discs, slack).all():
+            _return_to(builder, fork)
+            _follow_branch(builder, branch, disc_at)
+        disc_at |= {point: disc_at.get(point, fork) for point in branch}
+    _return_to(builder, 0)
+    builder.move_to(points[root])
 
 
-def _cut(
-    axis: Ridge,
-    root: int,
-    ends: Sequence[int],
-    before: dict[int, int],
-    bound: Bound,
-    begun: float,
-) -> _Made:
-    points, room = axis.points, axis.room
-    made = _Made(bound, points[root])
-    made.discs.append(_disc(points[root], float(room[root]), -1))
-    _grow(made, float(room[root]), min(begun, float(room[root])))
-    # The disc from which each place of the ridge is gone on.
-    at = {root: 0}
-    here = 0
-    for end in ends:
-        way = [end]
-        while way[-1] not in at:
-            way.append(before[way[-1]])
-        way.reverse()
-        last = at[way[0]]
-        way = way[1:]
-        some = way[:: -max(len(way) // _LOOKS, 1)]
-        if way and not _covered(points[some], room[some], made.discs, _BEYOND * bound.radius).all():
-            here = _back(made, here, last)
-            here = _follow(made, way, points, room, here, at)
-        at |= {place: at.get(place, last) for place in way}
-    _back(made, here, 0)
-    made.go(points[root])
-    return made
+def _make_rim(disc: Disc, ccw: bool) -> Segments:
+    """The circle of a disc as two half circles."""
+    ends = np.array([[disc.x - disc.radius, disc.y], [disc.x + disc.radius, disc.y]])
+    bulges = np.full(2, 1.0 if ccw else -1.0)
+    return make(ends, ends[::-1], bulges, np.zeros(2, dtype=np.int64))
 
 
-def _rim(disc: Disc, bound: Bound) -> Segments:
-    """All round a disc in two halves."""
-    ends = np.array([[disc.x - disc.room, disc.y], [disc.x + disc.room, disc.y]])
-    return make(
-        ends, ends[::-1], np.full(2, 1.0 if bound.ccw else -1.0), np.zeros(2, dtype=np.int64)
-    )
+def _are_covered(
+    points: FloatArray, radii: FloatArray, discs: Sequence[Disc], slack: float
+) -> BoolArray:
+    """(N,) whether the disc around each of `points` (N, 2) lies in one of `discs`.
+
+    radii: (N,) radii of the discs around `points`, mm.
+    slack: overhang that does not count, mm.
+    """
+    table = _make_table(discs)
+    distance = np.hypot(*np.moveaxis(points[:, None] - table[None, :, :2], 2, 0))
+    return np.asarray((distance + radii[:, None] <= table[None, :, 2] + slack).any(axis=1))
 
 
-def _covered(
-    points: FloatArray, room: FloatArray, discs: Sequence[Disc], slack: float
-) -> np.ndarray:
-    """Which discs about ``points`` lie in one that is clear already."""
-    table = _table(discs)
-    gap = np.hypot(*np.moveaxis(points[:, None] - table[None, :, :2], 2, 0))
-    return np.asarray((gap + room[:, None] <= table[None, :, 2] + slack).any(axis=1))
-
-
-def _grow(made: _Made, room: float, begun: float) -> None:
-    """From the middle of the first disc on a spiral of half circles to its rim, and once round."""
-    middle, bound = made.ends[0], made.bound
-    r, rho, side = bound.radius, begun, -1.0
-    bulge = 1.0 if bound.ccw else -1.0
-    if begun:
-        made.go(middle + np.array([side * rho, 0.0]))
-    while rho < room - 1e-9:
-        # Twice the growth of a half turn is what a turn cuts: share(2 g) = limit on the radius rho + g.
-        growth = bound.limit * r * rho / (rho + (1 - bound.limit) * r)
-        opened = growth > _FIRST_TURN * r
-        growth = min(max(growth, _FIRST_TURN * r), room - rho)
+def _clear_first_disc(builder: _ChannelBuilder, helix_radius: float) -> None:
+    """Clear the first disc: a spiral of half circles from its centre, and one turn on its rim."""
+    limit, radius = builder.limit, builder.discs[0].radius
+    centre = builder.corners[0]
+    r, rho, side = limit.tool_radius, helix_radius, -1.0
+    bulge = 1.0 if limit.ccw else -1.0
+    if helix_radius:
+        builder.move_to(centre + np.array([side * rho, 0.0]))
+    while rho < radius - 1e-9:
+        # A whole turn cuts twice the growth g of half a turn. The engagement of a pass with the
+        # stepover 2 g on the radius rho + g equals the limit for this growth.
+        growth = limit.engagement * r * rho / (rho + (1 - limit.engagement) * r)
+        keeps_limit = growth > _MIN_GROWTH_FRACTION * r
+        growth = min(max(growth, _MIN_GROWTH_FRACTION * r), radius - rho)
         rho, side = rho + growth, -side
-        made.go(middle + np.array([side * rho, 0.0]), bulge)
-        # The first turns open the place, as the way straight down did, and are not counted.
-        if opened:
-            made.shares.append(np.array([growth * (rho - growth + r) / (rho * r)]))
-            made.ways.append(np.array([math.pi * rho]))
+        builder.move_to(centre + np.array([side * rho, 0.0]), bulge)
+        # The first turns belong to the entry, as a plunge does, and are not counted.
+        if keeps_limit:
+            builder.engagements.append(np.array([growth * (rho - growth + r) / (rho * r)]))
+            builder.lengths.append(np.array([math.pi * rho]))
     for _ in range(2):
         side = -side
-        made.go(middle + np.array([side * room, 0.0]), bulge)
+        builder.move_to(centre + np.array([side * radius, 0.0]), bulge)
 
 
-def _follow(
-    made: _Made,
-    way: Sequence[int],
-    points: FloatArray,
-    room: FloatArray,
-    here: int,
-    at: dict[int, int],
-) -> int:
-    """Discs along a ``way`` of places from the disc ``here`` on; that of the last one."""
-    place = 0
-    while place < len(way):
-        rows = np.array(way[place : place + _AHEAD])
-        disc = made.discs[here]
-        middle = np.array([disc.x, disc.y])
-        apart = np.hypot(*(points[rows] - middle).T)
-        new = apart + room[rows] > disc.room + _BEYOND * made.bound.radius
-        if not new.any():
-            at |= dict.fromkeys(rows.tolist(), here)
-            place += len(rows)
-            continue
-        share = _engaged(middle, disc.room, points[rows], room[rows], made.bound).max(axis=1)
-        near = apart <= _APART * np.minimum(disc.room, np.maximum(room[rows], disc.room / 4))
-        good = (share <= made.bound.limit) & near
-        first = int(np.argmax(new))
-        # As far as all before it are good as well; where none is, the first one that is new, and that is told.
-        stop = first + int(np.argmin(good[first:])) if not good[first:].all() else len(rows)
-        chosen = max(stop - 1, first)
-        at |= dict.fromkeys(rows[: chosen + 1].tolist(), here)
-        _loop(made, here, points[rows[chosen]], float(room[rows[chosen]]))
-        here = len(made.discs) - 1
-        at[int(rows[chosen])] = here
-        place += chosen + 1
-    return here
+def _follow_branch(
+    builder: _ChannelBuilder, branch: Sequence[int], disc_at: dict[int, int]
+) -> None:
+    """Clear discs along a branch of the medial axis, from the current disc on.
 
-
-def _engaged(
-    middle: FloatArray, room: float, points: FloatArray, rooms: FloatArray, bound: Bound
-) -> FloatArray:
-    """(M, F) shares of the diameter along the fronts of discs about ``points``, when that about ``middle`` is clear.
-
-    On the front the tool's centre is at u(phi) from the new middle. What of its rim is farther from the old middle
-    than what is clear there spans the angles around the way out from it, by the law of cosines; of these count those
-    ahead of the tool, by what they take of its width.
+    branch: successive points of the axis.
+    disc_at: gets the disc from which the channel continues at each point of the branch.
     """
-    r, clear = bound.radius, room + bound.radius
-    step = points - middle
-    apart = np.hypot(*step.T)
-    phi = _front(room, apart, rooms)[:, None] * np.linspace(-1, 1, _FRONTS)
-    x, y = apart[:, None] + rooms[:, None] * np.cos(phi), rooms[:, None] * np.sin(phi)
-    far = np.maximum(np.hypot(x, y), 1e-12)
-    half = np.arccos(np.clip((clear**2 - far**2 - r**2) / (2 * far * r), -1, 1))
+    points, radii, limit = builder.points, builder.radii, builder.limit
+    start = 0
+    while start < len(branch):
+        rows = np.array(branch[start : start + _BATCH])
+        disc = builder.discs[builder.current]
+        distance = np.hypot(*(points[rows] - np.array([disc.x, disc.y])).T)
+        min_advance = _MIN_ADVANCE_FRACTION * limit.tool_radius
+        advances = distance + radii[rows] > disc.radius + min_advance
+        if not advances.any():
+            disc_at |= dict.fromkeys(rows.tolist(), builder.current)
+            start += len(rows)
+            continue
+        engagement = _compute_engagements(disc, points[rows], radii[rows], limit).max(axis=1)
+        smaller = np.minimum(disc.radius, np.maximum(radii[rows], disc.radius / 4))
+        is_valid = (engagement <= limit.engagement) & (distance <= _MAX_STEP_FRACTION * smaller)
+        # The farthest disc is chosen up to which all discs that advance are valid. If not even the
+        # first of them is, that one is cut, and its engagement is reported.
+        first = int(np.argmax(advances))
+        invalid = np.flatnonzero(~is_valid[first:])
+        stop = first + int(invalid[0]) if len(invalid) else len(rows)
+        chosen = max(stop - 1, first)
+        disc_at |= dict.fromkeys(rows[: chosen + 1].tolist(), builder.current)
+        _cut_front(builder, points[rows[chosen]], float(radii[rows[chosen]]))
+        disc_at[int(rows[chosen])] = builder.current
+        start += chosen + 1
+
+
+def _compute_engagements(
+    disc: Disc, points: FloatArray, radii: FloatArray, limit: EngagementLimit
+) -> FloatArray:
+    """Engagements (M, F) along the fronts of M new discs, each cut from the cleared `disc`.
+
+    On a front the tool centre is at an angle phi around the new centre. The part of the tool's rim
+    in the material is farther from the centre of `disc` than its cleared radius. The law of cosines
+    gives its angle on both sides of the direction away from that centre. The part of it ahead of
+    the tool is counted, by the width that it cuts.
+
+    points: (M, 2) centres of the new discs, mm.
+    radii: (M,) their radii, mm.
+    """
+    r, cleared_radius = limit.tool_radius, disc.radius + limit.tool_radius
+    distance = np.hypot(*(points - np.array([disc.x, disc.y])).T)
+    fractions = np.linspace(-1, 1, _FRONT_SAMPLES)
+    phi = _compute_half_fronts(disc.radius, distance, radii)[:, None] * fractions
+    x = distance[:, None] + radii[:, None] * np.cos(phi)
+    y = radii[:, None] * np.sin(phi)
+    from_disc = np.maximum(np.hypot(x, y), 1e-12)
+    cosine = (cleared_radius**2 - from_disc**2 - r**2) / (2 * from_disc * r)
+    half_span = np.arccos(np.clip(cosine, -1, 1))
     lean = np.arctan2(y, x) - phi
-    low, high = np.clip(lean - half, 0, np.pi), np.clip(lean + half, 0, np.pi)
+    low = np.clip(lean - half_span, 0, np.pi)
+    high = np.clip(lean + half_span, 0, np.pi)
     return np.asarray((np.cos(low) - np.cos(high)) / 2)
 
 
-def _front(room: FloatArray | float, apart: FloatArray, rooms: FloatArray) -> FloatArray:
-    """(M,) how far round from the way ahead, rad, the circles of two discs meet: there the tool is in the old one."""
-    cosine = (room**2 - apart**2 - rooms**2) / (2 * np.maximum(apart, 1e-12) * rooms)
+def _compute_half_fronts(radius: float, distance: FloatArray, radii: FloatArray) -> FloatArray:
+    """Half the angle (M,) of each new disc's front, around its centre, rad.
+
+    There its circle meets that of the cleared disc.
+
+    radius: radius of the cleared disc, mm.
+    distance: (M,) distances of the new centres from that disc's centre, mm.
+    radii: (M,) radii of the new discs, mm.
+    """
+    cosine = (radius**2 - distance**2 - radii**2) / (2 * np.maximum(distance, 1e-12) * radii)
     return np.arccos(np.clip(cosine, -1, 1))
 
 
-def _loop(made: _Made, here: int, point: FloatArray, room: float) -> None:
-    """The front of a disc, from the one before it on, less its stretches in other discs."""
-    disc, bound = made.discs[here], made.bound
-    sense = 1.0 if bound.ccw else -1.0
-    zero = math.atan2(disc.y - point[1], disc.x - point[0])
+def _cut_front(builder: _ChannelBuilder, centre: FloatArray, radius: float) -> None:
+    """Cut the front of a new disc from the current disc; the new disc becomes the current one.
+
+    Long stretches of the front that lie in other discs are crossed in straight lines.
+
+    centre: (2,) centre of the new disc, mm.
+    radius: mm.
+    """
+    disc, limit = builder.discs[builder.current], builder.limit
+    sense = 1.0 if limit.ccw else -1.0
+    zero = math.atan2(disc.y - centre[1], disc.x - centre[0])
 
     def on_rim(angle: float) -> FloatArray:
         turned = zero + sense * angle
-        return point + room * np.array([math.cos(turned), math.sin(turned)])
+        return centre + radius * np.array([math.cos(turned), math.sin(turned)])
 
-    spans = clear_spans(np.array([*point, room]), _table(made.discs), zero, sense)
+    spans = clear_spans(np.array([*centre, radius]), _make_table(builder.discs), zero, sense)
     clear = unrolled(spans)
-    reached = spans[here][1]
-    made.go(on_rim(reached))
+    reached = spans[builder.current][1]
+    builder.move_to(on_rim(reached))
     length = 0.0
-    for first, last in bare_spans(clear, reached, _SKIPPED_SHARE * bound.radius / room):
+    shortest_skip = _SKIPPED_FRACTION * limit.tool_radius / radius
+    for first, last in bare_spans(clear, reached, shortest_skip):
         for angle in crossings(clear, reached, first):
-            made.go(on_rim(angle))
+            builder.move_to(on_rim(angle))
         bulge = sense * math.tan((last - first) / 8)
-        made.go(on_rim((first + last) / 2), bulge)
-        made.go(on_rim(last), bulge)
-        length += room * (last - first)
+        builder.move_to(on_rim((first + last) / 2), bulge)
+        builder.move_to(on_rim(last), bulge)
+        length += radius * (last - first)
         reached = last
-    made.discs.append(_disc(point, room, here))
-    middle = np.array([disc.x, disc.y])
-    shares = _engaged(middle, disc.room, point[None], np.array([room]), bound)[0]
-    made.shares.append(shares)
-    made.ways.append(np.full(len(shares), length / len(shares)))
+    engagements = _compute_engagements(disc, centre[None], np.array([radius]), limit)[0]
+    builder.engagements.append(engagements)
+    builder.lengths.append(np.full(len(engagements), length / len(engagements)))
+    builder.discs.append(_make_disc(centre, radius, builder.current))
+    builder.current = len(builder.discs) - 1
 
 
-def _table(discs: Sequence[Disc]) -> FloatArray:
-    """Middles and radii (D, 3), mm."""
-    return np.array([(disc.x, disc.y, disc.room) for disc in discs])
+def _make_table(discs: Sequence[Disc]) -> FloatArray:
+    """Centres and radii of D discs as an array (D, 3), mm."""
+    return np.array([(disc.x, disc.y, disc.radius) for disc in discs])
 
 
-def _back(made: _Made, here: int, there: int) -> int:
-    """From one disc to another one over what is clear; ``there``."""
-    if here == there:
-        return there
-    discs = [made.discs[k] for k in _linked(made.discs, here, there)]
-    table = _table(discs)
-    # From the end of a front to the middle of its disc first: from there on the way is known to be clear.
-    for k in _shortened(table, 0, len(table) - 1):
-        made.go(table[k, :2])
-    return there
+def _return_to(builder: _ChannelBuilder, target: int) -> None:
+    """Move from the current disc to the centre of another one over the cleared area."""
+    if builder.current == target:
+        return
+    path = _find_disc_path(builder.discs, builder.current, target)
+    table = _make_table([builder.discs[k] for k in path])
+    # The path leads first from the end of a front to the centre of its disc. From there on it is
+    # known to be clear.
+    for k in _shorten_path(table, 0, len(table) - 1):
+        builder.move_to(table[k, :2])
+    builder.current = target
 
 
-def _linked(discs: Sequence[Disc], here: int, there: int) -> list[int]:
-    """Indices of the discs from one to another one, each cut from its neighbour."""
-    up, down = [here], [there]
-    while up[-1] != down[-1]:
-        longer = up if up[-1] > down[-1] else down
-        longer.append(discs[longer[-1]].before)
-    return [*up, *down[-2::-1]]
+def _find_disc_path(discs: Sequence[Disc], start: int, end: int) -> list[int]:
+    """Indices of the discs from one to another, each of them cut from its neighbour."""
+    from_start, from_end = [start], [end]
+    while from_start[-1] != from_end[-1]:
+        later = from_start if from_start[-1] > from_end[-1] else from_end
+        later.append(discs[later[-1]].parent)
+    return [*from_start, *from_end[-2::-1]]
 
 
-def _shortened(table: FloatArray, first: int, last: int) -> list[int]:
-    """Rows of discs (K, 3) over whose middles one goes straight and never leaves all discs."""
+def _shorten_path(table: FloatArray, first: int, last: int) -> list[int]:
+    """Choose discs whose centres are joined by straight lines that stay in the union of all discs.
+
+    table: (K, 3) centres and radii, mm; neighbouring discs overlap.
+    first, last: rows of the first and the last disc, which are always chosen.
+
+    Returns the chosen rows.
+    """
     if last - first < 2:
         return [first, last] if last > first else [first]
     if _is_covered(table[first, :2], table[last, :2], table[first : last + 1]):
         return [first, last]
     middle = (first + last) // 2
-    return _shortened(table, first, middle) + _shortened(table, middle, last)[1:]
+    return _shorten_path(table, first, middle) + _shorten_path(table, middle, last)[1:]
 
 
 def _is_covered(start: FloatArray, end: FloatArray, discs: FloatArray) -> bool:
-    """Whether the line from ``start`` to ``end`` (2,) lies in the union of ``discs`` (K, 3)."""
+    """Whether the line from `start` to `end` (2,) lies in the union of `discs` (K, 3)."""
     length = math.dist(start, end)
     direction = (end - start) / max(length, _SAME_MM)
     steps = discs[:, :2] - start

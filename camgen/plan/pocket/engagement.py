@@ -1,4 +1,4 @@
-"""How much of the tool is in the material along the passes of a pocket."""
+"""Measures the engagement of the tool along the passes of a pocket."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import shapely
 from camgen.geometry.intersect import Obstacles
 from camgen.geometry.ragged import owners, ramp
 from camgen.geometry.segments import (
+    BoolArray,
     IntArray,
     Segments,
     concatenate,
@@ -20,131 +21,153 @@ from camgen.geometry.segments import (
 )
 from camgen.model.pose import FloatArray
 from camgen.plan.pocket.channel import Channel
-from camgen.plan.pocket.rings import Piece
-from camgen.plan.pocket.walk import outermost_of
+from camgen.plan.pocket.linking import find_outermost
+from camgen.plan.pocket.regions import OffsetRegion
 
-#: Places looked at on one segment at most, beside its end.
-_MOST_PLACES = 6
-#: The front of the tool is looked at in so many directions, and what lies between two of them is halved so often.
-_DIRECTIONS, _HALVINGS = 13, 5
-#: Material thinner than this share of the tool's radius is none: flat polygons of channels leave as much.
-_CHIP = 0.02
+#: Maximum number of samples on one segment, in addition to its end.
+_MAX_SAMPLES = 6
+#: Directions on the front of the tool that are tested for material.
+_DIRECTIONS = 13
+#: Bisection steps between two of these directions.
+_HALVINGS = 5
+#: Fraction of the tool radius. Thinner material does not count, because the polygons of channels
+#: deviate from the cleared area by as much.
+_CHIP_FRACTION = 0.02
+#: Passes that are cut before a pass are at most this many stepovers farther from the walls.
+_REACHED_STEPOVERS = 1.05
 
 
-def engagement(
-    pieces: Sequence[Piece],
+def measure_engagement(
+    regions: Sequence[OffsetRegion],
     channels: Sequence[Sequence[Channel]],
     radius: float,
-    step: float,
+    stepover: float,
     climb: bool,
 ) -> tuple[FloatArray, FloatArray]:
-    """Radial engagements (M,) as shares of the diameter at places along the passes, and how long each lasts (M,), mm.
+    """Engagements (M,) along all passes and channels, and the length (M,) of each, mm.
 
-    channels: of each piece, those run before it in the outermost ones. What of the tool's front is in contact, from
-    theta_1 to theta_2 round from the side of the walls, takes (cos theta_1 - cos theta_2) / 2 of its width; on a
-    straight pass that is the step over the diameter. Pieces in which nothing was cut before are left out: there the
-    tool cuts a slot.
+    The material is on a part of the tool's front, from theta_1 to theta_2. Both angles start at
+    the side of the walls. So the engagement is (cos theta_1 - cos theta_2) / 2. On a straight pass
+    this is the stepover divided by the diameter.
+
+    Regions that the tool enters without a channel are left out: there the first pass is a slot.
+
+    channels: channels of each region, which are cut before it; only outermost regions have any.
+    radius: tool radius, mm.
+    stepover: mm.
+    climb: whether the material is on the right of the direction of travel.
     """
-    shares, ways = [np.zeros(0)], [np.zeros(0)]
-    distance = np.array([piece.distance for piece in pieces])
-    inner = {piece.parent for piece in pieces}
-    opened = [bool(channels[root]) for root in outermost_of(pieces)]
-    clear = _clear(pieces, channels, radius)
-    for level in np.unique(distance):
-        at_level = np.flatnonzero(distance == level).tolist()
-        rows = [k for k in at_level if k in inner or not pieces[k].ring or opened[k]]
+    all_channels: list[Channel] = []
+    for region_channels in channels:
+        all_channels += region_channels
+    engagements = [np.zeros(0)]
+    lengths = [np.zeros(0)]
+    distance = np.array([region.distance for region in regions])
+    parents = {region.parent for region in regions}
+    has_channel = [bool(channels[root]) for root in find_outermost(regions)]
+    cleared = _make_cleared_areas(regions, channels, radius)
+    for current in np.unique(distance):
+        at_distance = np.flatnonzero(distance == current).tolist()
+        rows = [k for k in at_distance if k in parents or not regions[k].is_whole or has_channel[k]]
         if rows:
-            cleared = np.flatnonzero(
-                (distance > level) & (distance <= level + 1.05 * step)
-            ).tolist()
-            chains, of = _gather(pieces, cleared)
-            done = Obstacles(
-                chains, np.array([pieces[k].pocket for k in cleared], dtype=np.int64)[of]
-            )
-            own, piece = _gather(pieces, rows)
-            pocket = np.array([pieces[k].pocket for k in rows])[piece]
-            share, way = _along(own, pocket, done, clear, radius, -1 if climb else 1)
-            shares.append(share)
-            ways.append(way)
-    own_channels = [channel for own in channels for channel in own]
-    shares += [channel.shares for channel in own_channels]
-    ways += [channel.ways for channel in own_channels]
-    return np.concatenate(shares), np.concatenate(ways)
+            is_before = distance > current
+            is_before &= distance <= current + _REACHED_STEPOVERS * stepover
+            before = Obstacles(*_gather_passes(regions, np.flatnonzero(is_before).tolist()))
+            passes, pocket = _gather_passes(regions, rows)
+            wall_side = -1 if climb else 1
+            sampled = _sample_engagement(passes, pocket, before, cleared, radius, wall_side)
+            engagements.append(sampled[0])
+            lengths.append(sampled[1])
+    engagements += [channel.engagements for channel in all_channels]
+    lengths += [channel.lengths for channel in all_channels]
+    return np.concatenate(engagements), np.concatenate(lengths)
 
 
-def _clear(
-    pieces: Sequence[Piece], channels: Sequence[Sequence[Channel]], radius: float
+def _make_cleared_areas(
+    regions: Sequence[OffsetRegion], channels: Sequence[Sequence[Channel]], radius: float
 ) -> dict[int, Any]:
-    """What the channels of each pocket clear; what is thinner than a chip worth the name with it."""
-    found: dict[int, list[Any]] = {}
-    for piece, own in zip(pieces, channels, strict=True):
-        found.setdefault(piece.pocket, []).extend(
-            channel.area(radius * (1 + _CHIP)) for channel in own
-        )
-    made = {pocket: shapely.union_all(areas) for pocket, areas in found.items() if areas}
-    for area in made.values():
+    """The area that channels clear, by pocket, with strips that are too thin to count.
+
+    Pockets without channels are left out.
+    """
+    polygons: dict[int, list[Any]] = {}
+    for region, region_channels in zip(regions, channels, strict=True):
+        of_pocket = polygons.setdefault(region.pocket, [])
+        for channel in region_channels:
+            of_pocket.append(channel.make_polygon(radius * (1 + _CHIP_FRACTION)))
+    cleared = {pocket: shapely.union_all(parts) for pocket, parts in polygons.items() if parts}
+    for area in cleared.values():
         shapely.prepare(area)
-    return made
+    return cleared
 
 
-def _gather(pieces: Sequence[Piece], rows: Sequence[int]) -> tuple[Segments, IntArray]:
-    """All segments of the pieces ``rows``, and the place in ``rows`` of each."""
-    parts = [chain for k in rows for chain in pieces[k].chains]
-    of = np.repeat(
-        np.arange(len(rows)), [sum(len(chain) for chain in pieces[k].chains) for k in rows]
-    )
-    return concatenate(parts) if parts else from_contours([]), of
+def _gather_passes(
+    regions: Sequence[OffsetRegion], rows: Sequence[int]
+) -> tuple[Segments, IntArray]:
+    """All N segments of the passes of some regions, and the pocket (N,) of each."""
+    passes: list[Segments] = []
+    pockets: list[int] = []
+    for k in rows:
+        passes += regions[k].passes
+        pockets += [regions[k].pocket] * len(regions[k].passes)
+    sizes = [len(chain) for chain in passes]
+    pocket = np.repeat(np.array(pockets, dtype=np.int64), sizes)
+    return concatenate(passes) if passes else from_contours([]), pocket
 
 
-def _along(
-    chains: Segments,
+def _sample_engagement(
+    passes: Segments,
     pocket: IntArray,
-    done: Obstacles,
-    clear: dict[int, Any],
+    before: Obstacles,
+    cleared: dict[int, Any],
     radius: float,
-    side: int,
+    wall_side: int,
 ) -> tuple[FloatArray, FloatArray]:
-    """Engagements and their lengths; pocket: (N,) of each segment. side: +1: the walls on the left."""
-    count = np.clip(np.ceil(chains.length / radius), 1, _MOST_PLACES).astype(np.int64)
+    """Engagements (M,) at samples of N segments, and the length (M,) of each sample, mm.
+
+    pocket: (N,) pocket of each segment.
+    before: passes that are cut before, grouped by pocket.
+    cleared: area that channels clear, by pocket.
+    radius: tool radius, mm.
+    wall_side: 1 if the walls are on the left of the direction of travel, -1 if on the right.
+    """
+    count = np.clip(np.ceil(passes.length / radius), 1, _MAX_SAMPLES).astype(np.int64)
     row = owners(count)
     fraction = (ramp(count) + 0.5) / count[row]
-    way = (chains.length / count)[row]
-    # Ends as well, where corners are; a moment long.
-    row = np.concatenate([row, np.arange(len(chains))])
-    fraction, way = (
-        np.concatenate([fraction, np.ones(len(chains))]),
-        np.concatenate([way, np.zeros(len(chains))]),
-    )
-    places = chains.take(row)
-    at, along = points_at(places, fraction), tangents_at(places, fraction)
-    heading = np.arctan2(along[:, 1], along[:, 0])
-    group = pocket[row]
+    length = (passes.length / count)[row]
+    # The ends are samples without a length: engagement is highest at corners.
+    row = np.concatenate([row, np.arange(len(passes))])
+    fraction = np.concatenate([fraction, np.ones(len(passes))])
+    length = np.concatenate([length, np.zeros(len(passes))])
+    segments = passes.take(row)
+    centre, direction = points_at(segments, fraction), tangents_at(segments, fraction)
+    heading = np.arctan2(direction[:, 1], direction[:, 0])
+    sample_pocket = pocket[row]
+    max_distance = np.full(len(row), radius)
 
-    def in_contact(theta: FloatArray, which: IntArray) -> np.ndarray:
-        """Whether there is material at ``theta`` from the side of the walls, forwards."""
-        angle = heading[which] + side * (np.pi / 2 - theta)
-        points = at[which] + radius * np.column_stack([np.cos(angle), np.sin(angle)])
-        contact = ~done.nearer_than(points, group[which], np.full(len(which), radius))
-        for name, area in clear.items():
-            rows = np.flatnonzero(contact & (group[which] == name))
+    def is_in_contact(theta: FloatArray) -> BoolArray:
+        """Whether there is material at the angle `theta` (M,) from the side of the walls, rad."""
+        angle = heading + wall_side * (np.pi / 2 - theta)
+        points = centre + radius * np.column_stack([np.cos(angle), np.sin(angle)])
+        contact = ~before.nearer_than(points, sample_pocket, max_distance)
+        for cleared_pocket, area in cleared.items():
+            rows = np.flatnonzero(contact & (sample_pocket == cleared_pocket))
             contact[rows] = ~shapely.contains_xy(area, points[rows])
         return contact
 
-    every = np.arange(len(row))
     thetas = np.linspace(0.0, np.pi, _DIRECTIONS)
-    contact = np.array([in_contact(np.full(len(every), theta), every) for theta in thetas])
-    some = contact.any(axis=0)
+    contact = np.array([is_in_contact(np.full(len(row), theta)) for theta in thetas])
+    is_engaged = contact.any(axis=0)
     first = np.argmax(contact, axis=0)
     last = _DIRECTIONS - 1 - np.argmax(contact[::-1], axis=0)
+    # Bisection of both ends of the front between a direction in the material and one outside.
     inside = thetas[np.stack([first, last])]
     outside = thetas[np.clip(np.stack([first - 1, last + 1]), 0, _DIRECTIONS - 1)]
-    for k in range(2):
+    for end in range(2):
         for _ in range(_HALVINGS):
-            middle = (inside[k] + outside[k]) / 2
-            beyond = in_contact(middle, every)
-            inside[k], outside[k] = (
-                np.where(beyond, middle, inside[k]),
-                np.where(beyond, outside[k], middle),
-            )
-    share = (np.cos(outside[0]) - np.cos(outside[1])) / 2
-    return np.where(some, share, 0.0), way
+            middle = (inside[end] + outside[end]) / 2
+            contact = is_in_contact(middle)
+            inside[end] = np.where(contact, middle, inside[end])
+            outside[end] = np.where(contact, outside[end], middle)
+    engagement = (np.cos(outside[0]) - np.cos(outside[1])) / 2
+    return np.where(is_engaged, engagement, 0.0), length

@@ -1,6 +1,7 @@
-"""Stretches of a circle: those within discs, where nothing is cut, and the bare ones between them.
+"""Stretches of the front of a loop: clear ones in discs that are cleared, and bare ones between.
 
-A stretch is a pair of angles, rad, the first one smaller.
+A stretch of a circle is a pair of angles, rad, the first one smaller. On a clear stretch the tool
+cuts nothing.
 """
 
 from __future__ import annotations
@@ -19,14 +20,14 @@ _SAME_RAD = 1e-9
 def clear_spans(
     circle: FloatArray, discs: FloatArray, zero: float, sense: float
 ) -> list[tuple[float, float]]:
-    """The stretch of a circle within each disc; both angles are equal beside a disc.
+    """The stretch of a circle inside each disc; both angles are equal if no part is inside.
 
-    Angles are measured from the direction ``zero``, rad. The middle of a stretch lies between -pi
-    and pi.
+    The middle of a stretch lies between -pi and pi.
 
-    circle: (3,) middle and radius, mm.
-    discs: (D, 3) middles and radii, mm.
-    sense: 1 for angles that grow counter-clockwise, -1 for the others.
+    circle: (3,) centre and radius, mm.
+    discs: (D, 3) centres and radii, mm.
+    zero: direction of the angle 0, rad, counter-clockwise from x.
+    sense: 1 for angles that grow counter-clockwise, -1 for angles that grow clockwise.
     """
     steps = discs[:, :2] - circle[:2]
     gaps = np.maximum(np.hypot(*steps.T), 1e-12)
@@ -38,7 +39,7 @@ def clear_spans(
 
 
 def unrolled(spans: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
-    """The stretches that are not empty, and the same a turn on, in the order of first angles."""
+    """The stretches that are not empty, and copies of them one turn later, by first angle."""
     turn = 2 * math.pi
     clear = [(first, last) for first, last in spans if last > first]
     return sorted(clear + [(first + turn, last + turn) for first, last in clear])
@@ -47,10 +48,10 @@ def unrolled(spans: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
 def bare_spans(
     clear: Sequence[tuple[float, float]], begin: float, shortest: float
 ) -> list[tuple[float, float]]:
-    """The stretches between ``begin`` and a turn on that lie in no stretch of ``clear``.
+    """The stretches of one turn from the angle `begin` on that lie in no stretch of `clear`.
 
-    clear: stretches, `unrolled`.
-    shortest: a clear stretch between two bare ones that is shorter counts as bare, rad.
+    clear: clear stretches from `unrolled`.
+    shortest: rad. A clear stretch between two bare ones that is shorter counts as bare.
     """
     bare: list[tuple[float, float]] = []
     reached, end = begin, begin + 2 * math.pi
@@ -65,10 +66,12 @@ def bare_spans(
 
 
 def crossings(clear: Sequence[tuple[float, float]], begin: float, end: float) -> list[float]:
-    """Angles on the way from ``begin`` to ``end`` over overlapping stretches, ``end`` the last one.
+    """Angles from `begin` to `end` between which straight lines cross the cleared area.
 
-    Each angle and the one before it lie in one stretch of ``clear``, which is `unrolled` and covers
-    the way.
+    Each angle and the one before it lie in one stretch of `clear`, so the line between them stays
+    in one disc. The last angle is `end`; `begin` is left out.
+
+    clear: stretches from `unrolled` that cover all angles from `begin` to `end`.
     """
     angles = []
     reached = begin

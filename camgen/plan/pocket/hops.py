@@ -1,10 +1,11 @@
-"""Hops: ways of a pocket over cleared ground, run at the speed of travel with a small lift.
+"""Hops: links of a pocket over the cleared area, run at travel speed with a small lift.
 
-The loops of a channel return straight over what they have cleared, and passes run through channels.
-Nothing is cut there. The area that the tool's centre can reach without touching material is what
-the channels sweep, less the tool's radius all around. A way in it becomes a hop of few straight
-lines where these stay in the area too. Other ways, and those so short that the lift takes longer,
-keep the feed: none runs along a curved wall at the speed of travel.
+The loops of a trochoidal channel return over the area that they have cleared, and passes lead
+through channels. Nothing is cut there. The tool centre touches no material in the area that the
+channels sweep, less the tool radius on all sides. A stretch of the path inside this area becomes a
+hop of a few straight lines if they stay inside too. Other stretches keep the feed, and so do those
+so short that the lift would take longer. So the tool never follows a curved wall at travel speed.
+Returns between two loops are hops in any case.
 """
 
 from __future__ import annotations
@@ -29,56 +30,58 @@ from camgen.geometry.segments import (
 )
 from camgen.model.path import PLACES, ToolPath
 from camgen.model.pose import FloatArray, frozen
-from camgen.plan.pocket.chains import polyline
+from camgen.plan.pocket.chains import make_polyline
 from camgen.plan.pocket.channel import Channel
 
 #: Height of a hop above the floor of the pass, mm.
 LIFT_MM = 0.3
-#: On a hop the tool may overlap with material by this, mm; what polygons leave of arcs is as much.
-_NEARER_MM = 0.005
+#: mm: on a hop the tool may overlap with material by this. Polygons deviate from arcs by as much.
+_OVERLAP_MM = 0.005
 #: Chords of a quarter of a circle.
 _QUARTER = 32
-#: Places on a pass: how far apart, as a share of the tool's radius.
-_EVERY = 0.1
-#: Halvings by which the end of a way over cleared ground is found.
+#: Spacing of samples on a pass, as a fraction of the tool radius.
+_SPACING_FRACTION = 0.1
+#: Bisection steps by which the border of the cleared area is found on a pass.
 _HALVINGS = 20
-#: Chords leave the arcs of a channel by at most this, mm.
+#: mm: maximum deviation of chords from the arcs of a channel.
 _CHORD_MM = 0.01
-#: Straight ways of a hop at most, and places on a way where one may end.
-_MOST_WAYS, _STOPS = 6, 48
-#: A hop has to save this time at least, s.
-_LEAST_S = 0.03
+#: Maximum number of straight lines of a hop.
+_MAX_LINES = 6
+#: Evenly spaced points on a stretch at which a line of the hop may end.
+_STOPS = 48
+#: s: minimum time that a hop saves, apart from returns between two loops.
+_MIN_SAVED_S = 0.03
 
 
 class Speeds(Struct, frozen=True):
-    """Speeds of a job, mm/s: of cutting and of travel."""
+    """Speeds of a job, mm/s: `feed` for cutting, `travel` for links without contact."""
 
     feed: float
     travel: float
 
     def saved(self, cut: float, travelled: float) -> float:
-        """Seconds that a hop of ``travelled`` mm saves in place of ``cut`` mm at the feed."""
+        """Seconds that a hop of `travelled` mm saves in place of `cut` mm at the feed."""
         lifts = LIFT_MM / self.travel + LIFT_MM / self.feed
         return cut / self.feed - travelled / self.travel - lifts
 
 
-class Way(Struct, frozen=True, eq=False):
-    """A walk with its hops.
+class HopPath(Struct, frozen=True, eq=False):
+    """Linked passes with hops.
 
     chain: N segments in order.
-    travels: (N,) whether a segment is part of a hop.
-    loops: number of segments at its start that are a channel.
+    is_hop: (N,) whether a segment is part of a hop.
+    channel_segments: number of segments at the start that are a trochoidal channel.
     """
 
     chain: Segments
-    travels: BoolArray
-    loops: int
+    is_hop: BoolArray
+    channel_segments: int
 
 
-def cleared_by(channels: Sequence[Channel], radius: float) -> Any:
-    """The area in which the middle of a tool touches nothing after ``channels``.
+def make_cleared_area(channels: Sequence[Channel], radius: float) -> Any:
+    """The area in which the tool centre touches no material after `channels` are cut, as polygons.
 
-    radius: radius of the tool, mm.
+    radius: tool radius, mm.
     """
     lines: list[Any] = []
     for channel in channels:
@@ -90,72 +93,86 @@ def cleared_by(channels: Sequence[Channel], radius: float) -> Any:
         ends = np.concatenate([points, arcs.end])[order]
         lines += shapely.linestrings(ends, indices=np.concatenate([owner, rows])[order]).tolist()
     swept = shapely.union_all(shapely.buffer(lines, radius, quad_segs=_QUARTER))
-    area = shapely.buffer(swept, _NEARER_MM - radius, quad_segs=_QUARTER)
+    area = shapely.buffer(swept, _OVERLAP_MM - radius, quad_segs=_QUARTER)
     shapely.prepare(area)
     return area
 
 
-def hop(chain: Segments, loops: int, cleared: Any, radius: float, speeds: Speeds) -> Way:
-    """The way of a walk, its returns and all that runs over ``cleared`` ground as hops.
+def add_hops(
+    chain: Segments, channel_segments: int, cleared: Any, radius: float, speeds: Speeds
+) -> HopPath:
+    """Replace the returns of a channel, and all stretches over the cleared area, by hops.
 
-    loops: number of segments at the start of ``chain`` that are a channel.
-    radius: radius of the tool, mm.
+    chain: passes and links in order.
+    channel_segments: number of segments at the start of `chain` that are a channel.
+    cleared: polygons in which the tool centre touches no material.
+    radius: tool radius, mm.
     """
     if shapely.is_empty(cleared):
-        return Way(chain, np.zeros(len(chain), dtype=np.bool_), loops)
-    channel = chain.take(np.arange(loops))
-    idle = ~channel.is_arc
-    # The first lines lead to where the tool goes in.
-    idle[: int(np.argmax(channel.is_arc)) if channel.is_arc.any() else loops] = False
-    rest, rest_idle = _part(chain.take(np.arange(loops, len(chain))), cleared, radius)
-    whole = concatenate([channel, rest])
-    is_idle = np.concatenate([idle, rest_idle])
+        return HopPath(chain, np.zeros(len(chain), dtype=np.bool_), channel_segments)
+    channel = chain.take(np.arange(channel_segments))
+    is_return = ~channel.is_arc
+    # The first lines lead to the point at which the tool enters.
+    first_arc = int(np.argmax(channel.is_arc)) if channel.is_arc.any() else channel_segments
+    is_return[:first_arc] = False
+    passes = chain.take(np.arange(channel_segments, len(chain)))
+    passes, is_clear = _split_at_border(passes, cleared, radius)
+    whole = concatenate([channel, passes])
+    is_idle = np.concatenate([is_return, is_clear])
     parts: list[Segments] = []
-    travels: list[BoolArray] = []
-    done = new_loops = 0
-    for first, last in [*_idle_runs(whole, is_idle, loops, cleared), (len(whole), len(whole))]:
+    is_hop: list[BoolArray] = []
+    done = new_channel_segments = 0
+    runs = _find_idle_runs(whole, is_idle, channel_segments, cleared)
+    for first, last in [*runs, (len(whole), len(whole))]:
         parts.append(whole.take(np.arange(done, first)))
-        travels.append(np.zeros(first - done, dtype=np.bool_))
-        new_loops += max(min(first, loops) - done, 0)
-        run = whole.take(np.arange(first, last))
-        # Between two loops, ground may lie in the area that only later ones clear.
-        straight: Segments | None = run
-        if last > loops and len(run):
-            straight = _shorten(run, cleared)
-        saved = 0.0
-        if straight is not None:
-            saved = speeds.saved(run.length.sum(), straight.length.sum())
-        chosen = run if straight is None or saved < _LEAST_S else straight
+        is_hop.append(np.zeros(first - done, dtype=np.bool_))
+        new_channel_segments += max(min(first, channel_segments) - done, 0)
+        stretch = whole.take(np.arange(first, last))
+        # A return between two loops is always a hop, and stays as it is. A shortcut could lead over
+        # material that only later loops clear.
+        chosen, hops = stretch, True
+        if last > channel_segments and len(stretch):
+            lines = _shorten(stretch, cleared)
+            hops = False
+            if lines is not None:
+                saved = speeds.saved(stretch.length.sum(), lines.length.sum())
+                hops = saved >= _MIN_SAVED_S
+                chosen = lines if hops else stretch
         parts.append(chosen)
-        travels.append(np.full(len(chosen), chosen is straight))
-        new_loops += len(chosen) if first < loops else 0
+        is_hop.append(np.full(len(chosen), hops))
+        new_channel_segments += len(chosen) if first < channel_segments else 0
         done = last
-    return Way(concatenate(parts), np.concatenate(travels), new_loops)
+    return HopPath(concatenate(parts), np.concatenate(is_hop), new_channel_segments)
 
 
-def _idle_runs(
-    chain: Segments, is_idle: BoolArray, loops: int, cleared: Any
+def _find_idle_runs(
+    chain: Segments, is_idle: BoolArray, channel_segments: int, cleared: Any
 ) -> list[tuple[int, int]]:
-    """The runs of idle segments.
+    """First row and end row of each run of idle segments.
 
-    At the end of a channel a run is parted if no straight ways replace the whole of it.
+    is_idle: (N,) whether nothing is cut on a segment.
+
+    A run over the end of the channel is split there, unless a hop can replace all of it.
     """
     runs: list[tuple[int, int]] = []
     for first, last in true_runs(is_idle).tolist():
-        leaves = first < loops < last
-        if leaves and _shorten(chain.take(np.arange(first, last)), cleared) is None:
-            runs += [(first, loops), (loops, last)]
+        leaves_channel = first < channel_segments < last
+        if leaves_channel and _shorten(chain.take(np.arange(first, last)), cleared) is None:
+            runs += [(first, channel_segments), (channel_segments, last)]
         else:
             runs.append((first, last))
     return runs
 
 
-def _part(chain: Segments, cleared: Any, radius: float) -> tuple[Segments, BoolArray]:
-    """``chain`` parted where it enters or leaves ``cleared`` ground, and which parts lie in it."""
+def _split_at_border(chain: Segments, cleared: Any, radius: float) -> tuple[Segments, BoolArray]:
+    """Split a chain at the border of the cleared area.
+
+    Returns the M parts, and whether each of them lies inside (M,).
+    """
     if not len(chain):
         return chain, np.zeros(0, dtype=np.bool_)
-    # The first place of a segment is its start, the last one its end.
-    count = np.maximum(np.ceil(chain.length / (_EVERY * radius)), 2).astype(np.int64) + 1
+    # The first sample of a segment is its start, the last one its end.
+    count = np.maximum(np.ceil(chain.length / (_SPACING_FRACTION * radius)), 2).astype(np.int64) + 1
     row = owners(count)
     at = ramp(count) / (count[row] - 1)
 
@@ -171,7 +188,7 @@ def _part(chain: Segments, cleared: Any, radius: float) -> tuple[Segments, BoolA
         middle = (low + high) / 2
         same = is_clear(rows, middle) == before
         low, high = np.where(same, middle, low), np.where(same, high, middle)
-    # The border is cut rather than run over.
+    # The cut is on the inner side of the border.
     cut = np.where(before, low, high)
     begins_row = np.concatenate([np.arange(len(chain)), rows])
     begins_at = np.concatenate([np.zeros(len(chain)), cut])
@@ -184,19 +201,20 @@ def _part(chain: Segments, cleared: Any, radius: float) -> tuple[Segments, BoolA
     return split(chain, begins_row, begins_at, ends_at), state
 
 
-def _shorten(run: Segments, cleared: Any) -> Segments | None:
-    """A few straight ways in place of ``run``, each as far as it stays on ``cleared`` ground.
+def _shorten(stretch: Segments, cleared: Any) -> Segments | None:
+    """A few straight lines in place of a stretch, each as long as the cleared area allows.
 
-    None if more than `_MOST_WAYS` would be needed, as along a wall that bends towards the tool.
+    None if more than `_MAX_LINES` are needed, for example along a wall that curves towards the
+    tool.
     """
-    ends = np.cumsum(run.length)
+    ends = np.cumsum(stretch.length)
     along = np.unique(np.concatenate([[0.0], ends, np.linspace(0.0, ends[-1], _STOPS)]))
-    row = np.minimum(np.searchsorted(ends, along), len(run) - 1)
-    fraction = (along - (ends[row] - run.length[row])) / np.maximum(run.length[row], 1e-12)
-    points = points_at(run.take(row), np.clip(fraction, 0.0, 1.0))
+    row = np.minimum(np.searchsorted(ends, along), len(stretch) - 1)
+    fraction = (along - (ends[row] - stretch.length[row])) / np.maximum(stretch.length[row], 1e-12)
+    points = points_at(stretch.take(row), np.clip(fraction, 0.0, 1.0))
     stops = [0]
     while stops[-1] < len(points) - 1:
-        if len(stops) > _MOST_WAYS:
+        if len(stops) > _MAX_LINES:
             return None
         ahead = np.arange(stops[-1] + 1, len(points))
         start = np.repeat(points[stops[-1]][None], len(ahead), axis=0)
@@ -205,23 +223,23 @@ def _shorten(run: Segments, cleared: Any) -> Segments | None:
         if not len(reached):
             return None
         stops.append(int(ahead[reached[-1]]))
-    return polyline(points[stops])
+    return make_polyline(points[stops])
 
 
-def lift(path: ToolPath, travels: BoolArray, speeds: Speeds) -> ToolPath:
-    """The path with its hops lifted: up, across, and down at the feed over a cleared floor.
+def lift_hops(path: ToolPath, is_hop: BoolArray, speeds: Speeds) -> ToolPath:
+    """The path with its hops lifted by `LIFT_MM`: up and across at travel speed, down at the feed.
 
-    travels: (N,) whether the segment that ends in a row is part of a hop.
+    is_hop: (N,) whether the segment that ends in a row of the path is part of a hop.
     """
-    if not travels.any():
+    if not is_hop.any():
         return path
     table, rows = path.table, np.arange(len(path))
-    runs = true_runs(travels)
+    runs = true_runs(is_hop)
     ups, downs = runs[:, 0], runs[:, 1] - 1
     source = np.concatenate([rows, ups, downs])
-    # Up before the first row of a run, down after its last one.
+    # A row up comes before the first row of a run, a row down after its last one.
     key = np.concatenate([rows, ups - 0.5, downs + 0.5])
-    kind = np.concatenate([np.where(travels, 1, 0), np.full(len(ups), 2), np.full(len(ups), 3)])
+    kind = np.concatenate([np.where(is_hop, 1, 0), np.full(len(ups), 2), np.full(len(ups), 3)])
     order = np.argsort(key, kind="stable")
     source, kind = source[order], kind[order]
     lifted = table[source].copy()

@@ -1,8 +1,8 @@
-"""The walls of what earlier operations leave of pockets, for a smaller tool that clears only that.
+"""The areas of pockets that earlier operations leave, for a smaller tool that clears only these.
 
-Material that the tool reaches, and that earlier tools leave, is grown by the tool's diameter within
-its pocket. Each disc of the tool that meets such material lies in the grown area. So a pocket of
-that shape clears all that the tool would clear of the whole pocket.
+Rest material of the earlier tools that this tool reaches is enlarged by the tool diameter, within
+its pocket. The enlarged area contains each position of the tool that touches such material. So the
+tool clears as much of it as it would by clearing the whole pocket.
 """
 
 from __future__ import annotations
@@ -17,35 +17,38 @@ from camgen.geometry.segments import from_contours, neighbours
 from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.part import Contour, Part
-from camgen.plan.pocket.rings import QUARTER, Ground, region_of
+from camgen.plan.pocket.regions import QUARTER_CHORDS, PocketWalls, make_pocket_polygon
 from camgen.plan.recover import recover
 from camgen.plan.rest import find_rest
 
-#: Tolerance with which arcs of walls are found again in their chords, mm.
+#: mm: tolerance with which arcs are recovered from the chords of walls.
 _ARC_MM = 0.004
-#: Channels narrower than the tool by twice this, mm, count as wide as it.
+#: mm: channels narrower than the tool by up to twice this count as wide as the tool.
 _CHANNEL_MM = 0.005
-#: Material in no wider a strip, mm, is an error of chords.
+#: mm: strips of material up to this width are deviations of chords.
 _NARROW_MM = 0.01
-#: The area is grown by the diameter and this share of the radius more.
-_MORE_SHARE = 0.05
+#: The area is enlarged by the diameter and this fraction of the radius.
+_EXTRA_FRACTION = 0.05
 
 
 class Rest(Struct, frozen=True, eq=False):
     """The areas of pockets that earlier operations leave.
 
-    ground: walls of the areas that are left, in the order of their pockets.
+    walls: walls of the areas that are left, in the order of their pockets.
     pocket: (A,) the pocket of each area.
-    cleared: polygons of the pockets that are cleared before.
+    cleared: polygons of the pockets that earlier operations clear.
     """
 
-    ground: Ground
+    walls: PocketWalls
     pocket: list[int]
     cleared: Any
 
 
-def find_rest_of_pockets(ground: Ground, part: Part, job: Job) -> Rest:
-    """The walls of what operations before, of `part`, leave of the pockets of `ground`.
+def find_rest_of_pockets(pocket_walls: PocketWalls, part: Part, job: Job) -> Rest:
+    """The areas that earlier operations leave of pockets.
+
+    pocket_walls: walls of the pockets.
+    part: part with its earlier operations.
 
     Raises JobError if no operation with a larger tool comes before.
     """
@@ -54,7 +57,7 @@ def find_rest_of_pockets(ground: Ground, part: Part, job: Job) -> Rest:
         what = "no operation before it has a larger tool"
         remedy = "list it after the operations of larger tools"
         raise JobError("job", what, "operation.rest", remedy)
-    regions = [region_of(ground, number) for number in range(ground.count)]
+    regions = [make_pocket_polygon(pocket_walls, k) for k in range(pocket_walls.pocket_count)]
     whole = shapely.union_all(regions)
     rest = find_rest(whole, part, job)
     loops: list[Contour] = []
@@ -70,17 +73,26 @@ def find_rest_of_pockets(ground: Ground, part: Part, job: Job) -> Rest:
     walls = from_contours(recover(loops, _ARC_MM)[0])
     following = neighbours(walls, np.ones(len(loops), np.bool_))
     owner_group = np.array(group, np.int64)[walls.owner]
-    rest_ground = Ground(walls, following, owner_group, len(pocket))
-    return Rest(rest_ground, pocket, shapely.difference(whole, rest))
+    rest_walls = PocketWalls(walls, following, owner_group, len(pocket))
+    return Rest(rest_walls, pocket, shapely.difference(whole, rest))
 
 
 def _grow(region: Any, rest: Any, radius: float) -> Any:
-    """The area around the rest that a tool has to clear of a pocket, empty polygons for nothing."""
-    centres = shapely.buffer(region, _CHANNEL_MM - radius, quad_segs=QUARTER)
-    reached = shapely.buffer(centres, radius, quad_segs=QUARTER)
+    """The area of a pocket around rest material that a tool has to clear, as polygons.
+
+    region: polygon of the pocket.
+    rest: polygons of rest material.
+    radius: tool radius, mm.
+
+    Returns an empty multipolygon if the tool reaches no rest material.
+    """
+    centres = shapely.buffer(region, _CHANNEL_MM - radius, quad_segs=QUARTER_CHORDS)
+    reached = shapely.buffer(centres, radius, quad_segs=QUARTER_CHORDS)
     left = shapely.get_parts(shapely.intersection(reached, rest))
     left = left[~shapely.is_empty(shapely.buffer(left, -_NARROW_MM / 2, quad_segs=2))]
-    grown = shapely.buffer(shapely.union_all(left), (2 + _MORE_SHARE) * radius, quad_segs=QUARTER)
+    grown = shapely.buffer(
+        shapely.union_all(left), (2 + _EXTRA_FRACTION) * radius, quad_segs=QUARTER_CHORDS
+    )
     area = shapely.get_parts(shapely.intersection(region, grown))
     return shapely.multipolygons(area[shapely.area(area) > np.pi * radius**2 / 2])
 
