@@ -29,9 +29,9 @@ def outline(contour: Contour) -> shapely.Polygon:
     """A closed contour as a polygon."""
     ends = np.vstack([contour.points, contour.points[:1]])
     spans = zip(ends[:-1], ends[1:], contour.bulges, strict=True)
-    return shapely.Polygon(
-        [point for a, b, bulge in spans for point in _bulged(a, b, float(bulge))]
-    )
+    points = [point for a, b, bulge in spans for point in _bulged(a, b, float(bulge))]
+    # Two points enclose nothing: a nearly flat arc and its chord.
+    return shapely.Polygon(points) if len(points) > 2 else shapely.Polygon()
 
 
 def _bulged(a: np.ndarray, b: np.ndarray, bulge: float) -> list[np.ndarray]:
