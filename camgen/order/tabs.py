@@ -36,7 +36,15 @@ from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, name_first, short
 from camgen.model.tolerance import SAME_POINT_MM
 from camgen.plan.columns import path_segments
-from camgen.plan.pieces import chorded, lengths_along, nearest, point_at, shortest, split_at
+from camgen.plan.pieces import (
+    chorded,
+    lengths_along,
+    nearest,
+    point_at,
+    points_at,
+    shortest,
+    split_at,
+)
 
 #: A turn of the tangent that makes a corner, rad: curves that were drawn as many lines turn by less.
 _CORNER = math.radians(5)
@@ -304,7 +312,7 @@ def _find_crowded(
     near = lines[shapely.STRtree(lines).query(_draw_line(once), "dwithin", distance=distance)]
     length = float(lengths_along(once)[-1])
     places = np.linspace(0.0, length, max(2, math.ceil(length / _LOOK_MM)) + 1)
-    points = shapely.points([point_at(once, place)[:2] for place in places.tolist()])
+    points = shapely.points(points_at(once, places)[:, :2])
     close = _come_back(points, places, distance)
     if len(near):
         close |= shapely.distance(shapely.union_all(near), points) < distance

@@ -47,11 +47,16 @@ def split_at(path: ToolPath, lengths: FloatArray) -> ToolPath:
 
 def point_at(path: ToolPath, length: float) -> FloatArray:
     """The point (3,) at `length` mm from the start of a path, or the end nearest to it."""
+    return np.asarray(points_at(path, np.array([length]))[0])
+
+
+def points_at(path: ToolPath, lengths: FloatArray) -> FloatArray:
+    """The points (K, 3) at `lengths` (K,), mm, from the start of a path, or the nearest ends."""
     vertices = lengths_along(path)
-    segment = np.clip(np.searchsorted(vertices, [length]) - 1, 0, len(vertices) - 2)
+    segment = np.clip(np.searchsorted(vertices, lengths) - 1, 0, len(vertices) - 2)
     size = np.maximum(vertices[segment + 1] - vertices[segment], NONZERO)
-    fraction = np.clip((length - vertices[segment]) / size, 0.0, 1.0)
-    return np.asarray(chain(path.position, path.via[1:]).point(fraction, segment)[0])
+    fraction = np.clip((lengths - vertices[segment]) / size, 0.0, 1.0)
+    return np.asarray(chain(path.position, path.via[1:]).point(fraction, segment))
 
 
 def nearest(path: ToolPath, point: FloatArray) -> tuple[float, float]:
