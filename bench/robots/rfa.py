@@ -132,7 +132,7 @@ def differ(result: Result, solid: Solid) -> tuple[int, int]:
 
 def whole(path: Path, job: dict[str, dict[str, object]]) -> None:
     """A build as a process of its own."""
-    words = ["--post", "rapid", "-q", "-o", path.parent / "x.mod"]
+    words = ["--post", "rapid", "-q", "-o", path.with_suffix(".mod")]
     for table, keys in job.items():
         words += [f"--set={table}.{key}={_toml(value)}" for key, value in keys.items()]
     measure_process(python("camgen", "build", path, *words))
