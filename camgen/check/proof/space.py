@@ -112,7 +112,7 @@ class SpaceChecker:
             return 0.0
         uncovered = bare > self.distance + self.limit
         left = _measure_gaps(chain, uncovered)
-        if self._is_trimmed(chain, uncovered):
+        if self._is_trimmed(chain, uncovered) and not uncovered.all():
             return line.length - left
         if open_start:
             findings.leave(f"the start of {line.id}", "it is given by joint values")

@@ -1,5 +1,6 @@
 """The proof of edges that are worked in pieces: notes must name each bare stretch."""
 
+import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -75,6 +76,16 @@ def test_a_gap_that_no_note_names_is_found(
     findings = "; ".join(finding.text for _, finding in motion.findings)
     assert expected in findings
     assert bool(findings) is bool(expected)
+
+
+def test_an_edge_whose_start_is_given_by_joint_values_may_be_shorter_than_the_trim() -> None:
+    """A trim of 100 mm at either end leaves nothing of an edge to be examined."""
+    job = tomllib.loads((PARTS / "rfa1_nominal.toml").read_text())
+    job["operation"] = {**job["operation"], "trim": 100.0}
+    motion = camgen.build(PARTS / "rfa1.stl", post="rapid", job=job).motion
+    assert motion is not None
+    assert motion.findings == ()
+    assert any("it is given by joint values" in reason for reason in motion.unproven)
 
 
 def test_points_of_a_refined_chain_are_near_each_other_and_on_it() -> None:
