@@ -86,6 +86,8 @@ def check(
     if where is not None:
         flow = Flow(plunge(job.process), math.inf, -math.inf)
     if flow is not None:
-        program, notes = let_flow(program, reach, there, cell, flow)
+        # No rim is worked at the corners of links.
+        strict = there if there.strict is None else replace(there, work=there.strict)
+        program, notes = let_flow(program, reach, strict, cell, flow)
         told = (*told, *notes)
     return Checks(program, reach, replace(clear, notes=(*clear.notes, *told)), there, slow)

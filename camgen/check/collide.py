@@ -198,7 +198,7 @@ def _find_strict(where: Surroundings, reach: Reach, course: JointPath) -> list[_
     """The collisions by the strict test, of all paths but rims and of links between two of them."""
     if where.strict is None:
         return []
-    is_rim = [not where.rims.isdisjoint(path.contours) for path in reach.program.paths]
+    is_rim = [where.is_rim(path.contours) for path in reach.program.paths]
     columns, motion_of = reach.program.columns, _motions(reach, course)
     runs = []
     spared = False  # the path before

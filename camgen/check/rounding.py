@@ -105,12 +105,13 @@ def hold_clear(
     assert cell.arm is not None
     path = _follow(program, found, course, cell.arm)
     blend = columns.blend.copy()
+    is_rim = np.array([where.is_rim(origin.contours) for origin in program.paths], np.bool_)
     left = corners
     while len(left):
         free = []
         for rows in np.split(left, range(_CORNERS, len(left), _CORNERS)):
             rounded = _round(columns, path, blend[rows], rows, pace)
-            free.append(_are_clear(where, rounded, gap))
+            free.append(_are_clear(where, rounded, gap, ~is_rim[columns.path[rows]]))
         left = left[~np.concatenate(free)]
         blend[left] = _lessen(blend[left], pace)
         left = left[blend[left] > 0]
@@ -143,8 +144,13 @@ def _lessen(blend: FloatArray, pace: Dynamics) -> FloatArray:
     return np.asarray(np.select([blend > zone for zone in ZONES], ZONES, 0.0))
 
 
-def _are_clear(where: Surroundings, corners: _RoundedCorners, gap: float) -> BoolArray:
-    """(K,) whether the arm meets nothing in corners and keeps the margin."""
+def _are_clear(
+    where: Surroundings, corners: _RoundedCorners, gap: float, is_strict: BoolArray
+) -> BoolArray:
+    """(K,) whether the arm meets nothing in corners and keeps the margin.
+
+    is_strict: (K,) whether the corner is on a path that is not along a rim.
+    """
     programmed, rounded = corners.programmed, corners.rounded
     off = _measure(where.scene, measure_apart, rounded, programmed) + corners.more
     even = (programmed[:, 1:] + programmed[:, :-1]) / 2
@@ -159,6 +165,9 @@ def _are_clear(where: Surroundings, corners: _RoundedCorners, gap: float) -> Boo
     if where.work.pairs:
         tests = motions(where.work, list(rounded), STEP, apart=bow)
         clear &= ~np.array([test.hit for test in tests])
+    if where.strict is not None and is_strict.any():
+        tests = motions(where.strict, list(rounded[is_strict]), STEP, apart=bow)
+        clear[is_strict] &= ~np.array([test.hit for test in tests])
     return clear
 
 

@@ -70,6 +70,10 @@ class Surroundings(Struct, frozen=True, eq=False):
     rims: frozenset[str] = frozenset()
     strict: Scene | None = None
 
+    def is_rim(self, contours: Sequence[str]) -> bool:
+        """Whether a path along these contours is along a rim."""
+        return not self.rims.isdisjoint(contours)
+
 
 def around(
     job: Job,
