@@ -66,7 +66,7 @@ def rows(
         ("input", _input(result), "plain"),
         *_job(job, inputs),
         *_located(result),
-        *_notes(result.notes, verbose),
+        *list_notes(result.notes, verbose),
         *_tell_plan(result),
         *_operations(result),
         *_coverage(result),
@@ -201,11 +201,11 @@ def _reach(result: Result) -> list[Row]:
         robot += f", not at its feed on {counted(slow, 'path')}"
     return [
         ("reach", f"{robot} ({samples})", "look" if slow else "good"),
-        _collision(result),
+        describe_collision(result),
     ]
 
 
-def _collision(result: Result) -> Row:
+def describe_collision(result: Result) -> Row:
     """The proof that the arm, its tool and its cell do not meet."""
     untested = result.where.untested if result.where else ()
     if not untested:
@@ -285,22 +285,22 @@ def _job(job: Path | None, inputs: Sequence[Path]) -> list[Row]:
     ]
 
 
-def _notes(notes: Sequence[Note], verbose: int) -> list[Row]:
-    told: list[Row] = []
+def list_notes(notes: Sequence[Note], verbose: int) -> list[Row]:
+    """A row for each note, those that matter most first.
+
+    verbose: 0 for the first notes of each kind alone, with the number of the others.
+    """
+    rows: list[Row] = []
     for kind in GRAVEST:
         tone = "plain" if kind in _PLAIN else "look"
-        own = [note for note in notes if note.kind == kind]
-        shown = own if verbose else own[:_NOTES]
-        told += [(kind, note.what + (f" ({note.why})" if note.why else ""), tone) for note in shown]
-        if len(own) > len(shown):
-            told.append(
-                (
-                    kind,
-                    f"and {grouped(len(own) - len(shown))} more (-v shows all, --report lists them)",
-                    tone,
-                )
-            )
-    return told
+        of_kind = [note for note in notes if note.kind == kind]
+        shown = of_kind if verbose else of_kind[:_NOTES]
+        for note in shown:
+            rows.append((kind, note.what + (f" ({note.why})" if note.why else ""), tone))
+        if len(of_kind) > len(shown):
+            count = grouped(len(of_kind) - len(shown))
+            rows.append((kind, f"and {count} more (-v shows all, --report lists them)", tone))
+    return rows
 
 
 def _tell_plan(result: Result) -> list[Row]:

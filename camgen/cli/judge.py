@@ -182,14 +182,14 @@ def verdict(executed: Executed, program: Path, place: Places) -> CamgenError | N
     refused = [one for one in executed.findings if one.level == "refused"]
     if refused:
         what = f"{counted(len(refused), 'line is', 'lines are')} refused, first: {refused[0].what}"
-        return InputError(str(program), what, place(refused[0].line), "mend the program")
+        return InputError(str(program), what, place(refused[0].line), "correct the program")
     if executed.stopped:
         line, what = executed.stopped
         return InputError(
-            str(program), f"cannot be run to its end: {what}", place(line), "mend the program"
+            str(program), f"cannot be run to its end: {what}", place(line), "correct the program"
         )
     harm = [one for one in executed.findings if one.level == "dangerous"]
     if harm:
         what = f"{counted(len(harm), 'line is', 'lines are')} dangerous, first: {harm[0].what}"
-        return NoSafeProgram(str(program), what, place(harm[0].line), "mend the program")
+        return NoSafeProgram(str(program), what, place(harm[0].line), "correct the program")
     return None

@@ -20,6 +20,7 @@ from camgen.batch.writing import (
     is_edited,
     write_all,
 )
+from camgen.cli.build import describe_collision, list_notes
 from camgen.cli.job_text import write_table, write_tables
 from camgen.cli.say import Row, Voice
 from camgen.model.errors import JobError, one_line, rename_errors
@@ -90,9 +91,9 @@ def _place_beside(target: Path, number: int, suffix: str) -> Path:
 def _write_cell(result: Search, part: str, folder: Path) -> str:
     """The file of the cell of the best set-up."""
     head = [f"camgen {__version__}: where {harmless(part)} should stand"]
-    head += _tell_rows(_describe(result))
+    head += _format_rows(_describe(result))
     lines = write_table("cell", result.best[0].job.cell, folder)
-    return _join([*head, *_tell_rows(_list_edges(result))], lines)
+    return _join([*head, *_format_rows(_list_edges(result))], lines)
 
 
 def _write_set_up(
@@ -116,9 +117,10 @@ def _write_set_up(
     head = [
         f"camgen {__version__}: set-up {number} of {len(result.set_ups)} of {harmless(part)}",
         f"program: {harmless(names)}, picture: {harmless(job.with_suffix('.svg').name)}",
-        f"set-up {number}: {_tell(result, trial)}",
-        *_tell_frame(trial),
-        *_tell_rows(_list_edges(result)),
+        f"set-up {number}: {_describe_trial(result, trial)}",
+        *_describe_frame(trial),
+        *_format_rows(_list_findings(trial)),
+        *_format_rows(_list_edges(result)),
     ]
     yield job, _join(head, write_tables(trial.job, job.parent)).encode()
     yield from programs
@@ -130,7 +132,7 @@ def _join(head: list[str], lines: list[str]) -> str:
     return "".join([*(f"# {one_line(line)}\n" for line in head), *(f"{line}\n" for line in lines)])
 
 
-def _tell_rows(rows: list[Row]) -> list[str]:
+def _format_rows(rows: list[Row]) -> list[str]:
     return [f"{label}: {text}" if label else text for label, text, _ in rows]
 
 
@@ -138,22 +140,23 @@ def _describe(result: Search) -> list[Row]:
     """The places that were built, the set-ups, and the size of the search."""
     best, *others = result.best
     remark = ", where the job has it" if best is result.as_given else ""
-    rows: list[Row] = [("place", _tell(result, best) + remark, "plain")]
+    rows: list[Row] = [("place", _describe_trial(result, best) + remark, "plain")]
     for trial in others:
         if trial is not result.as_given:
-            rows.append(("next best", _tell(result, trial), "plain"))
+            rows.append(("next best", _describe_trial(result, trial), "plain"))
     if best is not result.as_given:
-        rows.append(("the job's", _tell(result, result.as_given), "plain"))
+        rows.append(("the job's", _describe_trial(result, result.as_given), "plain"))
     if len(result.set_ups) > 1:
         for number, trial in enumerate(result.set_ups, 1):
-            rows.append((f"set-up {number}", _tell(result, trial), "plain"))
-            rows += [("", text, "plain") for text in _tell_frame(trial)]
-        rows.append(("together", _tell_worked(result, result.set_ups), "plain"))
-    rows.append(("searched", _tell_search(result), "plain"))
+            rows.append((f"set-up {number}", _describe_trial(result, trial), "plain"))
+            rows += [("", text, "plain") for text in _describe_frame(trial)]
+            rows += _list_findings(trial)
+        rows.append(("together", _format_worked(result, result.set_ups), "plain"))
+    rows.append(("searched", _describe_search(result), "plain"))
     return rows
 
 
-def _tell_search(result: Search) -> str:
+def _describe_search(result: Search) -> str:
     grid, near = result.places
     searched = sum(stand.face is not None for stand in result.stands)
     faces = counted(result.faces, "resting face")
@@ -162,36 +165,36 @@ def _tell_search(result: Search) -> str:
     return f"{faces}, {counted(grid, 'place')} by the joints alone, {near} with collisions"
 
 
-def _tell(result: Search, trial: Trial) -> str:
+def _describe_trial(result: Search, trial: Trial) -> str:
     """The place of the part, and the edges that are worked there."""
     spot = trial.spot
     where = (
-        f"{_tell_stand(trial.stand)}, {short(spot.distance, 1)} mm from axis 1, "
+        f"{_describe_stand(trial.stand)}, {short(spot.distance, 1)} mm from axis 1, "
         f"{short(spot.height, 1)} mm up, turned by {short(spot.turn, 2)} deg"
     )
     time = f", about {duration(trial.seconds)}" if trial.worked else ""
-    return f"{where}: {_tell_worked(result, [trial])}{time}"
+    return f"{where}: {_format_worked(result, [trial])}{time}"
 
 
-def _tell_worked(result: Search, trials: Sequence[Trial]) -> str:
+def _format_worked(result: Search, trials: Sequence[Trial]) -> str:
     worked = result.measure_worked(trials)
     length, total = (short(mm, 1) for mm in (sum(worked.values()), result.length))
     edges = f"{grouped(len(worked))} of {counted(len(result.edges), 'edge')}"
     return f"{edges}, {length} of {total} mm"
 
 
-def _tell_stand(stand: Stand) -> str:
+def _describe_stand(stand: Stand) -> str:
     if stand.is_own:
         return "as the job has it"
     axis, angle = stand.turned
-    return f"turned over by {short(math.degrees(angle), 2)} deg about {_tell_vector(axis)}"
+    return f"turned over by {short(math.degrees(angle), 2)} deg about {_format_vector(axis)}"
 
 
-def _tell_frame(trial: Trial) -> list[str]:
+def _describe_frame(trial: Trial) -> list[str]:
     """The face, the rotation and the frame, for the operator."""
     stand, lines = trial.stand, []
     if stand.face is not None:
-        normal, middle = _tell_vector(stand.face.normal), _tell_vector(stand.face.middle)
+        normal, middle = _format_vector(stand.face.normal), _format_vector(stand.face.middle)
         longer, shorter = (short(side, 1) for side in stand.face.size)
         lines.append(
             f"rests on the face of {longer} x {shorter} mm with the middle {middle} mm and the "
@@ -199,7 +202,7 @@ def _tell_frame(trial: Trial) -> list[str]:
         )
     if not stand.is_own:
         axis, angle = stand.turned
-        turned = f"{short(math.degrees(angle), 2)} deg about {_tell_vector(axis)} of the part"
+        turned = f"{short(math.degrees(angle), 2)} deg about {_format_vector(axis)} of the part"
         lines.append(
             f"turned from how the file has it by {turned}; a table is assumed under it, "
             "fixtures of the job do not stand there"
@@ -207,7 +210,14 @@ def _tell_frame(trial: Trial) -> list[str]:
     return [*lines, f"base_from_work = {list(trial.base_from_work)}"]
 
 
-def _tell_vector(values: np.ndarray) -> str:
+def _list_findings(trial: Trial) -> list[Row]:
+    """The proof of a set-up, and its notes without those on edges, which are listed by edge."""
+    assert trial.result is not None
+    notes = [note for note in trial.result.notes if note.kind != "skipped" or not note.ids]
+    return [describe_collision(trial.result), *list_notes(notes, verbose=1)]
+
+
+def _format_vector(values: np.ndarray) -> str:
     return f"[{', '.join(short(value, 3) for value in values.tolist())}]"
 
 
@@ -246,13 +256,13 @@ def _row_of_edge(result: Search, name: str) -> Row:
     state = _order_edge(result, name)
     if state == 2:
         return (name, ", ".join(parts), "plain")
-    parts += _tell_reasons(result.set_ups, name)
+    parts += _list_reasons(result.set_ups, name)
     if state == 0:
         parts.insert(0, f"{short(length, 1)} mm not worked")
     return (name, "; ".join(parts), "look")
 
 
-def _tell_reasons(set_ups: Sequence[Trial], name: str) -> list[str]:
+def _list_reasons(set_ups: Sequence[Trial], name: str) -> list[str]:
     """Why the set-ups do not work an edge, or all of it."""
     reasons = [trial.reasons.get(name, "") for trial in set_ups]
     if len(set(reasons)) == 1:

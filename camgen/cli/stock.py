@@ -45,7 +45,7 @@ _NO_BITE_MM = 0.0001
 _MAX_LISTED = 20
 #: mm2: smaller areas of excess material are not listed.
 _MIN_EXCESS = 0.01
-_REMEDY = "mend the program, or say with --job what it is meant to do"
+_REMEDY = "correct the program, or say with --job what it is meant to do"
 
 
 class StockSays(Struct, frozen=True):

@@ -210,7 +210,7 @@ def _compare(asked: _Asked, says: Voice) -> int:
         say()
         first = serious[0]
         what = f"{counted(len(serious), 'fault')}, first: {first.what}"
-        raise InputError(str(paths[0]), what, place(first.line), "mend the program")
+        raise InputError(str(paths[0]), what, place(first.line), "correct the program")
     if not reading.body:
         raise InputError(
             str(paths[0]),

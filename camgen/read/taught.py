@@ -88,7 +88,9 @@ def read_files(
     executed = find_language(language).run(texts, ask)
     refused = [(one.line, one.what) for one in executed.findings if one.level == "refused"]
     for line, what in [*([executed.stopped] if executed.stopped else []), *refused][:1]:
-        raise InputError(name, what, place(line), "camgen verify tells all of it; mend the program")
+        raise InputError(
+            name, what, place(line), "camgen verify tells all of it; correct the program"
+        )
     if not any(isinstance(item, MoveJ | MoveL | MoveC) for item in executed.body):
         raise InputError(
             name, "holds no motion", remedy="give a program that moves, with all its files"

@@ -204,6 +204,22 @@ def test_a_job_file_says_how_the_part_rests_and_which_edge_is_worked_where(
         assert all(" in set-up " in line for line in lines)
 
 
+@pytest.mark.parametrize("number", [1, 2])
+def test_a_job_file_has_the_proof_and_the_notes_of_its_program(
+    two_set_ups: Path, number: int
+) -> None:
+    job = two_set_ups / f"place-{number}.toml"
+    result = camgen.build(two_set_ups / "plate.obj", post="rapid", job=job)
+    comments = [line for line in job.read_text().splitlines() if line.startswith("# ")]
+    assert result.where is not None
+    untested = ", ".join(map(str, result.where.untested))
+    assert any(line.startswith(f"# collision: not proven: {untested};") for line in comments)
+    notes = [note for note in result.notes if note.kind != "skipped"]
+    assert notes
+    for note in notes:
+        assert any(line.startswith(f"# {note.kind}: {note.what}") for line in comments)
+
+
 def test_the_result_does_not_advise_to_run_the_command_again(
     plate: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -444,7 +444,7 @@ def _find_pockets(contours: Sequence[Contour]) -> tuple[_Pockets, list[Note]]:
     if unclear:
         why = (
             "what they are there for is not clear: as islands they would be cut away; "
-            "mend or leave them out"
+            "repair them or leave them out"
         )
         problem = "with contours in them that are open or cross others"
         notes.append(_note_not_cleared([closed[k] for k in unclear], problem, why))
