@@ -116,7 +116,7 @@ def test_a_neck_that_is_left_out_is_found(kind: str, monkeypatch: Patch) -> None
     settings = job(kind, **({"side": "inside"} if kind == "follow" else {}))
     camgen.build(part(DOG_BONE), post="gcode", job=settings)
     monkeypatch.setattr(module("plan.follow"), "with_centre_lines", lambda curve, _: curve)
-    change_result(monkeypatch, "plan.pocket", "_plan_slots", lambda _: [])
+    change_result(monkeypatch, "plan.pocket", "plan_slots", lambda _: [])
     with pytest.raises(VerifyError, match=r"not worked|not cleared"):
         camgen.build(part(DOG_BONE), post="gcode", job=settings)
 

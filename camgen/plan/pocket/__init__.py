@@ -16,67 +16,43 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from camgen.geometry.intersect import nearest_distances
-from camgen.geometry.nesting import Nesting, nest
-from camgen.geometry.segments import (
-    Segments,
-    concatenate,
-    flatten,
-    from_contours,
-    neighbours,
-    points_at,
-)
-from camgen.geometry.uncross import find_slips, uncross
+from camgen.geometry.segments import Segments, concatenate, points_at
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job
-from camgen.model.part import Contour, Note, Part
+from camgen.model.part import Note, Part
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
-from camgen.model.text import counted, name_ranges, short
-from camgen.plan.beside import NO_HELIX, centre_lines, does_not_fit
-from camgen.plan.columns import (
-    SLOWEST,
-    Label,
-    SegmentWork,
-    pass_depths,
-    plunge_path,
-    sideways,
-    tool_paths,
-)
-from camgen.plan.follow import turn_round
+from camgen.model.text import counted, name_ranges
+from camgen.plan.columns import SLOWEST, Label, SegmentWork, pass_depths, sideways, tool_paths
 from camgen.plan.open_outlines import check_outlines
 from camgen.plan.pocket.channel import Channel, plan_channels
-from camgen.plan.pocket.engagement import measure_engagement
+from camgen.plan.pocket.contours import Pockets, find_pockets
 from camgen.plan.pocket.engagement_limit import EngagementLimit
 from camgen.plan.pocket.hops import Speeds, add_hops, lift_hops, make_cleared_area
 from camgen.plan.pocket.linking import LinkedPasses, find_outermost, link_passes
 from camgen.plan.pocket.medial_axis import compute_medial_axis
+from camgen.plan.pocket.notes import note_failed, note_passes, note_rest_material, note_slots
 from camgen.plan.pocket.regions import (
     CHORD_MM,
-    MIN_CORNERS,
     QUARTER_CHORDS,
     OffsetRegion,
-    PocketWalls,
-    RegionForest,
     compute_regions,
     compute_wall_passes,
     make_pocket_polygon,
     select_pockets,
 )
+from camgen.plan.pocket.slots import find_slots, plan_slots
 
 #: Maximum stepover, as a fraction of the tool diameter. With a larger one, passes leave ridges on a
 #: real machine.
 _MAX_STEPOVER = 0.95
 #: Maximum radius of an entry helix, as a fraction of the tool diameter: a wider one leaves a core.
 _HELIX_FRACTION = 0.45
-#: Minimum area of rest material that is reported as a place, as a fraction of the tool's area.
-_PLACE_FRACTION = 0.02
 #: Engagement above that of a straight pass that is allowed by default, as a fraction of the
 #: diameter.
 _DEFAULT_MARGIN = 0.15
 #: Minimum of this margin: a smaller one leaves no room for a link from pass to pass.
 _MIN_MARGIN = 0.05
-#: Engagement above which a pass is reported as similar to a slot.
-_HIGH_ENGAGEMENT = 0.9
 #: From this engagement on there is no limit.
 _MAX_ENGAGEMENT = 0.995
 #: Half the maximum width of material that a pass takes in addition to its own, as a fraction of the
@@ -84,32 +60,8 @@ _MAX_ENGAGEMENT = 0.995
 _THIN_FRACTION = 0.05
 #: Spacing of samples of the walls for the medial axis, as a fraction of the tool radius.
 _SPACING_FRACTION = 0.2
-#: Maximum number of places in a note.
-_MAX_PLACES = 100
-#: Maximum number of places that are listed in the text of a note.
-_NAMED_PLACES = 4
 #: mm: a pass is along a wall if it is no farther from the wall than the outermost pass by this.
 _AT_WALL_MM = 0.05
-#: mm: a loop that crosses itself is repaired if no wider disc fits into the part that crosses.
-_SLIP_MM = 0.02
-_EMPTY = shapely.Polygon()
-
-
-class _Pockets(Struct, frozen=True, eq=False):
-    """The P pockets of a part.
-
-    walls: their walls and islands.
-    names: id of the outer wall of each pocket.
-    layers: layer of the outer wall of each pocket.
-    contours: ids of all walls of each pocket.
-    cleared: polygons that earlier operations clear, for `operation.rest`; empty without it.
-    """
-
-    walls: PocketWalls
-    names: list[str]
-    layers: list[str]
-    contours: list[tuple[str, ...]]
-    cleared: Any = _EMPTY
 
 
 def pocket(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]:
@@ -131,7 +83,7 @@ def pocket(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]
     check_outlines(
         replace(part, contours=tuple(contours)), chosen_ids, "leave it out of what is cleared"
     )
-    pockets, notes = _find_pockets(contours)
+    pockets, notes = find_pockets(contours)
     if not pockets.names:
         return (), tuple(notes)
     if job.operation.rest:
@@ -152,16 +104,16 @@ def pocket(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]
     linked = link_passes(regions, pocket_walls, radius + finish, stepover, channels, limit)
     linked = _add_hops_over_channels(_sort_by_pocket(linked), regions, channels, job)
     borders = [region for region in _leave_out(walls.regions, failed) if region.parent < 0]
-    slots = _find_slots(walls, pockets.walls, job)
+    slots = find_slots(walls, pockets.walls, job)
     paths = _make_paths(linked, borders if finish else [], regions, pockets, job)
-    paths = (*paths, *_plan_slots(slots, pockets, job))
-    notes += _note_failed(failed, borders, slots, pockets, job)
-    notes += _note_passes(linked, regions, channels, pockets, job)
-    notes += _note_slots(slots, pockets)
-    return paths, (*notes, *_note_rest_material(borders, slots, pockets, job))
+    paths = (*paths, *plan_slots(slots, pockets, job))
+    notes += note_failed(failed, borders, slots, pockets, job)
+    notes += note_passes(linked, regions, channels, pockets, job)
+    notes += note_slots(slots, pockets)
+    return paths, (*notes, *note_rest_material(borders, slots, pockets, job))
 
 
-def _keep_rest(pockets: _Pockets, part: Part, job: Job) -> tuple[_Pockets, list[Note]]:
+def _keep_rest(pockets: Pockets, part: Part, job: Job) -> tuple[Pockets, list[Note]]:
     """The areas of the pockets that earlier operations leave, and a note on pockets without any.
 
     Raises JobError if no operation with a larger tool comes before.
@@ -186,44 +138,7 @@ def _keep_rest(pockets: _Pockets, part: Part, job: Job) -> tuple[_Pockets, list[
         for k in cleared:
             ids += pockets.contours[k]
         notes.append(Note("assumed", what, why, tuple(ids)))
-    return _Pockets(rest.walls, names, layers, contours, rest.cleared), notes
-
-
-class _Slots(Struct, frozen=True, eq=False):
-    """Channels as wide as the tool, and round holes as wide as the tool.
-
-    pocket: (S,) pocket of each channel.
-    chains: centre line of each channel, in the order of the pockets.
-    holes: (H, 2) centres of the holes, mm.
-    hole_pocket: (H,) index of the pocket that is each hole.
-    """
-
-    pocket: list[int]
-    chains: list[Segments]
-    holes: FloatArray
-    hole_pocket: list[int]
-
-
-def _find_slots(wall_passes: RegionForest, walls: PocketWalls, job: Job) -> _Slots:
-    """Find the channels and holes that the passes along the walls do not enter."""
-    passes = [from_contours([])]
-    for region in wall_passes.regions:
-        if region.parent < 0:
-            passes += region.passes
-    lines = centre_lines(
-        concatenate(passes),
-        walls.segments,
-        walls.following,
-        walls.pocket,
-        job.tool.radius,
-        job.tolerance.arc_fit,
-    )
-    rows = np.searchsorted(lines.segments.owner, np.arange(len(lines.closed)))
-    pocket = walls.pocket[lines.source[rows]]
-    order = np.argsort(pocket, kind="stable")
-    chains = [lines.segments.take(lines.segments.owner == k) for k in order.tolist()]
-    hole_pocket = walls.pocket[lines.hole_source].tolist()
-    return _Slots(pocket[order].tolist(), chains, lines.holes, hole_pocket)
+    return Pockets(rest.walls, names, layers, contours, rest.cleared), notes
 
 
 def _check_settings(job: Job) -> None:
@@ -285,7 +200,7 @@ def _make_limit(job: Job) -> EngagementLimit | None:
 
 
 def _plan_channels(
-    regions: list[OffsetRegion], pockets: _Pockets, limit: EngagementLimit | None, job: Job
+    regions: list[OffsetRegion], pockets: Pockets, limit: EngagementLimit | None, job: Job
 ) -> tuple[list[OffsetRegion], list[tuple[Channel, ...]]]:
     """Plan the channels that are cut before the passes.
 
@@ -417,194 +332,6 @@ def _sort_by_pocket(linked: Sequence[LinkedPasses]) -> list[LinkedPasses]:
     return [replace(linked[k], successor=new_index.get(linked[k].successor, -1)) for k in order]
 
 
-# Walls, islands, and contours that are left out.
-
-
-def _find_pockets(contours: Sequence[Contour]) -> tuple[_Pockets, list[Note]]:
-    """The pockets that the contours enclose, and notes on contours that are left out."""
-    closed = [contour for contour in contours if contour.closed]
-    nesting = _find_overlaps(closed, nest(from_contours(closed), len(closed)))
-    crossings = _find_crossings(closed)
-    for k in crossings:
-        nesting.crossed[k] = k
-    unfit: list[tuple[list[Contour], str, str]] = []
-    for is_unfit, problem, why in _find_unfit(nesting, crossings):
-        unfit.append((_select_contours(closed, is_unfit), problem, why))
-    loose = [contour for contour in contours if not contour.closed]
-    if loose:
-        why = "only what is closed has an inside; raise input.join to close gaps"
-        unfit.append((loose, "open", why))
-    notes = [_note_not_cleared(chosen, problem, why) for chosen, problem, why in unfit if chosen]
-    is_valid = (nesting.crossed < 0) & ~nesting.empty
-    outer = np.flatnonzero(is_valid & (nesting.depth % 2 == 0))
-    unfit_contours: list[Contour] = []
-    for chosen, _, _ in unfit:
-        unfit_contours += chosen
-    unclear = _find_unclear(closed, outer.tolist(), unfit_contours)
-    if unclear:
-        why = (
-            "what they are there for is not clear: as islands they would be cut away; "
-            "repair them or leave them out"
-        )
-        problem = "with contours in them that are open or cross others"
-        notes.append(_note_not_cleared([closed[k] for k in unclear], problem, why))
-    members: list[list[int]] = []
-    for k in outer.tolist():
-        if k not in unclear:
-            is_island = is_valid & (nesting.parent == k) & (nesting.depth % 2 == 1)
-            members.append([k, *np.flatnonzero(is_island).tolist()])
-    return _make_pockets(closed, nesting, members), notes
-
-
-def _make_pockets(
-    closed: Sequence[Contour], nesting: Nesting, members: Sequence[Sequence[int]]
-) -> _Pockets:
-    """The pockets, with the material on the left of their walls.
-
-    Outer walls run clockwise, islands counter-clockwise.
-
-    closed: closed contours.
-    nesting: depth and signed area of each of them.
-    members: indices of the outer wall and of the islands of each pocket.
-    """
-    chosen: list[int] = []
-    for pocket_members in members:
-        chosen += pocket_members
-    is_reversed = (nesting.area[chosen] > 0) == (nesting.depth[chosen] % 2 == 0)
-    segments = turn_round(from_contours([closed[k] for k in chosen]), is_reversed)
-    following = neighbours(segments, np.ones(len(chosen), dtype=bool))
-    slips = find_slips(segments, following, len(chosen)) | _are_crossed(segments, len(chosen))
-    segments, following = uncross(segments, following, slips)
-    sizes = [len(pocket_members) for pocket_members in members]
-    pocket = np.repeat(np.arange(len(members)), sizes)
-    walls = PocketWalls(segments, following, pocket[segments.owner], len(members))
-    outer = [closed[pocket_members[0]] for pocket_members in members]
-    names = [wall.id for wall in outer]
-    layers = [wall.layer for wall in outer]
-    contours = []
-    for pocket_members in members:
-        contours.append(_list_ids([closed[k] for k in pocket_members]))
-    return _Pockets(walls, names, layers, contours)
-
-
-def _list_ids(contours: Sequence[Contour]) -> tuple[str, ...]:
-    return tuple(contour.id for contour in contours)
-
-
-def _find_overlaps(closed: Sequence[Contour], nesting: Nesting) -> Nesting:
-    """The nesting, with contours marked as crossing that overlap others in a thin sliver.
-
-    Between two such contours material would be cut away.
-    """
-    points, owner = flatten(from_contours(closed), CHORD_MM)
-    has_area = np.bincount(owner, minlength=len(closed)) >= MIN_CORNERS
-    tested = np.flatnonzero(has_area & (nesting.crossed < 0))
-    rows = np.isin(owner, tested)
-    indices = np.searchsorted(tested, owner[rows])
-    polygons = shapely.polygons(shapely.linearrings(points[rows], indices=indices))
-    edges = shapely.boundary(polygons)
-    first, second = shapely.STRtree(edges).query(edges, predicate="intersects")
-    first, second = first[first < second], second[first < second]
-    touching = np.unique([first, second])
-    polygons[touching] = shapely.make_valid(polygons[touching])
-    common = shapely.area(shapely.intersection(polygons[first], polygons[second]))
-    smaller = np.minimum(shapely.area(polygons[first]), shapely.area(polygons[second]))
-    shorter = np.minimum(shapely.length(edges[first]), shapely.length(edges[second]))
-    slack = 2 * CHORD_MM * shorter
-    overlaps = (common > slack) & (smaller - common > slack)
-    first, second = tested[first[overlaps]], tested[second[overlaps]]
-    crossed = nesting.crossed.copy()
-    crossed[first], crossed[second] = second, first
-    return replace(nesting, crossed=crossed)
-
-
-def _select_contours(closed: Sequence[Contour], is_chosen: Any) -> list[Contour]:
-    """The contours for which `is_chosen` (C,) is true."""
-    return [closed[k] for k in np.flatnonzero(is_chosen).tolist()]
-
-
-def _are_crossed(loops: Segments, count: int) -> NDArray[np.bool_]:
-    """(count,) whether each closed loop, an owner of `loops`, crosses itself."""
-    points, owner = flatten(loops, CHORD_MM)
-    crossed = np.zeros(count, dtype=np.bool_)
-    polygons = np.flatnonzero(np.bincount(owner, minlength=count) >= MIN_CORNERS)
-    rows = np.isin(owner, polygons)
-    rings = shapely.linearrings(points[rows], indices=np.searchsorted(polygons, owner[rows]))
-    crossed[polygons] = ~shapely.is_valid(shapely.polygons(rings))
-    return crossed
-
-
-def _find_crossings(closed: Sequence[Contour]) -> dict[int, tuple[float, float]]:
-    """The contours that cross themselves in a loop wider than `_SLIP_MM`, with a point of it, mm.
-
-    Inside such a loop it is not clear on which side the pocket lies.
-    """
-    places: dict[int, tuple[float, float]] = {}
-    crossed = _are_crossed(from_contours(closed), len(closed))
-    for k in np.flatnonzero(crossed).tolist():
-        points, _ = flatten(from_contours([closed[k]]), CHORD_MM)
-        parts = shapely.get_parts(shapely.make_valid(shapely.Polygon(points)))
-        parts = parts[np.argsort(-shapely.area(parts), kind="stable")]
-        loops = parts[1:][~shapely.is_empty(shapely.buffer(parts[1:], -_SLIP_MM / 2))]
-        if len(loops):
-            places[k] = loops[0].representative_point().coords[0]
-    return places
-
-
-def _find_unfit(
-    nesting: Nesting, crossings: dict[int, tuple[float, float]]
-) -> list[tuple[Any, str, str]]:
-    """Contours that cannot be walls: a mask (C,), the problem, and the reason with a remedy."""
-    crosses_itself = nesting.crossed == np.arange(len(nesting.crossed))
-    crosses_other = (nesting.crossed >= 0) & ~crosses_itself
-    why = "no clear inside; draw one outline"
-    points = list(crossings.values())[:_NAMED_PLACES]
-    places = ", ".join(f"near {short(x, 2)} {short(y, 2)} mm" for x, y in points)
-    why_itself = f"{why}, see {places}" if places else why
-    return [
-        (crosses_itself & ~nesting.empty, "crossing themselves", why_itself),
-        (crosses_other, "crossing each other", why),
-        (nesting.empty & ~crosses_other, "without an inside", why),
-    ]
-
-
-def _find_unclear(
-    closed: Sequence[Contour], outer: Sequence[int], unfit: Sequence[Contour]
-) -> list[int]:
-    """Indices of the outer walls that an unfit contour touches, or inside which it lies.
-
-    closed: closed contours.
-    outer: indices of those that are outer walls.
-    unfit: contours that cannot be walls.
-    """
-    if not unfit or not outer:
-        return []
-    points, owner = flatten(from_contours([closed[k] for k in outer]), CHORD_MM)
-    rings = [points[owner == k] for k in range(len(outer))]
-    polygons = [shapely.make_valid(shapely.Polygon(ring)) for ring in rings]
-    chords, chord_owner = flatten(from_contours(unfit), CHORD_MM)
-    ends = np.array([contour.points[0 if contour.closed else -1] for contour in unfit])
-    lines = []
-    for k, end in enumerate(ends):
-        lines.append(shapely.LineString(np.vstack([chords[chord_owner == k], end])))
-    touched = shapely.STRtree(polygons).query(lines, predicate="intersects")[1]
-    return [outer[k] for k in np.unique(touched).tolist()]
-
-
-def _note_not_cleared(contours: Sequence[Contour], problem: str, why: str) -> Note:
-    ids = _list_ids(contours)
-    layers = {contour.layer for contour in contours}
-    return Note("skipped", _format_not_cleared(ids, layers, problem), why, ids)
-
-
-def _format_not_cleared(names: Sequence[str], layers: set[str], problem: str) -> str:
-    count, ranges = counted(len(names), "contour"), ", ".join(name_ranges(list(names)))
-    return f"{count} not cleared, {problem}: {ranges} on layer {', '.join(sorted(layers))}"
-
-
-# Paths.
-
-
 class _PathDraft(Struct, frozen=True, eq=False):
     """The data of one path.
 
@@ -628,7 +355,7 @@ def _make_paths(
     linked: Sequence[LinkedPasses],
     borders: Sequence[OffsetRegion],
     regions: Sequence[OffsetRegion],
-    pockets: _Pockets,
+    pockets: Pockets,
     job: Job,
 ) -> tuple[ToolPath, ...]:
     """The paths by pocket: first the linked passes, then the finishing passes.
@@ -668,7 +395,7 @@ def _draft_linked(
     linked: Sequence[LinkedPasses],
     first: int,
     is_finished: bool,
-    pockets: _Pockets,
+    pockets: Pockets,
     job: Job,
 ) -> list[_PathDraft]:
     """The drafts of the linked passes of a pocket.
@@ -702,7 +429,7 @@ def _draft_linked(
 
 
 def _draft_finishing(
-    pocket_index: int, finishing: Sequence[tuple[Segments, bool]], first: int, pockets: _Pockets
+    pocket_index: int, finishing: Sequence[tuple[Segments, bool]], first: int, pockets: Pockets
 ) -> list[_PathDraft]:
     """The drafts of the finishing passes of a pocket, each the successor of the one before.
 
@@ -719,38 +446,6 @@ def _draft_finishing(
         label = Label(name, layer, True, False, successor, contours)
         drafts.append(_PathDraft(label, chain, full_depth=full_depth))
     return drafts
-
-
-def _plan_slots(slots: _Slots, pockets: _Pockets, job: Job) -> list[ToolPath]:
-    """A path along each channel as wide as the tool, and a plunge into each hole.
-
-    There are no plunges without `tool.center_cutting`.
-    """
-    depths = pass_depths(job.operation.depth, job.operation.passes)
-    labels: list[Label] = []
-    for k, pocket_index in enumerate(slots.pocket):
-        name = f"{pockets.names[pocket_index]}.slot"
-        if slots.pocket.count(pocket_index) > 1:
-            name += f".{slots.pocket[: k + 1].count(pocket_index)}"
-        chain = slots.chains[k]
-        is_closed = bool((chain.start[0] == chain.end[-1]).all())
-        is_reversible = job.operation.direction == "any" and not is_closed
-        layer, contours = pockets.layers[pocket_index], pockets.contours[pocket_index]
-        labels.append(Label(name, layer, is_closed, is_reversible, -1, contours))
-    paths: list[ToolPath] = []
-    if labels:
-        segments = concatenate(slots.chains)
-        sizes = [len(chain) for chain in slots.chains]
-        segments = replace(segments, owner=np.repeat(np.arange(len(sizes)), sizes))
-        zeros = np.zeros(len(segments))
-        work = SegmentWork(sideways(segments, 0), zeros, zeros + job.process.feed)
-        paths += tool_paths(segments, labels, work, depths, "pocket")
-    if job.tool.center_cutting:
-        for (x, y), pocket_index in zip(slots.holes.tolist(), slots.hole_pocket, strict=True):
-            name, layer = pockets.names[pocket_index], pockets.layers[pocket_index]
-            contours = pockets.contours[pocket_index]
-            paths.append(plunge_path(name, layer, (x, y), job, "pocket", contours))
-    return paths
 
 
 def _compute_feeds(
@@ -795,163 +490,3 @@ def _can_finish_at_depth(
         reached = rough.buffer(max_width + CHORD_MM, quad_segs=QUARTER_CHORDS)
         result.append(bool(border.polygon.difference(reached).is_empty))
     return result
-
-
-# Notes.
-
-
-def _note_failed(
-    failed: frozenset[int],
-    borders: Sequence[OffsetRegion],
-    slots: _Slots,
-    pockets: _Pockets,
-    job: Job,
-) -> list[Note]:
-    """Notes on pockets without a path."""
-    round_pockets = [] if job.tool.center_cutting else list(slots.hole_pocket)
-    has_path = {border.pocket for border in borders} | set(slots.pocket)
-    has_path |= set(slots.hole_pocket) - set(round_pockets)
-    explained = {*has_path, *failed, *round_pockets}
-    narrow = [k for k in range(len(pockets.names)) if k not in explained]
-    why_narrow = "nothing is narrow"
-    if narrow:
-        regions = [make_pocket_polygon(pockets.walls, k) for k in narrow]
-        why_narrow = does_not_fit(regions, job.tool.diameter)
-    why_failed = (
-        "the border of the tool's way does not close there, as where edges lie on one line: "
-        "draw one outline, or take another tool"
-    )
-    notes = []
-    for chosen, problem, why in (
-        (narrow, "too narrow", why_narrow),
-        (round_pockets, "round and as wide as the tool", NO_HELIX),
-        (sorted(failed), "check failed", why_failed),
-    ):
-        if chosen:
-            layers = {pockets.layers[k] for k in chosen}
-            what = _format_not_cleared([pockets.names[k] for k in chosen], layers, problem)
-            ids: list[str] = []
-            for k in chosen:
-                ids += pockets.contours[k]
-            notes.append(Note("skipped", what, why, tuple(ids)))
-    return notes
-
-
-def _note_slots(slots: _Slots, pockets: _Pockets) -> list[Note]:
-    """A note on channels as wide as the tool, in which engagement is not limited."""
-    if not slots.chains:
-        return []
-    names = ", ".join(name_ranges([pockets.names[k] for k in dict.fromkeys(slots.pocket)]))
-    length = short(sum(float(chain.length.sum()) for chain in slots.chains), 1)
-    what = f"{counted(len(slots.chains), 'channel')} as wide as the tool, {length} mm: {names}"
-    return [Note("assumed", what, "along the middle, with all of its width in the material")]
-
-
-def _note_passes(
-    linked: Sequence[LinkedPasses],
-    regions: Sequence[OffsetRegion],
-    channels: Sequence[Sequence[Channel]],
-    pockets: _Pockets,
-    job: Job,
-) -> list[Note]:
-    """A note on the number of passes, the stepover and the engagement."""
-    if not linked:
-        return []
-    stepover, radius = job.operation.stepover * job.tool.diameter, job.tool.radius
-    climb = job.operation.direction != "conventional"
-    engagement, length = measure_engagement(regions, channels, radius, stepover, climb)
-    all_channels: list[Channel] = []
-    for region_channels in channels:
-        all_channels += region_channels
-    subject = pockets.names[0]
-    if len(pockets.names) > 1:
-        noun = "area" if job.operation.rest else "pocket"
-        subject = counted(len({passes.pocket for passes in linked}), noun)
-    pass_count = counted(sum(passes.pass_count for passes in linked), "pass", "passes")
-    path_count = counted(len(linked), "path")
-    what = f"{subject}: {pass_count} in {path_count}, {short(stepover, 3)} mm apart"
-    if all_channels:
-        loop_count = counted(sum(len(channel.discs) for channel in all_channels), "loop")
-        metres = sum(float(channel.chain.length.sum()) for channel in all_channels) / 1000
-        what += f", {loop_count} of {short(metres, 2)} m before them"
-        what += " (none with operation.engagement = 1)"
-    if len(engagement):
-        what += f", {_format_engagement(engagement, length)}"
-    entered = _count_slot_entries(regions, channels)
-    why = "not counted: the first turns where the tool goes in"
-    if entered:
-        places = counted(entered, "place")
-        why = f"not counted: the first pass in the middle of {places}, which is a slot"
-    steep_links = sum(passes.steep_links for passes in linked)
-    if all_channels and steep_links:
-        why += f", and {counted(steep_links, 'link')} for which there was no room to lean"
-    return [Note("assumed", what, why)]
-
-
-def _format_engagement(engagement: FloatArray, length: FloatArray) -> str:
-    """Median, maximum and fraction of high values of engagements (M,), weighted by length (M,)."""
-    order = np.argsort(engagement)
-    middle = np.searchsorted(np.cumsum(length[order]), length.sum() / 2)
-    median = _percent(engagement[order[middle]])
-    high_percent = 100 * length[engagement > _HIGH_ENGAGEMENT].sum() / length.sum()
-    return (
-        f"engagement {median} % of the diameter or less on half of the way, "
-        f"{_percent(engagement.max())} % at most, "
-        f"over {100 * _HIGH_ENGAGEMENT:.0f} % on {short(high_percent, 1)} % of it"
-    )
-
-
-def _count_slot_entries(
-    regions: Sequence[OffsetRegion], channels: Sequence[Sequence[Channel]]
-) -> int:
-    """Number of innermost regions without a channel: their first pass is a slot."""
-    parents = {region.parent for region in regions}
-    roots = find_outermost(regions)
-    count = 0
-    for k, region in enumerate(regions):
-        count += k not in parents and region.is_whole and not channels[roots[k]]
-    return count
-
-
-def _percent(fraction: float) -> str:
-    """A fraction in whole percent, rounded up."""
-    return f"{max(np.ceil(100 * fraction - 1e-6), 0.0):.0f}"
-
-
-def _note_rest_material(
-    borders: Sequence[OffsetRegion], slots: _Slots, pockets: _Pockets, job: Job
-) -> list[Note]:
-    """A note on rest material in the pockets that have paths: in corners and narrow places."""
-    radius = job.tool.radius
-    rest_area, whole_area = 0.0, 0.0
-    places: list[tuple[float, float, float]] = []
-    ids: list[str] = []
-    for pocket_index in sorted({border.pocket for border in borders} | set(slots.pocket)):
-        polygon = make_pocket_polygon(pockets.walls, pocket_index).difference(pockets.cleared)
-        slot_rows = [k for k, pocket in enumerate(slots.pocket) if pocket == pocket_index]
-        centres = [_make_line(slots.chains[k]) for k in slot_rows]
-        centres += [border.polygon for border in borders if border.pocket == pocket_index]
-        swept = shapely.union_all(centres).buffer(radius, quad_segs=QUARTER_CHORDS)
-        whole_area += polygon.area
-        # Strips as thin as the deviation of chords do not count.
-        parts = shapely.get_parts(polygon.difference(swept))
-        parts = [part for part in parts if not part.buffer(-2 * CHORD_MM).is_empty]
-        rest_area += sum(part.area for part in parts)
-        large = [part for part in parts if part.area >= _PLACE_FRACTION * np.pi * radius**2]
-        places += [(part.area, *part.representative_point().coords[0]) for part in large]
-        ids += pockets.contours[pocket_index] if large else []
-    if rest_area <= max(1e-4 * whole_area, 0.05 * radius**2):
-        return []
-    places.sort(reverse=True)
-    what = f"{short(rest_area, 2)} mm2 of {short(whole_area, 2)} mm2 not cleared"
-    if places:
-        what += f", {counted(len(places), 'place')} of {short(places[0][0], 2)} mm2 or less"
-    why = f"inner corners and narrow places that a {job.tool.diameter:g} mm tool does not reach"
-    points = tuple((x, y) for _, x, y in places[:_MAX_PLACES])
-    return [Note("warning", what, why, tuple(ids), points)]
-
-
-def _make_line(chain: Segments) -> Any:
-    """A chain as a shapely line of chords."""
-    points, _ = flatten(chain, CHORD_MM)
-    return shapely.LineString(np.vstack([points, chain.end[-1:]]))

@@ -1,0 +1,235 @@
+"""Contours of pockets: walls, islands, and contours that are left out with a note."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import shapely
+from msgspec import Struct
+from msgspec.structs import replace
+from numpy.typing import NDArray
+
+from camgen.geometry.nesting import Nesting, nest
+from camgen.geometry.segments import (
+    Segments,
+    flatten,
+    from_contours,
+    neighbours,
+)
+from camgen.geometry.uncross import find_slips, uncross
+from camgen.model.part import Contour, Note
+from camgen.model.text import counted, name_ranges, short
+from camgen.plan.follow import turn_round
+from camgen.plan.pocket.regions import (
+    CHORD_MM,
+    MIN_CORNERS,
+    PocketWalls,
+)
+
+#: Maximum number of places that are listed in the text of a note.
+_NAMED_PLACES = 4
+#: mm: a loop that crosses itself is repaired if no wider disc fits into the part that crosses.
+_SLIP_MM = 0.02
+_EMPTY = shapely.Polygon()
+
+
+class Pockets(Struct, frozen=True, eq=False):
+    """The P pockets of a part.
+
+    walls: their walls and islands.
+    names: id of the outer wall of each pocket.
+    layers: layer of the outer wall of each pocket.
+    contours: ids of all walls of each pocket.
+    cleared: polygons that earlier operations clear, for `operation.rest`; empty without it.
+    """
+
+    walls: PocketWalls
+    names: list[str]
+    layers: list[str]
+    contours: list[tuple[str, ...]]
+    cleared: Any = _EMPTY
+
+
+def find_pockets(contours: Sequence[Contour]) -> tuple[Pockets, list[Note]]:
+    """The pockets that the contours enclose, and notes on contours that are left out."""
+    closed = [contour for contour in contours if contour.closed]
+    nesting = _find_overlaps(closed, nest(from_contours(closed), len(closed)))
+    crossings = _find_crossings(closed)
+    for k in crossings:
+        nesting.crossed[k] = k
+    unfit: list[tuple[list[Contour], str, str]] = []
+    for is_unfit, problem, why in _find_unfit(nesting, crossings):
+        unfit.append((_select_contours(closed, is_unfit), problem, why))
+    loose = [contour for contour in contours if not contour.closed]
+    if loose:
+        why = "only what is closed has an inside; raise input.join to close gaps"
+        unfit.append((loose, "open", why))
+    notes = [_note_not_cleared(chosen, problem, why) for chosen, problem, why in unfit if chosen]
+    is_valid = (nesting.crossed < 0) & ~nesting.empty
+    outer = np.flatnonzero(is_valid & (nesting.depth % 2 == 0))
+    unfit_contours: list[Contour] = []
+    for chosen, _, _ in unfit:
+        unfit_contours += chosen
+    unclear = _find_unclear(closed, outer.tolist(), unfit_contours)
+    if unclear:
+        why = (
+            "what they are there for is not clear: as islands they would be cut away; "
+            "repair them or leave them out"
+        )
+        problem = "with contours in them that are open or cross others"
+        notes.append(_note_not_cleared([closed[k] for k in unclear], problem, why))
+    members: list[list[int]] = []
+    for k in outer.tolist():
+        if k not in unclear:
+            is_island = is_valid & (nesting.parent == k) & (nesting.depth % 2 == 1)
+            members.append([k, *np.flatnonzero(is_island).tolist()])
+    return _make_pockets(closed, nesting, members), notes
+
+
+def _make_pockets(
+    closed: Sequence[Contour], nesting: Nesting, members: Sequence[Sequence[int]]
+) -> Pockets:
+    """The pockets, with the material on the left of their walls.
+
+    Outer walls run clockwise, islands counter-clockwise.
+
+    closed: closed contours.
+    nesting: depth and signed area of each of them.
+    members: indices of the outer wall and of the islands of each pocket.
+    """
+    chosen: list[int] = []
+    for pocket_members in members:
+        chosen += pocket_members
+    is_reversed = (nesting.area[chosen] > 0) == (nesting.depth[chosen] % 2 == 0)
+    segments = turn_round(from_contours([closed[k] for k in chosen]), is_reversed)
+    following = neighbours(segments, np.ones(len(chosen), dtype=bool))
+    slips = find_slips(segments, following, len(chosen)) | _are_crossed(segments, len(chosen))
+    segments, following = uncross(segments, following, slips)
+    sizes = [len(pocket_members) for pocket_members in members]
+    pocket = np.repeat(np.arange(len(members)), sizes)
+    walls = PocketWalls(segments, following, pocket[segments.owner], len(members))
+    outer = [closed[pocket_members[0]] for pocket_members in members]
+    names = [wall.id for wall in outer]
+    layers = [wall.layer for wall in outer]
+    contours = []
+    for pocket_members in members:
+        contours.append(_list_ids([closed[k] for k in pocket_members]))
+    return Pockets(walls, names, layers, contours)
+
+
+def _list_ids(contours: Sequence[Contour]) -> tuple[str, ...]:
+    return tuple(contour.id for contour in contours)
+
+
+def _find_overlaps(closed: Sequence[Contour], nesting: Nesting) -> Nesting:
+    """The nesting, with contours marked as crossing that overlap others in a thin sliver.
+
+    Between two such contours material would be cut away.
+    """
+    points, owner = flatten(from_contours(closed), CHORD_MM)
+    has_area = np.bincount(owner, minlength=len(closed)) >= MIN_CORNERS
+    tested = np.flatnonzero(has_area & (nesting.crossed < 0))
+    rows = np.isin(owner, tested)
+    indices = np.searchsorted(tested, owner[rows])
+    polygons = shapely.polygons(shapely.linearrings(points[rows], indices=indices))
+    edges = shapely.boundary(polygons)
+    first, second = shapely.STRtree(edges).query(edges, predicate="intersects")
+    first, second = first[first < second], second[first < second]
+    touching = np.unique([first, second])
+    polygons[touching] = shapely.make_valid(polygons[touching])
+    common = shapely.area(shapely.intersection(polygons[first], polygons[second]))
+    smaller = np.minimum(shapely.area(polygons[first]), shapely.area(polygons[second]))
+    shorter = np.minimum(shapely.length(edges[first]), shapely.length(edges[second]))
+    slack = 2 * CHORD_MM * shorter
+    overlaps = (common > slack) & (smaller - common > slack)
+    first, second = tested[first[overlaps]], tested[second[overlaps]]
+    crossed = nesting.crossed.copy()
+    crossed[first], crossed[second] = second, first
+    return replace(nesting, crossed=crossed)
+
+
+def _select_contours(closed: Sequence[Contour], is_chosen: Any) -> list[Contour]:
+    """The contours for which `is_chosen` (C,) is true."""
+    return [closed[k] for k in np.flatnonzero(is_chosen).tolist()]
+
+
+def _are_crossed(loops: Segments, count: int) -> NDArray[np.bool_]:
+    """(count,) whether each closed loop, an owner of `loops`, crosses itself."""
+    points, owner = flatten(loops, CHORD_MM)
+    crossed = np.zeros(count, dtype=np.bool_)
+    polygons = np.flatnonzero(np.bincount(owner, minlength=count) >= MIN_CORNERS)
+    rows = np.isin(owner, polygons)
+    rings = shapely.linearrings(points[rows], indices=np.searchsorted(polygons, owner[rows]))
+    crossed[polygons] = ~shapely.is_valid(shapely.polygons(rings))
+    return crossed
+
+
+def _find_crossings(closed: Sequence[Contour]) -> dict[int, tuple[float, float]]:
+    """The contours that cross themselves in a loop wider than `_SLIP_MM`, with a point of it, mm.
+
+    Inside such a loop it is not clear on which side the pocket lies.
+    """
+    places: dict[int, tuple[float, float]] = {}
+    crossed = _are_crossed(from_contours(closed), len(closed))
+    for k in np.flatnonzero(crossed).tolist():
+        points, _ = flatten(from_contours([closed[k]]), CHORD_MM)
+        parts = shapely.get_parts(shapely.make_valid(shapely.Polygon(points)))
+        parts = parts[np.argsort(-shapely.area(parts), kind="stable")]
+        loops = parts[1:][~shapely.is_empty(shapely.buffer(parts[1:], -_SLIP_MM / 2))]
+        if len(loops):
+            places[k] = loops[0].representative_point().coords[0]
+    return places
+
+
+def _find_unfit(
+    nesting: Nesting, crossings: dict[int, tuple[float, float]]
+) -> list[tuple[Any, str, str]]:
+    """Contours that cannot be walls: a mask (C,), the problem, and the reason with a remedy."""
+    crosses_itself = nesting.crossed == np.arange(len(nesting.crossed))
+    crosses_other = (nesting.crossed >= 0) & ~crosses_itself
+    why = "no clear inside; draw one outline"
+    points = list(crossings.values())[:_NAMED_PLACES]
+    places = ", ".join(f"near {short(x, 2)} {short(y, 2)} mm" for x, y in points)
+    why_itself = f"{why}, see {places}" if places else why
+    return [
+        (crosses_itself & ~nesting.empty, "crossing themselves", why_itself),
+        (crosses_other, "crossing each other", why),
+        (nesting.empty & ~crosses_other, "without an inside", why),
+    ]
+
+
+def _find_unclear(
+    closed: Sequence[Contour], outer: Sequence[int], unfit: Sequence[Contour]
+) -> list[int]:
+    """Indices of the outer walls that an unfit contour touches, or inside which it lies.
+
+    closed: closed contours.
+    outer: indices of those that are outer walls.
+    unfit: contours that cannot be walls.
+    """
+    if not unfit or not outer:
+        return []
+    points, owner = flatten(from_contours([closed[k] for k in outer]), CHORD_MM)
+    rings = [points[owner == k] for k in range(len(outer))]
+    polygons = [shapely.make_valid(shapely.Polygon(ring)) for ring in rings]
+    chords, chord_owner = flatten(from_contours(unfit), CHORD_MM)
+    ends = np.array([contour.points[0 if contour.closed else -1] for contour in unfit])
+    lines = []
+    for k, end in enumerate(ends):
+        lines.append(shapely.LineString(np.vstack([chords[chord_owner == k], end])))
+    touched = shapely.STRtree(polygons).query(lines, predicate="intersects")[1]
+    return [outer[k] for k in np.unique(touched).tolist()]
+
+
+def _note_not_cleared(contours: Sequence[Contour], problem: str, why: str) -> Note:
+    ids = _list_ids(contours)
+    layers = {contour.layer for contour in contours}
+    return Note("skipped", format_not_cleared(ids, layers, problem), why, ids)
+
+
+def format_not_cleared(names: Sequence[str], layers: set[str], problem: str) -> str:
+    """The text of a note: number, ids and layers of contours that are not cleared, and why."""
+    count, ranges = counted(len(names), "contour"), ", ".join(name_ranges(list(names)))
+    return f"{count} not cleared, {problem}: {ranges} on layer {', '.join(sorted(layers))}"

@@ -1,0 +1,194 @@
+"""Notes on pockets: engagement of the passes, and material that is not cleared."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import shapely
+
+from camgen.geometry.segments import (
+    Segments,
+    flatten,
+)
+from camgen.model.job import Job
+from camgen.model.part import Note
+from camgen.model.pose import FloatArray
+from camgen.model.text import counted, name_ranges, short
+from camgen.plan.beside import NO_HELIX, does_not_fit
+from camgen.plan.pocket.channel import Channel
+from camgen.plan.pocket.contours import Pockets, format_not_cleared
+from camgen.plan.pocket.engagement import measure_engagement
+from camgen.plan.pocket.linking import LinkedPasses, find_outermost
+from camgen.plan.pocket.regions import (
+    CHORD_MM,
+    QUARTER_CHORDS,
+    OffsetRegion,
+    make_pocket_polygon,
+)
+from camgen.plan.pocket.slots import Slots
+
+#: Minimum area of rest material that is reported as a place, as a fraction of the tool's area.
+_PLACE_FRACTION = 0.02
+#: Engagement above which a pass is reported as similar to a slot.
+_HIGH_ENGAGEMENT = 0.9
+#: Maximum number of places in a note.
+_MAX_PLACES = 100
+
+
+def note_failed(
+    failed: frozenset[int],
+    borders: Sequence[OffsetRegion],
+    slots: Slots,
+    pockets: Pockets,
+    job: Job,
+) -> list[Note]:
+    """Notes on pockets without a path."""
+    round_pockets = [] if job.tool.center_cutting else list(slots.hole_pocket)
+    has_path = {border.pocket for border in borders} | set(slots.pocket)
+    has_path |= set(slots.hole_pocket) - set(round_pockets)
+    explained = {*has_path, *failed, *round_pockets}
+    narrow = [k for k in range(len(pockets.names)) if k not in explained]
+    why_narrow = "nothing is narrow"
+    if narrow:
+        regions = [make_pocket_polygon(pockets.walls, k) for k in narrow]
+        why_narrow = does_not_fit(regions, job.tool.diameter)
+    why_failed = (
+        "the border of the tool's way does not close there, as where edges lie on one line: "
+        "draw one outline, or take another tool"
+    )
+    notes = []
+    for chosen, problem, why in (
+        (narrow, "too narrow", why_narrow),
+        (round_pockets, "round and as wide as the tool", NO_HELIX),
+        (sorted(failed), "check failed", why_failed),
+    ):
+        if chosen:
+            layers = {pockets.layers[k] for k in chosen}
+            what = format_not_cleared([pockets.names[k] for k in chosen], layers, problem)
+            ids: list[str] = []
+            for k in chosen:
+                ids += pockets.contours[k]
+            notes.append(Note("skipped", what, why, tuple(ids)))
+    return notes
+
+
+def note_slots(slots: Slots, pockets: Pockets) -> list[Note]:
+    """A note on channels as wide as the tool, in which engagement is not limited."""
+    if not slots.chains:
+        return []
+    names = ", ".join(name_ranges([pockets.names[k] for k in dict.fromkeys(slots.pocket)]))
+    length = short(sum(float(chain.length.sum()) for chain in slots.chains), 1)
+    what = f"{counted(len(slots.chains), 'channel')} as wide as the tool, {length} mm: {names}"
+    return [Note("assumed", what, "along the middle, with all of its width in the material")]
+
+
+def note_passes(
+    linked: Sequence[LinkedPasses],
+    regions: Sequence[OffsetRegion],
+    channels: Sequence[Sequence[Channel]],
+    pockets: Pockets,
+    job: Job,
+) -> list[Note]:
+    """A note on the number of passes, the stepover and the engagement."""
+    if not linked:
+        return []
+    stepover, radius = job.operation.stepover * job.tool.diameter, job.tool.radius
+    climb = job.operation.direction != "conventional"
+    engagement, length = measure_engagement(regions, channels, radius, stepover, climb)
+    all_channels: list[Channel] = []
+    for region_channels in channels:
+        all_channels += region_channels
+    subject = pockets.names[0]
+    if len(pockets.names) > 1:
+        noun = "area" if job.operation.rest else "pocket"
+        subject = counted(len({passes.pocket for passes in linked}), noun)
+    pass_count = counted(sum(passes.pass_count for passes in linked), "pass", "passes")
+    path_count = counted(len(linked), "path")
+    what = f"{subject}: {pass_count} in {path_count}, {short(stepover, 3)} mm apart"
+    if all_channels:
+        loop_count = counted(sum(len(channel.discs) for channel in all_channels), "loop")
+        metres = sum(float(channel.chain.length.sum()) for channel in all_channels) / 1000
+        what += f", {loop_count} of {short(metres, 2)} m before them"
+        what += " (none with operation.engagement = 1)"
+    if len(engagement):
+        what += f", {_format_engagement(engagement, length)}"
+    entered = _count_slot_entries(regions, channels)
+    why = "not counted: the first turns where the tool goes in"
+    if entered:
+        places = counted(entered, "place")
+        why = f"not counted: the first pass in the middle of {places}, which is a slot"
+    steep_links = sum(passes.steep_links for passes in linked)
+    if all_channels and steep_links:
+        why += f", and {counted(steep_links, 'link')} for which there was no room to lean"
+    return [Note("assumed", what, why)]
+
+
+def _format_engagement(engagement: FloatArray, length: FloatArray) -> str:
+    """Median, maximum and fraction of high values of engagements (M,), weighted by length (M,)."""
+    order = np.argsort(engagement)
+    middle = np.searchsorted(np.cumsum(length[order]), length.sum() / 2)
+    median = _percent(engagement[order[middle]])
+    high_percent = 100 * length[engagement > _HIGH_ENGAGEMENT].sum() / length.sum()
+    return (
+        f"engagement {median} % of the diameter or less on half of the way, "
+        f"{_percent(engagement.max())} % at most, "
+        f"over {100 * _HIGH_ENGAGEMENT:.0f} % on {short(high_percent, 1)} % of it"
+    )
+
+
+def _count_slot_entries(
+    regions: Sequence[OffsetRegion], channels: Sequence[Sequence[Channel]]
+) -> int:
+    """Number of innermost regions without a channel: their first pass is a slot."""
+    parents = {region.parent for region in regions}
+    roots = find_outermost(regions)
+    count = 0
+    for k, region in enumerate(regions):
+        count += k not in parents and region.is_whole and not channels[roots[k]]
+    return count
+
+
+def _percent(fraction: float) -> str:
+    """A fraction in whole percent, rounded up."""
+    return f"{max(np.ceil(100 * fraction - 1e-6), 0.0):.0f}"
+
+
+def note_rest_material(
+    borders: Sequence[OffsetRegion], slots: Slots, pockets: Pockets, job: Job
+) -> list[Note]:
+    """A note on rest material in the pockets that have paths: in corners and narrow places."""
+    radius = job.tool.radius
+    rest_area, whole_area = 0.0, 0.0
+    places: list[tuple[float, float, float]] = []
+    ids: list[str] = []
+    for pocket_index in sorted({border.pocket for border in borders} | set(slots.pocket)):
+        polygon = make_pocket_polygon(pockets.walls, pocket_index).difference(pockets.cleared)
+        slot_rows = [k for k, pocket in enumerate(slots.pocket) if pocket == pocket_index]
+        centres = [_make_line(slots.chains[k]) for k in slot_rows]
+        centres += [border.polygon for border in borders if border.pocket == pocket_index]
+        swept = shapely.union_all(centres).buffer(radius, quad_segs=QUARTER_CHORDS)
+        whole_area += polygon.area
+        # Strips as thin as the deviation of chords do not count.
+        parts = shapely.get_parts(polygon.difference(swept))
+        parts = [part for part in parts if not part.buffer(-2 * CHORD_MM).is_empty]
+        rest_area += sum(part.area for part in parts)
+        large = [part for part in parts if part.area >= _PLACE_FRACTION * np.pi * radius**2]
+        places += [(part.area, *part.representative_point().coords[0]) for part in large]
+        ids += pockets.contours[pocket_index] if large else []
+    if rest_area <= max(1e-4 * whole_area, 0.05 * radius**2):
+        return []
+    places.sort(reverse=True)
+    what = f"{short(rest_area, 2)} mm2 of {short(whole_area, 2)} mm2 not cleared"
+    if places:
+        what += f", {counted(len(places), 'place')} of {short(places[0][0], 2)} mm2 or less"
+    why = f"inner corners and narrow places that a {job.tool.diameter:g} mm tool does not reach"
+    points = tuple((x, y) for _, x, y in places[:_MAX_PLACES])
+    return [Note("warning", what, why, tuple(ids), points)]
+
+
+def _make_line(chain: Segments) -> Any:
+    """A chain as a shapely line of chords."""
+    points, _ = flatten(chain, CHORD_MM)
+    return shapely.LineString(np.vstack([points, chain.end[-1:]]))
