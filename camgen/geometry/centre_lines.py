@@ -14,8 +14,8 @@ from collections.abc import Callable
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.intersect import Obstacles, fractions, nearest_distances
-from camgen.geometry.ragged import owners, ramp, run_starts
+from camgen.geometry.intersect import Obstacles, fractions, gaps, nearest_distances
+from camgen.geometry.ragged import Runs, divide, owners, ramp, run_starts, stretches
 from camgen.geometry.segments import (
     BoolArray,
     IntArray,
@@ -51,6 +51,8 @@ _MISS_MM = 1e-3
 
 #: Tells for segments (K,) and fractions (K,) of them which places are wanted.
 _Test = Callable[[IntArray, FloatArray], BoolArray]
+#: Tells for segments (K,), each from one fraction (K,) to another, which may have such places.
+_MayHold = Callable[[IntArray, FloatArray, FloatArray], BoolArray]
 
 
 class CentreLines(Struct, frozen=True, eq=False):
@@ -107,7 +109,7 @@ def find_centre_lines(
     """
     walls = _Walls(source, group, distance, slack)
     whole_walls = _Pieces(np.arange(len(source)), np.zeros(len(source)), np.ones(len(source)))
-    pieces = _find_stretches(walls.has_middle, whole_walls, walls)
+    pieces = _find_stretches(walls.has_middle, whole_walls, walls, walls.may_have_middle)
     holes, pieces = _split_holes(walls, pieces)
     lines: list[Segments] = []
     sources: list[IntArray] = []
@@ -162,6 +164,20 @@ class _Walls:
         half = np.where(np.isfinite(width), width / 2, self.distance)
         return width, place + half[:, None] * normal
 
+    def may_have_middle(self, rows: IntArray, low: FloatArray, high: FloatArray) -> BoolArray:
+        """(K,) false where no place between two fractions of a wall has a wall opposite."""
+        walls = self.source.take(rows)
+        ends = []
+        for fraction in (low, high):
+            normal = _right(tangents_at(walls, fraction))
+            ends.append(points_at(walls, fraction) + _BEYOND * self.distance * normal)
+        bulge = np.tan(np.arctan(walls.bulge) * (high - low))
+        beyond = make(ends[0], ends[1], bulge, np.arange(len(rows)))
+        reach = (2 - _BEYOND) * self.distance + 2 * _WIDER_MM
+        near = np.isfinite(gaps(beyond, self.source, reach))
+        # An arc about a centre nearer than that has no parallel arc beyond its centre.
+        return near | (walls.is_arc & (walls.radius <= _BEYOND * self.distance))
+
     def middles(self, rows: IntArray, fraction: FloatArray) -> FloatArray:
         """(K, 2) the middle of the channel beside each place, mm."""
         return self._measure(rows, fraction)[1]
@@ -200,23 +216,49 @@ def _right(direction: FloatArray) -> FloatArray:
     return np.column_stack([direction[:, 1], -direction[:, 0]])
 
 
-def _find_stretches(test: _Test, pieces: _Pieces, walls: _Walls) -> _Pieces:
-    """The parts of ``pieces`` along which ``test`` holds."""
-    length = walls.source.length[pieces.row] * (pieces.high - pieces.low)
+def _find_stretches(
+    test: _Test, pieces: _Pieces, walls: _Walls, may_hold: _MayHold | None = None
+) -> _Pieces:
+    """The parts of ``pieces`` along which ``test`` holds, where it may hold at all."""
+    span = pieces.high - pieces.low
+    length = walls.source.length[pieces.row] * span
     count = np.ceil(length / (_EVERY * walls.distance)).astype(np.int64)
     count = np.maximum(count, _LEAST)
-    which, place = owners(count), ramp(count)
-    span = pieces.high - pieces.low
-    at = pieces.low[which] + (place + 0.5) / count[which] * span[which]
+    which, place = _places(pieces, count, may_hold)
+
+    def fraction(which: IntArray, place: IntArray) -> FloatArray:
+        return np.asarray(pieces.low[which] + (place + 0.5) / count[which] * span[which])
+
+    at = fraction(which, place)
     good = test(pieces.row[which], at)
-    first, last = place == 0, place == count[which] - 1
-    begin = np.flatnonzero(good & (first | ~np.roll(good, 1)))
-    end = np.flatnonzero(good & (last | ~np.roll(good, -1)))
-    before = np.where(first[begin], pieces.low[which[begin]], at[begin - 1])
-    after = at[np.minimum(end + 1, max(len(at) - 1, 0))]
-    after = np.where(last[end], pieces.high[which[end]], after)
-    row = pieces.row[which[begin]]
+    follows = np.zeros(len(at), dtype=bool)
+    follows[1:] = (np.diff(which) == 0) & (np.diff(place) == 1) & good[:-1]
+    begin = np.flatnonzero(good & ~follows)
+    end = np.flatnonzero(good & ~np.append((follows & good)[1:], False)[: len(at)])
+    piece = which[begin]
+    before = fraction(piece, place[begin] - 1)
+    before = np.where(place[begin] == 0, pieces.low[piece], before)
+    after = fraction(piece, place[end] + 1)
+    after = np.where(place[end] == count[piece] - 1, pieces.high[piece], after)
+    row = pieces.row[piece]
     return _Pieces(row, _halve(test, row, before, at[begin]), _halve(test, row, after, at[end]))
+
+
+def _places(
+    pieces: _Pieces, count: IntArray, may_hold: _MayHold | None
+) -> tuple[IntArray, IntArray]:
+    """The piece and the number of each place to look at, of ``count`` (K,) places on each piece."""
+    if may_hold is None:
+        return owners(count), ramp(count)
+
+    def holds_nowhere(runs: Runs) -> BoolArray:
+        low, row = pieces.low[runs.group], pieces.row[runs.group]
+        step = (pieces.high[runs.group] - low) / count[runs.group]
+        return ~may_hold(row, low + runs.first * step, low + runs.end * step)
+
+    runs = divide(count, holds_nowhere)
+    size = np.where(runs.settled, 0, runs.end - runs.first)
+    return np.repeat(runs.group, size), stretches(runs.first, size)
 
 
 def _halve(test: _Test, row: IntArray, outside: FloatArray, inside: FloatArray) -> FloatArray:

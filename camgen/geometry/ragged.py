@@ -1,16 +1,20 @@
-"""Ragged arrays: groups of rows, one after the other in one table; ``counts`` (G,) is how many rows each group has."""
+"""Ragged arrays: groups of rows, one after the other in one table.
+
+``counts`` (G,) is the number of rows of each group.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TypeVar
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from camgen.model.part import BoolArray, IntArray
 
-#: Pairs of rows that are looked at together: bounds the memory.
+#: Pairs of rows in a chunk: bounds the memory.
 PAIRS = 500_000
 
 _Value = TypeVar("_Value", bound=np.generic)
@@ -38,10 +42,51 @@ def ramp(counts: Sequence[int] | IntArray) -> IntArray:
 
 
 def stretches(first: IntArray, counts: IntArray) -> IntArray:
-    """(N,) the rows first[g], first[g] + 1 and so on of another table, ``counts[g]`` of them for each group."""
+    """(N,) rows of another table from first[g] on, ``counts[g]`` of them for each group."""
     return np.asarray(
         np.arange(np.sum(counts, dtype=np.int64)) + np.repeat(first - begins(counts), counts)
     )
+
+
+#: ``divide`` divides runs of more rows than the first number into parts, the second number.
+_SHORT_RUN, _PARTS = 64, 8
+
+
+class Runs(Struct, frozen=True, eq=False):
+    """Runs of rows within groups.
+
+    group, first, end: (R,) the group of each run, its first row in the group, and the row after
+    its last one.
+    settled: (R,) whether all rows of the run are known to be alike.
+    """
+
+    group: IntArray
+    first: IntArray
+    end: IntArray
+    settled: BoolArray
+
+
+def divide(counts: IntArray, is_settled: Callable[[Runs], BoolArray]) -> Runs:
+    """Runs that together are all rows of groups of ``counts`` (G,) rows, in order.
+
+    Long runs are divided until they are short or settled. ``is_settled`` returns (R,) for R runs
+    whether all rows of each are alike.
+    """
+    group = np.arange(len(counts))
+    settled = np.zeros(len(counts), dtype=bool)
+    runs = Runs(group, np.zeros_like(counts), counts, settled)
+    while (long := ~runs.settled & (runs.end - runs.first > _SHORT_RUN)).any():
+        parts = np.where(long, _PARTS, 1)
+        part, run = ramp(parts), owners(parts)
+        size = (runs.end - runs.first)[run]
+        first = runs.first[run] + part * size // parts[run]
+        end = runs.first[run] + (part + 1) * size // parts[run]
+        settled, new = runs.settled[run], np.flatnonzero(long[run])
+        runs = Runs(runs.group[run], first, end, settled)
+        settled[new] = is_settled(
+            Runs(runs.group[new], first[new], end[new], np.zeros(len(new), dtype=bool))
+        )
+    return runs
 
 
 def following(counts: Sequence[int] | IntArray) -> IntArray:
@@ -54,18 +99,20 @@ def following(counts: Sequence[int] | IntArray) -> IntArray:
 
 
 def matches(
-    label: IntArray, other: IntArray, most: int
+    label: IntArray, other: IntArray, limit: int
 ) -> tuple[Iterator[tuple[IntArray, IntArray]], IntArray]:
-    """Pairs of rows of ``label`` (N,) and of ``other`` (M,) that hold one number, in the order of both and in chunks of
-    at most ``PAIRS``, for numbers that ``other`` has no more than ``most`` times; and the rows of ``label`` with a
-    number that it has more often.
+    """Pairs of rows of ``label`` (N,) and of ``other`` (M,) that hold the same number.
 
-    The numbers are not negative, and not much larger than there are rows: the memory goes by the largest.
+    Pairs are in the order of both tables, in chunks of at most ``PAIRS``. Numbers that ``other``
+    has more than ``limit`` times make no pairs. Their rows of ``label`` are returned beside the
+    pairs.
+
+    The numbers are not negative. The memory grows with the largest one.
     """
     order = np.argsort(other, kind="stable")
     counts = np.bincount(other, minlength=int(label.max(initial=-1)) + 1)
-    first, few = begins(counts), counts[label] <= most
-    rows, step = np.flatnonzero(few), PAIRS // most if most else len(label) + 1
+    first, is_paired = begins(counts), counts[label] <= limit
+    rows, step = np.flatnonzero(is_paired), PAIRS // limit if limit else len(label) + 1
 
     def pairs() -> Iterator[tuple[IntArray, IntArray]]:
         for begin in range(0, len(rows), step):
@@ -73,17 +120,23 @@ def matches(
             times = counts[label[chunk]]
             yield np.repeat(chunk, times), order[stretches(first[label[chunk]], times)]
 
-    return pairs(), np.flatnonzero(~few)
+    return pairs(), np.flatnonzero(~is_paired)
 
 
 def each_once(values: NDArray[_Value]) -> NDArray[_Value]:
-    """The different ones of ``values`` (N,), in order. ``np.unique`` loads numpy's masked arrays, which takes 5 ms."""
+    """(K,) each of ``values`` (N,) once, in order.
+
+    ``np.unique`` loads numpy's masked arrays, which takes 5 ms.
+    """
     values = np.sort(values)
     return values[starts_run(values)]
 
 
 def first_of_each(values: IntArray) -> IntArray:
-    """(K,) of each different one of ``values`` (N,), in order, where it is first; ``np.unique`` takes twice as long."""
+    """(K,) the first row of each different value of ``values`` (N,), in the order of the values.
+
+    ``np.unique`` takes twice as long.
+    """
     order = np.argsort(values)
     return np.minimum.reduceat(order, run_starts(values[order])) if len(values) else order
 

@@ -13,7 +13,7 @@ import numpy as np
 import shapely
 from msgspec.structs import replace
 
-from camgen.geometry.ragged import owners, ramp
+from camgen.geometry.ragged import Runs, divide, stretches
 from camgen.geometry.segments import Segments, flatten, make, points_at, split
 from camgen.model.errors import JobError
 from camgen.model.job import Job, ToolTable
@@ -121,12 +121,31 @@ def _divide(
     whether it is inside.
     """
     count = np.maximum(np.ceil(segments.length / step), 1).astype(np.int64)
-    row, place = owners(count), ramp(count)
-    points = points_at(segments.take(row), (place + 0.5) / count[row])
-    inside = shapely.contains_xy(zone, points[:, 0], points[:, 1])
+    border = shapely.boundary(zone)
+    shapely.prepare(border)
+
+    def points(runs: Runs, rows: np.ndarray) -> np.ndarray:
+        return points_at(segments.take(runs.group), rows / count[runs.group])
+
+    def is_apart(runs: Runs) -> np.ndarray:
+        ends = np.stack([points(runs, runs.first), points(runs, runs.end)], axis=1)
+        share = (runs.end - runs.first) / count[runs.group]
+        bulge = np.tan(np.arctan(np.abs(segments.bulge[runs.group])) * share)
+        # An arc is never farther from its chord than in the middle.
+        height = bulge * np.hypot(*(ends[:, 1] - ends[:, 0]).T) / 2
+        near = shapely.dwithin(border, shapely.linestrings(ends), height + _NARROW_MM)
+        return ~np.asarray(near)
+
+    runs = divide(count, is_apart)
+    size = np.where(runs.settled, 1, runs.end - runs.first)
+    first = stretches(runs.first, size)
+    end = np.where(np.repeat(runs.settled, size), np.repeat(runs.end, size), first + 1)
+    row = np.repeat(runs.group, size)
+    runs = Runs(row, first, end, np.ones(len(row), dtype=bool))
+    inside = shapely.contains_xy(zone, *points(runs, (first + end) / 2).T)
     begins = np.append(True, (row[1:] != row[:-1]) | (inside[1:] != inside[:-1]))[: len(row)]
-    first = np.flatnonzero(begins)
-    last = np.append(first[1:], len(row)) - 1
-    low = place[first] / count[row[first]]
-    high = (place[last] + 1) / count[row[first]]
-    return row[first], low, high, inside[first]
+    begin = np.flatnonzero(begins)
+    last = np.append(begin[1:], len(row)) - 1
+    low = first[begin] / count[row[begin]]
+    high = end[last] / count[row[begin]]
+    return row[begin], low, high, inside[begin]

@@ -9,9 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from camgen.geometry.centre_lines import CentreLines, find_centre_lines
-from camgen.geometry.intersect import nearest_distances
+from camgen.geometry.intersect import Obstacles, nearest_distances
 from camgen.geometry.segments import from_contours, neighbours, points_at
-from camgen.model.part import Contour
+from camgen.model.part import Contour, IntArray
+from camgen.model.pose import FloatArray
 from tests.support.drawn import circle, clockwise, contour, rectangle
 from tests.support.examples import fewer
 
@@ -141,3 +142,19 @@ def test_a_wavy_slot_is_followed_and_never_cut_deeper_than_the_slack(
     points = points_at(segments, np.tile(fractions, len(lines.segments)))
     gaps = shapely.distance(shapely.points(points), walls.exterior)
     assert (gaps >= RADIUS - SLACK - 1e-6).all()
+
+
+def test_long_walls_of_a_room_are_looked_at_in_few_places(monkeypatch: pytest.MonkeyPatch) -> None:
+    measured = 0
+    nearest = Obstacles.nearest
+
+    def count(self: Obstacles, points: FloatArray, group: IntArray, reach: float) -> FloatArray:
+        nonlocal measured
+        measured += len(points)
+        return nearest(self, points, group, reach)
+
+    monkeypatch.setattr(Obstacles, "nearest", count)
+    assert not len(lines_in(rectangle(0, 0, 80_000, 80_000)).segments)
+    assert 0 < measured < 20_000
+    # A slot as long has its line.
+    assert ends(lines_in(slot(8_000, 6.0))) == [[0, 0], [8_000, 0]]

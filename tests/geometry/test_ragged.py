@@ -9,7 +9,9 @@ from hypothesis import strategies as st
 
 from camgen.geometry import ragged
 from camgen.geometry.ragged import (
+    Runs,
     begins,
+    divide,
     each_once,
     ends_run,
     first_of_each,
@@ -25,6 +27,7 @@ from camgen.geometry.ragged import (
     true_runs,
 )
 from camgen.geometry.vectors import nearest_row
+from camgen.model.part import BoolArray
 
 COUNTS = st.lists(st.integers(0, 4), max_size=8)
 
@@ -85,8 +88,8 @@ def test_each_once(values: list[int]) -> None:
 
 @given(st.lists(st.integers(-3, 3), max_size=40))
 def test_first_of_each(values: list[int]) -> None:
-    found = first_of_each(np.array(values, dtype=np.int64))
-    assert found.tolist() == [values.index(one) for one in sorted(set(values))]
+    rows = first_of_each(np.array(values, dtype=np.int64))
+    assert rows.tolist() == [values.index(value) for value in sorted(set(values))]
 
 
 @given(
@@ -94,13 +97,47 @@ def test_first_of_each(values: list[int]) -> None:
     st.lists(st.integers(0, 5), max_size=12),
     st.integers(0, 4),
 )
-def test_matches(label: list[int], other: list[int], most: int) -> None:
+def test_matches(label: list[int], other: list[int], limit: int) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(ragged, "PAIRS", 4)
-        few, many = matches(np.array(label, dtype=np.int64), np.array(other, dtype=np.int64), most)
-        chunks = [*few]
-    assert all(len(one) == len(two) <= 4 for one, two in chunks)
-    found = [(k, m) for one, two in chunks for k, m in zip(one.tolist(), two.tolist(), strict=True)]
-    assert many.tolist() == [k for k, name in enumerate(label) if other.count(name) > most]
-    pairs = [(k, m) for k, name in enumerate(label) for m, o in enumerate(other) if o == name]
-    assert found == [(k, m) for k, m in pairs if k not in many.tolist()]
+        tables = np.array(label, dtype=np.int64), np.array(other, dtype=np.int64)
+        chunks, unpaired = matches(*tables, limit)
+        listed = [np.column_stack(chunk).tolist() for chunk in chunks]
+    assert all(len(chunk) <= 4 for chunk in listed)
+    assert unpaired.tolist() == [k for k, name in enumerate(label) if other.count(name) > limit]
+    pairs = [[k, m] for k, name in enumerate(label) for m, o in enumerate(other) if o == name]
+    assert [*chain(*listed)] == [pair for pair in pairs if pair[0] not in unpaired.tolist()]
+
+
+@given(
+    st.lists(st.integers(1, 5000), max_size=4),
+    st.lists(st.tuples(st.integers(0, 3), st.integers(0, 5000)), max_size=5),
+)
+def test_divided_runs_are_all_rows_and_settled_ones_hold_no_odd_row(
+    counts: list[int], odd: list[tuple[int, int]]
+) -> None:
+    judged = 0
+
+    def holds_no_odd_row(runs: Runs) -> BoolArray:
+        nonlocal judged
+        judged += len(runs.group)
+        return np.array([not _holds(run, odd) for run in _list(runs)])
+
+    runs = divide(np.array(counts, dtype=np.int64), holds_no_odd_row)
+    size = runs.end - runs.first
+    assert np.repeat(runs.group, size).tolist() == owners(counts).tolist()
+    assert stretches(runs.first, size).tolist() == ramp(counts).tolist()
+    for run, settled in zip(_list(runs), runs.settled, strict=True):
+        assert not _holds(run, odd) if settled else run[2] - run[1] <= 64
+    # 5000 rows are 64 or fewer after three divisions by eight.
+    assert judged <= 8 * len(counts) + 2 * 8 * len(odd)
+
+
+def _list(runs: Runs) -> list[tuple[int, int, int]]:
+    """Group, first row and the row after the last one of each run."""
+    return [*zip(runs.group.tolist(), runs.first.tolist(), runs.end.tolist(), strict=True)]
+
+
+def _holds(run: tuple[int, int, int], rows: list[tuple[int, int]]) -> bool:
+    group, first, end = run
+    return any(owner == group and first <= row < end for owner, row in rows)
