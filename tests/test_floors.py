@@ -13,7 +13,7 @@ from tests.support.syntax import list_nodes
 ROOT = Path(__file__).parent.parent
 #: Low to high; folders on one line do not import each other.
 FLOORS = [
-    {"model"}, {"geometry"}, {"vision"}, {"read"}, {"robots"}, {"collision"}, {"motion"},
+    {"model"}, {"geometry"}, {"vision"}, {"read"}, {"lang"}, {"robots"}, {"collision"}, {"motion"},
     {"plan"}, {"order"}, {"lower"}, {"check"}, {"post"}, {"preview", "localize"}, {"pipeline"}, {"batch"},
     {"workbench"}, {"cli"}, {"__main__"},
 ]  # fmt: skip
@@ -22,7 +22,7 @@ FLOOR = {folder: k for k, folders in enumerate(FLOORS) for folder in folders}
 POST_MAY_IMPORT = ("camgen.model", "camgen.post", "camgen.geometry")
 #: A read-back is a layer over the interpreter of its language.
 LANGUAGES = tuple(
-    f"camgen.read.{name}" for name in ("gcode", "pacscript", "rapid", "vplus", "programs")
+    f"camgen.lang.{name}" for name in ("gcode", "pacscript", "rapid", "vplus", "programs")
 )
 READBACK_MAY_IMPORT = (*POST_MAY_IMPORT, *LANGUAGES)
 

@@ -12,12 +12,12 @@ READER = "a language reader, which one engine for all languages will replace"
 EXCEPTIONS = {
     ("camgen/pipeline/__init__.py", "build"): "the public call, whose keywords users write",
     ("camgen/robots/kinematics/continuity.py", "follow"): "the path and its limits, as `why` has",
-    ("camgen/read/gcode/arcs.py", "pieces"): READER,
-    ("camgen/read/gcode/arcs.py", "find_centre"): READER,
-    ("camgen/read/gcode/arcs.py", "_centre_of"): READER,
-    ("camgen/read/gcode/compensation.py", "move"): READER,
-    ("camgen/read/gcode/turning.py", "_pass"): READER,
-    ("camgen/read/pacscript/motions.py", "_turn"): READER,
+    ("camgen/lang/gcode/arcs.py", "pieces"): READER,
+    ("camgen/lang/gcode/arcs.py", "find_centre"): READER,
+    ("camgen/lang/gcode/arcs.py", "_centre_of"): READER,
+    ("camgen/lang/gcode/compensation.py", "move"): READER,
+    ("camgen/lang/gcode/turning.py", "_pass"): READER,
+    ("camgen/lang/pacscript/motions.py", "_turn"): READER,
     ("postprocessors/readback/vplus/__init__.py", "__init__"): READER,
 }
 

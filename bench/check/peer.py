@@ -15,6 +15,8 @@ from camgen.check.stock import Cut
 from camgen.check.time import cycle
 from camgen.geometry.nesting import nest
 from camgen.geometry.segments import from_contours
+from camgen.lang.gcode.replayed import interpret
+from camgen.lang.recorded import ProgramRun
 from camgen.model.job import OperationTable, Step
 from camgen.model.part import Contour
 from camgen.model.path import Tour
@@ -23,8 +25,6 @@ from camgen.order import JobTour
 from camgen.pipeline import Result
 from camgen.plan.drill import find_circles
 from camgen.post.plugins import dynamics_of
-from camgen.read.gcode.replayed import interpret
-from camgen.read.recorded import ProgramRun
 
 FREECAD_PYTHON, _FREECAD = Path("/usr/bin/python3"), Path("/usr/lib/freecad/Mod/Path")
 #: Why there is no peer, "" where there is one.

@@ -39,11 +39,11 @@ from bench.support.swept_text import (
 )
 from camgen.geometry.nesting import nest
 from camgen.geometry.segments import from_contours
+from camgen.lang.gcode.replayed import interpret
 from camgen.model.part import Contour, Part
 from camgen.model.pose import frozen
 from camgen.model.program import Instruction, MoveL
 from camgen.pipeline import Result
-from camgen.read.gcode.replayed import interpret
 from tests.support.swept import enclosed, reachable
 
 _SCRIPT = Path(__file__).with_name("peer_adaptive.py")

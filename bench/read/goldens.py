@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 import camgen
 from bench.support.motions import measure_motion, sample_motion
 from bench.support.runner import ROOT
+from camgen.lang.programs import Ask, Executed, find_language
+from camgen.lang.taught import in_one_frame
 from camgen.model.pose import Pose, Vec3, frozen
 from camgen.model.program import Instruction, Joints, MoveC, MoveJ, MoveL
-from camgen.read.programs import Ask, Executed, find_language
-from camgen.read.taught import in_one_frame
 from camgen.robots.catalogue import robot
 from camgen.robots.kinematics.forward import flange
 from camgen.robots.models import Robot

@@ -3,7 +3,7 @@
 python -m bench.read.old_gcode_words [DIALECT ...]
 
 Programs of lathes are refused whole, so that dialect is left out. The words are the codes of the
-tables in camgen/read/gcode/dialects.py and the letters A to Z.
+tables in camgen/lang/gcode/dialects.py and the letters A to Z.
 Each word stands in a line of its own in the middle of a sound program, with the arguments that its
 manual asks for, and the program is built for RAPID. The same program is built without the line.
 A word is
@@ -27,8 +27,8 @@ from typing import NamedTuple
 
 import camgen
 from bench.support.runner import Cells, Missed, Scenario, run
+from camgen.lang.gcode.dialects import DIALECTS, Dialect
 from camgen.model.errors import CamgenError
-from camgen.read.gcode.dialects import DIALECTS, Dialect
 
 COLUMNS = "dialect | words {} | read {} | reported {} | refused {} | without effect {} | silent"
 

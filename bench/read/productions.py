@@ -1,6 +1,6 @@
 """The productions of a language, form by form, and what camgen's reader says to each.
 
-tests/read/<language>/productions.txt holds them: a line ``+`` and a form that controllers take, ``-`` and one that they
+tests/lang/<language>/productions.txt holds them: a line ``+`` and a form that controllers take, ``-`` and one that they
 refuse; ``==`` and the name of a production, behind ``|`` the dialects; ``@`` and the lines that its forms stand in, for
 ``$``, before the first production those of all that have none of their own; ``!`` and a judge, and why it differs from
 the manual: behind a form there, before the first form of a production in all of it. ``¶`` ends a line.
@@ -11,9 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from camgen.read.programs import Ask, find_language
+from camgen.lang.programs import Ask, find_language
 
-FOLDER = Path(__file__).parents[2] / "tests" / "read"
+FOLDER = Path(__file__).parents[2] / "tests" / "lang"
 _NAMES = {"gcode": "a.nc", "rapid": "a.mod", "vplus": "a.v2", "pacscript": "a.pcs"}
 
 

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 from bench.support.runner import open_table
 from bench.support.timing import timed
-from camgen.read.programs import Ask, Executed, Language, list_languages
+from camgen.lang.programs import Ask, Executed, Language, list_languages
 
 
 class Ran(NamedTuple):

@@ -15,10 +15,10 @@ from pathlib import Path
 from time import perf_counter
 
 from bench.support.runner import open_table
+from camgen.lang.gcode.language import play
+from camgen.lang.programs import Ask
+from camgen.lang.recorded import ProgramRun
 from camgen.model.program import MoveC, MoveJ, MoveL
-from camgen.read.gcode.language import play
-from camgen.read.programs import Ask
-from camgen.read.recorded import ProgramRun
 from tests.support import canon
 from tests.support.canon import Call, Canon, Point
 

@@ -1,6 +1,6 @@
 """The readers of programs against other judges of their languages' syntax.
 
-python -m bench.read.syntax LANGUAGE [JUDGE[=PATH] ...]: every form of tests/read/LANGUAGE/productions.txt through
+python -m bench.read.syntax LANGUAGE [JUDGE[=PATH] ...]: every form of tests/lang/LANGUAGE/productions.txt through
 camgen's reader and through each judge, which is installed beside camgen, or lies at PATH, and is no part of it. A table
 of how many agree with the manual, and each difference with its reason; exit 1 where a reader differs, or a judge
 without a reason that is written down.

@@ -29,6 +29,7 @@ from camgen.check.report import clean, path_sums
 from camgen.cli.inputs import open_inputs
 from camgen.cli.motion_file import encode
 from camgen.cli.say import Row, Voice, join_names, length, size
+from camgen.lang.recorded import Recorded
 from camgen.model.errors import JobError, rename_errors
 from camgen.model.job import CameraTable, ImageTable, Job
 from camgen.model.part import GRAVEST, Note, NoteKind, describe_bodies
@@ -44,7 +45,6 @@ from camgen.post.verify import list_uncompared
 from camgen.preview.drawings import check_preview, draw
 from camgen.read.files import Files
 from camgen.read.job_file import beside, load
-from camgen.read.recorded import Recorded
 
 # The summary of a build: one line each for what was read, left out, planned, proved and written.
 

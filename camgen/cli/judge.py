@@ -11,12 +11,7 @@ from msgspec.structs import replace
 
 from camgen.cli.program_texts import read_texts
 from camgen.cli.say import join_names
-from camgen.model.errors import CamgenError, InputError, JobError, NoSafeProgram, one_line
-from camgen.model.job import Job
-from camgen.model.pose import tell_frame
-from camgen.model.text import counted
-from camgen.read.files import Files
-from camgen.read.programs import (
+from camgen.lang.programs import (
     Ask,
     Executed,
     Frames,
@@ -25,6 +20,11 @@ from camgen.read.programs import (
     find_language,
     list_languages,
 )
+from camgen.model.errors import CamgenError, InputError, JobError, NoSafeProgram, one_line
+from camgen.model.job import Job
+from camgen.model.pose import tell_frame
+from camgen.model.text import counted
+from camgen.read.files import Files
 
 Row = tuple[str, str]
 _LINE = re.compile(r"\bline (\d{1,9})\b")

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from camgen.lang.programs import find_text_fault
 from camgen.model.errors import InputError
 from camgen.read.files import Files, reason
-from camgen.read.programs import find_text_fault
 
 
 def read_texts(paths: Sequence[Path], files: Files) -> Mapping[str, str]:

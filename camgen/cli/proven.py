@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
+from camgen.lang.programs import Executed
 from camgen.model.cell import Dynamics
 from camgen.post import Post, Reading
-from camgen.read.programs import Executed
 
 if TYPE_CHECKING:
     from camgen.geometry.fixtures import Fixtures

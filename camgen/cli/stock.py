@@ -26,6 +26,7 @@ from camgen.check.stock import (
     task_on,
 )
 from camgen.cli.proven import Proven
+from camgen.lang.programs import Executed
 from camgen.lower.runs import plunge
 from camgen.model.errors import InputError, JobError, NoSafeProgram
 from camgen.model.job import Job
@@ -37,7 +38,6 @@ from camgen.pipeline.stock import REMEDY_FOR_PIECES
 from camgen.plan.page import on_page
 from camgen.plan.steps import job_of, name_drills, share_out
 from camgen.post import Reading
-from camgen.read.programs import Executed
 
 #: mm: a smaller depth does not count.
 _NO_BITE_MM = 0.0001

@@ -28,6 +28,8 @@ from camgen.cli.program_texts import read_texts
 from camgen.cli.proven import Proven
 from camgen.cli.rebuild import Origin, Text, compare_rebuilt, pick_program, read_state, tell_state
 from camgen.cli.say import Voice, length, table
+from camgen.lang.programs import LANGUAGES, Executed, Places
+from camgen.lang.taught import Carried, as_far_as_known
 from camgen.lower.steps import split_tools
 from camgen.model.cell import Dynamics
 from camgen.model.errors import CamgenError, InputError, JobError
@@ -52,8 +54,6 @@ from camgen.post.verify import compare
 from camgen.read import read
 from camgen.read.files import Files
 from camgen.read.job_file import beside, load
-from camgen.read.programs import LANGUAGES, Executed, Places
-from camgen.read.taught import Carried, as_far_as_known
 
 if TYPE_CHECKING:
     from camgen.geometry.fixtures import Fixtures

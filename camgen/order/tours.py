@@ -11,9 +11,9 @@ from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import FloatArray
 
 if TYPE_CHECKING:
+    from camgen.lang.recorded import ProgramRun
     from camgen.order.edges.route import Route
     from camgen.plan.tool_parts import ToolPart
-    from camgen.read.recorded import ProgramRun
 
 
 class EdgeTour(Tour, frozen=True, eq=False, kw_only=True):

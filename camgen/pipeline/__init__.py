@@ -26,6 +26,7 @@ from camgen.check.report import (
     untested_of,
 )
 from camgen.check.report import report as report_of
+from camgen.lang.recorded import Recorded
 from camgen.lower import lower
 from camgen.lower.steps import frame_of, tell_tool
 from camgen.model.cell import Cell, Dynamics
@@ -85,7 +86,6 @@ from camgen.post.plugins import (
 from camgen.post.verify import Deviation
 from camgen.read.files import Files
 from camgen.read.job_file import from_mapping, load
-from camgen.read.recorded import Recorded
 from camgen.robots.workcell import Workcell
 
 if TYPE_CHECKING:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from camgen.lang.recorded import Recorded
 from camgen.model.job import Job
 from camgen.model.part import Note, Part
 from camgen.model.pose import Pose
@@ -13,7 +14,6 @@ from camgen.model.text import counted, short
 from camgen.plan import name_operation
 from camgen.plan.close_positions import CLOSE_MM, count_close_positions
 from camgen.plan.steps import job_of, name_drills
-from camgen.read.recorded import Recorded
 from camgen.robots.workcell import Workcell
 
 if TYPE_CHECKING:

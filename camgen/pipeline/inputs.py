@@ -14,6 +14,8 @@ from msgspec import Struct
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
+from camgen.lang.programs import Frames
+from camgen.lang.recorded import Recorded
 from camgen.model.cell import Cell
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Choice, Job, OperationTable, ProcessTable, ToolRow, ToolTable
@@ -26,8 +28,6 @@ from camgen.read import find_reader, read
 from camgen.read.clamps import set_clamps_aside
 from camgen.read.files import Files, identity
 from camgen.read.move import move_part
-from camgen.read.programs import Frames
-from camgen.read.recorded import Recorded
 from camgen.robots.models import Robot
 from camgen.robots.workcell import Workcell, equip
 
@@ -104,7 +104,7 @@ def _frames_of(part: Part | None) -> Frames | None:
     """What a robot program says of its frames; None for everything else."""
     if not (isinstance(part, Recorded) and part.run.whole):
         return None
-    from camgen.read.taught import Taught  # noqa: PLC0415 (only for what needs it)
+    from camgen.lang.taught import Taught  # noqa: PLC0415 (only for what needs it)
 
     return part.frames if isinstance(part, Taught) else None
 
@@ -115,12 +115,12 @@ def read_parts(sources: Sequence[Path | Part], job: Job, files: Files) -> Part:
     if len(paths) == len(sources) and (len(paths) > 1 or job.operation.taught_on):
         language = _find_language(paths, job, files)
         if language == "gcode":
-            from camgen.read.gcode import read_files as read_gcode  # noqa: PLC0415 (only for what needs it)
+            from camgen.lang.gcode import read_files as read_gcode  # noqa: PLC0415 (only for what needs it)
 
             return read_gcode([files.within(job.limits).read(path) for path in paths], job)
         if language:
+            from camgen.lang.taught import read_files  # noqa: PLC0415 (only for what needs it)
             from camgen.plan.taught import find_flange  # noqa: PLC0415 (only for what needs it)
-            from camgen.read.taught import read_files  # noqa: PLC0415 (only for what needs it)
 
             flange = find_flange(job.operation.taught_on) if job.operation.taught_on else None
             return read_files(

@@ -7,13 +7,13 @@ from contextlib import contextmanager
 
 import numpy as np
 
+from camgen.lang.recorded import Recorded
 from camgen.model.errors import Blocked, NoSafeProgram, Refused
 from camgen.model.part import Part
 from camgen.model.pose import FloatArray, Pose
 from camgen.model.program import Force, MoveC, MoveJ, MoveL, Output, Program
 from camgen.model.text import short
 from camgen.plan.unused import is_idle
-from camgen.read.recorded import Recorded
 from camgen.read.units import LARGEST, remedy_for
 
 #: Remedy for a drawing that is far from the origin.

@@ -13,6 +13,7 @@ import msgspec
 from msgspec import Struct
 from msgspec.structs import replace
 
+from camgen.lang.recorded import Recorded
 from camgen.model.cell import Cell
 from camgen.model.errors import AmbiguousInput, InputError, JobError
 from camgen.model.job import Job, Step
@@ -21,14 +22,13 @@ from camgen.model.path import ToolPath
 from camgen.model.plugins import OPERATIONS, entries, find, load
 from camgen.model.text import counted
 from camgen.plan.page import in_margin, on_page
-from camgen.read.recorded import Recorded
 
 if TYPE_CHECKING:
     from camgen.collision.cell import Surroundings
+    from camgen.lang.recorded import ProgramRun
     from camgen.model.part import Contour, Line
     from camgen.motion.setup import EdgeMotion, UnreachableEdge
     from camgen.plan.tool_parts import ToolPart
-    from camgen.read.recorded import ProgramRun
 
 #: What is called when a stage begins or has got somewhere: what the user is told.
 Watch = Callable[[str], None]

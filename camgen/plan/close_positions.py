@@ -6,12 +6,12 @@ import numpy as np
 from msgspec.structs import replace
 
 from camgen.geometry.ragged import starts_run
+from camgen.lang.recorded import Recorded
 from camgen.model.part import BoolArray, Note
 from camgen.model.pose import FloatArray
 from camgen.model.program import Columns, MoveL, take
 from camgen.model.text import counted, short
 from camgen.model.tolerance import NONZERO
-from camgen.read.recorded import Recorded
 
 #: Positions that are nearer lie in each other's zone, mm: the smallest zone of RAPID, z0, has this
 #: radius (ABB, technical reference manual of RAPID instructions, zonedata).

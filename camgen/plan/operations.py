@@ -133,9 +133,9 @@ def _edges(part: Part, job: Job, cell: Cell | None, watch: Watch) -> Plan:
 
 
 def _replay(part: Part, job: Job, cell: Cell | None, _watch: Watch) -> Plan:
+    from camgen.lang.taught import Taught  # noqa: PLC0415
     from camgen.plan.replay import plan_replay  # noqa: PLC0415 (the interpreter, only for what needs it)
     from camgen.plan.taught import plan_taught  # noqa: PLC0415
-    from camgen.read.taught import Taught  # noqa: PLC0415
 
     return (
         plan_taught(part, job, cell) if isinstance(part, Taught) else plan_replay(part, job, cell)

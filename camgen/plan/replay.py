@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 from msgspec.structs import replace
 
+from camgen.lang.recorded import Recorded
 from camgen.model.cell import Cell
 from camgen.model.errors import InputError
 from camgen.model.job import FASTEST, Job
@@ -22,7 +23,6 @@ from camgen.plan import ReplayPlan
 from camgen.plan.close_positions import thin_positions
 from camgen.plan.tool_parts import split_by_tool
 from camgen.plan.unused import no_idle
-from camgen.read.recorded import Recorded
 
 
 def plan_replay(part: Part, job: Job, cell: Cell | None) -> ReplayPlan:

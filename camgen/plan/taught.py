@@ -14,6 +14,7 @@ from itertools import pairwise
 import numpy as np
 from msgspec.structs import replace
 
+from camgen.lang.taught import Reach, Taught
 from camgen.model.cell import Cell
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job
@@ -24,7 +25,6 @@ from camgen.model.program import Columns, Instruction, Joints, Motion, MoveC, Mo
 from camgen.model.text import counted
 from camgen.plan import ReplayPlan
 from camgen.plan.unused import no_idle
-from camgen.read.taught import Reach, Taught
 from camgen.robots.models import Robot
 from camgen.robots.workcell import Workcell
 

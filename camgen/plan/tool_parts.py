@@ -7,13 +7,13 @@ from itertools import takewhile
 
 from msgspec import Struct
 
+from camgen.lang.recorded import Recorded
 from camgen.model.errors import InputError
 from camgen.model.job import Job, ToolTable
 from camgen.model.part import Note
 from camgen.model.pose import TOOL_DOWN, Pose
 from camgen.model.program import Instruction, Motion, MoveC, MoveJ, MoveL, ToolChange
 from camgen.model.tolerance import SAME_POINT_MM
-from camgen.read.recorded import Recorded
 
 
 class ToolPart(Struct, frozen=True, eq=False):

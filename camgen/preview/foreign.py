@@ -7,6 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from camgen.check.report import clean, motion_lengths, path_sums
+from camgen.lang.programs import LEVELS, Executed
+from camgen.lang.taught import Carried
 from camgen.model.pose import IDENTITY, FloatArray, Pose
 from camgen.model.program import Columns, Instruction, MoveC, MoveJ, MoveL, Wait
 from camgen.plan.taught import paths_of, stretches
@@ -16,8 +18,6 @@ from camgen.preview.notes import ViewNote
 from camgen.preview.stock import Cutter
 from camgen.preview.track import IntArray, events, find_ends, switches_of, way_of
 from camgen.preview.view import Row, View
-from camgen.read.programs import LEVELS, Executed
-from camgen.read.taught import Carried
 
 #: mm: the tool as it is drawn, which nobody knows. Arcs are drawn to this part of the size of what is shown, and to so
 #: many mm at least.

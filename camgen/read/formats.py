@@ -1,7 +1,7 @@
-"""The formats that camgen comes with, as its entry points name them.
+"""The readers of drawings, pictures, solids and points, as the entry points name them.
 
-ezdxf, OpenCV, trimesh and the interpreter of G-code are loaded only by what needs them: all readers are looked at for
-every input, hence the modules that do the work are named here and imported when their turn comes.
+All readers are asked about each input. ezdxf, OpenCV and trimesh load slowly, so this module names
+the modules that read and imports them when they are needed.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from camgen.model.job import Job
 from camgen.model.part import Part
 from camgen.read import Reader, is_drawing
 from camgen.read.files import Files
-from camgen.read.gcode_text import SUFFIXES, is_gcode
 
 #: A PGM begins with a letter and a digit, and then a number.
 _PGM = re.compile(rb"P[25](?:\s|#[^\n\r]*[\n\r])+[0-9]")
@@ -34,7 +33,9 @@ def _is_svg(head: bytes) -> bool:
     return head.removeprefix(b"\xef\xbb\xbf").lstrip().startswith((b"<?xml", b"<svg"))
 
 
-def _read_with(module: str) -> Callable[[Source, Job, Files], Part]:
+def read_with(module: str) -> Callable[[Source, Job, Files], Part]:
+    """The function ``read`` of a module that is imported at the first call."""
+
     def read(source: Source, job: Job, files: Files) -> Part:
         part: Part = import_module(module).read(source, job, files)
         return part
@@ -42,7 +43,9 @@ def _read_with(module: str) -> Callable[[Source, Job, Files], Part]:
     return read
 
 
-def _inspect_with(module: str) -> Callable[[Source, Job, Files], object]:
+def inspect_with(module: str) -> Callable[[Source, Job, Files], object]:
+    """The function ``inspect`` of a module that is imported at the first call."""
+
     def inspect(source: Source, job: Job, files: Files) -> object:
         found: object = import_module(module).inspect(source, job, files)
         return found
@@ -52,7 +55,7 @@ def _inspect_with(module: str) -> Callable[[Source, Job, Files], object]:
 
 def _read_picture(source: Source, job: Job, files: Files) -> Part:
     """The ink of a drawing, or the part in a photo."""
-    return _read_with("camgen.read.artwork" if is_drawing(job) else "camgen.read.image")(
+    return read_with("camgen.read.artwork" if is_drawing(job) else "camgen.read.image")(
         source, job, files
     )
 
@@ -62,8 +65,8 @@ DXF = Reader(
     about="a DXF drawing",
     suffixes=(".dxf", ""),
     makes="drawing",
-    read=_read_with("camgen.read.dxf"),
-    inspect=_inspect_with("camgen.read.dxf"),
+    read=read_with("camgen.read.dxf"),
+    inspect=inspect_with("camgen.read.dxf"),
     recognise=_is_dxf,
 )
 SVG = Reader(
@@ -71,8 +74,8 @@ SVG = Reader(
     about="an SVG drawing",
     suffixes=(".svg",),
     makes="drawing",
-    read=_read_with("camgen.read.svg"),
-    inspect=_inspect_with("camgen.read.svg"),
+    read=read_with("camgen.read.svg"),
+    inspect=inspect_with("camgen.read.svg"),
     recognise=_is_svg,
 )
 IMAGE = Reader(
@@ -81,7 +84,7 @@ IMAGE = Reader(
     suffixes=(".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm"),
     makes="picture",
     read=_read_picture,
-    inspect=_inspect_with("camgen.read.image"),
+    inspect=inspect_with("camgen.read.image"),
     recognise=_is_picture,
 )
 SOLID = Reader(
@@ -89,44 +92,14 @@ SOLID = Reader(
     about="a 3-D part",
     suffixes=(".stl", ".obj", ".ply", ".off", ".3mf", ".glb", ".step", ".stp"),
     makes="solid",
-    read=_read_with("camgen.read.solid"),
-    inspect=_inspect_with("camgen.read.solid"),
+    read=read_with("camgen.read.solid"),
+    inspect=inspect_with("camgen.read.solid"),
 )
-GCODE = Reader(
-    name="gcode",
-    about="G-code",
-    suffixes=SUFFIXES,
-    makes="program",
-    read=_read_with("camgen.read.gcode"),
-    inspect=_inspect_with("camgen.read.gcode"),
-    recognise=lambda head: is_gcode(
-        head.decode("latin-1").replace("\r\n", "\n").replace("\r", "\n")
-    ),
-)
-
-
-def _robot(name: str, about: str, suffixes: tuple[str, ...]) -> Reader:
-    """The programs of a robot controller, whose language is ``name``."""
-
-    def read(source: Source, job: Job, _files: Files) -> Part:
-        part: Part = import_module("camgen.read.taught").read(source, job, name)
-        return part
-
-    def inspect(source: Source, _job: Job, _files: Files) -> object:
-        found: object = import_module("camgen.read.taught").inspect(source, name)
-        return found
-
-    return Reader(name, about, suffixes, "program", read, inspect)
-
-
-RAPID = _robot("rapid", "a RAPID module", (".mod", ".modx", ".prg", ".sys", ".sysx"))
-VPLUS = _robot("vplus", "a V+ program", (".v2", ".pg", ".vp"))
-PACSCRIPT = _robot("pacscript", "a PacScript program", (".pcs", ".pac"))
 POINTS = Reader(
     name="xyz",
     about="a list of points in space",
     suffixes=(".xyz", ".pts", ".csv", ".txt"),
     makes="curves",
-    read=_read_with("camgen.read.points"),
-    inspect=_inspect_with("camgen.read.points"),
+    read=read_with("camgen.read.points"),
+    inspect=inspect_with("camgen.read.points"),
 )

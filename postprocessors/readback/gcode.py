@@ -1,6 +1,6 @@
 """Reads a LinuxCNC program back: text -> instructions, faults by line.
 
-The interpreter of foreign programs runs it (``camgen.read.gcode``). This layer asks for more: what no post writes is a
+The interpreter of foreign programs runs it (``camgen.lang.gcode``). This layer asks for more: what no post writes is a
 fault, and so is what a program leaves open, or what differs from the options of its post. Nothing is guessed: a fault
 also says what is assumed from there on. A program with words that no post writes (other cycles, O-words, parameters,
 shifts of the origin) is run once more as a foreign one; what is not known there either is a fault that names the word.
@@ -16,15 +16,10 @@ from typing import cast
 
 from msgspec.structs import replace
 
-from camgen.model.errors import JobError
-from camgen.model.part import NoteKind
-from camgen.model.program import Force, Instruction, Output, Stop, ToolChange
-from camgen.model.text import counted
-from camgen.post import Fault, Reading, Remark
-from camgen.read.gcode import arcs
-from camgen.read.gcode.interpreter import Blocks, interpret_plain, play
-from camgen.read.gcode.machine import AXES, HANDLERS, Machine, PlainReader
-from camgen.read.gcode.words import (
+from camgen.lang.gcode import arcs
+from camgen.lang.gcode.interpreter import Blocks, interpret_plain, play
+from camgen.lang.gcode.machine import AXES, HANDLERS, Machine, PlainReader
+from camgen.lang.gcode.words import (
     COMMENT,
     LineError,
     Parameters,
@@ -34,6 +29,11 @@ from camgen.read.gcode.words import (
     without_number,
     words_of,
 )
+from camgen.model.errors import JobError
+from camgen.model.part import NoteKind
+from camgen.model.program import Force, Instruction, Output, Stop, ToolChange
+from camgen.model.text import counted
+from camgen.post import Fault, Reading, Remark
 
 from .gcode_runs import FEW, MOTION, REMARK, Chunk, Lines, Settled, cut, perform
 

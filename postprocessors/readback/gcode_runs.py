@@ -1,6 +1,6 @@
 """Lines of our own G-code by column: motions as posts print them, with the remarks and outputs between them.
 
-What they do is what ``camgen.read.gcode.motion.read_plain`` makes of them line by line, and what the machine does with
+What they do is what ``camgen.lang.gcode.motion.read_plain`` makes of them line by line, and what the machine does with
 the outputs; where a line asks for more than numbers, that is left to these two.
 """
 
@@ -15,11 +15,11 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from camgen.lang.gcode.arcs import NO_ANGLE, OVER_MM, OVER_RAD, Limits
+from camgen.lang.gcode.machine import RAPID
 from camgen.model.body import NUMBER, Body, Packed
 from camgen.model.pose import TOOL_DOWN, FloatArray
 from camgen.model.program import Indices, Mask, MoveC, MoveJ, MoveL, Output
-from camgen.read.gcode.arcs import NO_ANGLE, OVER_MM, OVER_RAD, Limits
-from camgen.read.gcode.machine import RAPID
 
 from .numbers import DECIMAL, WORD, Codes, codes_of, read_numbers
 
@@ -275,7 +275,7 @@ def _held(values: FloatArray, before: float) -> FloatArray:
 def _pass_through(
     start: FloatArray, end: FloatArray, centre: FloatArray, left: Mask, limits: Limits
 ) -> tuple[FloatArray, Mask]:
-    """The points half-way along arcs as ``camgen.read.gcode.arcs.pieces`` finds them, to the last bit, and which arcs
+    """The points half-way along arcs as ``camgen.lang.gcode.arcs.pieces`` finds them, to the last bit, and which arcs
     are level, no more than half a circle, and taken by the controller. centre: (N, 2) from the start.
     """
     a, b = (start[:, k] + centre[:, k] for k in range(2))

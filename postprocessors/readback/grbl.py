@@ -10,9 +10,9 @@ from collections.abc import Mapping, Sequence
 
 from msgspec.structs import replace
 
+from camgen.lang.gcode.arcs import Limits
 from camgen.model.program import Instruction, Output
 from camgen.post import Reading
-from camgen.read.gcode.arcs import Limits
 
 from .gcode import Expect, Rules, lines_of, list_written, number, run, signals, spiral
 

@@ -8,10 +8,10 @@ import pytest
 
 import camgen
 from bench.read.replay import against
+from camgen.lang.gcode.replayed import interpret
 from camgen.model.errors import InputError, JobError, NoSafeProgram
 from camgen.model.pose import Pose
 from camgen.model.program import Joints, MoveC, MoveJ, MoveL, Output, Wait
-from camgen.read.gcode.replayed import interpret
 from tests.support import canon
 from tests.support.rs274 import needs_rs274
 

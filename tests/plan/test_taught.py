@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 import camgen
+from camgen.lang.programs import Executed, Frames, Language
+from camgen.lang.taught import in_one_frame
 from camgen.model.errors import InputError
 from camgen.model.job import Job
 from camgen.model.pose import Pose, angle_between, rotation_about, rotation_between, translation
 from camgen.model.program import Joints, MoveC, MoveJ, MoveL, Output
-from camgen.read.programs import Executed, Frames, Language
-from camgen.read.taught import in_one_frame
 
-taught = importlib.import_module("camgen.read.taught")
+taught = importlib.import_module("camgen.lang.taught")
 
 DOWN = rotation_about(0, math.pi)
 WORKS = translation(500, 0, 100), Pose(rotation_about(2, math.pi / 2), (600.0, -100.0, 120.0))

@@ -5,6 +5,7 @@ from itertools import combinations
 
 import pytest
 
+from camgen.lang.pacscript.words import RESERVED
 from camgen.model.pose import TOOL_DOWN, Pose, translation
 from camgen.model.program import (
     Force,
@@ -17,7 +18,6 @@ from camgen.model.program import (
     ToolChange,
 )
 from camgen.post import Fault, Remark
-from camgen.read.pacscript.words import RESERVED
 from tests.support.samples import Sample
 
 LEFTY = Posture(figure=5)

@@ -6,10 +6,10 @@ import pytest
 from camgen_posts.readback.pacscript import read
 from msgspec.structs import replace
 
+from camgen.lang.pacscript.language import LANGUAGE
+from camgen.lang.programs import Ask
 from camgen.model.program import Instruction, MoveC, MoveJ, MoveL, Output
 from camgen.post import Reading
-from camgen.read.pacscript.language import LANGUAGE
-from camgen.read.programs import Ask
 from tests.support.fast_paths import list_values
 from tests.support.steps import count_calls
 

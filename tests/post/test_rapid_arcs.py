@@ -7,11 +7,11 @@ import pytest
 from camgen_posts.rapid import Rapid
 from camgen_posts.readback.rapid import read
 
+from camgen.lang.rapid.ways import judge_arc
 from camgen.model.pose import TOOL_DOWN, Pose, translation
 from camgen.model.program import Joints, MoveC, MoveJ, MoveL, Program
 from camgen.post import Remark
 from camgen.post.plugins import make_post
-from camgen.read.rapid.ways import judge_arc
 from tests.support.whole import whole
 
 Point = tuple[float, float, float]

@@ -13,6 +13,7 @@ from camgen_posts.readback.rapid.syntax import Call, Inline, Written, calls_of, 
 from hypothesis import given
 from hypothesis import strategies as st
 
+from camgen.lang.rapid.plain import read_plain
 from camgen.model.pose import TOOL_DOWN, Pose, translation
 from camgen.model.program import (
     Force,
@@ -28,7 +29,6 @@ from camgen.model.program import (
 )
 from camgen.post import Fault, Reading
 from camgen.post.plugins import make_post
-from camgen.read.rapid.plain import read_plain
 from tests.support.examples import is_night
 from tests.support.fast_paths import list_values
 from tests.support.rapid_texts import E9, POINT, START, TAIL, TOOL, WORK, changed, program

@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 
 import camgen
-from camgen.read.rapid.instructions import EFFECTS
-from camgen.read.rapid.motions import FORMS
-from camgen.read.rapid.words import INSTALLED
-from camgen.read.vplus.instructions import DOES
-from camgen.read.vplus.names import TAKEN
+from camgen.lang.rapid.instructions import EFFECTS
+from camgen.lang.rapid.motions import FORMS
+from camgen.lang.rapid.words import INSTALLED
+from camgen.lang.vplus.instructions import DOES
+from camgen.lang.vplus.names import TAKEN
 from postprocessors.rapid.options import is_predefined, legal_name
 from postprocessors.vplus.rules import is_word, program_name
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 import camgen
-from camgen.read.programs import Ask, find_language
+from camgen.lang.programs import Ask, find_language
 
 TEXTS = {
     "rapid": """MODULE m

@@ -9,11 +9,11 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 
+from camgen.lang.pacscript.words import name_fault
 from camgen.model.pose import Pose
 from camgen.model.program import MoveC, MoveJ, MoveL, Output, Wait
 from camgen.model.text import counted
 from camgen.post import Fault, Reading, Remark
-from camgen.read.pacscript.words import name_fault
 
 from . import force, motion
 from .asked import read_asked

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from camgen.lang.pacscript.lines import without_comment
 from camgen.model.pose import Pose, Vec3
 from camgen.model.program import Force
 from camgen.post import Remark
-from camgen.read.pacscript.lines import without_comment
 
 from .machine import Machine
 from .motion import Plain

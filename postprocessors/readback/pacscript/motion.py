@@ -8,12 +8,12 @@ from functools import lru_cache
 
 from msgspec import Struct
 
+from camgen.lang.pacscript.motion import EXTENDED, LINEAR, OPTION, split_mark
+from camgen.lang.pacscript.plain import LINE, PIECE, Plain
+from camgen.lang.pacscript.plain import plain as read_plain
 from camgen.model.pose import Pose, Vec3
 from camgen.model.program import Joints, MoveC, MoveJ, MoveL, Posture
 from camgen.model.text import counted
-from camgen.read.pacscript.motion import EXTENDED, LINEAR, OPTION, split_mark
-from camgen.read.pacscript.plain import LINE, PIECE, Plain
-from camgen.read.pacscript.plain import plain as read_plain
 
 from .machine import Machine
 from .values import (

@@ -7,8 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import PurePath
 
-from camgen.post import Fault, Remark
-from camgen.read.pacscript.lines import (
+from camgen.lang.pacscript.lines import (
     CLOSING,
     DEFINE,
     GOES_ON,
@@ -19,7 +18,8 @@ from camgen.read.pacscript.lines import (
     too_long,
     without_comment,
 )
-from camgen.read.pacscript.words import name_fault
+from camgen.lang.pacscript.words import name_fault
+from camgen.post import Fault, Remark
 
 from .motion import LINE, PIECE, Plain, plain
 from .words import TYPES

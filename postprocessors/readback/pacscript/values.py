@@ -6,10 +6,8 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from camgen.model.pose import Pose
-from camgen.model.program import Joints
-from camgen.read.pacscript.expressions import Node, arguments, parse
-from camgen.read.pacscript.values import (
+from camgen.lang.pacscript.expressions import Node, arguments, parse
+from camgen.lang.pacscript.values import (
     UNDEFINED,
     Figured,
     Unreadable,
@@ -20,7 +18,9 @@ from camgen.read.pacscript.values import (
     joints,
     vector,
 )
-from camgen.read.pacscript.values import position as make_position
+from camgen.lang.pacscript.values import position as make_position
+from camgen.model.pose import Pose
+from camgen.model.program import Joints
 
 
 @dataclass(frozen=True, slots=True)

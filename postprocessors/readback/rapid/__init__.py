@@ -10,11 +10,11 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import cast
 
+from camgen.lang.rapid.tree import Statement
+from camgen.lang.rapid.types import PREDEFINED, RESIDENT, Value
+from camgen.lang.rapid.words import INSTALLED
 from camgen.model.program import Force, Output
 from camgen.post import Fault, Reading
-from camgen.read.rapid.tree import Statement
-from camgen.read.rapid.types import PREDEFINED, RESIDENT, Value
-from camgen.read.rapid.words import INSTALLED
 
 from .asked import read_asked
 from .data import Scope

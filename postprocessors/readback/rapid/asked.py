@@ -13,7 +13,7 @@ from typing import cast
 
 from msgspec import Struct
 
-from camgen.read.rapid.types import Value
+from camgen.lang.rapid.types import Value
 
 #: Two numbers are the same within half of the last digit that the post prints of them.
 _SAME = 0.00051

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import cast
 
+from camgen.lang.rapid.types import LITERAL, PREDEFINED, TYPES, UNUSED, Value
 from camgen.model.pose import (
     IDENTITY,
     Pose,
@@ -21,7 +22,6 @@ from camgen.model.pose import (
     rotation_from_quaternion,
 )
 from camgen.model.text import counted
-from camgen.read.rapid.types import LITERAL, PREDEFINED, TYPES, UNUSED, Value
 
 from .syntax import Call, Data, Expr, Point, Ref, Wrong
 

@@ -19,12 +19,12 @@ from msgspec.json import Decoder
 from numpy.typing import NDArray
 
 from camgen.geometry.ragged import begins, offsets, ramp
+from camgen.lang.rapid import plain
+from camgen.lang.rapid.expressions import Calls
+from camgen.lang.rapid.tokens import RESERVED
+from camgen.lang.rapid.tree import Call, Inline, Numbers, Shape
 from camgen.model.pose import FloatArray, to_vec3
 from camgen.model.program import Indices, Mask
-from camgen.read.rapid import plain
-from camgen.read.rapid.expressions import Calls
-from camgen.read.rapid.tokens import RESERVED
-from camgen.read.rapid.tree import Call, Inline, Numbers, Shape
 
 _NUMBER = r"-?[0-9]{1,7}(?:\.[0-9]{1,9})?"
 _PLACE = re.compile(rf"{_NUMBER},{_NUMBER},{_NUMBER}")

@@ -9,11 +9,11 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.ragged import each_once, stretches
+from camgen.lang.rapid.ways import is_half_turn, judge_arc, judge_arcs
 from camgen.model.body import NUMBER, Body, Packed
 from camgen.model.pose import FloatArray, Pose, to_vec3
 from camgen.model.program import Indices, Mask, MoveC, MoveJ, MoveL, Output
 from camgen.post import Fault
-from camgen.read.rapid.ways import is_half_turn, judge_arc, judge_arcs
 
 from .rows import Columns, Rows
 from .state import Bound, State

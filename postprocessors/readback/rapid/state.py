@@ -10,10 +10,10 @@ from typing import cast
 
 from msgspec import Struct
 
+from camgen.lang.rapid.types import Value
 from camgen.model.pose import FloatArray, Pose, Vec3, rotation_from_quaternion
 from camgen.model.program import Instruction, Joints, Packing, Posture
 from camgen.post import Fault, Remark
-from camgen.read.rapid.types import Value
 
 from .asked import Asked, judge_load
 from .data import Scope, orient_fault, pose

@@ -8,6 +8,15 @@ from typing import cast
 
 import numpy as np
 
+from camgen.lang.rapid.types import Value
+from camgen.lang.rapid.ways import (
+    is_half_turn,
+    joints_fault,
+    joints_remark,
+    judge_arc,
+    posture_fault,
+    posture_remark,
+)
 from camgen.model.pose import Pose, Vec3, to_vec3
 from camgen.model.program import (
     Force,
@@ -23,15 +32,6 @@ from camgen.model.program import (
 )
 from camgen.model.text import counted
 from camgen.post import Fault, Remark
-from camgen.read.rapid.types import Value
-from camgen.read.rapid.ways import (
-    is_half_turn,
-    joints_fault,
-    joints_remark,
-    judge_arc,
-    posture_fault,
-    posture_remark,
-)
 
 from .asked import (
     judge_acceleration,

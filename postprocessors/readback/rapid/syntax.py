@@ -10,12 +10,11 @@ import re
 from collections.abc import Iterator, Sequence
 from typing import Any, ClassVar, cast
 
-from camgen.post import Fault, Remark
-from camgen.read.rapid.expressions import Calls
-from camgen.read.rapid.grammar import Parser
-from camgen.read.rapid.statements import STRUCTURE, Note
-from camgen.read.rapid.tokens import BANNER_LINES, RESERVED, Wrong, banner, show_token
-from camgen.read.rapid.tree import (
+from camgen.lang.rapid.expressions import Calls
+from camgen.lang.rapid.grammar import Parser
+from camgen.lang.rapid.statements import STRUCTURE, Note
+from camgen.lang.rapid.tokens import BANNER_LINES, RESERVED, Wrong, banner, show_token
+from camgen.lang.rapid.tree import (
     Call,
     Data,
     Expr,
@@ -28,6 +27,7 @@ from camgen.read.rapid.tree import (
     Shape,
     Statement,
 )
+from camgen.post import Fault, Remark
 
 from .rows import Cut, Run, Spellings
 

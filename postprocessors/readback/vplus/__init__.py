@@ -17,13 +17,9 @@ from itertools import groupby
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.model.errors import one_line
-from camgen.model.pose import Pose
-from camgen.model.program import Columns, Instruction, MoveJ, MoveL, splice
-from camgen.post import Fault, Reading, Remark
-from camgen.read.vplus.locations import Expression
-from camgen.read.vplus.names import canonical
-from camgen.read.vplus.text import (
+from camgen.lang.vplus.locations import Expression
+from camgen.lang.vplus.names import canonical
+from camgen.lang.vplus.text import (
     BASE,
     NULL,
     Frame,
@@ -35,8 +31,12 @@ from camgen.read.vplus.text import (
     Unreadable,
     routines,
 )
-from camgen.read.vplus.variables import variable
-from camgen.read.vplus.walk import walk, walk_apart
+from camgen.lang.vplus.variables import variable
+from camgen.lang.vplus.walk import walk, walk_apart
+from camgen.model.errors import one_line
+from camgen.model.pose import Pose
+from camgen.model.program import Columns, Instruction, MoveJ, MoveL, splice
+from camgen.post import Fault, Reading, Remark
 
 from .datafile import read_data
 from .robot import POSTURES, RobotState, same
@@ -53,7 +53,7 @@ _OTHERS = frozenset(
     HERE IF MC OPENI PARAMETER REACT REACTI READ RESET RETURNE STOP TIMER UNTIL VALUE WAIT WHILE WRITE
     """.split()  # noqa: SIM905 (a table)
 )
-#: Words of instructions, beside those of ``camgen.read.vplus.names``, that name no program.
+#: Words of instructions, beside those of ``camgen.lang.vplus.names``, that name no program.
 _ARGUMENTS = frozenset(
     {"CP", "EVENT", "IPS", "MMPS", "MONITOR", "PPOINT", "PROGRAM", "REAL", "ROBOT", "WORLD"}
 )

@@ -12,13 +12,11 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from camgen.model.pose import Pose, translation
-from camgen.model.program import Joints, Output, Stop, Wait
-from camgen.read.vplus import words
-from camgen.read.vplus.arm import PAIRS, ROUNDED, Arm
-from camgen.read.vplus.locations import Expression
-from camgen.read.vplus.names import canonical
-from camgen.read.vplus.text import (
+from camgen.lang.vplus import words
+from camgen.lang.vplus.arm import PAIRS, ROUNDED, Arm
+from camgen.lang.vplus.locations import Expression
+from camgen.lang.vplus.names import canonical
+from camgen.lang.vplus.text import (
     Location,
     Pace,
     Report,
@@ -28,7 +26,9 @@ from camgen.read.vplus.text import (
     pace,
     rotation_zyz,
 )
-from camgen.read.vplus.variables import Table, variable
+from camgen.lang.vplus.variables import Table, variable
+from camgen.model.pose import Pose, translation
+from camgen.model.program import Joints, Output, Stop, Wait
 
 #: So many texts are kept with what they say.
 _KEPT = 4096

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from camgen_posts.readback.vplus import read
 from camgen_posts.vplus import VPlus
 
+from camgen.lang.vplus.text import PIECE
 from camgen.model.program import MoveJ
-from camgen.read.vplus.text import PIECE
 from tests.support.damage import Damage
 from tests.support.fast_paths import FastPath, list_paths
 from tests.support.samples import Options, Sample
@@ -129,8 +129,8 @@ PATH = FastPath(
     files=("a", "b"),
     functions=[f"{FUNCTIONS}RobotState.stretch", f"{FUNCTIONS}RobotState.plain"],
     closed=[
-        ("camgen.read.vplus.text.PIECE", LINE),
-        ("camgen.read.vplus.text._REMEMBERED", 0),
+        ("camgen.lang.vplus.text.PIECE", LINE),
+        ("camgen.lang.vplus.text._REMEMBERED", 0),
         (f"{FUNCTIONS}_KEPT", 0),
         (f"{FUNCTIONS}RobotState.plain", lambda *_: False),
         (f"{FUNCTIONS}pace", lambda _: None),

@@ -1,0 +1,1 @@
+"""Languages of controllers: the engine, and a folder for each language."""

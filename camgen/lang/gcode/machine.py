@@ -1,0 +1,708 @@
+"""The machine that the interpreter plays: what a program has set and done, and what each code does but a motion."""
+
+from __future__ import annotations
+
+import re
+from array import array
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+
+from camgen.lang.gcode.arcs import LINUXCNC, Limits, Piece
+from camgen.lang.gcode.words import (
+    Endless,
+    Line,
+    LineError,
+    Parameters,
+    bare,
+    group_of,
+    not_read,
+    words_of,
+)
+from camgen.model.limits import Limits as Bounds
+from camgen.model.limits import tell
+from camgen.model.part import Note, NoteKind
+from camgen.model.pose import TOOL_DOWN, Pose, Vec3
+from camgen.model.program import Instruction, MoveC, MoveJ, MoveL, Output, Packing, Wait
+
+#: G0 runs at the machine's own speed, which no text tells; an instruction needs a positive one, mm/s.
+RAPID = 100.0
+_BOUNDS = Bounds()
+#: Codes that this machine leaves to the one of foreign programs.
+_WIDER = frozenset(
+    ["G5", "G5.1", "G5.2", "G5.3", "G7", "G28", "G28.1", "G30", "G30.1", "G33", "G33.1", "G38.2", "G38.3", "G38.4",
+     "G38.5", "G41", "G41.1", "G42", "G42.1", "G43.1", "G43.2", "G52", "G74", "G76", "G84", "G87", "G88", "G92.3",
+     "G96", "M0", "M19", "M50", "M51", "M52", "M53", "M60", "M61", "M66", "M70", "M71", "M72", "M73", "M97", "M98",
+     "M99"]
+)  # fmt: skip
+AXES = "XYZ"
+ARCS = ("G2", "G3")
+
+_NUMBER = r"[ \t]*([+-]?(?:[0-9]{1,6}(?:\.[0-9]{0,12})?|\.[0-9]{1,12}))[ \t]*"
+#: One motion in numbers, however it is spelled: the digit of G0 to G3, X Y Z I J F.
+PLAIN = re.compile(
+    r"[ \t]*(?:[nN][0-9]{1,9}[ \t]*)?(?:[gG]0?([0-3])[ \t]*(?![0-9.]))?"
+    + "".join(f"(?:[{letter}{letter.lower()}]{_NUMBER})?" for letter in "XYZIJF")
+    + r"(?:\([^(),]*\)[ \t]*|;[^,]*)?\r?"  # a comment with a comma may be one that LinuxCNC acts on
+)
+
+
+#: See ``motion.read_plain``.
+PlainReader = Callable[["Machine", Sequence[str], int, int], int]
+
+
+@dataclass(slots=True)
+class Machine:
+    """Lengths mm, feeds mm/s, absolute coordinates: those of the frame in which the program begins.
+
+    limits: of arcs. bounds: what is too much. on_off: the spindle is switched without ever a speed. others: axes that
+    must stand still. plain: what a line looks like that is read the short way (``motion.read_plain``). most:
+    instructions. line: 1-based, the one that is read. at: the position; known: of which axes the program has said it.
+    begun: a position has been written down. held: rapid motions before that. entry: the feed at which an assumed start
+    is reached, 0: none. shift: absolute = program + shift. unit: mm, None: not said. blend: 1 where corners may be
+    rounded (G64), else 0. force: N, of motions at feed. length, length_at_z: G43 or G49, and the one that held at the
+    first motion of Z. to_start: whether a cycle retracts to where it began (G98). level, sticky: where the cycles in a
+    row began, and their words that hold on. opened: a per cent sign has come.
+
+    What is stricter overrides ``bare``, ``take``, ``obey``, ``settle``, ``stand``, ``switch``, ``note`` and ``refuse``.
+    """
+
+    limits: Limits = LINUXCNC
+    bounds: Bounds = _BOUNDS
+    on_off: bool = False
+    others: str = "ABCUVW"
+    plain: re.Pattern[str] = PLAIN
+    most: float = _BOUNDS.gcode_motions
+    line: int = 0
+    body: Packing = field(default_factory=Packing)
+    lines: array[int] = field(default_factory=partial(array, "q"))
+    noted: dict[tuple[NoteKind, str, str], int] = field(default_factory=dict)
+    at: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    known: list[bool] = field(default_factory=lambda: [False, False, False])
+    begun: bool = False
+    held: int = 0
+    entry: float = 0.0
+    shift: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    unit: float | None = None
+    incremental: bool = False
+    absolute_centre: bool = False
+    plane: str = "G17"
+    motion: str = ""
+    blend: float = 1.0
+    force: float = 0.0
+    feed_mode: str = "G94"
+    feed: float = 0.0
+    speed: float | None = None
+    spindle: str = "M5"
+    coolants: set[str] = field(default_factory=set)
+    tool: int | None = None
+    changed_to: int | None = None
+    cut: bool = False
+    length: str = "G49"
+    length_at_z: str = ""
+    work: str = ""
+    works: dict[str, list[float | None]] = field(default_factory=dict)
+    shifted: list[float | None] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    to_start: bool | None = None
+    level: float | None = None
+    sticky: dict[str, float] = field(default_factory=dict)
+    opened: bool = False
+    ended: bool = False
+    lifted: bool = False
+    leap: tuple[str, float, int, Mapping[int, float] | None] | None = (
+        None  # M97, M98 or M99 of the line, its number, and how often
+    )
+    inside: Callable[[], int] = lambda: 0  # how many subroutines run
+    run_lines: Callable[[int, int], None] = lambda _first, _last: (
+        None
+    )  # the lines (from 0) of a profile
+    find_lines: Callable[[float | None, float], tuple[int, int]] = lambda _first, _last: (
+        0,
+        -1,
+    )  # which these are
+    spun: tuple[float, float] | None = None  # radius and angle of the line
+    pause: float = 1.0  # seconds in 1 of P
+    fewest_holes: int = 1  # of one line, by L
+    exact: Limits | None = None  # of arcs that nothing is said of; None: limits
+
+    def bare(self, raw: str) -> str:
+        """The line without all that is no word (``words.bare``). Raises LineError."""
+        text = bare(raw)
+        if raw.lstrip().startswith("/"):
+            self.note(
+                "assumed",
+                "lines with / are run",
+                "whether they are depends on a switch of the operator",
+            )
+        return text
+
+    def words(self, text: str, known: Parameters) -> Line:
+        """The codes by group and the words of a bare line. Raises LineError."""
+        return words_of(text, known, self.group)
+
+    def group(self, code: str) -> str:
+        """The modal group of a code. Raises LineError."""
+        return group_of(code)
+
+    def take(self, codes: Mapping[str, str], words: Mapping[str, float]) -> None:  # noqa: ARG002 (for what is stricter)
+        """Looks at the words of a line before they act. Raises LineError."""
+        for code in codes.values():
+            if code in _WIDER:
+                raise not_read(code, "")
+
+    def begin(self, codes: dict[str, str], words: dict[str, float]) -> None:
+        """Takes out of a line what no modal group of the table decides. Raises LineError."""
+
+    def end(self, codes: Mapping[str, str], words: dict[str, float]) -> None:
+        """After all codes of a line. Raises LineError."""
+
+    def turn_axes(self, words: dict[str, float], code: str) -> None:  # noqa: ARG002 (for what knows more axes)
+        """Takes out the words of the axes that are no coordinates of the tip. Raises LineError."""
+        for letter in self.others:
+            if words.pop(letter, 0.0):
+                raise LineError(f"axis {letter} moves: only X, Y and Z are replayed")
+
+    def trace(self, code: str, words: dict[str, float]) -> bool:  # noqa: ARG002 (for what knows more motions)
+        """Does a motion that is no line, arc or hole; whether it is one. Raises LineError."""
+        return False
+
+    def lift(self, motion: str, words: dict[str, float]) -> None:
+        """G53. Raises LineError."""
+        lift(self, motion, words)
+
+    def stop(self, code: str) -> None:
+        """The codes that stop. Raises LineError."""
+        stop(self, code)
+
+    def set_feed(self, words: dict[str, float], codes: dict[str, str]) -> None:
+        """F, and how it counts. Raises LineError."""
+        feed(self, words, codes)
+
+    def insist_on_feed(self, code: str) -> None:
+        """Before a motion at feed. Raises LineError."""
+        if self.feed <= 0:
+            raise LineError(f"{code} without a feed (F)")
+
+    def read_plain(self, lines: Sequence[str], at: int, bound: int, plain: PlainReader) -> int:
+        """Reads the lines from ``at`` (from 0) on, up to one that is not plain or to ``bound``; the place of that one.
+
+        plain: reads them line by line.
+        """
+        return plain(self, lines, at, bound)
+
+    def is_remark(self, raw: str) -> bool:  # noqa: ARG002 (for what is stricter)
+        """Whether a line is a remark for sure, so that nothing comes of it."""
+        return False
+
+    def obey(self, group: str, code: str, words: dict[str, float]) -> None:
+        """Does what a code that is no motion says, and takes out the words that it uses. Raises LineError."""
+        HANDLERS[group](self, code, words)
+
+    def refuse(self, error: LineError) -> None:
+        """Takes in that the line is wrong: nothing more is read."""
+        raise error
+
+    def without_mode(self) -> None:
+        """Axis words stand where no motion code holds. Raises LineError."""
+        raise LineError("axis words without a motion code (G0, G1, G2, G3)")
+
+    def centre(self, absolute: Callable[[], list[Piece]], error: LineError) -> list[Piece]:  # noqa: ARG002
+        """What an arc is whose centre is wrong. absolute: with its centre in absolute coordinates. Raises LineError."""
+        raise error
+
+    def stands(self, what: str) -> None:
+        """The spindle does not turn as a motion needs it. Raises LineError."""
+        raise LineError(what)
+
+    def turned(self, point: list[float], back: bool = False) -> list[float]:  # noqa: ARG002 (for what turns them)
+        """A point of the program as one of the machine, absolute; back: the other way round. It may change the list."""
+        return point
+
+    def turn_centre(self, words: dict[str, float]) -> None:
+        """The words of the centre of an arc, mm, as those of the machine."""
+
+    def beside(self, start: Vec3, end: Vec3, words: dict[str, float]) -> tuple[float, ...]:  # noqa: ARG002
+        """Where the tool runs beside the path: the centre of an arc, or anything for a line; else nothing."""
+        return ()
+
+    def follow(
+        self, start: Vec3, end: Vec3, speed: float | None, centre: tuple[float, ...] = ()
+    ) -> None:
+        """A motion beside which the tool runs. centre: of an arc in its plane."""
+
+    def numbers_programs(self) -> bool:
+        """Whether an O-word may be the number of a program."""
+        return True
+
+    def miss(self, what: str) -> None:
+        """A subroutine is in no file. Raises LineError."""
+        raise LineError(what)
+
+    def takes(self, key: int) -> bool:  # noqa: ARG002 (for what is wider)
+        """Whether a line may set this parameter of the machine."""
+        return False
+
+    def branch(
+        self,
+        raw: str,  # noqa: ARG002
+        at: int,  # noqa: ARG002
+        lines: Sequence[str],  # noqa: ARG002
+        known: Parameters,  # noqa: ARG002
+    ) -> int | str | None:
+        """The place, or the number, n10, of the line that a macro jumps to; None: it is none. Raises LineError."""
+        return None
+
+    def finish(self) -> None:
+        """At the end of the program."""
+        switch_off(self)
+
+    def is_settled(self) -> bool:
+        """Whether nothing but the words of a line decides what it does."""
+        usual = (
+            self.begun and self.unit is not None and self.plane == "G17" and self.feed_mode == "G94"
+        )
+        unusual = self.ended or self.incremental or self.absolute_centre or self.sticky
+        return usual and not unusual and self.length == self.length_at_z
+
+    @property
+    def scale(self) -> float:
+        """What one unit of the program is, mm; 1 where it has not said."""
+        return 1.0 if self.unit is None else self.unit
+
+    def add(self, item: Instruction) -> None:
+        """Writes ``item`` down for the line that is read."""
+        self.insist_on_size()
+        self.body.append(item)
+        self.lines.append(self.line)
+
+    def insist_on_size(self) -> None:
+        """LineError where the program has become longer than any that is meant."""
+        if len(self.body) >= self.most:
+            raise Endless(
+                f"more than {tell(self.most)} instructions cannot be meant (limits.gcode_motions)"
+            )
+
+    def note(self, kind: NoteKind, what: str, why: str = "") -> None:
+        """Notes what the user should know, once, with the first line that it concerns."""
+        self.noted.setdefault((kind, what, why), self.line)
+
+    def rapid(self, end: Sequence[float], axes: Sequence[int] = ()) -> None:
+        """A motion at the machine's own speed. axes: those that the line names; their position is known from here on.
+
+        Until all are known, nothing is written down: where the tool stands at the start is not in the text.
+        """
+        self.at[:] = end
+        for axis in axes:
+            self.known[axis] = True
+        if self.begun or all(self.known):
+            self.begun = True
+            self.add(MoveJ(Pose(TOOL_DOWN, self.here()), RAPID))
+        else:
+            self.held += 1
+
+    def start(self) -> None:
+        """Before a motion at feed: a position that is not known is taken for 0, and is where the program begins."""
+        if self.begun:
+            return
+        unknown = [name for name, known in zip(AXES, self.known, strict=True) if not known]
+        if unknown:
+            self.note(
+                "assumed",
+                f"the program begins at {' '.join(name + '0' for name in unknown)}",
+                "it does not say where",
+            )
+            self.entry = self.feed or RAPID
+        self.known[:] = [True, True, True]
+        self.begun = True
+        self.add(MoveJ(Pose(TOOL_DOWN, self.here()), RAPID))
+
+    def here(self) -> Vec3:
+        """The position."""
+        x, y, z = self.at
+        return (x, y, z)
+
+    def pieces(self, pieces: Sequence[Piece], speed: float) -> None:
+        """Lines and arcs at ``speed``, mm/s."""
+        self.cut = True
+        for via, end in pieces:
+            pose = Pose(TOOL_DOWN, end)
+            if via is None:
+                self.add(MoveL(pose, speed, self.blend, self.force))
+            else:
+                self.add(MoveC(Pose(TOOL_DOWN, via), pose, speed, self.blend, self.force))
+        self.at[:] = pieces[-1][1]
+
+    def switch(self, signal: str, value: float) -> None:
+        """Sets an output."""
+        self.add(Output(signal, value))
+
+    def turn(self) -> None:
+        """Sets the spindle to what the program has said."""
+        if self.on_off:
+            self.switch("process", float(self.spindle != "M5"))
+        else:
+            speed = self.speed or 0.0
+            self.switch("spindle", {"M3": speed, "M4": -speed, "M5": 0.0}[self.spindle])
+
+    def settle(self, code: str, words: Mapping[str, float], cycle: bool) -> None:  # noqa: ARG002 (for what is stricter)
+        """What must hold before a motion, or the holes of a cycle. code: as it stands in the line. Raises LineError."""
+        if self.unit is None:
+            self.unit = 1.0
+            self.note(
+                "assumed", "lengths are mm", "neither G20 nor G21 stands before the first motion"
+            )
+        if not cycle and "Z" not in words:
+            return
+        if not self.length_at_z:
+            self.length_at_z = self.length
+        elif self.length != self.length_at_z:
+            why = "it shifts z by the length of the tool, which is not known here"
+            raise LineError(f"a motion of Z after {self.length}: {why}")
+
+    def stand(self, code: str) -> None:
+        """Takes in a motion code that leads nowhere. Raises LineError."""
+        if code in ARCS:
+            raise LineError(f"{code} without an end point or centre")
+        self.held += (
+            code in ("G0", "G1") and not self.begun
+        )  # to where the tool stands, as LinuxCNC sees it
+
+    def notes(self) -> tuple[tuple[int, Note], ...]:
+        """What was noted, each with the first line that it concerns."""
+        return tuple((line, Note(*what)) for what, line in self.noted.items())
+
+    def value(self, name: str) -> float | None:
+        """A parameter that the machine decides, by number or name; None for one that is not known."""
+        tell = _VALUES.get(name)
+        axis = _POSITIONS.get(name)
+        if axis is not None and self.known[axis]:
+            return (self.at[axis] - self.shift[axis]) / self.scale
+        return None if tell is None else tell(self)
+
+
+_POSITIONS = {"5420": 0, "5421": 1, "5422": 2, "_x": 0, "_y": 1, "_z": 2}
+_VALUES: dict[str, Callable[[Machine], float]] = {
+    "_metric": lambda m: float(m.scale == 1.0),
+    "_imperial": lambda m: float(m.scale != 1.0),
+    "_absolute": lambda m: float(not m.incremental),
+    "_incremental": lambda m: float(m.incremental),
+    "_inverse_time": lambda m: float(m.feed_mode == "G93"),
+    "_units_per_minute": lambda m: float(m.feed_mode == "G94"),
+    "_units_per_rev": lambda m: float(m.feed_mode == "G95"),
+    "_feed": lambda m: m.feed * 60.0 / m.scale,
+    "_rpm": lambda m: m.speed or 0.0,
+    "_line": lambda m: float(m.line),
+    "_spindle_on": lambda m: float(m.spindle != "M5"),
+    "_spindle_cw": lambda m: float(m.spindle == "M3"),
+}
+
+
+# Where the origin is: work offsets, G92 and G10, as far as the program itself decides it.
+
+_WORKS = ("G54", "G55", "G56", "G57", "G58", "G59", "G59.1", "G59.2", "G59.3")
+
+
+def work_offset(m: Machine, code: str, words: dict[str, float]) -> None:  # noqa: ARG001 (as all handlers)
+    """G54 to G59.3."""
+    before, m.work = m.work or "G54", code
+    if code == before or not any(m.known):
+        return
+    old, new = _table(m, before), _table(m, code)
+    for axis in range(3):
+        a, b = old[axis], new[axis]
+        if m.known[axis] and (a is None or b is None):
+            raise LineError(
+                f"{code} after motions in {before}: how far apart they are is known to the machine alone"
+            )
+        m.shift[axis] += (b or 0.0) - (a or 0.0)
+
+
+def _table(m: Machine, code: str) -> list[float | None]:
+    return m.works.setdefault(code, [None, None, None])
+
+
+def take_axes(m: Machine, words: dict[str, float]) -> dict[int, float]:
+    """The axis words of a line in mm, taken out, by axis."""
+    return {k: words.pop(name) * m.scale for k, name in enumerate(AXES) if name in words}
+
+
+def set_offsets(m: Machine, code: str, words: dict[str, float]) -> None:
+    """G10 L2 and L20, G92 and what cancels it."""
+    if code in ("G92.1", "G92.2"):
+        _cancel(m, code)
+        return
+    if code == "G92":
+        axes = take_axes(m, words)
+        if not axes:
+            raise LineError("G92 without an axis")
+        for axis, value in axes.items():
+            moved = _read_as(m, axis, value)
+            total = m.shifted[axis]
+            m.shifted[axis] = None if moved is None or total is None else total + moved
+        return
+    kind, number = words.pop("L", 0.0), words.pop("P", -1.0)
+    if kind not in (2.0, 20.0):
+        raise LineError(f"G10 L{kind:g} changes the tool table, which is not known here")
+    if "R" in words:
+        raise LineError("G10 with R turns the work offset")
+    if number not in range(10):
+        raise LineError(f"G10 P{number:g} is no work offset")
+    target = _WORKS[int(number) - 1] if number else (m.work or "G54")
+    for axis, value in take_axes(m, words).items():
+        _set(m, kind == 20.0, target, axis, value)
+
+
+def _set(m: Machine, by_position: bool, target: str, axis: int, value: float) -> None:
+    table, active = _table(m, target), target == (m.work or "G54")
+    if by_position:
+        if not active:
+            raise LineError("G10 L20 of a work offset that is not the one in use")
+        moved, old = _read_as(m, axis, value), table[axis]
+        table[axis] = None if moved is None or old is None else old + moved
+        return
+    old, table[axis] = table[axis], value
+    if not active or not m.known[axis]:
+        return
+    if old is None:
+        raise LineError(
+            f"G10 L2 moves {target} after a motion in it: where it was is known to the machine alone"
+        )
+    m.shift[axis] += value - old
+
+
+def _read_as(m: Machine, axis: int, value: float) -> float | None:
+    """Makes the position of an axis read as ``value``; how far that moved the origin, None where it is not known."""
+    if not m.known[axis]:
+        m.known[axis] = True
+        m.at[axis] = value + m.shift[axis]
+        m.note(
+            "assumed",
+            f"the tool stands at {AXES[axis]}{value:g} mm of the work frame",
+            "the line says so",
+        )
+        return None
+    moved = m.at[axis] - value - m.shift[axis]
+    m.shift[axis] += moved
+    return moved
+
+
+def _cancel(m: Machine, code: str) -> None:
+    for axis, by in enumerate(m.shifted):
+        if by is None:
+            raise LineError(f"{code} after a G92 at a position that the program does not say")
+        m.shift[axis] -= by
+    m.shifted[:] = [0.0, 0.0, 0.0]
+
+
+_INCH = 25.4
+
+
+def feed(m: Machine, words: dict[str, float], codes: dict[str, str]) -> None:
+    """G93, G94, G95 and F: in the unit that holds before the line's own G20 or G21; in G93 per minute, in G95 per turn.
+
+    A feed of another mode is none. With G93 the word stays: every motion at feed needs its own.
+    """
+    mode = codes.get("feed mode", m.feed_mode)
+    if mode != m.feed_mode:
+        m.feed_mode, m.feed = mode, 0.0
+    if "F" not in words:
+        return
+    value = words["F"] if mode == "G93" else words.pop("F")
+    if value < 0:
+        raise LineError(f"feed F{value:g} is negative")
+    if codes.get("units") == ("G20" if m.scale == 1.0 else "G21") and mode != "G93":
+        raise LineError(
+            "F in the line that changes the unit: controllers differ in which unit it has"
+        )
+    m.feed = value / 60.0 if mode == "G93" else value * m.scale / (1.0 if mode == "G95" else 60.0)
+
+
+def speed_and_tool(m: Machine, words: dict[str, float], codes: dict[str, str]) -> None:
+    """S and T; a speed alone changes a spindle that turns."""
+    if "T" in words:
+        number = words.pop("T")
+        if number < 0 or number != int(number):
+            raise LineError(f"T{number:g} is no tool")
+        m.tool = int(number)
+    if "S" in words:
+        value = words.pop("S")
+        if value < 0:
+            raise LineError(f"spindle speed S{value:g} is negative")
+        m.speed = value
+        if m.spindle != "M5" and "spindle" not in codes:
+            m.turn()
+
+
+def _nothing(m: Machine, code: str, words: dict[str, float]) -> None:
+    """What has no bearing on motions."""
+
+
+def lift(m: Machine, motion: str, words: dict[str, float]) -> None:
+    """G53 G0 Z0 before anything else: to the top of the machine, wherever that is in the work frame.
+
+    LinuxCNC refuses G53 among increments.
+    """
+    if m.incremental:
+        raise LineError("G53 among increments (G91)")
+    if m.begun or motion != "G0" or any(axis in words for axis in "XY") or words.pop("Z", 1.0) != 0:
+        raise not_read("G53", "goes to machine coordinates, which are not known here")
+    m.lifted, m.known[2], m.at[2] = True, False, 0.0
+
+
+def _outputs(m: Machine, code: str, words: dict[str, float]) -> None:
+    """M62 to M65 digital, M67 and M68 analog. Those that wait for the next motion stand before it either way."""
+    analog = code in ("M67", "M68")
+    index = words.pop("E" if analog else "P", -1.0)
+    if index < 0 or index != int(index):
+        raise LineError(f"{code} without the number of its output")
+    if not analog:
+        m.switch(f"dout{int(index)}", 1.0 if code in ("M62", "M64") else 0.0)
+    elif "Q" not in words:
+        raise LineError(f"{code} without its value (Q)")
+    else:
+        m.switch(f"aout{int(index)}", words.pop("Q"))
+
+
+def _change(m: Machine, code: str, words: dict[str, float]) -> None:  # noqa: ARG001
+    if m.tool is None:
+        raise LineError("M6 without a tool (T)")
+    if m.changed_to is not None and m.tool != m.changed_to and m.cut:
+        raise LineError(f"M6 changes to tool T{m.tool}: a program has one tool here")
+    if m.cut and m.changed_to is None:
+        raise LineError(
+            f"M6 changes to tool T{m.tool} after the first cut: a program has one tool here"
+        )
+    m.changed_to = m.tool
+    m.note(
+        "assumed",
+        f"tool T{m.tool} is the tool of the job",
+        "its length and diameter are in no program",
+    )
+
+
+def _spindle(m: Machine, code: str, words: dict[str, float]) -> None:  # noqa: ARG001
+    m.spindle = code
+    if m.on_off:
+        m.note(
+            "assumed",
+            "the spindle is the signal process",
+            "the program switches it and never says a speed",
+        )
+    m.turn()
+
+
+_COOLANTS = {"M7": "mist", "M8": "flood"}
+
+
+def _coolant(m: Machine, code: str, words: dict[str, float]) -> None:  # noqa: ARG001
+    if code != "M9":
+        m.coolants.add(code)
+        m.switch(_COOLANTS[code], 1.0)
+        return
+    if not m.coolants:
+        m.note("assumed", "M9 switches nothing off", "no coolant is on")
+    for word in sorted(m.coolants):
+        m.switch(_COOLANTS[word], 0.0)
+    m.coolants.clear()
+
+
+def _dwell(m: Machine, code: str, words: dict[str, float]) -> None:  # noqa: ARG001
+    seconds = words.pop("P", -1.0)
+    if seconds < 0:
+        raise LineError("G4 without its seconds (P)")
+    if seconds >= 100:
+        m.note(
+            "warning",
+            f"G4 P{seconds:g} waits for {seconds:g} s",
+            "some controllers mean ms; these are seconds",
+        )
+    m.add(Wait(seconds))
+
+
+def _override(m: Machine, code: str, words: dict[str, float]) -> None:  # noqa: ARG001
+    if code == "M49":
+        m.note("skipped", "M49 locks the overrides", "a robot program has no word for it")
+
+
+def _units(m: Machine, code: str, words: dict[str, float]) -> None:  # noqa: ARG001
+    m.unit = _INCH if code == "G20" else 1.0
+
+
+def _plane(m: Machine, code: str, words: dict[str, float]) -> None:  # noqa: ARG001
+    m.plane = code
+
+
+def _length(m: Machine, code: str, words: dict[str, float]) -> None:
+    if code == "G43":
+        words.pop("H", None)
+        m.note("assumed", "the length of the tool (G43) is that of the job", "z is that of its tip")
+    m.length = code
+
+
+def _path(m: Machine, code: str, words: dict[str, float]) -> None:
+    m.blend = 1.0 if code == "G64" else 0.0
+    if code == "G64":
+        words.pop("P", None)
+        words.pop("Q", None)
+
+
+def _distance(m: Machine, code: str, words: dict[str, float]) -> None:  # noqa: ARG001
+    m.incremental = code == "G91"
+
+
+def _centres(m: Machine, code: str, words: dict[str, float]) -> None:  # noqa: ARG001
+    m.absolute_centre = code == "G90.1"
+
+
+def _cycle_off(m: Machine, code: str, words: dict[str, float]) -> None:  # noqa: ARG001
+    """G80: the next axis words have no motion code."""
+    m.motion, m.level = "", None
+    m.sticky.clear()
+
+
+def _level(m: Machine, code: str, words: dict[str, float]) -> None:  # noqa: ARG001
+    m.to_start = code == "G98"
+
+
+def stop(m: Machine, code: str) -> None:
+    """M1, M2 and M30."""
+    if code == "M1":
+        m.note("skipped", "M1 stops where the operator wants it", "a program here runs through")
+    else:
+        m.ended = True
+
+
+def switch_off(m: Machine) -> None:
+    """The end of a program stops spindle and coolant (LinuxCNC manual, M2)."""
+    if m.spindle != "M5":
+        m.spindle = "M5"
+        m.turn()
+    for word in sorted(m.coolants):
+        m.switch(_COOLANTS[word], 0.0)
+
+
+#: By modal group, in the order in which they act.
+HANDLERS: dict[str, Callable[[Machine, str, dict[str, float]], None]] = {
+    "outputs": _outputs,
+    "tool change": _change,
+    "spindle": _spindle,
+    "mist": _coolant,
+    "flood": _coolant,
+    "coolant off": _coolant,
+    "override": _override,
+    "dwell": _dwell,
+    "state": _nothing,
+    "spindle mode": _nothing,
+    "plane": _plane,
+    "units": _units,
+    "cutter compensation": _nothing,
+    "lathe radius": _nothing,
+    "length offset": _length,
+    "work offset": work_offset,
+    "path": _path,
+    "distance": _distance,
+    "arc distance": _centres,
+    "return level": _level,
+    "cycle off": _cycle_off,
+    "offsets": set_offsets,
+}

@@ -1,0 +1,109 @@
+"""Old programs for another machine: all instructions of one run, or the reason of a refusal."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from camgen.lang.gcode.dialects import LINUXCNC, Dialect
+from camgen.lang.gcode.foreign import Foreign
+from camgen.lang.gcode.language import play
+from camgen.lang.programs import Ask
+from camgen.lang.recorded import ProgramRun
+from camgen.model.limits import Limits
+from camgen.model.part import Note
+from camgen.model.program import Instruction, Stop
+
+_GIVEN: dict[str, float] = {}
+#: Codes that need no note, with the reason.
+WITHOUT_EFFECT = {
+    "M48": "the overrides of the operator are on, as at the start",
+    "G8": "how far the controller looks ahead",
+    "G103": "how far the controller looks ahead",
+    "G15": "polar coordinates are off, as at the start; G16 is not read",
+    "G23": "the check of spindle speed, or of stored limits, is off, as at the start",
+    "G50": "scaling is off, as at the start; G51 is not read",
+    "G50.1": "mirroring is off, as at the start; G51.1 is not read",
+    "M17": "the motors of a printer are on, as for any motion",
+    "M82": "how filament counts; E that moves is refused",
+    "M83": "how filament counts; E that moves is refused",
+}
+
+
+def interpret(
+    lines: Sequence[str], given: Mapping[str, float] = _GIVEN, limits: Limits | None = None
+) -> ProgramRun:
+    """Runs the lines of a program as LinuxCNC does.
+
+    given: values from the user, by name.
+    """
+    ask = Ask(assume=given, limits=limits or Limits())
+    return replay({"": "\n".join(lines)}, ask, None, LINUXCNC)
+
+
+def replay(
+    texts: Mapping[str, str], ask: Ask, chord: float | None, usual: Dialect | None = None
+) -> ProgramRun:
+    """Runs the first of ``texts`` for another machine. Never raises for a text.
+
+    The first line that cannot be run, that its controller refuses, or whose effect would be lost
+    stops the run.
+
+    chord: deviation of the lines of helices, mm.
+    usual: dialect without one in ``ask``, None for that which the text shows.
+    """
+    m, stopped = play(texts, ask, usual, chord)
+    refused = [(item.line, item.what) for item in m.findings if item.level == "refused"]
+    lost = [(line, what) for what, line in m.lost.items()]
+    stops = [*lost, *([stopped] if stopped else []), *refused]
+    reasons = sorted(stops, key=lambda stop: stop[0])
+    body, lines = _without_optional_stops(m)
+    return ProgramRun(
+        body,
+        lines,
+        _remarks(m),
+        m.held,
+        m.entry,
+        reasons[0] if reasons else None,
+        unread=False,
+        ended=m.ended,
+        units="mm" if m.scale == 1.0 else "inch",
+    )
+
+
+def _without_optional_stops(m: Foreign) -> tuple[tuple[Instruction, ...], tuple[int, ...]]:
+    """The body without M1, which a switch of the machine decides on, and its lines."""
+    kept = [
+        (item, line) for item, line in zip(m.body, m.lines, strict=True) if not _is_optional(item)
+    ]
+    return tuple(item for item, _ in kept), tuple(line for _, line in kept)
+
+
+def _tell_left_out(label: str, what: str) -> Note:
+    """The note of a word without a motion.
+
+    label: its kind in the facts of ``Executed``.
+    """
+    return Note("skipped", what if label == "left out" else f"{what}: {label}")
+
+
+def _is_optional(item: Instruction) -> bool:
+    return isinstance(item, Stop) and item.optional
+
+
+def _remarks(m: Foreign) -> tuple[tuple[int, Note], ...]:
+    """The assumptions, the findings that stop nothing, and the words left out, by line."""
+    remarks = [(item.line, Note("assumed", item.what)) for item in m.assumed.values()]
+    remarks += [
+        (item.line, Note("warning", item.what)) for item in m.findings if item.level != "refused"
+    ]
+    for label, items in m.facts.items():
+        remarks += [
+            (line, _tell_left_out(label, what))
+            for what, line in items.items()
+            if label != "dialect" and what not in WITHOUT_EFFECT
+        ]
+    optional = [line for item, line in zip(m.body, m.lines, strict=True) if _is_optional(item)]
+    why = "a program here runs through"
+    stop = Note("skipped", "M1 stops where the operator wants it", why)
+    remarks += [(line, stop) for line in optional[:1]]
+    return tuple(sorted(remarks, key=lambda remark: remark[0]))

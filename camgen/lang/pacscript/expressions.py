@@ -1,0 +1,212 @@
+"""The grammar of PacScript expressions: text to a tree, which whoever reads a program evaluates (RC8 manual 450)."""
+
+from __future__ import annotations
+
+import re
+from functools import lru_cache
+from typing import NamedTuple
+
+from camgen.lang.pacscript.values import Unreadable, finite
+
+_DEPTH = 40
+#: One part of a list whose brackets do not nest, and the comma after it.
+_PART = re.compile(r'((?:[^,()\[\]"]|\([^()\[\]"]*+\)|\[[^()\[\]"]*+\])*+)(,|$)')
+_SEPARATOR = re.compile(r'"[^"]*"?|[(),\[\]]')
+_TOKEN = re.compile(
+    r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?(?!\w|\.\d))(?:[!#%](?!\w))?|&b(?P<binary>[01]+)(?!\w)"
+    r"|&h(?P<hex>[\da-f]+)(?!\w)"
+    r'|"(?P<text>(?:[^"]|"")*)"|(?P<name>[a-z_]\w*)[!#%$]?|(?P<sign><<|>>|<>|><|<=|>=|=>|=<|==|[-+*/\\^&=<>(),\[\].]))',
+    re.IGNORECASE,
+)
+#: Operators by how closely they bind, the loosest first; words stand for themselves.
+_BINDS = {
+    "xor": 1, "or": 2, "and": 3, "=": 5, "==": 5, "<>": 5, "><": 5, "<": 5, ">": 5, "<=": 5, "=<": 5, ">=": 5, "=>": 5,
+    "&": 6, "<<": 6, ">>": 6, "+": 7, "-": 7, "mod": 8, "\\": 9, "*": 10, "/": 10, "^": 12,
+}  # fmt: skip
+OPERATORS = frozenset(_BINDS)
+_NOT, _SIGN = 4, 11
+_SAME = {"==": "=", "><": "<>", "=<": "<=", "=>": ">="}
+
+
+class Node(NamedTuple):
+    """A part of an expression. kind: number, text, name, call, index, member, tuple, left out, sign, not, or an
+    operator. said: the value or the lower-case name. parts: what it is made of.
+    """
+
+    kind: str
+    said: float | str = 0.0
+    parts: tuple[Node, ...] = ()
+
+
+LEFT_OUT = Node("left out")
+
+
+def arguments(text: str) -> list[str]:
+    """``text`` cut at the commas outside brackets and quotes, each part stripped."""
+    flat = _PART.findall(text)
+    if sum(map(len, map("".join, flat))) == len(text) and flat[-1][1] == "":
+        # The usual case; an empty match after a last comma is its empty part.
+        return [
+            part.strip() for part, _ in flat[: len(flat) if len(flat) == 1 or flat[-2][1] else -1]
+        ]
+    parts, depth, start = [], 0, 0
+    for match in _SEPARATOR.finditer(text):
+        sign = match.group()
+        if sign in "([":
+            depth += 1
+        elif sign in ")]":
+            depth -= 1
+        elif sign == "," and depth == 0:
+            parts.append(text[start : match.start()].strip())
+            start = match.end()
+    return [*parts, text[start:].strip()]
+
+
+@lru_cache(maxsize=4096)
+def parse(text: str) -> Node:
+    """The tree of an expression. Unreadable where it is none."""
+    parser = _Parser(text)
+    node = parser.expression(0)
+    if parser.at < len(parser.tokens):
+        raise Unreadable(f"{parser.tokens[parser.at][1]} is not understood in {text}")
+    return node
+
+
+def _tokens(text: str) -> list[tuple[str, str]]:
+    tokens, at = [], 0
+    text = text.strip()
+    while at < len(text):
+        match = _TOKEN.match(text, at)
+        if match is None or match.lastgroup is None:
+            raise Unreadable(f"{text} is not understood")
+        tokens.append((match.lastgroup, match[match.lastgroup]))
+        at = match.end()
+    return tokens
+
+
+class _Parser:
+    """Operator precedence over tokens; depth is limited because text may nest without end."""
+
+    def __init__(self, text: str) -> None:
+        self.tokens, self.at, self.depth = _tokens(text), 0, 0
+
+    def take(self, *signs: str) -> str:
+        """The next token if it is one of ``signs``, else empty."""
+        if (
+            self.at < len(self.tokens)
+            and self.tokens[self.at][0] == "sign"
+            and self.tokens[self.at][1] in signs
+        ):
+            self.at += 1
+            return self.tokens[self.at - 1][1]
+        return ""
+
+    def operator(self) -> str:
+        """The operator that comes next, in small letters, else empty."""
+        if self.at >= len(self.tokens):
+            return ""
+        kind, said = self.tokens[self.at]
+        said = said.lower()
+        return said if kind in ("sign", "name") and said in _BINDS else ""
+
+    def expression(self, least: int) -> Node:
+        """As much as binds more closely than ``least``."""
+        node = self.prefixed()
+        while (operator := self.operator()) and _BINDS[operator] > least:
+            self.at += 1
+            other = self.expression(_BINDS[operator])
+            if operator == "+" and self.take_word(
+                "h"
+            ):  # Of the older dialect: along the axes of the hand.
+                node = Node("call", "devh", (node, other))
+            else:
+                node = Node(_SAME.get(operator, operator), 0.0, (node, other))
+        return node
+
+    def take_word(self, word: str) -> bool:
+        """Takes the next token if it is a word, in whatever letters, right behind a bracket."""
+        if self.at >= len(self.tokens) or self.tokens[self.at - 1] != ("sign", ")"):
+            return False
+        kind, said = self.tokens[self.at]
+        taken = kind == "name" and said.lower() == word
+        self.at += taken
+        return taken
+
+    def prefixed(self) -> Node:
+        """A value with its signs."""
+        self.depth += 1
+        if self.depth > _DEPTH:
+            raise Unreadable("brackets nested too deep")
+        try:
+            negative, any_sign = False, False
+            while sign := self.take("+", "-"):
+                negative, any_sign = negative != (sign == "-"), True
+            if any_sign:
+                return Node("sign", -1.0 if negative else 1.0, (self.expression(_SIGN),))
+            if self.at < len(self.tokens) and self.tokens[self.at] in _NOTS:
+                self.at += 1
+                return Node("not", 0.0, (self.expression(_NOT),))
+            return self.members(self.atom())
+        finally:
+            self.depth -= 1
+
+    def atom(self) -> Node:
+        if self.at >= len(self.tokens):
+            raise Unreadable("a value is missing")
+        kind, said = self.tokens[self.at]
+        self.at += 1
+        if kind == "number":
+            return Node("number", _finite(said))
+        if kind in ("binary", "hex"):
+            return Node("number", float(int(said[:300], 2 if kind == "binary" else 16)))
+        if kind == "text":
+            return Node("text", said.replace('""', '"'))
+        if said == "(":
+            return Node("tuple", 0.0, self.inside(")"))
+        if kind != "name" or (lower := said.lower()) in _BINDS:
+            raise Unreadable(f"{said} is not understood")
+        if self.take("("):
+            return Node("call", lower, self.inside(")"))
+        if self.take("["):
+            return Node("index", lower, self.inside("]"))
+        return Node("name", lower)
+
+    def members(self, node: Node) -> Node:
+        """``node`` with what follows its dots and further brackets."""
+        while True:
+            if self.take("."):
+                if self.at >= len(self.tokens) or self.tokens[self.at][0] != "name":
+                    raise Unreadable("a name is missing after a dot")
+                said = self.tokens[self.at][1].lower()
+                self.at += 1
+                node = Node("member", said, (node, *(self.inside(")") if self.take("(") else ())))
+            elif node.kind in ("index", "call", "member") and self.take("("):
+                node = Node("element", 0.0, (node, *self.inside(")")))
+            else:
+                return node
+
+    def inside(self, closing: str) -> tuple[Node, ...]:
+        """The values up to ``closing``."""
+        if not (closing == ")" and self.take(")")):
+            values: list[Node] = []
+            while True:
+                empty = self.at < len(self.tokens) and self.tokens[self.at] in (
+                    ("sign", ","),
+                    ("sign", closing),
+                )
+                values.append(LEFT_OUT if empty else self.expression(0))
+                if self.take(closing):
+                    return tuple(values)
+                if not self.take(","):
+                    raise Unreadable(f"{closing} is missing")
+        return ()
+
+
+_NOTS = tuple(("name", word) for word in ("not", "Not", "NOT"))
+
+
+def _finite(said: str) -> float:
+    try:
+        return finite(float(said))
+    except OverflowError:
+        raise Unreadable("a number is too large") from None

@@ -1,0 +1,30 @@
+"""Third-party programs in PacScript (RC8, RC9) and PAC (RC5, RC7) (docs/languages/pacscript.md)."""
+
+from __future__ import annotations
+
+import re
+
+from camgen.lang.pacscript.run import run_files
+from camgen.lang.programs import Language, strip_mark
+
+_SURE = re.compile(
+    r"^\s*(?:'!title\b|takearm\b|sub\s+main\b|program\s+\w+\s*$|givearm\b"
+    r"|#include\s+[\"<]\w+\.(?:h|pcs)"
+    r"|move\s+(?:p|l|c|ptp)\s*,|approach\s+(?:p|l)\s*,)",
+    re.IGNORECASE | re.MULTILINE,
+)
+
+
+def recognise(text: str) -> bool:
+    """Whether a text is surely PacScript."""
+    return len(_SURE.findall(text[:20_000])) > 1 or strip_mark(text)[:8].lower() == "'!title "
+
+
+LANGUAGE = Language(
+    "pacscript",
+    "DENSO PacScript and PAC",
+    (".pcs", ".pac", ".pns"),
+    recognise,
+    run_files,
+    takes=("entry", "points"),
+)

@@ -1,0 +1,122 @@
+"""The grammar of motion statements: interpolation, pass marks, places and options (PacScript reference, motion)."""
+
+from __future__ import annotations
+
+import re
+from typing import NamedTuple
+
+from camgen.lang.pacscript.expressions import LEFT_OUT, Node, arguments, parse
+from camgen.lang.pacscript.values import Unreadable
+
+MARK = re.compile(r"@\s*(0|P|E|C|\[?\s*\d+\s*\]?)(?![\d.])\s*", re.IGNORECASE)
+#: The options of a motion that have a value.
+OPTION = re.compile(
+    r"(speed|s|accel|a|decel|d|time|t|pose|static)\s*=\s*(.*)", re.IGNORECASE | re.DOTALL
+)
+EXTENDED = re.compile(r"\bExA?\s*\(", re.IGNORECASE)
+#: By interpolation, whether the TCP goes straight.
+LINEAR = {"l": True, "p": False, "ptp": False}
+_MARKS = frozenset(("@0", "@P", "@E", "@C"))
+_BRACKET = re.compile(r"@\s*\[")
+
+
+class Goal(NamedTuple):
+    """A place or a length with its mark. mark: "0", "P", "E", "C", or the millimetres; extended: of Ex or ExA."""
+
+    mark: str | Node
+    value: Node
+    extended: Node | None = None
+
+
+class Motion(NamedTuple):
+    """A motion statement. kind: of the interpolation in small letters; options: by name in small letters."""
+
+    kind: str
+    goals: tuple[Goal, ...]
+    options: dict[str, Node]
+    at_once: bool
+
+
+def split_mark(text: str) -> tuple[str, str]:
+    """The pass mark before a target, @ and 0, P, E, C or mm, and the target. Without a mark it is @0."""
+    if not text.startswith("@"):
+        return "@0", text
+    head, _, place = text.partition(" ")
+    if head in _MARKS:
+        return head, place.strip()
+    match = MARK.match(text)
+    if match is None:
+        raise Unreadable(f"the pass mark of {text} is not understood")
+    return "@" + match[1].strip("[] \t").upper(), text[match.end() :]
+
+
+def read_goal(text: str) -> Goal:
+    """``[@mark] value [Ex(...)|ExA(...)]``."""
+    mark: str | Node = "0"
+    if text.startswith("@"):
+        if MARK.match(text):
+            said, text = split_mark(text)
+            mark = said[1:]
+        elif _BRACKET.match(text):
+            inside, text = cut_bracket(text[text.index("[") :])
+            mark = parse(inside)
+        else:
+            raise Unreadable(f"the pass mark of {text} is not understood")
+        if not text.strip():
+            raise Unreadable("a pass mark without a target")
+    found = EXTENDED.search(text) if "x" in text.lower() else None
+    if found is None:
+        return Goal(mark, parse(text))
+    return Goal(mark, parse(text[: found.start()]), parse(text[found.start() :]))
+
+
+def read_motion(rest: str, kinds: tuple[str, ...] = ()) -> Motion:
+    """What stands after ``Move`` and its like. kinds: of the interpolation that may come first, none: there is none."""
+    parts = arguments(rest)
+    kind = parts[0].lower() if kinds else ""
+    if kinds and kind not in kinds:
+        raise Unreadable(f"{parts[0][:40] or 'nothing'} is no interpolation of this motion")
+    goals, options, at_once = [], {}, False
+    for part in parts[1:] if kinds else parts:
+        if "=" in part and (option := OPTION.fullmatch(part)):
+            name = option[1].lower()
+            options[_SHORT.get(name, name)] = parse(option[2])
+        elif part.lower() == "next":
+            at_once = True
+        elif part == "":
+            raise Unreadable("a value is missing")
+        else:
+            goals.append(read_goal(part))
+    return Motion(kind, tuple(goals), options, at_once)
+
+
+_SHORT = {"s": "speed", "a": "accel", "d": "decel", "t": "time"}
+
+
+def cut_bracket(text: str) -> tuple[str, str]:
+    """What stands inside the bracket with which ``text`` begins, and what follows it. Unreadable where it is open."""
+    depth = 0
+    for match in _BRACKETS.finditer(text):
+        depth += (match[0] in "([") - (match[0] in ")]")
+        if depth == 0:
+            return text[1 : match.start()], text[match.end() :].strip()
+    raise Unreadable("a bracket is not closed")
+
+
+_BRACKETS = re.compile(r'"[^"]*"|[()\[\]]')
+
+
+def read_axes(rest: str) -> tuple[str | Node, list[tuple[Node, Node]] | Node, Motion]:
+    """``Drive[A] [@mark] (axis, value), ... [, options]``, or with joint values; its mark, axes, and options."""
+    motion = read_motion(rest)
+    if not motion.goals:
+        raise Unreadable("a motion without a target")
+    mark = motion.goals[0].mark
+    if len(motion.goals) == 1 and motion.goals[0].value.kind != "tuple":
+        return mark, motion.goals[0].value, motion
+    pairs = []
+    for goal in motion.goals:
+        if goal.value.kind != "tuple" or len(goal.value.parts) != 2 or LEFT_OUT in goal.value.parts:
+            raise Unreadable("an axis and its value in brackets are expected")
+        pairs.append((goal.value.parts[0], goal.value.parts[1]))
+    return mark, pairs, motion

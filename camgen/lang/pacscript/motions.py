@@ -1,0 +1,472 @@
+"""What the statements of PacScript do to the arm, its outputs and its frames."""
+
+from __future__ import annotations
+
+import math
+
+from camgen.geometry.arcs import circle, turn_about
+from camgen.lang.pacscript.code import Manner, Op
+from camgen.lang.pacscript.effects import OMITTED_OPTIONS
+from camgen.lang.pacscript.evaluate import evaluate, fit
+from camgen.lang.pacscript.expressions import Node
+from camgen.lang.pacscript.functions import numbers
+from camgen.lang.pacscript.machine import PASS_MM, posture_of
+from camgen.lang.pacscript.motion import LINEAR, Goal, Motion
+from camgen.lang.pacscript.plain import Plain
+from camgen.lang.pacscript.running import Running
+from camgen.lang.pacscript.settings import checked
+from camgen.lang.pacscript.values import (
+    Figured,
+    Placed,
+    Unknown,
+    Value,
+    Vector,
+    Wrong,
+    index,
+    keep_frame,
+    name_place,
+    number,
+    tell,
+    vector,
+)
+from camgen.model.pose import (
+    Pose,
+    Vec3,
+    frozen,
+    rotation_about,
+    rotation_about_axis,
+    rotation_between,
+)
+from camgen.model.program import Joints, MoveC
+
+_MARKS = {"0": 0.0, "E": 0.0, "P": PASS_MM, "C": PASS_MM}
+#: Marks whose exact meaning is the controller's, with their meaning here.
+_MEANINGS = {
+    **dict.fromkeys(("P", "C"), f"blends as near as the controller likes: {PASS_MM:g} mm is shown"),
+    "E": "waits for the encoders: a stop is shown",
+}
+#: Pieces of an arc are at most so long, rad, and a hair more for rounded points.
+_PIECE = math.pi + 0.02
+#: A via point so near to the middle of its arc is it, mm.
+_HALF_WAY = 0.05
+#: What says that the arm has four axes; a tool whose z has so much of the vertical points up.
+_SCARA, _UP = "__scara_robot__", 0.999
+
+
+def blend_of(run: Running, mark: str | Node) -> float:
+    """The blend in mm of a pass mark."""
+    if isinstance(mark, Node):
+        value = evaluate(run, mark)
+        if isinstance(value, Unknown):
+            run.machine.suppose(f"{value.what} of a pass mark is taken for @0")
+            return 0.0
+        said = number(value)
+        return PASS_MM if said < 0 else said
+    if mark in _MARKS:
+        if mark in _MEANINGS:
+            run.machine.state("pass marks", f"@{mark} {_MEANINGS[mark]}")
+        return _MARKS[mark]
+    return float(mark)
+
+
+def speed_of(run: Running, node: Node | None) -> float:
+    """The internal speed in %, of a motion's own or the one in force."""
+    if node is None:
+        return run.machine.internal
+    value = evaluate(run, node)
+    if isinstance(value, tuple):
+        run.machine.omit("Speed of a motion with more than one value: accelerations")
+        value = value[0]
+    return checked(run, value)
+
+
+def read_speed(run: Running, motion: Motion) -> float:
+    """The internal speed of a motion, %. Notes the options that the body does not have."""
+    for name, effect in OMITTED_OPTIONS.items():
+        if name in motion.options:
+            run.machine.omit(f"{name.capitalize()} of a motion: {effect}")
+    if motion.at_once:
+        run.machine.omit("Next: what follows happens on the way; here it waits for the motion")
+    return speed_of(run, motion.options.get("speed"))
+
+
+def plain(run: Running, op: Op) -> None:
+    """A motion in the usual spelling."""
+    item: Plain = op.a
+    manner: Manner = item.manner
+    speed, blend = speed_of(run, manner.speed), blend_of(run, manner.mark)
+    if item.via is not None:
+        arc(run, item.via, item.target, speed, blend)
+    else:
+        run.machine.go(manner.kind == "l", item.target, speed, blend)
+
+
+def move(run: Running, op: Op) -> None:
+    """``Move``."""
+    motion: Motion = op.a
+    speed = read_speed(run, motion)
+    if motion.kind == "s":
+        place = name_place(f"the end of the free curve of line {op.line}")
+        run.machine.go(True, place, speed, 0.0, motion.at_once)
+        return
+    if motion.kind == "c":
+        if len(motion.goals) != 2:
+            raise Wrong(f"Move C needs two points, not {len(motion.goals)}")
+        via, end = (place_of(run, goal.value) for goal in motion.goals)
+        arc(run, via, end, speed, blend_of(run, motion.goals[1].mark), motion.at_once)
+        return
+    if not motion.goals:
+        raise Wrong("a motion without a target")
+    for goal in motion.goals:
+        target = place_of(run, goal.value)
+        if goal.extended is not None:
+            run.machine.lose_axes("extended axes move too and are not shown")
+        go(run, LINEAR[motion.kind], target, speed, blend_of(run, goal.mark), motion.at_once)
+
+
+def place_of(run: Running, node: Node) -> Value:
+    """A place to move to: a position, joint values, or one that is not known."""
+    value = evaluate(run, node)
+    if isinstance(value, tuple):
+        value = fit(value, "position")
+    if isinstance(value, Vector):
+        value = fit(value.values, "position")
+    if not isinstance(value, (Pose, Joints, Unknown)):
+        raise Wrong(f"{tell(value)} is no place to move to")
+    return value
+
+
+def go(
+    run: Running, linear: bool, target: Value, speed: float, blend: float, at_once: bool = False
+) -> None:
+    """Moves to ``target``."""
+    machine = run.machine
+    if isinstance(target, Unknown):
+        stored = target.what.startswith(("J[", "where", "the end"))
+        where = target.what if stored else f"{target.what} of line {machine.line}"
+        machine.go(linear, name_place(where), speed, blend, at_once)
+    elif isinstance(target, Joints) and linear:
+        machine.go(
+            True,
+            name_place(f"where the joint values of line {machine.line} lead"),
+            speed,
+            blend,
+            at_once,
+        )
+        machine.joints = target
+    elif isinstance(target, Joints):
+        machine.go_joints(target, speed, blend, at_once)
+    elif isinstance(target, Pose):
+        machine.go(linear, target, speed, blend, at_once)
+
+
+def approach(run: Running, op: Op) -> None:
+    """``Approach P|L, reference, [@mark] length``: back from the reference along its tool z."""
+    motion: Motion = op.a
+    reference, length = _exactly(motion, 2)
+    target, back = place_of(run, reference.value), evaluate(run, length.value)
+    speed, blend = read_speed(run, motion), blend_of(run, length.mark)
+    if isinstance(target, Joints):
+        target = Unknown("a place before joint values")
+    if isinstance(target, Pose):
+        target = (
+            Unknown(f"{back.what} before a place")
+            if isinstance(back, Unknown)
+            else behind(run, target, number(back))
+        )
+    go(run, LINEAR[motion.kind], target, speed, blend, motion.at_once)
+
+
+def depart(run: Running, op: Op) -> None:
+    """``Depart P|L, [@mark] length``: back from here along the tool z."""
+    motion: Motion = op.a
+    (length,) = _exactly(motion, 1)
+    back = evaluate(run, length.value)
+    speed, blend = read_speed(run, motion), blend_of(run, length.mark)
+    if isinstance(back, Unknown):
+        target: Value = Unknown(f"{back.what} before where the arm stands")
+    else:
+        target = behind(run, run.machine.here, number(back))
+    go(run, LINEAR[motion.kind], target, speed, blend, motion.at_once)
+
+
+def draw(run: Running, op: Op) -> None:
+    """``Draw P|L, [@mark] V(dx, dy, dz)``: by a vector in the work frame, the orientation kept."""
+    motion: Motion = op.a
+    (way,) = _exactly(motion, 1)
+    value = evaluate(run, way.value)
+    if isinstance(value, tuple):
+        value = vector(numbers(list(value)))
+    if isinstance(value, Pose):
+        value = Vector(value.origin)
+    if not isinstance(value, (Vector, Unknown)):
+        raise Wrong(f"Draw needs a vector, not {tell(value)}")
+    here = run.machine.here
+    speed, blend = read_speed(run, motion), blend_of(run, way.mark)
+    if isinstance(here, Placed) or isinstance(value, Unknown):
+        target: Value = Unknown("a place beside where the arm stands")
+    else:
+        x, y, z = (a + b for a, b in zip(here.origin, value.values, strict=True))
+        target = Pose(here.rotation, (x, y, z))
+    go(run, LINEAR[motion.kind], target, speed, blend, motion.at_once)
+
+
+def _exactly(motion: Motion, count: int) -> tuple[Goal, ...]:
+    if len(motion.goals) != count:
+        raise Wrong(f"{count} values are expected, not {len(motion.goals)}")
+    return motion.goals
+
+
+def behind(run: Running, pose: Pose, length: float) -> Pose:
+    """A place so far back along the tool z; above along z with an arm of four axes, whose tool z points up."""
+    scara = bool(run.machine.given(_SCARA))
+    if pose.rotation[2, 2] > _UP and not isinstance(pose, Placed) and not scara:
+        what = "a tool that points up is taken for that of an arm of six axes: back of it is below"
+        run.machine.suppose(what, _SCARA)
+    origin = pose.apply((0.0, 0.0, length if scara else -length))
+    if isinstance(pose, Figured):
+        return Figured(pose.rotation, origin, pose.figure)
+    return keep_frame(Pose(pose.rotation, origin), pose)
+
+
+def arc(
+    run: Running, via: Value, end: Value, speed: float, blend: float, at_once: bool = False
+) -> None:
+    """Moves through ``via`` to ``end``, in arcs of at most half a circle with their via point half-way."""
+    machine = run.machine
+    start = machine.here
+    bases = {
+        place.base if isinstance(place, Placed) else ""
+        for place in (start, via, end)
+        if isinstance(place, Pose)
+    }
+    if not (isinstance(via, Pose) and isinstance(end, Pose)) or len(bases) > 1:
+        goal = (
+            end
+            if isinstance(end, Pose)
+            else name_place(f"the end of the arc of line {machine.line}")
+        )
+        machine.suppose(
+            f"the arc of line {machine.line} is told as a line: the text does not hold its three points"
+        )
+        machine.go(True, goal, speed, blend, at_once)
+        return
+    try:
+        center, _, axis, sweep = circle(start.origin, via.origin, end.origin)
+    except ValueError:
+        machine.find("refused", "the three points of the arc are on one line")
+        machine.here = keep_frame(Pose(end.rotation, end.origin), end)
+        return
+    said = posture_of(end)[1]
+    if said is not None and machine.figure not in (None, said):
+        machine.find(
+            "unusual", f"an arc from figure {machine.figure} to {said}: an error may occur"
+        )
+    middle = _half_way(start.origin, center, axis, sweep)
+    if sweep <= _PIECE and math.dist(middle, via.origin) <= _HALF_WAY:
+        mm_s, share = machine.speed(speed)
+        middle_pose, end_pose = Pose(via.rotation, via.origin), Pose(end.rotation, end.origin)
+        item = MoveC(
+            middle_pose, end_pose, mm_s, blend, *machine.pressing, posture=posture_of(end)[0]
+        )
+        machine.move(machine.pace(item, share, *bases), blend > 0 and not at_once, *bases)
+    else:
+        _turn(run, start, end, center, axis, sweep, (speed, blend, at_once))
+    machine.figure = said
+
+
+def _half_way(start: Vec3, center: Vec3, axis: Vec3, sweep: float) -> Vec3:
+    x, y, z = (a - c for a, c in zip(start, center, strict=True))
+    dx, dy, dz = turn_about((x, y, z), axis, sweep / 2)
+    return (center[0] + dx, center[1] + dy, center[2] + dz)
+
+
+def _turn(
+    run: Running,
+    start: Pose,
+    end: Pose,
+    center: Vec3,
+    axis: Vec3,
+    sweep: float,
+    manner: tuple[float, float, bool],
+) -> None:
+    """The pieces of an arc about ``axis`` through ``center``; the tool turns evenly from its start to its end."""
+    machine = run.machine
+    base = start.base if isinstance(start, Placed) else ""
+    speed, blend, at_once = manner
+    mm_s, share = machine.speed(speed)
+    pieces = max(1, math.ceil(abs(sweep) / _PIECE))
+    posture = posture_of(end)[0]
+
+    def at(fraction: float) -> Pose:
+        x, y, z = (a - c for a, c in zip(start.origin, center, strict=True))
+        dx, dy, dz = turn_about((x, y, z), axis, fraction * sweep)
+        rotation = rotation_between(start.rotation, end.rotation, fraction)
+        return Pose(rotation, (center[0] + dx, center[1] + dy, center[2] + dz))
+
+    for k in range(pieces):
+        last = k == pieces - 1
+        goal = Pose(end.rotation, end.origin) if last else at((k + 1) / pieces)
+        item = MoveC(at((k + 0.5) / pieces), goal, mm_s, blend if last else 0.0, *machine.pressing,
+                     posture=posture if last else None)  # fmt: skip
+        machine.move(machine.pace(item, share, base), last and blend > 0 and not at_once, base)
+
+
+def rotate(run: Running, op: Op) -> None:
+    """``Rotate XY|YZ|ZX, angle[, center][, pose = 1|2]``: an arc about an axis of the work frame."""
+    motion: Motion = op.a
+    machine = run.machine
+    plane = str(motion.goals[0].value.said) if motion.goals else ""
+    normal = {"xy": (0.0, 0.0, 1.0), "yz": (1.0, 0.0, 0.0), "zx": (0.0, 1.0, 0.0)}.get(plane)
+    if len(motion.goals) < 2:
+        raise Wrong("Rotate needs a plane and an angle")
+    angle = evaluate(run, motion.goals[1].value)
+    about = (
+        evaluate(run, motion.goals[2].value) if len(motion.goals) > 2 else Vector((0.0, 0.0, 0.0))
+    )
+    speed, blend = read_speed(run, motion), blend_of(run, motion.goals[1].mark)
+    start = machine.here
+    if (
+        normal is None
+        or isinstance(start, Placed)
+        or not isinstance(about, Vector)
+        or isinstance(angle, Unknown)
+    ):
+        machine.go(
+            True, name_place(f"the end of the turn of line {op.line}"), speed, blend, motion.at_once
+        )
+        return
+    towards = start.rotation[:, 2].tolist()
+    if not number(evaluate(run, motion.options.get("static", Node("number", 0.0)))):
+        down = sum(a * b for a, b in zip(normal, towards, strict=True)) < 0
+        normal = tuple(-one for one in normal) if down else normal  # type: ignore[assignment]
+    sweep = math.radians(number(angle))
+    keeps = number(evaluate(run, motion.options.get("pose", Node("number", 2.0)))) != 1
+    turned = (
+        start.rotation
+        if keeps
+        else frozen(rotation_about_axis(frozen(normal), sweep) @ start.rotation)
+    )
+    center = _foot(start.origin, about.values, normal)
+    offset = turn_about(
+        tuple(a - c for a, c in zip(start.origin, center, strict=True)),  # type: ignore[arg-type]
+        normal,
+        sweep,
+    )
+    x, y, z = (a + b for a, b in zip(center, offset, strict=True))
+    if math.dist(start.origin, center) < 1e-6 or abs(sweep) < 1e-9:
+        machine.go(True, Pose(turned, (x, y, z)), speed, blend, motion.at_once)
+    else:
+        _turn(
+            run,
+            start,
+            Pose(turned, (x, y, z)),
+            center,
+            normal,
+            sweep,
+            (speed, blend, motion.at_once),
+        )
+
+
+def _foot(point: Vec3, about: Vec3, normal: Vec3) -> Vec3:
+    """The point of the axis through ``about`` that is as high as ``point``."""
+    up = sum((p - a) * n for p, a, n in zip(point, about, normal, strict=True))
+    x, y, z = (a + up * n for a, n in zip(about, normal, strict=True))
+    return (x, y, z)
+
+
+def rotate_hand(run: Running, op: Op) -> None:
+    """``RotateH [@mark] angle``: a turn about the tool z."""
+    motion: Motion = op.a
+    (goal,) = _exactly(motion, 1)
+    angle, here = evaluate(run, goal.value), run.machine.here
+    speed, blend = read_speed(run, motion), blend_of(run, goal.mark)
+    if isinstance(angle, Unknown):
+        target: Pose = name_place(f"the end of the turn of line {op.line}")
+    else:
+        rotation = frozen(here.rotation @ rotation_about(2, math.radians(number(angle))))
+        target = keep_frame(Pose(rotation, here.origin), here)
+    run.machine.go(True, target, speed, blend, motion.at_once)
+
+
+def arch(run: Running, op: Op) -> None:
+    """``ArchMove target, height[, ...]``: up, across and down again."""
+    motion: Motion = op.a
+    if len(motion.goals) < 2:
+        raise Wrong("ArchMove needs a target and a height")
+    target, height = place_of(run, motion.goals[0].value), evaluate(run, motion.goals[1].value)
+    here, speed = run.machine.here, read_speed(run, motion)
+    stored = isinstance(target, Placed) or isinstance(here, Placed)
+    if not isinstance(target, Pose) or stored or isinstance(height, Unknown):
+        run.machine.suppose(
+            f"the arch of line {op.line} is told without its height: the text does not hold it"
+        )
+        go(run, False, target, speed, 0.0)
+        return
+    top = min(here.origin[2], target.origin[2]) + number(height)
+    for place in (
+        Pose(here.rotation, (*here.origin[:2], top)),
+        Pose(target.rotation, (*target.origin[:2], top)),
+    ):
+        run.machine.go(False, place, speed, PASS_MM)
+    run.machine.go(False, target, speed, 0.0)
+
+
+def drive(run: Running, op: Op) -> None:
+    """``Drive`` by and ``DriveA`` to joint values of single axes."""
+    mark, axes, motion = op.a
+    speed, blend = read_speed(run, motion), blend_of(run, mark)
+    relative = op.do == "drive"
+    if isinstance(axes, Node):
+        value = fit(evaluate(run, axes), "joint")
+        if isinstance(value, Joints):
+            said: dict[int, Value] = {
+                k + 1: math.degrees(one) for k, one in enumerate(value.values[:6])
+            }
+        elif isinstance(value, Unknown):
+            go(run, False, value, speed, blend, motion.at_once)
+            return
+        else:
+            raise Wrong(f"{tell(value)} is no joint value")
+    else:
+        said = {}
+        for axis, by in axes:
+            which, amount = evaluate(run, axis), evaluate(run, by)
+            if not isinstance(which, Unknown):
+                said[index(number(which))] = _axis_value(amount, int(number(which)))
+    _drive(run, said, relative, (speed, blend, motion.at_once))
+
+
+def _axis_value(value: Value, axis: int) -> Value:
+    if isinstance(value, Joints):
+        return math.degrees(value.values[axis - 1]) if 1 <= axis <= len(value.values) else 0.0
+    return value
+
+
+def _drive(
+    run: Running, said: dict[int, Value], relative: bool, manner: tuple[float, float, bool]
+) -> None:
+    machine = run.machine
+    if any(axis > 6 for axis in said):
+        machine.lose_axes(", ".join(f"axis {axis} moves" for axis in sorted(said) if axis > 6))
+        said = {axis: value for axis, value in said.items() if axis <= 6}
+        if not said:
+            return
+    now = machine.joints.values if machine.joints else ()
+    unknown = next((value for value in said.values() if isinstance(value, Unknown)), None)
+    whole = not relative and set(said) >= set(range(1, 7))
+    if unknown is not None or not (now or whole):
+        go(run, False, name_place(f"where the axes of line {machine.line} lead"), *manner)
+        return
+    made = [*now, *[0.0] * (max(6 if whole else 0, *said) - len(now))]
+    for axis, value in said.items():
+        made[axis - 1] = math.radians(number(value)) + (made[axis - 1] if relative else 0.0)
+    machine.go_joints(Joints(tuple(made)), *manner)
+
+
+def go_home(run: Running, _op: Op) -> None:
+    """``GoHome``."""
+    home = run.machine.home
+    if not isinstance(home, (Pose, Joints)):
+        home = name_place("the home position of the controller")
+    go(run, False, home, run.machine.internal, 0.0)

@@ -1,0 +1,75 @@
+"""Files of the variables of a controller: lists of positions as DENSO's tools export them, or one variable a line."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+
+from camgen.lang.pacscript.values import Unreadable, Value, homogeneous, joints, position, vector
+
+_NAMED = re.compile(
+    r"\s*([pjtvifds])\s*\[?\s*(\d{1,9})\s*\]?\s*(?:[,;=\t]|$)\s*(?:[pjtv]\s*\()?(.*?)\)?\s*",
+    re.IGNORECASE,
+)
+_NUMBERED = re.compile(r"\s*\"?(\d{1,9})\"?\s*[,;\t]\s*(.*)")
+_LETTER = re.compile(
+    r"(?:^|[_\W])([pjtvifd])(?:$|[_\W])|var[_\W]?([pjtvifd])\b|\b([pjtvifd])[_\W]?var",
+    re.IGNORECASE,
+)
+_NUMBER = re.compile(r"\s*\"?\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3})?)(?=$|[^\w.])")
+_FIELDS = re.compile(r"[,;\t]")
+
+
+def read_points(files: Mapping[str, str]) -> tuple[dict[tuple[str, int], Value], list[str]]:
+    """The variables of files by name: letter and number. And what could not be read of them, in words.
+
+    A line is ``P[1], x, y, z, rx, ry, rz, fig`` or ``P1 = P(...)``; or the number first, as in the lists that DENSO's
+    tools export, where the file's name (``P_Var.csv``) says the letter. Lines that begin otherwise are headings.
+    """
+    found: dict[tuple[str, int], Value] = {}
+    faulty: list[str] = []
+    for name, text in files.items():
+        letter = _letter(name)
+        for row, (kind, at, rest) in _rows(text, letter):
+            try:
+                found[(kind, at)] = _read(kind, rest)
+            except Unreadable as error:
+                if len(faulty) < 20:
+                    faulty.append(f"{name}, line {row}: {error}")
+    return found, faulty
+
+
+def _letter(name: str) -> str:
+    match = _LETTER.search(re.split(r"[\\/]", name)[-1].rsplit(".", 1)[0])
+    return next((one for one in match.groups() if one), "p").lower() if match else "p"
+
+
+def _rows(text: str, letter: str) -> Iterator[tuple[int, tuple[str, int, str]]]:
+    for row, line in enumerate(text.replace("\r", "\n").split("\n"), start=1):
+        plain = line.split("'", 1)[0].strip() if not line.lstrip().startswith('"') else line.strip()
+        if len(plain) > 2000:
+            continue
+        if match := _NAMED.fullmatch(plain):
+            yield row, (match[1].lower(), int(match[2]), match[3])
+        elif match := _NUMBERED.fullmatch(plain):
+            yield row, (letter, int(match[1]), match[2])
+
+
+def _read(kind: str, rest: str) -> Value:
+    values: list[float] = []
+    for field in _FIELDS.split(rest):
+        match = _NUMBER.match(field)
+        if match is None:
+            break
+        values.append(float(match[1]))
+    if kind == "s":
+        return rest.strip().strip('"')
+    if not values:
+        raise Unreadable(f"{kind.upper()} without numbers")
+    if kind == "p":
+        return position(values[:7])
+    if kind == "j":
+        return joints(values[:8])
+    if kind == "v":
+        return vector(values[:3])
+    return homogeneous(values[:10]) if kind == "t" else values[0]

@@ -1,0 +1,94 @@
+"""ABB RAPID as anybody writes it: what its modules make the robot do.
+
+The language is that of the RAPID kernel manual; instructions and functions are those of the technical reference manual.
+What is read, assumed and refused: docs/languages/rapid.md.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+
+from camgen.lang.programs import Ask, Executed, Finding, Language, strip_mark
+from camgen.model.program import pack
+from camgen.model.text import counted
+
+from .grammar import parse
+from .link import link
+from .machine import Machine
+from .run import judge_end, run_entry
+from .tokens import Wrong
+from .tree import Routine
+
+_BEGINNING = re.compile(r"\s*(?:%%%[^%]*%%%)?(?:\s*![^\n]*\n)*\s*MODULE\s+\w", re.IGNORECASE)
+
+
+def recognise(text: str) -> bool:
+    """Whether the beginning of a text is surely RAPID: a module begins."""
+    return _BEGINNING.match(strip_mark(text)) is not None
+
+
+def run(files: Mapping[str, str], ask: Ask) -> Executed:
+    """What the modules say when their main routine is run once. Never raises for a text."""
+    machine = Machine(ask)
+    modules = []
+    line = 1
+    for name, text in files.items():
+        plain = strip_mark(text).replace("\r\n", "\n").replace("\r", "\n").rstrip("\x00\x1a")
+        if "\x00" in plain[:1000]:
+            machine.find(
+                "refused",
+                f"{name[-60:]} is no text: controllers write modules that may not be seen like this",
+                line,
+            )
+            line += plain.count("\n") + 1
+            continue
+        found, notes = parse(plain, line)
+        modules += found
+        for note in notes:
+            machine.find("unusual" if note.odd else "refused", note.what, note.line)
+        line += plain.count("\n") + (not plain.endswith("\n"))
+    entry = link(machine, modules)
+    stopped = None if entry is None else _run(machine, entry, line)
+    if entry is not None and stopped is None:
+        judge_end(machine, entry.last or entry.line)
+    return _answer(machine, stopped)
+
+
+def _run(machine: Machine, entry: Routine, lines: int) -> tuple[int, str] | None:
+    try:
+        return run_entry(machine, entry, int(machine.ask.limits.rapid_steps) + lines)
+    except Wrong as wrong:
+        machine.find("refused", wrong.what, wrong.line)
+        return wrong.line, wrong.what
+
+
+def _answer(machine: Machine, stopped: tuple[int, str] | None) -> Executed:
+    findings = [Finding(level, line, what) for level, line, what in machine.findings]
+    return Executed(
+        body=pack(machine.body),
+        lines=tuple(machine.lines),
+        frames=tuple(machine.frames),
+        frame=tuple(machine.frame_of) if len(machine.frames) > 1 else (),
+        findings=tuple(sorted(findings, key=lambda one: (one.line, one.what))),
+        assumed=tuple(sorted(machine.assumed.values(), key=lambda one: one.line)),
+        facts=tuple((label, _list(texts)) for label, texts in machine.facts.items() if label),
+        lost=tuple((line, what) for what, line in machine.lost.items()),
+        omitted=tuple((line, what) for what, line in machine.omitted.items()),
+        stopped=stopped,
+    )
+
+
+def _list(texts: Mapping[str, None]) -> str:
+    shown = list(texts)[:8]
+    rest = len(texts) - len(shown)
+    return "; ".join(shown) + (f"; and {counted(rest, 'more', 'more')}" if rest else "")
+
+
+LANGUAGE = Language(
+    name="rapid",
+    about="ABB RAPID: modules for S4, IRC5 and OmniCore",
+    suffixes=(".mod", ".modx", ".sys", ".sysx", ".prg"),
+    recognise=recognise,
+    run=run,
+)

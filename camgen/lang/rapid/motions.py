@@ -1,0 +1,663 @@
+"""RAPID's motions as instructions (technical reference manual: Move, Trigg, Search; packages of processes).
+
+Where a target is not known the motion is left out, and said.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from functools import lru_cache
+
+from msgspec import Struct
+from msgspec.structs import replace
+
+from camgen.lang.motion_speed import Limit, limit_speed, measure_arc, measure_line
+from camgen.model.instructions import Force, Joints, MoveC, MoveJ, MoveL, Output, Posture
+from camgen.model.pose import Pose, Vec3, frozen, rotation_between, to_vec3
+
+from .effects import LOST_OPTIONS, OMITTED_OPTIONS, READ_OPTIONS, SILENT_OPTIONS
+from .functions import name_of
+from .machine import Here, Machine
+from .places import WORST_NORM, choose_frame, pose_of, see_pose
+from .tokens import Wrong
+from .tree import Call, Expr, Inline
+from .values import Unknown, Value, find_unknown
+from .ways import is_half_turn, judge_arc, split_arc, split_at_circle_point
+
+#: mm/s where the text gives no speed that is one.
+_SLOWEST = 0.01
+#: An orientation whose square is off by more than this is looked at twice: NOrient takes 1e-5, hands print four digits.
+_LOOSE_NORM = 1e-3
+_NINES = 8.9e9
+#: deg/s at which the tool turns in every predefined speeddata.
+_USUAL_TURN = 500.0
+#: The same in rad/s, and a hair less for rounding.
+_USUAL_TURN_RAD = math.radians(_USUAL_TURN) * (1 - 1e-9)
+#: mm: z0, a corner so small that the tool is where it should be.
+_NO_CORNER = 0.3
+_MOST_REMEMBERED = 10_000
+_LIKE_PREDEFINED = re.compile(r"[vz][0-9]+", re.IGNORECASE)
+
+
+class Form(Struct, frozen=True):
+    """How a motion is written. kind: j, l, c, abs or ext. before: arguments before its points; after: behind the tool.
+    trigg: triggers behind the speed. zone: whether it has one. process: what is done on the way.
+    """
+
+    kind: str
+    before: int = 0
+    after: int = 0
+    trigg: int = 0
+    zone: bool = True
+    process: str = ""
+
+
+class Trigger(Struct, frozen=True):
+    """What TriggIO, TriggEquip or TriggInt defines. distance: mm from the end, or from the start. outputs: name and
+    value. interrupt: that may come there.
+    """
+
+    distance: float
+    start: bool
+    outputs: tuple[tuple[str, float], ...]
+    interrupt: Expr | None = None
+
+
+FORMS: dict[str, Form] = {
+    "moveabsj": Form("abs"), "movej": Form("j"), "movel": Form("l"), "movec": Form("c"), "moveextj": Form("ext"),
+    **{f"move{kind}{what}": Form(kind, after=2) for kind in "jlc" for what in ("do", "ao", "go")},
+    **{f"move{kind}sync": Form(kind, after=1) for kind in "jlc"},
+    "triggj": Form("j", trigg=1), "triggl": Form("l", trigg=1), "triggc": Form("c", trigg=1),
+    "triggabsj": Form("abs", trigg=1), "triggjios": Form("j"), "trigglios": Form("l"),
+    "searchl": Form("l", before=2, zone=False), "searchc": Form("c", before=2, zone=False),
+    "searchextj": Form("ext", before=2, zone=False),
+    "fcpress1lstart": Form("l", trigg=1, process="force"), "fcpressl": Form("l", trigg=1, process="force"),
+    "fcpressc": Form("c", trigg=1, process="force"), "fcpressend": Form("l", zone=False, process="force"),
+}  # fmt: skip
+#: Instructions of packages for processes: the process, the kind of motion, and whether it begins or ends the process.
+_PROCESS = re.compile(
+    r"(arc|arcadapt|arccalc|contact|cap|spot|spotm|disp|paint|cut|laser|nut|glue|seal|plasma)(move)?(absj|extj|l|c|j)(\d*start|\d*end|\d*)"
+)
+
+
+@lru_cache(maxsize=1000)
+def form_of(name: str) -> Form | None:
+    """How the instruction ``name`` is written, None where it is no motion that is known."""
+    found = FORMS.get(name)
+    if found is not None:
+        return found
+    match = _PROCESS.fullmatch(name)
+    if match is None:
+        return None
+    process, plain, kind, _ = match.groups()
+    kinds = {"absj": "abs", "extj": "ext"}
+    return Form(kinds.get(kind, kind), process="" if plain else process)
+
+
+class Bound(Struct, frozen=True):
+    """The arguments of a motion beside its points.
+
+    speed: speed of the TCP, mm/s.
+    turn: speed at which the tool turns, rad/s, 0 without one.
+    blend: radius, mm.
+    frame: index of its tool and work object in `Machine.frames`.
+    seconds: time of the whole motion, s, that replaces both speeds; 0 without one.
+    """
+
+    speed: float
+    turn: float
+    blend: float
+    frame: int
+    seconds: float = 0.0
+
+    @property
+    def turns_slowly(self) -> bool:
+        """Whether the speed of turning is below that of all predefined speeddata."""
+        return 0 < self.turn < _USUAL_TURN_RAD
+
+    @property
+    def limit(self) -> Limit:
+        """The limits of the speed."""
+        return Limit(self.speed, self.turn, self.seconds, is_exact=self.seconds > 0)
+
+
+def move(machine: Machine, call: Call) -> Bound | None:
+    """One motion statement, and what it says beside its points. Wrong where no controller takes it."""
+    form = form_of(call.name)
+    assert form is not None
+    if form.kind == "ext":
+        machine.lose_axes("move on their own and are not shown")
+        return None
+    points, speed, zone, tool, tail = _arguments(machine, form, call)
+    bound = _bind(machine, form, call, speed, zone, tool)
+    if form.kind == "abs":
+        if bound.seconds:
+            machine.omit(
+                f"{call.name} \\T:={bound.seconds:g}: the time of a motion to joint values; "
+                f"it runs at {bound.speed:g} mm/s"
+            )
+        _move_joints(machine, machine.value(points[-1]), bound)
+    else:
+        _move_pose(machine, form, call, [machine.value(point) for point in points], bound)
+    _do_after(machine, form, call, points, tail)
+    return bound
+
+
+def _arguments(
+    machine: Machine, form: Form, call: Call
+) -> tuple[tuple[Expr, ...], Expr, Expr | None, Expr, tuple[Expr, ...]]:
+    """Points, speed, zone, tool and what stands behind it."""
+    count = 2 if form.kind == "c" else 1
+    args = call.args[form.before :]
+    after = form.after
+    if call.name.endswith("go") and any(name in ("value", "dvalue") for name, _ in call.options):
+        after = 1
+    tail = args[len(args) - after :] if after else ()
+    args = args[: len(args) - after] if after else args
+    least = count + 2 + form.zone
+    if len(args) < least or (len(args) > least + form.trigg and not form.process):
+        raise Wrong(machine.line, f"{call.name} has {least + form.trigg + form.before + after} arguments, "
+                                  f"not {len(call.args)}")  # fmt: skip
+    return args[:count], args[count], args[-2] if form.zone else None, args[-1], tail
+
+
+#: Motions whose text beside the point may be remembered.
+_REMEMBERED = ("movej", "movel")
+
+
+def inline(machine: Machine, item: Inline) -> None:
+    """A motion to points written out; what it says beside them is looked up where it has been said before."""
+    shape = item.shape
+    if shape.name not in _REMEMBERED or machine.scope.data or item.via is not None:
+        move(machine, item.call())
+        return
+    key = (shape, machine.scope.home, machine.version, machine.speed_override, machine.speed_most)
+    bound = machine.bound.get(key)
+    if bound is None:
+        bound = move(machine, item.call())
+        if len(machine.bound) < _MOST_REMEMBERED and not any(
+            name == "t" for name, _ in shape.options
+        ):
+            machine.bound[key] = bound
+        return
+    _check_turn(machine, item.turn)
+    target = Pose(machine.rotation(item.turn), item.to)
+    if machine.displaced is not None:
+        target = machine.displaced @ target
+    machine.frame = bound.frame
+    form = FORMS[shape.name]
+    bound = _pace(machine, shape.name, bound, None, target, by_joints=form.kind == "j")
+    _emit(machine, form, None, target, bound, shape.points[0])
+
+
+# What a motion says beside its points ----------------------------------------------------------------------------
+
+
+def _bind(
+    machine: Machine, form: Form, call: Call, speed: Expr, zone: Expr | None, tool: Expr
+) -> Bound:
+    options = dict(call.options)
+    machine.frame = choose_frame(machine, tool, options.get("wobj"), form.kind == "abs")
+    mm_s, rad_s = _speed(machine, form, call, machine.value(speed), options)
+    seconds = _read_time(machine, call, options)
+    _judge_options(machine, form, call)
+    blend = (
+        0.0 if zone is None or "inpos" in options else _blend(machine, machine.value(zone), options)
+    )
+    return Bound(mm_s, rad_s, blend, machine.frame, seconds)
+
+
+def _judge_options(machine: Machine, form: Form, call: Call) -> None:
+    """Notes the options of a motion that the body does not have."""
+    for name, _ in call.options:
+        if name in LOST_OPTIONS:
+            machine.lose(f"{call.name} \\{name}: {LOST_OPTIONS[name]}")
+        elif name in OMITTED_OPTIONS:
+            machine.omit(f"{call.name} \\{name}: {OMITTED_OPTIONS[name]}")
+        elif not _is_read(form, name):
+            machine.omit(f"{call.name} \\{name}: an argument that is not read")
+
+
+def _is_read(form: Form, name: str) -> bool:
+    """Whether an option of a motion is read, or has no effect."""
+    if name in READ_OPTIONS or name in SILENT_OPTIONS:
+        return True
+    if form.process == "force":
+        return name in ("fx", "fy", "fz")
+    values = ("value", "dvalue") if form.after else ()
+    return name in values or bool(form.trigg and re.fullmatch(r"t\d", name))
+
+
+def _speed(
+    machine: Machine, form: Form, call: Call, value: Value, options: dict[str, Expr | None]
+) -> tuple[float, float]:
+    """mm/s and rad/s.
+
+    VelSet scales both, but not the speed of welding. Its maximum is for the TCP alone.
+    """
+    machine.fit("speeddata", value)
+    override = machine.speed_override
+    if "v" in options:
+        given = machine.number(options["v"])
+        turn = value[1] if isinstance(value, tuple) else _USUAL_TURN
+        value = (given, turn) if type(given) is float else given
+    if form.process == "arc" and machine.welding:
+        welding = _weld_speed(machine, call, value)
+        override = override if welding is value else 1.0
+        value = welding
+    if find_unknown(value) is not None:
+        unknown = find_unknown(value)
+        machine.assume(f"a speed is not known ({_name_of(machine, unknown)}): 100 mm/s is taken")
+        value = (100.0, _USUAL_TURN)
+    mm_s = value[0] * override
+    if machine.speed_most > 0:
+        mm_s = min(mm_s, machine.speed_most)
+    if not mm_s > 0:
+        machine.find("unusual", f"a speed of {mm_s:g} mm/s: the arm hardly moves")
+        mm_s = _SLOWEST
+    return mm_s, math.radians(value[1] * override) if value[1] > 0 else 0.0
+
+
+def _read_time(machine: Machine, call: Call, options: dict[str, Expr | None]) -> float:
+    """Argument T: the time of the whole motion, s, 0 without it. VelSet scales it.
+
+    Raises Wrong for a time that is not positive.
+    """
+    if "t" not in options:
+        return 0.0
+    seconds = machine.number(options["t"])
+    if isinstance(seconds, Unknown):
+        machine.omit(f"{call.name} \\T: the time is not known ({seconds.what[:60]})")
+        return 0.0
+    if not seconds > 0:
+        raise Wrong(machine.line, f"{call.name} in \\T:={seconds:g} s")
+    return float(seconds / machine.speed_override)
+
+
+def _weld_speed(machine: Machine, call: Call, value: Value) -> Value:
+    """While the arc burns the speed is that of the weld data, where the text has them."""
+    at = (2 if form_of(call.name) == Form("c", process="arc") else 1) + 2
+    weld = machine.value(call.args[at]) if len(call.args) > at else None
+    if isinstance(weld, tuple) and weld and type(weld[0]) is float and weld[0] > 0:
+        return (weld[0], _USUAL_TURN)
+    return value
+
+
+def _name_of(machine: Machine, unknown: Unknown | None) -> str:
+    """What is not known; a name like those that RAPID has itself is looked at twice."""
+    name = unknown.what if unknown is not None else ""
+    if _LIKE_PREDEFINED.fullmatch(name):
+        machine.find_once(
+            "unusual",
+            name.lower(),
+            f"{name} is no speed or zone of RAPID's own, and stands in no file",
+        )
+    return name
+
+
+def _blend(machine: Machine, value: Value, options: dict[str, Expr | None]) -> float:
+    """The radius in mm, 0 for a stop."""
+    machine.fit("zonedata", value)
+    if "z" in options:
+        radius = machine.number(options["z"])
+        if isinstance(radius, Unknown):
+            machine.assume(f"a zone is not known ({radius.what[:60]}): a stop is taken")
+            return 0.0
+        return max(float(radius), 0.0)
+    if find_unknown(value) is not None:
+        unknown = find_unknown(value)
+        machine.assume(f"a zone is not known ({_name_of(machine, unknown)}): a stop is taken")
+        return 0.0
+    return 0.0 if value[0] else max(value[1], 0.0)
+
+
+# To joint values and to poses ------------------------------------------------------------------------------------
+
+
+def _move_joints(machine: Machine, value: Value, bound: Bound) -> None:
+    machine.fit("jointtarget", value)
+    if isinstance(value, Unknown) or find_unknown(value[0]) is not None:
+        _leave_out(machine, value)
+        return
+    axes = tuple(0.0 if v > _NINES else v for v in value[0])
+    _tell_external(machine, value[1])
+    turn = bound.turn if bound.turns_slowly else 0.0
+    item = MoveJ(Joints(tuple(math.radians(v) for v in axes)), bound.speed, bound.blend, turn=turn)
+    machine.add(item)
+    machine.here = Here(None, machine.frame, (), axes)
+    machine.blending = machine.line if bound.blend > _NO_CORNER else 0
+
+
+def _can_go(machine: Machine, point: Value) -> bool:
+    """Whether a target is known; where it is not, the motion is left out. Wrong where it is no target."""
+    machine.fit("robtarget", point)
+    if (
+        isinstance(point, Unknown)
+        or find_unknown(point[:2] if isinstance(point, tuple) else ()) is not None
+    ):
+        _leave_out(machine, point)
+        return False
+    if machine.assumed and not any(point[1]):
+        _leave_out(machine, Unknown("it has no value yet"))
+        return False
+    _check_turn(machine, point[1])
+    return True
+
+
+def _move_pose(machine: Machine, form: Form, call: Call, points: list[Value], bound: Bound) -> None:
+    if not all(_can_go(machine, point) for point in points):
+        return
+    poses = [pose_of(machine, point) for point in points]
+    if machine.displaced is not None:
+        poses = [machine.displaced @ pose for pose in poses]
+    via = poses[0] if len(poses) > 1 else None
+    target, rest = poses[-1], points[-1][2:]
+    bound = _pace(machine, call.name, bound, via, target, by_joints=form.kind == "j")
+    triggers = _triggers(machine, form, call)
+    if form.process == "force":
+        _press(machine, call, bound, via, target, _posture(rest))
+        machine.here = Here(target, machine.frame, rest)
+        return
+    if triggers and via is None and form.kind == "l":
+        _trigger_on_line(machine, triggers, target, bound, rest)
+    else:
+        _emit(machine, form, via, target, bound, rest)
+        if any(trigger.start or trigger.distance > 0 for trigger in triggers):
+            machine.omit(
+                f"{call.name}: the place of its triggers on the way; here they act at its end"
+            )
+        for trigger in triggers:
+            _switch(machine, trigger)
+
+
+def _leave_out(machine: Machine, value: Value) -> None:
+    """A motion whose target is not known."""
+    unknown = find_unknown(value)
+    why = (
+        unknown.what
+        if unknown is not None and unknown.what
+        else "it is worked out on the controller"
+    )
+    machine.lose(f"a target is not known ({why[:60]}): motions there are left out")
+    machine.here = Here(None, machine.frame)
+
+
+def _check_turn(machine: Machine, turn: tuple[float, ...]) -> None:
+    if turn in machine.turns:
+        return
+    norm = sum(v * v for v in turn)
+    off = abs(norm - 1)
+    if off > WORST_NORM:
+        raise Wrong(
+            machine.line, f"an orientation that is none (the sum of its squares is {norm:.3g})"
+        )
+    if off > _LOOSE_NORM:
+        what = f"an orientation that is not normalised (the sum of its squares is off by {off:.2g})"
+        machine.find_once("unusual", "norm", what)
+
+
+def _emit(
+    machine: Machine,
+    form: Form,
+    via: Pose | None,
+    target: Pose,
+    bound: Bound,
+    rest: tuple[Value, ...],
+) -> None:
+    """The motion itself."""
+    start = see_pose(machine)
+    posture = _posture(rest)
+    if len(rest) > 1:
+        _tell_external(machine, rest[1])
+    if form.kind == "j":
+        machine.add(MoveJ(target, bound.speed, bound.blend, posture=posture, turn=bound.turn))
+    elif via is None:
+        if start is not None and is_half_turn(start, target):
+            machine.find(
+                "unusual", "the tool turns by 180 deg in one straight motion; its sense is open"
+            )
+        item = MoveL(target, bound.speed, bound.blend, posture=posture, turn=bound.turn)
+        machine.add(item)
+    else:
+        _emit_arc(machine, start, via, target, bound, posture)
+    machine.here = Here(target, machine.frame, rest)
+    machine.blending = machine.line if bound.blend > _NO_CORNER else 0
+
+
+@lru_cache(maxsize=1000)
+def _confdata(conf: tuple[float, ...]) -> Posture | None:
+    cf1, cf4, cf6, cfx = (int(v) for v in conf)
+    return Posture((cf1, cf4, cf6, cfx)) if any(conf) else None
+
+
+def _posture(rest: tuple[Value, ...]) -> Posture | None:
+    conf = rest[0] if rest else None
+    if (
+        isinstance(conf, tuple)
+        and len(conf) == 4
+        and all(type(v) is float and abs(v) < 1e6 for v in conf)
+    ):
+        return _confdata(conf)
+    return None
+
+
+def _tell_external(machine: Machine, axes: Value) -> None:
+    if isinstance(axes, tuple) and any(type(v) is float and v < _NINES for v in axes):
+        machine.lose_axes("have values in the targets; they are not shown")
+
+
+def _emit_arc(
+    machine: Machine,
+    start: Pose | None,
+    via: Pose,
+    target: Pose,
+    bound: Bound,
+    posture: Posture | None,
+) -> None:
+    """An arc as one or more of at most half a circle, each with its point half-way."""
+    if start is None:
+        machine.add(MoveC(via, target, bound.speed, bound.blend, posture=posture))
+        return
+    fault, remark = judge_arc(start.origin, via.origin, target.origin)
+    if fault:
+        machine.find("refused", fault)
+        machine.add(MoveL(target, bound.speed, bound.blend, posture=posture))
+        return
+    if remark:
+        machine.find_once("unusual", remark, remark)
+    points = (
+        split_at_circle_point(start, via, target)
+        if machine.passes_circle_point
+        else split_arc(start, via, target)
+    )
+    for k in range(0, len(points), 2):
+        last = k + 2 >= len(points)
+        end = target if last else points[k + 1]
+        machine.add(
+            MoveC(points[k], end, bound.speed, bound.blend if last else 0.0, posture=posture)
+        )
+
+
+def _pace(
+    machine: Machine, name: str, bound: Bound, via: Pose | None, target: Pose, *, by_joints: bool
+) -> Bound:
+    """The arguments of a motion at the speed that its time and its speed of turning allow."""
+    start = see_pose(machine)
+    if start is None:
+        if bound.seconds:
+            machine.omit(f"{name} \\T:={bound.seconds:g}: where it begins is not known")
+        elif bound.turns_slowly and by_joints:
+            return replace(bound, seconds=0.0)
+        elif bound.turns_slowly:
+            degrees = f"{math.degrees(bound.turn):g} deg/s"
+            machine.omit(f"{name} with v_ori {degrees}: where it begins is not known")
+        return replace(bound, turn=0.0, seconds=0.0)
+    if via is None:
+        extent = measure_line(start, target)
+    else:
+        by_via = machine.passes_circle_point
+        extent = measure_arc(start, via, target, turns_by_via=by_via)
+    speed, turn = limit_speed(extent, bound.limit)
+    return replace(bound, speed=speed, turn=turn, seconds=0.0)
+
+
+# What is switched on the way --------------------------------------------------------------------------------------
+
+
+def _triggers(machine: Machine, form: Form, call: Call) -> list[Trigger]:
+    """What the triggers of a motion switch."""
+    if not form.trigg or form.process:
+        return []
+    count = 2 if form.kind == "c" else 1
+    given = [
+        call.args[count + 1],
+        *(value for name, value in call.options if re.fullmatch(r"t\d", name)),
+    ]
+    found: list[Trigger] = []
+    for expr in given:
+        value = machine.value(expr)
+        for trigger in value if isinstance(value, list) else [value]:
+            if not isinstance(trigger, Trigger):
+                machine.lose(f"{call.name}: a trigger is not known; define it by TriggIO")
+            elif trigger.outputs or trigger.interrupt is not None:
+                found.append(trigger)
+    return found
+
+
+def _switch(machine: Machine, trigger: Trigger) -> None:
+    for name, value in trigger.outputs:
+        machine.add(Output(name, value))
+        machine.outputs[name.lower()] = value
+    if trigger.interrupt is not None:
+        machine.interrupt(machine, trigger.interrupt)
+
+
+def _trigger_on_line(
+    machine: Machine, triggers: list[Trigger], target: Pose, bound: Bound, rest: tuple[Value, ...]
+) -> None:
+    """A straight motion in the pieces between which something is switched; the arm does not stop there."""
+    start = see_pose(machine)
+    whole = math.dist(start.origin, target.origin) if start is not None else 0.0
+    places = sorted(
+        ((t.distance if t.start else whole - t.distance), k) for k, t in enumerate(triggers)
+    )
+    for way, k in places:
+        if start is not None and 0.01 < way < whole - 0.01:
+            part = way / whole
+            point = tuple(
+                a + (b - a) * part for a, b in zip(start.origin, target.origin, strict=True)
+            )
+            rotation = rotation_between(start.rotation, target.rotation, part)
+            machine.add(
+                MoveL(Pose(frozen(rotation), _three(point)), bound.speed, posture=_posture(rest))
+            )
+            machine.tell(
+                "triggers",
+                "straight motions are shown in pieces, between which outputs are switched",
+            )
+        elif way >= whole - 0.01:
+            break
+        _switch(machine, triggers[k])
+        triggers[k] = Trigger(0.0, False, ())
+    _emit(machine, Form("l"), None, target, bound, rest)
+    for trigger in triggers:
+        _switch(machine, trigger)
+
+
+def _three(point: tuple[float, ...]) -> Vec3:
+    x, y, z = point
+    return (x, y, z)
+
+
+def _do_after(
+    machine: Machine, form: Form, call: Call, points: tuple[Expr, ...], tail: tuple[Expr, ...]
+) -> None:
+    """What a motion does at its end: a signal, a routine, a search."""
+    if form.after == 2 and tail:
+        options = dict(call.options)
+        value = (
+            options.get("value") or options.get("dvalue") or (tail[1] if len(tail) > 1 else None)
+        )
+        worth = machine.number(value)
+        name = name_of(machine, tail[0])
+        if type(worth) is float:
+            machine.add(Output(name, worth))
+            machine.outputs[name.lower()] = worth
+    elif form.after == 1 and tail:
+        name = str(machine.value(tail[0]))
+        routine = machine.routine(name)
+        if routine is not None:
+            machine.call(routine, Call(machine.line, name.lower()))
+    elif form.before:
+        signal = name_of(machine, call.args[0])
+        machine.assume(f"{signal}: a search does not stop before its end point", "")
+        machine.assign(call.args[1], machine.value(points[-1]))
+    if form.process and form.process != "force":
+        machine.omit(f"{form.process} by {call.name} and its like: the process is not switched")
+    if form.process == "arc":
+        _weld(machine, call.name)
+    elif form.process and form.process != "force":
+        machine.tell("process", f"{form.process} along {call.name} and its like")
+
+
+def _weld(machine: Machine, name: str) -> None:
+    machine.tell("process", "arc welding")
+    if "start" in name:
+        machine.welding = True
+    elif "end" in name:
+        machine.welding = False
+
+
+# With force -------------------------------------------------------------------------------------------------------
+
+
+def _press(
+    machine: Machine,
+    call: Call,
+    bound: Bound,
+    via: Pose | None,
+    target: Pose,
+    posture: Posture | None,
+) -> None:
+    """FCPress1LStart, FCPressL, FCPressC, FCPressEnd: force along an axis of the tool."""
+    if call.name == "fcpress1lstart":
+        newtons = _begin_pressing(machine, call, target)
+    elif machine.pressing is None:
+        raise Wrong(machine.line, f"{call.name} without FCPress1LStart")
+    elif call.name == "fcpressend":
+        machine.pressing = None
+        machine.add(Force(0.0))
+        machine.add(MoveL(target, bound.speed, bound.blend, posture=posture))
+        return
+    else:
+        count = 2 if via is not None else 1
+        force = machine.number(call.args[count + 1])
+        if isinstance(force, Unknown):
+            machine.assume(f"a force to press with is not known ({force.what[:60]}): 1 N is taken")
+            force = 1.0
+        newtons = abs(force)
+    assert machine.pressing is not None
+    press = _direction(target, machine.pressing)
+    if via is None:
+        machine.add(MoveL(target, bound.speed, bound.blend, newtons, press, posture=posture))
+    else:
+        machine.add(MoveC(via, target, bound.speed, bound.blend, newtons, press, posture=posture))
+    machine.blending = machine.line if bound.blend > _NO_CORNER else 0
+
+
+def _begin_pressing(machine: Machine, call: Call, target: Pose) -> float:
+    given = [(axis, machine.number(value)) for axis, name in enumerate(("fx", "fy", "fz"))
+             for option, value in call.options if option == name]  # fmt: skip
+    axis, force = given[0] if given else (2, 1.0)
+    if type(force) is not float or force == 0:
+        machine.assume("the force to press with is not known: 1 N is taken")
+        force = 1.0
+    machine.pressing = (axis, 1 if force > 0 else -1)
+    machine.add(Force(abs(force), _direction(see_pose(machine) or target, machine.pressing)))
+    return abs(force)
+
+
+def _direction(at: Pose, pressing: tuple[int, int]) -> Vec3:
+    axis, sign = pressing
+    return to_vec3(at.rotation[:, axis] * sign)

@@ -1,0 +1,195 @@
+"""Poses of a RAPID program: tools, work objects, and the pose of the arm as far as it is known."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from camgen.lang.programs import Frames, carry_pose
+from camgen.model.pose import Pose, quaternion, translation
+
+from .machine import Machine
+from .tokens import Wrong
+from .tree import Call, Expr, Ref
+from .values import Unknown, Value, find_unknown
+
+#: Largest difference from 1 of the sum of squares of an orientation (manual, NOrient).
+WORST_NORM = 0.1
+#: kg: what tool0 weighs, which says nothing.
+_NO_MASS = 0.0011
+
+
+def pose_of(machine: Machine, value: Value) -> Pose:
+    """The pose of a position and an orientation. Raises Wrong for one that is not normalised."""
+    (x, y, z), turn = value[0], value[1]
+    norm = sum(v * v for v in turn)
+    if abs(norm - 1) > WORST_NORM:
+        raise Wrong(
+            machine.line, f"an orientation that is none (the sum of its squares is {norm:.3g})"
+        )
+    return Pose(machine.rotation(turn), (x, y, z))
+
+
+def say_pose(pose: Pose) -> Value:
+    """A frame as a pose."""
+    return (tuple(map(float, pose.origin)), quaternion(pose.rotation))
+
+
+# Tools and work objects ---------------------------------------------------------------------
+
+
+def choose_frame(machine: Machine, tool: Expr, work: Expr | None, joints: bool) -> int:
+    """The place in ``machine.frames`` of the tool and the work object of a motion."""
+    tool_name, tool_value = _persistent(machine, tool, "tooldata")
+    work_name, work_value = ("", None) if work is None else _persistent(machine, work, "wobjdata")
+    if joints and work is None and machine.frames:
+        # Joint values do not depend on a work object: it stays that of the motion before.
+        before = machine.frames[machine.frame]
+        work_name = before.work
+        work_value = next(
+            (key[3] for key, at in machine.frame_keys.items() if at == machine.frame), None
+        )
+    key = (tool_name, _stamp(tool_value), work_name, _stamp(work_value))
+    index = machine.frame_keys.get(key)
+    if index is None:
+        index = machine.frame_keys[key] = len(machine.frames)
+        flange = _tool_frame(machine, tool_name, tool_value)
+        base = (
+            translation(0, 0, 0)
+            if work is None and not work_name
+            else _work_frame(machine, work_name, work_value)
+        )
+        machine.frames.append(Frames(tool_name, work_name, flange, base))
+    return index
+
+
+def _stamp(value: Value) -> Value:
+    return value if isinstance(value, tuple) and find_unknown(value) is None else None
+
+
+def _persistent(machine: Machine, expr: Expr, kind: str) -> tuple[str, Value]:
+    """The name and the value of a tool or a work object."""
+    value = machine.value(expr)
+    name = ""
+    if isinstance(expr, Ref):
+        variable = machine.variable(expr.name)
+        while variable is not None and variable.base is not None:
+            variable = variable.base[0]
+        name = expr.name if variable is None else variable.name
+        if variable is not None and variable.storage in ("var", "const") and variable.type == kind:
+            word = variable.storage.upper()
+            machine.find(
+                "refused",
+                f"{variable.name} is {word}: the {kind} of a motion must be a persistent (PERS)",
+            )
+    machine.fit(kind, value)
+    return name, value
+
+
+def _tool_frame(machine: Machine, name: str, value: Value) -> Pose | None:
+    if not isinstance(value, tuple) or find_unknown(value[:2]) is not None or len(value) < 3:
+        machine.assume(f"the tool {name} is in none of the files: its frame is not known")
+        return None
+    _tell_mass(machine, name, value)
+    if value[0] is False:
+        machine.lose(
+            f"the tool {name} stands still, and the robot holds the work: the arm has to move the "
+            "other way; teach it with the tool on the robot"
+        )
+        return None
+    return pose_of(machine, value[1])
+
+
+def _tell_mass(machine: Machine, name: str, value: Value) -> None:
+    mass = value[2][0] if isinstance(value[2], tuple) and value[2] else None
+    if type(mass) is float and mass > _NO_MASS:
+        machine.tell("load", f"{name} {mass:g} kg")
+    if type(mass) is float and mass <= 0:
+        machine.find(
+            "unusual",
+            f"the mass of the tool {name} is {mass:g} kg; the manual asks for more than 0",
+        )
+
+
+def _work_frame(machine: Machine, name: str, value: Value) -> Pose | None:
+    if not isinstance(value, tuple) or len(value) < 5 or find_unknown(value) is not None:
+        machine.assume(f"the work object {name} is in none of the files: its frame is not known")
+        return None
+    held, fixed, unit, user, part = value
+    if held is True:
+        machine.lose(
+            f"the work object {name} is held by the robot: the arm has to move the other way; "
+            "teach it with the tool on the robot"
+        )
+        return None
+    if fixed is False or unit:
+        machine.lose(
+            f"the work object {name} is moved by {unit or 'another unit'}: its place is not known; "
+            "teach it in one that stands"
+        )
+        return None
+    return pose_of(machine, user) @ pose_of(machine, part)
+
+
+# The pose of the arm ------------------------------------------------------------------------
+
+
+def see_pose(machine: Machine) -> Pose | None:
+    """The pose of the TCP in the work frame, both those in force. None if it is not known."""
+    arm = machine.here
+    if arm.pose is None and arm.joints is not None:
+        return _put(machine, arm.joints, machine.frames[machine.frame])
+    if arm.pose is None or arm.frame == machine.frame:
+        return arm.pose
+    return carry_pose(arm.pose, machine.frames[arm.frame], machine.frames[machine.frame])
+
+
+def see_joints(
+    machine: Machine, joints: Sequence[float], tool: Expr, work: Expr | None
+) -> Pose | None:
+    """The pose of a tool in a work object at joint values, deg. None if it is not known."""
+    if machine.ask.flange is None:
+        return None
+    tool_name, tool_value = _persistent(machine, tool, "tooldata")
+    work_name, work_value = ("", None) if work is None else _persistent(machine, work, "wobjdata")
+    flange = _tool_frame(machine, tool_name, tool_value)
+    base = translation(0, 0, 0) if work is None else _work_frame(machine, work_name, work_value)
+    return _put(machine, joints, Frames(tool_name, work_name, flange, base))
+
+
+def _put(machine: Machine, joints: Sequence[float], frames: Frames) -> Pose | None:
+    """The pose of the tool at joint values, deg, in the work object. None if it is not known."""
+    if (
+        machine.ask.flange is None
+        or frames.flange_from_tool is None
+        or frames.base_from_work is None
+    ):
+        return None
+    flange = machine.ask.flange([math.radians(value) for value in joints])
+    return (
+        None
+        if flange is None
+        else frames.base_from_work.inverse() @ flange @ frames.flange_from_tool
+    )
+
+
+def see_here(machine: Machine, call: Call) -> Value:
+    """CRobT and CPos: where the last motion ended, in the frames that are asked for."""
+    options = dict(call.options)
+    kept = machine.frame
+    if machine.frames and ("tool" in options or "wobj" in options):
+        tool = options.get("tool") or Ref(machine.frames[kept].tool or "tool0")
+        work = options.get("wobj") or (
+            Ref(machine.frames[kept].work) if machine.frames[kept].work else None
+        )
+        machine.frame = choose_frame(machine, tool, work, False)
+    pose, rest = see_pose(machine) if machine.frames else None, machine.here.rest
+    machine.frame = kept
+    if pose is None:
+        machine.assume(f"{call.name}: where the arm is is not known")
+        return Unknown("where the arm is")
+    if machine.displaced is not None:
+        pose = machine.displaced.inverse() @ pose
+    position, turn = say_pose(pose)
+    rest = rest if len(rest) == 2 else ((0.0,) * 4, (9e9,) * 6)
+    return position if call.name == "cpos" else (position, turn, *rest)

@@ -1,0 +1,130 @@
+"""What the grammar of PacScript has not, by line and reason; its productions are in productions.txt."""
+
+import pytest
+
+from camgen.lang.pacscript.language import LANGUAGE
+from camgen.lang.programs import Ask, Executed
+
+
+def run(*lines: str, head: str = "", **assume: float) -> Executed:
+    """What a Main of these lines does; they begin at line 3 + the lines of ``head``."""
+    body = "\n".join(lines)
+    text = f"{head}Sub Main\nTakeArm Keep = 0\n{body}\nEnd Sub\n"
+    return LANGUAGE.run({"part.pcs": text}, Ask(assume=assume))
+
+
+def refused(found: Executed) -> list[tuple[int, str]]:
+    return [(one.line, one.what) for one in found.findings if one.level == "refused"]
+
+
+REFUSED = [
+    ("x = (1 + 2", 3, ") is missing"),
+    ("x = 1 + ", 3, "a value is missing"),
+    ("x = 1 2", 3, "2 is not understood in 1 2"),
+    ("x = * 2", 3, "* is not understood"),
+    ("Move Q, P(1)", 3, "Q is no interpolation of this motion"),
+    ("Move L, @Q P(1)", 3, "the pass mark of @Q P(1) is not understood"),
+    ("Move P, @0, P10", 3, "a pass mark without a target"),
+    ("Move P", 3, "a motion without a target"),
+    ("Move L, P(1, 2, 3,), ", 3, "a value is missing"),
+    ("Move L, P(1", 3, ") is missing"),
+    ("If 1 = 1", 3, "If without Then"),
+    ("If 1 = 1 Then", 3, "If has no End If"),
+    ("End If", 3, "End If without If"),
+    ("Else", 3, "Else without If"),
+    ("For i = 1 To 3", 3, "For has no Next"),
+    ("For i = 1", 3, "For needs a name, = and To"),
+    ("Next", 3, "Next without For"),
+    ("Do", 3, "Do has no Loop"),
+    ("Loop", 3, "Loop without Do"),
+    ("While 1", 3, "While has no Wend"),
+    ("For i = 1 To 3\nLoop\nNext", 4, "Loop without Do inside For"),
+    ("Select Case x", 3, "Select Case has no End Select"),
+    ("Case 1", 3, "Case without Select Case"),
+    ("Exit For", 3, "Exit For outside such a block"),
+    ("GoTo nowhere", 3, "there is no label nowhere"),
+    ("*a\n*a", 4, "a second label a"),
+    ("For i = 1 To 3 Step\nNext", 3, "a value is missing"),
+    ("Motor", 3, "Motor needs On or Off"),
+    ("Dim 3x As Integer", 3, "3x As Integer cannot be declared"),
+    ("Dim Move As Integer", 3, "Move As Integer cannot be declared"),
+    ("Speed = 3", 3, "= is not understood"),
+    ("Wait", 3, "Wait needs a condition"),
+    ("Speed 500", 3, "a speed of 500 %: the controller takes 0.1 to 100"),
+    ("ExtSpeed 0", 3, "an external speed of 0 %: the controller takes up to 100"),
+    ("ChangeTool 99", 3, "tool 99: there are 0 to 63"),
+    ("Delay -5", 3, "a delay of -5 ms"),
+    ("x = 1 / 0", 3, "a division by zero"),
+    ("Dim a(3) As Integer\na(4) = 1", 4, "there is no element (4): the array ends at (3)"),
+    ("Set IO[30000]", 3, "IO[30000]: the highest is IO[24063]"),
+    ("Motor Off\nMove P, P(1, 2, 3)", 4, "a motion with the motor off"),
+    (
+        "GiveArm\nMove P, P(1, 2, 3)",
+        4,
+        "a motion without TakeArm: the controller stops with an error",
+    ),
+    ("#Nonsense", 3, "#nonsense is no directive"),
+    ("#Error stop here", 3, "#Error stop here"),
+    ("#Define A A B\nx = A", 4, "a macro that refers to itself or grows without end"),
+    ("x = " + "1 + " * 300 + "1", 3, "a line of more than 1024 bytes"),
+]
+
+
+@pytest.mark.parametrize(("text", "line", "what"), REFUSED)
+def test_what_the_language_has_not_is_refused(text: str, line: int, what: str) -> None:
+    assert (line, what) in refused(run(*text.split("\n")))
+
+
+OUTSIDE = [
+    ("x = 1\nSub Main\nEnd Sub\n", 1, "a statement outside a procedure"),
+    ("Sub Main\n", 1, "the procedure has no end"),
+    ("End Sub\nSub Main\nEnd Sub\n", 1, "End Sub closes nothing"),
+    ("Sub Main\nEnd Function\n", 2, "End Function closes a Sub, which ends with End Sub"),
+    (
+        "Sub Main\nEnd Sub\nFunction F\nEnd Sub\n",
+        4,
+        "End Sub closes a Function, which ends with End Function",
+    ),
+    ("Sub Main\nSub Other\nEnd Sub\n", 2, "Sub Other begins inside another procedure"),
+    ("Sub Main\nEnd Sub\nSub Other\nEnd Sub\nSub Other\nEnd Sub\n", 5, "a second procedure Other"),
+    ("Sub Main\nEnd Sub\nSub Move\nEnd Sub\n", 3, "Move is a word of the language"),
+    ("Sub Main\nEnd Sub\nSub Other(1)\nEnd Sub\n", 3, "parameters that cannot be read"),
+    ("#If 1\nSub Main\nEnd Sub\n", 1, "#If has no #EndIf"),
+    ("#EndIf\nSub Main\nEnd Sub\n", 1, "#EndIf without #If"),
+    ("Sub Main\nx = 1 _", 2, "the statement goes on after the last line"),
+]
+
+
+@pytest.mark.parametrize(("text", "line", "what"), OUTSIDE)
+def test_what_stands_around_procedures_is_judged(text: str, line: int, what: str) -> None:
+    assert (line, what) in refused(LANGUAGE.run({"part.pcs": text}, Ask()))
+
+
+def test_procedures_that_do_not_run_are_judged_too() -> None:
+    found = LANGUAGE.run({"part.pcs": "Sub Main\nEnd Sub\nSub Other\nx = (\nEnd Sub\n"}, Ask())
+    assert refused(found) == [(4, "a value is missing")]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '\'!TITLE "part"\nSub Main\nEnd Sub\n',
+        "Sub Main\n  TakeArm Keep = 0\n  Move P, @0 P1\nEnd Sub\n",
+        "PROGRAM PRO1\nTAKEARM\nMOVE P, P1\nEND\n",
+    ],
+)
+def test_the_language_is_recognised(text: str) -> None:
+    assert LANGUAGE.recognise(text)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "MODULE a\nPROC main()\nENDPROC\nENDMODULE\n",
+        ".PROGRAM a()\nMOVE b\n.END\n",
+        "G21\nG0 X1\n",
+        "",
+    ],
+)
+def test_other_languages_are_not(text: str) -> None:
+    assert not LANGUAGE.recognise(text)

@@ -1,0 +1,270 @@
+"""The grammar of RAPID, production by production (kernel manual): what a controller takes, and what it turns down."""
+
+import pytest
+
+from camgen.lang.rapid import tree
+from camgen.lang.rapid.expressions import Calls
+from camgen.lang.rapid.grammar import parse
+from camgen.lang.rapid.tree import (
+    Assign,
+    Call,
+    Component,
+    Connect,
+    Element,
+    Empty,
+    Expr,
+    For,
+    Goto,
+    Hole,
+    If,
+    Inline,
+    Label,
+    Late,
+    Maybe,
+    Negation,
+    Operation,
+    Ref,
+    Routine,
+    While,
+    Word,
+)
+
+
+def module(text: str) -> str:
+    return f"MODULE m\n{text}\nENDMODULE\n"
+
+
+def routine(body: str, head: str = "PROC main()", end: str = "ENDPROC") -> str:
+    return module(f"{head}\n{body}\n{end}")
+
+
+def notes(text: str) -> list[str]:
+    return [note.what for note in parse(text, 1)[1] if not note.odd]
+
+
+def statements(body: str) -> tuple[object, ...]:
+    modules, said = parse(routine(body), 1)
+    assert said == []
+    return modules[0].routines[0].body
+
+
+def value(text: str) -> Expr:
+    parser = Calls(text, 1)
+    found = parser.expression()
+    assert parser.token[0] == "end"
+    return found
+
+
+# Modules and declarations ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "MODULE m\nENDMODULE",
+        "module m\nendmodule",
+        "MODULE m(SYSMODULE)\nENDMODULE",
+        "MODULE m(SYSMODULE,NOSTEPIN,READONLY)\nENDMODULE",
+        "%%%\n  VERSION:1\n  LANGUAGE:ENGLISH\n%%%\nMODULE m\nENDMODULE\n",
+        "MODULE a\nENDMODULE\nMODULE b\nENDMODULE\n",
+        "! a comment\nMODULE m\n! a comment\nENDMODULE\n! a comment\n",
+        module("RECORD point\nnum x;\nnum y;\nENDRECORD"),
+        module("LOCAL RECORD point\nnum x;\nENDRECORD\nALIAS num level;\nLOCAL ALIAS num depth;"),
+        module("VAR num a;\nVAR num b:=1;\nVAR num c{3};\nVAR num d{2,3}:=[[1,2,3],[4,5,6]];"),
+        module("CONST num a:=2*3;\nCONST num b{a}:=[1,2,3,4,5,6];\nLOCAL CONST string s:=\"a\"\"b\\\\c\\07\";"),
+        module("PERS num a:=-1;\nTASK PERS num b:=1;\nLOCAL PERS bool c:=TRUE;\nPERS num d;\nTASK VAR num e;"),
+        module("PERS num a{2}:=[1,-2];\nPERS pos p:=[1,2,3];"),
+        module("VAR num a:=.5;\nVAR num b:=5.;\nVAR num c:=1E3;\nVAR num d:=9E+09;\nVAR num e:=0x1F;"),
+        routine("", "PROC p(num a, VAR num b, PERS tooldata c, INOUT num d, num e{*}, num f{*,*})"),
+        routine("", "PROC p(\\num a \\switch b | switch c, num d \\VAR num e)"),
+        routine("", "PROC p(switch on)"),
+        routine("RETURN 1;", "FUNC num f(num a)", "ENDFUNC"),
+        routine("RETURN;", "TRAP t", "ENDTRAP"),
+        routine("", "LOCAL PROC p()"),
+        routine("VAR num a;\nCONST num b:=1;\na:=b;"),
+        routine("a;\nBACKWARD\nb;\nERROR\nTRYNEXT;\nUNDO\nc;"),
+        routine("a;\nERROR (ERR_ONE, 7)\nIF ERRNO=ERR_ONE RETRY;\nRAISE;"),
+        module("<DDN>\n<RDN>"),
+    ],
+)  # fmt: skip
+def test_declarations_that_controllers_take(text: str) -> None:
+    assert notes(text) == []
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("x", "'x' stands outside a module"),
+        ("MODULE m\n", "ENDMODULE of m is missing"),
+        ("MODULE 1m\nENDMODULE", "a module name expected, found '1'"),
+        ("MODULE m(FAST)\nENDMODULE", "FAST is no attribute of a module"),
+        ("MODULE m(NOVIEW,NOVIEW)\nENDMODULE", "the attribute NOVIEW is given twice"),
+        ("MODULE m(NOVIEW\nENDMODULE", ") of the module's attributes is missing"),
+        (module("RECORD r\nnum;\nENDRECORD"), "the name of a num expected, found ';'"),
+        (module("ALIAS num;"), "the name of an ALIAS expected, found ';'"),
+        (module("CONST num a;"), "a has no value"),
+        (module("LOCAL PERS num a;"), "a has no value"),
+        (module("PERS num a:=b;"), "PERS a must have a literal value"),
+        (module("VAR num a{};"), "a value expected, found '}'"),
+        (module("VAR num a"), "; expected, found 'ENDMODULE'"),
+        (module("VAR a;"), "the name of a a expected, found ';'"),
+        (module("num a;"), "a declaration expected, found 'num'"),
+        (module("VAR num while;"), "the name of a num expected, found 'while'"),
+        (module('VAR string s:="abc;'), "a value expected, found '\"'"),
+        (module(f'VAR string s:="{"a" * 81}";'), "a string of 81 characters; a controller takes 80"),
+        (module("VAR num a:=1E99;"), "1E99 is larger than a num can be"),
+        (routine("", "PROC p"), "( expected, found 'ENDPROC'"),
+        (routine("", "PROC p(num)"), "the name of a parameter expected, found ')'"),
+        (routine("", "PROC p(num a num b)"), ", or ) expected, found 'num'"),
+        (routine("", "FUNC f()", "ENDFUNC"), "the name of a FUNC expected, found '('"),
+        (routine("", "PROC main()", ""), "ENDPROC of main is missing"),
+        (routine("PERS num a:=1;"), "PERS inside a routine"),
+        (routine("a;\nVAR num b;"), "VAR after the first statement of a routine"),
+    ],
+)  # fmt: skip
+def test_declarations_that_controllers_refuse(text: str, what: str) -> None:
+    assert what in notes(text)
+
+
+def test_a_parameter_has_its_mode_and_its_alternatives() -> None:
+    text = routine(
+        "", "FUNC num f(\\switch on | switch off, PERS num a{*} \\INOUT num b)", "ENDFUNC"
+    )
+    found = parse(text, 1)[0][0].routines[0]
+    assert isinstance(found, Routine)
+    assert (found.kind, found.gives, found.last) == ("func", "num", 4)
+    said = [(p.mode, p.type, p.name, p.dims, p.optional, p.group) for p in found.parameters]
+    assert said == [
+        ("", "switch", "on", 0, True, 1), ("", "switch", "off", 0, True, 1), ("pers", "num", "a", 1, False, 2),
+        ("inout", "num", "b", 0, True, 3),
+    ]  # fmt: skip
+
+
+def test_data_behind_a_routine_is_odd_and_read() -> None:
+    modules, said = parse(module("PROC p()\nENDPROC\nVAR num a;"), 1)
+    assert [(note.line, note.odd) for note in said] == [(4, True)]
+    assert [data.name for data in modules[0].data] == ["a"]
+
+
+# Statements -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("body", "kinds"),
+    [
+        ("a:=1;", [Assign]),
+        ("a{1}:=1;\na.b:=1;\na{1,2}.b.c{3}:=1;", [Assign, Assign, Assign]),
+        ("p;\np 1;\np 1,2\\x:=3\\y;\np\\x,1;", [Call] * 4),
+        ("p a:=1,b:=2;", [Call]),
+        ("p\\x?y;", [Call]),
+        ("p (1+2);\np (1),2;", [Call, Call]),
+        ('%"p"%;\n%"p"+"1"% 1,2\\x;', [Late, Late]),
+        ("GOTO a;\na:\nb:c;", [Goto, Label, Label, Call]),
+        ("RETURN;\nRETURN 1;\nRAISE;\nRAISE 7;\nEXIT;", [Word] * 5),
+        ("CONNECT i WITH t;\nCONNECT i{1} WITH t;", [Connect, Connect]),
+        ("IF a p;", [If]),
+        ("IF a b:=1;\nIF a RETURN;\nIF a GOTO x;\nIF a %s%;", [If] * 4),
+        ("IF a THEN\nENDIF", [If]),
+        ("IF a THEN\np;\nELSEIF b THEN\np;\nELSEIF c THEN\nELSE\np;\nENDIF", [If]),
+        ("FOR i FROM 1 TO 3 DO\np;\nENDFOR\nFOR i FROM 3 TO 1 STEP -1 DO\nENDFOR", [For, For]),
+        ("WHILE TRUE DO\np;\nENDWHILE", [While]),
+        ("TEST a\nCASE 1:\np;\nCASE 2,3:\nDEFAULT:\nENDTEST\nTEST a\nENDTEST", [tree.Test, tree.Test]),
+        ("<SMT>\n<VAR>:=1;", [Empty, Empty]),
+        ("MoveL *,v100,z10,tool0;", [Call]),
+        ("MoveL [[1,2,3],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v5,z1,t\\WObj:=w;", [Inline]),
+        ("MoveL [[1, 2, 3],[1,0,0,0],[0,0,0,0],\n[9E9,9E9,9E9,9E9,9E9,9E9]], v5, z1, t;", [Call]),
+        ("! a comment\np; ! a comment", [Call]),
+    ],
+)  # fmt: skip
+def test_statements_that_controllers_take(body: str, kinds: list[type]) -> None:
+    assert [type(one) for one in statements(body)] == kinds
+
+
+@pytest.mark.parametrize(
+    ("body", "what"),
+    [
+        ("p 1", "; expected, found 'ENDPROC'"),
+        ("p 1,;", "a value expected, found ';'"),
+        ("p();", "a value expected, found ')'"),
+        ("p(1,2);", ") expected, found ','"),
+        ("a=1;", "a value expected, found '='"),
+        ("a:=;", "a value expected, found ';'"),
+        ("a{1:=2;", "} expected, found ':='"),
+        ("a.:=2;", "a component expected, found ':='"),
+        ("%a;", "% expected, found ';'"),
+        ("GOTO 1;", "a label expected, found '1'"),
+        ("CONNECT i t;", "WITH expected, found 't'"),
+        ("IF THEN\nENDIF", "a value expected, found 'THEN'"),
+        ("IF a THEN\np;", "ENDIF of the statement in line 3 is missing"),
+        ("IF a THEN\nELSE\nELSE\nENDIF", "ELSE without its IF"),
+        ("ENDIF", "ENDIF without its IF"),
+        ("FOR i FROM 1 DO\nENDFOR", "TO expected, found 'DO'"),
+        ("FOR i FROM 1 TO 2 DO\np;", "ENDFOR of the statement in line 3 is missing"),
+        ("FOR 1 FROM 1 TO 2 DO\nENDFOR", "the name of a loop variable expected, found '1'"),
+        ("WHILE a\np;\nENDWHILE", "DO expected, found 'p'"),
+        ("WHILE a DO\np;", "ENDWHILE of the statement in line 3 is missing"),
+        ("TEST a\nCASE 1\nENDTEST", ": expected, found 'ENDTEST'"),
+        ("TEST a\nCASE 1:\np;", "ENDTEST of the statement in line 3 is missing"),
+        ("CASE 1:\np;", "CASE without its TEST"),
+        ("MODULE x;", "ENDPROC of main is missing"),
+        ("5;", "a statement expected, found '5'"),
+        ("TO;", "a statement expected, found 'TO'"),
+    ],
+)  # fmt: skip
+def test_statements_that_controllers_refuse(body: str, what: str) -> None:
+    assert what in notes(routine(body))
+
+
+def test_a_fault_in_a_condition_does_not_hide_the_statements_behind_it() -> None:
+    modules, said = parse(routine("WHILE a = = b DO\np;\nENDWHILE\nq;"), 1)
+    assert [note.line for note in said] == [3]
+    assert [type(one) for one in modules[0].routines[0].body] == [While, Call]
+
+
+def test_statements_within_each_other_have_an_end() -> None:
+    assert "statements nested too deeply" in notes(routine("IF a THEN\n" * 200 + "ENDIF\n" * 200))
+
+
+# Expressions ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("1", 1.0),
+        ("-1", -1.0),
+        ("0b101", 5.0),
+        ("TRUE", True),
+        ('"a""b"', 'a"b'),
+        ("[1,[2,3]]", (1.0, (2.0, 3.0))),
+        ("a", Ref("a")),
+        ("a.B{1}", Element(Component(Ref("a"), "b"), (1.0,))),
+        ("<EXP>", Hole("<EXP>")),
+        ("1+2*3", Operation("+", 1.0, Operation("*", 2.0, 3.0))),
+        ("1-2-3", Operation("-", Operation("-", 1.0, 2.0), 3.0)),
+        ("7 DIV 2 MOD 3", Operation("mod", Operation("div", 7.0, 2.0), 3.0)),
+        ("(1+2)*3", Operation("*", Operation("+", 1.0, 2.0), 3.0)),
+        ("a<>1", Operation("<>", Ref("a"), 1.0)),
+        ("a OR b AND c", Operation("or", Ref("a"), Operation("and", Ref("b"), Ref("c")))),
+        ("a XOR b", Operation("xor", Ref("a"), Ref("b"))),
+        ("a=1 AND b<2", Operation("and", Operation("=", Ref("a"), 1.0), Operation("<", Ref("b"), 2.0))),
+        # NOT stands before a whole logical term in the kernel manual: it negates both here.
+        ("NOT a AND b", Negation("not", Operation("and", Ref("a"), Ref("b")))),
+        ("a AND NOT b", Operation("and", Ref("a"), Negation("not", Ref("b")))),
+        ("-a*2", Operation("*", Negation("-", Ref("a")), 2.0)),
+        ("1*-2", Operation("*", 1.0, -2.0)),
+    ],
+)  # fmt: skip
+def test_expressions(text: str, found: Expr) -> None:
+    assert value(text) == found
+
+
+def test_arguments_of_a_function() -> None:
+    call = value("f(1\\x:=2\\y?z,\\w)")
+    assert isinstance(call, Call)
+    assert (call.name, call.args) == ("f", (1.0,))
+    assert call.options == (("x", 2.0), ("y", Maybe("z")), ("w", None))
+    empty = value("f()")
+    assert isinstance(empty, Call)
+    assert empty.args == ()

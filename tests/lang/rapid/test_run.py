@@ -1,0 +1,683 @@
+"""What a RAPID program does when it is run: by the manual, with what no text holds assumed and said."""
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+
+from camgen.lang.programs import Ask, Executed, find_language
+from camgen.lang.rapid.language import LANGUAGE, recognise, run
+from camgen.model.pose import Pose
+from camgen.model.program import Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Stop, Wait
+
+E9 = "[9E9,9E9,9E9,9E9,9E9,9E9]"
+HEAD = f"""MODULE m
+PERS tooldata tG:=[TRUE,[[0,0,100],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];
+PERS wobjdata wT:=[FALSE,TRUE,"",[[1000,0,0],[1,0,0,0]],[[0,0,50],[1,0,0,0]]];
+CONST robtarget p0:=[[0,0,0],[0,1,0,0],[0,0,0,0],{E9}];
+CONST robtarget p1:=[[100,0,0],[0,1,0,0],[0,0,0,0],{E9}];
+CONST robtarget p2:=[[100,50,0],[0,1,0,0],[0,0,0,0],{E9}];
+VAR num n;
+VAR num a{{3}}:=[10,20,30];
+VAR robtarget p;
+VAR bool b;
+VAR string s;
+"""
+TAIL = "v100,fine,tG;"
+
+
+def text(body: str, more: str = "") -> str:
+    return f"{HEAD}PROC main()\n{body}\nENDPROC\n{more}\nENDMODULE\n"
+
+
+def done(body: str, more: str = "", **assume: float) -> Executed:
+    return run({"m.mod": text(body, more)}, Ask(assume=assume))
+
+
+def sound(body: str, more: str = "", **assume: float) -> list[Instruction]:
+    """What a program does that nothing is assumed of and found in."""
+    executed = done(body, more, **assume)
+    assert (executed.findings, executed.assumed, executed.stopped) == ((), (), None)
+    return list(executed.body)
+
+
+def places(items: list[Instruction] | Executed) -> list[tuple[float, float, float]]:
+    body = items.body if isinstance(items, Executed) else items
+    found = []
+    for item in body:
+        if isinstance(item, (MoveJ, MoveL, MoveC)) and isinstance(item.target, Pose):
+            x, y, z = item.target.origin
+            found.append((round(x, 6) + 0.0, round(y, 6) + 0.0, round(z, 6) + 0.0))
+    return found
+
+
+def computed(expression: str, head: str = "") -> float:
+    """What a num is worth, told by a wait."""
+    (item,) = sound(f"{head}\nWaitTime {expression};")
+    assert isinstance(item, Wait)
+    return item.seconds
+
+
+def waits(executed: Executed) -> list[float]:
+    return [item.seconds for item in executed.body if isinstance(item, Wait)]
+
+
+# Motions --------------------------------------------------------------------------------------------------------
+
+
+def test_a_language_is_found_by_the_name_of_its_post() -> None:
+    assert find_language("rapid").about == LANGUAGE.about
+    assert recognise("%%%\n VERSION:1\n%%%\n! x\nMODULE a\n")
+    assert not recognise("G0 X1\nMODULE a\n")
+
+
+def test_joints_in_rad_lines_and_frames() -> None:
+    executed = done(
+        f"MoveAbsJ [[90,0,0,0,45,0],{E9}],v200,z10,tG;\nMoveJ p1,v50,z5,tG\\WObj:=wT;\nMoveL p2,{TAIL}"
+    )
+    swing, jump, line = executed.body
+    assert isinstance(swing, MoveJ)
+    assert isinstance(jump, MoveJ)
+    assert isinstance(line, MoveL)
+    assert isinstance(swing.target, Joints)
+    assert swing.target.values == pytest.approx((math.pi / 2, 0, 0, 0, math.pi / 4, 0))
+    assert [(one.speed, one.blend) for one in (swing, jump, line)] == [(200, 10), (50, 5), (100, 0)]
+    assert executed.lines == (13, 14, 15)
+    assert [(f.tool, f.work) for f in executed.frames] == [("tG", ""), ("tG", "wT")]
+    assert executed.frame == (0, 1, 0)
+    tool, work = executed.frames[1].flange_from_tool, executed.frames[1].base_from_work
+    assert tool is not None
+    assert work is not None
+    assert tool.origin == (0, 0, 100)
+    assert work.origin == (1000, 0, 50)
+
+
+@pytest.mark.parametrize(
+    ("target", "place"),
+    [
+        ("Offs(p1,1,2,3)", (101, 2, 3)),
+        # The tool looks down: z and y of the tool are those of the work object the other way round.
+        ("RelTool(p1,1,2,3)", (101, -2, -3)),
+        ("[[1,2,3],p1.rot,p1.robconf,p1.extax]", (1, 2, 3)),
+    ],
+)
+def test_targets_that_are_worked_out(target: str, place: tuple[float, float, float]) -> None:
+    assert places(sound(f"MoveL {target},{TAIL}")) == [place]
+
+
+def test_reltool_turns_about_the_axes_of_the_tool() -> None:
+    (item,) = sound(f"MoveL RelTool(p1,0,0,0\\Rz:=90),{TAIL}")
+    assert isinstance(item, MoveL)
+    assert item.target.rotation == pytest.approx(
+        np.array([[0, -1, 0], [-1, 0, 0], [0, 0, -1]]), abs=1e-7
+    )
+
+
+def test_an_arc_has_its_point_half_way_and_is_halved_beyond_half_a_circle() -> None:
+    """About 0, 0 from 100, 0: to 0, -100 by 0, 100 are 270 deg, too much; by 210 deg it is two pieces."""
+    x, y = 100 * math.cos(math.radians(210)), 100 * math.sin(math.radians(210))
+    via = "[[0,100,0],[0,1,0,0],[0,0,0,0],p1.extax]"
+    _, first, second = sound(
+        f"MoveL p1,{TAIL}\nMoveC {via},[[{x:.6f},{y:.6f},0],[0,1,0,0],[0,0,0,0],p1.extax],{TAIL}"
+    )
+    assert isinstance(first, MoveC)
+    assert isinstance(second, MoveC)
+    for arc, angle in ((first, 52.5), (second, 157.5)):
+        at = (100 * math.cos(math.radians(angle)), 100 * math.sin(math.radians(angle)), 0)
+        assert arc.via.origin == pytest.approx(at, abs=1e-4)
+    assert first.target.origin == pytest.approx(
+        (100 * math.cos(math.radians(105)), 100 * math.sin(math.radians(105)), 0), abs=1e-4
+    )
+    assert second.target.origin == pytest.approx((x, y, 0), abs=1e-4)
+
+
+def test_options_of_a_motion() -> None:
+    body = sound(
+        "MoveL p0,v100\\V:=30,z10\\Z:=3,tG;\nMoveL p1,v100\\T:=5,fine,tG;\nMoveL p2,v100,z10\\Inpos:=inpos50,tG;"
+    )
+    assert [(m.speed, m.blend) for m in body if isinstance(m, MoveL)] == [
+        (30, 3),
+        (20, 0),
+        (100, 0),
+    ]
+
+
+def test_speed_override_and_limit() -> None:
+    body = sound(
+        "VelSet 50,40;\nMoveL p0,v60,fine,tG;\nMoveL p1,v1000,fine,tG;\nVelSet 100,5000;\nMoveL p0,vmax,fine,tG;"
+    )
+    assert [m.speed for m in body if isinstance(m, MoveL)] == [30, 40, 5000]
+
+
+def test_a_displacement_of_the_program_moves_the_targets() -> None:
+    body = f"PDispSet [[0,0,7],[0.7071068,0,0,0.7071068]];\nMoveL p1,{TAIL}\nPDispOff;\nMoveL p1,{TAIL}"
+    assert places(sound(body)) == [(0, 100, 7), (100, 0, 0)]
+    body = f"MoveL p1,{TAIL}\nPDispOn p0,tG;\nMoveL p2,{TAIL}"
+    assert places(sound(body)) == [(100, 0, 0), (200, 50, 0)]
+    body = f"PDispOn\\Rot\\ExeP:=RelTool(p1,0,0,0\\Rz:=-90),p0,tG;\nMoveL p1,{TAIL}"
+    assert places(sound(body)) == [(100, 100, 0)]
+
+
+def test_where_the_arm_is_is_known_after_a_motion_to_a_pose() -> None:
+    assert places(
+        sound(
+            "MoveL p1,v100,fine,tG\\WObj:=wT;\np:=CRobT(\\Tool:=tG\\WObj:=wT);\n"
+            "MoveL Offs(p,0,0,9),v5,fine,tG\\WObj:=wT;"
+        )
+    )[1] == (100, 0, 9)
+    # In the world: 1000 and 50 further.
+    assert places(
+        sound(
+            f"MoveL p1,v100,fine,tG\\WObj:=wT;\np:=CRobT(\\Tool:=tG\\WObj:=wobj0);\nMoveL p,{TAIL}"
+        )
+    )[1] == (1100, 0, 50)
+    unknown = done(f"MoveAbsJ [[0,0,0,0,9,0],{E9}],{TAIL}\nMoveL Offs(CRobT(),0,0,9),{TAIL}")
+    assert len(unknown.body) == 1
+    assert "where the arm is is not known" in unknown.assumed[0].what
+
+
+def test_outputs_along_a_motion() -> None:
+    trigger = "VAR triggdata t;\n"
+    body = f"{trigger}TriggIO t,30\\DOp:=doGlue,1;\nMoveL p0,{TAIL}\n"
+    body += "TriggL p1,v100,t,fine,tG;\nMoveLDO p2,v10,z10,tG,doGlue,0;"
+    items = sound(body)
+    assert places(items) == [(0, 0, 0), (70, 0, 0), (100, 0, 0), (100, 50, 0)]
+    assert [(k, item.value) for k, item in enumerate(items) if isinstance(item, Output)] == [
+        (2, 1.0),
+        (5, 0.0),
+    ]
+
+
+def test_a_search_runs_to_its_end() -> None:
+    executed = done(
+        f"MoveL p0,{TAIL}\nSearchL\\Stop,diHit,p,p1,v10,tG;\nMoveL Offs(p,0,0,5),{TAIL}"
+    )
+    assert places(executed) == [(0, 0, 0), (100, 0, 0), (100, 0, 5)]
+    assert [one.what for one in executed.assumed] == [
+        "diHit: a search does not stop before its end point"
+    ]
+
+
+def test_welds_move_at_the_speed_of_their_data() -> None:
+    data = f"MoveL p0,{TAIL}\nArcLStart p1,v100,sm,wd,fine,tG;\nArcL p2,v100,sm,wd,z1,tG;\n"
+    data += "ArcLEnd p0,v100,sm,wd,fine,tG;"
+    more = "PERS welddata wd:=[8,0,[0,0,0,0,0,0,0,0,0],[0,0,0,0,0,0,0,0,0]];\nPERS seamdata sm:=[0,0];\n"
+    executed = run({"m.mod": text(data).replace("PROC main", f"{more}PROC main")}, Ask())
+    assert [m.speed for m in executed.body if isinstance(m, MoveL)] == [100, 100, 8, 8]
+    assert dict(executed.facts)["process"] == "arc welding"
+    assert executed.findings == ()
+
+
+def test_pressing() -> None:
+    body = (
+        f"MoveL p0,{TAIL}\nFCPress1LStart p1,v10,\\Fz:=5,50,fine,tG;\n"
+        "FCPressL p2,v10,5,z1,tG;\nFCPressEnd p1,v10,tG;"
+    )
+    items = sound(body)
+    assert [type(item) for item in items] == [MoveL, Force, MoveL, MoveL, Force, MoveL]
+    assert items[3].force == 5  # type: ignore[union-attr]
+    assert items[1].force_direction == pytest.approx((0, 0, -1))  # type: ignore[union-attr]
+
+
+# Outputs and waits ----------------------------------------------------------------------------------------------
+
+
+def test_outputs_and_stops() -> None:
+    items = sound(
+        "SetDO do1,1;\nSet do2;\nReset do2;\nSetDO do1,low;\nInvertDO do1;\nSetAO ao1,2.5;\nSetGO go1,7;\n"
+        "PulseDO\\PLength:=0.5,do3;\nStop;"
+    )
+    said = [(item.signal, item.value) for item in items if isinstance(item, Output)]
+    assert said == [
+        ("do1", 1),
+        ("do2", 1),
+        ("do2", 0),
+        ("do1", 0),
+        ("do1", 1),
+        ("ao1", 2.5),
+        ("go1", 7),
+        ("do3", 1),
+        ("do3", 0),
+    ]
+    assert isinstance(items[-1], Stop)
+
+
+def test_an_output_in_a_corner_is_dangerous() -> None:
+    executed = done(
+        "MoveL p1,v100,z10,tG;\nSetDO do1,1;\nMoveL p0,v100,z10,tG;\nWaitTime 1;\nSetDO do1,0;"
+    )
+    assert [(one.level, one.line) for one in executed.findings] == [("dangerous", 14)]
+
+
+def test_a_wait_is_over_at_once_and_said() -> None:
+    executed = done("WaitDI di1,1;\nWaitUntil n=5;\nWaitTime\\InPos,0;\nWaitTime 2;")
+    assert waits(executed) == [2]
+    assert [one.what for one in executed.assumed] == [
+        "di1: the wait for 1 is over at once", "a condition: the wait for it is over at once",
+    ]  # fmt: skip
+
+
+# Values ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("expression", "worth"),
+    [
+        ("7 DIV 2", 3), ("7 MOD 2", 1), ("2+3*4", 14), ("(2+3)*4", 20), ("10-4-3", 3), ("Abs(-3)", 3), ("Pow(2,3)", 8),
+        ("Sqrt(9)", 3), ("Sin(30)", 0.5), ("ATan2(1,1)", 45), ("Round(2.567\\Dec:=1)", 2.6), ("Round(2.5)", 3),
+        ("Trunc(2.9)", 2), ("a{2}", 20), ("Dim(a,1)", 3), ("p1.trans.x", 100), ("Distance(p0.trans,p1.trans)", 100),
+        ("VectMagn([3,4,0])", 5), ("DotProd([1,2,3],[1,1,1])", 6), ("StrLen(\"abc\")", 3),
+        ("StrFind(\"abc\",1,\"c\")", 3),
+        ("StrMatch(\"abcabc\",2,\"ab\")", 4), ("BitAnd(6,3)", 2),
+        ("BitNeg(5)", 250), ("BitLShDnum(3,8)", 768), ("BitRShDnum(768,8)", 3),
+        ("EulerZYX(\\X,OrientZYX(10,20,30))", 30),
+        ("EulerZYX(\\Z,OrientZYX(10,20,30))", 10), ("StrFind(\"aab\",1,\"a\"\\NotInSet)", 3),
+        ("ATan(1)", 45), ("-(7 DIV -2)", 3),
+        ("StrLen(NumToStr(12345,1\\Exp))", 7),
+    ],
+)  # fmt: skip
+def test_numbers(expression: str, worth: float) -> None:
+    assert computed(expression) == pytest.approx(worth)
+
+
+@pytest.mark.parametrize(
+    "condition",
+    [
+        "1<2", "2>=2", "1<>2", "TRUE OR b", "NOT b", "TRUE XOR b", "NOT b AND NOT b", "\"a\"+\"b\"=\"ab\"",
+        "StrPart(\"abcd\",2,2)=\"bc\"", "NumToStr(1.26,1)=\"1.3\"", "ValToStr([1,2])=\"[1,2]\"", "p1.trans=[100,0,0]",
+        "StrToVal(\"7.5\",n) AND n=7.5", "NOT StrToVal(\"x\",n)",
+        "PoseMult([[1,0,0],[1,0,0,0]],[[2,0,0],[1,0,0,0]])=[[3,0,0],[1,0,0,0]]",
+        "p1.trans+[0,0,1]=[100,0,1]", "[1,0,0]*[0,1,0]=[0,0,1]", "StrMap(\"abc\",\"ab\",\"xy\")=\"xyc\"",
+    ],
+)  # fmt: skip
+def test_conditions(condition: str) -> None:
+    assert waits(done(f"IF {condition} WaitTime 1;")) == [1]
+
+
+@pytest.mark.parametrize(
+    ("origin", "place"),
+    [("", (0, 0, 0)), ("\\Origin:=2", (100, 0, 0)), ("\\Origin:=3", (30, 0, 0))],
+)
+def test_a_frame_through_three_points(origin: str, place: tuple[float, float, float]) -> None:
+    body = (
+        f"VAR pose f;\nf:=DefFrame(p0,p1,Offs(p0,30,40,0){origin});\n"
+        f"MoveL [f.trans,f.rot,p1.robconf,p1.extax],{TAIL}"
+    )
+    assert places(sound(body)) == [place]
+
+
+def test_parts_of_data_are_assigned() -> None:
+    assert computed("a{3}", "a{3}:=a{1}+1;") == 11
+    body = f"p:=p1;\np.trans.z:=9;\np.trans:=p.trans+[0,1,0];\nMoveL p,{TAIL}"
+    assert places(sound(body)) == [(100, 1, 9)]
+    assert computed("n", "Incr n;\nAdd n,4;\nDecr n;") == 4
+
+
+def test_records_and_aliases_of_the_text() -> None:
+    text_of = f"""MODULE m
+RECORD part
+  num height;
+  robtarget at;
+ENDRECORD
+ALIAS num level;
+PERS part one:=[5,[[1,2,3],[1,0,0,0],[0,0,0,0],{E9}]];
+VAR part all{{2}};
+VAR level high:=2;
+PROC main()
+  all{{2}}:=one;
+  all{{2}}.at.trans.z:=all{{2}}.height*high;
+  MoveL all{{2}}.at,v100,fine,tool0;
+ENDPROC
+ENDMODULE
+"""
+    assert places(run({"m.mod": text_of}, Ask())) == [(1, 2, 10)]
+
+
+# Control --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("body", "seconds"),
+    [
+        ("FOR i FROM 1 TO 3 DO\nWaitTime i;\nENDFOR", [1, 2, 3]),
+        ("FOR i FROM 3 TO 1 DO\nWaitTime i;\nENDFOR", [3, 2, 1]),
+        ("FOR i FROM 1 TO 2 STEP 0.5 DO\nWaitTime i;\nENDFOR", [1, 1.5, 2]),
+        ("FOR i FROM 1 TO 2 STEP -1 DO\nWaitTime i;\nENDFOR", []),
+        ("WHILE n<3 DO\nIncr n;\nWaitTime n;\nENDWHILE", [1, 2, 3]),
+        ("n:=2;\nTEST n\nCASE 1:\nWaitTime 1;\nCASE 2,3:\nWaitTime 2;\nDEFAULT:\nWaitTime 9;\nENDTEST", [2]),
+        ("TEST s\nCASE \"x\":\nWaitTime 1;\nDEFAULT:\nWaitTime 9;\nENDTEST", [9]),
+        ("IF n=1 THEN\nWaitTime 1;\nELSEIF n=0 THEN\nWaitTime 2;\nELSE\nWaitTime 3;\nENDIF", [2]),
+        ("again:\nIncr n;\nWaitTime n;\nIF n<3 GOTO again;", [1, 2, 3]),
+        ("IF TRUE GOTO out;\nWaitTime 1;\nout:\nWaitTime 2;", [2]),
+        ("WaitTime 1;\nEXIT;\nWaitTime 2;", [1]),
+        ("WaitTime 1;\nRETURN;\nWaitTime 2;", [1]),
+        ("sub 2;\nWaitTime n;", [2, 4]),
+        ("WaitTime twice(3);", [6]),
+        ("%\"s\"+\"ub\"% 2;", [2]),
+        ("CallByVar \"path\",1;", [7]),
+        ("change n;\nWaitTime n;", [5]),
+        ("keep a{1};\nWaitTime a{1};", [10]),
+        ("change a{1};\nWaitTime a{1};", [5]),
+        ("opt;\nopt\\x:=2;\nopt\\y;\nouter\\x:=3;\nouter;", [0, 2, 1, 3, 0]),
+    ],
+)  # fmt: skip
+def test_control(body: str, seconds: list[float]) -> None:
+    more = """PROC sub(num k)
+WaitTime k;
+n:=2*k;
+ENDPROC
+FUNC num twice(num k)
+RETURN 2*k;
+ENDFUNC
+PROC path1()
+WaitTime 7;
+ENDPROC
+PROC change(INOUT num k)
+k:=5;
+ENDPROC
+PROC keep(num k)
+k:=5;
+ENDPROC
+PROC opt(\\num x | switch y)
+IF Present(x) THEN
+WaitTime x;
+ELSEIF Present(y) THEN
+WaitTime 1;
+ELSE
+WaitTime 0;
+ENDIF
+ENDPROC
+PROC outer(\\num x)
+opt\\x?x;
+ENDPROC"""
+    executed = done(body, more)
+    assert waits(executed) == seconds
+    assert (executed.findings, executed.assumed, executed.stopped) == ((), (), None)
+
+
+def test_an_error_that_is_raised_is_handled() -> None:
+    more = "PROC sub()\nIF n<2 RAISE 7;\nWaitTime n;\nERROR\nRAISE;\nENDPROC"
+    body = "sub;\nWaitTime 9;\nERROR\nIncr n;\nRETRY;"
+    assert waits(done(body, more)) == [2, 9]
+    assert waits(done(body.replace("RETRY", "TRYNEXT"), more)) == [9]
+    assert waits(done(body.replace("RETRY", "RETURN"), more)) == []
+    assert done("RAISE 7;").stopped == (13, "an error is raised that no handler takes")
+
+
+def test_a_loop_without_end_is_shown_once() -> None:
+    for body in (f"WHILE TRUE DO\nMoveL p1,{TAIL}\nENDWHILE\nWaitTime 9;", f"x:\nMoveL p1,{TAIL}\nGOTO x;",
+                 f"MoveL p1,{TAIL}\nmain;", f"WHILE TRUE DO\nMoveL p1,{TAIL}\nIF b RETURN;\nENDWHILE"):  # fmt: skip
+        executed = done(body)
+        assert places(executed) == [(100, 0, 0)]
+        assert waits(executed) == []
+        assert "shown once" in executed.assumed[0].what
+        assert executed.stopped is None
+
+
+def test_a_loop_that_waits_for_somebody_else_ends() -> None:
+    executed = done(
+        "WHILE b=FALSE DO\nWaitTime 0;\nENDWHILE\nWHILE di1=0 DO\nWaitTime 0.1;\nENDWHILE\nWaitTime 9;"
+    )
+    assert waits(executed) == [0, 9]
+    assert [(one.key, one.value) for one in executed.assumed] == [("", 0), ("di1", 1)]
+
+
+def test_a_run_has_a_bound() -> None:
+    executed = done("WHILE n>=0 DO\nn:=n+1;\nENDWHILE")
+    assert executed.stopped is not None
+    assert "limits.rapid_steps" in executed.stopped[1]
+    assert done("sub;", "PROC sub()\nsub;\nENDPROC").stopped == (
+        16,
+        "routines call each other more than 70 deep",
+    )
+
+
+# What no text holds ---------------------------------------------------------------------------------------------
+
+BRANCH = f"IF di1=1 THEN\nMoveL p1,{TAIL}\nELSE\nMoveL p2,{TAIL}\nENDIF"
+
+
+@pytest.mark.parametrize(
+    ("assume", "place"),
+    [({}, (100, 0, 0)), ({"di1": 1.0}, (100, 0, 0)), ({"di1": 0.0}, (100, 50, 0))],
+)
+def test_an_input_is_assumed_or_said(
+    assume: Mapping[str, float], place: tuple[float, float, float]
+) -> None:
+    executed = done(BRANCH, **assume)
+    assert places(executed) == [place]
+    assert [(one.line, one.key, one.value) for one in executed.assumed] == (
+        [] if assume else [(13, "di1", 1.0)]
+    )
+
+
+@pytest.mark.parametrize(
+    "branch",
+    [
+        f"IF TestDI(diFault) THEN\nMoveL p2,{TAIL}\nStop;\nENDIF\nMoveL p1,{TAIL}",
+        f"IF diFault=1 RETURN;\nMoveL p1,{TAIL}",
+        f'IF diOk=0 THEN\nTPWrite "no";\nEXIT;\nELSE\nMoveL p1,{TAIL}\nENDIF',
+        f'TEST giPart\nCASE 0:\nTPWrite "no";\nCASE 4:\nMoveL p1,{TAIL}\nDEFAULT:\nStop;\nENDTEST',
+        f'TPReadFK n,"?","a","b",stEmpty,stEmpty,stEmpty;\nIF n=1 THEN\nMoveL p1,{TAIL}\nELSE\nStop;\nENDIF',
+    ],
+)
+def test_the_way_that_leads_on_is_taken(branch: str) -> None:
+    executed = done(branch)
+    assert places(executed) == [(100, 0, 0)]
+    assert executed.assumed
+
+
+def test_the_operator_answers_what_the_user_says() -> None:
+    body = 'TPReadNum n,"how many";\nFOR i FROM 1 TO n DO\nWaitTime i;\nENDFOR'
+    assert waits(done(body, n=2)) == [1, 2]
+    assert waits(done(body)) == [1]
+
+
+def test_what_is_in_other_files_is_named() -> None:
+    executed = done(
+        f"gripOpen 5;\nMoveL pThere,{TAIL}\nMoveL p1,vOwn,zOwn,tOwn\\WObj:=wOwn;\nWaitTime f(1);"
+    )
+    assert places(executed) == [(100, 0, 0)]
+    said = [one.what for one in executed.assumed]
+    assert said[0] == "gripopen is in none of the files: it is left out"
+    assert said[1] == "a target is not known (pThere): motions there are left out"
+    assert {"the tool tOwn is in none of the files: its frame is not known",
+            "f is in none of the files: what it gives is not known"} <= set(said)  # fmt: skip
+    assert executed.frames[-1].flange_from_tool is None
+    assert executed.findings == ()
+
+
+def test_modules_together_see_what_is_global() -> None:
+    other = f"MODULE o\nLOCAL CONST num k:=3;\nPROC sub()\nWaitTime k;\nMoveL p1,{TAIL}\nENDPROC\nENDMODULE\n"
+    executed = run({"m.mod": text("sub;"), "o.mod": other}, Ask())
+    assert (waits(executed), places(executed), executed.assumed) == ([3], [(100, 0, 0)], ())
+    assert executed.lines == (20, 21)
+
+
+def test_the_entry() -> None:
+    more = "PROC other()\nWaitTime 3;\nENDPROC"
+    assert waits(run({"m.mod": text("WaitTime 1;", more)}, Ask(entry="Other"))) == [3]
+    alone = text("", more).replace("PROC main()\n\nENDPROC\n", "PROC help(num k)\nENDPROC\n")
+    executed = run({"m.mod": alone}, Ask())
+    assert (waits(executed), dict(executed.facts)["entry"]) == ([3], "other, as there is no main")
+    assert dict(run({"m.mod": "MODULE d\nENDMODULE\n"}, Ask()).facts)["entry"].startswith("none")
+
+
+# What a controller turns down -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("body", "what"),
+    [
+        ("n:=1/0;", "a division by 0"),
+        ("n:=a{4};", "element 4 of a, which has 3"),
+        ("n:=1+\"a\";", "a num + a string: there is no such operation"),
+        ("p0:=p1;", "p0 is a constant"),
+        ("n:=p1.trans.q;", "pos has no component q"),
+        ("IF n RETURN;", "the condition of IF is no bool"),
+        ("MoveL p1,v100,tG;", "movel has 4 arguments, not 3"),
+        (f"MoveL a,{TAIL}", "a robtarget is needed"),
+        (f"MoveL p,{TAIL}", "an orientation that is none (the sum of its squares is 0)"),
+        ("MoveL p1,p1,fine,tG;", "a num is needed in a speeddata"),
+        ("MoveL p1,n,fine,tG;", "a speeddata is needed"),
+        ("MoveL p1,v10,[FALSE,1],tG;", "zonedata has 7 components, not 2"),
+        ("GOTO nowhere;", "GOTO nowhere: there is no such label where it could go to"),
+        ("g 5;", "g has 0 arguments, not 1"),
+        ("SetDO do1,7;", "do1 is set to 7; a digital output is 0 or 1"),
+        ("WaitTime -1;", "a wait must not be negative"),
+        ("f;", "f is a FUNC, no statement"),
+        ("RETRY;", "RETRY outside of an error handler"),
+        (f"MoveL p0,{TAIL}\nMoveC p1,Offs(p1,9,0,0),{TAIL}", "the points of an arc are on one line"),
+        (f"MoveL p0,{TAIL}\nFCPressL p1,v10,5,fine,tG;", "fcpressl without FCPress1LStart"),
+        ("<SMT>", "<SMT>: a place that is not filled in; the controller stops there"),
+    ],
+)  # fmt: skip
+def test_what_a_controller_turns_down(body: str, what: str) -> None:
+    executed = done(body, "FUNC num f()\nRETURN 1;\nENDFUNC\nPROC g()\nENDPROC")
+    assert [(one.level, one.what) for one in executed.findings] == [("refused", what)]
+
+
+@pytest.mark.parametrize(
+    ("module", "what"),
+    [
+        ("VAR num k;\nVAR num K;", "K is declared twice, first in line 2"),
+        (f"VAR num {'k' * 33};", f"{'k' * 33} is longer than 32 characters"),
+        ("PROC q(num k)\nVAR num k;\nENDPROC", "k is declared twice in q"),
+    ],
+)
+def test_names_that_a_controller_turns_down(module: str, what: str) -> None:
+    assert [
+        one.what for one in run({"m.mod": f"MODULE m\n{module}\nENDMODULE\n"}, Ask()).findings
+    ] == [what]
+
+
+def test_a_tool_must_be_a_persistent() -> None:
+    executed = done("VAR tooldata t2;\nt2:=tG;\nMoveL p1,v100,fine,t2;")
+    assert [one.what for one in executed.findings] == [
+        "t2 is VAR: the tooldata of a motion must be a persistent (PERS)"
+    ]
+
+
+def test_a_burning_arc_at_the_end_is_dangerous() -> None:
+    executed = done("ArcLStart p1,v100,sm,wd,fine,tG;")
+    assert [(one.level, one.what) for one in executed.findings] == [
+        ("dangerous", "the arc still burns at the end: ArcLEnd is missing")
+    ]
+
+
+def test_what_changes_nothing_in_a_corner_is_not_dangerous() -> None:
+    executed = done(
+        "SetDO do1,0;\nMoveL p1,v100,z10,tG;\nReset do1;\nMoveL p0,v100,z0,tG;\nSet do1;\n"
+        "MoveL p1,v100,z5,tG;\nSetGO go1,3;"
+    )
+    assert [(one.level, one.line) for one in executed.findings] == [("unusual", 19)]
+
+
+@pytest.mark.parametrize(
+    ("condition", "assume"),
+    [
+        ("bReady", {"bready": 1.0}),
+        ("NOT bReady", {"bready": 0.0}),
+        ("bReady AND TRUE", {"bready": 1.0}),
+        ("bReady=TRUE", {"bready": 1.0}),
+        ("giPart>5", {"gipart": 6.0}),
+        ("5>=giPart", {"gipart": 4.0}),
+        ("GInput(giPart)=7", {"gipart": 7.0}),
+        ("f2()=3", {"f2": 3.0}),
+    ],
+)
+def test_what_was_assumed_can_be_given(condition: str, assume: Mapping[str, float]) -> None:
+    body = f"IF {condition} THEN\nMoveL p1,{TAIL}\nELSE\nStop;\nENDIF"
+    executed = done(body)
+    assert [(one.key, one.value) for one in executed.assumed if "asks" in one.what] == list(
+        assume.items()
+    )
+    given = done(body, **assume)
+    assert (places(given), given.assumed[1:], given.findings) == ([(100, 0, 0)], (), ())
+
+
+def test_what_is_left_on_is_a_fact() -> None:
+    assert dict(done("Set do1;\nSet do2;\nReset DO1;").facts)["on at the end"] == "do2"
+
+
+def test_an_error_that_is_raised_to_the_user_is_handled() -> None:
+    handler = "PROC two()\nRaiseToUser \\Continue \\ErrorNumber:=7;\nERROR\nWaitTime 3;\nTRYNEXT;\nENDPROC"
+    found = done("two;\nWaitTime 1;", handler)
+    assert waits(found) == [3.0, 1.0]
+    assert found.lost == ()
+
+
+def test_what_instructions_of_newer_controllers_give_is_not_known() -> None:
+    found = done("GetJointData 1\\Position:=n;\nSocketReceiveFrom s1\\Str:=s;\nStepBwdPath 30,1;")
+    assert not found.findings
+    assert [what for _, what in found.lost] == [
+        "stepbwdpath moves the arm as no text says: it is not shown"
+    ]
+
+
+def test_a_handler_asks_for_the_error() -> None:
+    more = "PROC sub(num k)\nIF k=1 RAISE mine;\nIF k=2 RAISE ERR_DIVZERO;\nRAISE ERR_OTHER;\nERROR\nRAISE;\nENDPROC"
+    handler = (
+        "ERROR\nIF ERRNO=mine THEN\nWaitTime 7;\nTRYNEXT;\nELSEIF "
+        "ERRNO=ERR_DIVZERO THEN\nWaitTime 8;\nTRYNEXT;\nENDIF"
+    )
+    text_of = text(
+        f"VAR errnum mine;\nBookErrNo mine;\nsub 1;\nsub 2;\nWaitTime 9;\nsub 3;\n{handler}", more
+    )
+    text_of = text_of.replace("PROC main()\nVAR errnum mine;", "VAR errnum mine;\nPROC main()")
+    executed = run({"m.mod": text_of}, Ask())
+    assert waits(executed) == [7, 8, 9]
+    assert executed.assumed == ()
+    line = text_of.split("\n").index("RAISE ERR_OTHER;") + 1
+    assert executed.stopped == (line, "an error is raised that no handler takes")
+
+
+def test_a_motion_that_no_text_tells_is_said() -> None:
+    executed = done(
+        f"MoveL p1,{TAIL}\nEGMRunPose id,EGM_STOP_HOLD\\X;\nMoveL Offs(CRobT(),0,0,9),{TAIL}"
+    )
+    assert places(executed) == [(100, 0, 0)]
+    assert executed.assumed[0].what == "egmrunpose moves the arm as no text says: it is not shown"
+
+
+def test_a_main_that_does_nothing_is_not_the_entry() -> None:
+    executed = done(
+        "! nothing yet",
+        "PROC Path_10()\nWaitTime 3;\nENDPROC\nPROC other()\nPath_10;\nWaitTime 4;\nENDPROC",
+    )
+    assert waits(executed) == [3, 4]
+    assert dict(executed.facts) == {"entry": "other, as main does nothing", "not run": "main"}
+
+
+@pytest.mark.parametrize(
+    ("body", "what"),
+    [
+        ("MoveL p1,v37,fine,tG;", "v37 is no speed or zone of RAPID's own, and stands in no file"),
+        ("MoveL p1,v100,z3,tG;", "z3 is no speed or zone of RAPID's own, and stands in no file"),
+        ("MoveL p1,[0,500,5000,1000],fine,tG;", "a speed of 0 mm/s: the arm hardly moves"),
+        ("MoveL [[0,0,0],[0,0.98,0,0],p1.robconf,p1.extax],v10,fine,tG;",
+         "an orientation that is not normalised (the sum of its squares is off by 0.04)"),
+        (f"MoveL p1,{TAIL}\nMoveL RelTool(p1,0,0,9\\Rx:=180),{TAIL}",
+         "the tool turns by 180 deg in one straight motion; its sense is open"),
+        ("tG.tload.mass:=0;\nMoveL p1,v10,fine,tG;",
+         "the mass of the tool tG is 0 kg; the manual asks for more than 0"),
+        (";", "an empty statement, which the kernel manual does not have"),
+    ],
+)  # fmt: skip
+def test_what_an_expert_would_look_at_twice(body: str, what: str) -> None:
+    assert [(one.level, one.what) for one in done(body).findings] == [("unusual", what)]
+
+
+def test_what_is_shown_otherwise_is_a_fact() -> None:
+    executed = done(
+        "SetDO\\SDelay:=0.5,do1,0;\nMoveL\\Conc,p1,v100,fine,tG\\Corr;\n"
+        "MoveExtJ [p1.extax,p1.extax],v9,fine;"
+    )
+    facts = dict(executed.facts)
+    assert facts["delays"] == "SetDO with SDelay is shown without it"
+    lost = [what for _, what in executed.lost if "\\corr" in what]
+    assert lost == ["movel \\corr: a sensor corrects the path; teach the corrected path"]
+    effect = "what follows happens while the arm moves; here it waits for the motion"
+    assert [what for _, what in executed.omitted] == [f"movel \\conc: {effect}"]
+    assert facts["external axes"] == "move on their own and are not shown"
