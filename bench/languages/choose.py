@@ -9,13 +9,13 @@ of the repositories was read:
    `test.ngc`, `circle.ngc`, `square.nc` and `circle.nc` (G-code); `PRO1.PAC` (PacScript). No
    further repository was found for V+.
 2. The repositories of a group follow each other in the order of the SHA-256 of their names. Each
-   is read at its newest commit. One that is not to be had is left out and named.
+   is read at its newest commit. If a repository is not to be had, it is left out and named.
 3. A file is a program of its language if its name ends with a suffix of `RULES`, it has 100 to
    300,000 bytes, and enough of its lines match the patterns of `RULES`.
 4. The files of a repository follow each other in the order of the git id of their content, which
    is as good as random. The first ones are taken, up to a limit for each repository. A content
    counts once.
-5. A group is full with its number of programs. The repositories behind are not read.
+5. A group is full with its number of programs. The further repositories are not read.
 
 The command writes `public.tsv` and prints the number of programs of each group. A repository that
 is missing in FOLDER is listed with the group that it is needed for.
@@ -24,12 +24,11 @@ is missing in FOLDER is listed with the group that it is needed for.
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from bench.languages.mirror import Gone, Mirror
+from bench.languages.mirror import Mirror, MissingError
 from bench.support.runner import open_table, read_words
 
 REPOSITORIES = Path(__file__).with_name("repositories.tsv")
@@ -54,10 +53,12 @@ class Rule(NamedTuple):
 
     def is_program(self, path: str, text: str) -> bool:
         """Whether a file is a program of the language."""
-        return path.lower().endswith(self.suffixes) and all(
-            sum(1 for _ in re.finditer(pattern, text, re.IGNORECASE | re.MULTILINE)) >= least
-            for pattern, least in self.patterns
-        )
+        if not path.lower().endswith(self.suffixes):
+            return False
+        for pattern, minimum in self.patterns:
+            if len(re.findall(pattern, text, re.IGNORECASE | re.MULTILINE)) < minimum:
+                return False
+        return True
 
 
 RULES = {
@@ -116,12 +117,12 @@ def list_programs(mirror: Mirror, rule: Rule, seen: set[str]) -> Iterator[tuple[
     seen: ids of contents, extended by those of the programs.
     """
     commit = mirror.find_head()
-    least, most = SIZES
+    smallest, largest = SIZES
     taken = 0
     for file in sorted(mirror.list_files(commit)):
         if file.blob in seen or not file.path.lower().endswith(rule.suffixes):
             continue
-        if not least <= file.size <= most or taken == rule.per_repository:
+        if not smallest <= file.size <= largest or taken == rule.per_repository:
             continue
         if rule.is_program(file.path, mirror.read_blob(file.blob).decode("latin-1")):
             seen.add(file.blob)
@@ -141,11 +142,11 @@ def choose(folder: Path) -> tuple[list[Entry], list[str]]:
             if len(chosen) >= rule.per_group:
                 break
             try:
-                found = list(list_programs(Mirror(folder, repository), rule, seen))
-            except Gone as error:
+                programs = list(list_programs(Mirror(folder, repository), rule, seen))
+            except MissingError as error:
                 missing.append(f"{language}, {group}: {error}")
                 continue
-            chosen += [Entry(language, group, repository, *file) for file in found]
+            chosen += [Entry(language, group, repository, *file) for file in programs]
         entries += chosen[: rule.per_group]
     return entries, missing
 
@@ -165,4 +166,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

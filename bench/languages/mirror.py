@@ -17,7 +17,7 @@ _PLACES = (".", ".git", "repo", "repo/.git")
 _OFFLINE = {"GIT_NO_LAZY_FETCH": "1", "GIT_TERMINAL_PROMPT": "0"}
 
 
-class Gone(Exception):
+class MissingError(Exception):
     """A repository, commit or file that the folder does not hold. The text names it."""
 
 
@@ -41,21 +41,21 @@ class Mirror:
     """
 
     def __init__(self, folder: Path, repository: str) -> None:
-        """Raises Gone if the folder holds no git directory of the repository."""
+        """Raises MissingError if the folder holds no git directory of the repository."""
         self.repository = repository
         top = folder / repository.replace("/", "+")
         for place in _PLACES:
             if (top / place / "HEAD").is_file() and (top / place / "objects").is_dir():
                 self._directory = top / place
                 return
-        raise Gone(f"{repository}: no git directory in the folder")
+        raise MissingError(f"{repository}: no git directory in the folder")
 
     def find_head(self) -> str:
-        """The newest commit. Raises Gone for an empty repository."""
+        """The newest commit. Raises MissingError for an empty repository."""
         return self._run("rev-parse", "--verify", "HEAD").decode("ascii").strip()
 
     def list_files(self, commit: str) -> list[TreeFile]:
-        """All files of a commit, without links and submodules. Raises Gone without the commit."""
+        """The files of a commit without links. Raises MissingError without the commit."""
         files = []
         listing = self._run("ls-tree", "-r", "-l", "-z", commit)
         for entry in listing.decode("utf-8", "surrogateescape").split("\0")[:-1]:
@@ -66,11 +66,11 @@ class Mirror:
         return files
 
     def read_blob(self, blob: str) -> bytes:
-        """The content of a file. Raises Gone if the snapshot lacks it."""
+        """The content of a file. Raises MissingError if the snapshot lacks it."""
         return self._run("cat-file", "blob", blob)
 
     def read_file(self, commit: str, path: str) -> bytes:
-        """The content of a file of a commit. Raises Gone without the commit or the file."""
+        """The content of a file of a commit. Raises MissingError without the commit or the file."""
         return self._run("cat-file", "blob", f"{commit}:{path}")
 
     def _run(self, *words: str) -> bytes:
@@ -78,5 +78,5 @@ class Mirror:
         environment = os.environ | _OFFLINE
         done = subprocess.run(command, capture_output=True, check=False, env=environment)
         if done.returncode:
-            raise Gone(f"{self.repository}: git {' '.join(words[:1] + words[-1:])} fails")
+            raise MissingError(f"{self.repository}: git {' '.join(words[:1] + words[-1:])} fails")
         return done.stdout
