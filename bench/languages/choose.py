@@ -1,13 +1,13 @@
-"""Chooses the public programs of each language: python -m bench.languages.choose FOLDER
+"""Chooses the public programs of each language: python -m bench.languages.choose FOLDER [--accept]
 
 FOLDER has the git directories of public repositories (`mirror`). The rule was committed before any
 of the repositories was read:
 
 1. `repositories.tsv` has the repositories of each language in two groups. `known` are those of
    docs/languages/programs.md. `new` are those that an index of public files names for one of these
-   paths: `MainModule.mod`, `Module1.mod` and `RAPID/TASK1/PROGMOD/MainModule.mod` (RAPID);
-   `test.ngc`, `circle.ngc`, `square.nc` and `circle.nc` (G-code); `PRO1.PAC` (PacScript). No
-   further repository was found for V+.
+   paths: MainModule.mod, Module1.mod and RAPID/TASK1/PROGMOD/MainModule.mod (RAPID); test.ngc,
+   circle.ngc, square.nc and circle.nc (G-code); PRO1.PAC (PacScript). No further repository was
+   found for V+.
 2. The repositories of a group follow each other in the order of the SHA-256 of their names. Each
    is read at its newest commit. If a repository is not to be had, it is left out and named.
 3. A file is a program of its language if its name ends with a suffix of `RULES`, it has 100 to
@@ -17,8 +17,10 @@ of the repositories was read:
    counts once.
 5. A group is full with its number of programs. The further repositories are not read.
 
-The command writes `public.tsv` and prints the number of programs of each group. A repository that
-is missing in FOLDER is listed with the group that it is needed for.
+The command prints the number of programs of each group, and how many of them are not in
+`public.tsv`. A repository that is missing in FOLDER is listed with the group that it is needed for.
+
+--accept: write `public.tsv`.
 """
 
 from __future__ import annotations
@@ -111,6 +113,12 @@ def read_repositories() -> dict[tuple[str, str], list[str]]:
     return groups
 
 
+def read_list() -> list[Entry]:
+    """The programs of `public.tsv`."""
+    lines = LIST.read_text(encoding="utf-8").splitlines()[1:]
+    return [Entry(*line.split("\t")) for line in lines]
+
+
 def list_programs(mirror: Mirror, rule: Rule, seen: set[str]) -> Iterator[tuple[str, str]]:
     """Commit and path of the programs of a repository, in order, without contents in `seen`.
 
@@ -152,15 +160,18 @@ def choose(folder: Path) -> tuple[list[Entry], list[str]]:
 
 
 def main() -> None:
-    """Writes the list and prints its numbers."""
-    (folder,) = read_words(".")
+    """Prints the numbers of the list."""
+    folder, *options = read_words(".")
     entries, missing = choose(Path(folder))
-    rows = ["\t".join(Entry._fields), *("\t".join(entry) for entry in entries)]
-    LIST.write_text("\n".join(rows) + "\n", encoding="utf-8")
-    table = open_table("language | group | repositories {} | programs {}")
+    listed = set(read_list())
+    table = open_table("language | group | repositories {} | programs {} | not in the list {}")
     for language, group in read_repositories():
-        chosen = [each for each in entries if (each.language, each.group) == (language, group)]
-        table.add(language, group, len({each.repository for each in chosen}), len(chosen))
+        chosen = [entry for entry in entries if entry[:2] == (language, group)]
+        repositories = {entry.repository for entry in chosen}
+        table.add(language, group, len(repositories), len(chosen), len({*chosen} - listed))
+    if options == ["--accept"]:
+        rows = ["\t".join(row) for row in (Entry._fields, *entries)]
+        LIST.write_text("\n".join(rows) + "\n", encoding="utf-8")
     print(f"\n{len(missing)} repositories are missing in the folder")
     print("\n".join(missing))
 

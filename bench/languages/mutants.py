@@ -3,10 +3,10 @@
     python -m bench.languages.mutants [POST ...] [--every N] [--accept]
 
 `mutants.tsv` has the verdicts on up to 3,000 mutants of each post and kind of
-`reliability.mutants`, spread evenly and drawn by the seed 44: a row for each program of a post with
-the verdict on each of its mutants. The command judges the same mutants again and lists each that
-has another verdict. A row cannot be compared if its mutants are others: the post prints another
-text, or the rule of the mutants has changed. Such a row is named.
+`bench.reliability.mutants`, spread evenly and drawn by the seed 44: a row for each program of a
+post with the verdict on each of its mutants. The command judges the same mutants again and lists
+each that has another verdict. A row cannot be compared if its mutants are others: the post prints
+another text, or the rule of the mutants has changed. Such a row is named.
 
 --every N: judge each N-th of these mutants only.
 --accept: write `mutants.tsv`, all of it.

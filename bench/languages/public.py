@@ -26,7 +26,7 @@ from itertools import chain
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
-from bench.languages.choose import LIST, RULES, Entry
+from bench.languages.choose import RULES, Entry, read_list
 from bench.languages.examine import Examined, digest, examine
 from bench.languages.mirror import Mirror, MissingError
 from bench.support.runner import Missed, open_table
@@ -73,13 +73,6 @@ class Result(NamedTuple):
     row: Row | None
     examined: Examined | None
     gone: str = ""
-
-
-def read_list(languages: list[str]) -> list[Entry]:
-    """The programs of `public.tsv` in some languages. An empty list means all languages."""
-    lines = LIST.read_text(encoding="utf-8").splitlines()[1:]
-    entries = [Entry(*line.split("\t")) for line in lines]
-    return [entry for entry in entries if not languages or entry.language in languages]
 
 
 def read_findings() -> dict[tuple[str, str], Row]:
@@ -161,14 +154,16 @@ def main() -> int:
     arguments = _parse_arguments()
     texts = Path(arguments.texts) if arguments.texts else None
     before = read_findings()
-    results = [run(entry, Path(arguments.folder)) for entry in read_list(arguments.languages)]
+    languages = arguments.languages or list(RULES)
+    entries = [entry for entry in read_list() if entry.language in languages]
+    results = [run(entry, Path(arguments.folder)) for entry in entries]
     differing = []
     for result in results:
         key = result.entry.repository, result.entry.path
         if result.row is None or result.row != before.get(key):
             differing.append(result)
     table = open_table(_COLUMNS)
-    for language in arguments.languages or RULES:
+    for language in languages:
         group = [result for result in results if result.entry.language == language]
         differ = sum(1 for result in differing if result.entry.language == language)
         table.add(*sum_up(language, group, differ))
@@ -190,7 +185,7 @@ def _accept(results: list[Result], before: dict[tuple[str, str], Row], texts: Pa
     rows = before | {
         (result.row.repository, result.row.path): result.row for result in results if result.row
     }
-    keys = [(entry.repository, entry.path) for entry in read_list([])]
+    keys = [(entry.repository, entry.path) for entry in read_list()]
     lines = ["\t".join(Row._fields), *("\t".join(rows[key]) for key in keys if key in rows)]
     FINDINGS.write_text("\n".join(lines) + "\n", encoding="utf-8")
     if texts is None:
