@@ -726,6 +726,18 @@ def test_reading_goes_on_at_the_end_of_what_is_refused():
     assert [item.target.origin for item in reading.body] == [(0, 0, 5), (3, 7, 5), (4, 7, 5)]
 
 
+@pytest.mark.parametrize("change", ["T2 M6 G55", "G55 T2 M6", "T2 M6\nG55", "T2 M6\nG43 H2 G55"])
+def test_a_work_offset_that_changes_with_the_tool_is_a_fault(change):
+    text = (
+        f"{SAFE} G64 P0.01 Q0 G49\nT1 M6\nG43 H1\nG0 Z5\nG0 X0 Y0\n"
+        "T2 M6\nG43 H2\nG0 Z5\nG0 X9 Y0\nM2\n"
+    )
+    assert not read(text, lift=False).faults
+    changed = text.replace("T2 M6" if "H2" not in change else "T2 M6\nG43 H2", change)
+    what = "G55: another work offset after the first motion is not read"
+    assert what in [fault.what for fault in read(changed, lift=False).faults]
+
+
 def test_the_length_of_the_tool_is_applied_once():
     text = posted(gcode(tool=1), PART)[1]
     late = text.replace("G43\n", "").replace("G4 P1.5", "G4 P1.5\nG43")
