@@ -499,6 +499,18 @@ def test_interpreter_readback_and_program_agree(plan):
     assert bits == [item.value == 1 for item in ready.body if isinstance(item, Output)]
 
 
+def test_a_half_circle_of_two_decimals_stays_one_arc():
+    """Rounded to G3 X-0.83 Y1.73 I-1 J0.005 from X1.17 Y1.73 it is half a circle and 0.01 rad."""
+    plan = program(
+        MoveJ(at(1.170746, 1.734613, 0), 10.0),
+        MoveC(at(0.170746, 2.734613, 0), at(-0.829254, 1.734613, 0), 10.0),
+    )
+    post = gcode(decimals=2)
+    ready, text = posted(post, plan)
+    assert "G3 X-0.83 Y1.73 I-1 J0.005" in text
+    assert difference(ready, read(text), post.tolerance()) == ""
+
+
 @SLOW
 @given(programs(), st.integers(2, 5))
 def test_readback_is_the_inverse_of_the_post(plan, decimals):
