@@ -115,29 +115,38 @@ def _trace(post: str, program: int) -> list[Event]:
     return trace(post, made, made.text)
 
 
+def judge_mutant(post: str, program: int, mutation: Mutation) -> tuple[str, str]:
+    """The verdict on a mutant, and the error that ended its read-back, empty without one.
+
+    program: index of its program in `SOURCES`.
+    """
+    source = make(post, program)
+    text = mutation.apply(source.text)
+    try:
+        if source.is_caught(text):
+            return CAUGHT, ""
+    # A read-back that fails in any way has not judged its text. The other mutants are judged.
+    except Exception as error:
+        return LEFT, f"{type(error).__name__}: {error}"
+    same = is_same(_trace(post, program), trace(post, source, text))
+    return HARMLESS if same else LEFT, ""
+
+
 def judge(task: Task) -> tuple[Family, Counter[str], list[LeftOver]]:
     """The verdicts on the mutants of one task."""
-    post = task.family.post
-    program, counts, left = make(post, task.program), Counter[str](), list[LeftOver]()
+    counts, left = Counter[str](), list[LeftOver]()
     mutants = task.family.list_mutants(task.program)
     for mutation in mutants[task.first : task.last : task.step]:
-        text, crash = mutation.apply(program.text), ""
-        try:
-            verdict = CAUGHT if program.is_caught(text) else ""
-        # A read-back that fails in any way has not judged its text. The other mutants are judged.
-        except Exception as error:
-            verdict, crash = LEFT, f"{type(error).__name__}: {error}"
-        if not verdict:
-            same = is_same(_trace(post, task.program), trace(post, program, text))
-            verdict = HARMLESS if same else LEFT
+        verdict, crash = judge_mutant(task.family.post, task.program, mutation)
         counts[verdict] += 1
         if verdict == LEFT:
-            left.append(_describe(task, program.text, mutation, crash))
+            left.append(describe(task.family, task.program, mutation, crash))
     return task.family, counts, left
 
 
-def _describe(task: Task, text: str, mutation: Mutation, crash: str) -> LeftOver:
-    """The first lines that a mutant changes, before and after it."""
+def describe(family: Family, program: int, mutation: Mutation, crash: str = "") -> LeftOver:
+    """The first lines that a mutant of a program changes, before and after it."""
+    text = make(family.post, program).text
     was, now = [], []
     for edit in mutation.edits[:_LISTED]:
         begin = text.rfind("\n", 0, edit.begin) + 1
@@ -147,9 +156,9 @@ def _describe(task: Task, text: str, mutation: Mutation, crash: str) -> LeftOver
         was.append(text[begin:end].strip())
         now.append(f"{text[begin : edit.begin]}{edit.new}{text[edit.end : max(end, edit.end)]}")
     line = text.count("\n", 0, mutation.edits[0].begin) + 1
-    name = SOURCES[task.family.post][task.program].name
+    name = SOURCES[family.post][program].name
     lines = " ... ".join(was), " ... ".join(text.strip() for text in now)
-    return LeftOver(task.family, name, line, mutation.kind, *lines, crash)
+    return LeftOver(family, name, line, mutation.kind, *lines, crash)
 
 
 def plan_tasks(families: list[Family], most: int) -> list[Task]:

@@ -21,7 +21,7 @@ from camgen.model.job import Job
 from camgen.model.part import Note
 from camgen.model.path import ToolPath, waypoints
 from camgen.model.pose import Pose, frozen, to_vec3
-from camgen.model.program import Columns, Instruction, Joints, Motion, MoveC, MoveJ, MoveL
+from camgen.model.program import Columns, Instruction, Joints, Motion, MoveC, MoveJ, MoveL, Output
 from camgen.model.text import counted
 from camgen.plan import ReplayPlan
 from camgen.plan.unused import no_idle
@@ -218,15 +218,23 @@ def _pose_of(
 
 
 def _stop_before_others(body: list[Instruction]) -> tuple[list[Instruction], int]:
-    """The body with stops where something else than a motion follows, and how many."""
-    found, stops = list(body), 0
+    """The body with stops before instructions that are not motions, and their number.
+
+    The program for the new arm switches outputs on after the first motion if the text does so
+    before it. Then the first motion stops too.
+    """
+    moving = [isinstance(item, MoveJ | MoveL | MoveC) for item in body]
+    first = moving.index(True)
+    waiting = any(isinstance(item, Output) and item.value for item in body[:first])
+    stopped, stops = list(body), 0
     for k, item in enumerate(body):
-        if isinstance(item, MoveJ | MoveL | MoveC) and item.blend > 0:
-            following = body[k + 1] if k + 1 < len(body) else None
-            if not isinstance(following, MoveJ | MoveL | MoveC):
-                found[k] = replace(item, blend=0.0)
-                stops += 1
-    return found, stops
+        if not isinstance(item, MoveJ | MoveL | MoveC) or item.blend == 0:
+            continue
+        is_followed = k + 1 < len(body) and moving[k + 1]
+        if not is_followed or (k == first and waiting):
+            stopped[k] = replace(item, blend=0.0)
+            stops += 1
+    return stopped, stops
 
 
 def stretches(moves: Sequence[Motion]) -> list[tuple[int, int]]:

@@ -588,7 +588,8 @@ def _length(m: Strict, code: str, words: dict[str, float]) -> None:
 
 
 def _work_offset(m: Strict, code: str, words: dict[str, float]) -> None:
-    if m.begun and code != m.work:
+    # A tool change leaves the position open again, but not where the work is.
+    if m.started and code != m.work:
         raise LineError(f"{code}: another work offset after the first motion is not read")
     HANDLERS["work offset"](m, code, words)
 

@@ -139,7 +139,13 @@ SMOKES = [
         "check.template {here}/dxf alone", (1, 1),
         {"gouge mm": (0, 0.005), "left unexplained mm2": (0, 0.01), "built": (1, 1), "miss a goal": (0, 0)},
     ),
-    # It forks, as above.
+    Smoke("languages.choose {here}/none", (7,), {"programs": (0, 0)}),
+    Smoke("languages.public {here}/none gcode", (1,), {"programs": (60, 60), "tracebacks": (0, 0)}),
+    # They fork, as above.
+    Smoke(
+        "languages.mutants grbl --every 200", (4,),
+        {"mutants": (10, 25), "left over": (0, 0)}, alone=True,
+    ),
     Smoke(
         "reliability.mutants --most 10", (24,),
         {"mutants": (8, 60), "caught": (4, 60), "left over": (0, 0)}, alone=True,

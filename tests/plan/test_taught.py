@@ -187,6 +187,21 @@ def test_outputs_are_off_at_both_ends_and_corners_before_them_stop(tmp_path, mon
     assert any("stops at the end instead of blending" in note.what for note in result.notes)
 
 
+@pytest.mark.parametrize(("value", "stops"), [(1.0, True), (0.0, False)])
+def test_the_first_motion_stops_if_an_output_waits_for_it(tmp_path, monkeypatch, value, stops):
+    body = [
+        Output("process", value),
+        MoveL(at(HIGH), 200.0, 5.0),
+        MoveL(at(LOW), 50.0),
+        Output("process", 1.0),
+        MoveL(at(HIGH), 50.0),
+    ]
+    result = build(tmp_path, monkeypatch, body)
+    assert (moves(result)[1].blend == 0) == stops
+    notes = [note for note in result.notes if "stops at the end instead of blending" in note.what]
+    assert len(notes) == stops
+
+
 def test_what_has_no_effect_is_an_error(tmp_path, monkeypatch):
     body = [MoveJ(at(HIGH), 200.0), MoveL(at(LOW), 50.0)]
     for table in (

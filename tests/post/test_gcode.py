@@ -499,6 +499,18 @@ def test_interpreter_readback_and_program_agree(plan):
     assert bits == [item.value == 1 for item in ready.body if isinstance(item, Output)]
 
 
+def test_a_half_circle_of_two_decimals_stays_one_arc():
+    """Rounded to G3 X-0.83 Y1.73 I-1 J0.005 from X1.17 Y1.73 it is half a circle and 0.01 rad."""
+    plan = program(
+        MoveJ(at(1.170746, 1.734613, 0), 10.0),
+        MoveC(at(0.170746, 2.734613, 0), at(-0.829254, 1.734613, 0), 10.0),
+    )
+    post = gcode(decimals=2)
+    ready, text = posted(post, plan)
+    assert "G3 X-0.83 Y1.73 I-1 J0.005" in text
+    assert difference(ready, read(text), post.tolerance()) == ""
+
+
 @SLOW
 @given(programs(), st.integers(2, 5))
 def test_readback_is_the_inverse_of_the_post(plan, decimals):
@@ -724,6 +736,18 @@ def test_reading_goes_on_at_the_end_of_what_is_refused():
         (8, "a line after the end of the program"),
     ]
     assert [item.target.origin for item in reading.body] == [(0, 0, 5), (3, 7, 5), (4, 7, 5)]
+
+
+@pytest.mark.parametrize("change", ["T2 M6 G55", "G55 T2 M6", "T2 M6\nG55", "T2 M6\nG43 H2 G55"])
+def test_a_work_offset_that_changes_with_the_tool_is_a_fault(change):
+    text = (
+        f"{SAFE} G64 P0.01 Q0 G49\nT1 M6\nG43 H1\nG0 Z5\nG0 X0 Y0\n"
+        "T2 M6\nG43 H2\nG0 Z5\nG0 X9 Y0\nM2\n"
+    )
+    assert not read(text, lift=False).faults
+    changed = text.replace("T2 M6" if "H2" not in change else "T2 M6\nG43 H2", change)
+    what = "G55: another work offset after the first motion is not read"
+    assert what in [fault.what for fault in read(changed, lift=False).faults]
 
 
 def test_the_length_of_the_tool_is_applied_once():

@@ -17,8 +17,9 @@ Vec2 = tuple[float, float]
 _PLANES = {"G17": (0, 1, 2), "G18": (2, 0, 1), "G19": (1, 2, 0)}
 #: An end point nearer to the start than this angle is a full turn, as in both controllers. rad.
 NO_ANGLE = 1e-6
-#: A half circle whose rounded points reach a little further stays one arc: mm along it, but no more than so many rad.
-OVER_MM, OVER_RAD = 0.01, 0.1
+#: A half circle whose rounded points reach further by this stays one arc: mm along it, at most rad.
+#: With two decimals, each of its ends is off by 0.005 mm and its centre too.
+OVER_MM, OVER_RAD = 0.03, 0.1
 
 #: Via point, None for a line, and end point.
 Piece = tuple[Vec3 | None, Vec3]
