@@ -33,11 +33,11 @@ def _change(m: Foreign, code: str, words: dict[str, float]) -> None:
     if code == "M61":
         number = int(words.pop("Q", 0.0))
         if m.cut and number != m.changed_to:
-            m.lose(f"M61 says that tool T{number} is in, after a cut with another one")
+            m.log.lose(f"M61 says that tool T{number} is in, after a cut with another one")
         m.changed_to = number
         return
     if m.tool is None:
-        m.tell("left out", "M6 without a tool (T)")
+        m.log.fact("left out", "M6 without a tool (T)")
         return
     if m.spindle != "M5":
         m.spindle, m.halted = "M5", m.line
@@ -67,7 +67,7 @@ def _length(m: Foreign, code: str, words: dict[str, float]) -> None:
 def _spindle(m: Foreign, code: str, words: dict[str, float]) -> None:
     if code == "M19":
         words.pop("R", None), words.pop("P", None)
-        m.tell("left out", "M19 turns the spindle to an angle")
+        m.log.fact("left out", "M19 turns the spindle to an angle")
         return
     words.pop("$", None)
     HANDLERS["spindle"](m, code, words)
@@ -88,7 +88,7 @@ def _surface(m: Foreign, code: str, words: dict[str, float]) -> None:
 
 def _outputs(m: Foreign, code: str, words: dict[str, float]) -> None:
     if m.side and code in ("M62", "M63", "M67") and not m.dialect.open:
-        m.find("refused", f"{code} with cutter compensation on")
+        m.log.find("refused", f"{code} with cutter compensation on")
     if code != "M66":
         HANDLERS["outputs"](m, code, words)
         return
@@ -131,7 +131,7 @@ def _state(m: Foreign, code: str, words: dict[str, float]) -> None:  # noqa: ARG
         del m.saved[:-50]
     elif not m.saved:
         if code == "M72":
-            m.find("refused", "M72 without M70 or M73 before it")
+            m.log.find("refused", "M72 without M70 or M73 before it")
     else:
         kept = m.saved.pop()
         if code == "M72":
@@ -143,7 +143,7 @@ def _override(m: Foreign, code: str, words: dict[str, float]) -> None:
     words.pop("P", None)
     if code == "M49":
         HANDLERS["override"](m, code, words)
-    m.tell("overrides", code)
+    m.log.fact("overrides", code)
 
 
 def _diameter(m: Foreign, code: str, words: dict[str, float]) -> None:  # noqa: ARG001 (as all handlers)
@@ -154,7 +154,7 @@ def _compensate(m: Foreign, code: str, words: dict[str, float]) -> None:
     """G41 and G42: beside the path by the radius of the tool, where that is known. G40: no more."""
     if m.path is not None:
         if code != "G40" and not m.dialect.open:
-            m.find("refused", f"{code} while the path is compensated already")
+            m.log.find("refused", f"{code} while the path is compensated already")
         m.path.flush()
         m.path, m.left_path = None, True
     if code == "G40":
@@ -162,7 +162,7 @@ def _compensate(m: Foreign, code: str, words: dict[str, float]) -> None:
         return
     words.pop("L", None)
     if m.plane not in _BESIDE:
-        m.find("refused", f"{code} in the plane of Y and Z (G19)")
+        m.log.find("refused", f"{code} in the plane of Y and Z (G19)")
         return
     m.side = -1 if code.startswith("G42") else 1
     radius = find_radius(m, code, words.pop("D", None))
@@ -185,7 +185,7 @@ def find_radius(m: Foreign, code: str, number: float | None) -> float:
     if code.endswith(".1"):
         return (number or 0.0) * m.scale / 2
     if number is not None and number != int(number):
-        m.find(
+        m.log.find(
             "refused" if not m.dialect.open else "unusual",
             f"{code} with D{number:g}, which is no number of a tool",
         )
@@ -219,7 +219,7 @@ def find_radius(m: Foreign, code: str, number: float | None) -> float:
         else "set tool.diameter"
     )
     what = f"{code}: the path depends on the radius of {f'tool {name}' if name else 'the tool'}, which is not known"
-    m.lose(f'{what}; {ways}, or operation.compensation = "as-programmed"')
+    m.log.lose(f'{what}; {ways}, or operation.compensation = "as-programmed"')
     return 0.0
 
 
@@ -273,9 +273,9 @@ def _read_as(m: Foreign, code: str, words: dict[str, float]) -> None:
     if any(axis in words for axis in AXES):
         set_offsets(m, code, words)
     elif m.dialect.increments and m.speed:
-        m.tell("left out", "G92 S limits the spindle")
+        m.log.fact("left out", "G92 S limits the spindle")
     elif not (m.rotary or m.dialect.extruder):
-        m.find("refused", "G92 without an axis")
+        m.log.find("refused", "G92 without an axis")
 
 
 def _cancel(m: Foreign, code: str, words: dict[str, float]) -> None:
@@ -305,7 +305,7 @@ def _set(m: Foreign, code: str, words: dict[str, float]) -> None:
     number = int(words.pop("P", 0.0))
     if "R" in words and words.get("L") in (1.0, 10.0, 11.0):
         m.radii[number] = words["R"] * m.scale
-    m.tell("tables of the machine", f"G10 L{words.get('L', 0.0):g} P{number}")
+    m.log.fact("tables of the machine", f"G10 L{words.get('L', 0.0):g} P{number}")
     words.clear()
 
 
@@ -451,7 +451,7 @@ def _work(m: Foreign, code: str, words: dict[str, float]) -> None:
             m.assume(
                 f"{code} after motions in {before}: each is shown in its own coordinates", "", 0.0
             )
-            m.lose(
+            m.log.lose(
                 f"{code} after motions in {before}: how far apart they are is known to the machine alone"
             )
             m.adrift.update((0, 1, 2))

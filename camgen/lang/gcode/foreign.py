@@ -30,7 +30,7 @@ from camgen.lang.gcode.words import (
     bare,
     without_number,
 )
-from camgen.lang.programs import Assumption, Finding, Level
+from camgen.lang.log import Log
 from camgen.model.part import NoteKind
 from camgen.model.pose import TOOL_DOWN, Pose, Vec3
 from camgen.model.program import Instruction, MoveL, Output, Stop, Wait
@@ -93,9 +93,7 @@ class Foreign(Machine):
     given: values from the user, by name.
     handlers: handlers of the codes, by modal group.
     traced: handlers of motions other than lines, arcs and holes, by code.
-    findings, assumed: the fields of ``Executed``.
-    facts: first line of each fact, by label and text.
-    lost: first line of each loss, by text.
+    log: what the run finds out.
     raw: the line as it is written.
     homes: places that the program stores (G28.1), by code and axis.
     adrift: numbers of the axes whose position no text states.
@@ -126,10 +124,7 @@ class Foreign(Machine):
     given: Mapping[str, float] = field(default_factory=dict)
     handlers: Mapping[str, Handler] = field(default_factory=dict)
     traced: Mapping[str, Handler] = field(default_factory=dict)
-    findings: list[Finding] = field(default_factory=list)
-    assumed: dict[tuple[str, str], Assumption] = field(default_factory=dict)
-    facts: dict[str, dict[str, int]] = field(default_factory=dict)
-    lost: dict[str, int] = field(default_factory=dict)
+    log: Log = field(init=False)
     raw: str = ""
     homes: dict[str, float] = field(default_factory=dict)
     adrift: set[int] = field(default_factory=set)
@@ -156,7 +151,6 @@ class Foreign(Machine):
     order: int = 3
     going_on: tuple[float, float] | None = None
     suspended: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
-    warned: set[str] = field(default_factory=set)
     rotation: Rotation | None = None
     modal: tuple[str, float, int, Mapping[int, float] | None] | None = None
     modal_depth: int = 0
@@ -168,7 +162,10 @@ class Foreign(Machine):
     varies_power: bool = False
     has_heights: bool = True
 
-    # What is told.
+    def __post_init__(self) -> None:
+        self.log = Log(lambda: self.line)
+
+    # What the run finds out.
 
     def without_mode(self) -> None:
         """Axis words before any motion code: controllers begin with G0, but LinuxCNC's own."""
@@ -186,58 +183,40 @@ class Foreign(Machine):
         except LineError:
             raise error from None
         what = "the centre of the arc fits in absolute coordinates alone (G90.1); it is read so"
-        self.find("unusual", what, "centre")
-        self.lose(what.partition(";")[0])
+        self.log.find("unusual", what, once="centre")
+        self.log.lose(what.partition(";")[0])
         return found
 
-    def find(self, level: Level, what: str, once: str = "") -> None:
-        """Says what is wrong with the line. once: the kind of it, of which one is enough."""
-        if once and once in self.warned:
-            return
-        self.warned.add(once)
-        self.findings.append(Finding(level, self.line, what))
-
     def assume(self, what: str, key: str, value: float, why: str = "") -> float:
-        """What the user says of ``key``, else ``value``; told either way."""
+        """The value that the user gives for ``key``, else ``value``; noted as an assumption."""
         taken = self.given.get(key, value)
-        told = what + (f" ({why})" if why else "")
-        self.assumed.setdefault((key or what, what), Assumption(self.line, told, key, taken))
+        self.log.assume(what + (f" ({why})" if why else ""), key, taken)
         return taken
 
     def guess(self, what: str, key: str, value: float, why: str = "") -> float:
-        """The same of what no other machine should run by: it is lost where the user does not say it."""
+        """The same for a value by which no other machine should run: a loss where the user gives none."""
         if key not in self.given:
-            self.lose(what)
+            self.log.lose(what)
         return self.assume(what, key, value, why)
-
-    def lose(self, what: str) -> None:
-        """What the program does and the motions do not."""
-        self.lost.setdefault(what, self.line)
-
-    def tell(self, label: str, what: str) -> None:
-        """Something that stands in the program and moves nothing."""
-        self.facts.setdefault(label, {}).setdefault(what, self.line)
 
     def note(self, kind: NoteKind, what: str, why: str = "") -> None:
         """What the plain machine notes is an assumption, a fact or a finding."""
         if kind == "assumed":
-            self.assumed.setdefault(
-                (what, what), Assumption(self.line, f"{what} ({why})" if why else what)
-            )
+            self.log.assume(f"{what} ({why})" if why else what)
         elif kind == "skipped":
-            self.tell("left out", what)
+            self.log.fact("left out", what)
         else:
-            self.find("unusual", f"{what}: {why}" if why else what, what)
+            self.log.find("unusual", f"{what}: {why}" if why else what, once=what)
 
     def refuse(self, error: LineError) -> None:
         """The run goes on behind a line that the controller refuses, not behind one that is not understood."""
         if isinstance(error, UnknownWord | Endless):
             raise error
-        self.find("refused", str(error))
+        self.log.find("refused", str(error))
 
     def stands(self, what: str) -> None:
         """A spindle that does not turn as it should is refused."""
-        self.find("refused", what)
+        self.log.find("refused", what)
 
     def numbers_programs(self) -> bool:
         """All but GRBL do."""
@@ -246,7 +225,7 @@ class Foreign(Machine):
     def miss(self, what: str) -> None:
         """A subroutine in another file is left out."""
         self.assume(f"{what}; it is left out", "", 0.0)
-        self.lose(what)
+        self.log.lose(what)
 
     # What stands in a line.
 
@@ -258,15 +237,15 @@ class Foreign(Machine):
         if raw.startswith("\ufeff") or raw.startswith("\xef\xbb\xbf"):
             raw = raw.lstrip("\ufeff\xef\xbb\xbf")
         if dialect.name == "grbl" and raw.lstrip()[:1] in ("$", "?", "!", "~"):
-            self.tell("settings of the machine", raw.strip()[:40])
+            self.log.fact("settings of the machine", raw.strip()[:40])
             if raw.lstrip()[:2].upper() in ("$J", "$H"):
-                self.lose(f"{raw.strip()[:40]}: a motion of GRBL beside the program")
+                self.log.lose(f"{raw.strip()[:40]}: a motion of GRBL beside the program")
             return ""
         if dialect.extruder and (
             _TEXT.match(raw) or (_MACRO.match(raw) and not raw.lstrip().startswith("("))
         ):
-            self.tell("not evaluated", raw.partition(";")[0].strip()[:40])
-            self.lose(f"{raw.partition(';')[0].strip()[:40]} is not evaluated")
+            self.log.fact("not evaluated", raw.partition(";")[0].strip()[:40])
+            self.log.lose(f"{raw.partition(';')[0].strip()[:40]} is not evaluated")
             return ""
         if dialect.name.startswith("fanuc") and raw.lstrip()[:1] in ("%", ":"):
             return ""
@@ -280,7 +259,7 @@ class Foreign(Machine):
             text = _as_printers_read(text) if dialect.extruder else text
             return without_number(text.translate(_BLANKS).lower().lstrip("/").removesuffix("%"))
         if _LOGS.match(raw):
-            self.tell("left out", raw.strip()[:40])
+            self.log.fact("left out", raw.strip()[:40])
             return ""
         return bare(raw)
 
@@ -362,7 +341,7 @@ class Foreign(Machine):
         for code in codes.values():
             own = self.dialect.names.get(code, code)
             if own in _OF_ITS_MACHINE:
-                self.lose(f"{code} {_OF_ITS_MACHINE[own]}")
+                self.log.lose(f"{code} {_OF_ITS_MACHINE[own]}")
 
     def begin(self, codes: dict[str, str], words: dict[str, float]) -> None:
         """Codes by their usual names; words of what moves nothing, and of subprograms."""
@@ -393,17 +372,17 @@ class Foreign(Machine):
         """What controllers of one kind turn down."""
         dialect = self.dialect
         if not dialect.open and "motion" in codes and codes.get("offsets") in _TAKE_AXES:
-            self.find(
+            self.log.find(
                 "refused",
                 f"{codes['motion']} and {codes['offsets']} both use the axis words of the line",
             )
         if not dialect.open and "mist" in codes and "flood" in codes:
-            self.find("refused", "M7 and M8 are of one group (coolant)")
+            self.log.find("refused", "M7 and M8 are of one group (coolant)")
         arc = codes.get("motion", self.motion)
         if dialect.ends_arcs and arc in ("G2", "G3") and any(letter in words for letter in "IJKR"):
             plane = _PLANES[codes.get("plane", self.plane)]
             if not any(axis in words for axis in plane):
-                self.find(
+                self.log.find(
                     "refused",
                     f"{arc} names neither {plane[0]} nor {plane[1]}: {dialect.name} turns it down",
                 )
@@ -425,10 +404,12 @@ class Foreign(Machine):
                 self.handlers[group](self, codes.pop(group), words)
         self.moving = any(letter in words for letter in "XYZUVW") and "offsets" not in codes
         if self.rotation is not None and _SHIFTS & set(codes.values()):
-            self.find(
-                "unusual", "the origin is moved while the coordinates are rotated (G68)", "rotated"
+            self.log.find(
+                "unusual",
+                "the origin is moved while the coordinates are rotated (G68)",
+                once="rotated",
             )
-            self.lose("the origin is moved while the coordinates are rotated (G68)")
+            self.log.lose("the origin is moved while the coordinates are rotated (G68)")
 
     def _turn(self, codes: dict[str, str], words: dict[str, float]) -> None:
         """A lathe: T0102 is tool 1 with offset 2, and X is a diameter."""
@@ -437,12 +418,12 @@ class Foreign(Machine):
             codes.setdefault("tool change", "M6")
         if "X" in words and not self.lathe:
             self.lathe = bool(self.assume("X is a diameter", "diameter", 1.0, "as on most lathes"))
-            self.lose("a program of a lathe: the part turns, which no machine here does")
+            self.log.lose("a program of a lathe: the part turns, which no machine here does")
 
     def _leave_out(self, code: str, codes: Mapping[str, str], words: dict[str, float]) -> None:
-        self.tell(self.dialect.idle[code], code)
+        self.log.fact(self.dialect.idle[code], code)
         if self.dialect.idle[code] in LOSSES:
-            self.lose(f"{code}: {self.dialect.idle[code]}")
+            self.log.lose(f"{code}: {self.dialect.idle[code]}")
         if self.dialect.extruder and code in ("M82", "M83"):
             self.filament_adds = code == "M83"
         if code[0] == "G" and "motion" not in codes and code != "G15":
@@ -457,10 +438,10 @@ class Foreign(Machine):
         """A code that is not known. UnknownWord where it may move something."""
         if code[0] == "G" and "motion" not in codes and any(axis in words for axis in "XYZIJKR"):
             raise UnknownWord(f"{code} is not known, and what follows depends on where it leads")
-        self.tell("not evaluated", code)
-        self.lose(f"{code} is not known and not evaluated")
+        self.log.fact("not evaluated", code)
+        self.log.lose(f"{code} is not known and not evaluated")
         if code[0] == "G":
-            self.find("unusual", f"{code} is not known and not evaluated", code)
+            self.log.find("unusual", f"{code} is not known and not evaluated", once=code)
         if "motion" not in codes and (
             self.dialect.extruder or not any(axis in words for axis in "XYZ")
         ):
@@ -484,7 +465,7 @@ class Foreign(Machine):
         """Whether M99 ends the program: it stands outside a subprogram."""
         if self.inside():
             return False
-        self.tell("left out", "M99 begins the program again; it is run once")
+        self.log.fact("left out", "M99 begins the program again; it is run once")
         self.ended = True
         return True
 
@@ -499,7 +480,7 @@ class Foreign(Machine):
             return
         self.filament += value if self.filament_adds else value - self.at_filament
         if value != (0.0 if self.filament_adds else self.at_filament):
-            self.lose("E feeds filament: only X, Y and Z are replayed")
+            self.log.lose("E feeds filament: only X, Y and Z are replayed")
         self.at_filament = self.at_filament + value if self.filament_adds else value
         if self.motion == "G0" and "motion" not in codes:
             self.motion = "G1"
@@ -536,10 +517,10 @@ class Foreign(Machine):
                 words.pop(letter)
                 what = f"word {letter}: nothing in the line uses it"
                 if letter in "HD":  # the number of an offset, which a later line may use
-                    self.tell("left out", what)
+                    self.log.fact("left out", what)
                     continue
-                self.find("unusual", what, f"idle {letter}")
-                self.lose(what)
+                self.log.find("unusual", what, once=f"idle {letter}")
+                self.log.lose(what)
 
     # What moves.
 
@@ -554,7 +535,9 @@ class Foreign(Machine):
         if self.dialect.unit_first or before is None:
             self.unit = unit
         elif unit != before:
-            self.find("unusual", f"F{words['F']:g} counts in the unit before {change}", "unit")
+            self.log.find(
+                "unusual", f"F{words['F']:g} counts in the unit before {change}", once="unit"
+            )
         feed(self, words, {group: code for group, code in codes.items() if group != "units"})
         self.unit = before
 
@@ -563,19 +546,19 @@ class Foreign(Machine):
         if self.feed > 0 or self.feed_mode == "G93":
             return
         if self.dialect.name == "iso":
-            self.find(
-                "unusual", f"{code} without a feed (F), which LinuxCNC and GRBL refuse", "feed"
+            self.log.find(
+                "unusual", f"{code} without a feed (F), which LinuxCNC and GRBL refuse", once="feed"
             )
         if self.dialect.default_feed:
             what = "the feed before the first F is one of the machine's, mm/min"
             self.feed = self.guess(what, "feed", FEED) / 60.0
             return
-        if any(key.startswith("#") for key, _ in self.assumed):
+        if any(item.key.startswith("#") for item in self.log.assumed.values()):
             self.feed = (
                 self.guess("a feed that depends on the machine, mm/min", "feed", FEED) / 60.0
             )
             return
-        self.find("refused", f"{code} without a feed (F)")
+        self.log.find("refused", f"{code} without a feed (F)")
         self.feed = self.given.get("feed", FEED) / 60.0
 
     def is_settled(self) -> bool:
@@ -608,28 +591,30 @@ class Foreign(Machine):
             self.adrift -= said
             if self.adrift and code != "G0" and self.motion != "G0":
                 names = " ".join(AXES[k] for k in sorted(self.adrift))
-                self.find(
+                self.log.find(
                     "unusual",
                     f"a motion at feed from where no line says: {names} came from a stored position",
-                    "adrift",
+                    once="adrift",
                 )
                 self.adrift.clear()
         if self.spindle != "M5":
             self.halted = 0
         elif self.halted and (cycle or "G0" not in (code, self.motion)):
-            self.find(
+            self.log.find(
                 "dangerous",
                 f"cuts with a spindle that does not turn: M6 stopped it (line {self.halted}), and no M3 follows",
             )
             self.halted = 0
         if cycle and self.side and not self.dialect.open:
-            self.find("refused", f"{self.motion} with cutter compensation on")
+            self.log.find("refused", f"{self.motion} with cutter compensation on")
         if self.left_path and self.motion in ARCS and not self.dialect.open:
-            self.find("refused", f"{self.motion} right after G40: the way off the path is straight")
+            self.log.find(
+                "refused", f"{self.motion} right after G40: the way off the path is straight"
+            )
         self.left_path = False
         if "Z" in words and self.length == "G49" and self.reached and not cycle:
             what = "Z moves after G49 without the length of the tool: its tip goes lower by as much"
-            self.find("dangerous", what, "G49")
+            self.log.find("dangerous", what, once="G49")
         self.length_at_z = self.length
 
     def turn_axes(self, words: dict[str, float], code: str) -> None:
@@ -640,10 +625,10 @@ class Foreign(Machine):
                 continue
             value, before = words.pop(letter), self.rotary.get(letter, 0.0)
             if value != (0.0 if self.incremental else before):
-                self.lose(f"axis {letter} moves: only X, Y and Z are replayed")
+                self.log.lose(f"axis {letter} moves: only X, Y and Z are replayed")
             self.rotary[letter] = before + value if self.incremental else value
             turned = max(turned, abs(self.rotary[letter] - before))
-            self.tell("axes that are not shown", letter)
+            self.log.fact("axes that are not shown", letter)
         if (
             turned
             and (code or self.motion) != "G0"
@@ -699,7 +684,7 @@ class Foreign(Machine):
                 "moves at rapid with the beam on; GRBL in laser mode switches it off there "
                 '(input.dialect = "grbl")'
             )
-            self.find("dangerous", what, "beam")
+            self.log.find("dangerous", what, once="beam")
         elif self.varies_power:
             what = "the output of S stays on in rapid motions; GRBL in laser mode switches it off"
             self.assume(what, "laser", 0.0, "$32=1 or a tool of kind laser says so")
@@ -758,7 +743,7 @@ class Foreign(Machine):
         """Sets an output; one that was on at an unknown height cannot be run elsewhere."""
         is_placeless = self.held > 0 and not self.begun
         if is_placeless and not value and self._was_on(signal):
-            self.lose(f"{signal} is on and off again where Z is not known; {_NO_HEIGHT}")
+            self.log.lose(f"{signal} is on and off again where Z is not known; {_NO_HEIGHT}")
         Machine.switch(self, signal, value)
 
     def _was_on(self, signal: str) -> bool:

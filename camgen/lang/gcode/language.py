@@ -61,7 +61,7 @@ def play(
     m.radius_of = partial(find_radius, m)
     _set_beam(m, text)
     m.has_heights = any(_HEIGHT.search(COMMENT.sub("", text)) for text in files.values())
-    m.tell("dialect", f"{dialect.name} ({sign[:30]})" if sign else dialect.name)
+    m.log.fact("dialect", f"{dialect.name} ({sign[:30]})" if sign else dialect.name)
     other = find_other(text)
     if other is not None and not ask.dialect:
         return m, (other[0], f"a program of {other[1]}: its language is not read")
@@ -90,10 +90,10 @@ def run(files: Mapping[str, str], ask: Ask, usual: Dialect | None = None) -> Exe
         lines=tuple(m.lines),
         frames=frames,
         frame=frame,
-        findings=tuple(sorted(m.findings, key=lambda one: one.line)),
-        assumed=tuple(sorted(m.assumed.values(), key=lambda one: one.line)),
+        findings=m.log.list_findings(),
+        assumed=m.log.list_assumed(),
         facts=_facts(m),
-        lost=tuple((line, what) for what, line in m.lost.items()),
+        lost=m.log.list_lost(),
         stopped=stopped,
     )
 
@@ -108,7 +108,7 @@ def _judge_end(m: Foreign, texts: list[list[str]]) -> None:
     if not m.ended and texts:
         m.line = len(texts[0])
         if m.dialect.needs_end:
-            m.find(
+            m.log.find(
                 "unusual",
                 "the program has no end (M2, M30 or per cent signs): LinuxCNC stops here with an error",
             )
@@ -116,14 +116,14 @@ def _judge_end(m: Foreign, texts: list[list[str]]) -> None:
         # What the end of the run switched off, the text does not.
         on = [name for name, value in left.items() if value and name.startswith(("dout", "aout"))]
         if m.left_on:
-            m.find(
+            m.log.find(
                 "dangerous",
                 f"the file ends with {' and '.join(m.left_on)} on, and without M2 or M30",
             )
         elif on:
-            m.find("unusual", f"the program ends with {', '.join(on)} on")
+            m.log.find("unusual", f"the program ends with {', '.join(on)} on")
     if any(by for by in m.shifted):
-        m.find("unusual", "the shift of the origin by G92 or G52 is still on at the end")
+        m.log.find("unusual", "the shift of the origin by G92 or G52 is still on at the end")
 
 
 def _frames(m: Foreign) -> tuple[tuple[Frames, ...], tuple[int, ...]]:
@@ -146,14 +146,14 @@ def _frames(m: Foreign) -> tuple[tuple[Frames, ...], tuple[int, ...]]:
 def _facts(m: Foreign) -> tuple[tuple[str, str], ...]:
     """What else stands in the program."""
     facts = [
-        ("dialect", next(iter(m.facts.pop("dialect")))),
+        ("dialect", next(iter(m.log.facts.pop("dialect")))),
         ("units", "mm" if m.scale == 1.0 else "inch"),
     ]
     if m.tools:
         facts.append(("tools", ", ".join(f"T{number}" for number in m.tools)))
     if m.filament:
         facts.append(("filament", f"{m.filament:.1f} mm"))
-    for label, items in m.facts.items():
+    for label, items in m.log.facts.items():
         some = [f"{what} (line {line})" for what, line in list(items.items())[:8]]
         facts.append(
             (label, ", ".join(some) + (f" and {len(items) - 8} more" if len(items) > 8 else ""))

@@ -52,9 +52,8 @@ def replay(
     usual: dialect without one in ``ask``, None for that which the text shows.
     """
     m, stopped = play(texts, ask, usual, chord)
-    refused = [(item.line, item.what) for item in m.findings if item.level == "refused"]
-    lost = [(line, what) for what, line in m.lost.items()]
-    stops = [*lost, *([stopped] if stopped else []), *refused]
+    refused = [(item.line, item.what) for item in m.log.list_findings() if item.level == "refused"]
+    stops = [*m.log.list_lost(), *([stopped] if stopped else []), *refused]
     reasons = sorted(stops, key=lambda stop: stop[0])
     body, lines = _without_optional_stops(m)
     return ProgramRun(
@@ -92,11 +91,13 @@ def _is_optional(item: Instruction) -> bool:
 
 def _remarks(m: Foreign) -> tuple[tuple[int, Note], ...]:
     """The assumptions, the findings that stop nothing, and the words left out, by line."""
-    remarks = [(item.line, Note("assumed", item.what)) for item in m.assumed.values()]
+    remarks = [(item.line, Note("assumed", item.what)) for item in m.log.list_assumed()]
     remarks += [
-        (item.line, Note("warning", item.what)) for item in m.findings if item.level != "refused"
+        (item.line, Note("warning", item.what))
+        for item in m.log.list_findings()
+        if item.level != "refused"
     ]
-    for label, items in m.facts.items():
+    for label, items in m.log.facts.items():
         remarks += [
             (line, _tell_left_out(label, what))
             for what, line in items.items()

@@ -131,7 +131,7 @@ def _nurbs(control: Sequence[tuple[Vec2, float]], order: int) -> Callable[[float
 def _turns(m: Foreign, code: str) -> float:
     """Turns per second, which threads need."""
     if m.spindle == "M5" or not m.speed:
-        m.find("refused", f"{code} while the spindle stands")
+        m.log.find("refused", f"{code} while the spindle stands")
         return 1.0
     return m.speed / 60.0
 

@@ -234,7 +234,7 @@ def called(run: Running, said: str, parts: tuple[Node, ...]) -> Value:
     if said in FUNCTIONS:
         return _constructed(said, values) if said in _MADE else call(said, values)
     if said == "outrange":
-        run.machine.suppose("places that OutRange asks for are within reach", said)
+        run.machine.log.assume("places that OutRange asks for are within reach", said)
         given = run.machine.given(said)
         return given if given is not None else 0.0
     if said in ASKED:
@@ -294,7 +294,7 @@ def _mps(run: Running, values: list[Value]) -> Value:
     (said,) = numbers(values, 1) or (0.0,)
     machine = run.machine
     unit = machine.given("mps")
-    machine.suppose(f"Mps(1) is taken for {unit or 1.0:g} mm/s", "mps", unit or 1.0)
+    machine.log.assume(f"Mps(1) is taken for {unit or 1.0:g} mm/s", "mps", unit or 1.0)
     return Rate(finite(said * (unit or 1.0)), machine.rated)
 
 
@@ -319,7 +319,7 @@ def _shifted(run: Running, values: list[Value]) -> Value:
     by = values[1] if len(values) > 1 else 0.0
     by = fit(by, "position") if isinstance(by, tuple) else by
     if isinstance(by, Pose) and not np.array_equal(by.rotation, IDENTITY):
-        run.machine.suppose(
+        run.machine.log.assume(
             "the angles of Dev are taken for turns about the axes of the work frame"
         )
     return call("dev", values)

@@ -46,7 +46,7 @@ def branch(run: Running, frame: Frame, at: int, op: Op) -> int | None:
     if isinstance(found, Unknown):
         found = _choose(frame, at, op)
         taken = "the branch is gone into" if found else "the branch is passed by"
-        run.machine.guess(f"{found_name(op, run)} is not known: {taken}", _key(op.a, run))
+        run.machine.log.choose(f"{found_name(op, run)} is not known: {taken}", _key(op.a, run))
     return None if found else op.to
 
 
@@ -101,7 +101,7 @@ def _round(run: Running, frame: Frame, at: int, start: int, after: int) -> int:
     """
     ways = [way for step, way in frame.leaving.items() if start <= step < after]
     if ways:  # The one on which most is done: an error does little.
-        run.machine.guess(
+        run.machine.log.choose(
             f"the loop from line {frame.code.ops[start].line} is left after one round"
         )
         for step in [step for step in frame.leaving if start <= step < after]:
@@ -109,7 +109,7 @@ def _round(run: Running, frame: Frame, at: int, start: int, after: int) -> int:
         return max(ways, key=lambda way: way[1] - way[0])[0]
     if not _has_way_out(frame.code.ops, start, after) or _stands_still(run, frame, at):
         line = frame.code.ops[start].line if start < len(frame.code.ops) else run.machine.line
-        run.machine.state("goes round for ever", f"from line {line}: shown once")
+        run.machine.log.fact("goes round for ever", f"from line {line}: shown once")
         raise Ended
     return start
 
@@ -164,7 +164,7 @@ def start_for(run: Running, frame: Frame, at: int, op: Op) -> int | None:
     begin, end, by = (evaluate(run, node) for node in (first, last, step))
     for value in (begin, end, by):
         if isinstance(value, Unknown):
-            run.machine.guess(
+            run.machine.log.choose(
                 f"{value.what} is not known: the loop is gone through once", value.key
             )
             assign(run, target, begin if not isinstance(begin, Unknown) else Unknown(begin.what))
@@ -204,7 +204,7 @@ def enter(run: Running, frame: Frame, at: int, op: Op) -> int | None:
         frame.rounds[at] = (-1, None)
         acting = frame.code.acting
         acts = acting[op.to] - acting[at] > 0
-        run.machine.guess(
+        run.machine.log.choose(
             f"{found.what} is not known: the loop {'is gone through once' if acts else 'ends'}",
             found.key,
         )
@@ -218,7 +218,7 @@ def repeat(run: Running, frame: Frame, at: int, op: Op) -> int | None:
     if op.a is not None:
         found = truth(evaluate(run, op.a))
         if isinstance(found, Unknown):
-            run.machine.guess(f"{found.what} is not known: the loop ends", found.key)
+            run.machine.log.choose(f"{found.what} is not known: the loop ends", found.key)
             return None
         if found != op.b:
             return None
@@ -242,7 +242,7 @@ def _constant(node: Node) -> bool:
 def _again(run: Running, frame: Frame, at: int, start: int, head: Op) -> int | None:
     """Round again where a condition holds; where nothing changes it, something outside does, after one round."""
     if _stands_still(run, frame, at):
-        run.machine.guess(
+        run.machine.log.choose(
             f"the condition of the loop from line {head.line} never changes here: the loop is left"
         )
         frame.rounds.pop(at, None)
@@ -254,7 +254,7 @@ def select(run: Running, frame: Frame, _at: int, op: Op) -> int | None:
     """``Select Case``."""
     value = evaluate(run, op.a)
     if isinstance(value, Unknown):
-        run.machine.guess(
+        run.machine.log.choose(
             f"{value.what} is not known: the first Case that does something is taken", value.key
         )
         return _first_case(frame, op)
@@ -286,7 +286,7 @@ def go_sub(run: Running, frame: Frame, at: int, op: Op) -> int:
     """``GoSub``."""
     where = frame.code.labels.get(op.a, -1)
     if where < 0:
-        run.machine.find("refused", f"there is no label {op.a}")
+        run.machine.log.find("refused", f"there is no label {op.a}")
         return at + 1
     if len(frame.returns) > 100:
         raise Stopped("GoSub without end")
@@ -299,7 +299,9 @@ def on_value(run: Running, frame: Frame, at: int, op: Op) -> int | None:
     word, goals = op.b
     value = evaluate(run, op.a)
     if isinstance(value, Unknown):
-        run.machine.guess(f"{value.what} is not known: the first way of On is taken", value.key)
+        run.machine.log.choose(
+            f"{value.what} is not known: the first way of On is taken", value.key
+        )
     which = 0 if isinstance(value, Unknown) else int(number(value)) - 1
     if not 0 <= which < len(goals) or goals[which] not in frame.code.labels:
         return None
@@ -321,7 +323,7 @@ def wait_for(run: Running, op: Op) -> None:
         if found is False and asked:
             raise Stopped(f"waits for ever: {asked} is given otherwise")
         what = found.what if isinstance(found, Unknown) else "what others set"
-        run.machine.guess(
+        run.machine.log.choose(
             f"Wait for {what} is over at once", found.key if isinstance(found, Unknown) else ""
         )
         _learn(run, op.a)

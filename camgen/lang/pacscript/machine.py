@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
+from camgen.lang.log import Log
 from camgen.lang.motion_speed import Limit, pace_motion
 from camgen.lang.pacscript.values import (
     Array,
@@ -17,7 +18,7 @@ from camgen.lang.pacscript.values import (
     Vector,
     name_place,
 )
-from camgen.lang.programs import Assumption, Executed, Finding, Frames, Level
+from camgen.lang.programs import Executed, Frames
 from camgen.model.pose import IDENTITY, Pose, Vec3, frozen, to_vec3
 from camgen.model.program import (
     Force,
@@ -84,13 +85,7 @@ class Machine:
         self.lines: list[int] = []
         self.frame: list[int] = []
         self.frames: list[Frames] = []
-        self.findings: dict[tuple[int, str], Finding] = {}
-        self.assumed: dict[str, Assumption] = {}
-        self.facts: dict[str, dict[str, None]] = {}
-        #: What the program does and the body does not, with its first line.
-        self.lost: dict[str, int] = {}
-        #: Effects that the body does not have, with their first line.
-        self.omitted: dict[str, int] = {}
+        self.log = Log(lambda: self.line)
         self.steps = 0
         self.globals: dict[tuple[str, int], Value] = {}
         self.outputs: dict[str, Value] = {}
@@ -108,7 +103,6 @@ class Machine:
         self.tasks: dict[str, int] = {}
         self.motor = True
         self.moved = False
-        self.guessed = False
         self.passing = False
         self.home: Value | None = None
         self.forces: dict[int, tuple[int, Vec3]] = {}
@@ -126,49 +120,10 @@ class Machine:
         value = self.assume.get(key, default)
         return value if value > 0 and math.isfinite(value) else default
 
-    # What is said about the program.
-
-    def find(self, level: Level, what: str, line: int = 0) -> None:
-        """Notes something about a line, the present one unless another is given; an error on a way that was guessed
-        is not sure.
-        """
-        if self.guessed and level == "refused" and not line:
-            level, what = "unusual", f"{what}, if the program comes here like this"
-        line = line or self.line
-        self.findings.setdefault((line, what[:160]), Finding(level, line, what[:160]))
-
-    def suppose(self, what: str, key: str = "", value: float = 0.0) -> None:
-        """Notes once what was taken for something that no text holds."""
-        if what not in self.assumed:
-            self.assumed[what] = Assumption(self.line, what[:160], key, value)
-
-    def leave_out(self, what: str, key: str = "") -> None:
-        """Notes once what the program does and the body does not."""
-        self.suppose(what, key)
-        self.lost.setdefault(what[:160], self.line)
-
-    def omit(self, what: str) -> None:
-        """Notes an effect that the body does not have, with its first line."""
-        self.omitted.setdefault(what[:160], self.line)
-
-    def lose_axes(self, what: str) -> None:
-        """Notes a fact about extended axes, which no body has."""
-        self.state("external axes", what)
-        self.lost.setdefault(f"external axes: {what}", self.line)
-
-    def guess(self, what: str, key: str = "", value: float = 0.0) -> None:
-        """Notes once which way was taken where no text decides: what stops the controller behind it is not sure."""
-        self.guessed = True
-        self.suppose(what, key, value)
-
-    def state(self, label: str, text: str) -> None:
-        """Notes a fact."""
-        self.facts.setdefault(label, {}).setdefault(text)
-
     def unknown(self, what: str, key: str = "") -> Value:
         """A value that no text holds: the user's where he gives one."""
         if key and (given := self.given(key)) is not None:
-            self.suppose(f"{what} is {given:g}, as given", key, given)
+            self.log.assume(f"{what} is {given:g}, as given", key, given)
             return given
         return Unknown(what, key)
 
@@ -231,17 +186,17 @@ class Machine:
     def own(self) -> None:
         """A motion needs the arm and its power."""
         if not self.armed and not self.trusting:
-            self.find("refused", "a motion without TakeArm: the controller stops with an error")
+            self.log.find("refused", "a motion without TakeArm: the controller stops with an error")
             self.trusting = True
         if not self.motor:
-            self.find("refused", "a motion with the motor off")
+            self.log.find("refused", "a motion with the motor off")
 
     def lose(self, do: str) -> None:
         """A step that could not be done: a motion leads to where nobody knows."""
         if do in _MOVING:
             speed, _ = self.speed(self.internal)
             base = f"where line {self.line} leads"
-            self.leave_out(f"{base} is not evaluated: it is told in a frame of that name")
+            self.log.leave_out(f"{base} is not evaluated: it is told in a frame of that name")
             self.move(MoveL(Pose(IDENTITY, (0.0, 0.0, 0.0)), speed), False, base)
 
     def speed(self, value: float) -> tuple[float, float]:
@@ -250,7 +205,7 @@ class Machine:
             return value.mm_s * self.external / 100, 0.0
         if value != self._told:
             self._told = value
-            self.suppose(f"100 % is taken for {self.rated:g} mm/s", "rated", self.rated)
+            self.log.assume(f"100 % is taken for {self.rated:g} mm/s", "rated", self.rated)
         return value / 100 * self.rated * self.external / 100, min(
             1.0, value / 100 * self.external / 100
         )
@@ -259,7 +214,7 @@ class Machine:
         """Adds a motion. passing: what follows may happen before the arm is there. base: of ``Placed``."""
         self.own()
         if not self.moved and not isinstance(item, MoveJ):
-            self.find(
+            self.log.find(
                 "unusual",
                 "the first motion is a straight line or an arc from wherever the arm stands",
             )
@@ -294,7 +249,7 @@ class Machine:
         """Moves the axes to values of their own."""
         if len(target.values) > 6:
             if any(target.values[6:]):
-                self.lose_axes("joint values beyond the sixth are not shown")
+                self.log.lose_axes("joint values beyond the sixth are not shown")
             target = Joints(target.values[:6])
         mm_s, share = self.speed(speed)
         self.move(MoveJ(target, mm_s, blend, share=share), blend > 0 and not at_once)
@@ -307,7 +262,7 @@ class Machine:
         posture, said = posture_of(target)
         base = target.base if isinstance(target, Placed) else ""
         if base:
-            self.suppose(
+            self.log.assume(
                 f"{base} is not in the text: motions to it are told in a frame of that name"
             )
         place = Pose(target.rotation, target.origin) if posture or base else target
@@ -339,7 +294,7 @@ class Machine:
         """Sets an output."""
         if self.passing:
             what = "an output after a motion that passes its target: it switches before the arm is there"
-            self.find("dangerous", what)
+            self.log.find("dangerous", what)
             self.passing = False
         self.emit(Output(signal, value))
 
@@ -349,7 +304,9 @@ class Machine:
             self.emit(Wait(seconds))
             self.passing = False
         if 0 < seconds < _SHORT_DELAY:
-            self.find("unusual", f"a delay of {seconds * 1000:g} ms: it is counted in milliseconds")
+            self.log.find(
+                "unusual", f"a delay of {seconds * 1000:g} ms: it is counted in milliseconds"
+            )
 
     def stop(self) -> None:
         """Stands still until the operator lets it go on."""
@@ -377,21 +334,22 @@ class Machine:
     def finish(self, stopped: tuple[int, str] | None) -> Executed:
         """All that was found."""
         if self.table is not None:
-            self.find(
-                "dangerous", "force control is on at the end", self.lines[-1] if self.lines else 1
+            self.log.find(
+                "dangerous",
+                "force control is on at the end",
+                line=self.lines[-1] if self.lines else 1,
             )
         several = len(self.frames) > 1
-        facts = tuple((label, ", ".join(list(texts)[:20])) for label, texts in self.facts.items())
         return Executed(
             tuple(self.body),
             tuple(self.lines),
             tuple(self.frames),
             tuple(self.frame) if several else (),
-            tuple(sorted(self.findings.values(), key=lambda one: (one.line, one.level, one.what))),
-            tuple(sorted(self.assumed.values(), key=lambda one: one.line)),
-            facts,
-            tuple((line, what) for what, line in self.lost.items()),
-            tuple((line, what) for what, line in self.omitted.items()),
+            self.log.list_findings(),
+            self.log.list_assumed(),
+            self.log.list_facts(", ", 20),
+            self.log.list_lost(),
+            self.log.list_omitted(),
             stopped,
         )
 

@@ -58,13 +58,13 @@ def blend_of(run: Running, mark: str | Node) -> float:
     if isinstance(mark, Node):
         value = evaluate(run, mark)
         if isinstance(value, Unknown):
-            run.machine.suppose(f"{value.what} of a pass mark is taken for @0")
+            run.machine.log.assume(f"{value.what} of a pass mark is taken for @0")
             return 0.0
         said = number(value)
         return PASS_MM if said < 0 else said
     if mark in _MARKS:
         if mark in _MEANINGS:
-            run.machine.state("pass marks", f"@{mark} {_MEANINGS[mark]}")
+            run.machine.log.fact("pass marks", f"@{mark} {_MEANINGS[mark]}")
         return _MARKS[mark]
     return float(mark)
 
@@ -75,7 +75,7 @@ def speed_of(run: Running, node: Node | None) -> float:
         return run.machine.internal
     value = evaluate(run, node)
     if isinstance(value, tuple):
-        run.machine.omit("Speed of a motion with more than one value: accelerations")
+        run.machine.log.omit("Speed of a motion with more than one value: accelerations")
         value = value[0]
     return checked(run, value)
 
@@ -84,9 +84,9 @@ def read_speed(run: Running, motion: Motion) -> float:
     """The internal speed of a motion, %. Notes the options that the body does not have."""
     for name, effect in OMITTED_OPTIONS.items():
         if name in motion.options:
-            run.machine.omit(f"{name.capitalize()} of a motion: {effect}")
+            run.machine.log.omit(f"{name.capitalize()} of a motion: {effect}")
     if motion.at_once:
-        run.machine.omit("Next: what follows happens on the way; here it waits for the motion")
+        run.machine.log.omit("Next: what follows happens on the way; here it waits for the motion")
     return speed_of(run, motion.options.get("speed"))
 
 
@@ -120,7 +120,7 @@ def move(run: Running, op: Op) -> None:
     for goal in motion.goals:
         target = place_of(run, goal.value)
         if goal.extended is not None:
-            run.machine.lose_axes("extended axes move too and are not shown")
+            run.machine.log.lose_axes("extended axes move too and are not shown")
         go(run, LINEAR[motion.kind], target, speed, blend_of(run, goal.mark), motion.at_once)
 
 
@@ -222,7 +222,7 @@ def behind(run: Running, pose: Pose, length: float) -> Pose:
     scara = bool(run.machine.given(_SCARA))
     if pose.rotation[2, 2] > _UP and not isinstance(pose, Placed) and not scara:
         what = "a tool that points up is taken for that of an arm of six axes: back of it is below"
-        run.machine.suppose(what, _SCARA)
+        run.machine.log.assume(what, _SCARA)
     origin = pose.apply((0.0, 0.0, length if scara else -length))
     if isinstance(pose, Figured):
         return Figured(pose.rotation, origin, pose.figure)
@@ -246,7 +246,7 @@ def arc(
             if isinstance(end, Pose)
             else name_place(f"the end of the arc of line {machine.line}")
         )
-        machine.suppose(
+        machine.log.assume(
             f"the arc of line {machine.line} is told as a line: the text does not hold its three points"
         )
         machine.go(True, goal, speed, blend, at_once)
@@ -254,12 +254,12 @@ def arc(
     try:
         center, _, axis, sweep = circle(start.origin, via.origin, end.origin)
     except ValueError:
-        machine.find("refused", "the three points of the arc are on one line")
+        machine.log.find("refused", "the three points of the arc are on one line")
         machine.here = keep_frame(Pose(end.rotation, end.origin), end)
         return
     said = posture_of(end)[1]
     if said is not None and machine.figure not in (None, said):
-        machine.find(
+        machine.log.find(
             "unusual", f"an arc from figure {machine.figure} to {said}: an error may occur"
         )
     middle = _half_way(start.origin, center, axis, sweep)
@@ -398,7 +398,7 @@ def arch(run: Running, op: Op) -> None:
     here, speed = run.machine.here, read_speed(run, motion)
     stored = isinstance(target, Placed) or isinstance(here, Placed)
     if not isinstance(target, Pose) or stored or isinstance(height, Unknown):
-        run.machine.suppose(
+        run.machine.log.assume(
             f"the arch of line {op.line} is told without its height: the text does not hold it"
         )
         go(run, False, target, speed, 0.0)
@@ -448,7 +448,7 @@ def _drive(
 ) -> None:
     machine = run.machine
     if any(axis > 6 for axis in said):
-        machine.lose_axes(", ".join(f"axis {axis} moves" for axis in sorted(said) if axis > 6))
+        machine.log.lose_axes(", ".join(f"axis {axis} moves" for axis in sorted(said) if axis > 6))
         said = {axis: value for axis, value in said.items() if axis <= 6}
         if not said:
             return

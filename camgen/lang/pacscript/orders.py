@@ -64,7 +64,7 @@ def _call(run: Running, op: Op) -> None:
         if module is not None and procedure is not None:
             run.call((module, procedure), op.b)
         else:
-            run.machine.state("other devices", f"{of.said}.{name}")
+            run.machine.log.fact("other devices", f"{of.said}.{name}")
         return
     called = run.find_procedure(name)
     if called is not None:
@@ -107,7 +107,7 @@ def _switch(run: Running, op: Op) -> None:
             run.set_signal(at, level)
             if op.b is not None:
                 run.machine.emit(Output(str(at), 0.0 if value else 1.0))
-                run.machine.state("pulses", f"IO[{at}]")
+                run.machine.log.fact("pulses", f"IO[{at}]")
         elif not run.write_port(at, level):
             assign_name(run, at, level)
 
@@ -116,14 +116,14 @@ def _signals(run: Running, which: Node, upto: Node | None) -> list[int | str]:
     if upto is not None:
         ends = evaluate(run, which), evaluate(run, upto)
         if any(isinstance(end, Unknown) for end in ends):
-            run.machine.leave_out("outputs whose numbers the text does not hold are left out")
+            run.machine.log.leave_out("outputs whose numbers the text does not hold are left out")
             return []
         first, last = (index(number(end)) for end in ends)
         return list(range(first, min(last, first + 255) + 1))
     if which.kind == "index" and which.said == "io" and which.parts:
         at = evaluate(run, which.parts[0])
         if isinstance(at, Unknown):
-            run.machine.leave_out(
+            run.machine.log.leave_out(
                 f"{at.what}, the number of an output, is not known: it is left out", at.key
             )
             return []
@@ -139,7 +139,7 @@ def _signals(run: Running, which: Node, upto: Node | None) -> list[int | str]:
 def _let(run: Running, op: Op) -> None:
     which, target, axis = op.a
     if which == "f":
-        run.machine.state("posture", "LetF sets the figure of a position")
+        run.machine.log.fact("posture", "LetF sets the figure of a position")
     if axis is None:
         let(run, which, target, evaluate(run, op.b))
     else:
@@ -147,11 +147,11 @@ def _let(run: Running, op: Op) -> None:
 
 
 def _omit(run: Running, op: Op) -> None:
-    run.machine.omit(f"{op.a}: {op.b}")
+    run.machine.log.omit(f"{op.a}: {op.b}")
 
 
 def _lose(run: Running, op: Op) -> None:
-    run.machine.leave_out(f"{op.a}: {op.b}")
+    run.machine.log.leave_out(f"{op.a}: {op.b}")
 
 
 def _raise(_run: Running, _op: Op) -> None:

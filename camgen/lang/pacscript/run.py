@@ -51,7 +51,7 @@ class Run:
         )
         self.machine.flange = ask.flange
         for what in faulty:
-            self.machine.suppose(what)
+            self.machine.log.assume(what)
         self.ask = ask
         self.files: dict[str, File] = read.files if read else read_files(files, self.say)
         self.most = ask.limits.pacscript_steps + sum(
@@ -70,7 +70,7 @@ class Run:
 
     def say(self, line: int, what: str) -> None:
         """Notes something that the language does not have."""
-        self.machine.find("refused", what, max(1, line))
+        self.machine.log.find("refused", what, line=max(1, line))
 
     # From its start to its end.
 
@@ -101,21 +101,20 @@ class Run:
         for name, line in list(machine.tasks.items())[:_MOST_BESIDE]:
             other = Run({}, replace(self.ask, entry=name, limits=limits), self)
             if isinstance(other._entry(), str):
-                machine.state("other tasks", f"{name}, not shown")
-                machine.lost.setdefault(f"another task, {name}, is not shown", line)
+                machine.log.fact("other tasks", f"{name}, not shown")
+                machine.log.lose(f"another task, {name}, is not shown", line=line)
                 continue
             done = other.whole(beside=False)
-            machine.state("other tasks", f"{name}: {sum_up(done.body)}, not shown")
+            machine.log.fact("other tasks", f"{name}: {sum_up(done.body)}, not shown")
             if done.body:
-                machine.lost.setdefault(
-                    f"another task, {name}, is not shown: {sum_up(done.body)}", line
-                )
-            for one in done.findings:
-                sure = one.level == "dangerous" or (one.line, one.what) in machine.findings
-                machine.line, machine.guessed = one.line, False
-                machine.find(
-                    one.level if sure else "unusual", one.what if sure else f"in {name}: {one.what}"
-                )
+                what = f"another task, {name}, is not shown: {sum_up(done.body)}"
+                machine.log.lose(what, line=line)
+            for finding in done.findings:
+                if finding.level == "dangerous" or machine.log.has(finding):
+                    machine.log.find(finding.level, finding.what, line=finding.line)
+                else:
+                    what = f"in {name}: {finding.what}"
+                    machine.log.find("unusual", what, line=finding.line)
 
     def _start(self) -> tuple[int, str] | None:
         found = self._entry()
@@ -171,9 +170,9 @@ class Run:
         """What is wrong with procedures that did not run."""
         for module in self.modules.values():
             for name, line in module.missing.items():
-                self.machine.state("files that are not given", name)
+                self.machine.log.fact("files that are not given", name)
                 self.machine.line = line
-                self.machine.suppose(f"{name} is not given: what it holds is not known")
+                self.machine.log.assume(f"{name} is not given: what it holds is not known")
         for module in self._modules():
             self.module = module
             for procedure in module.procedures.values():
@@ -230,7 +229,7 @@ class Run:
             raise Stopped("procedures that call each other without end")
         values = [evaluate(self, part) for part in parts]
         if len(values) > len(procedure.parameters):
-            self.machine.find(
+            self.machine.log.find(
                 "refused",
                 f"{procedure.name} takes {len(procedure.parameters)} values, not {len(values)}",
             )
@@ -309,10 +308,10 @@ class Run:
                 at = frame.code.labels[frame.handler]
                 continue
             except Wrong as error:
-                machine.find("refused", str(error))
+                machine.log.find("refused", str(error))
                 machine.lose(op.do)
             except Unreadable as error:
-                machine.leave_out(f"{error}: left out")
+                machine.log.leave_out(f"{error}: left out")
                 machine.lose(op.do)
             at += 1
 
@@ -348,7 +347,7 @@ class Run:
 
     def _put(self, signal: str, value: Value) -> None:
         if isinstance(value, Unknown):
-            self.machine.suppose(
+            self.machine.log.assume(
                 f"{value.what}, to which IO[{signal}] is set, is taken for 0", value.key
             )
         self.machine.switch(signal, 0.0 if isinstance(value, Unknown) else number(value))
@@ -401,17 +400,17 @@ class Run:
     def undeclared(self, name: str) -> Value:
         """A name that nobody has given a value: what the program counts with begins at 0."""
         if name in self.scope.assigned and self.machine.given(name) is None:
-            self.machine.suppose(f"{name} begins at 0", name)
+            self.machine.log.assume(f"{name} begins at 0", name)
             return 0.0
         value = self.machine.unknown(name, name)
         if isinstance(value, Unknown):
-            self.machine.suppose(f"{name} has no value in the text", name)
+            self.machine.log.assume(f"{name} has no value in the text", name)
         return value
 
     def left_out(self, name: str) -> Value:
         """A procedure that is in no file."""
         self.machine.trusting = True
-        self.machine.leave_out(
+        self.machine.log.leave_out(
             f"{name} is in no file that is given: left out, with all that it moves and sets"
         )
         return Unknown(f"what {name} gives")

@@ -16,7 +16,7 @@ _LONGEST_DELAY = 2**31 - 1
 def checked(run: Running, value: Value) -> float:
     """A speed in % that the controller takes."""
     if isinstance(value, Unknown):
-        run.machine.suppose(
+        run.machine.log.assume(
             f"{value.what}, a speed, is taken for the one in force", value.key, run.machine.internal
         )
         return run.machine.internal
@@ -26,7 +26,7 @@ def checked(run: Running, value: Value) -> float:
             raise Wrong(f"a speed of Mps({value.mm_s:g})")  # type: ignore[union-attr]
         return value  # type: ignore[return-value]
     if not 0.1 <= said <= 100:
-        run.machine.find("refused", f"a speed of {said:g} %: the controller takes 0.1 to 100")
+        run.machine.log.find("refused", f"a speed of {said:g} %: the controller takes 0.1 to 100")
         return min(100.0, max(0.1, said))
     return said
 
@@ -41,7 +41,7 @@ def take_arm(run: Running, op: Op) -> None:
         machine.change_frame("tool", 0)
         machine.change_frame("work", 0)
     if isinstance(group, float) and group:
-        machine.state("arm group", f"{group:g}")
+        machine.log.fact("arm group", f"{group:g}")
 
 
 def give_arm(run: Running, _op: Op) -> None:
@@ -70,7 +70,7 @@ def speed_statement(run: Running, op: Op) -> None:
 def omit_accelerations(run: Running, op: Op) -> None:
     """Notes the accelerations in a statement of a speed."""
     if len(op.a) > 1:
-        run.machine.omit(f"{op.do} with more than one value: accelerations")
+        run.machine.log.omit(f"{op.do} with more than one value: accelerations")
 
 
 def external_speed(run: Running, op: Op) -> None:
@@ -78,18 +78,18 @@ def external_speed(run: Running, op: Op) -> None:
     value = evaluate(run, op.a[0]) if op.a else 100.0
     omit_accelerations(run, op)
     if isinstance(value, Unknown):
-        run.machine.suppose(
+        run.machine.log.assume(
             f"{value.what}, the external speed, is taken for 100 %", value.key, 100.0
         )
         return
     said = number(value)
     if not 0 < said <= 100:
-        run.machine.find(
+        run.machine.log.find(
             "refused", f"an external speed of {said:g} %: the controller takes up to 100"
         )
         return
     run.machine.external = said
-    run.machine.state("external speed", f"{said:g} %")
+    run.machine.log.fact("external speed", f"{said:g} %")
 
 
 def change(run: Running, op: Op) -> None:
@@ -97,11 +97,11 @@ def change(run: Running, op: Op) -> None:
     kind = op.do.removeprefix("change")
     value = evaluate(run, op.a[0]) if op.a else 0.0
     if isinstance(value, Unknown):
-        run.machine.suppose(f"{value.what}, a {kind} number, is taken for the one in force")
+        run.machine.log.assume(f"{value.what}, a {kind} number, is taken for the one in force")
         return
     at = int(number(value))
     if not 0 <= at <= 63:
-        run.machine.find("refused", f"{kind} {at}: there are 0 to 63")
+        run.machine.log.find("refused", f"{kind} {at}: there are 0 to 63")
         return
     run.machine.change_frame(kind, at)
 
@@ -112,7 +112,7 @@ def define(run: Running, op: Op) -> None:
         raise Wrong(f"{op.do.capitalize()} needs a number and a position")
     at, pose = evaluate(run, op.a[0]), fit(evaluate(run, op.a[1]), "position")
     if isinstance(at, Unknown) or not isinstance(pose, Pose):
-        run.machine.suppose(f"a {op.do} frame that the text does not hold")
+        run.machine.log.assume(f"a {op.do} frame that the text does not hold")
         return
     run.machine.define_frame(op.do, int(number(at)), Pose(pose.rotation, pose.origin))
 
@@ -123,7 +123,7 @@ def delay(run: Running, op: Op) -> None:
     if value is None:
         raise Wrong("Delay needs a number")
     if isinstance(value, Unknown):
-        run.machine.suppose(f"{value.what}, a delay, is taken for 0", value.key)
+        run.machine.log.assume(f"{value.what}, a delay, is taken for 0", value.key)
         return
     said = number(value)
     if not 0 <= said <= _LONGEST_DELAY:
@@ -141,7 +141,7 @@ def force_parameter(run: Running, op: Op) -> None:
         table = int(number(values[0]))
         machine.forces[table] = (int(number(values[1])), force.origin)
         if machine.table == table and not machine.press(table):
-            machine.leave_out("a force in a frame that the text does not give is left out")
+            machine.log.leave_out("a force in a frame that the text does not give is left out")
 
 
 def force_control(run: Running, op: Op) -> None:
@@ -149,13 +149,13 @@ def force_control(run: Running, op: Op) -> None:
     values = [evaluate(run, node) for node in op.a]
     machine = run.machine
     if any(isinstance(one, Unknown) for one in values) or not values:
-        machine.leave_out("force control by values that the text does not hold is left out")
+        machine.log.leave_out("force control by values that the text does not hold is left out")
         return
     on = bool(number(values[0]))
     if machine.press((int(number(values[1])) if len(values) > 1 else 1) if on else None):
         machine.tell_force()
     else:
-        machine.leave_out("a force that the text does not give is left out")
+        machine.log.leave_out("a force that the text does not give is left out")
 
 
 def hold(run: Running, _op: Op) -> None:
@@ -169,9 +169,11 @@ def settle(run: Running, op: Op) -> None:
     for node in op.a:
         evaluate(run, node)
     if op.do == "arrive":
-        run.machine.omit("Arrive: what follows happens on the way; here it waits for the motion")
+        run.machine.log.omit(
+            "Arrive: what follows happens on the way; here it waits for the motion"
+        )
     else:
-        run.machine.state(
+        run.machine.log.fact(
             "waits", "WaitMotion waits for the motion, as all that follows one does here"
         )
     run.machine.passing = False
@@ -186,7 +188,7 @@ def nothing(run: Running, op: Op) -> None:
 def interrupt(run: Running, op: Op) -> None:
     """``Interrupt`` and ``MotionSkip``: motions may be cut short."""
     nothing(run, op)
-    run.machine.suppose(
+    run.machine.log.assume(
         f"{op.do.capitalize()}: motions that something may cut short are taken to their end"
     )
 

@@ -141,7 +141,7 @@ class Flow(ABC):
             try:
                 self.perform(item)
             except Wrong as wrong:
-                machine.find("refused", wrong.what, wrong.line or item.line)
+                machine.log.find("refused", wrong.what, line=wrong.line or item.line)
             except Raised as raised:
                 if self._tries_again(raised):
                     continue
@@ -185,7 +185,7 @@ class Flow(ABC):
         machine = self.machine
         for kept in (machine.body, machine.lines, machine.frame_of):
             del kept[loop.after_first :]
-        machine.assume(f"{name} repeats without end: it is shown once")
+        machine.log.assume(f"{name} repeats without end: it is shown once")
         raise Ended
 
     def repeat(self, item: While) -> None:
@@ -230,7 +230,7 @@ class Flow(ABC):
             if waits
             else "repeats: it is shown once"
         )
-        machine.assume(f"a loop {what}")
+        machine.log.assume(f"a loop {what}")
         return True
 
     def _stands_still(self, loop: Loop) -> bool:
@@ -251,11 +251,11 @@ class Flow(ABC):
         machine = self.machine
         key, taken = hint(machine, item.condition, value, True)
         if self.ways.leads(item.body) and self.ways.moves(item.body):
-            machine.assume(f"a loop asks {tell(value)}: it is run once", key, taken)
+            machine.log.assume(f"a loop asks {tell(value)}: it is run once", key, taken)
             self.run(item.body)
             return
         key, taken = hint(machine, item.condition, value, False)
-        machine.assume(f"a loop asks {tell(value)}: it ends at once", key, taken)
+        machine.log.assume(f"a loop asks {tell(value)}: it ends at once", key, taken)
 
     def count(self, item: For) -> None:
         """FOR; its variable is its own."""
@@ -264,7 +264,7 @@ class Flow(ABC):
         step = machine.number(item.step) if item.step is not None else None
         unknown = next((v for v in (first, last, step) if isinstance(v, Unknown)), None)
         if unknown is not None:
-            machine.assume(f"a FOR counts to {tell(unknown)}: it is run once", unknown.key)
+            machine.log.assume(f"a FOR counts to {tell(unknown)}: it is run once", unknown.key)
             first = last = first if type(first) is float else 1.0
             step = 1.0
         if step is None:
@@ -315,7 +315,7 @@ class Flow(ABC):
                 if isinstance(asked, Unknown):
                     key, worth = hint(machine, condition, asked, holds)
                     what = "is taken to hold" if holds else "is taken not to hold"
-                    machine.assume(f"an IF asks {tell(asked)}: it {what}", key, worth)
+                    machine.log.assume(f"an IF asks {tell(asked)}: it {what}", key, worth)
         self.run(blocks[taken])
 
     def select(self, item: Test) -> None:
@@ -340,7 +340,7 @@ class Flow(ABC):
             found = machine.value(item.cases[taken][0][0])
             case = f"{found:g}" if type(found) is float else ascii(found)[:40]
             key, worth = (unknown.key, found) if type(found) is float else ("", 0.0)
-        machine.assume(f"a TEST asks {tell(unknown)}: the case {case} is taken", key, worth)
+        machine.log.assume(f"a TEST asks {tell(unknown)}: the case {case} is taken", key, worth)
         self.run(blocks[taken])
 
 

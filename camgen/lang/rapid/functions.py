@@ -40,7 +40,7 @@ def call_function(machine: Machine, call: Call) -> Value:
     known = _PLAIN.get(call.name)
     if known is None:
         if call.name not in _UNKNOWN:
-            machine.assume(
+            machine.log.assume(
                 f"{call.name} is in none of the files: what it gives is not known", call.name
             )
         return machine.ask_for(f"{call.name}()", call.name)
@@ -51,7 +51,7 @@ def call_function(machine: Machine, call: Call) -> Value:
         known = _WITH_OPTION.get((call.name, *sorted(name for name, _ in call.options)))
         values += [machine.value(value) for name, value in call.options if value is not None]
     if known is None or find_unknown(values) is not None:
-        machine.lose(
+        machine.log.leave_out(
             f"{call.name} with \\{call.options[0][0]} is not evaluated: what it gives is not known"
         )
         return Unknown(f"{call.name}()")
@@ -128,7 +128,7 @@ def _is_given(machine: Machine, value: Expr | None) -> bool:
 
 def _joints_here(machine: Machine, _call: Call) -> Value:
     if machine.here.joints is None:
-        machine.assume("CJointT: the joints where the arm is are not known", "")
+        machine.log.assume("CJointT: the joints where the arm is are not known", "")
         return Unknown("CJointT()")
     return (machine.here.joints, (9e9,) * 6)
 
@@ -146,7 +146,7 @@ def _robot_of_joints(machine: Machine, call: Call) -> Value:
 
 def _of_arm(machine: Machine, call: Call) -> Value:
     """CalcRobT and CalcJointT: they need the arm."""
-    machine.assume(f"{call.name} needs the arm: what it gives is not known", "")
+    machine.log.assume(f"{call.name} needs the arm: what it gives is not known", "")
     return Unknown(f"{call.name}()")
 
 

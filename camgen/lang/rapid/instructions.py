@@ -41,7 +41,7 @@ def _set_to(machine: Machine, name: str, value: float, group: bool = False) -> N
     """Sets an output. One that has the value already changes nothing in a corner; a group tells somebody a number."""
     if machine.blending and machine.outputs.get(name.lower()) != value:
         what = f"{name} is switched while the robot is still in a corner: the motion in line {machine.blending} blends"
-        machine.find("unusual" if group else "dangerous", what)
+        machine.log.find("unusual" if group else "dangerous", what)
         machine.blending = 0
     machine.add(Output(name, value))
     machine.outputs[name.lower()] = value
@@ -61,11 +61,11 @@ def _set_output(machine: Machine, call: Call) -> None:
     options = dict(call.options)
     given = options.get("dvalue")
     if "sdelay" in options:
-        machine.tell("delays", "SetDO with SDelay is shown without it")
+        machine.log.fact("delays", "SetDO with SDelay is shown without it")
     name = _signal_of(machine, call, 1 if given is not None else 2)
     value = machine.number(given if given is not None else call.args[1])
     if isinstance(value, Unknown):
-        machine.assume(f"what {name} is set to is not known: 1 is taken", name.lower(), 1.0)
+        machine.log.assume(f"what {name} is set to is not known: 1 is taken", name.lower(), 1.0)
         value = machine.given(name) or 1.0
     if call.name == "setdo" and value not in (0, 1, 2):
         raise Wrong(machine.line, f"{name} is set to {value:g}; a digital output is 0 or 1")
@@ -83,7 +83,7 @@ def _invert(machine: Machine, call: Call) -> None:
     name = _signal_of(machine, call, 1)
     now = machine.outputs.get(name.lower())
     if now is None:
-        machine.assume(f"{name} is inverted: it is taken to be off before", name.lower(), 0.0)
+        machine.log.assume(f"{name} is inverted: it is taken to be off before", name.lower(), 0.0)
         now = machine.given(name) or 0.0
     _set_to(machine, name, float(now == 0))
 
@@ -97,7 +97,7 @@ def _pulse(machine: Machine, call: Call) -> None:
     if "high" not in options:
         machine.add(Output(name, 0.0))
         machine.outputs[name.lower()] = 0.0
-    machine.tell("pulses", f"{name}, {length:g} s" if type(length) is float else name)
+    machine.log.fact("pulses", f"{name}, {length:g} s" if type(length) is float else name)
 
 
 # Waits ----------------------------------------------------------------------------------------------------------
@@ -109,7 +109,7 @@ def _wait(machine: Machine, call: Call) -> None:
         raise Wrong(machine.line, "WaitTime has a time")
     seconds = machine.number(call.args[-1])
     if isinstance(seconds, Unknown):
-        machine.assume(f"a wait is not known ({seconds.what}): 0 s are taken", seconds.key)
+        machine.log.assume(f"a wait is not known ({seconds.what}): 0 s are taken", seconds.key)
         seconds = 0.0
     if seconds < 0:
         raise Wrong(machine.line, "a wait must not be negative")
@@ -123,7 +123,7 @@ def _wait_signal(machine: Machine, call: Call) -> None:
     name = name_of(machine, call.args[0] if call.args else None)
     value = machine.number(call.args[1]) if len(call.args) > 1 else 1.0
     wanted = f"{value:g}" if type(value) is float else "a value"
-    machine.assume(f"{name}: the wait for {wanted} is over at once")
+    machine.log.assume(f"{name}: the wait for {wanted} is over at once")
     _no_timeout(machine, call)
 
 
@@ -133,7 +133,7 @@ def _wait_until(machine: Machine, call: Call) -> None:
         held = machine.value(call.args[-1])
         if held is not True:
             what = held.what if isinstance(held, Unknown) else "a condition"
-            machine.assume(f"{what[:60] or 'a condition'}: the wait for it is over at once")
+            machine.log.assume(f"{what[:60] or 'a condition'}: the wait for it is over at once")
     _no_timeout(machine, call)
 
 
@@ -168,10 +168,12 @@ def _displace_set(machine: Machine, call: Call) -> None:
     machine.fit("pose", value)
     unknown = find_unknown(value)
     if unknown is not None:
-        machine.assume(f"a displacement is not known ({unknown.what}): none is taken", unknown.key)
+        machine.log.assume(
+            f"a displacement is not known ({unknown.what}): none is taken", unknown.key
+        )
         value = None
     machine.displaced = pose_of(machine, value) if isinstance(value, tuple) else None
-    machine.tell("displacement", "of the program, PDispSet")
+    machine.log.fact("displacement", "of the program, PDispSet")
 
 
 def _displace_on(machine: Machine, call: Call) -> None:
@@ -190,7 +192,7 @@ def _displace_on(machine: Machine, call: Call) -> None:
     machine.fit("robtarget", point)
     machine.fit("robtarget", at)
     if find_unknown(point) is not None or find_unknown(at) is not None:
-        machine.assume("a displacement is not known (PDispOn where the arm is): none is taken")
+        machine.log.assume("a displacement is not known (PDispOn where the arm is): none is taken")
         return
     planned, real = pose_of(machine, point), pose_of(machine, at)
     if "rot" in options:
@@ -198,7 +200,7 @@ def _displace_on(machine: Machine, call: Call) -> None:
     else:
         x, y, z = (a - b for a, b in zip(real.origin, planned.origin, strict=True))
         machine.displaced = Pose(IDENTITY, (x, y, z))
-    machine.tell("displacement", "of the program, PDispOn")
+    machine.log.fact("displacement", "of the program, PDispOn")
 
 
 def _limit_speed(machine: Machine, call: Call) -> None:
@@ -208,7 +210,9 @@ def _limit_speed(machine: Machine, call: Call) -> None:
         raise Wrong(machine.line, "VelSet has a percentage and a speed")
     unknown = find_unknown(values)
     if unknown is not None:
-        machine.omit(f"velset: a value that is not known ({unknown.what[:60]}): the speeds stay")
+        machine.log.omit(
+            f"velset: a value that is not known ({unknown.what[:60]}): the speeds stay"
+        )
         return
     percent, most = values
     if not (percent > 0 and most > 0):
@@ -239,12 +243,12 @@ def _set_circle_mode(machine: Machine, call: Call) -> None:
     """CirPathMode: how the tool turns along an arc. Modes of the wrist are lost; without one it is PathFrame."""
     mode = call.options[0][0] if call.options else "pathframe"
     if mode not in _CIRCLE_MODES:
-        machine.lose(
+        machine.log.leave_out(
             f"{call.name} \\{mode}: the tool turns as the wrist does; split the arc at taught points"
         )
         return
     machine.passes_circle_point = _CIRCLE_MODES[mode] == "circle point"
-    machine.tell("settings", f"{call.name} \\{mode}")
+    machine.log.fact("settings", f"{call.name} \\{mode}")
 
 
 # Triggers -------------------------------------------------------------------------------------------------------
@@ -266,11 +270,11 @@ def _define_trigger(machine: Machine, call: Call) -> None:
     distance = numbers[0] if numbers and "time" not in options else 0.0
     done = ((name, value),) if name and type(value) is float else ()
     if not done:
-        machine.lose(f"{call.name}: its signal or its value is not known")
+        machine.log.leave_out(f"{call.name}: its signal or its value is not known")
     if "time" in options:
-        machine.omit(f"{call.name} \\time: the time before the end; here it acts at the end")
+        machine.log.omit(f"{call.name} \\time: the time before the end; here it acts at the end")
     if call.name == "triggequip" and len(numbers) > 1 and numbers[1]:
-        machine.omit(f"triggequip: the lag of its equipment, {numbers[1]:g} s")
+        machine.log.omit(f"triggequip: the lag of its equipment, {numbers[1]:g} s")
     if call.args:
         machine.assign(call.args[0], Trigger(distance, "start" in options, done))
 
@@ -295,12 +299,12 @@ def _ask_operator(machine: Machine, call: Call) -> None:
     """TPReadNum, TPReadFK, TPReadDnum, UIMsgBox: the answer is not known unless the user gives it."""
     _receive(machine, call)
     if call.name == "uimsgbox":
-        machine.assume("uimsgbox: the operator answers at once")
+        machine.log.assume("uimsgbox: the operator answers at once")
         return
     if call.args and isinstance(call.args[0], (Ref, Component, Element)):
         name = _key_of(call.args[0])
         if machine.given(name) is None:
-            machine.assume(f"{name}: the operator's answer is not known", name)
+            machine.log.assume(f"{name}: the operator's answer is not known", name)
 
 
 def _receive(machine: Machine, call: Call) -> None:
@@ -376,12 +380,12 @@ def _bit(machine: Machine, call: Call) -> None:
 
 def _move_alone(machine: Machine, _call: Call) -> None:
     """IndAMove and its like: an axis beside the arm."""
-    machine.lose_axes("move on their own and are not shown")
+    machine.log.lose_axes("move on their own and are not shown")
 
 
 def _move_unseen(machine: Machine, call: Call) -> None:
     """A motion that no text tells: where the arm is is not known after it."""
-    machine.lose(f"{call.name} moves the arm as no text says: it is not shown")
+    machine.log.leave_out(f"{call.name} moves the arm as no text says: it is not shown")
     machine.here = Here(None, machine.frame)
     machine.blending = 0
 
@@ -392,12 +396,12 @@ def _move_nothing(_machine: Machine, _call: Call) -> None:
 
 def _omit(machine: Machine, call: Call) -> None:
     """An effect that another machine does without."""
-    machine.omit(f"{_describe(machine, call)}: {OMITTED[call.name]}")
+    machine.log.omit(f"{_describe(machine, call)}: {OMITTED[call.name]}")
 
 
 def _lose(machine: Machine, call: Call) -> None:
     """An effect without which another machine would move differently."""
-    machine.lose(f"{call.name}: {LOST[call.name]}")
+    machine.log.leave_out(f"{call.name}: {LOST[call.name]}")
 
 
 def _forget_arguments(machine: Machine, call: Call) -> None:

@@ -28,14 +28,14 @@ def connect(machine: Machine, item: Connect) -> None:
     """``CONNECT interrupt WITH trap``."""
     routine = machine.routine(item.trap)
     if routine is None:
-        machine.lose(f"the TRAP {item.trap} is in none of the files: it is left out")
+        machine.log.leave_out(f"the TRAP {item.trap} is in none of the files: it is left out")
         return
     key = _key(machine, item.target)
     if key is not None:
         machine.connected[key] = routine
     comes = machine.given(item.trap) not in (None, 0.0)
     what = "comes once, where it first may" if comes else "does not come"
-    machine.assume(f"the interrupt {item.trap} {what}", item.trap.lower(), float(comes))
+    machine.log.assume(f"the interrupt {item.trap} {what}", item.trap.lower(), float(comes))
 
 
 def come(machine: Machine, interrupt: Expr | None) -> None:
@@ -76,9 +76,9 @@ def _hold(machine: Machine, call: Call) -> None:
 def _define(machine: Machine, call: Call) -> None:
     """TriggInt: an interrupt at a place of a motion. The others switch nothing here."""
     if call.name in DEFINED:
-        machine.lose(f"{call.name}: {DEFINED[call.name]}")
+        machine.log.leave_out(f"{call.name}: {DEFINED[call.name]}")
     elif call.name == "triggcheckio":
-        machine.omit("triggcheckio: a check of a signal on the way")
+        machine.log.omit("triggcheckio: a check of a signal on the way")
     if not call.args:
         return
     options = dict(call.options)
@@ -114,24 +114,21 @@ def judge_trap(machine: Machine, routine: Routine, run: Callable[[], object]) ->
     with _aside(machine) as begin:
         run()
         done = machine.body[begin:]
-        findings = list(machine.findings)
-    machine.tell("interrupts", f"{routine.name} (line {routine.line}): {sum_up(done)}")
-    for level, line, what in findings:
-        known = (level, line, what) in machine.findings or level == "dangerous"
-        if not known and not what.startswith(
-            "element "
-        ):  # an index is worth what the program has done so far
-            machine.find("unusual", f"in the TRAP {routine.name}, where it comes: {what}", line)
+        findings = machine.log.list_findings()
+    machine.log.fact("interrupts", f"{routine.name} (line {routine.line}): {sum_up(done)}")
+    for finding in findings:
+        is_known = machine.log.has(finding) or finding.level == "dangerous"
+        # The value of an index depends on what the program has done so far.
+        if not is_known and not finding.what.startswith("element "):
+            what = f"in the TRAP {routine.name}, where it comes: {finding.what}"
+            machine.log.find("unusual", what, line=finding.line)
 
 
 @contextmanager
 def _aside(machine: Machine) -> Iterator[int]:
     """What is done within leaves nothing behind but what data are worth; the place in the body where it begins."""
     kept = {name: getattr(machine, name) for name in _KEPT}
-    copies = {
-        name: getattr(machine, name).copy()
-        for name in ("findings", "assumed", "facts", "lost", "omitted", "outputs", "frame_keys")
-    }
+    copies = {name: getattr(machine, name).copy() for name in ("log", "outputs", "frame_keys")}
     begin, frames = len(machine.body), len(machine.frames)
     machine.blending = 0
     try:

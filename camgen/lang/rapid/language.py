@@ -9,9 +9,8 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 
-from camgen.lang.programs import Ask, Executed, Finding, Language, strip_mark
+from camgen.lang.programs import Ask, Executed, Language, strip_mark
 from camgen.model.program import pack
-from camgen.model.text import counted
 
 from .grammar import parse
 from .link import link
@@ -36,17 +35,17 @@ def run(files: Mapping[str, str], ask: Ask) -> Executed:
     for name, text in files.items():
         plain = strip_mark(text).replace("\r\n", "\n").replace("\r", "\n").rstrip("\x00\x1a")
         if "\x00" in plain[:1000]:
-            machine.find(
+            machine.log.find(
                 "refused",
                 f"{name[-60:]} is no text: controllers write modules that may not be seen like this",
-                line,
+                line=line,
             )
             line += plain.count("\n") + 1
             continue
         found, notes = parse(plain, line)
         modules += found
         for note in notes:
-            machine.find("unusual" if note.odd else "refused", note.what, note.line)
+            machine.log.find("unusual" if note.odd else "refused", note.what, line=note.line)
         line += plain.count("\n") + (not plain.endswith("\n"))
     entry = link(machine, modules)
     stopped = None if entry is None else _run(machine, entry, line)
@@ -59,30 +58,23 @@ def _run(machine: Machine, entry: Routine, lines: int) -> tuple[int, str] | None
     try:
         return run_entry(machine, entry, int(machine.ask.limits.rapid_steps) + lines)
     except Wrong as wrong:
-        machine.find("refused", wrong.what, wrong.line)
+        machine.log.find("refused", wrong.what, line=wrong.line)
         return wrong.line, wrong.what
 
 
 def _answer(machine: Machine, stopped: tuple[int, str] | None) -> Executed:
-    findings = [Finding(level, line, what) for level, line, what in machine.findings]
     return Executed(
         body=pack(machine.body),
         lines=tuple(machine.lines),
         frames=tuple(machine.frames),
         frame=tuple(machine.frame_of) if len(machine.frames) > 1 else (),
-        findings=tuple(sorted(findings, key=lambda one: (one.line, one.what))),
-        assumed=tuple(sorted(machine.assumed.values(), key=lambda one: one.line)),
-        facts=tuple((label, _list(texts)) for label, texts in machine.facts.items() if label),
-        lost=tuple((line, what) for what, line in machine.lost.items()),
-        omitted=tuple((line, what) for what, line in machine.omitted.items()),
+        findings=machine.log.list_findings(),
+        assumed=machine.log.list_assumed(),
+        facts=machine.log.list_facts("; ", 8),
+        lost=machine.log.list_lost(),
+        omitted=machine.log.list_omitted(),
         stopped=stopped,
     )
-
-
-def _list(texts: Mapping[str, None]) -> str:
-    shown = list(texts)[:8]
-    rest = len(texts) - len(shown)
-    return "; ".join(shown) + (f"; and {counted(rest, 'more', 'more')}" if rest else "")
 
 
 LANGUAGE = Language(

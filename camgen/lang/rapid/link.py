@@ -36,7 +36,7 @@ def _value_all(machine: Machine) -> None:
                 if variable.start is not None:
                     machine.load(variable)
             except Wrong as wrong:
-                machine.find("refused", wrong.what, wrong.line)
+                machine.log.find("refused", wrong.what, line=wrong.line)
 
 
 def _enter_record(machine: Machine, record: Record) -> None:
@@ -56,14 +56,18 @@ def _check_names(machine: Machine, module: Module, seen: dict[str, int]) -> None
     for name, line, local in items:
         key = name.lower()
         if len(name) > _LONGEST_NAME:
-            machine.find("refused", f"{name[:40]} is longer than {_LONGEST_NAME} characters", line)
+            machine.log.find(
+                "refused", f"{name[:40]} is longer than {_LONGEST_NAME} characters", line=line
+            )
         before = own.get(key) or (None if local else seen.get(key))
         if before:
-            machine.find("refused", f"{name[:40]} is declared twice, first in line {before}", line)
+            machine.log.find(
+                "refused", f"{name[:40]} is declared twice, first in line {before}", line=line
+            )
         own[key] = own.get(key, line)
         if not local and key == module.name.lower():
             what = f"{name[:40]} has the name of its module: the controller cannot tell them apart"
-            machine.find("refused", what, line)
+            machine.log.find("refused", what, line=line)
         if not local:
             seen[key] = seen.get(key, line)
     for routine in module.routines:
@@ -71,8 +75,10 @@ def _check_names(machine: Machine, module: Module, seen: dict[str, int]) -> None
         for data in routine.data:
             key = data.name.lower()
             if key in inner:
-                machine.find(
-                    "refused", f"{data.name[:40]} is declared twice in {routine.name}", data.line
+                machine.log.find(
+                    "refused",
+                    f"{data.name[:40]} is declared twice in {routine.name}",
+                    line=data.line,
                 )
             inner.add(key)
 
@@ -103,8 +109,8 @@ def _find_entry(machine: Machine, modules: Sequence[Module]) -> Routine | None:
     if found is None and wanted:
         found = next((r for m in modules for r in m.routines if r.name.lower() == wanted), None)
         if found is None:
-            machine.find(
-                "refused", f"there is no PROC {machine.ask.entry[:40]}, which is asked for", 1
+            machine.log.find(
+                "refused", f"there is no PROC {machine.ask.entry[:40]}, which is asked for", line=1
             )
             return None
     idle = found is not None and not wanted and not found.body
@@ -114,7 +120,7 @@ def _find_entry(machine: Machine, modules: Sequence[Module]) -> Routine | None:
         and found.kind == "proc"
         and all(one.optional for one in found.parameters)
     ):
-        machine.tell("entry", found.name)
+        machine.log.fact("entry", found.name)
         return found
     ready = [
         routine
@@ -127,7 +133,7 @@ def _find_entry(machine: Machine, modules: Sequence[Module]) -> Routine | None:
     if not ready and found is not None and found.kind == "proc":
         ready = [found]
     if not ready:
-        machine.tell("entry", "none: no PROC can be run by itself")
+        machine.log.fact("entry", "none: no PROC can be run by itself")
         return None
     return _first_of(machine, modules, ready)
 
@@ -145,5 +151,5 @@ def _first_of(machine: Machine, modules: Sequence[Module], ready: list[Routine])
     ways = Ways(machine)
     chosen = next((routine for routine in (*free, *ready) if ways.moves(routine.body)), free[0])
     why = "main does nothing" if "main" in machine.routines else "there is no main"
-    machine.tell("entry", f"{chosen.name}, as {why}")
+    machine.log.fact("entry", f"{chosen.name}, as {why}")
     return chosen

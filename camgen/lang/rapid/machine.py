@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 
 from msgspec import Struct
 
-from camgen.lang.programs import Ask, Assumption, Frames, Level
+from camgen.lang.log import Log
+from camgen.lang.programs import Ask, Frames
 from camgen.model.instructions import Instruction
 from camgen.model.pose import FloatArray, Pose, rotation_from_quaternion
 from camgen.model.text import counted
@@ -43,8 +44,6 @@ from .values import (
 
 #: Longest array that is made: elements.
 _LONGEST_ARRAY = 100_000
-#: So many findings are told; more say nothing new.
-_MOST_FINDINGS = 100_000
 _ATOMS: dict[str, type] = {**dict.fromkeys(NUMBERS, float), "bool": bool, "string": str}
 _FIRST_ERROR = 1000
 #: Constants that are defined by each other, in a chain.
@@ -93,11 +92,6 @@ class Machine:
     frames: list[Frames] = field(default_factory=list)
     frame_keys: dict[tuple[Value, ...], int] = field(default_factory=dict)
     frame: int = 0
-    findings: dict[tuple[Level, int, str], None] = field(default_factory=dict)
-    assumed: dict[tuple[str, str], Assumption] = field(default_factory=dict)
-    facts: dict[str, dict[str, None]] = field(default_factory=dict)
-    lost: dict[str, int] = field(default_factory=dict)  # with the first line
-    omitted: dict[str, int] = field(default_factory=dict)  # with the first line
     data: dict[str, Variable] = field(default_factory=dict)  # what is global
     routines: dict[str, Routine] = field(default_factory=dict)
     homes: dict[Routine, Home] = field(default_factory=dict)
@@ -132,6 +126,10 @@ class Machine:
     call: Callable[[Routine, Call], Value] = lambda _routine, _call: NOTHING
     function: Callable[[Machine, Call], Value] = lambda _machine, _call: NOTHING
     interrupt: Callable[[Machine, Expr], None] = lambda _machine, _interrupt: None
+    log: Log = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.log = Log(lambda: self.line)
 
     def error_number(self) -> float:
         """The number of one more error; each has its own, whichever the controller gives it."""
@@ -139,40 +137,6 @@ class Machine:
         return float(_FIRST_ERROR + self.errors)
 
     # -- what is said ----------------------------------------------------------------------------------------------
-
-    def find(self, level: Level, what: str, line: int = 0) -> None:
-        """Notes a finding, once a line."""
-        if len(self.findings) < _MOST_FINDINGS:
-            self.findings[level, line or self.line, what] = None
-
-    def find_once(self, level: Level, kind: str, what: str) -> None:
-        """Notes a finding once a program."""
-        if kind not in self.facts.setdefault("", {}):
-            self.facts[""][kind] = None
-            self.find(level, what)
-
-    def assume(self, what: str, key: str = "", value: float = 0.0) -> None:
-        """Notes an assumption, once a program."""
-        if (what, key) not in self.assumed:
-            self.assumed[what, key] = Assumption(self.line, what, key, value)
-
-    def tell(self, label: str, what: str) -> None:
-        """Notes a fact, once a program."""
-        self.facts.setdefault(label, {})[what] = None
-
-    def lose(self, what: str) -> None:
-        """Assumes that the program does without something that it does, which the body then lacks."""
-        self.assume(what)
-        self.lost.setdefault(what, self.line)
-
-    def omit(self, what: str) -> None:
-        """Notes an effect that the body does not have, with its first line."""
-        self.omitted.setdefault(what, self.line)
-
-    def lose_axes(self, what: str) -> None:
-        """Notes a fact about external axes, which no body has."""
-        self.tell("external axes", what)
-        self.lost.setdefault(f"external axes: {what}", self.line)
 
     def given(self, name: str) -> float | None:
         """What the user says of ``name``."""
@@ -340,7 +304,7 @@ class Machine:
             variable.value = self._begun(variable)
         except Wrong as wrong:
             variable.value = Unknown(f"{variable.name}, whose value is wrong")
-            self.find("refused", wrong.what, wrong.line)
+            self.log.find("refused", wrong.what, line=wrong.line)
         finally:
             self.pending.pop()
             self.scope, self.line = scope, line

@@ -127,13 +127,13 @@ def move(machine: Machine, call: Call) -> Bound | None:
     form = form_of(call.name)
     assert form is not None
     if form.kind == "ext":
-        machine.lose_axes("move on their own and are not shown")
+        machine.log.lose_axes("move on their own and are not shown")
         return None
     points, speed, zone, tool, tail = _arguments(machine, form, call)
     bound = _bind(machine, form, call, speed, zone, tool)
     if form.kind == "abs":
         if bound.seconds:
-            machine.omit(
+            machine.log.omit(
                 f"{call.name} \\T:={bound.seconds:g}: the time of a motion to joint values; "
                 f"it runs at {bound.speed:g} mm/s"
             )
@@ -212,11 +212,11 @@ def _judge_options(machine: Machine, form: Form, call: Call) -> None:
     """Notes the options of a motion that the body does not have."""
     for name, _ in call.options:
         if name in LOST_OPTIONS:
-            machine.lose(f"{call.name} \\{name}: {LOST_OPTIONS[name]}")
+            machine.log.leave_out(f"{call.name} \\{name}: {LOST_OPTIONS[name]}")
         elif name in OMITTED_OPTIONS:
-            machine.omit(f"{call.name} \\{name}: {OMITTED_OPTIONS[name]}")
+            machine.log.omit(f"{call.name} \\{name}: {OMITTED_OPTIONS[name]}")
         elif not _is_read(form, name):
-            machine.omit(f"{call.name} \\{name}: an argument that is not read")
+            machine.log.omit(f"{call.name} \\{name}: an argument that is not read")
 
 
 def _is_read(form: Form, name: str) -> bool:
@@ -248,13 +248,15 @@ def _speed(
         value = welding
     if find_unknown(value) is not None:
         unknown = find_unknown(value)
-        machine.assume(f"a speed is not known ({_name_of(machine, unknown)}): 100 mm/s is taken")
+        machine.log.assume(
+            f"a speed is not known ({_name_of(machine, unknown)}): 100 mm/s is taken"
+        )
         value = (100.0, _USUAL_TURN)
     mm_s = value[0] * override
     if machine.speed_most > 0:
         mm_s = min(mm_s, machine.speed_most)
     if not mm_s > 0:
-        machine.find("unusual", f"a speed of {mm_s:g} mm/s: the arm hardly moves")
+        machine.log.find("unusual", f"a speed of {mm_s:g} mm/s: the arm hardly moves")
         mm_s = _SLOWEST
     return mm_s, math.radians(value[1] * override) if value[1] > 0 else 0.0
 
@@ -268,7 +270,7 @@ def _read_time(machine: Machine, call: Call, options: dict[str, Expr | None]) ->
         return 0.0
     seconds = machine.number(options["t"])
     if isinstance(seconds, Unknown):
-        machine.omit(f"{call.name} \\T: the time is not known ({seconds.what[:60]})")
+        machine.log.omit(f"{call.name} \\T: the time is not known ({seconds.what[:60]})")
         return 0.0
     if not seconds > 0:
         raise Wrong(machine.line, f"{call.name} in \\T:={seconds:g} s")
@@ -288,10 +290,10 @@ def _name_of(machine: Machine, unknown: Unknown | None) -> str:
     """What is not known; a name like those that RAPID has itself is looked at twice."""
     name = unknown.what if unknown is not None else ""
     if _LIKE_PREDEFINED.fullmatch(name):
-        machine.find_once(
+        machine.log.find(
             "unusual",
-            name.lower(),
             f"{name} is no speed or zone of RAPID's own, and stands in no file",
+            once=name.lower(),
         )
     return name
 
@@ -302,12 +304,12 @@ def _blend(machine: Machine, value: Value, options: dict[str, Expr | None]) -> f
     if "z" in options:
         radius = machine.number(options["z"])
         if isinstance(radius, Unknown):
-            machine.assume(f"a zone is not known ({radius.what[:60]}): a stop is taken")
+            machine.log.assume(f"a zone is not known ({radius.what[:60]}): a stop is taken")
             return 0.0
         return max(float(radius), 0.0)
     if find_unknown(value) is not None:
         unknown = find_unknown(value)
-        machine.assume(f"a zone is not known ({_name_of(machine, unknown)}): a stop is taken")
+        machine.log.assume(f"a zone is not known ({_name_of(machine, unknown)}): a stop is taken")
         return 0.0
     return 0.0 if value[0] else max(value[1], 0.0)
 
@@ -338,7 +340,7 @@ def _can_go(machine: Machine, point: Value) -> bool:
     ):
         _leave_out(machine, point)
         return False
-    if machine.assumed and not any(point[1]):
+    if machine.log.assumed and not any(point[1]):
         _leave_out(machine, Unknown("it has no value yet"))
         return False
     _check_turn(machine, point[1])
@@ -364,7 +366,7 @@ def _move_pose(machine: Machine, form: Form, call: Call, points: list[Value], bo
     else:
         _emit(machine, form, via, target, bound, rest)
         if any(trigger.start or trigger.distance > 0 for trigger in triggers):
-            machine.omit(
+            machine.log.omit(
                 f"{call.name}: the place of its triggers on the way; here they act at its end"
             )
         for trigger in triggers:
@@ -379,7 +381,7 @@ def _leave_out(machine: Machine, value: Value) -> None:
         if unknown is not None and unknown.what
         else "it is worked out on the controller"
     )
-    machine.lose(f"a target is not known ({why[:60]}): motions there are left out")
+    machine.log.leave_out(f"a target is not known ({why[:60]}): motions there are left out")
     machine.here = Here(None, machine.frame)
 
 
@@ -394,7 +396,7 @@ def _check_turn(machine: Machine, turn: tuple[float, ...]) -> None:
         )
     if off > _LOOSE_NORM:
         what = f"an orientation that is not normalised (the sum of its squares is off by {off:.2g})"
-        machine.find_once("unusual", "norm", what)
+        machine.log.find("unusual", what, once="norm")
 
 
 def _emit(
@@ -414,7 +416,7 @@ def _emit(
         machine.add(MoveJ(target, bound.speed, bound.blend, posture=posture, turn=bound.turn))
     elif via is None:
         if start is not None and is_half_turn(start, target):
-            machine.find(
+            machine.log.find(
                 "unusual", "the tool turns by 180 deg in one straight motion; its sense is open"
             )
         item = MoveL(target, bound.speed, bound.blend, posture=posture, turn=bound.turn)
@@ -444,7 +446,7 @@ def _posture(rest: tuple[Value, ...]) -> Posture | None:
 
 def _tell_external(machine: Machine, axes: Value) -> None:
     if isinstance(axes, tuple) and any(type(v) is float and v < _NINES for v in axes):
-        machine.lose_axes("have values in the targets; they are not shown")
+        machine.log.lose_axes("have values in the targets; they are not shown")
 
 
 def _emit_arc(
@@ -461,11 +463,11 @@ def _emit_arc(
         return
     fault, remark = judge_arc(start.origin, via.origin, target.origin)
     if fault:
-        machine.find("refused", fault)
+        machine.log.find("refused", fault)
         machine.add(MoveL(target, bound.speed, bound.blend, posture=posture))
         return
     if remark:
-        machine.find_once("unusual", remark, remark)
+        machine.log.find("unusual", remark, once=remark)
     points = (
         split_at_circle_point(start, via, target)
         if machine.passes_circle_point
@@ -486,12 +488,12 @@ def _pace(
     start = see_pose(machine)
     if start is None:
         if bound.seconds:
-            machine.omit(f"{name} \\T:={bound.seconds:g}: where it begins is not known")
+            machine.log.omit(f"{name} \\T:={bound.seconds:g}: where it begins is not known")
         elif bound.turns_slowly and by_joints:
             return replace(bound, seconds=0.0)
         elif bound.turns_slowly:
             degrees = f"{math.degrees(bound.turn):g} deg/s"
-            machine.omit(f"{name} with v_ori {degrees}: where it begins is not known")
+            machine.log.omit(f"{name} with v_ori {degrees}: where it begins is not known")
         return replace(bound, turn=0.0, seconds=0.0)
     if via is None:
         extent = measure_line(start, target)
@@ -519,7 +521,7 @@ def _triggers(machine: Machine, form: Form, call: Call) -> list[Trigger]:
         value = machine.value(expr)
         for trigger in value if isinstance(value, list) else [value]:
             if not isinstance(trigger, Trigger):
-                machine.lose(f"{call.name}: a trigger is not known; define it by TriggIO")
+                machine.log.leave_out(f"{call.name}: a trigger is not known; define it by TriggIO")
             elif trigger.outputs or trigger.interrupt is not None:
                 found.append(trigger)
     return found
@@ -552,7 +554,7 @@ def _trigger_on_line(
             machine.add(
                 MoveL(Pose(frozen(rotation), _three(point)), bound.speed, posture=_posture(rest))
             )
-            machine.tell(
+            machine.log.fact(
                 "triggers",
                 "straight motions are shown in pieces, between which outputs are switched",
             )
@@ -591,18 +593,18 @@ def _do_after(
             machine.call(routine, Call(machine.line, name.lower()))
     elif form.before:
         signal = name_of(machine, call.args[0])
-        machine.assume(f"{signal}: a search does not stop before its end point", "")
+        machine.log.assume(f"{signal}: a search does not stop before its end point", "")
         machine.assign(call.args[1], machine.value(points[-1]))
     if form.process and form.process != "force":
-        machine.omit(f"{form.process} by {call.name} and its like: the process is not switched")
+        machine.log.omit(f"{form.process} by {call.name} and its like: the process is not switched")
     if form.process == "arc":
         _weld(machine, call.name)
     elif form.process and form.process != "force":
-        machine.tell("process", f"{form.process} along {call.name} and its like")
+        machine.log.fact("process", f"{form.process} along {call.name} and its like")
 
 
 def _weld(machine: Machine, name: str) -> None:
-    machine.tell("process", "arc welding")
+    machine.log.fact("process", "arc welding")
     if "start" in name:
         machine.welding = True
     elif "end" in name:
@@ -634,7 +636,9 @@ def _press(
         count = 2 if via is not None else 1
         force = machine.number(call.args[count + 1])
         if isinstance(force, Unknown):
-            machine.assume(f"a force to press with is not known ({force.what[:60]}): 1 N is taken")
+            machine.log.assume(
+                f"a force to press with is not known ({force.what[:60]}): 1 N is taken"
+            )
             force = 1.0
         newtons = abs(force)
     assert machine.pressing is not None
@@ -651,7 +655,7 @@ def _begin_pressing(machine: Machine, call: Call, target: Pose) -> float:
              for option, value in call.options if option == name]  # fmt: skip
     axis, force = given[0] if given else (2, 1.0)
     if type(force) is not float or force == 0:
-        machine.assume("the force to press with is not known: 1 N is taken")
+        machine.log.assume("the force to press with is not known: 1 N is taken")
         force = 1.0
     machine.pressing = (axis, 1 if force > 0 else -1)
     machine.add(Force(abs(force), _direction(see_pose(machine) or target, machine.pressing)))

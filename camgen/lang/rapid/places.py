@@ -78,7 +78,7 @@ def _persistent(machine: Machine, expr: Expr, kind: str) -> tuple[str, Value]:
         name = expr.name if variable is None else variable.name
         if variable is not None and variable.storage in ("var", "const") and variable.type == kind:
             word = variable.storage.upper()
-            machine.find(
+            machine.log.find(
                 "refused",
                 f"{variable.name} is {word}: the {kind} of a motion must be a persistent (PERS)",
             )
@@ -88,11 +88,11 @@ def _persistent(machine: Machine, expr: Expr, kind: str) -> tuple[str, Value]:
 
 def _tool_frame(machine: Machine, name: str, value: Value) -> Pose | None:
     if not isinstance(value, tuple) or find_unknown(value[:2]) is not None or len(value) < 3:
-        machine.assume(f"the tool {name} is in none of the files: its frame is not known")
+        machine.log.assume(f"the tool {name} is in none of the files: its frame is not known")
         return None
     _tell_mass(machine, name, value)
     if value[0] is False:
-        machine.lose(
+        machine.log.leave_out(
             f"the tool {name} stands still, and the robot holds the work: the arm has to move the "
             "other way; teach it with the tool on the robot"
         )
@@ -103,9 +103,9 @@ def _tool_frame(machine: Machine, name: str, value: Value) -> Pose | None:
 def _tell_mass(machine: Machine, name: str, value: Value) -> None:
     mass = value[2][0] if isinstance(value[2], tuple) and value[2] else None
     if type(mass) is float and mass > _NO_MASS:
-        machine.tell("load", f"{name} {mass:g} kg")
+        machine.log.fact("load", f"{name} {mass:g} kg")
     if type(mass) is float and mass <= 0:
-        machine.find(
+        machine.log.find(
             "unusual",
             f"the mass of the tool {name} is {mass:g} kg; the manual asks for more than 0",
         )
@@ -113,17 +113,19 @@ def _tell_mass(machine: Machine, name: str, value: Value) -> None:
 
 def _work_frame(machine: Machine, name: str, value: Value) -> Pose | None:
     if not isinstance(value, tuple) or len(value) < 5 or find_unknown(value) is not None:
-        machine.assume(f"the work object {name} is in none of the files: its frame is not known")
+        machine.log.assume(
+            f"the work object {name} is in none of the files: its frame is not known"
+        )
         return None
     held, fixed, unit, user, part = value
     if held is True:
-        machine.lose(
+        machine.log.leave_out(
             f"the work object {name} is held by the robot: the arm has to move the other way; "
             "teach it with the tool on the robot"
         )
         return None
     if fixed is False or unit:
-        machine.lose(
+        machine.log.leave_out(
             f"the work object {name} is moved by {unit or 'another unit'}: its place is not known; "
             "teach it in one that stands"
         )
@@ -186,7 +188,7 @@ def see_here(machine: Machine, call: Call) -> Value:
     pose, rest = see_pose(machine) if machine.frames else None, machine.here.rest
     machine.frame = kept
     if pose is None:
-        machine.assume(f"{call.name}: where the arm is is not known")
+        machine.log.assume(f"{call.name}: where the arm is is not known")
         return Unknown("where the arm is")
     if machine.displaced is not None:
         pose = machine.displaced.inverse() @ pose

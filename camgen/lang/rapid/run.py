@@ -84,7 +84,7 @@ class Runner(Flow):
         """Runs a routine with its arguments; what a FUNC gives."""
         machine = self.machine
         if routine is self.entry and self.depth > 0:
-            machine.assume(f"{routine.name} calls itself: it is shown once")
+            machine.log.assume(f"{routine.name} calls itself: it is shown once")
             raise Ended
         data = self._bind(routine, call)
         self.ran.add(routine)
@@ -100,7 +100,7 @@ class Runner(Flow):
         except Returned as returned:
             return returned.value
         except Jump as jump:
-            machine.find(
+            machine.log.find(
                 "refused", f"GOTO {jump.label[:40]}: there is no such label where it could go to"
             )
         finally:
@@ -213,14 +213,14 @@ def _leave_out(runner: Runner, call: Call) -> None:
         if isinstance(name, str) and type(number) is float:
             _call_by_name(runner, f"{name}{number:g}", Call(call.line, "callbyvar"))
             return
-    runner.machine.lose(f"{call.name} is in none of the files: it is left out")
+    runner.machine.log.leave_out(f"{call.name} is in none of the files: it is left out")
 
 
 def _call_by_name(runner: Runner, name: Value, call: Call) -> None:
     machine = runner.machine
     if not isinstance(name, str):
         what = find_unknown(name)
-        machine.lose(
+        machine.log.leave_out(
             f"a routine is called by a name that is not known{f' ({what.what[:40]})' if what else ''}: left out"
         )
         return
@@ -232,7 +232,7 @@ def _call_by_name(runner: Runner, name: Value, call: Call) -> None:
     if (module and home is None) or (
         machine.routine(plain) is None and plain not in EFFECTS and form_of(plain) is None
     ):
-        machine.lose(f"{plain[:40]} is in none of the files: it is left out")
+        machine.log.leave_out(f"{plain[:40]} is in none of the files: it is left out")
         return
     _run_call(runner, Call(call.line, plain, call.args, call.options))
 
@@ -313,7 +313,7 @@ def run_entry(machine: Machine, entry: Routine, most: int) -> tuple[int, str] | 
     stopped = _run_whole(runner, lambda: _run_cycles(runner, entry))
     for routine in machine.homes:
         if routine.kind == "proc" and routine not in runner.ran:
-            machine.tell("not run", routine.name)
+            machine.log.fact("not run", routine.name)
     waiting = [one for one in machine.homes if one.kind == "trap" and one not in runner.ran]
     for routine in waiting[:_MOST_TRAPS]:
         runner.depth, runner.steps, runner.most = 0, 0, _MOST_OF_A_TRAP
@@ -359,9 +359,9 @@ def judge_end(machine: Machine, line: int) -> None:
     """What is left on at the end."""
     machine.line = line
     if machine.welding:
-        machine.find("dangerous", "the arc still burns at the end: ArcLEnd is missing")
+        machine.log.find("dangerous", "the arc still burns at the end: ArcLEnd is missing")
     for name in dict.fromkeys(item.signal for item in machine.body if isinstance(item, Output)):
         if machine.outputs.get(name.lower()):
-            machine.tell("on at the end", name)
+            machine.log.fact("on at the end", name)
     if machine.pressing is not None:
-        machine.find("dangerous", "force control is still on at the end: FCPressEnd is missing")
+        machine.log.find("dangerous", "force control is still on at the end: FCPressEnd is missing")

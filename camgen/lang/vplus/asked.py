@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
-from camgen.lang.programs import Ask, Assumption, Finding, Level
-from camgen.model.errors import one_line
+from camgen.lang.log import Log
+from camgen.lang.programs import Ask
 from camgen.model.program import Joints
 
 from .arm import Arm
@@ -32,73 +32,6 @@ MOST_SIGNAL = 9999
 _MOST = 5000
 
 
-class Notes:
-    """What is told of a program, each thing once."""
-
-    def __init__(self) -> None:
-        self._findings: dict[tuple[int, str], Level] = {}
-        self._assumed: dict[str, Assumption] = {}
-        self._facts: dict[str, dict[str, None]] = {}
-        self._lost: dict[tuple[int, str], None] = {}
-        self._omitted: dict[str, int] = {}
-
-    def find(self, level: Level, line: int, what: str) -> None:
-        """A finding."""
-        if len(self._findings) < 20 * _MOST:
-            self._findings.setdefault((line, one_line(what)[:_LONGEST]), level)
-
-    def refuse(self, line: int, what: str) -> None:
-        """What the controller turns down."""
-        self.find("refused", line, what)
-
-    def odd(self, line: int, what: str) -> None:
-        """What few would write."""
-        self.find("unusual", line, what)
-
-    def assume(self, line: int, what: str, key: str = "", value: float = 0.0) -> None:
-        """What was taken for something that no text holds."""
-        if len(self._assumed) < _MOST:
-            text = one_line(what)[:_LONGEST]
-            self._assumed.setdefault(key or text, Assumption(line, text, key, value))
-
-    def lose(self, line: int, what: str) -> None:
-        """What the program does and the motions told do not."""
-        if len(self._lost) < _MOST:
-            self._lost.setdefault((line, one_line(what)[:_LONGEST]))
-
-    def omit(self, line: int, what: str) -> None:
-        """Notes an effect that the body does not have, with its first line."""
-        if len(self._omitted) < _MOST:
-            self._omitted.setdefault(one_line(what)[:_LONGEST], line)
-
-    def fact(self, label: str, text: str) -> None:
-        """What else stands in the program."""
-        texts = self._facts.setdefault(label, {})
-        if len(texts) < 20:
-            texts.setdefault(one_line(text)[:_LONGEST])
-
-    def findings(self) -> tuple[Finding, ...]:
-        """In order of line."""
-        ordered = sorted(self._findings.items(), key=lambda item: item[0][0])
-        return tuple(Finding(level, line, what) for (line, what), level in ordered)
-
-    def assumed(self) -> tuple[Assumption, ...]:
-        """In order of line."""
-        return tuple(sorted(self._assumed.values(), key=lambda one: one.line))
-
-    def facts(self) -> tuple[tuple[str, str], ...]:
-        """Label and text."""
-        return tuple((label, ", ".join(texts)) for label, texts in self._facts.items())
-
-    def omitted(self) -> tuple[tuple[int, str], ...]:
-        """Line and text."""
-        return tuple((line, what) for what, line in self._omitted.items())
-
-    def lost(self) -> tuple[tuple[int, str], ...]:
-        """Line and text."""
-        return tuple(self._lost)
-
-
 class Surroundings(Arm):
     """The variables of a program, and what it hears from outside. line: of the instruction that is carried out. doubt:
     whether what was read since it was last put down rests on an assumption.
@@ -106,9 +39,10 @@ class Surroundings(Arm):
 
     strict: ClassVar[bool] = False
 
-    def __init__(self, ask: Ask, notes: Notes) -> None:
+    def __init__(self, ask: Ask, log: Log) -> None:
         super().__init__(frozenset(), RATED)
-        self.notes = notes
+        self.log = log
+        log.line = lambda: self.line
         self.line = 0
         self.doubt = False
         self.clock = 0.0
@@ -158,8 +92,8 @@ class Surroundings(Arm):
         taken = _REAL if given is None else given
         what = f"{base} has no value here" if own else f"{base} is set outside of this text"
         if own:
-            self.notes.odd(self.line, f"{base} is used before it has a value")
-        self.notes.assume(self.line, f"{what}: taken for {taken:g}", base, taken)
+            self.log.find("unusual", f"{base} is used before it has a value")
+        self.log.assume(f"{what}: taken for {taken:g}", base, taken)
         table[key] = taken
         if given is None:
             self.doubt = True
@@ -171,9 +105,8 @@ class Surroundings(Arm):
         if value is not None:
             raise Impossible(f"{name} is used as a {_kind(value)} and as a string")
         self.doubt = True
-        self.notes.assume(
-            self.line,
-            f"string {canonical(name).partition('[')[0]} is set outside of this text: taken as empty",
+        self.log.assume(
+            f"string {canonical(name).partition('[')[0]} is set outside of this text: taken as empty"
         )
         return ""
 
@@ -193,7 +126,7 @@ class Surroundings(Arm):
 
     def _taught(self, key: str, kind: str) -> Location:
         what = f"{kind} {key} is only on the controller: motions to it are given in a frame of that name"
-        self.notes.assume(self.line, what)
+        self.log.assume(what)
         return unknown(key)
 
     def says_defined(self, name: str) -> bool:
@@ -204,9 +137,7 @@ class Surroundings(Arm):
         self.doubt = True
         word = f"defined({key})"
         taken = self._assume.get(word, -1.0)
-        self.notes.assume(
-            self.line, f"{key} is taken as {'defined' if taken else 'not defined'}", word, taken
-        )
+        self.log.assume(f"{key} is taken as {'defined' if taken else 'not defined'}", word, taken)
         return taken != 0
 
     def answer(self, word: str, arguments: str, value: float) -> float:
@@ -229,13 +160,13 @@ class Surroundings(Arm):
             else f"{word}({name})".lower()
         )
         taken = self._assume.get(key, value)
-        self.notes.assume(self.line, f"{word} is taken for {taken:g}", key, taken)
+        self.log.assume(f"{word} is taken for {taken:g}", key, taken)
         return taken
 
     def answer_text(self, word: str) -> str:
         """A string of the surroundings."""
         self.doubt = True
-        self.notes.assume(self.line, f"{word} is taken as empty")
+        self.log.assume(f"{word} is taken as empty")
         return ""
 
     def _elapsed(self, number: float) -> float:
@@ -260,9 +191,7 @@ class Surroundings(Arm):
             return self.outputs[number]
         given = self._assume.get(f"sig{number}", self._assume.get(str(number)))
         if given is not None:
-            self.notes.assume(
-                self.line, f"signal {number} is {_state(given != 0)}", f"sig{number}", given
-            )
+            self.log.assume(f"signal {number} is {_state(given != 0)}", f"sig{number}", given)
             return given != 0
         self.doubt = True
         self.consulted.setdefault(number)
@@ -272,9 +201,7 @@ class Surroundings(Arm):
         """Tells which inputs the instruction has heard."""
         for number in self.consulted:
             on = self.inputs.setdefault(number, False)
-            self.notes.assume(
-                self.line, f"signal {number} is {_state(on)}", f"sig{number}", float(on)
-            )
+            self.log.assume(f"signal {number} is {_state(on)}", f"sig{number}", float(on))
         self.consulted.clear()
 
     def bits(self, first: int, count: int) -> float:

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
+from camgen.lang.log import Log
 from camgen.lang.programs import Ask
 from camgen.model.program import Joints
 
-from .asked import Notes
 from .flow import CALLED, GOES, Machine, read_label
 from .locations import Expression, unknown
 from .statements import ENDS, split, unwrap
@@ -153,9 +153,9 @@ _LOOKS: Mapping[str, Callable[[_Reader, Routine, int, Statement], None]] = {
 }  # fmt: skip
 
 
-def check_rest(routines: Sequence[Routine], machine: Machine, notes: Notes) -> None:
+def check_rest(routines: Sequence[Routine], machine: Machine, log: Log) -> None:
     """Tells what the controller would not take of the lines that ``machine`` has not carried out."""
-    told = Notes()
+    told = Log()
     reader = _Reader((), Ask(), told)
     fine: set[tuple[str, str]] = set()
     for routine in routines:
@@ -171,7 +171,7 @@ def check_rest(routines: Sequence[Routine], machine: Machine, notes: Notes) -> N
             except Impossible:
                 pass
             except Unreadable as error:
-                notes.refuse(statement.line, str(error))
+                log.find("refused", str(error), line=statement.line)
                 continue
             reader.forget()
             if statement.word not in ("GOTO", "IF", "EXIT", "NEXT") and len(fine) < 50_000:

@@ -61,8 +61,8 @@ class Conditions(Statements):
         if holds and not open_ and not self.consulted:
             return
         if holds and not self.doubt:
-            self.notes.odd(
-                self.line,
+            self.log.find(
+                "unusual",
                 f"WAIT takes a condition, and {rest} is one that always holds: it does not wait",
             )
             return
@@ -70,7 +70,7 @@ class Conditions(Statements):
         # An input that was heard before has changed meanwhile.
         again = any(number in self.inputs for number in self.consulted)
         if not holds and (not self.wish(rest, True, fresh=False) or again):
-            self.notes.assume(self.line, f"WAIT {rest} is over at once")
+            self.log.assume(f"WAIT {rest} is over at once")
 
     def wait_event(self, rest: str) -> None:
         """``WAIT.EVENT mask, seconds``: a dwell where it has seconds."""
@@ -84,4 +84,4 @@ class Conditions(Statements):
             return
         text.finish()
         self.rest()
-        self.notes.assume(self.line, "WAIT.EVENT is over at once")
+        self.log.assume("WAIT.EVENT is over at once")

@@ -13,10 +13,10 @@ from functools import partial
 
 from msgspec import Struct
 
+from camgen.lang.log import Log
 from camgen.lang.programs import Ask
 from camgen.model.program import Joints, MoveC, MoveJ, MoveL
 
-from .asked import Notes
 from .instructions import MOTIONS, REACTIONS
 from .locations import Expression
 from .names import canonical
@@ -75,8 +75,8 @@ class Machine(Units):
     done: the programs and the lines that were carried out.
     """
 
-    def __init__(self, programs: Sequence[Routine], ask: Ask, notes: Notes) -> None:
-        super().__init__(ask, notes)
+    def __init__(self, programs: Sequence[Routine], ask: Ask, log: Log) -> None:
+        super().__init__(ask, log)
         self._programs: dict[str, Routine] = {}
         for routine in programs:
             self._programs.setdefault(canonical(routine.name), routine)
@@ -158,10 +158,10 @@ class Machine(Units):
     def _unreadable(self, statement: Statement, error: Unreadable) -> None:
         if self.doubt and isinstance(error, Impossible):
             what = f"not evaluated: {error} (with what is assumed)"
-            self.notes.odd(statement.line, what)
-            self.notes.lose(statement.line, what)
+            self.log.find("unusual", what, line=statement.line)
+            self.log.lose(what, line=statement.line)
         else:
-            self.notes.refuse(statement.line, str(error))
+            self.log.find("refused", str(error), line=statement.line)
         if statement.word in MOTIONS:
             self.lost(statement.word)
         if self.consulted:
@@ -237,7 +237,7 @@ class Machine(Units):
             raise Unreadable("WHILE is not closed")
         holds, open_, _ = self.condition(statement.rest, ("DO", ""))
         if statement.rest[-2:].upper() != "DO":
-            self.notes.refuse(statement.line, "WHILE wants DO")
+            self.log.find("refused", "WHILE wants DO", line=statement.line)
         if holds and not self._again(running, index, open_):
             self.wish(statement.rest[:-2], False, fresh=False)
             holds = False
@@ -268,11 +268,8 @@ class Machine(Units):
             return True
         if open_:
             what = "a loop that nothing known ends is run for"
-            self.notes.assume(
-                self.line,
-                f"{what} {self._rounds} round{'s'[: self._rounds > 1]}",
-                "rounds",
-                self._rounds,
+            self.log.assume(
+                f"{what} {self._rounds} round{'s'[: self._rounds > 1]}", "rounds", self._rounds
             )
             return False
         if count > _FIRST_ROUNDS and count & (count - 1):
@@ -281,9 +278,7 @@ class Machine(Units):
         before = running.seen.get(index)
         if state is not None and before is not None and before[0] == state:
             self._cut(before[1])
-            self.notes.assume(
-                self.line, "a loop that repeats itself for ever is told for one of its rounds"
-            )
+            self.log.assume("a loop that repeats itself for ever is told for one of its rounds")
             return False
         running.seen[index] = state, len(self.body)
         return True
@@ -437,8 +432,8 @@ class Machine(Units):
         self._enter(name, left or "()")
 
     def _leave_out(self, what: str) -> None:
-        self.notes.assume(self.line, what)
-        self.notes.lose(self.line, what)
+        self.log.assume(what)
+        self.log.lose(what)
 
     def _enter(self, name: str, brackets: str) -> None:
         routine = self._programs.get(canonical(name))
@@ -450,7 +445,7 @@ class Machine(Units):
         given = list(split(unwrap(brackets)[0]))
         formals = [part.removesuffix("[]").strip() for part in split(routine.arguments)]
         if len([g for g in given if g]) > len([f for f in formals if f]):
-            self.notes.odd(self.line, f"more arguments than program {routine.name} has")
+            self.log.find("unusual", f"more arguments than program {routine.name} has")
         given += [""] * (len(formals) - len(given))
         cells = {
             canonical(formal.lstrip("&")): self.argument(formal.lstrip("&"), text)

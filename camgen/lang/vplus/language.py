@@ -14,12 +14,12 @@ import numpy as np
 from msgspec.structs import replace
 
 from camgen.lang.beside import sum_up
+from camgen.lang.log import Log
 from camgen.lang.motion_speed import Limit, pace_motion
 from camgen.lang.programs import Ask, Executed, Frames, Language, carry_pose, strip_mark
 from camgen.model.pose import Pose
 from camgen.model.program import Columns, Instruction, MoveJ, MoveL, splice
 
-from .asked import Notes
 from .check import check_rest
 from .flow import Machine
 from .names import canonical
@@ -61,25 +61,30 @@ def recognise(text: str) -> bool:
 
 def run(files: Mapping[str, str], ask: Ask) -> Executed:
     """What the programs in ``files`` do from their entry on."""
-    notes = Notes()
+    log = Log()
     files = {name: strip_mark(text) for name, text in files.items()}
     beside = find_data(files)
-    routines, data = read_files(files, beside, notes.refuse, notes.odd)
-    values = {**read_points(ask.points, notes), **read_values(data, notes)}
-    machine = _ready(routines, ask, notes, beside, values)
+    routines, data = read_files(
+        files,
+        beside,
+        lambda line, what: log.find("refused", what, line=line),
+        lambda line, what: log.find("unusual", what, line=line),
+    )
+    values = {**read_points(ask.points, log), **read_values(data, log)}
+    machine = _ready(routines, ask, log, beside, values)
     entry = _find_entry(routines, ask.entry)
     if entry is None:
         what = f"there is no program {ask.entry}" if ask.entry else "there is no .PROGRAM"
-        notes.refuse(1, what)
-        return Executed((), (), findings=notes.findings(), stopped=(1, what))
-    notes.fact("entry", entry.name)
+        log.find("refused", what, line=1)
+        return Executed((), (), findings=log.list_findings(), stopped=(1, what))
+    log.fact("entry", entry.name)
     machine.run(entry)
     short = replace(
         ask, limits=replace(ask.limits, vplus_steps=min(ask.limits.vplus_steps, _MOST_OF_A_TASK))
     )
-    _look_beside(machine, notes, lambda said: _ready(routines, short, said, beside, values))
-    check_rest(routines, machine, notes)
-    _tell_programs(routines, machine, notes)
+    _look_beside(machine, log, lambda aside: _ready(routines, short, aside, beside, values))
+    check_rest(routines, machine, log)
+    _tell_programs(routines, machine, log)
     placed = _place(machine)
     body = _pace(machine, placed)
     return Executed(
@@ -87,11 +92,11 @@ def run(files: Mapping[str, str], ask: Ask) -> Executed:
         tuple(machine.lines),
         placed.frames,
         placed.places if len(placed.frames) > 1 else (),
-        findings=notes.findings(),
-        assumed=notes.assumed(),
-        facts=notes.facts(),
-        lost=notes.lost(),
-        omitted=notes.omitted(),
+        findings=log.list_findings(),
+        assumed=log.list_assumed(),
+        facts=log.list_facts(", ", 20),
+        lost=log.list_lost(),
+        omitted=log.list_omitted(),
         stopped=machine.stopped,
     )
 
@@ -99,17 +104,17 @@ def run(files: Mapping[str, str], ask: Ask) -> Executed:
 def _ready(
     routines: Sequence[Routine],
     ask: Ask,
-    notes: Notes,
+    log: Log,
     beside: Mapping[str, str],
     values: Mapping[str, Value],
 ) -> Machine:
-    machine = Machine(routines, ask, notes)
+    machine = Machine(routines, ask, log)
     machine.lay_beside(beside)
     machine.give(values)
     return machine
 
 
-def _look_beside(machine: Machine, notes: Notes, ready: Callable[[Notes], Machine]) -> None:
+def _look_beside(machine: Machine, log: Log, ready: Callable[[Log], Machine]) -> None:
     """Runs the other tasks, and what reacts and does not come, each by itself: what it does is told, and what is wrong
     in it. Where a reaction comes is not known: what it meets there is unusual at most.
     """
@@ -120,21 +125,22 @@ def _look_beside(machine: Machine, notes: Notes, ready: Callable[[Notes], Machin
     for key, text, line, label in waiting[:_MOST_BESIDE]:
         routine = machine.find_program(key)
         if routine is None:
-            notes.fact(label, f"{text}: in none of the files")
+            log.fact(label, f"{text}: in none of the files")
             if label.startswith("tasks"):
-                notes.lose(line, f"another task, {text}, is in none of the files")
+                log.lose(f"another task, {text}, is in none of the files", line=line)
             continue
-        said = Notes()
-        other = ready(said)
+        log_beside = Log()
+        other = ready(log_beside)
         other.run(routine)
-        notes.fact(label, f"{text}: {sum_up(other.body)}")
+        log.fact(label, f"{text}: {sum_up(other.body)}")
         if label.startswith("tasks") and other.body:
-            notes.lose(line, f"another task, {text}, is not shown: {sum_up(other.body)}")
-        for one in said.findings():
-            if one.level != "dangerous":
-                notes.find("unusual", one.line, f"in {routine.name}: {one.what}")
+            log.lose(f"another task, {text}, is not shown: {sum_up(other.body)}", line=line)
+        for finding in log_beside.list_findings():
+            if finding.level != "dangerous":
+                what = f"in {routine.name}: {finding.what}"
+                log.find("unusual", what, line=finding.line)
             elif label.startswith("tasks"):
-                notes.find(one.level, one.line, one.what)
+                log.find(finding.level, finding.what, line=finding.line)
 
 
 def _find_entry(routines: Sequence[Routine], name: str) -> Routine | None:
@@ -162,10 +168,10 @@ def _called(routines: Sequence[Routine]) -> set[str]:
     return found
 
 
-def _tell_programs(routines: Sequence[Routine], machine: Machine, notes: Notes) -> None:
+def _tell_programs(routines: Sequence[Routine], machine: Machine, log: Log) -> None:
     for routine in routines:
         if canonical(routine.name) not in machine.ran:
-            notes.fact("programs not run", routine.name)
+            log.fact("programs not run", routine.name)
 
 
 class PlacedBody(NamedTuple):
@@ -256,10 +262,10 @@ def _pace(machine: Machine, placed: PlacedBody) -> Sequence[Instruction]:
         start = _find_start(placed, at[motion - 1] if motion else None, index)
         if seconds and (start is None or not isinstance(item.target, Pose)):
             what = "the time of a motion from or to a place that the text does not hold"
-            machine.notes.omit(machine.lines[index], f"DURATION {seconds:g}: {what}")
+            machine.log.omit(f"DURATION {seconds:g}: {what}", line=machine.lines[index])
         elif start is None and rate < 100 and isinstance(item, MoveL):
             what = "where the motion begins is not known"
-            machine.notes.omit(machine.lines[index], f"SPEED with {rate:g} % of turning: {what}")
+            machine.log.omit(f"SPEED with {rate:g} % of turning: {what}", line=machine.lines[index])
         paced = pace_motion(item, start, Limit(item.speed, turn, seconds))
         if isinstance(paced, MoveJ) and paced is not item:
             paced = replace(paced, share=0.0)

@@ -9,10 +9,10 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 
+from camgen.lang.log import Log
 from camgen.model.pose import Pose
 from camgen.model.program import Joints
 
-from .asked import Notes
 from .locations import to_joints
 from .names import canonical
 from .text import SECTIONS, Location, Unreadable, rotation_zyz
@@ -25,20 +25,20 @@ _CALL = re.compile(r"#?(?:TRANS|PPOINT)\s*\((.*)\)", re.IGNORECASE)
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 
 
-def read_values(lines: Iterable[tuple[int, str, str]], notes: Notes) -> dict[str, Value]:
+def read_values(lines: Iterable[tuple[int, str, str]], log: Log) -> dict[str, Value]:
     """By name. lines: line, section, text; a line that says nothing is told."""
     found: dict[str, Value] = {}
     for line, section, text in lines:
         try:
             name, value = _read(section, text)
         except Unreadable as error:
-            notes.refuse(line, str(error))
+            log.find("refused", str(error), line=line)
         else:
             found[name] = value
     return found
 
 
-def read_points(files: Mapping[str, str], notes: Notes) -> dict[str, Value]:
+def read_points(files: Mapping[str, str], log: Log) -> dict[str, Value]:
     """The same of files that the user names; their sections may be missing."""
     found: dict[str, Value] = {}
     for name, text in files.items():
@@ -58,7 +58,7 @@ def read_points(files: Mapping[str, str], notes: Notes) -> dict[str, Value]:
                 found[key] = value
         if wrong:
             lines = "line is" if wrong == 1 else "lines are"
-            notes.fact(f"of {name}", f"{wrong} {lines} no locations")
+            log.fact(f"of {name}", f"{wrong} {lines} no locations")
     return found
 
 

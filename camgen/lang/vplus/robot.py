@@ -12,13 +12,14 @@ import re
 from itertools import repeat
 from typing import NamedTuple
 
+from camgen.lang.log import Log
 from camgen.lang.programs import Ask
 from camgen.model.pose import Pose, translation, zyz
 from camgen.model.program import Instruction, Joints, Output, Stop, Wait
 
 from . import words
 from .arm import PAIRS, ROUNDED
-from .asked import MOST_SIGNAL, RATED, Notes, Surroundings
+from .asked import MOST_SIGNAL, RATED, Surroundings
 from .effects import SILENT_SWITCHES
 from .locations import Expression, describe, to_joints, to_values, unknown
 from .text import (
@@ -58,8 +59,8 @@ class Robot(Surroundings):
     when they cannot.
     """
 
-    def __init__(self, ask: Ask, notes: Notes) -> None:
-        super().__init__(ask, notes)
+    def __init__(self, ask: Ask, log: Log) -> None:
+        super().__init__(ask, log)
         self.bases: list[Pose | None] = []
         self.tools: list[Tool] = [Tool("", None)]
         self.tool: list[int] = []
@@ -106,11 +107,11 @@ class Robot(Surroundings):
         """A remark on a place that is taken while the robot moves on."""
         if self._moving and "HERE" in text.upper() and _HERE.search(text):
             what = "HERE while the robot may still move: BREAK is missing; the end of that motion is taken"
-            self.notes.odd(self.line, what)
+            self.log.find("unusual", what)
 
     def _from_start(self) -> None:
         what = "where the robot stands at the start is not known: what refers to it is given in a frame of that name"
-        self.notes.assume(self.line, what)
+        self.log.assume(what)
 
     # -- motions -------------------------------------------------------------------------------------------------
 
@@ -188,7 +189,7 @@ class Robot(Surroundings):
             self._somewhere(statement.word)
 
     def _somewhere(self, name: str) -> None:
-        self.notes.assume(self.line, f"{name}: a place that only the controller works out")
+        self.log.assume(f"{name}: a place that only the controller works out")
         self.go(unknown(name), straight=False)
 
     def lost(self, name: str) -> None:
@@ -198,8 +199,8 @@ class Robot(Surroundings):
     def go(self, target: Location | Joints, straight: bool) -> None:
         """A motion to a place."""
         if self.detached:
-            self.notes.refuse(
-                self.line, "a motion after DETACH: the robot is not attached to this program"
+            self.log.find(
+                "refused", "a motion after DETACH: the robot is not attached to this program"
             )
             self.detached = False  # told once
         if self._hand is not None:
@@ -243,7 +244,7 @@ class Robot(Surroundings):
     def brake(self, statement: Statement) -> None:
         """``BREAK``, and ``BRAKE``, which ends a motion where it is."""
         if statement.rest:
-            self.notes.odd(self.line, f"{statement.word} stands alone")
+            self.log.find("unusual", f"{statement.word} stands alone")
         self.rest()
 
     def pause(self, seconds: float) -> None:
@@ -276,9 +277,9 @@ class Robot(Surroundings):
             raise Impossible(f"a speed of {value:g} is no arm's")
         self.set_pace(value, unit, turning, always)
         if unit == "MONITOR":
-            self.notes.fact("monitor speed", f"{min(value, 100.0):g} %")
+            self.log.fact("monitor speed", f"{min(value, 100.0):g} %")
         if unit == "%":
-            self.notes.fact("speed", f"100 % is taken for {RATED:g} mm/s of the TCP")
+            self.log.fact("speed", f"100 % is taken for {RATED:g} mm/s of the TCP")
 
     def _read_speed(self, rest: str) -> tuple[float, str, float, bool]:
         try:
@@ -302,7 +303,7 @@ class Robot(Surroundings):
         """A posture word: in force from the next motion on, and instead of the one that it excludes."""
         if statement.rest and statement.rest.upper() != "ALWAYS":
             raise Unreadable(f"{statement.word} stands alone or with ALWAYS")
-        self.notes.fact("posture", statement.word)
+        self.log.fact("posture", statement.word)
         self.set_posture(statement.word)
 
     def settle(self, statement: Statement) -> None:
@@ -312,7 +313,7 @@ class Robot(Surroundings):
             text.logic()
         text.accept("ALWAYS")
         text.finish()
-        self.notes.omit(self.line, f"{statement.word}: how exactly a motion stops")
+        self.log.omit(f"{statement.word}: how exactly a motion stops")
 
     def path(self, statement: Statement) -> None:
         """``CPON`` and ``CPOFF``."""
@@ -338,9 +339,9 @@ class Robot(Surroundings):
         if name == "cp":
             self._path = on
         elif name == "dry.run" and on:
-            self.notes.odd(self.line, "DRY.RUN: the robot does not move while it is on")
+            self.log.find("unusual", "DRY.RUN: the robot does not move while it is on")
         elif name not in SILENT_SWITCHES:
-            self.notes.omit(self.line, f"{word} {name}: a switch of the controller")
+            self.log.omit(f"{word} {name}: a switch of the controller")
         if name == "power":
             self.rest()
 
@@ -405,12 +406,12 @@ class Robot(Surroundings):
     def _output(self, number: int, on: bool) -> None:
         self.spend(1)
         if 1000 < number <= 2000:
-            self.notes.odd(self.line, f"SIGNAL {number}: numbers 1001 to 2000 are inputs")
+            self.log.find("unusual", f"SIGNAL {number}: numbers 1001 to 2000 are inputs")
         elif self._moving and number <= 1000:
             what = (
                 f"signal {number} switches while the motion before it still runs: BREAK is missing"
             )
-            self.notes.find("dangerous", self.line, what)
+            self.log.find("dangerous", what)
         self.outputs[number] = on
         self.rest_for_output()
         self.add(self.line, Output(str(number), 1.0 if on else 0.0))
@@ -436,7 +437,7 @@ class Robot(Surroundings):
 
     def reset(self, _: Statement) -> None:
         """``RESET``: all outputs off; those that the text names."""
-        self.notes.fact("outputs", "RESET switches off those that the text has switched on")
+        self.log.fact("outputs", "RESET switches off those that the text has switched on")
         for number in [n for n, on in self.outputs.items() if on and n <= 1000]:
             self._output(number, on=False)
 
@@ -447,7 +448,7 @@ class Robot(Surroundings):
             Expression(statement.rest, self).logic()
         value = 1.0 if word.startswith("OPEN") else 0.0
         if word.startswith("RELAX"):
-            self.notes.fact("hand", f"{word}: neither opened nor closed")
+            self.log.fact("hand", f"{word}: neither opened nor closed")
         elif word.endswith("I"):
             self.rest()
             self._switch_hand(value)
@@ -501,7 +502,7 @@ class Robot(Surroundings):
         if isinstance(found, Joints):
             return [*to_values(found)]
         if found.frame.external:
-            self.notes.assume(self.line, f"the values of {describe(found)} are taken for 0")
+            self.log.assume(f"the values of {describe(found)} are taken for 0")
             return [None] * 6
         pose = found.in_base()
         yaw, pitch, roll = (math.degrees(v) + 0.0 for v in zyz(pose.rotation))

@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping
 
+from camgen.lang.log import Log
 from camgen.lang.programs import Ask
 from camgen.model.program import Joints
 
-from .asked import Notes
 from .effects import LOST, OMITTED, SILENT, SILENT_PARAMETERS, UNSEEN
 from .instructions import DOES, REACTIONS
 from .locations import BUILT, Expression, to_values
@@ -65,8 +65,8 @@ class Statements(Robot):
     and that REACT names, how they are told, and their line. come: reactions that have come.
     """
 
-    def __init__(self, ask: Ask, notes: Notes) -> None:
-        super().__init__(ask, notes)
+    def __init__(self, ask: Ask, log: Log) -> None:
+        super().__init__(ask, log)
         self.beside: dict[str, tuple[str, int]] = {}
         self.reactions: dict[str, tuple[str, int]] = {}
         self.come: set[str] = set()
@@ -79,13 +79,13 @@ class Statements(Robot):
         elif word in _MORE:
             _MORE[word](self, statement)
         elif word in LOST:
-            self.notes.odd(statement.line, f"{word} is not evaluated: {LOST[word]}")
-            self.notes.lose(statement.line, f"{word} is not evaluated: {LOST[word]}")
+            self.log.find("unusual", f"{word} is not evaluated: {LOST[word]}", line=statement.line)
+            self.log.lose(f"{word} is not evaluated: {LOST[word]}", line=statement.line)
             if word in UNSEEN:
                 self.lost(word)
         elif word in OMITTED:
-            self.notes.omit(
-                statement.line, f"{word} {statement.rest}".rstrip() + f": {OMITTED[word]}"
+            self.log.omit(
+                f"{word} {statement.rest}".rstrip() + f": {OMITTED[word]}", line=statement.line
             )
         elif word in REACTIONS:
             self.react(statement)
@@ -169,15 +169,13 @@ class Statements(Robot):
         given = self._assume.get(key, self._assume.get(base))
         self.doubt = given is None
         if found[0] == "$":
-            self.notes.assume(self.line, f"string {base} comes from outside: taken as empty")
+            self.log.assume(f"string {base} comes from outside: taken as empty")
             self.assign(found, "")
         elif found[0] == "#":
             self.assign(found, self._taught(key, "precision point"))
         else:
             value = 1.0 if given is None else given
-            self.notes.assume(
-                self.line, f"{base} comes from outside: taken for {value:g}", base, value
-            )
+            self.log.assume(f"{base} comes from outside: taken for {value:g}", base, value)
             self.assign(found, value)
 
     def prompt(self, statement: Statement) -> None:
@@ -198,8 +196,8 @@ class Statements(Robot):
                 raise Unreadable(f"{name[:20]!r} is no name")
             key = canonical(name)
             if key in scope.others:
-                self.notes.odd(
-                    self.line, f"{word} {key}: the argument of that name is not seen any more"
+                self.log.find(
+                    "unusual", f"{word} {key}: the argument of that name is not seen any more"
                 )
                 del scope.others[key]
             if word == "AUTO" and key in scope.own:
@@ -213,7 +211,7 @@ class Statements(Robot):
         """A remark on a condition whose order of evaluation may surprise."""
         if text.unbracketed:
             what = "a comparison beside AND, OR or XOR without brackets: which comes first is not confirmed"
-            self.notes.odd(self.line, what)
+            self.log.find("unusual", what)
 
     # -- settings by name ----------------------------------------------------------------------------------------
 
@@ -244,7 +242,7 @@ class Statements(Robot):
         if statement.word == "PARAMETER":
             self.parameters[key] = value
             if key not in SILENT_PARAMETERS:
-                self.notes.omit(self.line, f"PARAMETER {key}: a parameter of the controller")
+                self.log.omit(f"PARAMETER {key}: a parameter of the controller")
         else:
             self.set_switch(statement.word, key, value != 0)
 
@@ -252,7 +250,7 @@ class Statements(Robot):
         """``SELECT ROBOT = n``."""
         name, _, rest = statement.rest.partition("=")
         if name.strip().upper() == "ROBOT" and rest.strip() not in ("1", ""):
-            self.notes.omit(self.line, f"SELECT ROBOT = {rest.strip()}: the robot that moves")
+            self.log.omit(f"SELECT ROBOT = {rest.strip()}: the robot that moves")
 
     def solve(self, statement: Statement) -> None:
         """``SOLVE.ANGLES`` and ``SOLVE.TRANS``: the kinematics of the arm, which no text has."""
@@ -279,12 +277,12 @@ class Statements(Robot):
         call = parts[0] if statement.word == "REACTE" else (parts[1] if len(parts) > 1 else "")
         match = _PROGRAM.match(call)
         if match is None:
-            self.notes.fact("reactions", f"{statement.word} {statement.rest}".strip())
+            self.log.fact("reactions", f"{statement.word} {statement.rest}".strip())
             return ""
         key = canonical(match[1])
         comes = bool(self._assume.get(key))
         what = "comes once, where it first may" if comes else "does not come"
-        self.notes.assume(self.line, f"{statement.word} {match[1]}: it {what}", key, float(comes))
+        self.log.assume(f"{statement.word} {match[1]}: it {what}", key, float(comes))
         if comes and key not in self.come:
             self.come.add(key)
             return call

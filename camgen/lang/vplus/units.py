@@ -8,9 +8,9 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 
+from camgen.lang.log import Log
 from camgen.lang.programs import Ask
 
-from .asked import Notes
 from .conditions import Conditions
 from .locations import Expression
 from .statements import PLAIN, split, unwrap
@@ -43,8 +43,8 @@ def base_name(name: str) -> str:
 class Units(Conditions):
     """What is open, by the number of its unit: the lines of a file that are left, the next one last."""
 
-    def __init__(self, ask: Ask, notes: Notes) -> None:
-        super().__init__(ask, notes)
+    def __init__(self, ask: Ask, log: Log) -> None:
+        super().__init__(ask, log)
         self._files: dict[str, str] = {}
         self._unread: dict[float, list[str]] = {}
         self._status: dict[float, float] = {}

@@ -294,8 +294,11 @@ def test_here_while_the_robot_moves_is_told():
 def test_an_input_that_changes_is_told_twice():
     found = execute("WAIT SIG(1001)", "WAIT SIG(-1001)", "WAIT SIG(1001)")
     assert [a.what for a in found.assumed] == [
-        "signal 1001 is on", "WAIT SIG(-1001) is over at once", "WAIT SIG(1001) is over at once",
-    ]  # fmt: skip
+        "signal 1001 is on",
+        "WAIT SIG(-1001) is over at once",
+        "signal 1001 is off",
+        "WAIT SIG(1001) is over at once",
+    ]
 
 
 def test_a_shift_by_nothing_is_the_location_itself():

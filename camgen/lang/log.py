@@ -1,0 +1,147 @@
+"""Findings, assumptions, losses and facts of one run of a program, each with its first line.
+
+The vocabulary of all languages:
+
+- finding: a line that the controller refuses, that is dangerous, or that is unusual
+- assumption: a value or a branch that the text does not determine
+- loss: an effect of the program that the motions lack, so that no other machine may run them
+- omission: an effect that another machine does without, such as accelerations
+- fact: a remark that needs no action
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from camgen.lang.programs import LEVELS, Assumption, Finding, Level
+from camgen.model.errors import one_line
+from camgen.model.text import counted
+
+#: Characters of an entry. A name in a program may be as long as its file.
+_LENGTH_LIMIT = 400
+#: Number of findings, and of entries of each other kind. They bound the memory.
+_FINDING_LIMIT, _ENTRY_LIMIT = 100_000, 5_000
+
+
+class Log:
+    """The log of one run. It holds each entry once.
+
+    line: function that returns the number of the line that runs, from 1 through all files.
+    is_uncertain: whether the run took a branch that the text does not determine. After that a line
+        that the controller would refuse is unusual, not refused.
+    assumed: assumptions by key and text.
+    facts: first line of each fact, by label and text.
+    lost, omitted: first line of each loss and omission, by text.
+    """
+
+    def __init__(self, line: Callable[[], int] = lambda: 1) -> None:
+        self.line = line
+        self.is_uncertain = False
+        self.assumed: dict[tuple[str, str], Assumption] = {}
+        self.facts: dict[str, dict[str, int]] = {}
+        self.lost: dict[str, int] = {}
+        self.omitted: dict[str, int] = {}
+        self._findings: dict[tuple[int, str], Level] = {}
+        self._kinds: set[str] = set()
+
+    def find(self, level: Level, what: str, *, line: int = 0, once: str = "") -> None:
+        """Add a finding of the line that runs, or of another line.
+
+        once: name of a kind of finding. Only the first finding of a kind is added.
+        """
+        if once in self._kinds or len(self._findings) >= _FINDING_LIMIT:
+            return
+        if once:
+            self._kinds.add(once)
+        if self.is_uncertain and level == "refused" and not line:
+            level, what = "unusual", f"{what}, if the program comes here like this"
+        self._findings.setdefault((line or self.line(), _shorten(what)), level)
+
+    def assume(self, what: str, key: str = "", value: float = 0.0, *, line: int = 0) -> None:
+        """Add an assumption.
+
+        key: name under which the user sets another value (``--assume``), empty without one.
+        """
+        if len(self.assumed) < _ENTRY_LIMIT:
+            what = _shorten(what)
+            entry = Assumption(line or self.line(), what, key, value)
+            self.assumed.setdefault((key, what), entry)
+
+    def choose(self, what: str, key: str = "", value: float = 0.0) -> None:
+        """Add an assumption that determines a branch: all later refusals are uncertain."""
+        self.is_uncertain = True
+        self.assume(what, key, value)
+
+    def lose(self, what: str, *, line: int = 0) -> None:
+        """Add a loss."""
+        if len(self.lost) < _ENTRY_LIMIT:
+            self.lost.setdefault(_shorten(what), line or self.line())
+
+    def leave_out(self, what: str, key: str = "", *, line: int = 0) -> None:
+        """Add a loss and an assumption: the run ignores the line."""
+        self.assume(what, key, line=line)
+        self.lose(what, line=line)
+
+    def lose_axes(self, what: str) -> None:
+        """Add a loss of motions of external axes, which no program of camgen has."""
+        self.fact("external axes", what)
+        self.lose(f"external axes: {what}")
+
+    def omit(self, what: str, *, line: int = 0) -> None:
+        """Add an omission."""
+        if len(self.omitted) < _ENTRY_LIMIT:
+            self.omitted.setdefault(_shorten(what), line or self.line())
+
+    def fact(self, label: str, text: str) -> None:
+        """Add a fact."""
+        texts = self.facts.setdefault(label, {})
+        if len(texts) < _ENTRY_LIMIT:
+            texts.setdefault(_shorten(text), self.line())
+
+    def has(self, finding: Finding) -> bool:
+        """Return whether the log has a finding of this line and text, of any level."""
+        return (finding.line, finding.what) in self._findings
+
+    def copy(self) -> Log:
+        """Return an independent log with the same entries."""
+        log = Log(self.line)
+        log._findings, log._kinds = dict(self._findings), set(self._kinds)
+        log.is_uncertain = self.is_uncertain
+        log.assumed, log.lost, log.omitted = dict(self.assumed), dict(self.lost), dict(self.omitted)
+        log.facts = {label: dict(texts) for label, texts in self.facts.items()}
+        return log
+
+    def list_findings(self) -> tuple[Finding, ...]:
+        """Return the findings by line, and by level within a line, refusals first."""
+        findings = [Finding(level, line, what) for (line, what), level in self._findings.items()]
+        return tuple(sorted(findings, key=lambda item: (item.line, LEVELS.index(item.level))))
+
+    def list_assumed(self) -> tuple[Assumption, ...]:
+        """Return the assumptions by line."""
+        return tuple(sorted(self.assumed.values(), key=lambda item: item.line))
+
+    def list_facts(self, separator: str, shown: int) -> tuple[tuple[str, str], ...]:
+        """Return label and text of the facts.
+
+        separator: text between two facts of one label.
+        shown: number of facts that a label lists. The others are counted.
+        """
+        facts = []
+        for label, texts in self.facts.items():
+            rest = len(texts) - shown
+            more = [f"and {counted(rest, 'more', 'more')}"] if rest > 0 else []
+            facts.append((label, separator.join([*list(texts)[:shown], *more])))
+        return tuple(facts)
+
+    def list_lost(self) -> tuple[tuple[int, str], ...]:
+        """Return line and text of each loss."""
+        return tuple((line, what) for what, line in self.lost.items())
+
+    def list_omitted(self) -> tuple[tuple[int, str], ...]:
+        """Return line and text of each omission."""
+        return tuple((line, what) for what, line in self.omitted.items())
+
+
+def _shorten(text: str) -> str:
+    """Return a text as one line of limited length."""
+    return one_line(text)[:_LENGTH_LIMIT]
