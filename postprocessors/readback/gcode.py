@@ -29,6 +29,7 @@ from camgen.lang.gcode.words import (
     without_number,
     words_of,
 )
+from camgen.lang.run import Stopped
 from camgen.model.errors import JobError
 from camgen.model.part import NoteKind
 from camgen.model.program import Force, Instruction, Output, Stop, ToolChange
@@ -634,7 +635,10 @@ def run(lines: Sequence[str], rules: Rules, expect: Expect) -> Strict:
     """The machine after the lines. Never raises for anything that they hold."""
     exact = replace(rules.arcs, spiral=(expect.spiral,) * 3)
     m = Strict(limits=rules.arcs, exact=exact, rules=rules, expect=expect)
-    play(m, lines, Blocks({}, {}))
+    try:
+        play(m, lines, Blocks({}, {}))
+    except Stopped as stopped:
+        m.fault(str(stopped))
     _read_rest(m, lines)
     for letter in "ST":
         m.note_idle(letter)

@@ -172,7 +172,10 @@ def test_branches_loops_and_subroutines():
 def test_a_program_that_never_ends_is_stopped():
     line, why = stopped("o1 while [1]", "o1 endwhile")
     assert line in (1, 2)
-    assert why == "the program has not ended after 500,000 lines in loops (limits.gcode_steps)"
+    assert (
+        why
+        == "the program has not ended after 500,000 steps in loops and calls (limits.gcode_steps)"
+    )
     assert stopped("o1 sub", "o1 call", "o1 endsub", "o1 call")[1].startswith(
         "o1 call: more than 10 subroutines"
     )

@@ -297,7 +297,7 @@ def test_a_program_that_never_ends_is_stopped():
     assert found.stopped is not None
     assert (
         found.stopped[1]
-        == "the program has not ended after 1,000 lines in loops (limits.gcode_steps)"
+        == "the program has not ended after 1,000 steps in loops and calls (limits.gcode_steps)"
     )
 
 

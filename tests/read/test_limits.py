@@ -107,14 +107,20 @@ CASES = {
     "step_place": Case("a.step", STEP, 1, "no part is so large"),
     "model_bytes": Case("a.3mf", three_mf(), 5, "its model unpacks to more than 5 bytes"),
     "accessor": Case("a.glb", glb(), 0.001, "an accessor of 3 elements in a file of"),
-    "gcode_steps": Case("a.nc", GCODE, 5, "the program has not ended after 5 lines in loops"),
+    "gcode_steps": Case(
+        "a.nc", GCODE, 5, "the program has not ended after 5 steps in loops and calls"
+    ),
     "gcode_motions": Case("a.nc", GCODE.replace(b"9]", b"99]"), 5, "instructions cannot be meant"),
     "gcode_pieces": Case("a.nc", PECKS, 5, "G83 with more than 5 pecks cannot be meant"),
-    "rapid_steps": Case("a.mod", RAPID, 5, "the program has not ended after what is run of it"),
-    "pacscript_steps": Case(
-        "a.pcs", PACSCRIPT, 5, "the program has not ended after 5 statements in loops"
+    "rapid_steps": Case(
+        "a.mod", RAPID, 5, "the program has not ended after 5 steps in loops and calls"
     ),
-    "vplus_steps": Case("a.v2", VPLUS, 5, "the program has not ended after what is run of it"),
+    "pacscript_steps": Case(
+        "a.pcs", PACSCRIPT, 5, "the program has not ended after 5 steps in loops and calls"
+    ),
+    "vplus_steps": Case(
+        "a.v2", VPLUS, 5, "the program has not ended after 5 steps in loops and calls"
+    ),
     "urdf_bytes": Case(
         "a.stl", STL, 100, "has more than 100 bytes: no description of a robot", (ARM,)
     ),

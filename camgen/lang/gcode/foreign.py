@@ -22,7 +22,6 @@ from camgen.lang.gcode.rotation import Rotation
 from camgen.lang.gcode.words import (
     COMMENT,
     GROUP,
-    Endless,
     Line,
     LineError,
     Parameters,
@@ -210,7 +209,7 @@ class Foreign(Machine):
 
     def refuse(self, error: LineError) -> None:
         """The run goes on behind a line that the controller refuses, not behind one that is not understood."""
-        if isinstance(error, UnknownWord | Endless):
+        if isinstance(error, UnknownWord):
             raise error
         self.log.find("refused", str(error))
 

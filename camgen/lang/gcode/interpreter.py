@@ -17,7 +17,6 @@ from camgen.lang.gcode.machine import (
 from camgen.lang.gcode.motion import move, read_plain
 from camgen.lang.gcode.words import (
     COMMENT,
-    Endless,
     Line,
     LineError,
     Parameters,
@@ -26,8 +25,8 @@ from camgen.lang.gcode.words import (
     value_at,
 )
 from camgen.lang.recorded import ProgramRun
+from camgen.lang.run import Budget, Stopped
 from camgen.model.limits import Limits as Bounds
-from camgen.model.limits import tell
 
 _BOUNDS = Bounds()
 NO_FILES: dict[str, int] = {}
@@ -71,6 +70,8 @@ def perform(
         m.finish()
     except LineError as error:
         return m.line, str(error), isinstance(error, UnknownWord)
+    except Stopped as stopped:
+        return m.line, str(stopped), False
     return None
 
 
@@ -88,7 +89,7 @@ def play(m: Machine, lines: Sequence[str], found: Blocks) -> None:
     remembered: dict[str, Line] = {}
     m.inside, m.find_lines = flow.depth, flow.find_profile
     m.run_lines = partial(_run_lines, m, lines, flow, remembered)
-    at, left = 0, len(lines) + m.bounds.gcode_steps
+    at, budget = 0, Budget(len(lines), m.bounds.gcode_steps, "gcode_steps")
     m.most = len(lines) + m.bounds.gcode_motions
     end = found.main or len(lines)
     while at < len(lines) and not m.ended:
@@ -96,17 +97,13 @@ def play(m: Machine, lines: Sequence[str], found: Blocks) -> None:
             return
         if m.is_settled():
             after = m.read_plain(lines, at, end if at < end else len(lines), read_plain)
-            left -= after - at
+            budget.left -= after - at
             at = m.line = after
             if at == len(lines) or (at == end and not flow.calls):
                 return
-        m.line, left = at + 1, left - 1
+        m.line = at + 1
         try:
-            if left < 0:
-                steps = tell(m.bounds.gcode_steps)
-                raise Endless(
-                    f"the program has not ended after {steps} lines in loops (limits.gcode_steps)"
-                )
+            budget.spend()
             m.insist_on_size()
             at = _step(m, lines, at, flow, remembered)
         except LineError as error:

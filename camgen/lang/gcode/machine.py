@@ -10,7 +10,6 @@ from functools import partial
 
 from camgen.lang.gcode.arcs import LINUXCNC, Limits, Piece
 from camgen.lang.gcode.words import (
-    Endless,
     Line,
     LineError,
     Parameters,
@@ -19,6 +18,7 @@ from camgen.lang.gcode.words import (
     not_read,
     words_of,
 )
+from camgen.lang.run import Stopped
 from camgen.model.limits import Limits as Bounds
 from camgen.model.limits import tell
 from camgen.model.part import Note, NoteKind
@@ -276,9 +276,9 @@ class Machine:
         self.lines.append(self.line)
 
     def insist_on_size(self) -> None:
-        """LineError where the program has become longer than any that is meant."""
+        """Raise Stopped where the program has more instructions than the limit allows."""
         if len(self.body) >= self.most:
-            raise Endless(
+            raise Stopped(
                 f"more than {tell(self.most)} instructions cannot be meant (limits.gcode_motions)"
             )
 

@@ -17,10 +17,6 @@ class UnknownWord(LineError):
     """A line that may be right, but has a word that is not read."""
 
 
-class Endless(LineError):
-    """A program that does not end, or becomes longer than any that is meant."""
-
-
 # Numbers, parameters and expressions of LinuxCNC, as its manual's overview defines them. Angles in degrees.
 
 _OPERATOR = re.compile(r"\*\*|[*/+-]|mod|eq|ne|gt|ge|lt|le|and|or|xor")

@@ -2,34 +2,37 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
 from msgspec import Struct
 
 from camgen.lang.pacscript.code import Code, Op
 from camgen.lang.pacscript.evaluate import assign, assign_name, evaluate
 from camgen.lang.pacscript.expressions import Node
 from camgen.lang.pacscript.functions import calculate
-from camgen.lang.pacscript.machine import Ended, Stopped
 from camgen.lang.pacscript.running import Running
 from camgen.lang.pacscript.values import Array, Unknown, Unreadable, Value, number
+from camgen.lang.run import Ended, LoopRounds, Stopped
 from camgen.model.pose import Pose
 
-#: In so many rounds of a loop all names are compared, afterwards after 16, 32, 64 and so on.
-_LOOKED_AT = 8
 _LEAVING = frozenset(("exit", "end", "return", "halt", "stop", "stopend", "raise", "givearm"))
 
 
 class Frame(Struct, gc=False):
-    """A procedure that runs. loops: by step, the end and the step of For; rounds: by step, how often a loop was gone
-    round and the values of all names then; leaving: steps at which an unknown condition could have left, and the
-    steps on that way; handler: the label of On Error.
+    """A procedure that runs.
+
+    loops: end and step of each For, by its step in the code.
+    rounds: rounds of each loop, by the step that repeats it.
+    undecided: steps of loops that were entered without a known condition.
+    leaving: steps at which an unknown condition could have left, with the steps of that branch.
+    handler: label of On Error.
     """
 
     code: Code
     loops: dict[int, tuple[float, float]]
-    rounds: dict[int, tuple[int, Any]]
+    rounds: dict[int, LoopRounds]
+    undecided: set[int]
     leaving: dict[int, tuple[int, int]]
     returns: list[int]
     handler: str = ""
@@ -115,13 +118,8 @@ def _round(run: Running, frame: Frame, at: int, start: int, after: int) -> int:
 
 
 def _stands_still(run: Running, frame: Frame, at: int) -> bool:
-    """Whether nothing has changed since a loop was gone round before; looked at in the first rounds, then seldom."""
-    count, before = frame.rounds.get(at, (0, None))
-    still = before is not None and same(before, _names(run))
-    count += 1
-    keep = count < _LOOKED_AT or count & (count - 1) == 0
-    frame.rounds[at] = (count, [dict(one) for one in _names(run)] if keep else None)
-    return still
+    """Whether a loop repeats itself: a round before left all names as they are now."""
+    return frame.rounds.setdefault(at, LoopRounds()).is_repeated(lambda: _read_names(run))
 
 
 def _has_way_out(ops: list[Op], start: int, after: int) -> bool:
@@ -132,30 +130,24 @@ def _has_way_out(ops: list[Op], start: int, after: int) -> bool:
     )
 
 
-def _names(run: Running) -> list[dict[Any, Value]]:
-    """The values of all names."""
-    return [run.scope.names, run.module_scope.names, run.machine.globals, run.machine.outputs]
+def _read_names(run: Running) -> list[dict[Any, object]]:
+    """The values of all names, comparable."""
+    scopes: list[Mapping[Any, Value]] = [
+        run.scope.names,
+        run.module_scope.names,
+        run.machine.globals,
+        run.machine.outputs,
+    ]
+    return [{name: comparable(value) for name, value in scope.items()} for scope in scopes]
 
 
-def same(one: list[dict[Any, Value]], other: list[dict[Any, Value]]) -> bool:
-    """Whether two snapshots hold the same."""
-    return all(
-        a.keys() == b.keys() and all(same_value(a[key], b[key]) for key in a)
-        for a, b in zip(one, other, strict=True)
-    )
-
-
-def same_value(a: Value | None, b: Value | None) -> bool:
-    """Whether two values are the same."""
-    if a is b:
-        return True
-    if isinstance(a, Pose) and isinstance(b, Pose):
-        return a.origin == b.origin and np.array_equal(a.rotation, b.rotation)
-    if isinstance(a, Array) and isinstance(b, Array):
-        return a.items.keys() == b.items.keys() and all(
-            same_value(a.items[key], b.items[key]) for key in a.items
-        )
-    return type(a) is type(b) and a == b
+def comparable(value: Value | None) -> object:
+    """A value that ``==`` compares."""
+    if isinstance(value, Pose):
+        return type(value), value.origin, value.rotation.tobytes()
+    if isinstance(value, Array):
+        return value.tops, {index: comparable(item) for index, item in value.items.items()}
+    return value
 
 
 def start_for(run: Running, frame: Frame, at: int, op: Op) -> int | None:
@@ -201,7 +193,7 @@ def enter(run: Running, frame: Frame, at: int, op: Op) -> int | None:
     value = evaluate(run, op.a)
     found = truth(value)
     if isinstance(found, Unknown):
-        frame.rounds[at] = (-1, None)
+        frame.undecided.add(at)
         acting = frame.code.acting
         acts = acting[op.to] - acting[at] > 0
         run.machine.log.choose(
@@ -225,9 +217,9 @@ def repeat(run: Running, frame: Frame, at: int, op: Op) -> int | None:
         if not _constant(op.a):
             return _again(run, frame, at, op.to, head)
     elif head.a is not None and not _constant(head.a):
-        if frame.rounds.pop(op.to, None) is not None and isinstance(
-            truth(evaluate(run, head.a)), Unknown
-        ):
+        was_undecided = op.to in frame.undecided
+        frame.undecided.discard(op.to)
+        if was_undecided and isinstance(truth(evaluate(run, head.a)), Unknown):
             return None
         return _again(run, frame, at, op.to, head)
     return _round(run, frame, at, op.to, at + 1)

@@ -19,6 +19,7 @@ from camgen.lang.pacscript.values import (
     name_place,
 )
 from camgen.lang.programs import Executed, Frames
+from camgen.lang.run import Stopped
 from camgen.model.pose import IDENTITY, Pose, Vec3, frozen, to_vec3
 from camgen.model.program import (
     Force,
@@ -45,16 +46,8 @@ _MOVING = frozenset(("plain", "move", "approach", "depart", "draw", "drive", "dr
 _MOST_MOTIONS = 2_000_000
 
 
-class Stopped(Exception):
-    """The run cannot go on; its text says why."""
-
-
 class Raised(Exception):
     """The program raises an error of its own."""
-
-
-class Ended(Exception):
-    """The program has ended."""
 
 
 @dataclass(slots=True)
@@ -86,7 +79,6 @@ class Machine:
         self.frame: list[int] = []
         self.frames: list[Frames] = []
         self.log = Log(lambda: self.line)
-        self.steps = 0
         self.globals: dict[tuple[str, int], Value] = {}
         self.outputs: dict[str, Value] = {}
         self.here: Pose = name_place("where the arm stands at the start")

@@ -10,9 +10,10 @@ from camgen.lang.pacscript.code import Op
 from camgen.lang.pacscript.evaluate import assign, assign_name, blank, evaluate, fit, let, let_axis
 from camgen.lang.pacscript.expressions import Node
 from camgen.lang.pacscript.functions import ASKED, FUNCTIONS
-from camgen.lang.pacscript.machine import Ended, Raised, copy_value
+from camgen.lang.pacscript.machine import Raised, copy_value
 from camgen.lang.pacscript.running import Running
 from camgen.lang.pacscript.values import Array, Unknown, Unreadable, Value, index, number
+from camgen.lang.run import Ended
 from camgen.model.program import Output
 
 

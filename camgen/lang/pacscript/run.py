@@ -12,7 +12,7 @@ from camgen.lang.pacscript import flow
 from camgen.lang.pacscript.code import Code, Op, compile_procedure
 from camgen.lang.pacscript.evaluate import assign, blank, evaluate, fit, is_stored
 from camgen.lang.pacscript.expressions import Node
-from camgen.lang.pacscript.machine import Ended, Machine, Raised, Scope, Stopped, copy_value
+from camgen.lang.pacscript.machine import Machine, Raised, Scope, copy_value
 from camgen.lang.pacscript.orders import ACTIONS, WAYS
 from camgen.lang.pacscript.points import read_points
 from camgen.lang.pacscript.source import (
@@ -28,7 +28,7 @@ from camgen.lang.pacscript.source import (
 from camgen.lang.pacscript.values import Array, Unknown, Unreadable, Value, Wrong, index, number
 from camgen.lang.pacscript.words import RESERVED
 from camgen.lang.programs import Ask, Executed
-from camgen.model.limits import tell
+from camgen.lang.run import Budget, Ended, Stopped
 
 #: Procedures may call each other so deep.
 _DEEPEST = 40
@@ -54,9 +54,8 @@ class Run:
             self.machine.log.assume(what)
         self.ask = ask
         self.files: dict[str, File] = read.files if read else read_files(files, self.say)
-        self.most = ask.limits.pacscript_steps + sum(
-            len(file.statements) for file in self.files.values()
-        )
+        statements = sum(len(file.statements) for file in self.files.values())
+        self.budget = Budget(statements, ask.limits.pacscript_steps, "pacscript_steps")
         self.modules: dict[str, Module] = read.modules if read else {}
         self.scopes: dict[str, Scope] = {}
         ranked = sorted(self.files, key=lambda name: name.endswith(".h"))
@@ -192,7 +191,7 @@ class Run:
             declared = Procedure("", 0, [], "", module.declarations)
             before = self.module, self.scope, self.module_scope, self.machine.line
             self.module, self.scope, self.module_scope = module, found, found
-            self._run(flow.Frame(self._code(declared), {}, {}, {}, []), declared)
+            self._run(flow.Frame(self._code(declared), {}, {}, set(), {}, []), declared)
             self.module, self.scope, self.module_scope, self.machine.line = before
         return found
 
@@ -243,7 +242,8 @@ class Run:
             self.module, self.scope, self.module_scope = before
         self.machine.line = line
         for parameter, part, value in zip(procedure.parameters, parts, values, strict=False):
-            if not flow.same_value(scope.names.get(parameter.name), self._fit(value, parameter)):
+            passed = flow.comparable(self._fit(value, parameter))
+            if flow.comparable(scope.names.get(parameter.name)) != passed:
                 self._give_back(parameter, part, scope)
         return scope.names.get(procedure.name, 0.0)
 
@@ -277,7 +277,7 @@ class Run:
             scope.kinds[procedure.name] = procedure.returns
         self.scope, code = scope, self._code(procedure)
         scope.assigned = code.assigned
-        self._run(flow.Frame(code, {}, {}, {}, []), procedure)
+        self._run(flow.Frame(code, {}, {}, set(), {}, []), procedure)
         return scope
 
     def _fit(self, value: Value, parameter: Parameter) -> Value:
@@ -292,12 +292,7 @@ class Run:
         while at < len(ops):
             op = ops[at]
             machine.line = op.line
-            machine.steps += 1
-            if machine.steps > self.most:
-                bound = (
-                    f"{tell(self.ask.limits.pacscript_steps)} statements in loops and procedures"
-                )
-                raise Stopped(f"the program has not ended after {bound} (limits.pacscript_steps)")
+            self.budget.spend()
             try:
                 to = self._step(frame, at, op, procedure.returns == "program")
                 at = at + 1 if to is None else to

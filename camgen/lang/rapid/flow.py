@@ -8,8 +8,9 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 
+from camgen.lang.run import Budget, Ended, LoopRounds, Stopped
+
 from .branches import Ways, hint
-from .instructions import Ended
 from .machine import Machine
 from .tokens import Wrong
 from .tree import Block, For, If, Label, Routine, Statement, Test, While
@@ -19,11 +20,8 @@ from .values import Unknown, Value, Variable, copied, find_unknown
 _DEEPEST = 70
 #: So often a loop is run that has a way out, before it is taken to have none.
 _MOST_PASSES = 200
-_TOO_LONG = "the program has not ended after what is run of it; limits.rapid_steps lets more run"
 #: Runs of a statement whose error is handled by RETRY; controllers allow four.
 _MOST_TRIES = 5
-#: Passes after which all data are compared.
-_LOOKED_AT = 16
 
 
 class Returned(Exception):
@@ -58,14 +56,6 @@ class Handled(Exception):
         self.again = again
 
 
-class Stopped(Exception):
-    """The program is not run any further: the line and the reason."""
-
-    def __init__(self, line: int, what: str) -> None:
-        super().__init__(line, what)
-        self.line, self.what = line, what
-
-
 @dataclass(eq=False)
 class Loop:
     """A loop as far as it has run: where the body was after its first pass, and what had changed by then."""
@@ -73,18 +63,17 @@ class Loop:
     passes: int = 0
     after_first: int = 0
     changes: int = -1
-    seen: list[Value] = field(default_factory=list)  # what all data were worth after a pass
+    rounds: LoopRounds = field(default_factory=LoopRounds)
 
 
 @dataclass(eq=False)
 class Flow(ABC):
-    """What runs blocks of statements. most: statements that are run."""
+    """Runs blocks of statements."""
 
     machine: Machine
     ways: Ways
-    most: int
+    budget: Budget
     entry: Routine
-    steps: int = 0
     depth: int = 0
     handling: bool = False
     origin: int = 0  # where the error that is handled was raised
@@ -111,7 +100,7 @@ class Flow(ABC):
     def enter(self) -> None:
         """One deeper."""
         if self.depth >= _DEEPEST:
-            raise Stopped(self.machine.line, f"routines call each other more than {_DEEPEST} deep")
+            raise Stopped(f"routines call each other more than {_DEEPEST} deep")
         self.depth += 1
 
     def _land(self, block: Block, jump: Jump, item: Statement) -> int:
@@ -134,9 +123,7 @@ class Flow(ABC):
         """One statement; an error in it that no handler takes is noted, and what follows is run."""
         machine = self.machine
         machine.line = item.line
-        self.steps += 1
-        if self.steps > self.most:
-            raise Stopped(item.line, _TOO_LONG)
+        self.budget.spend()
         for _ in range(_MOST_TRIES):
             try:
                 self.perform(item)
@@ -146,7 +133,7 @@ class Flow(ABC):
                 if self._tries_again(raised):
                     continue
             return
-        raise Stopped(item.line, f"an error comes again after {_MOST_TRIES} tries")
+        raise Stopped(f"an error comes again after {_MOST_TRIES} tries")
 
     @abstractmethod
     def perform(self, item: Statement) -> None:
@@ -203,18 +190,12 @@ class Flow(ABC):
                 return
             before = machine.changes, len(machine.body)
             self.run(item.body)
-            self._tick(item.line)
+            self.budget.spend()
             if endless and not escapes:
                 loop.after_first = len(machine.body)
                 self._end_loop(loop, "WHILE TRUE")
             if self._leave(item, loop, endless, before):
                 return
-
-    def _tick(self, line: int) -> None:
-        """A pass costs a statement, so that empty ones end too."""
-        self.steps += 1
-        if self.steps > self.most:
-            raise Stopped(line, _TOO_LONG)
 
     def _leave(self, item: While, loop: Loop, endless: bool, before: tuple[int, int]) -> bool:
         """Whether a loop is left that nothing in it ends."""
@@ -222,7 +203,7 @@ class Flow(ABC):
         machine.line = item.line
         if self._repeats(loop) and endless:
             self._end_loop(loop, "WHILE TRUE")
-        if machine.changes != before[0] and not self._stands_still(loop):
+        if machine.changes != before[0] and not loop.rounds.is_repeated(self._read_data):
             return False
         waits = before[1] == len(machine.body)
         what = (
@@ -233,18 +214,11 @@ class Flow(ABC):
         machine.log.assume(f"a loop {what}")
         return True
 
-    def _stands_still(self, loop: Loop) -> bool:
-        """Whether a pass left all data as the one before it did; looked at now and then, since it takes its time."""
-        if loop.passes < _LOOKED_AT or (
-            loop.passes & (loop.passes - 1) and (loop.passes - 1) & (loop.passes - 2)
-        ):
-            return False
+    def _read_data(self) -> object:
+        """The values of all data that the routine sees."""
         machine = self.machine
         levels = (machine.scope.data, machine.scope.home.data, machine.data)
-        now = [copied(variable.value) for level in levels for variable in level.values()]
-        same = now == loop.seen
-        loop.seen = now
-        return same and bool(loop.passes & (loop.passes - 1))
+        return [copied(variable.value) for level in levels for variable in level.values()]
 
     def _repeat_unknown(self, item: While, value: Unknown) -> None:
         """A loop whose condition is not known: one that moves is run once, one that waits ends."""
@@ -277,7 +251,7 @@ class Flow(ABC):
             while step != 0 and (at <= last if step > 0 else at >= last):
                 counter.value = at
                 self.run(item.body)
-                self._tick(item.line)
+                self.budget.spend()
                 at += step
         finally:
             if hidden is None:

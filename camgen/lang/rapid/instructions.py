@@ -10,6 +10,7 @@ from collections.abc import Callable
 
 from msgspec.structs import replace
 
+from camgen.lang.run import Ended
 from camgen.model.instructions import Force, MoveC, MoveJ, MoveL, Output, Stop, Wait
 from camgen.model.pose import IDENTITY, Pose
 
@@ -24,10 +25,6 @@ from .values import Unknown, find_unknown
 
 #: s: how long PulseDO switches on where it does not say.
 _PULSE = 0.2
-
-
-class Ended(Exception):
-    """The program has ended, as it says."""
 
 
 class CycleEnded(Ended):

@@ -56,7 +56,7 @@ def run(files: Mapping[str, str], ask: Ask) -> Executed:
 
 def _run(machine: Machine, entry: Routine, lines: int) -> tuple[int, str] | None:
     try:
-        return run_entry(machine, entry, int(machine.ask.limits.rapid_steps) + lines)
+        return run_entry(machine, entry, lines)
     except Wrong as wrong:
         machine.log.find("refused", wrong.what, line=wrong.line)
         return wrong.line, wrong.what

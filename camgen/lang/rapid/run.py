@@ -9,12 +9,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 
+from camgen.lang.run import Budget, Ended, Stopped
 from camgen.model.instructions import Output
 
 from .branches import Ways
-from .flow import Flow, Handled, Jump, Raised, Returned, Stopped
+from .flow import Flow, Handled, Jump, Raised, Returned
 from .functions import call_function, name_of
-from .instructions import EFFECTS, CycleEnded, Ended
+from .instructions import EFFECTS, CycleEnded
 from .interrupts import come, connect, judge_trap
 from .machine import Frame, Home, Machine
 from .motions import form_of, inline, move
@@ -98,6 +99,7 @@ class Runner(Flow):
         try:
             self.run(routine.body)
         except Returned as returned:
+            machine.line = line
             return returned.value
         except Jump as jump:
             machine.log.find(
@@ -106,7 +108,8 @@ class Runner(Flow):
         finally:
             self.depth -= 1
             self.handling = handling
-            machine.scope, machine.line = outer, line
+            machine.scope = outer
+        machine.line = line
         return NOTHING
 
     def _bind(self, routine: Routine, call: Call) -> dict[str, Variable]:
@@ -302,9 +305,13 @@ _RUN: dict[type, Callable[[Runner, Value], None]] = {
 # The whole ------------------------------------------------------------------------------------------------------
 
 
-def run_entry(machine: Machine, entry: Routine, most: int) -> tuple[int, str] | None:
-    """Runs a program from its entry; line and reason where it is not run to its end."""
-    runner = Runner(machine, Ways(machine), most, entry)
+def run_entry(machine: Machine, entry: Routine, statements: int) -> tuple[int, str] | None:
+    """Run a program from its entry. Return line and reason where it does not run to its end.
+
+    statements: number of statements of the text at most.
+    """
+    budget = Budget(statements, machine.ask.limits.rapid_steps, "rapid_steps")
+    runner = Runner(machine, Ways(machine), budget, entry)
     machine.call, machine.function, machine.interrupt = (
         runner.call,
         call_function,
@@ -316,7 +323,8 @@ def run_entry(machine: Machine, entry: Routine, most: int) -> tuple[int, str] | 
             machine.log.fact("not run", routine.name)
     waiting = [one for one in machine.homes if one.kind == "trap" and one not in runner.ran]
     for routine in waiting[:_MOST_TRAPS]:
-        runner.depth, runner.steps, runner.most = 0, 0, _MOST_OF_A_TRAP
+        runner.depth = 0
+        runner.budget = Budget(0, _MOST_OF_A_TRAP, "rapid_steps")
         call = Call(routine.line, routine.name.lower())
         judge_trap(
             machine, routine, partial(_run_whole, runner, partial(runner.call, routine, call))
@@ -331,7 +339,7 @@ def _run_whole(runner: Runner, run: Callable[[], object]) -> tuple[int, str] | N
     except Ended:
         pass
     except Stopped as stopped:
-        return stopped.line, stopped.what
+        return machine.line, str(stopped)
     except Raised as raised:
         return raised.line, "an error is raised that no handler takes"
     except Handled:

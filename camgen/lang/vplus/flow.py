@@ -15,7 +15,9 @@ from msgspec import Struct
 
 from camgen.lang.log import Log
 from camgen.lang.programs import Ask
+from camgen.lang.run import Budget, Ended, LoopRounds, Stopped
 from camgen.model.program import Joints, MoveC, MoveJ, MoveL
+from camgen.model.text import counted
 
 from .instructions import MOTIONS, REACTIONS
 from .locations import Expression
@@ -30,8 +32,6 @@ from .walk import walk, walk_apart
 _DEEPEST = 60
 CALLED = re.compile(r"([A-Za-z][A-Za-z0-9._]*)\s*(\(.*\))?", re.DOTALL)
 GOES = re.compile(r"\bGOTO\s+(\d+)\s*$", re.IGNORECASE)
-#: So many rounds of a loop are compared with the one before, and then those whose number is a power of two.
-_FIRST_ROUNDS = 4
 _MOST_STATE = 3000
 #: So many characters of a line, or values that are looked through, count as an instruction.
 _LONG = 60
@@ -49,25 +49,18 @@ class _For(Struct, gc=False):
 
 
 class _Running:
-    """A program that runs: its FOR loops by the index of their beginning, and by place how often it was passed, with
-    what state and after how many instructions.
+    """A program that runs.
+
+    counting: its FOR loops by the index of their first statement.
+    rounds: rounds of each loop, by the index of the statement that repeats it.
     """
 
-    __slots__ = ("counting", "rounds", "routine", "seen")
+    __slots__ = ("counting", "rounds", "routine")
 
     def __init__(self, routine: Routine) -> None:
         self.routine = routine
         self.counting: dict[int, _For] = {}
-        self.rounds: dict[int, int] = {}
-        self.seen: dict[int, tuple[object, int]] = {}
-
-
-class Ended(Exception):
-    """The program has come to its end."""
-
-
-class Exhausted(Exception):
-    """The program does not come to an end."""
+        self.rounds: dict[int, LoopRounds] = {}
 
 
 class Machine(Units):
@@ -82,9 +75,8 @@ class Machine(Units):
             self._programs.setdefault(canonical(routine.name), routine)
         self._kept: dict[str, Table] = {}
         self._rounds = max(1, int(min(self._assume.get("rounds", 1.0), 1e6)))
-        self._budget = int(ask.limits.vplus_steps) + sum(
-            map(_cost, (s for one in programs for s in one.statements))
-        )
+        size = sum(_cost(statement) for program in programs for statement in program.statements)
+        self._budget = Budget(size, ask.limits.vplus_steps, "vplus_steps")
         self.stopped: tuple[int, str] | None = None
         self.ran: set[str] = set()
         self.done: set[int] = set()
@@ -92,19 +84,15 @@ class Machine(Units):
     def lay_beside(self, files: Mapping[str, str]) -> None:
         """Files that the programs may read, by name; each line of them may be read and worked with."""
         super().lay_beside(files)
-        self._budget += _READS * sum(text.count("\n") for text in files.values())
+        self._budget.left += _READS * sum(text.count("\n") for text in files.values())
 
     def find_program(self, key: str) -> Routine | None:
         """The program of a name in its canonical form."""
         return self._programs.get(key)
 
     def spend(self, count: int) -> None:
-        """The bound of the run pays for so many instructions."""
-        self._budget -= count
-        if self._budget < 0:
-            raise Exhausted(
-                "the program has not ended after what is run of it (limits.vplus_steps)"
-            )
+        """Take as many steps from the budget of the run. Stopped if it has too few."""
+        self._budget.spend(count)
 
     def last(self, name: str) -> float:
         """The last index of an array."""
@@ -121,7 +109,7 @@ class Machine(Units):
             self._run(routine, {})
         except Ended:
             pass
-        except Exhausted as error:
+        except Stopped as error:
             self.stopped = self.line, str(error)
         self.finish()
 
@@ -243,7 +231,6 @@ class Machine(Units):
             holds = False
         if not holds:
             running.rounds.pop(index, None)
-            running.seen.pop(index, None)
             return end + 1
         return index + 1
 
@@ -254,33 +241,29 @@ class Machine(Units):
         holds, open_, _ = self.condition(statement.rest, ("",))
         if not holds and (not self.consulted or not self.wish(statement.rest, True, fresh=False)):
             # The body of a DO has run once by now.
-            running.rounds.setdefault(index, 1 if open_ else 0)
+            if index not in running.rounds:
+                running.rounds[index] = LoopRounds()
+                running.rounds[index].count = int(open_)
             if self._again(running, index, open_):
                 return start + 1
         running.rounds.pop(index, None)
-        running.seen.pop(index, None)
         return index + 1
 
     def _again(self, running: _Running, index: int, open_: bool) -> bool:
         """Whether a loop is told for one more round. open_: nothing that is known ends it."""
-        count = running.rounds[index] = running.rounds.get(index, 0) + 1
-        if open_ and count <= self._rounds:
-            return True
+        loop = running.rounds.setdefault(index, LoopRounds())
         if open_:
-            what = "a loop that nothing known ends is run for"
-            self.log.assume(
-                f"{what} {self._rounds} round{'s'[: self._rounds > 1]}", "rounds", self._rounds
-            )
+            loop.count += 1
+            if loop.count <= self._rounds:
+                return True
+            rounds = counted(self._rounds, "round")
+            what = f"a loop that nothing known ends is run for {rounds}"
+            self.log.assume(what, "rounds", self._rounds)
             return False
-        if count > _FIRST_ROUNDS and count & (count - 1):
-            return True
-        state = self._state()
-        before = running.seen.get(index)
-        if state is not None and before is not None and before[0] == state:
-            self._cut(before[1])
+        if loop.is_repeated(self._state, len(self.body)):
+            self._cut(loop.length)
             self.log.assume("a loop that repeats itself for ever is told for one of its rounds")
             return False
-        running.seen[index] = state, len(self.body)
         return True
 
     def _state(self) -> object:
@@ -406,7 +389,6 @@ class Machine(Units):
             running.counting.pop(inner, None)
             for place in (inner, running.routine.partner.get(inner, inner)):
                 running.rounds.pop(place, None)
-                running.seen.pop(place, None)
         return end + 1
 
     def _do_loop(self, _: _Running, index: int, statement: Statement) -> int:
@@ -441,7 +423,7 @@ class Machine(Units):
             self._leave_out(f"program {name} is not in these files: left out")
             return
         if self.depth > _DEEPEST:
-            raise Exhausted(f"more than {_DEEPEST} programs call each other")
+            raise Stopped(f"more than {_DEEPEST} programs call each other")
         given = list(split(unwrap(brackets)[0]))
         formals = [part.removesuffix("[]").strip() for part in split(routine.arguments)]
         if len([g for g in given if g]) > len([f for f in formals if f]):

@@ -415,6 +415,15 @@ def test_a_loop_without_end_is_shown_once() -> None:
         assert executed.stopped is None
 
 
+def test_a_loop_that_alternates_between_two_values_ends() -> None:
+    executed = done("WHILE n<5 DO\nn:=1-n;\nENDWHILE\nWaitTime 9;")
+    assert waits(executed) == [9]
+    assert executed.stopped is None
+    assert [item.what for item in executed.assumed] == [
+        "a loop waits for what nothing in it changes: it ends at once"
+    ]
+
+
 def test_a_loop_that_waits_for_somebody_else_ends() -> None:
     executed = done(
         "WHILE b=FALSE DO\nWaitTime 0;\nENDWHILE\nWHILE di1=0 DO\nWaitTime 0.1;\nENDWHILE\nWaitTime 9;"

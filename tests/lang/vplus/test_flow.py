@@ -245,8 +245,8 @@ def test_the_bound_of_a_run():
         limits=Limits(vplus_steps=300),
     )
     assert found.stopped is not None
-    assert (
-        found.stopped[1] == "the program has not ended after what is run of it (limits.vplus_steps)"
+    assert found.stopped[1] == (
+        "the program has not ended after 300 steps in loops and calls (limits.vplus_steps)"
     )
     assert 70 < len(found.body) < 80  # four instructions a round
     deep = run({"a": ".PROGRAM a()\nCALL a()\n.END\n"}, Ask())
