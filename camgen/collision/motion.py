@@ -23,11 +23,13 @@ from camgen.collision.hits import (
 )
 from camgen.collision.scene import Scene
 from camgen.geometry.ragged import offsets, owners, ramp
-from camgen.model.part import IntArray
+from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 
 #: The longest stretches are 2 ** _HALVINGS steps.
 _HALVINGS = 5
+#: Stretches of more steps are long: where the middle of one collides, what is behind it is not looked at.
+_LONG = 2
 #: Of the stretches of one length, so many are nearly all.
 _MOST = 0.75
 #: rad that joints may turn together between two places where it is worked out how far all has moved.
@@ -84,22 +86,50 @@ def motions(
     """
     if not several:
         return []
+    levels = np.broadcast_to(near, len(several))
+    checks = _check(scene, several, step, levels, apart, is_hasty=True)
+    left = [k for k, check in enumerate(checks) if check is None]
+    if left:
+        some = [several[k] for k in left]
+        slow = _check(scene, some, step, levels[left], apart, is_hasty=False)
+        for k, check in zip(left, slow, strict=True):
+            checks[k] = check
+    return [check for check in checks if check is not None]
+
+
+def _check(
+    scene: Scene,
+    several: Sequence[FloatArray],
+    step: float,
+    levels: FloatArray,
+    apart: float,
+    *,
+    is_hasty: bool,
+) -> list[MotionCheck | None]:
+    """``motions``. is_hasty: nothing is looked at beyond a place that is found early to collide.
+
+    None for a motion whose first hit is not up to there: no middle of the shortest stretches hits.
+    """
     lines = _Lines.of(scene, [finite(waypoints) for waypoints in several])
     # What is as near at some of the waypoints bounds how near the rest need be looked at.
-    levels = np.broadcast_to(near, len(several)).tolist()
-    nears = _bound(scene, [waypoints[::_SPARSE] for waypoints in several], levels)
-    at, first = _find_undecided(
-        scene, lines, step, np.array([bound.distance for bound in nears]), apart
-    )
+    nears = _bound(scene, [waypoints[::_SPARSE] for waypoints in several], levels.tolist())
+    distances = np.array([bound.distance for bound in nears])
+    at, first, is_cut = _find_undecided(scene, lines, step, distances, apart, is_hasty)
     rows = _rows(lines.waypoints, at)
     splits = first[1:-1]
     pairs = np.split(hits(scene, rows), splits)
     free = [
         bound.distance if (own < 0).all() else 0.0 for own, bound in zip(pairs, nears, strict=True)
     ]
+    free = [0.0 if cut else near for cut, near in zip(is_cut, free, strict=True)]
     closer = _least(scene, np.split(rows, splits), free)
     places = np.split(at - np.repeat(lines.first[:-1], np.diff(first)), splits)
-    return [_course(*one) for one in zip(places, pairs, nears, closer, strict=True)]
+    checks = [_course(*one) for one in zip(places, pairs, nears, closer, strict=True)]
+    # The last place of a motion that is cut is its end.
+    return [
+        check if not cut or (own[:-1] >= 0).any() else None
+        for check, own, cut in zip(checks, pairs, is_cut.tolist(), strict=True)
+    ]
 
 
 def _course(at: FloatArray, pairs: IntArray, bound: Nearest, closer: Nearest) -> MotionCheck:
@@ -199,10 +229,12 @@ def _finer(angles: FloatArray, first: IntArray) -> tuple[FloatArray, IntArray]:
 
 
 def _find_undecided(
-    scene: Scene, lines: _Lines, step: float, nears: FloatArray, apart: float
-) -> tuple[FloatArray, IntArray]:
+    scene: Scene, lines: _Lines, step: float, nears: FloatArray, apart: float, is_hasty: bool
+) -> tuple[FloatArray, IntArray, BoolArray]:
     """Where each motion must be tested as it is, in rows of all waypoints: its ends, and the middles of those stretches
-    that are no longer than ``step`` and were never found free; and the first of each motion among these (L + 1,).
+    that are no longer than ``step`` and were never found free; the first of each motion among these (L + 1,); and
+    which motions (L,) are looked at no farther than to the end of a long stretch whose middle collides, as they are
+    where ``is_hasty``.
     """
     start, stop = lines.way[lines.ends].T
     count = np.maximum(np.ceil((stop - start) / (step * 2**_HALVINGS)), 1).astype(np.int64)
@@ -212,6 +244,7 @@ def _find_undecided(
     asked: Tests | None = None
     index = np.arange(len(lines.way), dtype=np.float64)
     found = [(np.repeat(np.arange(len(start)), 2), lines.numbers[lines.ends].ravel())]
+    last = np.full(len(start), math.inf)
     while len(own):
         short = width[own] <= step
         middles = np.interp(begins[short] + width[own[short]] / 2, lines.way, lines.numbers)
@@ -228,6 +261,13 @@ def _find_undecided(
         row, test = find_meetings(scene, rows, grow + apart, both, nears[own], asked)
         met = np.zeros(len(own), dtype=np.bool_)
         met[row] = True
+        if is_hasty and (width > _LONG * step).any():
+            # Most collisions are long. What follows the first one of a motion is of no interest.
+            ends = begins + width[own] / 2
+            tested = np.flatnonzero(met & (ends < last[own]))
+            struck = tested[hits(scene, rows[tested]) >= 0]
+            np.minimum.at(last, own[struck], ends[struck])
+            met &= begins <= last[own]
         # Where nearly all are undecided so are most of their halves: quarters are looked at next.
         parts = 4 if met.sum() > _MOST * len(met) and (width[own] > 2 * step).all() else 2
         width = width / parts
@@ -237,7 +277,8 @@ def _find_undecided(
         asked = share_tests(tests_of((row, test), met), parts)
     owner, at = (np.concatenate(column) for column in zip(*found, strict=True))
     order = np.lexsort((at, owner))
-    return at[order], offsets(np.bincount(owner, minlength=len(start)))
+    first = offsets(np.bincount(owner, minlength=len(start)))
+    return at[order], first, np.isfinite(last)
 
 
 def _most(table: FloatArray, places: Sequence[FloatArray]) -> FloatArray:
