@@ -101,17 +101,21 @@ def _look_closer(
 
     joints: (N, J).
     exactly: whether meshes that are a little farther apart than `room` are cleared, and all pairs
-        but the first one at each of the joint values.
+        but the first one at each of the joint values. Else one test that is not cleared is enough
+        at each of them: all later ones stay.
     """
     boxes_met = np.flatnonzero(met)
     is_named = np.zeros(len(joints), dtype=np.bool_)
+    if not exactly:
+        bare = np.array([closer is None for closer in scene.closer], dtype=np.bool_)
+        is_named[tests.row[boxes_met[bare[tests.pair[boxes_met]]]]] = True
     for number in np.unique(tests.pair[boxes_met]).tolist():
         which = boxes_met[tests.pair[boxes_met] == number]
+        # An earlier pair collides there.
+        late = is_named[tests.row[which]]
         if exactly:
-            # An earlier pair collides there.
-            late = is_named[tests.row[which]]
             met[which[late]] = False
-            which = which[~late]
+        which = which[~late]
         closer = scene.closer[number]
         if closer is not None and len(which):
             values, room = joints[tests.row[which]], tests.room[which]

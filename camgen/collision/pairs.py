@@ -21,7 +21,7 @@ together, from a base that is outside: before one is within, another passes the 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator
 from functools import lru_cache
 from typing import Any
 
@@ -29,7 +29,7 @@ import fcl  # type: ignore[import-untyped]
 import numpy as np
 from msgspec import Struct
 
-from camgen.collision.mesh import distance, join_surfaces, make_model
+from camgen.collision.mesh import distance, join_surfaces, make_model, pick_outermost
 from camgen.collision.swept import SweptSolid
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray, Pose
@@ -43,6 +43,8 @@ _SLACKS_MM, _SMALL_SLACK_MM = (24.0, 3.0), 0.5
 _WORTH = 12
 #: Cells and meetings that a pair keeps: they take some 200 bytes each.
 _MOST_KNOWN = 100_000
+#: Joint values at which points of two bodies are compared together.
+_ROWS = 256
 #: Decimals of joint values, rad or mm; the values are equal if these are.
 _DIGITS = 12
 #: mm by which fcl's distances may be off: two ways to compute one differ by less.
@@ -54,10 +56,12 @@ class Shape(Struct, frozen=True, eq=False):
 
     frame: number of the link that carries it, 0 for a body that stands.
     parts: fcl's geometries, and the pose of each in that link's frame.
+    points: (K, 3) some of its points, in that link's frame.
     """
 
     frame: int
     parts: tuple[tuple[Any, Pose], ...]
+    points: FloatArray
 
 
 class Sweep(Struct, frozen=True, eq=False):
@@ -79,6 +83,7 @@ class MeshPair(Struct, frozen=True, eq=False):
     frames: the links that carry them.
     first: fcl's objects of the first body, in its link's frame.
     second: fcl's objects of the second one, each with its pose in its link's frame.
+    points: some points of both bodies, each in its link's frame.
     joints: (d,) the joints of the chain between both links.
     levers: (d,) mm per rad or mm of each, by which the bodies come nearer at most.
     slacks: mm by which they come nearer from the middle of a cell to its border, for each size.
@@ -92,6 +97,7 @@ class MeshPair(Struct, frozen=True, eq=False):
     frames: tuple[int, int]
     first: tuple[Any, ...]
     second: tuple[tuple[Any, Pose], ...]
+    points: tuple[FloatArray, FloatArray]
     joints: IntArray
     levers: FloatArray
     slacks: tuple[float, ...]
@@ -105,6 +111,12 @@ class MeshPair(Struct, frozen=True, eq=False):
 def model_of(link: Link) -> Any:
     """Fcl's model of all surfaces of a link, made once for any number of scenes."""
     return make_model(*join_surfaces(link))
+
+
+@lru_cache(maxsize=64)
+def link_points(link: Link) -> FloatArray:
+    """The corners (K, 3) of the surfaces of a link that lie farthest outward."""
+    return pick_outermost(join_surfaces(link)[0])
 
 
 def box_part(box: Box) -> tuple[Any, Pose]:
@@ -136,6 +148,7 @@ def pair_up(
         (first.frame, second.frame),
         tuple(fcl.CollisionObject(*_with_transform(*part)) for part in first.parts),
         tuple((fcl.CollisionObject(part[0]), part[1]) for part in second.parts),
+        (first.points, second.points),
         joints,
         levers[joints],
         slacks,
@@ -152,9 +165,10 @@ def _with_transform(geometry: Any, pose: Pose) -> tuple[Any, Any]:
 
 def come_within(robot: Robot, pair: MeshPair, joints: FloatArray, room: FloatArray) -> BoolArray:
     """At which joint values (N, J) the two bodies come within ``room`` (N,), mm; at 0: meet."""
-    met = may_come_within(robot, pair, joints, room)
-    left = np.flatnonzero(met)
-    for row, placed in zip(left.tolist(), _place(robot, pair, joints[left]), strict=True):
+    met = _have_near_points(robot, pair, joints, room)
+    left = np.flatnonzero(~met)
+    left = left[at_least(robot, pair, joints[left], room[left]) <= room[left]]
+    for row, placed in zip(left.tolist(), _each(robot, pair, joints[left]), strict=True):
         met[row] = _distance(pair, placed) <= room[row]
     return met
 
@@ -172,7 +186,7 @@ def meet(robot: Robot, pair: MeshPair, joints: FloatArray) -> BoolArray:
     serial = (joints[left] @ robot.coupling.T)[:, pair.joints]
     keys = [row.tobytes() for row in serial.round(_DIGITS)]
     new = [k for k, key in enumerate(keys) if key not in pair.meetings]
-    for k, placed in zip(new, _place(robot, pair, joints[left[new]]), strict=True):
+    for k, placed in zip(new, _each(robot, pair, joints[left[new]]), strict=True):
         pair.meetings[keys[k]] = _meet(pair, placed)
     met[left] = [pair.meetings[key] for key in keys]
     return met
@@ -185,12 +199,32 @@ def may_come_within(
 
     worth: questions in a cell for which fcl measures its distance if that is not known.
     """
-    return np.asarray(at_least(robot, pair, joints, room, worth) <= room)
+    met = _have_near_points(robot, pair, joints, room)
+    left = np.flatnonzero(~met)
+    met[left] = at_least(robot, pair, joints[left], room[left], worth) <= room[left]
+    return met
+
+
+def _have_near_points(
+    robot: Robot, pair: MeshPair, joints: FloatArray, room: FloatArray
+) -> BoolArray:
+    """At which joint values (N, J) two of the known points of the bodies are within ``room`` (N,), mm."""
+    near = np.zeros(len(joints), dtype=np.bool_)
+    asked = np.flatnonzero(room > 0)
+    first, second = pair.points
+    for begin in range(0, len(asked), _ROWS):
+        rows = asked[begin : begin + _ROWS]
+        turned, shifted = _place(robot, pair, joints[rows])
+        placed = second @ turned.swapaxes(1, 2) + shifted[:, None]
+        squares = (placed**2).sum(axis=2)[:, :, None] + (first**2).sum(axis=1)
+        squares -= 2 * (placed @ first.T)
+        near[rows] = squares.min(axis=(1, 2)) <= room[rows] ** 2
+    return near
 
 
 def measure(robot: Robot, pair: MeshPair, joints: FloatArray) -> float:
     """The distance at joint values (J,), mm; 0 where the bodies meet."""
-    (placed,) = _place(robot, pair, joints[None])
+    (placed,) = _each(robot, pair, joints[None])
     return _distance(pair, placed)
 
 
@@ -233,25 +267,31 @@ def _bound(robot: Robot, pair: MeshPair, joints: FloatArray, level: int, worth: 
         middles = np.zeros((len(new), len(robot.joints)))
         middles[:, pair.joints] = unique[new] * width
         middles = np.asarray(np.linalg.solve(robot.coupling, middles.T).T)
-        for k, placed in zip(new, _place(robot, pair, middles), strict=True):
+        for k, placed in zip(new, _each(robot, pair, middles), strict=True):
             known[keys[k]] = _distance(pair, placed)
     middle = np.array([known.get(key, 0.0) for key in keys])[cell_of.ravel()]
     slack = np.abs(serial - cells * width) @ pair.levers + _ROUNDING_MM
     return np.asarray(middle - slack)
 
 
-#: The second body's link in the frame of the first one's: rotation (3, 3) and origin (3,), mm.
+#: The second body's link in the frame of the first one's: rotations (N, 3, 3) and origins (N, 3),
+#: mm, or one of each.
 _Relative = tuple[FloatArray, FloatArray]
 
 
-def _place(robot: Robot, pair: MeshPair, joints: FloatArray) -> Sequence[_Relative]:
+def _place(robot: Robot, pair: MeshPair, joints: FloatArray) -> _Relative:
     """The second body's link in the frame of the first one's, at joint values (N, J)."""
     rotations, origins = frames(robot, joints)
     first, second = pair.frames
     back = rotations[:, first].swapaxes(1, 2)
     turned = np.asarray(back @ rotations[:, second])
     shifted = (back @ (origins[:, second] - origins[:, first])[..., None])[..., 0]
-    return list(zip(turned, shifted, strict=True))
+    return turned, shifted
+
+
+def _each(robot: Robot, pair: MeshPair, joints: FloatArray) -> Iterator[_Relative]:
+    """``_place`` at each of the joint values (N, J)."""
+    return zip(*_place(robot, pair, joints), strict=True)
 
 
 def _move(pair: MeshPair, placed: _Relative) -> None:
