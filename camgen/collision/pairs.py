@@ -21,7 +21,7 @@ together, from a base that is outside: before one is within, another passes the 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -32,7 +32,7 @@ from msgspec import Struct
 from camgen.collision.mesh import distance, join_surfaces, make_model, pick_outermost
 from camgen.collision.swept import SweptSolid
 from camgen.model.part import BoolArray, IntArray
-from camgen.model.pose import FloatArray, Pose
+from camgen.model.pose import FloatArray, Pose, to_vec3
 from camgen.robots.kinematics.forward import frames
 from camgen.robots.models import Box, Link, Robot
 
@@ -41,6 +41,8 @@ from camgen.robots.models import Box, Link, Robot
 _SLACKS_MM, _SMALL_SLACK_MM = (24.0, 3.0), 0.5
 #: Meetings that take fcl as long as a distance.
 _WORTH = 12
+#: Questions in a cell for which its distance is measured before each is tried by itself.
+_MANY = 6
 #: Cells and meetings that a pair keeps: they take some 200 bytes each.
 _MOST_KNOWN = 100_000
 #: Joint values at which points of two bodies are compared together.
@@ -57,11 +59,15 @@ class Shape(Struct, frozen=True, eq=False):
     frame: number of the link that carries it, 0 for a body that stands.
     parts: fcl's geometries, and the pose of each in that link's frame.
     points: (K, 3) some of its points, in that link's frame.
+    boxes: cuboids that hold it, in that link's frame.
+    is_mesh: whether it is a surface of triangles.
     """
 
     frame: int
     parts: tuple[tuple[Any, Pose], ...]
     points: FloatArray
+    boxes: tuple[Box, ...]
+    is_mesh: bool = True
 
 
 class Sweep(Struct, frozen=True, eq=False):
@@ -84,6 +90,8 @@ class MeshPair(Struct, frozen=True, eq=False):
     first: fcl's objects of the first body, in its link's frame.
     second: fcl's objects of the second one, each with its pose in its link's frame.
     points: some points of both bodies, each in its link's frame.
+    boxes: cuboids that hold the first and the second body, each in its link's frame; none where the
+        other body is no mesh.
     joints: (d,) the joints of the chain between both links.
     levers: (d,) mm per rad or mm of each, by which the bodies come nearer at most.
     slacks: mm by which they come nearer from the middle of a cell to its border, for each size.
@@ -98,6 +106,7 @@ class MeshPair(Struct, frozen=True, eq=False):
     first: tuple[Any, ...]
     second: tuple[tuple[Any, Pose], ...]
     points: tuple[FloatArray, FloatArray]
+    boxes: tuple[tuple[Box, ...], tuple[Box, ...]]
     joints: IntArray
     levers: FloatArray
     slacks: tuple[float, ...]
@@ -149,6 +158,7 @@ def pair_up(
         tuple(fcl.CollisionObject(*_with_transform(*part)) for part in first.parts),
         tuple((fcl.CollisionObject(part[0]), part[1]) for part in second.parts),
         (first.points, second.points),
+        (first.boxes if second.is_mesh else (), second.boxes if first.is_mesh else ()),
         joints,
         levers[joints],
         slacks,
@@ -239,18 +249,45 @@ def at_least(
     bound = np.full(len(joints), -math.inf)
     if (wider := pair.wider()) is not None:
         bound = at_least(robot, wider, joints, enough, worth)
-    is_open = np.ones(len(joints), dtype=np.bool_)
-    for level, slack in enumerate(pair.slacks):
-        left = np.flatnonzero(is_open & (bound <= enough))
-        more = _bound(robot, pair, joints[left], level, worth)
-        bound[left] = np.maximum(bound[left], more)
-        # The distance is no more than that in the middle of the cell and its slack.
-        is_open[left] = more + 2 * (slack + _ROUNDING_MM) > enough[left]
+    is_open = _raise(robot, pair, joints, enough, bound, max(worth, _MANY))
+    left = np.flatnonzero(is_open & (bound <= enough))
+    if worth < _MANY and len(left):
+        # One of a few questions in a cell is answered sooner by itself.
+        for row, placed in zip(left.tolist(), _each(robot, pair, joints[left]), strict=True):
+            if _are_boxes_apart(pair, placed, float(enough[row]) + 2 * _ROUNDING_MM):
+                bound[row] = enough[row] + _ROUNDING_MM
+        _raise(robot, pair, joints, enough, bound, worth)
     return bound
 
 
-def _bound(robot: Robot, pair: MeshPair, joints: FloatArray, level: int, worth: int) -> FloatArray:
-    """The least that the distance can be at joint values (N, J), mm (N,).
+def _raise(
+    robot: Robot,
+    pair: MeshPair,
+    joints: FloatArray,
+    enough: FloatArray,
+    bound: FloatArray,
+    worth: int,
+) -> BoolArray:
+    """Raise ``bound`` (N,) to what cells prove.
+
+    Returns where it is not known that the distance is no more than ``enough``, (N,).
+    """
+    is_open = np.ones(len(joints), dtype=np.bool_)
+    for level, slack in enumerate(pair.slacks):
+        left = np.flatnonzero(is_open & (bound <= enough))
+        if not len(left):
+            break
+        more, is_known = _bound(robot, pair, joints[left], level, worth)
+        bound[left] = np.maximum(bound[left], more)
+        # The distance is no more than that in the middle of the cell and its slack.
+        is_open[left] = ~is_known | (more + 2 * (slack + _ROUNDING_MM) > enough[left])
+    return is_open
+
+
+def _bound(
+    robot: Robot, pair: MeshPair, joints: FloatArray, level: int, worth: int
+) -> tuple[FloatArray, BoolArray]:
+    """The least that the distance can be at joint values (N, J), mm (N,), and where it is known.
 
     worth: argument of ``may_come_within``; the bound of an unknown cell is below 0.
     """
@@ -269,9 +306,10 @@ def _bound(robot: Robot, pair: MeshPair, joints: FloatArray, level: int, worth: 
         middles = np.asarray(np.linalg.solve(robot.coupling, middles.T).T)
         for k, placed in zip(new, _each(robot, pair, middles), strict=True):
             known[keys[k]] = _distance(pair, placed)
-    middle = np.array([known.get(key, 0.0) for key in keys])[cell_of.ravel()]
+    middle = np.array([known.get(key, math.nan) for key in keys])[cell_of.ravel()]
+    is_known = ~np.isnan(middle)
     slack = np.abs(serial - cells * width) @ pair.levers + _ROUNDING_MM
-    return np.asarray(middle - slack)
+    return np.where(is_known, middle, 0.0) - slack, is_known
 
 
 #: The second body's link in the frame of the first one's: rotations (N, 3, 3) and origins (N, 3),
@@ -302,6 +340,27 @@ def _move(pair: MeshPair, placed: _Relative) -> None:
         item.setTransform(fcl.Transform(turned @ pose.rotation, origin))
 
 
+def _are_boxes_apart(pair: MeshPair, placed: _Relative, room: float) -> bool:
+    """Whether cuboids of one body, larger by ``room`` mm on each side, meet nothing of the other."""
+    turned, shifted = placed
+    first_boxes, second_boxes = pair.boxes
+    if second_boxes:
+        moved = Pose(turned, to_vec3(shifted))
+        boxes = [_enlarge(moved @ box.link_from_box, box, room) for box in second_boxes]
+        if not _meet_any(pair.first, boxes):
+            return True
+    if not first_boxes:
+        return False
+    _move(pair, placed)
+    boxes = [_enlarge(box.link_from_box, box, room) for box in first_boxes]
+    return not _meet_any([item for item, _ in pair.second], boxes)
+
+
+def _enlarge(pose: Pose, box: Box, room: float) -> Any:
+    x, y, z = (2 * (half + room) for half in box.half)
+    return fcl.CollisionObject(*_with_transform(fcl.Box(x, y, z), pose))
+
+
 def _distance(pair: MeshPair, placed: _Relative) -> float:
     # To fcl a solid is its surface, and bodies within the solid are apart from it.
     if pair.sweep is not None and _is_within(pair.sweep, placed):
@@ -324,8 +383,13 @@ def _is_within(sweep: Sweep, placed: _Relative) -> bool:
 
 def _meet(pair: MeshPair, placed: _Relative) -> bool:
     _move(pair, placed)
-    for item in pair.first:
-        for other, _ in pair.second:
+    return _meet_any(pair.first, [item for item, _ in pair.second])
+
+
+def _meet_any(first: Sequence[Any], second: Sequence[Any]) -> bool:
+    """Whether any of fcl's objects meets one of the second ones."""
+    for item in first:
+        for other in second:
             if fcl.collide(item, other, fcl.CollisionRequest(), fcl.CollisionResult()):
                 return True
     return False

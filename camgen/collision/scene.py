@@ -112,11 +112,14 @@ class _Body(Struct, frozen=True, eq=False):
         if self.mesh is not None:
             place = self.base_from_mesh
             points = self.mesh.outermost @ place.rotation.T + np.asarray(place.origin)
-            return Shape(self.frame, ((self.mesh.model, place),), points)
+            around = self.mesh.box
+            box = Box(place @ translation(*to_vec3(around.centres)), to_vec3(around.half))
+            return Shape(self.frame, ((self.mesh.model, place),), points, (box,))
         if self.link is not None:
             return _shape_link(self.link, self.frame)
         points = np.concatenate([*map(_corners, self.boxes)])
-        return Shape(self.frame, tuple(map(box_part, self.boxes)), points)
+        parts = tuple(map(box_part, self.boxes))
+        return Shape(self.frame, parts, points, self.boxes, is_mesh=False)
 
 
 class Wall(Struct, frozen=True, eq=False):
@@ -383,7 +386,7 @@ def _widen(
     _, (link, frame), (other, other_frame), about = min(choices, key=lambda choice: choice[0])
     solid, (points, _) = sweep(link, *about), join_surfaces(other)
     # The solid holds its link, so the points of that are in it.
-    swept = Shape(frame, ((solid.model, _HERE),), link_points(link))
+    swept = Shape(frame, ((solid.model, _HERE),), link_points(link), ())
     other_shape = _shape_link(other, other_frame)
     is_first = frame < other_frame
     return pair_up(
@@ -395,7 +398,7 @@ def _widen(
 
 
 def _shape_link(link: Link, frame: int) -> Shape:
-    return Shape(frame, ((model_of(link), _HERE),), link_points(link))
+    return Shape(frame, ((model_of(link), _HERE),), link_points(link), link.boxes)
 
 
 def _levers_between(robot: Robot, first: _Body, second: _Body) -> FloatArray:
