@@ -179,19 +179,29 @@ def search(setup: Setup, edge: str, way: PosePath, grid: Grid, most: float) -> E
     return collision
 
 
-def make_states(setup: Setup, knots: PosePath, grid: Grid, whole: bool = True) -> States:
+def make_states(
+    setup: Setup, knots: PosePath, grid: Grid, pieces_jump: float | None = None
+) -> States:
     """The states of the rows of ``knots``, and the orientations that can stay from row to row.
 
-    whole: only branches in which each row can be stood at are of use.
+    pieces_jump: of pieces of a path, rad that a joint may turn from row to row. A joint that cannot
+        come past half a turn can run all of them about the middle of its limits, and has no other
+        whole turns. None for the whole path: only branches in which each row can be stood at are of
+        use.
     """
-    robot, table = setup.robot, turns(setup.robot)
+    robot, table, whole = setup.robot, turns(setup.robot), pieces_jump is None
     parts = counts(knots, _LOOK_MM, _LOOK_TURN)
     at, looks = rows(parts), divide(knots, parts)
     orientations = looks.rotation[:, None] @ grid.nominal_from_tool
     found = solutions(
         robot, *flange_poses(setup, looks.position[:, None], orientations), grid.moves
     )
+    idle = np.zeros((found.shape[2], len(robot.joints)), dtype=np.bool_)
+    if pieces_jump is not None:
+        idle = ~_pass_half_turns(robot, found, max(pieces_jump, _STEP_JUMP))
+        table = table[~table[:, idle.all(axis=0)].any(axis=1)]
     usable = within_turned(robot, found[at], table)
+    usable &= ~(idle[:, None] & (table != 0)).any(axis=2)
     stands = usable.any(axis=-1) & _safe(robot, found[at])
     # A branch never becomes another.
     of_use = stands.any(axis=1)
@@ -204,6 +214,17 @@ def make_states(setup: Setup, knots: PosePath, grid: Grid, whole: bool = True) -
     opened = np.ones((len(parts), len(grid.moves), *usable.shape[1:]), dtype=bool)
     opened[:, 0] = _staying(robot, found, safe, parts, table)
     return States(found[at], table, usable, opened, grid.moves, grid.cost)
+
+
+def _pass_half_turns(robot: Robot, found: FloatArray, jump: float) -> BoolArray:
+    """Which joints may come from one side of the half turn about the middle of their limits to the
+    other in each branch, (B, J), by turns of no more than ``jump`` rad between ``found``
+    (D, C, B, J). All of which the serial chain has another value.
+    """
+    off = found - robot.limits.mean(axis=1)
+    near = math.pi - jump
+    both = (off > near).any(axis=(0, 1)) & (off < -near).any(axis=(0, 1))
+    return np.asarray(both | (robot.coupling != np.eye(len(robot.joints))).any(axis=1))
 
 
 def _safe(robot: Robot, found: FloatArray) -> BoolArray:
