@@ -32,7 +32,7 @@ from msgspec import Struct
 from camgen.collision.mesh import distance, join_surfaces, make_model, pick_outermost
 from camgen.collision.swept import SweptSolid
 from camgen.model.part import BoolArray, IntArray
-from camgen.model.pose import FloatArray, Pose, to_vec3
+from camgen.model.pose import FloatArray, Pose
 from camgen.robots.kinematics.forward import frames
 from camgen.robots.models import Box, Link, Robot
 
@@ -43,6 +43,9 @@ _SLACKS_MM, _SMALL_SLACK_MM = (24.0, 3.0), 0.5
 _WORTH = 12
 #: Questions in a cell for which its distance is measured before each is tried by itself.
 _MANY = 6
+#: Places at which cuboids are tried before all others, and the share of these at which they have to
+#: answer.
+_TRIES, _WORTH_SHARE = 8, 0.5
 #: Cells and meetings that a pair keeps: they take some 200 bytes each.
 _MOST_KNOWN = 100_000
 #: Joint values at which points of two bodies are compared together.
@@ -89,6 +92,7 @@ class MeshPair(Struct, frozen=True, eq=False):
     frames: the links that carry them.
     first: fcl's objects of the first body, in its link's frame.
     second: fcl's objects of the second one, each with its pose in its link's frame.
+    second_at_rest: the same in its link's frame.
     points: some points of both bodies, each in its link's frame.
     boxes: cuboids that hold the first and the second body, each in its link's frame; none where the
         other body is no mesh.
@@ -105,6 +109,7 @@ class MeshPair(Struct, frozen=True, eq=False):
     frames: tuple[int, int]
     first: tuple[Any, ...]
     second: tuple[tuple[Any, Pose], ...]
+    second_at_rest: tuple[Any, ...]
     points: tuple[FloatArray, FloatArray]
     boxes: tuple[tuple[Box, ...], tuple[Box, ...]]
     joints: IntArray
@@ -157,6 +162,7 @@ def pair_up(
         (first.frame, second.frame),
         tuple(fcl.CollisionObject(*_with_transform(*part)) for part in first.parts),
         tuple((fcl.CollisionObject(part[0]), part[1]) for part in second.parts),
+        tuple(fcl.CollisionObject(*_with_transform(*part)) for part in second.parts),
         (first.points, second.points),
         (first.boxes if second.is_mesh else (), second.boxes if first.is_mesh else ()),
         joints,
@@ -253,9 +259,8 @@ def at_least(
     left = np.flatnonzero(is_open & (bound <= enough))
     if worth < _MANY and len(left):
         # One of a few questions in a cell is answered sooner by itself.
-        for row, placed in zip(left.tolist(), _each(robot, pair, joints[left]), strict=True):
-            if _are_boxes_apart(pair, placed, float(enough[row]) + 2 * _ROUNDING_MM):
-                bound[row] = enough[row] + _ROUNDING_MM
+        apart = left[_have_boxes_apart(robot, pair, joints[left], enough[left] + 2 * _ROUNDING_MM)]
+        bound[apart] = enough[apart] + _ROUNDING_MM
         _raise(robot, pair, joints, enough, bound, worth)
     return bound
 
@@ -340,25 +345,45 @@ def _move(pair: MeshPair, placed: _Relative) -> None:
         item.setTransform(fcl.Transform(turned @ pose.rotation, origin))
 
 
-def _are_boxes_apart(pair: MeshPair, placed: _Relative, room: float) -> bool:
-    """Whether cuboids of one body, larger by ``room`` mm on each side, meet nothing of the other."""
-    turned, shifted = placed
-    first_boxes, second_boxes = pair.boxes
-    if second_boxes:
-        moved = Pose(turned, to_vec3(shifted))
-        boxes = [_enlarge(moved @ box.link_from_box, box, room) for box in second_boxes]
-        if not _meet_any(pair.first, boxes):
-            return True
-    if not first_boxes:
-        return False
-    _move(pair, placed)
-    boxes = [_enlarge(box.link_from_box, box, room) for box in first_boxes]
-    return not _meet_any([item for item, _ in pair.second], boxes)
+def _have_boxes_apart(
+    robot: Robot, pair: MeshPair, joints: FloatArray, room: FloatArray
+) -> BoolArray:
+    """At which joint values (N, J) the cuboids of one body meet nothing of the other, (N,).
+
+    room: (N,) mm by which cuboids are larger on each side.
+    Some places are tried first. Where it is true at few of them it is not asked at the others.
+    """
+    turned, shifted = _place(robot, pair, joints)
+    back = turned.swapaxes(1, 2)
+    moved_back = -(back @ shifted[..., None])[..., 0]
+    apart = np.zeros(len(joints), dtype=np.bool_)
+    number = np.arange(len(joints))
+    is_first = number % max(len(joints) // _TRIES, 1) == 0
+    for meshes, boxes, (rotations, origins) in (
+        (pair.first, pair.boxes[1], (turned, shifted)),
+        (pair.second_at_rest, pair.boxes[0], (back, moved_back)),
+    ):
+        if not boxes:
+            continue
+        for some in (is_first, ~is_first):
+            left = np.flatnonzero(some & ~apart)
+            if not len(left):
+                continue
+            apart[left] = True
+            for box in boxes:
+                pose = box.link_from_box
+                axes = rotations[left] @ pose.rotation
+                centres = origins[left] + rotations[left] @ np.asarray(pose.origin)
+                sizes = 2 * (np.asarray(box.half) + room[left, None])
+                for row, *placed in zip(left.tolist(), axes, centres, sizes.tolist(), strict=True):
+                    apart[row] = apart[row] and not _meet_any(meshes, [_make_box(*placed)])
+            if apart[left].mean() < _WORTH_SHARE:
+                break
+    return apart
 
 
-def _enlarge(pose: Pose, box: Box, room: float) -> Any:
-    x, y, z = (2 * (half + room) for half in box.half)
-    return fcl.CollisionObject(*_with_transform(fcl.Box(x, y, z), pose))
+def _make_box(axes: FloatArray, centre: FloatArray, sizes: list[float]) -> Any:
+    return fcl.CollisionObject(fcl.Box(*sizes), fcl.Transform(axes, centre))
 
 
 def _distance(pair: MeshPair, placed: _Relative) -> float:
