@@ -12,6 +12,7 @@ from msgspec import Struct
 from camgen.collision import pairs
 from camgen.collision.boxes import Boxes, every, least_apart, meet
 from camgen.collision.mesh import body, distance, find_struck
+from camgen.collision.pairs import Travel
 from camgen.collision.scene import Scene, Target, narrow
 from camgen.geometry.ragged import ramp, run_lengths
 from camgen.model.part import BoolArray, IntArray
@@ -87,11 +88,13 @@ class _BoxTests(NamedTuple):
     row: (n,) rows of joint values.
     pair: (n,) numbers of pairs of the scene.
     room: (n,) mm by which both bodies of a pair are larger together.
+    travel: how far joint values may be off, by row, which is part of the room; None: not known.
     """
 
     row: IntArray
     pair: IntArray
     room: FloatArray
+    travel: Travel | None = None
 
 
 def _look_closer(
@@ -124,7 +127,8 @@ def _look_closer(
             elif exactly:
                 met[which] = pairs.come_within(scene.robot, closer, values, room)
             else:
-                met[which] = pairs.may_come_within(scene.robot, closer, values, room)
+                travel = None if tests.travel is None else tests.travel.of(tests.row[which])
+                met[which] = pairs.may_come_within(scene.robot, closer, values, room, travel)
         is_named[tests.row[which[met[which]]]] = True
 
 
@@ -152,6 +156,10 @@ def share_tests(tests: Tests, parts: int) -> Tests:
 class Growth(Protocol):
     """By how much boxes are larger than they are, mm, at rows of configurations; asked for what is near alone."""
 
+    @property
+    def travel(self) -> Travel | None:
+        """How far joint values may be off, for which boxes are larger."""
+
     def of_boxes(self, row: IntArray, box: IntArray, bare: Boxes) -> FloatArray:
         """Of boxes (n,), which are ``bare`` there; of those that stand whatever it is is left out."""
 
@@ -162,10 +170,11 @@ class Growth(Protocol):
 
 
 class GrowthTable(Struct, frozen=True, eq=False):
-    """``Growth`` that is known of all. grow: (N, B). closing: (N, P), or None."""
+    """``Growth`` that is known of all. grow: (N, B). closing: (N, P), or None. travel: of ``Growth``."""
 
     grow: FloatArray
     closing: FloatArray | None
+    travel: Travel | None = None
 
     def of_boxes(self, row: IntArray, box: IntArray, bare: Boxes) -> FloatArray:  # noqa: ARG002
         """As of ``Growth``."""
@@ -189,27 +198,28 @@ def find_meetings(
     closing: FloatArray | None,
     near: FloatArray,
     asked: Tests | None = None,
+    travel: Travel | None = None,
 ) -> Tests:
     """What collides at configurations (N, J). What is not named does not collide in any part of what boxes grow for
     either. grow, closing, near: as for ``hits``, (N, B), (N, P) and (N,). asked: what alone is looked at, None: all.
+    travel: how far joint values may be off, for which boxes grow.
     """
     found = []
     for begin in range(0, len(joints), ROWS):
         rows = slice(begin, begin + ROWS)
-        looked = (
-            finite(joints[rows]),
+        looked = finite(joints[rows])
+        growth = GrowthTable(
             grow[rows] * scene.moving,
             None if closing is None else closing[rows],
-            near[rows],
+            None if travel is None else travel.of(rows),
         )
         if asked is None:
-            some = _named(_meet_all(scene, *looked))
+            some = _named(_meet_all(scene, looked, growth, near[rows]))
         else:
             low, high = np.searchsorted(asked[0], [begin, begin + ROWS])
-            at = looked[0], frames(scene.robot, looked[0])
-            growth = GrowthTable(*looked[1:3])
+            at = looked, frames(scene.robot, looked)
             some = meet_again(
-                scene, at, growth, looked[3], (asked[0][low:high] - begin, asked[1][low:high])
+                scene, at, growth, near[rows], (asked[0][low:high] - begin, asked[1][low:high])
             )
         found.append((some[0] + begin, some[1]))
     return join_tests(found)
@@ -263,15 +273,16 @@ _Tested = tuple[IntArray, IntArray, BoolArray]
 
 
 def _meet_all(
-    scene: Scene, joints: FloatArray, grow: FloatArray, closing: FloatArray | None, near: FloatArray
+    scene: Scene, joints: FloatArray, growth: GrowthTable, near: FloatArray
 ) -> Iterator[_Tested]:
     """``find_meetings`` of all tests."""
-    bare = place(scene, joints)
+    bare, grow = place(scene, joints), growth.grow
     more = grow + near[:, None] * scene.moving
     row, test = near_pairs(scene, bare.grown(_CORNERS * more[..., None]))
-    boxes, others, room = _grow(scene, bare, (row, test), grow, closing)
+    boxes, others, room = _grow(scene, bare, (row, test), grow, growth.closing)
     met = meet(boxes.grown(near[row, None]), others)
-    _look_closer(scene, joints, _BoxTests(row, scene.of_pair[test], room + near[row]), met)
+    tests = _BoxTests(row, scene.of_pair[test], room + near[row], growth.travel)
+    _look_closer(scene, joints, tests, met)
     yield row, test, met
     first = len(scene.first)
     for target in scene.targets:
@@ -322,7 +333,8 @@ def _meet_some(
         share = _share(grow.take(one), grow.take(other), growth.of_pairs(at, pair, *both))
         wide = share[0] + near[at]
         met = meet(both[0].grown(wide[:, None]), both[1].grown(share[1][:, None]))
-        _look_closer(scene, joints, _BoxTests(at, scene.of_pair[pair], wide + share[1]), met)
+        tests = _BoxTests(at, scene.of_pair[pair], wide + share[1], growth.travel)
+        _look_closer(scene, joints, tests, met)
         yield at, pair, met
     begins = len(scene.first) + np.cumsum([0, *(len(target.striking) for target in scene.targets)])
     for target, begin, (place, at, which) in zip(scene.targets, begins, strikes, strict=False):

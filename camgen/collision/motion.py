@@ -21,6 +21,7 @@ from camgen.collision.hits import (
     share_tests,
     tests_of,
 )
+from camgen.collision.pairs import Travel
 from camgen.collision.scene import Scene
 from camgen.geometry.ragged import offsets, owners, ramp
 from camgen.model.part import BoolArray, IntArray
@@ -258,7 +259,8 @@ def _find_undecided(
         grow, turned = (_most(table, places) for table in (lines.ways, lines.turned))
         rows = _rows(lines.waypoints, np.interp(places[1], index, lines.numbers))
         both = turned @ lines.closing + 2 * apart
-        row, test = find_meetings(scene, rows, grow + apart, both, nears[own], asked)
+        travel = Travel(turned, 2 * apart + nears[own])
+        row, test = find_meetings(scene, rows, grow + apart, both, nears[own], asked, travel)
         met = np.zeros(len(own), dtype=np.bool_)
         met[row] = True
         if is_hasty and (width > _LONG * step).any():

@@ -195,7 +195,7 @@ def meet(robot: Robot, pair: MeshPair, joints: FloatArray) -> BoolArray:
     fcl takes a tenth of the time of a distance for it. So known distances are used, and new ones
     are measured in cells of many questions alone.
     """
-    met = may_come_within(robot, pair, joints, np.zeros(len(joints)), _WORTH)
+    met = may_come_within(robot, pair, joints, np.zeros(len(joints)), worth=_WORTH)
     left = np.flatnonzero(met)
     if len(pair.meetings) > _MOST_KNOWN:
         pair.meetings.clear()
@@ -208,15 +208,43 @@ def meet(robot: Robot, pair: MeshPair, joints: FloatArray) -> BoolArray:
     return met
 
 
+class Travel(Struct, frozen=True, eq=False):
+    """How far N joint values may be off.
+
+    turned: (N, J) rad or mm, of each joint of the serial chain.
+    more: (N,) mm by which two bodies may be nearer beside that.
+    """
+
+    turned: FloatArray
+    more: FloatArray
+
+    def of(self, rows: IntArray | slice) -> Travel:
+        """That of some rows."""
+        return Travel(self.turned[rows], self.more[rows])
+
+
 def may_come_within(
-    robot: Robot, pair: MeshPair, joints: FloatArray, room: FloatArray, worth: int = 1
+    robot: Robot,
+    pair: MeshPair,
+    joints: FloatArray,
+    room: FloatArray,
+    travel: Travel | None = None,
+    worth: int = 1,
 ) -> BoolArray:
     """At which joint values (N, J) bounds prove no distance above ``room`` (N,), mm.
 
+    travel: how far joint values may be off, which is part of ``room``. The joint about which one
+        body sweeps its solid brings the solid no nearer.
     worth: questions in a cell for which fcl measures its distance if that is not known.
     """
-    met = _have_near_points(robot, pair, joints, room)
-    left = np.flatnonzero(~met)
+    met = np.ones(len(joints), dtype=np.bool_)
+    if travel is not None and (wider := pair.wider()) is not None:
+        solid_room = travel.turned[:, wider.joints] @ wider.levers + travel.more
+        rows = np.flatnonzero(solid_room < room)
+        bound = at_least(robot, wider, joints[rows], solid_room[rows], worth)
+        met[rows] = bound <= solid_room[rows]
+    left = np.flatnonzero(met)
+    left = left[~_have_near_points(robot, pair, joints[left], room[left])]
     met[left] = at_least(robot, pair, joints[left], room[left], worth) <= room[left]
     return met
 
