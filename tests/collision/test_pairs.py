@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from camgen.collision import pairs
 from camgen.collision.cell import around
 from camgen.collision.describe import describe_hit, describe_joints, find_depth
 from camgen.collision.hits import clearance, find_meetings, hits, least
@@ -166,6 +167,27 @@ def test_a_triangle_that_is_free_is_free_within(between: Scene) -> None:
         true = min(true_distance(angle, 60, 0) for angle in angles)
         assert true > 0 or not is_free
     assert 3 < free.sum() < 27
+
+
+def test_bounds_are_no_more_than_the_distance_and_what_is_far_is_known_to_be() -> None:
+    """One question alone, many together, and questions of which points of both bodies answer."""
+    rng = np.random.default_rng(6)
+    angles, room = rng.uniform(-1.5, 1.5, 150), rng.uniform(0.0, 30.0, 150)
+    true = np.array([true_distance(angle, 60, 0) for angle in angles])
+    for together in (1, 150):
+        between = scene(fork(), obstacles=(pillar(60, 0),))
+        (closer,) = [pair for pair in between.closer if pair is not None]
+        for begin in range(0, 150, together):
+            some = slice(begin, begin + together)
+            values = turned(angles[some])
+            bound = pairs.at_least(between.robot, closer, values, room[some])
+            assert (bound <= true[some] + 1e-5).all()
+            may = pairs.may_come_within(between.robot, closer, values, room[some])
+            does = pairs.come_within(between.robot, closer, values, room[some])
+            assert (may | (true[some] > room[some] - 1e-6)).all()
+            sure = np.abs(true[some] - room[some]) > 1e-5
+            assert (does == (true[some] <= room[some]))[sure].all()
+    assert 20 < (true <= room).sum() < 130
 
 
 def test_answers_do_not_depend_on_what_was_asked_before() -> None:
