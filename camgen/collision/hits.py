@@ -88,7 +88,7 @@ class _BoxTests(NamedTuple):
     row: (n,) rows of joint values.
     pair: (n,) numbers of pairs of the scene.
     room: (n,) mm by which both bodies of a pair are larger together.
-    travel: how far joint values may be off, by row, which is part of the room; None: not known.
+    travel: the largest deviations of the joint values, by row; None: not known.
     """
 
     row: IntArray
@@ -127,7 +127,7 @@ def _look_closer(
             elif exactly:
                 met[which] = pairs.come_within(scene.robot, closer, values, room)
             else:
-                travel = None if tests.travel is None else tests.travel.of(tests.row[which])
+                travel = None if tests.travel is None else tests.travel.select(tests.row[which])
                 met[which] = pairs.may_come_within(scene.robot, closer, values, room, travel)
         is_named[tests.row[which[met[which]]]] = True
 
@@ -158,7 +158,7 @@ class Growth(Protocol):
 
     @property
     def travel(self) -> Travel | None:
-        """How far joint values may be off, for which boxes are larger."""
+        """The largest deviations of the joint values, None if they are not known."""
 
     def of_boxes(self, row: IntArray, box: IntArray, bare: Boxes) -> FloatArray:
         """Of boxes (n,), which are ``bare`` there; of those that stand whatever it is is left out."""
@@ -170,11 +170,24 @@ class Growth(Protocol):
 
 
 class GrowthTable(Struct, frozen=True, eq=False):
-    """``Growth`` that is known of all. grow: (N, B). closing: (N, P), or None. travel: of ``Growth``."""
+    """``Growth`` that is known of all.
+
+    grow: (N, B) mm by which each box is larger.
+    closing: (N, P) mm by which both boxes of each pair are larger together; None: not known.
+    travel: the largest deviations of the joint values; None: not known.
+    """
 
     grow: FloatArray
-    closing: FloatArray | None
+    closing: FloatArray | None = None
     travel: Travel | None = None
+
+    def select(self, rows: slice) -> GrowthTable:
+        """The growth in some rows."""
+        return GrowthTable(
+            self.grow[rows],
+            None if self.closing is None else self.closing[rows],
+            None if self.travel is None else self.travel.select(rows),
+        )
 
     def of_boxes(self, row: IntArray, box: IntArray, bare: Boxes) -> FloatArray:  # noqa: ARG002
         """As of ``Growth``."""
@@ -194,32 +207,30 @@ class GrowthTable(Struct, frozen=True, eq=False):
 def find_meetings(
     scene: Scene,
     joints: FloatArray,
-    grow: FloatArray,
-    closing: FloatArray | None,
+    growth: GrowthTable,
     near: FloatArray,
     asked: Tests | None = None,
-    travel: Travel | None = None,
 ) -> Tests:
-    """What collides at configurations (N, J). What is not named does not collide in any part of what boxes grow for
-    either. grow, closing, near: as for ``hits``, (N, B), (N, P) and (N,). asked: what alone is looked at, None: all.
-    travel: how far joint values may be off, for which boxes grow.
+    """The tests that meet at configurations (N, J).
+
+    growth: growth of all boxes; of those that stand it does not count. A test that is not named
+        meets nothing in any part of that either.
+    near: (N,) mm at which bodies collide.
+    asked: the only tests that are made; None: all.
     """
     found = []
+    grow = growth.grow * scene.moving
+    growth = GrowthTable(grow, growth.closing, growth.travel)
     for begin in range(0, len(joints), ROWS):
         rows = slice(begin, begin + ROWS)
-        looked = finite(joints[rows])
-        growth = GrowthTable(
-            grow[rows] * scene.moving,
-            None if closing is None else closing[rows],
-            None if travel is None else travel.of(rows),
-        )
+        looked, part = finite(joints[rows]), growth.select(rows)
         if asked is None:
-            some = _named(_meet_all(scene, looked, growth, near[rows]))
+            some = _named(_meet_all(scene, looked, part, near[rows]))
         else:
             low, high = np.searchsorted(asked[0], [begin, begin + ROWS])
             at = looked, frames(scene.robot, looked)
             some = meet_again(
-                scene, at, growth, near[rows], (asked[0][low:high] - begin, asked[1][low:high])
+                scene, at, part, near[rows], (asked[0][low:high] - begin, asked[1][low:high])
             )
         found.append((some[0] + begin, some[1]))
     return join_tests(found)

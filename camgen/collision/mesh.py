@@ -77,12 +77,13 @@ def join_surfaces(link: Link) -> tuple[FloatArray, IntArray]:
     return frozen(vertices), np.concatenate(faces)
 
 
-#: The middles of the sides of a cube, and its corners, from its own middle.
-_OUTWARD = np.array([way for way in itertools.product((-1, 0, 1), repeat=3) if sum(map(abs, way)) % 2])
+#: Points of a cube, and of these the middles of its sides and its corners, from its own middle.
+_CUBE = np.array(list(itertools.product((-1, 0, 1), repeat=3)))
+_OUTWARD = _CUBE[np.abs(_CUBE).sum(axis=1) % 2 == 1]
 
 
 def pick_outermost(points: FloatArray) -> FloatArray:
-    """Of points (N, 3) those that lie farthest along the axes and between them (K, 3)."""
+    """The points (K, 3) of ``points`` (N, 3) that lie farthest along the axes and between them."""
     return frozen(points[np.unique((points @ _OUTWARD.T).argmax(axis=0))])
 
 

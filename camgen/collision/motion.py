@@ -11,6 +11,7 @@ from msgspec import Struct
 from camgen.collision.boxes import Boxes
 from camgen.collision.hits import (
     ROWS,
+    GrowthTable,
     Nearest,
     Tests,
     find_meetings,
@@ -29,7 +30,7 @@ from camgen.model.pose import FloatArray
 
 #: The longest stretches are 2 ** _HALVINGS steps.
 _HALVINGS = 5
-#: Stretches of more steps are long: where the middle of one collides, what is behind it is not looked at.
+#: Stretches of more steps are long. If the middle of one collides, those after it are not examined.
 _LONG = 2
 #: Of the stretches of one length, so many are nearly all.
 _MOST = 0.75
@@ -87,13 +88,13 @@ def motions(
     """
     if not several:
         return []
-    levels = np.broadcast_to(near, len(several))
-    checks = _check(scene, several, step, levels, apart, is_hasty=True)
+    nears = np.broadcast_to(near, len(several))
+    checks = _check(scene, several, step, nears, apart, is_hasty=True)
     left = [k for k, check in enumerate(checks) if check is None]
     if left:
-        some = [several[k] for k in left]
-        slow = _check(scene, some, step, levels[left], apart, is_hasty=False)
-        for k, check in zip(left, slow, strict=True):
+        again = [several[k] for k in left]
+        patient = _check(scene, again, step, nears[left], apart, is_hasty=False)
+        for k, check in zip(left, patient, strict=True):
             checks[k] = check
     return [check for check in checks if check is not None]
 
@@ -102,35 +103,35 @@ def _check(
     scene: Scene,
     several: Sequence[FloatArray],
     step: float,
-    levels: FloatArray,
-    apart: float,
+    near: FloatArray,
+    deviation: float,
     *,
     is_hasty: bool,
 ) -> list[MotionCheck | None]:
-    """``motions``. is_hasty: nothing is looked at beyond a place that is found early to collide.
+    """The checks of ``motions``.
 
-    None for a motion whose first hit is not up to there: no middle of the shortest stretches hits.
+    near: (L,) mm, of each motion.
+    deviation: mm that any point of a body may be off.
+    is_hasty: whether a motion is examined only up to a place that is found early to collide. None
+        for one in which no shortest stretch up to that place collides at its middle.
     """
     lines = _Lines.of(scene, [finite(waypoints) for waypoints in several])
     # What is as near at some of the waypoints bounds how near the rest need be looked at.
-    nears = _bound(scene, [waypoints[::_SPARSE] for waypoints in several], levels.tolist())
+    nears = _bound(scene, [waypoints[::_SPARSE] for waypoints in several], near.tolist())
     distances = np.array([bound.distance for bound in nears])
-    at, first, is_cut = _find_undecided(scene, lines, step, distances, apart, is_hasty)
+    at, first, is_cut = _find_undecided(scene, lines, step, distances, deviation, is_hasty)
     rows = _rows(lines.waypoints, at)
     splits = first[1:-1]
     pairs = np.split(hits(scene, rows), splits)
     free = [
         bound.distance if (own < 0).all() else 0.0 for own, bound in zip(pairs, nears, strict=True)
     ]
-    free = [0.0 if cut else near for cut, near in zip(is_cut, free, strict=True)]
-    closer = _least(scene, np.split(rows, splits), free)
+    closer = _least(scene, np.split(rows, splits), np.where(is_cut, 0.0, free).tolist())
     places = np.split(at - np.repeat(lines.first[:-1], np.diff(first)), splits)
     checks = [_course(*one) for one in zip(places, pairs, nears, closer, strict=True)]
-    # The last place of a motion that is cut is its end.
-    return [
-        check if not cut or (own[:-1] >= 0).any() else None
-        for check, own, cut in zip(checks, pairs, is_cut.tolist(), strict=True)
-    ]
+    # The last place of each motion is its end, which is beyond the place where a motion is cut.
+    is_known = [not cut or (hit[:-1] >= 0).any() for cut, hit in zip(is_cut, pairs, strict=True)]
+    return [check if known else None for check, known in zip(checks, is_known, strict=True)]
 
 
 def _course(at: FloatArray, pairs: IntArray, bound: Nearest, closer: Nearest) -> MotionCheck:
@@ -233,9 +234,11 @@ def _find_undecided(
     scene: Scene, lines: _Lines, step: float, nears: FloatArray, apart: float, is_hasty: bool
 ) -> tuple[FloatArray, IntArray, BoolArray]:
     """Where each motion must be tested as it is, in rows of all waypoints: its ends, and the middles of those stretches
-    that are no longer than ``step`` and were never found free; the first of each motion among these (L + 1,); and
-    which motions (L,) are looked at no farther than to the end of a long stretch whose middle collides, as they are
-    where ``is_hasty``.
+    that are no longer than ``step`` and were never found free.
+
+    Also returned are the first of each motion among these (L + 1,), and which motions (L,) were
+    cut: if ``is_hasty``, no stretch is examined that begins beyond the middle of a long one that
+    collides there.
     """
     start, stop = lines.way[lines.ends].T
     count = np.maximum(np.ceil((stop - start) / (step * 2**_HALVINGS)), 1).astype(np.int64)
@@ -260,15 +263,16 @@ def _find_undecided(
         rows = _rows(lines.waypoints, np.interp(places[1], index, lines.numbers))
         both = turned @ lines.closing + 2 * apart
         travel = Travel(turned, 2 * apart + nears[own])
-        row, test = find_meetings(scene, rows, grow + apart, both, nears[own], asked, travel)
+        growth = GrowthTable(grow + apart, both, travel)
+        row, test = find_meetings(scene, rows, growth, nears[own], asked)
         met = np.zeros(len(own), dtype=np.bool_)
         met[row] = True
         if is_hasty and (width > _LONG * step).any():
-            # Most collisions are long. What follows the first one of a motion is of no interest.
-            ends = begins + width[own] / 2
-            tested = np.flatnonzero(met & (ends < last[own]))
+            # Most collisions are long, and only the first place of a motion matters.
+            centres = begins + width[own] / 2
+            tested = np.flatnonzero(met & (centres < last[own]))
             struck = tested[hits(scene, rows[tested]) >= 0]
-            np.minimum.at(last, own[struck], ends[struck])
+            np.minimum.at(last, own[struck], centres[struck])
             met &= begins <= last[own]
         # Where nearly all are undecided so are most of their halves: quarters are looked at next.
         parts = 4 if met.sum() > _MOST * len(met) and (width[own] > 2 * step).all() else 2

@@ -94,8 +94,8 @@ class MeshPair(Struct, frozen=True, eq=False):
     second: fcl's objects of the second one, each with its pose in its link's frame.
     second_at_rest: the same in its link's frame.
     points: some points of both bodies, each in its link's frame.
-    boxes: cuboids that hold the first and the second body, each in its link's frame; none where the
-        other body is no mesh.
+    boxes: cuboids that hold the first and the second body, each in its link's frame; empty where
+        the other body is not a mesh.
     joints: (d,) the joints of the chain between both links.
     levers: (d,) mm per rad or mm of each, by which the bodies come nearer at most.
     slacks: mm by which they come nearer from the middle of a cell to its border, for each size.
@@ -209,7 +209,7 @@ def meet(robot: Robot, pair: MeshPair, joints: FloatArray) -> BoolArray:
 
 
 class Travel(Struct, frozen=True, eq=False):
-    """How far N joint values may be off.
+    """The largest deviations from N joint values.
 
     turned: (N, J) rad or mm, of each joint of the serial chain.
     more: (N,) mm by which two bodies may be nearer beside that.
@@ -218,8 +218,8 @@ class Travel(Struct, frozen=True, eq=False):
     turned: FloatArray
     more: FloatArray
 
-    def of(self, rows: IntArray | slice) -> Travel:
-        """That of some rows."""
+    def select(self, rows: IntArray | slice) -> Travel:
+        """The deviations in some rows."""
         return Travel(self.turned[rows], self.more[rows])
 
 
@@ -233,8 +233,8 @@ def may_come_within(
 ) -> BoolArray:
     """At which joint values (N, J) bounds prove no distance above ``room`` (N,), mm.
 
-    travel: how far joint values may be off, which is part of ``room``. The joint about which one
-        body sweeps its solid brings the solid no nearer.
+    travel: the largest deviations of the joint values, which are a part of ``room``. The joint
+        about which a body sweeps its solid brings the solid no nearer.
     worth: questions in a cell for which fcl measures its distance if that is not known.
     """
     met = np.ones(len(joints), dtype=np.bool_)
@@ -252,12 +252,12 @@ def may_come_within(
 def _have_near_points(
     robot: Robot, pair: MeshPair, joints: FloatArray, room: FloatArray
 ) -> BoolArray:
-    """At which joint values (N, J) two of the known points of the bodies are within ``room`` (N,), mm."""
+    """At which joint values (N, J) two known points of the bodies are within ``room`` (N,), mm."""
     near = np.zeros(len(joints), dtype=np.bool_)
-    asked = np.flatnonzero(room > 0)
+    roomy = np.flatnonzero(room > 0)
     first, second = pair.points
-    for begin in range(0, len(asked), _ROWS):
-        rows = asked[begin : begin + _ROWS]
+    for begin in range(0, len(roomy), _ROWS):
+        rows = roomy[begin : begin + _ROWS]
         turned, shifted = _place(robot, pair, joints[rows])
         placed = second @ turned.swapaxes(1, 2) + shifted[:, None]
         squares = (placed**2).sum(axis=2)[:, :, None] + (first**2).sum(axis=1)
@@ -286,9 +286,10 @@ def at_least(
     is_open = _raise(robot, pair, joints, enough, bound, max(worth, _MANY))
     left = np.flatnonzero(is_open & (bound <= enough))
     if worth < _MANY and len(left):
-        # One of a few questions in a cell is answered sooner by itself.
-        apart = left[_have_boxes_apart(robot, pair, joints[left], enough[left] + 2 * _ROUNDING_MM)]
-        bound[apart] = enough[apart] + _ROUNDING_MM
+        # A few questions in a cell are answered sooner one by one.
+        wide = enough[left] + 2 * _ROUNDING_MM
+        far_rows = left[_have_boxes_apart(robot, pair, joints[left], wide)]
+        bound[far_rows] = enough[far_rows] + _ROUNDING_MM
         _raise(robot, pair, joints, enough, bound, worth)
     return bound
 
@@ -379,35 +380,34 @@ def _have_boxes_apart(
     """At which joint values (N, J) the cuboids of one body meet nothing of the other, (N,).
 
     room: (N,) mm by which cuboids are larger on each side.
-    Some places are tried first. Where it is true at few of them it is not asked at the others.
+    Some places are tried first. If it is true at few of them, the others are not tried.
     """
     turned, shifted = _place(robot, pair, joints)
     back = turned.swapaxes(1, 2)
     moved_back = -(back @ shifted[..., None])[..., 0]
-    apart = np.zeros(len(joints), dtype=np.bool_)
-    number = np.arange(len(joints))
-    is_first = number % max(len(joints) // _TRIES, 1) == 0
+    is_apart = np.zeros(len(joints), dtype=np.bool_)
+    is_first = np.arange(len(joints)) % max(len(joints) // _TRIES, 1) == 0
     for meshes, boxes, (rotations, origins) in (
         (pair.first, pair.boxes[1], (turned, shifted)),
         (pair.second_at_rest, pair.boxes[0], (back, moved_back)),
     ):
         if not boxes:
             continue
-        for some in (is_first, ~is_first):
-            left = np.flatnonzero(some & ~apart)
+        for tried in (is_first, ~is_first):
+            left = np.flatnonzero(tried & ~is_apart)
             if not len(left):
                 continue
-            apart[left] = True
+            is_apart[left] = True
             for box in boxes:
                 pose = box.link_from_box
                 axes = rotations[left] @ pose.rotation
                 centres = origins[left] + rotations[left] @ np.asarray(pose.origin)
                 sizes = 2 * (np.asarray(box.half) + room[left, None])
                 for row, *placed in zip(left.tolist(), axes, centres, sizes.tolist(), strict=True):
-                    apart[row] = apart[row] and not _meet_any(meshes, [_make_box(*placed)])
-            if apart[left].mean() < _WORTH_SHARE:
+                    is_apart[row] = is_apart[row] and not _meet_any(meshes, [_make_box(*placed)])
+            if is_apart[left].mean() < _WORTH_SHARE:
                 break
-    return apart
+    return is_apart
 
 
 def _make_box(axes: FloatArray, centre: FloatArray, sizes: list[float]) -> Any:

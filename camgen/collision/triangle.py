@@ -8,6 +8,7 @@ from msgspec import Struct
 from camgen.collision.boxes import Boxes
 from camgen.collision.hits import (
     ROWS,
+    GrowthTable,
     Tests,
     find_meetings,
     find_near,
@@ -76,9 +77,8 @@ def are_free(
         if again.any():
             middle, more = some.corners[again].mean(axis=1), off[some.owner[again]]
             first = tests_of((row, test), again)
-            at, _ = find_meetings(
-                scene, middle, more[:, None], None, np.full(len(middle), near), first
-            )
+            nears = np.full(len(middle), near)
+            at, _ = find_meetings(scene, middle, GrowthTable(more[:, None]), nears, first)
             found[some.owner[again][at]] = False
         left = left.of(found[left.owner]).joined(_split(some, met & found[some.owner], row, test))
         many *= 2
@@ -126,7 +126,9 @@ class _Growth(Struct, frozen=True, eq=False):
     Of triangles so wide that this is more than the levers alone tell, it is what they tell.
 
     setting_out: (J + 1, K, 3, 6), as of ``set_out``. angles: (K,) that all turning joints turn. grow, closing: (K, B)
-    and (K, P) mm by the levers. off: (K,) mm that any point may be off. travel: of ``Growth``.
+    and (K, P) mm by the levers. off: (K,) mm that any point may be off.
+
+    travel: the largest deviations of the joint values.
     """
 
     scene: Scene

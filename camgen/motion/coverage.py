@@ -49,7 +49,7 @@ _PRICE = SHORTEST_MM / 2
 _STATION_TURN, _JUMP = math.radians(10), math.radians(45)
 #: An edge has no more stretches than these; on a longer edge the stations are farther apart.
 _MOST_STRETCHES = 400
-#: rad or mm: a joint that is so little beyond its limit is on it.
+#: A joint that is not farther beyond its limit, rad or mm, is on it.
 _ON_LIMIT = 1e-9
 #: Number of moves that may fail in a stretch before no chain runs through it.
 _FAILURES = 3

@@ -184,10 +184,10 @@ def make_states(
 ) -> States:
     """The states of the rows of ``knots``, and the orientations that can stay from row to row.
 
-    pieces_jump: of pieces of a path, rad that a joint may turn from row to row. A joint that cannot
-        come past half a turn can run all of them about the middle of its limits, and has no other
-        whole turns. None for the whole path: only branches in which each row can be stood at are of
-        use.
+    pieces_jump: largest turn of a joint from row to row, rad, if pieces of the path are sought. A
+        joint that cannot come past half a turn needs no whole turns: whatever it can run, it can
+        run about the middle of its limits. None for the whole path: then only branches in which
+        each row can be stood at are of use.
     """
     robot, table, whole = setup.robot, turns(setup.robot), pieces_jump is None
     parts = counts(knots, _LOOK_MM, _LOOK_TURN)
@@ -216,12 +216,13 @@ def make_states(
     return States(found[at], table, usable, opened, grid.moves, grid.cost)
 
 
-def _pass_half_turns(robot: Robot, found: FloatArray, jump: float) -> BoolArray:
-    """Which joints may come from one side of the half turn about the middle of their limits to the
-    other in each branch, (B, J), by turns of no more than ``jump`` rad between ``found``
-    (D, C, B, J). All of which the serial chain has another value.
+def _pass_half_turns(robot: Robot, joints: FloatArray, jump: float) -> BoolArray:
+    """The joints that may come past half a turn from the middle of their limits, by branch (B, J).
+
+    joints: (D, C, B, J) joint values, between which no joint turns by more than ``jump`` rad. A
+        joint that has another value in the serial chain always counts.
     """
-    off = found - robot.limits.mean(axis=1)
+    off = joints - robot.limits.mean(axis=1)
     near = math.pi - jump
     both = (off > near).any(axis=(0, 1)) & (off < -near).any(axis=(0, 1))
     return np.asarray(both | (robot.coupling != np.eye(len(robot.joints))).any(axis=1))

@@ -6,10 +6,10 @@ import pytest
 import trimesh
 from msgspec.structs import replace
 
+from camgen.collision import motion as motion_module
 from camgen.collision.boxes import Boxes
 from camgen.collision.hits import clearance, hits, least, place
 from camgen.collision.mesh import Mesh, inside, make_mesh
-from camgen.collision import motion as motion_module
 from camgen.collision.motion import (
     closing,
     measure_apart,
@@ -406,10 +406,9 @@ def test_what_is_not_looked_at_behind_a_hit_changes_nothing(
     )
     tested = scene(rods(), obstacles=(wire, wall))
     rng = np.random.default_rng(11)
-    several = [
-        np.vstack([at(*ends, 0, 0) for ends in rng.uniform(-60, 60, (2, 2)).tolist()])
-        for _ in range(40)
-    ]
+    several = []
+    for start, end in rng.uniform(-60, 60, (40, 2, 2)).tolist():
+        several.append(np.vstack([at(*start, 0, 0), at(*end, 0, 0)]))
     hasty = motions(tested, several, 0.5, 3.0)
     monkeypatch.setattr(motion_module, "_LONG", math.inf)
     patient = motions(tested, several, 0.5, 3.0)

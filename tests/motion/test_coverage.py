@@ -169,22 +169,18 @@ def test_whole_turns_that_no_joint_comes_to_change_no_piece(
     monkeypatch.setattr(module, "CELL", wide)
     calls: list[int] = []
 
-    def pass_all(_: Robot, found: FloatArray, __: float) -> BoolArray:
-        calls.append(len(found))
-        return np.ones(found.shape[2:], dtype=np.bool_)
+    def pass_all(_: Robot, joints: FloatArray, __: float) -> BoolArray:
+        calls.append(len(joints))
+        return np.ones(joints.shape[2:], dtype=np.bool_)
 
     for edge in (TOP, RIM):
-        found = []
-        for several in (False, True):
-            if several:
-                monkeypatch.setattr(search, "_pass_half_turns", pass_all)
-            _, pieces = cover(edge, lambda at: (at[:, 0] > 40) & (at[:, 0] < 55))
-            found.append([piece.joints for piece in pieces])
-        monkeypatch.undo()
-        monkeypatch.setattr(module, "CELL", wide)
-        assert found[0]
-        for few, every in zip(*found, strict=True):
-            assert few == pytest.approx(every, abs=1e-9)
+        _, pieces = cover(edge, lambda at: (at[:, 0] > 40) & (at[:, 0] < 55))
+        with monkeypatch.context() as patch:
+            patch.setattr(search, "_pass_half_turns", pass_all)
+            _, expected = cover(edge, lambda at: (at[:, 0] > 40) & (at[:, 0] < 55))
+        assert pieces
+        for piece, other in zip(pieces, expected, strict=True):
+            assert piece.joints == pytest.approx(other.joints, abs=1e-9)
     assert calls
 
 

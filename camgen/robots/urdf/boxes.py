@@ -40,8 +40,8 @@ _Triangles = tuple[FloatArray, IntArray]
 class Shapes(Struct, frozen=True):
     """The shapes of a link, in its frame.
 
-    parts: those that were read, each with the triangles of a mesh in the frame of the shape, None
-        for other shapes.
+    parts: shapes with the triangles of a mesh, in the frame of the shape; None for a shape that is
+        not a mesh. Meshes that could not be read are left out.
     surfaces: its meshes.
     unread: names of meshes that could not be read.
     notes: notes on these.
@@ -120,14 +120,14 @@ def is_own_hull(surface: Surface) -> bool:
     length = np.linalg.norm(normals, axis=1)
     normals = normals[length > 0] / length[length > 0, None]
     level = (normals * corners[length > 0, 0]).sum(axis=1)
-    # Of most meshes that are not convex a few faces here and there say so.
-    some = np.arange(0, len(normals), max(len(normals) // _FIRST_PLANES, 1))
-    if _part_vertices(surface.vertices, normals[some], level[some]):
+    # If a mesh is not convex, a few faces here and there are mostly enough to know it.
+    first = np.arange(0, len(normals), max(len(normals) // _FIRST_PLANES, 1))
+    if _part_vertices(surface.vertices, normals[first], level[first]):
         return False
     vertices = np.unique(surface.vertices, axis=0)
     begins = range(0, len(normals), _PLANES)
     planes = [slice(begin, begin + _PLANES) for begin in begins]
-    return not any(_part_vertices(vertices, normals[some], level[some]) for some in planes)
+    return not any(_part_vertices(vertices, normals[rows], level[rows]) for rows in planes)
 
 
 def _part_vertices(vertices: FloatArray, normals: FloatArray, level: FloatArray) -> bool:
@@ -213,8 +213,10 @@ def _slice(points: FloatArray, vertices: FloatArray, sides: IntArray, axis: int)
 def _slices(
     points: FloatArray, vertices: FloatArray, sides: IntArray, axis: int
 ) -> tuple[FloatArray, FloatArray]:
-    """What of the triangles lies in each slice across ``axis``: least and greatest coordinates (S, 3), infinite where
-    there is nothing. A side that passes a plane between two slices touches both there. Arguments: of ``_slice``.
+    """The least and the greatest coordinates (S, 3) of triangles in each slice across ``axis``.
+
+    They are infinite in an empty slice. A side that passes a plane between two slices touches both
+    there. The arguments are those of ``_slice``.
     """
     along = vertices[:, axis]
     planes = np.linspace(points[:, axis].min(), points[:, axis].max(), _SLICES + 1)
@@ -228,20 +230,18 @@ def _slices(
     counts[along[a] == along[b]] = 0
     side = np.flatnonzero(counts)
     counts = counts[side]
-    own = owners(counts)
-    number = first[begin[side]][own] + ramp(counts)
-    start, end, plane = vertices[a[side]][own], vertices[b[side]][own], planes[1 + number]
-    there = (
-        start
-        + (end - start) * ((plane - start[:, axis]) / (end[:, axis] - start[:, axis]))[:, None]
-    )
-    there[:, axis] = plane
+    owner = owners(counts)
+    number = first[begin[side]][owner] + ramp(counts)
+    start, end, plane = vertices[a[side]][owner], vertices[b[side]][owner], planes[1 + number]
+    share = (plane - start[:, axis]) / (end[:, axis] - start[:, axis])
+    crossing = start + (end - start) * share[:, None]
+    crossing[:, axis] = plane
     slices = np.concatenate([np.clip(inside, 0, _SLICES - 1), number, number + 1])
-    return _extents(np.concatenate([points, there, there]), slices)
+    return _measure_extents(np.concatenate([points, crossing, crossing]), slices)
 
 
-def _extents(points: FloatArray, slices: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Least and greatest coordinates (S, 3) of points (N, 3) in each of the slices (N,)."""
+def _measure_extents(points: FloatArray, slices: IntArray) -> tuple[FloatArray, FloatArray]:
+    """The least and the greatest coordinates (S, 3) of points (N, 3) in each slice."""
     low, high = np.full((_SLICES, 3), np.inf), np.full((_SLICES, 3), -np.inf)
     # Numbers of one byte are sorted by counting.
     order = np.argsort(slices.astype(np.int8), kind="stable")
