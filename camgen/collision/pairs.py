@@ -11,6 +11,10 @@ Of two links with one link between them, one is nearly round about the joint bes
 around all that it sweeps takes its place first (``swept``): then that joint does not count, and
 there are far fewer cells.
 
+Before a distance is measured for a few questions alone, two cheaper answers are tried: known points
+of both bodies that are near enough, and the cuboids of one body, enlarged, against the mesh of the
+other one, which fcl answers in a tenth of the time.
+
 The answers of `come_within` and `meet` do not depend on the distances that were kept before: if the
 bounds do not decide, fcl measures at the joint values themselves.
 
