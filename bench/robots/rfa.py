@@ -24,7 +24,7 @@ import camgen
 from bench.machine import machine
 from bench.robots.plain_loop import Loop
 from bench.support.runner import PARTS, Table
-from bench.support.timing import measure_process, median_seconds, python, timed
+from bench.support.timing import Process, measure_process, median_seconds, python, timed
 from camgen.check.reach import check_reach
 from camgen.model.errors import NoSafeProgram
 from camgen.model.part import Solid
@@ -130,12 +130,12 @@ def differ(result: Result, solid: Solid) -> tuple[int, int]:
     return sum(judge.first(row) is not None for row in joints), len(joints)
 
 
-def whole(path: Path, job: dict[str, dict[str, object]]) -> None:
+def whole(path: Path, job: dict[str, dict[str, object]]) -> Process:
     """A build as a process of its own."""
     words = ["--post", "rapid", "-q", "-o", path.with_suffix(".mod")]
     for table, keys in job.items():
         words += [f"--set={table}.{key}={_toml(value)}" for key, value in keys.items()]
-    measure_process(python("camgen", "build", path, *words))
+    return measure_process(python("camgen", "build", path, *words))
 
 
 def alone(runs: int) -> float:

@@ -180,8 +180,6 @@ def _overlaps(robot: Robot, tool: tuple[Link, ...]) -> tuple[tuple[str, str], ..
     wrist = {link.name for link in robot.links[-last:]}
     bodies = {body.name for body in tool}
     bare = scene(robot, tool)
-    rng = np.random.default_rng(1)
-    spread = rng.uniform(robot.limits[:, 0], robot.limits[:, 1], (_SAMPLES, count))
     overlapping: list[tuple[str, str]] = []
     for k in _meeting(bare, robot.home[None]):
         pair = bare.pairs[k]
@@ -189,6 +187,8 @@ def _overlaps(robot: Robot, tool: tuple[Link, ...]) -> tuple[tuple[str, str], ..
         is_coarse = is_tool or bare.closer[k] is None
         is_spared = is_coarse and bool(wrist & set(pair))
         if not (is_spared or is_tool):
+            rng = np.random.default_rng(1)
+            spread = rng.uniform(robot.limits[:, 0], robot.limits[:, 1], (_SAMPLES, count))
             is_spared = bool((hits(narrow(bare, [k]), spread) >= 0).all())
         if is_spared:
             overlapping.append(pair)

@@ -12,6 +12,7 @@ from msgspec import Struct
 from camgen.collision import pairs
 from camgen.collision.boxes import Boxes, every, least_apart, meet
 from camgen.collision.mesh import body, distance, find_struck
+from camgen.collision.pairs import Travel
 from camgen.collision.scene import Scene, Target, narrow
 from camgen.geometry.ragged import ramp, run_lengths
 from camgen.model.part import BoolArray, IntArray
@@ -87,11 +88,13 @@ class _BoxTests(NamedTuple):
     row: (n,) rows of joint values.
     pair: (n,) numbers of pairs of the scene.
     room: (n,) mm by which both bodies of a pair are larger together.
+    travel: the largest deviations of the joint values, by row; None: not known.
     """
 
     row: IntArray
     pair: IntArray
     room: FloatArray
+    travel: Travel | None = None
 
 
 def _look_closer(
@@ -101,17 +104,21 @@ def _look_closer(
 
     joints: (N, J).
     exactly: whether meshes that are a little farther apart than `room` are cleared, and all pairs
-        but the first one at each of the joint values.
+        but the first one at each of the joint values. Else one test that is not cleared is enough
+        at each of them: all later ones stay.
     """
     boxes_met = np.flatnonzero(met)
     is_named = np.zeros(len(joints), dtype=np.bool_)
+    if not exactly:
+        bare = np.array([closer is None for closer in scene.closer], dtype=np.bool_)
+        is_named[tests.row[boxes_met[bare[tests.pair[boxes_met]]]]] = True
     for number in np.unique(tests.pair[boxes_met]).tolist():
         which = boxes_met[tests.pair[boxes_met] == number]
+        # An earlier pair collides there.
+        late = is_named[tests.row[which]]
         if exactly:
-            # An earlier pair collides there.
-            late = is_named[tests.row[which]]
             met[which[late]] = False
-            which = which[~late]
+        which = which[~late]
         closer = scene.closer[number]
         if closer is not None and len(which):
             values, room = joints[tests.row[which]], tests.room[which]
@@ -120,7 +127,8 @@ def _look_closer(
             elif exactly:
                 met[which] = pairs.come_within(scene.robot, closer, values, room)
             else:
-                met[which] = pairs.may_come_within(scene.robot, closer, values, room)
+                travel = None if tests.travel is None else tests.travel.select(tests.row[which])
+                met[which] = pairs.may_come_within(scene.robot, closer, values, room, travel)
         is_named[tests.row[which[met[which]]]] = True
 
 
@@ -148,6 +156,10 @@ def share_tests(tests: Tests, parts: int) -> Tests:
 class Growth(Protocol):
     """By how much boxes are larger than they are, mm, at rows of configurations; asked for what is near alone."""
 
+    @property
+    def travel(self) -> Travel | None:
+        """The largest deviations of the joint values, None if they are not known."""
+
     def of_boxes(self, row: IntArray, box: IntArray, bare: Boxes) -> FloatArray:
         """Of boxes (n,), which are ``bare`` there; of those that stand whatever it is is left out."""
 
@@ -158,10 +170,24 @@ class Growth(Protocol):
 
 
 class GrowthTable(Struct, frozen=True, eq=False):
-    """``Growth`` that is known of all. grow: (N, B). closing: (N, P), or None."""
+    """``Growth`` that is known of all.
+
+    grow: (N, B) mm by which each box is larger.
+    closing: (N, P) mm by which both boxes of each pair are larger together; None: not known.
+    travel: the largest deviations of the joint values; None: not known.
+    """
 
     grow: FloatArray
-    closing: FloatArray | None
+    closing: FloatArray | None = None
+    travel: Travel | None = None
+
+    def select(self, rows: slice) -> GrowthTable:
+        """The growth in some rows."""
+        return GrowthTable(
+            self.grow[rows],
+            None if self.closing is None else self.closing[rows],
+            None if self.travel is None else self.travel.select(rows),
+        )
 
     def of_boxes(self, row: IntArray, box: IntArray, bare: Boxes) -> FloatArray:  # noqa: ARG002
         """As of ``Growth``."""
@@ -181,31 +207,30 @@ class GrowthTable(Struct, frozen=True, eq=False):
 def find_meetings(
     scene: Scene,
     joints: FloatArray,
-    grow: FloatArray,
-    closing: FloatArray | None,
+    growth: GrowthTable,
     near: FloatArray,
     asked: Tests | None = None,
 ) -> Tests:
-    """What collides at configurations (N, J). What is not named does not collide in any part of what boxes grow for
-    either. grow, closing, near: as for ``hits``, (N, B), (N, P) and (N,). asked: what alone is looked at, None: all.
+    """The tests that meet at configurations (N, J).
+
+    growth: growth of all boxes; of those that stand it does not count. A test that is not named
+        meets nothing in any part of that either.
+    near: (N,) mm at which bodies collide.
+    asked: the only tests that are made; None: all.
     """
     found = []
+    grow = growth.grow * scene.moving
+    growth = GrowthTable(grow, growth.closing, growth.travel)
     for begin in range(0, len(joints), ROWS):
         rows = slice(begin, begin + ROWS)
-        looked = (
-            finite(joints[rows]),
-            grow[rows] * scene.moving,
-            None if closing is None else closing[rows],
-            near[rows],
-        )
+        looked, part = finite(joints[rows]), growth.select(rows)
         if asked is None:
-            some = _named(_meet_all(scene, *looked))
+            some = _named(_meet_all(scene, looked, part, near[rows]))
         else:
             low, high = np.searchsorted(asked[0], [begin, begin + ROWS])
-            at = looked[0], frames(scene.robot, looked[0])
-            growth = GrowthTable(*looked[1:3])
+            at = looked, frames(scene.robot, looked)
             some = meet_again(
-                scene, at, growth, looked[3], (asked[0][low:high] - begin, asked[1][low:high])
+                scene, at, part, near[rows], (asked[0][low:high] - begin, asked[1][low:high])
             )
         found.append((some[0] + begin, some[1]))
     return join_tests(found)
@@ -259,15 +284,16 @@ _Tested = tuple[IntArray, IntArray, BoolArray]
 
 
 def _meet_all(
-    scene: Scene, joints: FloatArray, grow: FloatArray, closing: FloatArray | None, near: FloatArray
+    scene: Scene, joints: FloatArray, growth: GrowthTable, near: FloatArray
 ) -> Iterator[_Tested]:
     """``find_meetings`` of all tests."""
-    bare = place(scene, joints)
+    bare, grow = place(scene, joints), growth.grow
     more = grow + near[:, None] * scene.moving
     row, test = near_pairs(scene, bare.grown(_CORNERS * more[..., None]))
-    boxes, others, room = _grow(scene, bare, (row, test), grow, closing)
+    boxes, others, room = _grow(scene, bare, (row, test), grow, growth.closing)
     met = meet(boxes.grown(near[row, None]), others)
-    _look_closer(scene, joints, _BoxTests(row, scene.of_pair[test], room + near[row]), met)
+    tests = _BoxTests(row, scene.of_pair[test], room + near[row], growth.travel)
+    _look_closer(scene, joints, tests, met)
     yield row, test, met
     first = len(scene.first)
     for target in scene.targets:
@@ -318,7 +344,8 @@ def _meet_some(
         share = _share(grow.take(one), grow.take(other), growth.of_pairs(at, pair, *both))
         wide = share[0] + near[at]
         met = meet(both[0].grown(wide[:, None]), both[1].grown(share[1][:, None]))
-        _look_closer(scene, joints, _BoxTests(at, scene.of_pair[pair], wide + share[1]), met)
+        tests = _BoxTests(at, scene.of_pair[pair], wide + share[1], growth.travel)
+        _look_closer(scene, joints, tests, met)
         yield at, pair, met
     begins = len(scene.first) + np.cumsum([0, *(len(target.striking) for target in scene.targets)])
     for target, begin, (place, at, which) in zip(scene.targets, begins, strikes, strict=False):

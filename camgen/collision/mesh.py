@@ -7,6 +7,7 @@ surface, and a box wholly within is free. Its continuous collision is not used: 
 
 from __future__ import annotations
 
+import itertools
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -46,6 +47,11 @@ class Mesh(Struct, frozen=True, eq=False, dict=True):
         return fcl.CollisionObject(self.model)
 
     @cached_property
+    def outermost(self) -> FloatArray:
+        """The corners (K, 3) that lie farthest outward."""
+        return pick_outermost(self.tree.corners.reshape(-1, 3))
+
+    @cached_property
     def cells(self) -> Cells:
         """Where in its box the surface is."""
         return divide_space(self.tree.corners)
@@ -69,6 +75,16 @@ def join_surfaces(link: Link) -> tuple[FloatArray, IntArray]:
     vertices = np.concatenate([surface.vertices for surface in link.surfaces])
     faces = [surface.faces + row for surface, row in zip(link.surfaces, first, strict=False)]
     return frozen(vertices), np.concatenate(faces)
+
+
+#: Points of a cube, and of these the middles of its sides and its corners, from its own middle.
+_CUBE = np.array(list(itertools.product((-1, 0, 1), repeat=3)))
+_OUTWARD = _CUBE[np.abs(_CUBE).sum(axis=1) % 2 == 1]
+
+
+def pick_outermost(points: FloatArray) -> FloatArray:
+    """The points (K, 3) of ``points`` (N, 3) that lie farthest along the axes and between them."""
+    return frozen(points[np.unique((points @ _OUTWARD.T).argmax(axis=0))])
 
 
 def make_model(vertices: FloatArray, faces: IntArray) -> Any:

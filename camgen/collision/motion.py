@@ -11,6 +11,7 @@ from msgspec import Struct
 from camgen.collision.boxes import Boxes
 from camgen.collision.hits import (
     ROWS,
+    GrowthTable,
     Nearest,
     Tests,
     find_meetings,
@@ -21,13 +22,16 @@ from camgen.collision.hits import (
     share_tests,
     tests_of,
 )
+from camgen.collision.pairs import Travel
 from camgen.collision.scene import Scene
 from camgen.geometry.ragged import offsets, owners, ramp
-from camgen.model.part import IntArray
+from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 
 #: The longest stretches are 2 ** _HALVINGS steps.
 _HALVINGS = 5
+#: Stretches of more steps are long. If the middle of one collides, those after it are not examined.
+_LONG = 2
 #: Of the stretches of one length, so many are nearly all.
 _MOST = 0.75
 #: rad that joints may turn together between two places where it is worked out how far all has moved.
@@ -84,22 +88,50 @@ def motions(
     """
     if not several:
         return []
+    nears = np.broadcast_to(near, len(several))
+    checks = _check(scene, several, step, nears, apart, is_hasty=True)
+    left = [k for k, check in enumerate(checks) if check is None]
+    if left:
+        again = [several[k] for k in left]
+        patient = _check(scene, again, step, nears[left], apart, is_hasty=False)
+        for k, check in zip(left, patient, strict=True):
+            checks[k] = check
+    return [check for check in checks if check is not None]
+
+
+def _check(
+    scene: Scene,
+    several: Sequence[FloatArray],
+    step: float,
+    near: FloatArray,
+    deviation: float,
+    *,
+    is_hasty: bool,
+) -> list[MotionCheck | None]:
+    """The checks of ``motions``.
+
+    near: (L,) mm, of each motion.
+    deviation: mm that any point of a body may be off.
+    is_hasty: whether a motion is examined only up to a place that is found early to collide. None
+        for one in which no shortest stretch up to that place collides at its middle.
+    """
     lines = _Lines.of(scene, [finite(waypoints) for waypoints in several])
     # What is as near at some of the waypoints bounds how near the rest need be looked at.
-    levels = np.broadcast_to(near, len(several)).tolist()
-    nears = _bound(scene, [waypoints[::_SPARSE] for waypoints in several], levels)
-    at, first = _find_undecided(
-        scene, lines, step, np.array([bound.distance for bound in nears]), apart
-    )
+    nears = _bound(scene, [waypoints[::_SPARSE] for waypoints in several], near.tolist())
+    distances = np.array([bound.distance for bound in nears])
+    at, first, is_cut = _find_undecided(scene, lines, step, distances, deviation, is_hasty)
     rows = _rows(lines.waypoints, at)
     splits = first[1:-1]
     pairs = np.split(hits(scene, rows), splits)
     free = [
         bound.distance if (own < 0).all() else 0.0 for own, bound in zip(pairs, nears, strict=True)
     ]
-    closer = _least(scene, np.split(rows, splits), free)
+    closer = _least(scene, np.split(rows, splits), np.where(is_cut, 0.0, free).tolist())
     places = np.split(at - np.repeat(lines.first[:-1], np.diff(first)), splits)
-    return [_course(*one) for one in zip(places, pairs, nears, closer, strict=True)]
+    checks = [_course(*one) for one in zip(places, pairs, nears, closer, strict=True)]
+    # The last place of each motion is its end, which is beyond the place where a motion is cut.
+    is_known = [not cut or (hit[:-1] >= 0).any() for cut, hit in zip(is_cut, pairs, strict=True)]
+    return [check if known else None for check, known in zip(checks, is_known, strict=True)]
 
 
 def _course(at: FloatArray, pairs: IntArray, bound: Nearest, closer: Nearest) -> MotionCheck:
@@ -199,10 +231,14 @@ def _finer(angles: FloatArray, first: IntArray) -> tuple[FloatArray, IntArray]:
 
 
 def _find_undecided(
-    scene: Scene, lines: _Lines, step: float, nears: FloatArray, apart: float
-) -> tuple[FloatArray, IntArray]:
+    scene: Scene, lines: _Lines, step: float, nears: FloatArray, apart: float, is_hasty: bool
+) -> tuple[FloatArray, IntArray, BoolArray]:
     """Where each motion must be tested as it is, in rows of all waypoints: its ends, and the middles of those stretches
-    that are no longer than ``step`` and were never found free; and the first of each motion among these (L + 1,).
+    that are no longer than ``step`` and were never found free.
+
+    Also returned are the first of each motion among these (L + 1,), and which motions (L,) were
+    cut: if ``is_hasty``, no stretch is examined that begins beyond the middle of a long one that
+    collides there.
     """
     start, stop = lines.way[lines.ends].T
     count = np.maximum(np.ceil((stop - start) / (step * 2**_HALVINGS)), 1).astype(np.int64)
@@ -212,6 +248,7 @@ def _find_undecided(
     asked: Tests | None = None
     index = np.arange(len(lines.way), dtype=np.float64)
     found = [(np.repeat(np.arange(len(start)), 2), lines.numbers[lines.ends].ravel())]
+    last = np.full(len(start), math.inf)
     while len(own):
         short = width[own] <= step
         middles = np.interp(begins[short] + width[own[short]] / 2, lines.way, lines.numbers)
@@ -225,9 +262,18 @@ def _find_undecided(
         grow, turned = (_most(table, places) for table in (lines.ways, lines.turned))
         rows = _rows(lines.waypoints, np.interp(places[1], index, lines.numbers))
         both = turned @ lines.closing + 2 * apart
-        row, test = find_meetings(scene, rows, grow + apart, both, nears[own], asked)
+        travel = Travel(turned, 2 * apart + nears[own])
+        growth = GrowthTable(grow + apart, both, travel)
+        row, test = find_meetings(scene, rows, growth, nears[own], asked)
         met = np.zeros(len(own), dtype=np.bool_)
         met[row] = True
+        if is_hasty and (width > _LONG * step).any():
+            # Most collisions are long, and only the first place of a motion matters.
+            centres = begins + width[own] / 2
+            tested = np.flatnonzero(met & (centres < last[own]))
+            struck = tested[hits(scene, rows[tested]) >= 0]
+            np.minimum.at(last, own[struck], centres[struck])
+            met &= begins <= last[own]
         # Where nearly all are undecided so are most of their halves: quarters are looked at next.
         parts = 4 if met.sum() > _MOST * len(met) and (width[own] > 2 * step).all() else 2
         width = width / parts
@@ -237,7 +283,8 @@ def _find_undecided(
         asked = share_tests(tests_of((row, test), met), parts)
     owner, at = (np.concatenate(column) for column in zip(*found, strict=True))
     order = np.lexsort((at, owner))
-    return at[order], offsets(np.bincount(owner, minlength=len(start)))
+    first = offsets(np.bincount(owner, minlength=len(start)))
+    return at[order], first, np.isfinite(last)
 
 
 def _most(table: FloatArray, places: Sequence[FloatArray]) -> FloatArray:

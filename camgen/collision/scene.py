@@ -13,7 +13,15 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.collision.mesh import Mesh, join_surfaces
-from camgen.collision.pairs import MeshPair, Shape, Sweep, box_part, model_of, pair_up
+from camgen.collision.pairs import (
+    MeshPair,
+    Shape,
+    Sweep,
+    box_part,
+    link_points,
+    model_of,
+    pair_up,
+)
 from camgen.collision.swept import enlarge_levers, measure_roundness, sweep
 from camgen.geometry.vectors import cross
 from camgen.model.errors import JobError
@@ -102,10 +110,16 @@ class _Body(Struct, frozen=True, eq=False):
     def shape(self) -> Shape:
         """The body as fcl has it."""
         if self.mesh is not None:
-            return Shape(self.frame, ((self.mesh.model, self.base_from_mesh),))
+            place = self.base_from_mesh
+            points = self.mesh.outermost @ place.rotation.T + np.asarray(place.origin)
+            around = self.mesh.box
+            box = Box(place @ translation(*to_vec3(around.centres)), to_vec3(around.half))
+            return Shape(self.frame, ((self.mesh.model, place),), points, (box,))
         if self.link is not None:
-            return Shape(self.frame, ((model_of(self.link), _HERE),))
-        return Shape(self.frame, tuple(map(box_part, self.boxes)))
+            return _shape_link(self.link, self.frame)
+        points = np.concatenate([*map(_corners, self.boxes)])
+        parts = tuple(map(box_part, self.boxes))
+        return Shape(self.frame, parts, points, self.boxes, is_mesh=False)
 
 
 class Wall(Struct, frozen=True, eq=False):
@@ -371,8 +385,9 @@ def _widen(
         return None
     _, (link, frame), (other, other_frame), about = min(choices, key=lambda choice: choice[0])
     solid, (points, _) = sweep(link, *about), join_surfaces(other)
-    swept = Shape(frame, ((solid.model, _HERE),))
-    other_shape = Shape(other_frame, ((model_of(other), _HERE),))
+    # The solid holds its link, so the points of that are in it.
+    swept = Shape(frame, ((solid.model, _HERE),), link_points(link), ())
+    other_shape = _shape_link(other, other_frame)
     is_first = frame < other_frame
     return pair_up(
         swept if is_first else other_shape,
@@ -380,6 +395,10 @@ def _widen(
         enlarge_levers(levers),
         sweep=Sweep(solid, is_first, points),
     )
+
+
+def _shape_link(link: Link, frame: int) -> Shape:
+    return Shape(frame, ((model_of(link), _HERE),), link_points(link), link.boxes)
 
 
 def _levers_between(robot: Robot, first: _Body, second: _Body) -> FloatArray:

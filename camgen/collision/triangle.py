@@ -8,6 +8,7 @@ from msgspec import Struct
 from camgen.collision.boxes import Boxes
 from camgen.collision.hits import (
     ROWS,
+    GrowthTable,
     Tests,
     find_meetings,
     find_near,
@@ -18,6 +19,7 @@ from camgen.collision.hits import (
     tests_of,
 )
 from camgen.collision.motion import closing, levers
+from camgen.collision.pairs import Travel
 from camgen.collision.scene import Scene
 from camgen.geometry.ragged import ramp, run_lengths
 from camgen.geometry.vectors import cross, lengths
@@ -75,9 +77,8 @@ def are_free(
         if again.any():
             middle, more = some.corners[again].mean(axis=1), off[some.owner[again]]
             first = tests_of((row, test), again)
-            at, _ = find_meetings(
-                scene, middle, more[:, None], None, np.full(len(middle), near), first
-            )
+            nears = np.full(len(middle), near)
+            at, _ = find_meetings(scene, middle, GrowthTable(more[:, None]), nears, first)
             found[some.owner[again][at]] = False
         left = left.of(found[left.owner]).joined(_split(some, met & found[some.owner], row, test))
         many *= 2
@@ -108,7 +109,7 @@ def _meet_within(reach: _Reach, some: _Left, off: FloatArray, near: float) -> Te
         moved = (some.corners[rows] - middle[:, None]) @ reach.scene.robot.coupling.T
         links = frames(reach.scene.robot, middle)
         low, high = np.searchsorted(some.asked[0], [begin, begin + ROWS])
-        growth = _Growth.of(reach, links, moved, off[some.owner[rows]])
+        growth = _Growth.of(reach, links, moved, off[some.owner[rows]], near)
         asked = some.asked[0][low:high] - begin, some.asked[1][low:high]
         row, test = meet_again(
             reach.scene, (middle, links), growth, np.full(len(middle), near), asked
@@ -126,6 +127,8 @@ class _Growth(Struct, frozen=True, eq=False):
 
     setting_out: (J + 1, K, 3, 6), as of ``set_out``. angles: (K,) that all turning joints turn. grow, closing: (K, B)
     and (K, P) mm by the levers. off: (K,) mm that any point may be off.
+
+    travel: the largest deviations of the joint values.
     """
 
     scene: Scene
@@ -134,10 +137,16 @@ class _Growth(Struct, frozen=True, eq=False):
     grow: FloatArray
     closing: FloatArray
     off: FloatArray
+    travel: Travel
 
     @classmethod
     def of(
-        cls, reach: _Reach, links: tuple[FloatArray, FloatArray], moved: FloatArray, off: FloatArray
+        cls,
+        reach: _Reach,
+        links: tuple[FloatArray, FloatArray],
+        moved: FloatArray,
+        off: FloatArray,
+        near: float,
     ) -> _Growth:
         """moved: (K, 3, J) what the joints of the chain are at the corners from where they are in the middle."""
         around = np.abs(moved).max(axis=1)
@@ -150,6 +159,7 @@ class _Growth(Struct, frozen=True, eq=False):
             around @ reach.levers,
             around @ reach.closing,
             off,
+            Travel(around, 2 * off + near),
         )
 
     def of_boxes(self, row: IntArray, box: IntArray, bare: Boxes) -> FloatArray:

@@ -36,6 +36,8 @@ from camgen.motion.setup import (
     flange_poses,
 )
 from camgen.robots.kinematics.continuity import Choice, follow
+from camgen.robots.kinematics.joint_limits import turns
+from camgen.robots.models import Robot
 
 #: A piece that is shorter, mm, is not worked.
 SHORTEST_MM = 5.0
@@ -47,6 +49,8 @@ _PRICE = SHORTEST_MM / 2
 _STATION_TURN, _JUMP = math.radians(10), math.radians(45)
 #: An edge has no more stretches than these; on a longer edge the stations are farther apart.
 _MOST_STRETCHES = 400
+#: A joint that is not farther beyond its limit, rad or mm, is on it.
+_ON_LIMIT = 1e-9
 #: Number of moves that may fail in a stretch before no chain runs through it.
 _FAILURES = 3
 #: Parts of the stretch beyond the end of a chain, by which the chain is extended.
@@ -282,7 +286,7 @@ class Coverage(Struct, frozen=True, eq=False):
         setup = self.setup
         parts = _divide_evenly(path)
         stations = divide(path, parts)
-        states = make_states(setup, stations, choice, whole=False)
+        states = make_states(setup, stations, choice, _JUMP)
         transitions = steps(setup.robot, states, _JUMP)
         turning = CHANGE * (np.arange(len(states.moves)) > 0)[:, None, None]
         slowest = (stations.length / self.feed)[:, None, None, None]
@@ -345,7 +349,11 @@ class Coverage(Struct, frozen=True, eq=False):
     def _prove(self, name: str, ladder: _Ladder, piece: _Piece, choice: Grid) -> EdgeMotion | int:
         """The motion of a piece, or the stretch of the piece in which it fails."""
         tilt, stretches = self.freedom.tilt, len(piece.segments)
-        proved = prove(self.setup, name, piece.knots, choice, piece.chain, tilt)
+        # The lowest turns are the first choice; between two stations they may be beyond a limit.
+        for chain in (_turn_back(self.setup.robot, piece.chain), piece.chain):
+            proved = prove(self.setup, name, piece.knots, choice, chain, tilt)
+            if isinstance(proved, EdgeMotion) or proved[1]:
+                break
         if not isinstance(proved, EdgeMotion):
             return min(proved[0], stretches - 1)
         (hit,) = self.space.look([SampledMotion(proved.dense, proved.looks)])
@@ -417,6 +425,13 @@ def _close(ladder: _Ladder, chain: CoverChain, stretch: int, failures: Index) ->
         return
     move, orientation = chain.moves[stretch], chain.orientation[stretch + 1]
     ladder.states.open[row, move, orientation, chain.branch] = False
+
+
+def _turn_back(robot: Robot, chain: PoseChain) -> PoseChain:
+    """A chain by as many whole turns lower as keep its joints within their limits."""
+    room = chain.joints.min(axis=0) - robot.limits[:, 0] + _ON_LIMIT
+    whole = np.clip(room // math.tau, 0, 2 * turns(robot).max(axis=0))
+    return replace(chain, joints=chain.joints - math.tau * whole)
 
 
 def _choose_start(chains: list[CoverChain], last: int) -> int:

@@ -179,19 +179,29 @@ def search(setup: Setup, edge: str, way: PosePath, grid: Grid, most: float) -> E
     return collision
 
 
-def make_states(setup: Setup, knots: PosePath, grid: Grid, whole: bool = True) -> States:
+def make_states(
+    setup: Setup, knots: PosePath, grid: Grid, pieces_jump: float | None = None
+) -> States:
     """The states of the rows of ``knots``, and the orientations that can stay from row to row.
 
-    whole: only branches in which each row can be stood at are of use.
+    pieces_jump: largest turn of a joint from row to row, rad, if pieces of the path are sought. A
+        joint that cannot come past half a turn needs no whole turns: whatever it can run, it can
+        run about the middle of its limits. None for the whole path: then only branches in which
+        each row can be stood at are of use.
     """
-    robot, table = setup.robot, turns(setup.robot)
+    robot, table, whole = setup.robot, turns(setup.robot), pieces_jump is None
     parts = counts(knots, _LOOK_MM, _LOOK_TURN)
     at, looks = rows(parts), divide(knots, parts)
     orientations = looks.rotation[:, None] @ grid.nominal_from_tool
     found = solutions(
         robot, *flange_poses(setup, looks.position[:, None], orientations), grid.moves
     )
+    idle = np.zeros((found.shape[2], len(robot.joints)), dtype=np.bool_)
+    if pieces_jump is not None:
+        idle = ~_pass_half_turns(robot, found, max(pieces_jump, _STEP_JUMP))
+        table = table[~table[:, idle.all(axis=0)].any(axis=1)]
     usable = within_turned(robot, found[at], table)
+    usable &= ~(idle[:, None] & (table != 0)).any(axis=2)
     stands = usable.any(axis=-1) & _safe(robot, found[at])
     # A branch never becomes another.
     of_use = stands.any(axis=1)
@@ -204,6 +214,18 @@ def make_states(setup: Setup, knots: PosePath, grid: Grid, whole: bool = True) -
     opened = np.ones((len(parts), len(grid.moves), *usable.shape[1:]), dtype=bool)
     opened[:, 0] = _staying(robot, found, safe, parts, table)
     return States(found[at], table, usable, opened, grid.moves, grid.cost)
+
+
+def _pass_half_turns(robot: Robot, joints: FloatArray, jump: float) -> BoolArray:
+    """The joints that may come past half a turn from the middle of their limits, by branch (B, J).
+
+    joints: (D, C, B, J) joint values, between which no joint turns by more than ``jump`` rad. A
+        joint that has another value in the serial chain always counts.
+    """
+    off = joints - robot.limits.mean(axis=1)
+    near = math.pi - jump
+    both = (off > near).any(axis=(0, 1)) & (off < -near).any(axis=(0, 1))
+    return np.asarray(both | (robot.coupling != np.eye(len(robot.joints))).any(axis=1))
 
 
 def _safe(robot: Robot, found: FloatArray) -> BoolArray:

@@ -6,10 +6,18 @@ import pytest
 import trimesh
 from msgspec.structs import replace
 
+from camgen.collision import motion as motion_module
 from camgen.collision.boxes import Boxes
 from camgen.collision.hits import clearance, hits, least, place
 from camgen.collision.mesh import Mesh, inside, make_mesh
-from camgen.collision.motion import closing, measure_apart, measure_closer, measure_moves, motion
+from camgen.collision.motion import (
+    closing,
+    measure_apart,
+    measure_closer,
+    measure_moves,
+    motion,
+    motions,
+)
 from camgen.collision.scene import Allowed, Scene, name_pair, narrow, scene
 from camgen.model.errors import JobError
 from camgen.model.part import Solid
@@ -386,6 +394,45 @@ def test_a_motion_agrees_with_every_fine_sample() -> None:
         else:
             assert shallow.sum() < 20
     assert 5 < sum(verdicts) < len(verdicts) - 3
+
+
+def test_what_is_not_looked_at_behind_a_hit_changes_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A wire before a thick wall, and motions through both from either side, and beside them."""
+    wire, wall = (
+        bar("wire", (560, 0, 450), (60, 0.05, 60)),
+        bar("wall", (560, 150, 450), (60, 90, 60)),
+    )
+    tested = scene(rods(), obstacles=(wire, wall))
+    rng = np.random.default_rng(11)
+    several = []
+    for start, end in rng.uniform(-60, 60, (40, 2, 2)).tolist():
+        several.append(np.vstack([at(*start, 0, 0), at(*end, 0, 0)]))
+    hasty = motions(tested, several, 0.5, 3.0)
+    monkeypatch.setattr(motion_module, "_LONG", math.inf)
+    patient = motions(tested, several, 0.5, 3.0)
+    assert list(map(repr, hasty)) == list(map(repr, patient))
+    met = [name_pair(tested, check.pair) for check in patient if check.hit]
+    assert 5 < len(met) < 35
+    assert {name.rpartition(" ")[2] for name in met} == {"wire", "wall"}
+
+
+def test_a_wire_before_a_wall_is_the_first_hit_of_a_motion_through_both() -> None:
+    """Half a step before the wire there is nothing."""
+    tested = scene(
+        rods(),
+        obstacles=(
+            bar("wire", (560, 0, 450), (60, 0.05, 60)),
+            bar("wall", (560, 150, 450), (60, 90, 60)),
+        ),
+    )
+    waypoints = np.vstack([at(0, -30, 0, 0), at(0, 40, 0, 0)])
+    met = motion(tested, waypoints, 0.5)
+    assert name_pair(tested, met.pair).endswith("wire")
+    samples = np.linspace(*waypoints, 20_001)
+    first = np.flatnonzero(hits(tested, samples) >= 0)[0] / 20_000
+    assert first <= met.at <= first + 0.5 / 275 / math.radians(70)
 
 
 def test_growing_never_removes_a_hit() -> None:

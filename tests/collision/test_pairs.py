@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from camgen.collision import pairs
 from camgen.collision.cell import around
 from camgen.collision.describe import describe_hit, describe_joints, find_depth
-from camgen.collision.hits import clearance, find_meetings, hits, least
+from camgen.collision.hits import GrowthTable, clearance, find_meetings, hits, least
 from camgen.collision.motion import motion
 from camgen.collision.pairs import _SLACKS_MM
 from camgen.collision.scene import Scene, Wall, scene
@@ -131,7 +132,7 @@ def test_what_is_not_named_meets_nothing_in_all_that_it_grows_for(between: Scene
     rng = np.random.default_rng(3)
     angles, grow = rng.uniform(-0.6, 0.6, 200), rng.uniform(0, 25, 200)
     rows = np.repeat(grow[:, None], len(between.frame), axis=1)
-    row, _ = find_meetings(between, turned(angles), rows, None, np.zeros(200))
+    row, _ = find_meetings(between, turned(angles), GrowthTable(rows), np.zeros(200))
     true = np.array([true_distance(angle, 60, 0) for angle in angles])
     named = np.isin(np.arange(200), row)
     assert (named | (true > grow - 1e-6)).all()
@@ -168,6 +169,27 @@ def test_a_triangle_that_is_free_is_free_within(between: Scene) -> None:
     assert 3 < free.sum() < 27
 
 
+def test_bounds_are_no_more_than_the_distance_and_what_is_far_is_known_to_be() -> None:
+    """One question alone, many together, and questions of which points of both bodies answer."""
+    rng = np.random.default_rng(6)
+    angles, room = rng.uniform(-1.5, 1.5, 150), rng.uniform(0.0, 30.0, 150)
+    true = np.array([true_distance(angle, 60, 0) for angle in angles])
+    for together in (1, 150):
+        between = scene(fork(), obstacles=(pillar(60, 0),))
+        (closer,) = [pair for pair in between.closer if pair is not None]
+        for begin in range(0, 150, together):
+            rows = slice(begin, begin + together)
+            values, distance, limit = turned(angles[rows]), true[rows], room[rows]
+            bound = pairs.at_least(between.robot, closer, values, limit)
+            assert (bound <= distance + 1e-5).all()
+            may_come = pairs.may_come_within(between.robot, closer, values, limit)
+            assert (may_come | (distance > limit - 1e-6)).all()
+            comes = pairs.come_within(between.robot, closer, values, limit)
+            is_sure = np.abs(distance - limit) > 1e-5
+            assert (comes == (distance <= limit))[is_sure].all()
+    assert 20 < (true <= room).sum() < 130
+
+
 def test_answers_do_not_depend_on_what_was_asked_before() -> None:
     angles = np.linspace(-0.5, 0.5, 41)
     fresh = [
@@ -175,9 +197,8 @@ def test_answers_do_not_depend_on_what_was_asked_before() -> None:
         for k in range(41)
     ]
     cell_scene = scene(fork(), obstacles=(pillar(60, 0),))
-    find_meetings(
-        cell_scene, turned(angles), np.full((41, len(cell_scene.frame)), 9.0), None, np.zeros(41)
-    )
+    growth = GrowthTable(np.full((41, len(cell_scene.frame)), 9.0))
+    find_meetings(cell_scene, turned(angles), growth, np.zeros(41))
     assert hits(cell_scene, turned(angles), near=4.0).tolist() == fresh
 
 

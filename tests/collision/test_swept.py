@@ -185,6 +185,29 @@ def test_two_boxes_come_no_nearer_than_their_meshes(cell_scene: Scene, pair: Mes
     assert (np.delete(column, pair.joints) == 0).all()
 
 
+def test_the_joint_that_sweeps_a_solid_does_not_count_and_nothing_is_missed(
+    cell_scene: Scene, pair: MeshPair
+) -> None:
+    """Bodies measured at joint values all around: where none may come near, none does."""
+    rng = np.random.default_rng(12)
+    wider = pair.wider()
+    assert wider is not None
+    (free,) = set(pair.joints.tolist()) - set(wider.joints.tolist())
+    joints, turned = rows(60, 13), np.zeros((60, 6))
+    turned[:, pair.joints] = rng.uniform(0.0, 0.05, (60, 2))
+    turned[:, free] = rng.uniform(0.5, 3.0, 60)
+    more = rng.uniform(0.0, 4.0, 60)
+    room = turned[:, pair.joints] @ pair.levers + more
+    arm = cell_scene.robot
+    loose = pairs.may_come_within(arm, pair, joints, room)
+    tight = pairs.may_come_within(arm, pair, joints, room, pairs.Travel(turned, more))
+    assert not (tight & ~loose).any()
+    assert (loose & ~tight).sum() > 10
+    for row in np.flatnonzero(~tight).tolist():
+        around = joints[row] + rng.uniform(-1.0, 1.0, (12, 6)) * turned[row]
+        assert min(pairs.measure(arm, pair, values) for values in around) > more[row]
+
+
 def test_pairs_of_boxes_first_give_the_same_answer(cell_scene: Scene) -> None:
     joints = rows(400, 8)
     for near in (0.0, 12.0):

@@ -1,6 +1,7 @@
 """Pieces of edges that cannot be worked whole, with walls that are formulas of the TCP."""
 
 import math
+import sys
 from collections.abc import Callable
 from itertools import pairwise
 
@@ -8,8 +9,9 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from camgen.model.part import Edge
-from camgen.model.pose import FloatArray
+from camgen.model.part import BoolArray, Edge
+from camgen.model.pose import FloatArray, frozen
+from camgen.motion import search
 from camgen.motion.coverage import SHORTEST_MM, Coverage
 from camgen.motion.setup import (
     Blockage,
@@ -21,6 +23,7 @@ from camgen.motion.setup import (
     all_clear,
 )
 from camgen.plan.edges.poses import measure_line, poses
+from camgen.robots.models import Robot
 from tests.motion.test_reach import CELL, TOP, judged, tcp
 from tests.support.edge_shapes import rim, straight
 
@@ -154,6 +157,31 @@ def test_another_orientation_leads_past_what_only_the_nominal_one_meets() -> Non
     judged(cell, piece)
     stiff = Coverage(cell, space, OrientationFreedom(), 20.0).find_pieces(TOP, path, lengths)
     assert len(stiff.motions) == 2
+
+
+def test_whole_turns_that_no_joint_comes_to_change_no_piece(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """An arm whose joints turn by 360 deg either way, as those of Universal Robots do."""
+    limits = frozen(np.tile([-math.tau, math.tau], (6, 1)))
+    module = sys.modules[__name__]
+    wide = replace(CELL, robot=replace(CELL.robot, limits=limits))
+    monkeypatch.setattr(module, "CELL", wide)
+    calls: list[int] = []
+
+    def pass_all(_: Robot, joints: FloatArray, __: float) -> BoolArray:
+        calls.append(len(joints))
+        return np.ones(joints.shape[2:], dtype=np.bool_)
+
+    for edge in (TOP, RIM):
+        _, pieces = cover(edge, lambda at: (at[:, 0] > 40) & (at[:, 0] < 55))
+        with monkeypatch.context() as patch:
+            patch.setattr(search, "_pass_half_turns", pass_all)
+            _, expected = cover(edge, lambda at: (at[:, 0] > 40) & (at[:, 0] < 55))
+        assert pieces
+        for piece, other in zip(pieces, expected, strict=True):
+            assert piece.joints == pytest.approx(other.joints, abs=1e-9)
+    assert calls
 
 
 def test_no_joint_is_asked_to_be_faster_than_it_can() -> None:

@@ -22,7 +22,7 @@ from camgen.robots.kinematics.arms import recognise
 from camgen.robots.kinematics.forward import frames, jacobian
 from camgen.robots.kinematics.joint_limits import turns
 from camgen.robots.models import Box, Link, Robot, Surface, Trust
-from camgen.robots.urdf.boxes import Shapes, is_own_hull, shapes_of
+from camgen.robots.urdf.boxes import Shapes, is_own_hull, place_points, shapes_of
 from camgen.robots.urdf.chain import JointChain, chain_of, limits_of
 from camgen.robots.urdf.xml import Description, read_description
 
@@ -114,10 +114,9 @@ def _links(
         whole = True
         for part, body_from_part in body.items():
             shapes = _shapes(described, part, files)
-            boxes += [Box(body_from_part @ box.link_from_box, box.half) for box in shapes.boxes]
-            turn, shift = body_from_part.rotation.T, body_from_part.origin
+            boxes += [Box(body_from_part @ box.link_from_box, box.half) for box in shapes.boxes()]
             surfaces += [
-                Surface(frozen(surface.vertices @ turn + shift), surface.faces)
+                Surface(place_points(body_from_part, surface.vertices), surface.faces)
                 for surface in shapes.surfaces
             ]
             unread += shapes.unread

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.ragged import owners, ramp
+from camgen.geometry.ragged import owners, ramp, run_starts
 from camgen.model.errors import InputError
 from camgen.model.part import IntArray
 from camgen.model.pose import IDENTITY, FloatArray, Pose, frozen, to_vec3
@@ -25,38 +25,57 @@ _SLICES, _MOST_CUBOIDS = 16, 3
 _WORTH_FACTOR = 0.85
 #: mm: no vertex of a convex mesh is farther on the outer side of a face. Files round.
 _HULL_MM = 0.5
-#: Planes that are compared with all vertices together.
-_PLANES = 256
+#: Planes that are compared with all vertices together, and how many are first.
+_PLANES, _FIRST_PLANES = 256, 16
 #: mm: the least half edge of a cuboid, for meshes that are flat.
 _THIN = 0.01
 #: Of the radius: two cuboids, one as wide as a circle and this high, the other the other way round, hold the circle.
 _CROSS = math.sqrt(0.5)
 
 
+#: Vertices (V, 3), mm, and faces (F, 3).
+_Triangles = tuple[FloatArray, IntArray]
+
+
 class Shapes(Struct, frozen=True):
     """The shapes of a link, in its frame.
 
-    boxes: cuboids around them.
+    parts: shapes with the triangles of a mesh, in the frame of the shape; None for a shape that is
+        not a mesh. Meshes that could not be read are left out.
     surfaces: its meshes.
     unread: names of meshes that could not be read.
     notes: notes on these.
-    whole: whether the meshes are all of the link.
     """
 
-    boxes: tuple[Box, ...]
+    parts: tuple[tuple[UrdfShape, _Triangles | None], ...]
     surfaces: tuple[Surface, ...]
     unread: tuple[str, ...]
     notes: tuple[str, ...]
-    whole: bool
+
+    @property
+    def whole(self) -> bool:
+        """Whether the meshes are all of the link."""
+        return not self.unread and len(self.surfaces) == len(self.parts)
+
+    def boxes(self) -> list[Box]:
+        """Cuboids around the parts."""
+        boxes: list[Box] = []
+        for shape, triangles in self.parts:
+            if triangles is None:
+                boxes += _simple(shape)
+            else:
+                place = shape.link_from_shape
+                boxes += [Box(place @ box.link_from_box, box.half) for box in around(*triangles)]
+        return boxes
 
 
 def shapes_of(link: str, shapes: tuple[UrdfShape, ...], folder: Path, files: Files) -> Shapes:
     """What the URDF in ``folder`` says of the shapes of a link."""
-    boxes: list[Box] = []
+    parts: list[tuple[UrdfShape, _Triangles | None]] = []
     surfaces, unread, notes = [], [], []
     for shape in shapes:
         if shape.kind != "mesh":
-            boxes += _simple(shape)
+            parts.append((shape, None))
             continue
         path = mesh_path(shape.mesh, folder)
         if path is None:
@@ -72,14 +91,16 @@ def shapes_of(link: str, shapes: tuple[UrdfShape, ...], folder: Path, files: Fil
             notes.append(f"link {link} has no boxes of its mesh {error}")
             continue
         vertices = vertices * np.array(shape.size)
-        boxes += [
-            Box(shape.link_from_shape @ box.link_from_box, box.half)
-            for box in around(vertices, faces)
-        ]
-        placed = vertices @ shape.link_from_shape.rotation.T + shape.link_from_shape.origin
-        surfaces.append(Surface(frozen(placed), faces))
-    whole = len(surfaces) == len(shapes)
-    return Shapes(tuple(boxes), tuple(surfaces), tuple(unread), tuple(notes), whole)
+        parts.append((shape, (vertices, faces)))
+        surfaces.append(Surface(place_points(shape.link_from_shape, vertices), faces))
+    return Shapes(tuple(parts), tuple(surfaces), tuple(unread), tuple(notes))
+
+
+def place_points(pose: Pose, points: FloatArray) -> FloatArray:
+    """Points (N, 3) of a frame in that from which ``pose`` leads to it."""
+    if not np.any(pose.origin) and np.array_equal(pose.rotation, IDENTITY):
+        return frozen(points)
+    return frozen(points @ pose.rotation.T + pose.origin)
 
 
 def _read_mesh(path: Path, files: Files) -> tuple[FloatArray, IntArray]:
@@ -94,19 +115,29 @@ def _read_mesh(path: Path, files: Files) -> tuple[FloatArray, IntArray]:
 
 def is_own_hull(surface: Surface) -> bool:
     """Whether a mesh is convex: no vertex is on both sides of the plane of any face."""
-    vertices = np.unique(surface.vertices, axis=0)
     corners = surface.vertices[surface.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(normals, axis=1)
     normals = normals[length > 0] / length[length > 0, None]
     level = (normals * corners[length > 0, 0]).sum(axis=1)
-    for begin in range(0, len(normals), _PLANES):
-        planes = slice(begin, begin + _PLANES)
-        height = normals[planes] @ vertices.T
-        is_above = height.max(axis=1) - level[planes] > _HULL_MM
-        if (is_above & (height.min(axis=1) - level[planes] < -_HULL_MM)).any():
-            return False
-    return True
+    # If a mesh is not convex, a few faces here and there are mostly enough to know it.
+    first = np.arange(0, len(normals), max(len(normals) // _FIRST_PLANES, 1))
+    if _part_vertices(surface.vertices, normals[first], level[first]):
+        return False
+    vertices = np.unique(surface.vertices, axis=0)
+    begins = range(0, len(normals), _PLANES)
+    planes = [slice(begin, begin + _PLANES) for begin in begins]
+    return not any(_part_vertices(vertices, normals[rows], level[rows]) for rows in planes)
+
+
+def _part_vertices(vertices: FloatArray, normals: FloatArray, level: FloatArray) -> bool:
+    """Whether any of the planes has some of the vertices (V, 3) on either side.
+
+    normals, level: unit vectors (F, 3), and how far the planes are along them, mm (F,).
+    """
+    height = normals @ vertices.T
+    is_above = height.max(axis=1) - level > _HULL_MM
+    return bool((is_above & (height.min(axis=1) - level < -_HULL_MM)).any())
 
 
 def _simple(shape: UrdfShape) -> list[Box]:
@@ -122,10 +153,13 @@ def _simple(shape: UrdfShape) -> list[Box]:
 
 def around(vertices: FloatArray, faces: IntArray) -> list[Box]:
     """Cuboids that together hold a mesh of ``vertices`` (V, 3), mm: one, upright or turned, or up to three upright."""
-    points, corners = vertices[np.unique(faces)], vertices[faces]
+    used = np.zeros(len(vertices), dtype=np.bool_)
+    used[faces] = True
+    points, sides = vertices[used], faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     single = _upright(points.min(axis=0), points.max(axis=0))
     best, size = [single], _volume([single]) * _WORTH_FACTOR
-    for boxes in ([_box_along_axes(points)], *(_slice(corners, axis) for axis in range(3))):
+    slices = (_slice(points, vertices, sides, axis) for axis in range(3))
+    for boxes in ([_box_along_axes(points)], *slices):
         if _volume(boxes) < size:
             best, size = boxes, _volume(boxes)
     return best
@@ -149,9 +183,13 @@ def _box_along_axes(points: FloatArray) -> Box:
     return _upright(own.min(axis=0), own.max(axis=0), rotation)
 
 
-def _slice(corners: FloatArray, axis: int) -> list[Box]:
-    """Up to three cuboids, one behind the other along ``axis``, around triangles (F, 3, 3)."""
-    low, high = _slices(corners, axis)
+def _slice(points: FloatArray, vertices: FloatArray, sides: IntArray, axis: int) -> list[Box]:
+    """Up to three cuboids, one behind the other along ``axis``, around triangles.
+
+    points: (P, 3) their corners.
+    sides: (S, 2) numbers of ``vertices`` (V, 3) at the ends of their sides.
+    """
+    low, high = _slices(points, vertices, sides, axis)
     kept = np.isfinite(low[:, 0])
     low, high = low[kept], high[kept]
     count = len(low)
@@ -172,31 +210,43 @@ def _slice(corners: FloatArray, axis: int) -> list[Box]:
     ]
 
 
-def _slices(corners: FloatArray, axis: int) -> tuple[FloatArray, FloatArray]:
-    """What of the triangles lies in each slice across ``axis``: least and greatest coordinates (S, 3), infinite where
-    there is nothing. An edge that passes a plane between two slices touches both there.
+def _slices(
+    points: FloatArray, vertices: FloatArray, sides: IntArray, axis: int
+) -> tuple[FloatArray, FloatArray]:
+    """The least and the greatest coordinates (S, 3) of triangles in each slice across ``axis``.
+
+    They are infinite in an empty slice. A side that passes a plane between two slices touches both
+    there. The arguments are those of ``_slice``.
     """
-    along = corners[..., axis]
-    planes = np.linspace(along.min(), along.max(), _SLICES + 1)
+    along = vertices[:, axis]
+    planes = np.linspace(points[:, axis].min(), points[:, axis].max(), _SLICES + 1)
+    inside = np.searchsorted(planes, points[:, axis], side="right") - 1
+    first = np.searchsorted(planes[1:-1], along)
+    beyond = np.searchsorted(planes[1:-1], along, side="right")
+    a, b = sides.T
+    falls = along[a] > along[b]
+    begin, stop = np.where(falls, b, a), np.where(falls, a, b)
+    counts = beyond[stop] - first[begin]
+    counts[along[a] == along[b]] = 0
+    side = np.flatnonzero(counts)
+    counts = counts[side]
+    owner = owners(counts)
+    number = first[begin[side]][owner] + ramp(counts)
+    start, end, plane = vertices[a[side]][owner], vertices[b[side]][owner], planes[1 + number]
+    share = (plane - start[:, axis]) / (end[:, axis] - start[:, axis])
+    crossing = start + (end - start) * share[:, None]
+    crossing[:, axis] = plane
+    slices = np.concatenate([np.clip(inside, 0, _SLICES - 1), number, number + 1])
+    return _measure_extents(np.concatenate([points, crossing, crossing]), slices)
+
+
+def _measure_extents(points: FloatArray, slices: IntArray) -> tuple[FloatArray, FloatArray]:
+    """The least and the greatest coordinates (S, 3) of points (N, 3) in each slice."""
     low, high = np.full((_SLICES, 3), np.inf), np.full((_SLICES, 3), -np.inf)
-    points = corners.reshape(-1, 3)
-    inside = np.clip(np.searchsorted(planes, points[:, axis], side="right") - 1, 0, _SLICES - 1)
-    np.minimum.at(low, inside, points)
-    np.maximum.at(high, inside, points)
-    a, b = points, corners[:, [1, 2, 0]].reshape(-1, 3)
-    begin, stop = np.minimum(a[:, axis], b[:, axis]), np.maximum(a[:, axis], b[:, axis])
-    first = np.searchsorted(planes[1:-1], begin)
-    counts = np.searchsorted(planes[1:-1], stop, side="right") - first
-    counts[begin == stop] = 0
-    side = owners(counts)
-    number = first[side] + ramp(counts)
-    start, end, plane = a[side], b[side], planes[1 + number]
-    there = (
-        start
-        + (end - start) * ((plane - start[:, axis]) / (end[:, axis] - start[:, axis]))[:, None]
-    )
-    there[:, axis] = plane
-    for slice_ in (number, number + 1):
-        np.minimum.at(low, slice_, there)
-        np.maximum.at(high, slice_, there)
+    # Numbers of one byte are sorted by counting.
+    order = np.argsort(slices.astype(np.int8), kind="stable")
+    points, slices = points[order], slices[order]
+    firsts = run_starts(slices)
+    low[slices[firsts]] = np.minimum.reduceat(points, firsts, axis=0)
+    high[slices[firsts]] = np.maximum.reduceat(points, firsts, axis=0)
     return low, high

@@ -11,6 +11,7 @@ beside them, fit that mesh as they are.
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterator
 from xml.etree.ElementTree import Element, ParseError, XMLParser, fromstring
 
@@ -158,7 +159,16 @@ def _numbers(element: Element) -> FloatArray:
 
 
 def _integers(element: Element) -> IntArray:
-    return np.array((element.text or "").split(), dtype=np.int64)
+    text = (element.text or "").strip()
+    if not text:
+        return np.zeros(0, dtype=np.int64)
+    with warnings.catch_warnings():
+        # Before 2.4 NumPy warns of what it cannot read, and leaves it out.
+        warnings.simplefilter("error")
+        try:
+            return np.fromstring(text, dtype=np.int64, sep=" ")
+        except DeprecationWarning as error:
+            raise ValueError(str(error)) from error
 
 
 def _matrix(numbers: FloatArray) -> FloatArray:
