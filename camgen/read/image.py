@@ -21,6 +21,7 @@ from camgen.model.pose import FloatArray, pose_from_values
 from camgen.model.text import counted, short
 from camgen.read.files import Files
 from camgen.vision.boards.find import find
+from camgen.vision.boards.lens import LEAST_CORNERS, check_focal_length, lens_of_sheet
 from camgen.vision.boards.sheet import RULER, STROKE, Board, Sheet, sheet
 from camgen.vision.camera.camera import Camera, read_camera
 from camgen.vision.error_bound import ErrorBound, error_bound
@@ -46,6 +47,8 @@ _BOARD = re.compile(r"(\d{1,2})x(\d{1,2})")
 #: the bench on each side, coarse pixels at least and as a share of the part.
 _LARGE, _COARSER, _ROOM_PX, _ROOM_SHARE = 2_000_000, 4, 24, 0.12
 
+#: A close look finds this share of the area that a coarse one found, at least.
+_SAME_PART = 0.5
 #: The error bound is computed at about this many places of the outlines.
 _BOUND_PLACES = 500
 #: A part that leaves the hull of the points by no more, mm, is inside: its outline has a width.
@@ -58,6 +61,9 @@ _OF_PATTERNS = ("trace", "fill", "drill")
 _SAME_HEIGHT = 0.35
 #: A lens that may move a part by more than this, mm, is a warning.
 _LENS_MM = 0.1
+#: A part beside a sheet or a board whose corners were examined for their lens is refused if it may
+#: be further off, mm.
+_EXAMINED_MM = 0.5
 
 
 class PictureFacts(Struct, frozen=True):
@@ -212,9 +218,11 @@ def _see(source: Source, job: Job, files: Files) -> _Seen:
         picture = replace(picture, pixels=lit)
     region, coarse = _region(job, way.plane), False
     if region is None and picture.pixels.size > _LARGE:
-        region = _around(way, picture, empty)
+        region, area = _around(way, picture, empty)
         coarse = region is not None
     view, mask = _mask(way, picture, empty, region, 1)
+    if coarse:
+        _check_area(picture.name, area, _area(view, mask))
     if region is not None and job.image.region is None:
         view = replace(view, notes=(*view.notes, _note_surroundings(region, coarse)))
     return _Seen(picture, camera, way.plane, view, mask)
@@ -347,12 +355,28 @@ def _mask(
     return view, part_mask(view, table, background, picture.name)
 
 
-def _around(way: _Way, picture: Picture, empty: Picture | None) -> Region | None:
-    """The part with some bench around it, mm, from a coarse look: what is far from it need not be looked at closely."""
+def _area(view: ScaledView, mask: Mask) -> float:
+    """The area of a part, mm2."""
+    return float(np.count_nonzero(mask.pixels)) * view.mm_per_px**2
+
+
+def _check_area(name: str, coarse: float, close: float) -> None:
+    """Raises NoSafeProgram if a coarse and a close look find parts of much different areas, mm2."""
+    if close < _SAME_PART * coarse:
+        what = f"a coarse look finds a part of {coarse:.0f} mm2, a close one finds {close:.0f} mm2"
+        remedy = "part and bench hardly differ: light it evenly, or choose another image.mask"
+        raise NoSafeProgram(name, what, remedy=remedy)
+
+
+def _around(way: _Way, picture: Picture, empty: Picture | None) -> tuple[Region | None, float]:
+    """The part with some bench around it, mm, from a coarse look, and its area, mm2.
+
+    What is far from it need not be looked at closely.
+    """
     try:
         view, mask = _mask(way, picture, empty, None, _COARSER)
     except InputError:
-        return None  # the close look finds it, or says why not
+        return None, 0.0  # the close look finds it, or says why not
     columns, rows = np.flatnonzero(mask.pixels.any(axis=0)), np.flatnonzero(mask.pixels.any(axis=1))
     height, width = mask.pixels.shape
     room = max(_ROOM_PX, round(_ROOM_SHARE * max(np.ptp(columns), np.ptp(rows))))
@@ -360,7 +384,7 @@ def _around(way: _Way, picture: Picture, empty: Picture | None) -> Region | None
     top, bottom = max(rows[0] - room, 0), min(rows[-1] + room, height - 1)
     corners = view.work_from_view @ np.array([[left, right], [bottom, top], [1.0, 1.0]])
     x0, y0, x1, y1 = corners.T.ravel().tolist()
-    return x0, y0, x1, y1
+    return (x0, y0, x1, y1), _area(view, mask)
 
 
 def _plane(picture: Picture, camera: Camera | None, table: CameraTable) -> Plane | None:
@@ -382,7 +406,18 @@ def _plane(picture: Picture, camera: Camera | None, table: CameraTable) -> Plane
                 "points_px and points_mm belong together",
                 remedy="give both, in one order",
             )
-        return plane_from_points(camera, table.points_px, table.points_mm, height=table.height)
+        pairs = plane_from_points(camera, table.points_px, table.points_mm)
+        if not table.height:
+            return pairs
+        height, width = picture.pixels.shape[:2]
+        lens = None
+        if camera is None:
+            px, mm, size = pairs.pairs_px, pairs.pairs_mm, (width, height)
+            lens = lens_of_sheet(px, mm, size, needs_focal=True, focal_px=picture.focal_px)
+            check_focal_length(lens)
+        used = camera if lens is None else lens.camera
+        plane = plane_from_points(used, table.points_px, table.points_mm, height=table.height)
+        return plane if lens is None else replace(plane, lens=lens, notes=(lens.note, *plane.notes))
     if table.plane_from is not None:
         if camera is None:
             raise JobError(
@@ -468,7 +503,8 @@ def _frame(seen: _Seen) -> FloatArray:
 def _placed(seen: _Seen, outlines_px: Sequence[FloatArray], job: Job) -> tuple[Note, ...]:
     """The error bound of the outlines, as notes.
 
-    Raises NoSafeProgram if an uncorrected lens may move them too far.
+    Raises NoSafeProgram if a lens that is not calibrated may move them too far. The corners of a
+    sheet or a board are examined for their lens; points are too few for that.
     """
     plane = seen.plane
     if plane is None or not len(plane.pairs_px) or not outlines_px:
@@ -480,13 +516,11 @@ def _placed(seen: _Seen, outlines_px: Sequence[FloatArray], job: Job) -> tuple[N
     bound = error_bound(plane, seen.camera, (width, height), outline[::step])
     off = f"up to {short(bound.outside, 1)} mm outside of the points that gave the work plane"
     is_calibrated = seen.camera is not None and plane.lens is None
-    bent = not is_calibrated and bound.outside > _OUTSIDE_MM
-    if (
-        bent
-        and bound.known
-        and bound.total > job.tolerance.chord
-        and "outside" not in job.image.accept
-    ):
+    is_beside = not is_calibrated and bound.outside > _OUTSIDE_MM
+    is_examined = bool(job.camera.markers) and len(plane.pairs_px) >= LEAST_CORNERS
+    limit = _EXAMINED_MM if is_examined else job.tolerance.chord
+    by_lens = bound.noise + bound.lens
+    if is_beside and bound.known and by_lens > limit and "outside" not in job.image.accept:
         what = f"the part lies {off}, without a calibrated lens: it may be {_mm(bound.total)} off"
         remedy = (
             "give camera.file (camgen calibrate), lay the sheet or board around the part, or set "
@@ -494,7 +528,7 @@ def _placed(seen: _Seen, outlines_px: Sequence[FloatArray], job: Job) -> tuple[N
         )
         raise NoSafeProgram(seen.picture.name, what, remedy=remedy)
     notes = [_note_bound(bound, is_calibrated)] if bound.known else []
-    if bent:
+    if is_beside and not (is_examined and by_lens <= _LENS_MM):
         what = f"the part lies {off}, without a calibrated lens"
         how = _mm(bound.total) if bound.known else "unknown, there are too few points"
         why = (

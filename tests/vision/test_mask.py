@@ -678,6 +678,33 @@ def test_a_cast_shadow_is_told_and_shown(part: float, shade: float, soft: float)
         assert 0 < y < 480 * SCALE
 
 
+def test_a_pale_part_beside_a_dark_shadow_is_whole() -> None:
+    """12 grey levels paler than the bench, with a shadow of 80: levels beside it left holes."""
+    shadow = np.clip(np.roll(SHAPE, (10, 14), axis=(0, 1)) - SHAPE, 0, 1)
+    pixels = scene(150, 162 - 80 * shadow, noise=1.0)
+    mask = part_mask(seen(pixels))
+    inside = cv2.erode(SHAPE, np.ones((9, 9))) > 0.5
+    assert np.all(mask.pixels[inside] == 255)
+
+
+def brushed(strength: float) -> np.ndarray:
+    """Streaks along x, with this standard deviation."""
+    grain = np.random.default_rng(5).normal(0, 1, (HEIGHT, WIDTH))
+    streaks = cv2.GaussianBlur(grain, (0, 0), sigmaX=8, sigmaY=1)
+    return strength * streaks / streaks.std()
+
+
+@pytest.mark.parametrize("part", [100, 220])
+def test_a_part_on_a_rough_bench_is_whole(part: float) -> None:
+    """Its difference of 60 grey levels is 5 times the streaks of the bench."""
+    pixels = scene(part, 160 + brushed(12.0), noise=1.0)
+    mask = part_mask(seen(pixels))
+    inside = cv2.erode(SHAPE, np.ones((15, 15))) > 0.5
+    outside = cv2.dilate(SHAPE, np.ones((15, 15))) < 0.5
+    assert np.all(mask.pixels[inside] == 255)
+    assert np.mean(mask.pixels[outside] > 0) < 0.002
+
+
 @pytest.mark.parametrize("noise", [0.0, 2.0, 5.0])
 @pytest.mark.parametrize("kind", ["lamp", "two lamps"])
 def test_what_uneven_light_invents_on_a_bare_bench_is_told(kind: str, noise: float) -> None:

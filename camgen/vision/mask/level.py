@@ -23,7 +23,7 @@ from camgen.model.tolerance import SIGMAS_OF_MEDIAN
 from camgen.vision.mask.cells import Bench, Bools, Bytes, Cells, Floats, depth
 
 #: The bands begin so far from the boundary and are so wide, px.
-_BAND_BEGIN_PX, _BAND_WIDTH_PX = 2.5, 12.0
+BAND_BEGIN_PX, _BAND_WIDTH_PX = 2.5, 12.0
 #: So many tiles along the longer side: the light changes slowly, texture is averaged out.
 _TILES = 72
 #: What a cell away from the boundary counts: it has a say only where no boundary is near.
@@ -96,7 +96,7 @@ def _side(region: Bools, cells: Cells) -> Floats:
     """(h, w): what the cells of ``region`` count: 1 in a band along its boundary, little farther in, 0 elsewhere."""
     # Measured from the other region alone: along what the photo does not show there is no boundary.
     deep = depth(region) * cells.valid
-    start = 1 + math.ceil(_BAND_BEGIN_PX / cells.size)
+    start = 1 + math.ceil(BAND_BEGIN_PX / cells.size)
     band = (deep >= start) & (deep <= start + math.ceil(_BAND_WIDTH_PX / cells.size))
     if not band.any():  # thinner than the blur: its deepest cells
         band = deep >= max(1.0, 0.9 * float(deep.max()))

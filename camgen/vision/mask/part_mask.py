@@ -27,6 +27,7 @@ from camgen.vision.mask.channel import (
     Colour,
     Found,
     as_it_is,
+    beyond_level,
     differing,
     find_beside_shadow,
     find_by_background,
@@ -442,6 +443,8 @@ def part_mask(
         level = spread_out(levels.tiles, levels.tile * cells.size, grey.shape)
     dark = levels.contrast < 0
     pixels = beyond(grey, level, dark)
+    if choice.level is None:
+        _keep_found(pixels, choice.found, cells)
     if view.valid is not None:
         pixels[~view.valid] = 0
     accepts_specks = "specks" in settings.accept
@@ -459,6 +462,24 @@ def part_mask(
     return Mask(
         pixels, choice.method, choice.why, grey, level, dark, choice.notes + notes, in_doubt
     )
+
+
+def _keep_found(pixels: Bytes, found: Found, cells: Cells) -> None:
+    """Sets the pixels where the level alone says otherwise than the part that was found.
+
+    These are tones within the part, and the texture of the bench. The border is left as it is.
+    """
+    differs = beyond_level(found.channel, found.levels, cells) ^ found.part
+    if not differs.any():
+        return
+    around = cv2.dilate(differs.view(np.uint8), np.ones((3, 3), np.uint8)).view(np.bool_)
+    at = [
+        np.minimum(np.arange(count) // cells.size, limit - 1)
+        for count, limit in zip(pixels.shape, differs.shape, strict=True)
+    ]
+    for side, value in ((found.part, 255), (~found.part, 0)):
+        inner = around & (depth(side) > MIXED)
+        pixels[inner[np.ix_(*at)]] = value
 
 
 def _note_doubt(doubt: Doubt, cells: Cells, view: ScaledView) -> Note:
