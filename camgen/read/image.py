@@ -25,7 +25,7 @@ from camgen.vision.boards.lens import LEAST_CORNERS, check_focal_length, lens_of
 from camgen.vision.boards.sheet import RULER, STROKE, Board, Sheet, sheet
 from camgen.vision.camera.camera import Camera, read_camera
 from camgen.vision.error_bound import ErrorBound, error_bound
-from camgen.vision.image import Picture, load
+from camgen.vision.image import Loading, Picture, is_of_sensor, load
 from camgen.vision.lines_arcs.contours import OutlineFit, primitives
 from camgen.vision.mask.channel import remove_shadows
 from camgen.vision.mask.part_mask import Mask, is_cut_out, part_mask
@@ -96,12 +96,14 @@ class _Seen(Struct, frozen=True):
     mask: Mask
 
 
-def read(source: Source, job: Job, files: Files) -> Part:
+def read(source: Source, job: Job, files: Files, picture: Loading | None = None) -> Part:
     """The part in a picture.
+
+    picture: the picture of ``source``, if it is decoded already.
 
     Raises InputError for a picture that shows none, JobError for settings that contradict another.
     """
-    outlined, borders = _outline(source, job, files)
+    outlined, borders = _outline(source, job, files, picture)
     assert outlined.raster is not None
     drawn, fits, more = primitives(borders, outlined.raster.work_from_view)
     return replace(outlined, contours=drawn, notes=(*outlined.notes, *more, *_tell_fit(fits)))
@@ -116,9 +118,11 @@ def read_outlines(source: Source, job: Job, files: Files) -> Part:
     return _outline(source, replace(job, image=replace(job.image, accept=accept)), files)[0]
 
 
-def _outline(source: Source, job: Job, files: Files) -> tuple[Part, Sequence[Outline]]:
+def _outline(
+    source: Source, job: Job, files: Files, picture: Loading | None = None
+) -> tuple[Part, Sequence[Outline]]:
     """The part without contours, and the borders from which they are made."""
-    seen = _see(source, job, files)
+    seen = _see(source, job, files, picture)
     borders, notes = outlines(seen.mask.grey, seen.mask.pixels)
     _insist_on_edges(source.name, borders, job)
     points = tuple(border.points for border in borders)
@@ -201,11 +205,10 @@ def inspect(source: Source, job: Job, files: Files) -> PictureFacts:
     return PictureFacts((width, height), colour, part.units, f"{size} mm, {holes}", part.notes)
 
 
-def _see(source: Source, job: Job, files: Files) -> _Seen:
-    # A lens belongs to the sensor's pixels. Points were read off the picture as a viewer shows it, turned.
-    sensor = bool(job.camera.file) and job.camera.points_px is None
+def _see(source: Source, job: Job, files: Files, loading: Loading | None) -> _Seen:
     _nothing_unused(job)
-    picture = _light(load(source, sensor=sensor), job)
+    loading = loading or Loading(source, sensor=is_of_sensor(job.camera))
+    picture = _light(loading.result(), job)
     camera = read_camera(files.read(job.camera.file)) if job.camera.file else None
     plane = _plane(picture, camera, job.camera)
     # The view is made with the camera that the sheet shows; that one is not calibrated.
@@ -233,8 +236,8 @@ def _second(picture: Picture, job: Job, files: Files, key: str) -> Picture:
 
     Raises InputError if its size or its colours differ.
     """
-    sensor = bool(job.camera.file) and job.camera.points_px is None
-    second = _light(load(files.read(getattr(job.image, key)), sensor=sensor), job)
+    file = files.read(getattr(job.image, key))
+    second = _light(load(file, sensor=is_of_sensor(job.camera)), job)
     if second.pixels.shape == picture.pixels.shape:
         return second
     differ = "size" if second.pixels.shape[:2] != picture.pixels.shape[:2] else "colors"

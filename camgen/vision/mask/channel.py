@@ -23,6 +23,7 @@ from camgen.vision.mask.cells import (
     cells_of,
     covariance,
     depth,
+    inner_cells,
     quadratic,
     rim,
     robust,
@@ -85,41 +86,56 @@ def differing(values: Floats, cells: Cells, bench: Bench, invert: bool = False) 
     """
     off = np.where(cells.valid, values - bench.values, np.float32(0))
     least = max(_LEAST_SPREADS * bench.sigma, _LEAST_CONTRAST)
-    sides = [_find_seeds(side * off, least, cells) for side in (-1, 1)]
-    amounts = [float(np.abs(off[seeds]).sum()) for seeds, _ in sides]
-    lighter = (amounts[1] > amounts[0]) ^ invert
-    part, deep = sides[int(lighter)]
-    off = off if lighter else -off
-    # Without the boundary: what is there is a mixture.
-    tones = off[deep if np.count_nonzero(deep) >= _FEW else part]
-    if tones.size < _FEW:
+    seeds = [side * off > least for side in (-1, 1)]
+    amounts = [float(np.abs(off[strong]).sum()) for strong in seeds]
+    side = (-1, 1)[(amounts[1] > amounts[0]) ^ invert]
+    part = seeds[(side + 1) // 2]
+    threshold = _threshold(side * off, part, inner_cells(part))
+    if threshold >= least:
+        return np.asarray(side * off > threshold, np.bool_)
+    if least > _ROUGH:
+        rough = [
+            _find_seeds(side * off, part, cells) for side, part in zip((-1, 1), seeds, strict=True)
+        ]
+        amounts = [float(np.abs(off[strong]).sum()) for strong, _ in rough]
+        side = (-1, 1)[(amounts[1] > amounts[0]) ^ invert]
+        part, inner = rough[(side + 1) // 2]
+        threshold = _threshold(side * off, part, inner)
+    if not threshold:
         return None
-    near, middle = np.percentile(tones, [_NEAR_TONE, 50])
-    threshold = max(near / 2, middle / 4)
-    whole = np.asarray(off > max(threshold, _LEAST_CONTRAST), np.bool_)
-    return _with_seeds(whole, part, _FEW) if threshold < least else whole
+    whole = np.asarray(side * off > max(threshold, _LEAST_CONTRAST), np.bool_)
+    return _with_seeds(whole, part, _FEW)
 
 
-def _find_seeds(off: Floats, least: float, cells: Cells) -> tuple[Bools, Bools]:
-    """The cells that no texture of the bench reaches, and those of them that lie deep among them.
+def _threshold(off: Floats, part: Bools, inner: Bools) -> float:
+    """Halfway to the tone of a part next to the bench's; 0 without a part.
+
+    inner: the cells of the part without its boundary: what is there is a mixture.
+    """
+    tones = off[inner if np.count_nonzero(inner) >= _FEW else part]
+    if tones.size < _FEW:
+        return 0.0
+    near, middle = np.percentile(tones, [_NEAR_TONE, 50]).tolist()
+    return float(max(near / 2, middle / 4))
+
+
+def _find_seeds(off: Floats, part: Bools, cells: Cells) -> tuple[Bools, Bools]:
+    """The cells that no texture of a rough bench reaches, and those that lie deep among them.
 
     off: (h, w), the difference from the bench.
-    least: the least one that is no texture of a cell.
+    part: (h, w), the cells that no texture of a single cell reaches.
 
-    The texture of a rough bench averages out over some cells, and the part does not.
+    Texture averages out over some cells, and the part does not.
     """
-    seeds = off > least
-    deep = depth(seeds) > MIXED
-    if least <= _ROUGH:
-        return seeds, deep
+    seeds, inner = part.copy(), inner_cells(part)
     edge = rim(cells.valid)
     for scale in _SCALES:
         smooth = np.asarray(cv2.GaussianBlur(off, (0, 0), scale), np.float32)
         spread = SIGMAS_OF_MEDIAN * float(np.median(np.abs(smooth[edge])))
         strong = smooth > max(_LEAST_SPREADS * spread, _LEAST_CONTRAST)
         seeds |= strong & (off > 0)
-        deep |= depth(strong) > MIXED + 2 * scale
-    return seeds, deep & seeds
+        inner |= depth(strong) > MIXED + 2 * scale
+    return seeds, np.asarray(inner & seeds, np.bool_)
 
 
 def _with_seeds(part: Bools, seeds: Bools, few: int = 1) -> Bools:
@@ -157,10 +173,10 @@ def settle(
     bench = bench or bench_of(channel.cells, cells.valid)
     if part is None:
         return None
-    pieces, deep = part, depth(part) > MIXED + BAND_BEGIN_PX / cells.size
+    pieces, inner = part, depth(part) > MIXED + BAND_BEGIN_PX / cells.size
     off = np.where(cells.valid, np.abs(channel.cells - bench.values), np.float32(0))
-    usual = float(np.median(off[deep])) if deep.any() else np.inf
-    core = deep & (off > _CORE_SHARE * usual)
+    usual = float(np.median(off[inner])) if inner.any() else np.inf
+    core = inner & (off > _CORE_SHARE * usual)
     for _ in range(_TURNS):
         levels = _levels(channel, part, cells, bench)
         if levels is None:
@@ -185,6 +201,8 @@ def _fill_holes(part: Bools, off: Floats, largest: float) -> Bools:
 
     off: (h, w), the difference.
     """
+    if not (off[~part] > largest).any():
+        return part
     count, owners = cv2.connectedComponents((~part).view(np.uint8), connectivity=4)
     owner = owners.ravel()
     sizes = np.bincount(owner, minlength=count)
@@ -208,7 +226,7 @@ def _levels(channel: Channel, part: Bools | None, cells: Cells, bench: Bench) ->
 
 def same(one: Bools, other: Bools) -> bool:
     """Are the two the same but for cells on the boundary?"""
-    apart = np.count_nonzero(depth(one ^ other) > MIXED)
+    apart = np.count_nonzero(inner_cells(one ^ other))
     return bool(apart <= max(2, 0.002 * min(np.count_nonzero(one), np.count_nonzero(other))))
 
 
@@ -479,7 +497,7 @@ def _lab(colours: Floats) -> Floats:
 
 def _project(pixels: Bytes, cells: Cells, part: Bools) -> Found | None:
     """Fisher's linear discriminant of bench and part, if it tells them apart as the distance does: one colour each."""
-    pure = depth(part) > MIXED, (depth(~part) > MIXED) & cells.valid
+    pure = inner_cells(part), inner_cells(~part) & cells.valid
     if not (pure[0].any() and pure[1].any()):
         return None
     inside, outside = (cells.values[where].astype(np.float64) for where in pure)

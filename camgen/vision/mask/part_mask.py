@@ -20,9 +20,8 @@ from camgen.model.errors import InputError, JobError
 from camgen.model.job import ImageTable
 from camgen.model.part import Note
 from camgen.model.text import counted, short
-from camgen.vision.mask.cells import Bools, Bytes, Cells, Floats, bench_of, cells_of, depth
+from camgen.vision.mask.cells import Bools, Bytes, Cells, Floats, bench_of, cells_of, inner_cells
 from camgen.vision.mask.channel import (
-    MIXED,
     Channel,
     Colour,
     Found,
@@ -165,7 +164,7 @@ def _other_side(found: Found, cells: Cells) -> tuple[Note, ...]:
     dark = found.levels.contrast < 0
     off = (found.channel.cells - found.bench.values) * (1 if dark else -1)
     other = (off > abs(found.levels.contrast) / 2) & cells.valid
-    part = np.count_nonzero(depth(other) > MIXED) / np.count_nonzero(found.part)
+    part = np.count_nonzero(inner_cells(other)) / np.count_nonzero(found.part)
     if part < _OTHER_SIDE:
         return ()
     what = f"what is {'lighter' if dark else 'darker'} than the bench is not taken for the part"
@@ -478,7 +477,7 @@ def _keep_found(pixels: Bytes, found: Found, cells: Cells) -> None:
         for count, limit in zip(pixels.shape, differs.shape, strict=True)
     ]
     for side, value in ((found.part, 255), (~found.part, 0)):
-        inner = around & (depth(side) > MIXED)
+        inner = around & inner_cells(side)
         pixels[inner[np.ix_(*at)]] = value
 
 
