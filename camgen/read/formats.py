@@ -51,7 +51,10 @@ def _inspect_with(module: str) -> Callable[[Source, Job, Files], object]:
 
 
 def _read_picture(source: Source, job: Job, files: Files) -> Part:
-    """The ink of a drawing, or the part in a photo, which is decoded while its reader is imported."""
+    """The ink of a drawing, or the part in a photo.
+
+    The photo is decoded while its reader is imported.
+    """
     if is_drawing(job):
         return _read_with("camgen.read.artwork")(source, job, files)
     from camgen.vision.image import Loading, is_of_sensor  # noqa: PLC0415

@@ -372,9 +372,9 @@ def _check_area(name: str, coarse: float, close: float) -> None:
 
 
 def _around(way: _Way, picture: Picture, empty: Picture | None) -> tuple[Region | None, float]:
-    """The part with some bench around it, mm, from a coarse look, and its area, mm2.
+    """The part with some bench around it, mm, as a coarse view shows it, and its area, mm2.
 
-    What is far from it need not be looked at closely.
+    The rest of the photo is not examined further.
     """
     try:
         view, mask = _mask(way, picture, empty, None, _COARSER)

@@ -200,13 +200,13 @@ def test_the_stretch_of_a_burr_is_local(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("few_turns")
 def test_later_passes_over_a_burr_are_shorter(tmp_path: Path) -> None:
-    """An arc with a chord of 5 mm and 0.8 mm high, four passes: what is left has shorter chords.
+    """An arc with a chord of 5 mm and 0.8 mm high, four passes: the rest of it has shorter chords.
 
-    Beside what is left of height h a circle of radius 3 has the room sqrt(9 - (3 - h)^2), and 1 mm.
+    Beside a rest of height h a circle of radius 3 has the room sqrt(9 - (3 - h)^2), and 1 mm.
     """
-    found = look(tmp_path, (bumped(PLATE[0], 0, 10, 5, 0.8), PLATE[1]))
+    inspection = look(tmp_path, (bumped(PLATE[0], 0, 10, 5, 0.8), PLATE[1]))
     job = Job(process=ProcessTable(feed=6.0), tool=ToolTable(diameter=6.0))
-    (work,), _ = list_rework(found, job, 0.19)
+    (work,), _ = list_rework(inspection, job, 0.19)
     lengths = [float(np.ptp(stretch[:, 0])) for stretch in work.stretches]
     assert work.passes == 4
     radius = (2.5**2 + 0.8**2) / 1.6

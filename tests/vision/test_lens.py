@@ -161,7 +161,7 @@ def test_from_straight_above_the_focal_length_is_that_of_an_ordinary_camera(k1: 
 
 
 def test_four_points_show_hardly_any_focal_length() -> None:
-    """Those of one marker fit any homography, so that their noise does not show."""
+    """The corners of one marker fit any homography, so that their noise does not show."""
     photo = take(0, 0.0, 30.0)
     four = [0, 1, 2, 3]
     fitted = lens_of_sheet(photo.px[four], CORNERS[four], SIZE, needs_focal=True)

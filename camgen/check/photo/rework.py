@@ -30,7 +30,8 @@ MOST_PASSES = 20
 #: Between the foot of a burr and the place where the tool meets the contour, mm: the error of its
 #: ends, which the blur of the photo hides.
 BESIDE = 1.0
-#: A pass runs where the burr is higher than what is gone by this, mm: the error of its height.
+#: A pass also runs where the burr is lower than the removed height by this, mm: the error of its
+#: height.
 SURE = 0.05
 #: A pass has the stretch of the one before it unless it is shorter by this, mm.
 SHORTER = 0.2

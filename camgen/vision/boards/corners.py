@@ -10,6 +10,7 @@ other even), the one whose inner square is black. So a corner has the same numbe
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
@@ -328,7 +329,7 @@ class Pattern(Struct, frozen=True, eq=False):
     corners: (N, 2), the inner corners, px.
     numbers: (N,), the numbers of the corners, row by row from above.
     markers: (M,), the numbers of all markers of the board's dictionary in the picture.
-    marker_corners: (M, 4, 2), their corners as OpenCV finds them, px, clockwise from the upper left.
+    marker_corners: (M, 4, 2), their corners by OpenCV, px, clockwise from the upper left one.
     legacy: whether it is the pattern before OpenCV 4.6.
     """
 
@@ -367,17 +368,11 @@ def patterns(grey: Pixels, board: Board) -> Iterator[Pattern]:
 
 def place_markers(board: Board, legacy: bool) -> dict[int, FloatArray]:
     """The middle (2,) of each marker of a board by its number, mm in the board's work frame."""
-    columns = range(board.columns)
-    squares = [
-        (column, row)
-        for row in range(board.rows)
-        for column in columns
-        if (column + row) % 2 != (legacy and board.rows % 2 == 0)
-    ]
-    return {
-        number: board.square * np.array([column + 0.5, board.rows - row - 0.5])
-        for number, (column, row) in enumerate(squares)
-    }
+    first = int(not (legacy and has_two_patterns(board)))
+    squares = itertools.product(range(board.rows), range(board.columns))
+    marked = [(column, row) for row, column in squares if (column + row) % 2 == first]
+    middles = (np.array(marked) + 0.5) * (1, -1) + (0, board.rows)
+    return dict(enumerate(board.square * middles))
 
 
 def refine_corners(

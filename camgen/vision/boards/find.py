@@ -3,7 +3,8 @@
 Markers are found by OpenCV in a reduced picture. Their corners are then measured in the full one: the four sides of a
 marker's black border are located along many short profiles across them, a line is fitted to each side (after the lens
 distortion is taken out) and neighbours are intersected. OpenCV's own refinement of outer corners is drawn inwards by
-blur, 0.14 to 0.5 px in renders with a blur of 0.7 px, its ``CONTOUR`` method errs by 0.5 px; this by 0.025 px.
+blur, 0.14 to 0.5 px in renders with a blur of 0.7 px. Its ``CONTOUR`` method errs by 0.5 px, and
+the crossings of the sides by 0.025 px.
 
 A ChArUco board has both: the inner corners of its squares, to which saddles are fitted, and the
 markers, whose corners reach further out. The size of the markers is measured by the inner corners,
@@ -73,16 +74,16 @@ _HALF_PART, _HALF_LEAST = 0.45, 1.5
 _HALF_MOST = (8.0, 5.0, 4.0)
 
 
-class _Found(NamedTuple):
+class _MarkCorners(NamedTuple):
     """Corners of the marks of a sheet or board: first four of each marker, then the inner corners.
 
     px, mm: (N, 2), in the photo and in the work frame.
     owners: (N,), the mark of each corner, an index into ``marks``.
-    names: of the corners.
-    marks: names of the marks.
+    names: the name of each corner.
+    marks: the name of each mark.
     middles: (M, 2), mm, the middle of the marker of each marker's corner; (0, 2) where the size of
         the markers is known.
-    notes: what was found about the marks.
+    notes: the notes on the marks.
     """
 
     px: FloatArray
@@ -140,7 +141,9 @@ def find(
     return replace(plane, notes=(*notes, *plane.notes), lens=lens)
 
 
-def _with_lens(picture: Picture, marks: _Found, height: float) -> tuple[_Found, SheetLens | None]:
+def _with_lens(
+    picture: Picture, marks: _MarkCorners, height: float
+) -> tuple[_MarkCorners, SheetLens | None]:
     """The marks as measured through their own lens, and that lens or None.
 
     A mark that contradicts the others is left out of the fit of the lens. Without the lens, marks
@@ -179,7 +182,7 @@ def list_marks(pixels: Pixels, target: Sheet | Board) -> tuple[list[int], list[i
     return [number for number in numbers if number in shown], missing
 
 
-def _sheet(picture: Picture, camera: Camera | None, sheet: Sheet) -> _Found:
+def _sheet(picture: Picture, camera: Camera | None, sheet: Sheet) -> _MarkCorners:
     grey = _grey(picture.pixels)
     seen = _detect(grey, len(sheet.ids))
     times = Counter(number for number, _ in seen)
@@ -211,20 +214,20 @@ def _sheet(picture: Picture, camera: Camera | None, sheet: Sheet) -> _Found:
         )
     marks = [number for number, _ in usable]
     corners = _measure(grey, np.array([place for _, place in usable]), camera)
-    names = [f"marker {number} corner {i}" for number in marks for i in (1, 2, 3, 4)]
+    marker_names = [f"marker {number}" for number in marks]
     rows = [sheet.ids.index(number) for number in marks]
-    return _Found(
+    return _MarkCorners(
         corners.reshape(-1, 2),
         sheet.corners[rows].reshape(-1, 2),
         np.repeat(np.arange(len(marks)), 4),
-        names,
-        [f"marker {number}" for number in marks],
+        _name_corners(marker_names),
+        marker_names,
         np.zeros((0, 2)),
         tuple(notes),
     )
 
 
-def _board(picture: Picture, camera: Camera | None, board: Board) -> _Found:
+def _board(picture: Picture, camera: Camera | None, board: Board) -> _MarkCorners:
     pattern = _pattern(picture.pixels, board)
     if len(pattern.numbers) < 4:
         what = f"shows {counted(len(pattern.numbers), 'corner')} of the {board.label}"
@@ -238,44 +241,49 @@ def _board(picture: Picture, camera: Camera | None, board: Board) -> _Found:
     row, column = np.divmod(inner, board.columns - 1)
     inner_mm = np.column_stack([column + 1, board.rows - 1 - row]) * board.square
     middles = place_markers(board, pattern.legacy)
-    once = np.unique(pattern.markers, return_counts=True)
-    usable = [n for n, count in zip(*map(np.ndarray.tolist, once), strict=True) if count == 1]
-    usable = [number for number in usable if number in middles]
+    times = Counter(pattern.markers.tolist())
+    usable = sorted(number for number in middles if times[number] == 1)
     if len(inner) < _SIZE_CORNERS or in_line(inner_mm) is not None:
         usable = []
-    rows = [int(np.flatnonzero(pattern.markers == number)[0]) for number in usable]
+    rows = [pattern.markers.tolist().index(number) for number in usable]
     corners = _measure(grey, pattern.marker_corners[rows], camera).reshape(-1, 2)
     around = np.array([middles[number] for number in usable]).reshape(-1, 2).repeat(4, axis=0)
     marker_mm = around + board.marker / 2 * np.tile(_SQUARE, (len(usable), 1))
-    found = _Found(
+    marker_names = [f"marker {number}" for number in usable]
+    inner_names = [f"corner {number}" for number in inner.tolist()]
+    marks = _MarkCorners(
         np.concatenate([corners, inner_px]),
         np.concatenate([marker_mm, inner_mm]),
         np.concatenate([np.arange(len(usable)).repeat(4), len(usable) + np.arange(len(inner))]),
-        [f"marker {number} corner {i}" for number in usable for i in (1, 2, 3, 4)]
-        + [f"corner {number}" for number in inner.tolist()],
-        [f"marker {number}" for number in usable] + [f"corner {n}" for n in inner.tolist()],
+        _name_corners(marker_names) + inner_names,
+        marker_names + inner_names,
         around,
         (*_note_pattern(pattern, board), *_missing_lines(pattern, board)),
     )
-    return _fit_marker_size(found, camera)
+    return _fit_marker_size(marks, camera)
 
 
-def _fit_marker_size(found: _Found, camera: Camera | None) -> _Found:
+def _name_corners(markers: Sequence[str]) -> list[str]:
+    """The names of the corners of markers."""
+    return [f"{name} corner {corner}" for name in markers for corner in (1, 2, 3, 4)]
+
+
+def _fit_marker_size(marks: _MarkCorners, camera: Camera | None) -> _MarkCorners:
     """The marks of a board with markers of the size that its inner corners show.
 
     A printed marker is as much larger or smaller as ink runs and as the picture is over-exposed.
     """
-    count = len(found.middles)
+    count = len(marks.middles)
     if not count:
-        return found
-    ideal = found.px if camera is None else undistort(camera, found.px)
+        return marks
+    ideal = marks.px if camera is None else undistort(camera, marks.px)
     inner = np.isfinite(ideal[count:]).all(axis=1)
-    to_mm = fit_homography(ideal[count:][inner], found.mm[count:][inner])
-    side = np.sign(found.mm[:count] - found.middles)
-    half = (map_points(to_mm, ideal[:count]) - found.middles) * side
+    to_mm = fit_homography(ideal[count:][inner], marks.mm[count:][inner])
+    side = np.sign(marks.mm[:count] - marks.middles)
+    half = (map_points(to_mm, ideal[:count]) - marks.middles) * side
     shown = float(np.nanmedian(half.reshape(-1, 8).mean(axis=1)))
-    mm = np.concatenate([found.middles + shown * side, found.mm[count:]])
-    return found._replace(mm=mm)
+    mm = np.concatenate([marks.middles + shown * side, marks.mm[count:]])
+    return marks._replace(mm=mm)
 
 
 def _pattern(pixels: Pixels, board: Board) -> Pattern:
@@ -362,23 +370,26 @@ def _note_missing(missing: int, side: _Side, board: Board) -> Note:
     return Note("warning", what, why, strict=True)
 
 
-def _agreeing(found: _Found, camera: Camera | None) -> tuple[NDArray[np.bool_], list[str]]:
-    """Which points are kept, and the names of the marks that are left out because a corner is clearly wrong."""
-    ideal = found.px if camera is None else undistort(camera, found.px)
+def _agreeing(marks: _MarkCorners, camera: Camera | None) -> tuple[NDArray[np.bool_], list[str]]:
+    """The corners that are kept, and the names of the marks that are left out.
+
+    A mark is left out if a corner of it is clearly wrong.
+    """
+    ideal = marks.px if camera is None else undistort(camera, marks.px)
     # A mark where the lens model shows nothing says nothing.
-    kept = ~np.isin(found.owners, found.owners[~np.isfinite(ideal).all(axis=1)])
+    kept = ~np.isin(marks.owners, marks.owners[~np.isfinite(ideal).all(axis=1)])
     dropped: list[int] = []
-    most = int(_LEFT_OUT * len(set(found.owners.tolist())))
+    most = int(_LEFT_OUT * len(set(marks.owners.tolist())))
     while len(dropped) < most and np.count_nonzero(kept) > 5:
-        px, mm = ideal[kept], found.mm[kept]
+        px, mm = ideal[kept], marks.mm[kept]
         residuals = np.linalg.norm(map_points(fit_homography(mm, px), mm) - px, axis=1)
         odd = suspect(mm, px, residuals)
         if odd.error < _WRONG_PX or odd.chance > _WRONG_CHANCE:
             break
-        owner = int(found.owners[kept][odd.index])
+        owner = int(marks.owners[kept][odd.index])
         dropped.append(owner)
-        kept &= found.owners != owner
-    return kept, [found.marks[owner] for owner in sorted(dropped)]
+        kept &= marks.owners != owner
+    return kept, [marks.marks[owner] for owner in sorted(dropped)]
 
 
 # -- in the picture

@@ -57,8 +57,8 @@ AGREES, _CONTRADICTS = 3.0, 5.0
 _BY_FILE = 0.05
 #: The focal length is known if none that agrees is further off than by this factor.
 _KNOWN = 1.25
-#: Focal lengths of ordinary cameras, half diagonals: 22 to 130 mm for a frame of 24 x 36 mm. One
-#: that is not known is assumed to lie between them.
+#: Focal lengths of ordinary cameras, half diagonals: 22 to 130 mm for a frame of 24 x 36 mm. They
+#: are assumed to enclose a focal length that is not known.
 _ORDINARY = (1.0, 6.0)
 _ROUNDS, _SETTLED = 40, 1e-10
 #: Columns of the slopes: nine of the homography, then c, k1 and k2, p1 and p2.

@@ -78,11 +78,13 @@ class Found(Struct, frozen=True, eq=False):
 
 
 def differing(values: Floats, cells: Cells, bench: Bench, invert: bool = False) -> Bools | None:
-    """The cells on that side of the bench, lighter or darker, where more differs; the other side with ``invert``.
+    """The cells on the side of the bench, lighter or darker, where more differs.
 
-    The threshold is halfway to the part's tone next to the bench's, if it has several: a shiny part is no less there.
-    The texture of a bench may reach it. What is above it belongs to the part only in one piece with
-    cells that no texture reaches (hysteresis, Canny 1986).
+    invert: the other side.
+
+    The threshold is halfway to the part's tone next to the bench's, if it has several. The texture
+    of a bench may reach it. Cells above it belong to the part only in one piece with cells that no
+    texture reaches (hysteresis, Canny 1986).
     """
     off = np.where(cells.valid, values - bench.values, np.float32(0))
     least = max(_LEAST_SPREADS * bench.sigma, _LEAST_CONTRAST)
@@ -110,7 +112,7 @@ def differing(values: Floats, cells: Cells, bench: Bench, invert: bool = False) 
 def _threshold(off: Floats, part: Bools, inner: Bools) -> float:
     """Halfway to the tone of a part next to the bench's; 0 without a part.
 
-    inner: the cells of the part without its boundary: what is there is a mixture.
+    inner: the cells of the part without its boundary, which is a mixture.
     """
     tones = off[inner if np.count_nonzero(inner) >= _FEW else part]
     if tones.size < _FEW:
@@ -138,13 +140,13 @@ def _find_seeds(off: Floats, part: Bools, cells: Cells) -> tuple[Bools, Bools]:
     return seeds, np.asarray(inner & seeds, np.bool_)
 
 
-def _with_seeds(part: Bools, seeds: Bools, few: int = 1) -> Bools:
-    """The pieces of ``part`` in which ``few`` cells, and a share of all, are seeds."""
+def _with_seeds(part: Bools, seeds: Bools, least: int = 1) -> Bools:
+    """The pieces of ``part`` in which ``least`` cells, and a share of all, are seeds."""
     count, owners = cv2.connectedComponents(part.view(np.uint8), connectivity=4)
     sizes, seeded = (
         np.bincount(cells, minlength=count) for cells in (owners.ravel(), owners[seeds])
     )
-    kept = seeded >= np.maximum(few, _LEAST_SEEDS * sizes)
+    kept = seeded >= np.maximum(least, _LEAST_SEEDS * sizes)
     kept[0] = False
     return np.asarray(kept[owners], np.bool_)
 
@@ -165,7 +167,9 @@ def otsu(values: Floats, cells: Cells) -> float:
 def settle(
     channel: Channel, part: Bools | None, cells: Cells, bench: Bench | None = None
 ) -> Found | None:
-    """``part`` drawn again at the local levels until it stays, twice at most. None: there is no part, or no bench.
+    """``part`` drawn again at the local levels until it stays, twice at most.
+
+    None: there is no part, or no bench.
 
     Only its border moves. A part of several tones crosses the level within it, and the texture of a
     bench does beside it.

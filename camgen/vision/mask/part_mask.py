@@ -463,12 +463,13 @@ def part_mask(
     )
 
 
-def _keep_found(pixels: Bytes, found: Found, cells: Cells) -> None:
-    """Sets the pixels where the level alone says otherwise than the part that was found.
+def _keep_found(pixels: Bytes, segmentation: Found, cells: Cells) -> None:
+    """Sets the pixels where the level alone contradicts the segmentation.
 
     These are tones within the part, and the texture of the bench. The border is left as it is.
     """
-    differs = beyond_level(found.channel, found.levels, cells) ^ found.part
+    part = segmentation.part
+    differs = beyond_level(segmentation.channel, segmentation.levels, cells) ^ part
     if not differs.any():
         return
     around = cv2.dilate(differs.view(np.uint8), np.ones((3, 3), np.uint8)).view(np.bool_)
@@ -476,7 +477,7 @@ def _keep_found(pixels: Bytes, found: Found, cells: Cells) -> None:
         np.minimum(np.arange(count) // cells.size, limit - 1)
         for count, limit in zip(pixels.shape, differs.shape, strict=True)
     ]
-    for side, value in ((found.part, 255), (~found.part, 0)):
+    for side, value in ((part, 255), (~part, 0)):
         inner = around & inner_cells(side)
         pixels[inner[np.ix_(*at)]] = value
 
