@@ -543,7 +543,7 @@ def _placed(seen: _Seen, outlines_px: Sequence[FloatArray], job: Job) -> tuple[N
         notes.append(Note("warning", what, "the points do not lie as without a lens"))
     if bound.height > _LENS_MM:
         what = f"the height may move the part by {_mm(bound.height)}"
-        why = "the focal length is from the sheet: tilt the camera more, or give camera.file"
+        why = "the focal length is from the photo: tilt the camera more, or give camera.file"
         notes.append(Note("warning", what, why, strict=True))
     return tuple(notes)
 
