@@ -705,6 +705,30 @@ def test_a_part_on_a_rough_bench_is_whole(part: float) -> None:
     assert np.mean(mask.pixels[outside] > 0) < 0.002
 
 
+@pytest.mark.parametrize(("part", "shade"), [(60, 120), (90, 140), (220, 200)])
+def test_a_shadow_that_is_the_outline_of_the_part_is_left_out(part: float, shade: float) -> None:
+    """Moved by 26 px, darker than the bench of 200. The part of 220 is on its other side."""
+    mask = part_mask(seen(shaded(part, shade, 1)))
+    left_out = [note for note in mask.notes if "the outline of the part, moved" in note.what]
+    assert bool(left_out) == (part < 200)
+    rim = cv2.dilate(SHAPE, np.ones((5, 5))) - cv2.erode(SHAPE, np.ones((5, 5))) > 0
+    assert np.mean(((mask.pixels > 0) != (SHAPE > 0.5))[~rim]) < 1e-3
+    if left_out:
+        assert left_out[0].kind == "warning"
+        assert "by 26 px" in left_out[0].why
+
+
+def test_a_dark_area_that_is_no_moved_outline_stays_part() -> None:
+    """The lower third of the disc is darker, and a band along its whole border is."""
+    lower = np.arange(HEIGHT)[:, None] > DISC[1] + DISC[2] / 3
+    band = SHAPE - cv2.erode(SHAPE, np.ones((31, 31)))
+    for area in (lower * SHAPE, band):
+        mask = part_mask(seen(scene(60 + 50 * area, 200)))
+        assert not [note for note in mask.notes if "the outline of the part, moved" in note.what]
+        inside = cv2.erode(SHAPE, np.ones((9, 9))) > 0.5
+        assert np.all(mask.pixels[inside] == 255)
+
+
 @pytest.mark.parametrize("noise", [0.0, 2.0, 5.0])
 @pytest.mark.parametrize("kind", ["lamp", "two lamps"])
 def test_what_uneven_light_invents_on_a_bare_bench_is_told(kind: str, noise: float) -> None:

@@ -65,7 +65,7 @@ def halfway(values: Floats, part: Bools, cells: Cells, bench: Bench, black: floa
     tile = max(4, math.ceil(max(values.shape) / _TILES))
     outside = bench.values + np.float32(np.median(values[near[1]] - bench.values[near[1]]))
     inside = _inside(values, near[0], outside, black)
-    tiles = _nodes(np.asarray((inside + outside) / 2, np.float32), tile)
+    tiles = at_tiles(np.asarray((inside + outside) / 2, np.float32), tile)
     tiles += (_tile(values - inside, inner, tile) + _tile(values - outside, outer, tile)) / 2
     along = spread_out(tiles, tile, values.shape)[near[0] | near[1]]
     low, high = np.percentile(along, [2, 98])
@@ -115,7 +115,8 @@ def _means(values: Floats, tile: int) -> Floats:
     return np.asarray(cv2.resize(padded, size, interpolation=cv2.INTER_AREA), np.float32)
 
 
-def _nodes(smooth: Floats, tile: int) -> Floats:
+def at_tiles(smooth: Floats, tile: int) -> Floats:
+    """(m, n): the means of smooth values (h, w) in the tiles."""
     padded = _pad(smooth, tile, cv2.BORDER_REPLICATE)
     size = (padded.shape[1] // tile, padded.shape[0] // tile)
     return np.asarray(cv2.resize(padded, size, interpolation=cv2.INTER_AREA), np.float32)

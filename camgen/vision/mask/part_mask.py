@@ -40,6 +40,7 @@ from camgen.vision.mask.channel import (
 from camgen.vision.mask.clean import clean
 from camgen.vision.mask.doubt import Doubt, find_doubt, first_tone, other_levels, show_doubt
 from camgen.vision.mask.level import beyond, spread_out
+from camgen.vision.mask.shadow import find_part_beside_shadow
 from camgen.vision.mask.touching import Meeting, meetings
 from camgen.vision.to_scale import ScaledView
 
@@ -210,7 +211,20 @@ def _auto(pixels: Bytes, cells: Cells, asked: Asked) -> MaskChoice | None:
     choice = replace(choice, others=others)
     if _find_coloured(cells) and _doubt(choice, cells, 0.0) is not None:
         return _without_shadow(pixels, cells, choice)
-    return choice
+    return choice if choice.method == "color" else _without_moved_outline(choice, cells)
+
+
+def _without_moved_outline(choice: MaskChoice, cells: Cells) -> MaskChoice:
+    """The part without a shadow that is its own outline, moved; else ``choice``."""
+    bare = find_part_beside_shadow(choice.found, cells)
+    if bare is None:
+        return choice
+    what = "a shadow beside the part is left out: it is the outline of the part, moved"
+    why = f"by {bare.shift * cells.size:.0f} px of the view; if it is part, give image.threshold"
+    note = Note("warning", what, f"{why}; look at the preview")
+    others = {"with its shadow": choice.found.part}
+    notes = (*choice.notes, note)
+    return replace(choice, found=bare.segmentation, notes=notes, others=others)
 
 
 def _without_shadow(pixels: Bytes, cells: Cells, choice: MaskChoice) -> MaskChoice:
