@@ -52,7 +52,7 @@ def find_part_beside_shadow(grey: Found, cells: Cells) -> PartBesideShadow | Non
     whole = _largest(grey.part)
     part = _largest(tone & whole)
     rest = _opened(whole & ~part)
-    share = np.count_nonzero(rest) / np.count_nonzero(part)
+    share = np.count_nonzero(rest) / max(np.count_nonzero(part), 1)
     if not _LEAST_SHARE < share < _MOST_SHARE:
         return None
     shift = _find_shift(part, rest)
@@ -122,6 +122,8 @@ def _opened(area: Bools) -> Bools:
 
 
 def _largest(area: Bools) -> Bools:
-    """The largest piece of ``area``."""
+    """The largest piece of ``area``; none of an empty one."""
+    if not area.any():
+        return area
     _, owners, stats, _ = cv2.connectedComponentsWithStats(area.view(np.uint8), connectivity=4)
     return np.asarray(owners == 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA])), np.bool_)
