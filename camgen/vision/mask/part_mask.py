@@ -219,7 +219,7 @@ def _without_moved_outline(choice: MaskChoice, cells: Cells) -> MaskChoice:
     bare = find_part_beside_shadow(choice.found, cells)
     if bare is None:
         return choice
-    what = "a shadow or side wall is left out: it is the outline of the part, moved"
+    what = "a shadow or a wall is left out: it is the outline of the part, moved"
     why = f"by {bare.shift * cells.size:.0f} px of the view; if it is part, give image.threshold"
     note = Note("warning", what, f"{why}; look at the preview")
     others = {"with its shadow": choice.found.part}
