@@ -52,7 +52,9 @@ def find_part_beside_shadow(grey: Found, cells: Cells) -> PartBesideShadow | Non
     whole = _largest(grey.part)
     part = _largest(tone & whole)
     rest = _opened(whole & ~part)
-    share = np.count_nonzero(rest) / max(np.count_nonzero(part), 1)
+    if not part.any():
+        return None
+    share = np.count_nonzero(rest) / np.count_nonzero(part)
     if not _LEAST_SHARE < share < _MOST_SHARE:
         return None
     shift = _find_shift(part, rest)
