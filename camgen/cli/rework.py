@@ -7,6 +7,7 @@ job that it was made from is read again.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import accumulate, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -30,9 +31,10 @@ _KEPT = ("depth", "direction", "corner_radius", "lead_in", "lead_out")
 PART_LAYER = "part"
 
 
-def name_layer(work: Rework) -> str:
-    """The layer of the stretch of a burr."""
-    return f"burr{work.number}"
+def name_layers(work: Rework) -> list[str]:
+    """The layer of each pass over a burr. Passes along the same stretch have the same layer."""
+    changes = [before is not after for before, after in pairwise(work.stretches)]
+    return [f"burr{work.number}-{number}" for number in accumulate(changes, initial=1)]
 
 
 def write_drawing(works: Sequence[Rework], rings: Sequence[FloatArray]) -> bytes:
@@ -42,7 +44,8 @@ def write_drawing(works: Sequence[Rework], rings: Sequence[FloatArray]) -> bytes
     for ring in rings:
         lines += _polyline(PART_LAYER, ring, closed=True)
     for work in works:
-        lines += _polyline(name_layer(work), work.stretch, closed=False)
+        for layer, stretch in dict(zip(name_layers(work), work.stretches, strict=True)).items():
+            lines += _polyline(layer, stretch, closed=False)
     lines += ["0", "ENDSEC", "0", "EOF", ""]
     return "\n".join(lines).encode()
 
@@ -92,7 +95,7 @@ def _rows(work: Rework) -> Iterator[str]:
     at = f"at {x:.2f} {y:.2f} of {harmless(work.burr.contour)}"
     yield ""
     yield f"# burr {work.number}: {size}, {at}: {counted(work.passes, 'pass', 'passes')}"
-    for _ in range(work.passes):
+    for layer in name_layers(work):
         yield "[[operations]]"
-        yield f"layers = [{toml(name_layer(work))}]"
+        yield f"layers = [{toml(layer)}]"
         yield f"feed = {short(work.feed, 3)}"

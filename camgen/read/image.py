@@ -21,10 +21,11 @@ from camgen.model.pose import FloatArray, pose_from_values
 from camgen.model.text import counted, short
 from camgen.read.files import Files
 from camgen.vision.boards.find import find
+from camgen.vision.boards.lens import LEAST_CORNERS, check_focal_length, lens_of_sheet
 from camgen.vision.boards.sheet import RULER, STROKE, Board, Sheet, sheet
 from camgen.vision.camera.camera import Camera, read_camera
 from camgen.vision.error_bound import ErrorBound, error_bound
-from camgen.vision.image import Picture, load
+from camgen.vision.image import Loading, Picture, is_of_sensor, load
 from camgen.vision.lines_arcs.contours import OutlineFit, primitives
 from camgen.vision.mask.channel import remove_shadows
 from camgen.vision.mask.part_mask import Mask, is_cut_out, part_mask
@@ -46,6 +47,8 @@ _BOARD = re.compile(r"(\d{1,2})x(\d{1,2})")
 #: the bench on each side, coarse pixels at least and as a share of the part.
 _LARGE, _COARSER, _ROOM_PX, _ROOM_SHARE = 2_000_000, 4, 24, 0.12
 
+#: A close look finds this share of the area that a coarse one found, at least.
+_SAME_PART = 0.5
 #: The error bound is computed at about this many places of the outlines.
 _BOUND_PLACES = 500
 #: A part that leaves the hull of the points by no more, mm, is inside: its outline has a width.
@@ -58,6 +61,9 @@ _OF_PATTERNS = ("trace", "fill", "drill")
 _SAME_HEIGHT = 0.35
 #: A lens that may move a part by more than this, mm, is a warning.
 _LENS_MM = 0.1
+#: A part beside a sheet or a board whose corners were examined for their lens is refused if it may
+#: be further off, mm.
+_EXAMINED_MM = 0.5
 
 
 class PictureFacts(Struct, frozen=True):
@@ -90,12 +96,14 @@ class _Seen(Struct, frozen=True):
     mask: Mask
 
 
-def read(source: Source, job: Job, files: Files) -> Part:
+def read(source: Source, job: Job, files: Files, picture: Loading | None = None) -> Part:
     """The part in a picture.
+
+    picture: the picture of ``source``, if it is decoded already.
 
     Raises InputError for a picture that shows none, JobError for settings that contradict another.
     """
-    outlined, borders = _outline(source, job, files)
+    outlined, borders = _outline(source, job, files, picture)
     assert outlined.raster is not None
     drawn, fits, more = primitives(borders, outlined.raster.work_from_view)
     return replace(outlined, contours=drawn, notes=(*outlined.notes, *more, *_tell_fit(fits)))
@@ -110,9 +118,11 @@ def read_outlines(source: Source, job: Job, files: Files) -> Part:
     return _outline(source, replace(job, image=replace(job.image, accept=accept)), files)[0]
 
 
-def _outline(source: Source, job: Job, files: Files) -> tuple[Part, Sequence[Outline]]:
+def _outline(
+    source: Source, job: Job, files: Files, picture: Loading | None = None
+) -> tuple[Part, Sequence[Outline]]:
     """The part without contours, and the borders from which they are made."""
-    seen = _see(source, job, files)
+    seen = _see(source, job, files, picture)
     borders, notes = outlines(seen.mask.grey, seen.mask.pixels)
     _insist_on_edges(source.name, borders, job)
     points = tuple(border.points for border in borders)
@@ -195,11 +205,10 @@ def inspect(source: Source, job: Job, files: Files) -> PictureFacts:
     return PictureFacts((width, height), colour, part.units, f"{size} mm, {holes}", part.notes)
 
 
-def _see(source: Source, job: Job, files: Files) -> _Seen:
-    # A lens belongs to the sensor's pixels. Points were read off the picture as a viewer shows it, turned.
-    sensor = bool(job.camera.file) and job.camera.points_px is None
+def _see(source: Source, job: Job, files: Files, loading: Loading | None) -> _Seen:
     _nothing_unused(job)
-    picture = _light(load(source, sensor=sensor), job)
+    loading = loading or Loading(source, sensor=is_of_sensor(job.camera))
+    picture = _light(loading.result(), job)
     camera = read_camera(files.read(job.camera.file)) if job.camera.file else None
     plane = _plane(picture, camera, job.camera)
     # The view is made with the camera that the sheet shows; that one is not calibrated.
@@ -212,9 +221,11 @@ def _see(source: Source, job: Job, files: Files) -> _Seen:
         picture = replace(picture, pixels=lit)
     region, coarse = _region(job, way.plane), False
     if region is None and picture.pixels.size > _LARGE:
-        region = _around(way, picture, empty)
+        region, area = _around(way, picture, empty)
         coarse = region is not None
     view, mask = _mask(way, picture, empty, region, 1)
+    if coarse:
+        _check_area(picture.name, area, _area(view, mask))
     if region is not None and job.image.region is None:
         view = replace(view, notes=(*view.notes, _note_surroundings(region, coarse)))
     return _Seen(picture, camera, way.plane, view, mask)
@@ -225,8 +236,8 @@ def _second(picture: Picture, job: Job, files: Files, key: str) -> Picture:
 
     Raises InputError if its size or its colours differ.
     """
-    sensor = bool(job.camera.file) and job.camera.points_px is None
-    second = _light(load(files.read(getattr(job.image, key)), sensor=sensor), job)
+    file = files.read(getattr(job.image, key))
+    second = _light(load(file, sensor=is_of_sensor(job.camera)), job)
     if second.pixels.shape == picture.pixels.shape:
         return second
     differ = "size" if second.pixels.shape[:2] != picture.pixels.shape[:2] else "colors"
@@ -347,12 +358,28 @@ def _mask(
     return view, part_mask(view, table, background, picture.name)
 
 
-def _around(way: _Way, picture: Picture, empty: Picture | None) -> Region | None:
-    """The part with some bench around it, mm, from a coarse look: what is far from it need not be looked at closely."""
+def _area(view: ScaledView, mask: Mask) -> float:
+    """The area of a part, mm2."""
+    return float(np.count_nonzero(mask.pixels)) * view.mm_per_px**2
+
+
+def _check_area(name: str, coarse: float, close: float) -> None:
+    """Raises NoSafeProgram if a coarse and a close look find parts of much different areas, mm2."""
+    if close < _SAME_PART * coarse:
+        what = f"a coarse look finds a part of {coarse:.0f} mm2, a close one finds {close:.0f} mm2"
+        remedy = "part and bench hardly differ: light it evenly, or choose another image.mask"
+        raise NoSafeProgram(name, what, remedy=remedy)
+
+
+def _around(way: _Way, picture: Picture, empty: Picture | None) -> tuple[Region | None, float]:
+    """The part with some bench around it, mm, as a coarse view shows it, and its area, mm2.
+
+    The rest of the photo is not examined further.
+    """
     try:
         view, mask = _mask(way, picture, empty, None, _COARSER)
     except InputError:
-        return None  # the close look finds it, or says why not
+        return None, 0.0  # the close look finds it, or says why not
     columns, rows = np.flatnonzero(mask.pixels.any(axis=0)), np.flatnonzero(mask.pixels.any(axis=1))
     height, width = mask.pixels.shape
     room = max(_ROOM_PX, round(_ROOM_SHARE * max(np.ptp(columns), np.ptp(rows))))
@@ -360,7 +387,7 @@ def _around(way: _Way, picture: Picture, empty: Picture | None) -> Region | None
     top, bottom = max(rows[0] - room, 0), min(rows[-1] + room, height - 1)
     corners = view.work_from_view @ np.array([[left, right], [bottom, top], [1.0, 1.0]])
     x0, y0, x1, y1 = corners.T.ravel().tolist()
-    return x0, y0, x1, y1
+    return (x0, y0, x1, y1), _area(view, mask)
 
 
 def _plane(picture: Picture, camera: Camera | None, table: CameraTable) -> Plane | None:
@@ -382,7 +409,18 @@ def _plane(picture: Picture, camera: Camera | None, table: CameraTable) -> Plane
                 "points_px and points_mm belong together",
                 remedy="give both, in one order",
             )
-        return plane_from_points(camera, table.points_px, table.points_mm, height=table.height)
+        pairs = plane_from_points(camera, table.points_px, table.points_mm)
+        if not table.height:
+            return pairs
+        height, width = picture.pixels.shape[:2]
+        lens = None
+        if camera is None:
+            px, mm, size = pairs.pairs_px, pairs.pairs_mm, (width, height)
+            lens = lens_of_sheet(px, mm, size, needs_focal=True, focal_px=picture.focal_px)
+            check_focal_length(lens)
+        used = camera if lens is None else lens.camera
+        plane = plane_from_points(used, table.points_px, table.points_mm, height=table.height)
+        return plane if lens is None else replace(plane, lens=lens, notes=(lens.note, *plane.notes))
     if table.plane_from is not None:
         if camera is None:
             raise JobError(
@@ -468,7 +506,8 @@ def _frame(seen: _Seen) -> FloatArray:
 def _placed(seen: _Seen, outlines_px: Sequence[FloatArray], job: Job) -> tuple[Note, ...]:
     """The error bound of the outlines, as notes.
 
-    Raises NoSafeProgram if an uncorrected lens may move them too far.
+    Raises NoSafeProgram if a lens that is not calibrated may move them too far. The corners of a
+    sheet or a board are examined for their lens; points are too few for that.
     """
     plane = seen.plane
     if plane is None or not len(plane.pairs_px) or not outlines_px:
@@ -480,13 +519,11 @@ def _placed(seen: _Seen, outlines_px: Sequence[FloatArray], job: Job) -> tuple[N
     bound = error_bound(plane, seen.camera, (width, height), outline[::step])
     off = f"up to {short(bound.outside, 1)} mm outside of the points that gave the work plane"
     is_calibrated = seen.camera is not None and plane.lens is None
-    bent = not is_calibrated and bound.outside > _OUTSIDE_MM
-    if (
-        bent
-        and bound.known
-        and bound.total > job.tolerance.chord
-        and "outside" not in job.image.accept
-    ):
+    is_beside = not is_calibrated and bound.outside > _OUTSIDE_MM
+    is_examined = bool(job.camera.markers) and len(plane.pairs_px) >= LEAST_CORNERS
+    limit = _EXAMINED_MM if is_examined else job.tolerance.chord
+    by_lens = bound.noise + bound.lens
+    if is_beside and bound.known and by_lens > limit and "outside" not in job.image.accept:
         what = f"the part lies {off}, without a calibrated lens: it may be {_mm(bound.total)} off"
         remedy = (
             "give camera.file (camgen calibrate), lay the sheet or board around the part, or set "
@@ -494,7 +531,7 @@ def _placed(seen: _Seen, outlines_px: Sequence[FloatArray], job: Job) -> tuple[N
         )
         raise NoSafeProgram(seen.picture.name, what, remedy=remedy)
     notes = [_note_bound(bound, is_calibrated)] if bound.known else []
-    if bent:
+    if is_beside and not (is_examined and by_lens <= _LENS_MM):
         what = f"the part lies {off}, without a calibrated lens"
         how = _mm(bound.total) if bound.known else "unknown, there are too few points"
         why = (
@@ -506,7 +543,7 @@ def _placed(seen: _Seen, outlines_px: Sequence[FloatArray], job: Job) -> tuple[N
         notes.append(Note("warning", what, "the points do not lie as without a lens"))
     if bound.height > _LENS_MM:
         what = f"the height may move the part by {_mm(bound.height)}"
-        why = "the focal length is from the sheet: tilt the camera more, or give camera.file"
+        why = "the focal length is from the photo: tilt the camera more, or give camera.file"
         notes.append(Note("warning", what, why, strict=True))
     return tuple(notes)
 

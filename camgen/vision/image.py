@@ -21,6 +21,8 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
+from threading import Thread
 from typing import BinaryIO, Literal
 
 import numpy as np
@@ -30,6 +32,7 @@ from numpy.typing import NDArray
 
 from camgen.model.errors import InputError, one_line
 from camgen.model.files import Source
+from camgen.model.job import CameraTable
 from camgen.model.limits import Limits, tell
 from camgen.model.part import Note
 from camgen.model.text import counted, short
@@ -343,6 +346,39 @@ def load(source: Source, *, sensor: bool = False) -> Picture:
     return Picture(
         name, pixels, _dpi(head, notes), turned, tuple(notes), alpha, focal_px=focal or None
     )
+
+
+class Loading:
+    """A picture that is decoded in a thread, while its reader is imported."""
+
+    def __init__(self, source: Source, *, sensor: bool) -> None:
+        self._load = partial(load, source, sensor=sensor)
+        self._picture: Picture | None = None
+        self._error: BaseException | None = None
+        self._thread = Thread(target=self._run, name=f"decode {source.name}")
+        self._thread.start()
+
+    def _run(self) -> None:
+        try:
+            self._picture = self._load()
+        except BaseException as error:  # raised again by result
+            self._error = error
+
+    def result(self) -> Picture:
+        """The picture. Raises what `load` raises."""
+        self._thread.join()
+        if self._picture is None:
+            assert self._error is not None
+            raise self._error
+        return self._picture
+
+
+def is_of_sensor(camera: CameraTable) -> bool:
+    """Whether the pixels are used as the sensor delivered them: a lens belongs to these.
+
+    Points were read off the picture as a viewer shows it, turned.
+    """
+    return bool(camera.file) and camera.points_px is None
 
 
 def _insist_on_size(name: str, head: Header, limits: Limits) -> None:

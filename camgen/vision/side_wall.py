@@ -137,7 +137,7 @@ def cameras_of(picture: Picture, plane: Plane, camera: Camera | None) -> list[Ca
     if lens is None:
         return []
     half = float(np.hypot(width - 1, height - 1)) / 2
-    if lens.focal is not None:
+    if lens.is_focal_known:
         return [lens.camera]
     cameras = []
     for share in _USUAL_FOCAL:

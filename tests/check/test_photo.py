@@ -1,6 +1,7 @@
 """A photo against its drawing: rendered parts with known burrs and gaps, judged by the sizes they were made with."""
 
 import json
+import math
 import re
 import shutil
 from collections.abc import Sequence
@@ -192,9 +193,28 @@ def test_the_stretch_of_a_burr_is_local(tmp_path: Path) -> None:
     (work,), _ = list_rework(found, job, 0.3)
     # The foot is from -20 to -15 on y = -20. A circle of radius 3 whose lowest point is on the
     # line is 0.8 mm above it at 2.04 mm: sqrt(3^2 - 2.2^2). And 1 mm of room.
-    assert work.stretch[0] == pytest.approx((-20 - 3.04, -20), abs=0.3)
-    assert work.stretch[-1] == pytest.approx((-15 + 3.04, -20), abs=0.3)
-    assert is_clear(work.stretch, found.expected.region, 3.0)
+    assert work.stretches[0][0] == pytest.approx((-20 - 3.04, -20), abs=0.3)
+    assert work.stretches[0][-1] == pytest.approx((-15 + 3.04, -20), abs=0.3)
+    assert is_clear(work.stretches[0], found.expected.region, 3.0)
+
+
+@pytest.mark.usefixtures("few_turns")
+def test_later_passes_over_a_burr_are_shorter(tmp_path: Path) -> None:
+    """An arc with a chord of 5 mm and 0.8 mm high, four passes: the rest of it has shorter chords.
+
+    Beside a rest of height h a circle of radius 3 has the room sqrt(9 - (3 - h)^2), and 1 mm.
+    """
+    inspection = look(tmp_path, (bumped(PLATE[0], 0, 10, 5, 0.8), PLATE[1]))
+    job = Job(process=ProcessTable(feed=6.0), tool=ToolTable(diameter=6.0))
+    (work,), _ = list_rework(inspection, job, 0.19)
+    lengths = [float(np.ptp(stretch[:, 0])) for stretch in work.stretches]
+    assert work.passes == 4
+    radius = (2.5**2 + 0.8**2) / 1.6
+    for number, length in enumerate(lengths):
+        left = 0.8 - max(0.2 * number - 0.05, 0.0)
+        chord = 2 * math.sqrt(radius**2 - (radius - left) ** 2)
+        room = math.sqrt(9 - (3 - left) ** 2) + 1
+        assert length == pytest.approx(chord + 2 * room, abs=0.5)
 
 
 @pytest.mark.usefixtures("few_turns")
@@ -321,7 +341,7 @@ def test_the_command_lists_draws_and_says_what_to_do(
     assert "1 place with too much" in text
     assert ">1 burr</text>" in text
     again = (desk / "again.toml").read_text()
-    assert again.count('layers = ["burr1"]') == 2
+    assert again.count('layers = ["burr1-1"]') == again.count('layers = ["burr1-2"]') == 1
     # The job and the drawing stand alone.
     (desk / "plate.toml").unlink()
     (desk / "plate.dxf").rename(desk / "moved.dxf")

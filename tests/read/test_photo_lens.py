@@ -10,9 +10,9 @@ import pytest
 
 from bench.photo.lenses import PAPER, SIZE, Photo, draw, errors, read_photo
 from bench.render.board import markers
+from bench.render.optics import photo_from_work
 from bench.render.scene import render, written
-from camgen.model.errors import JobError
-from camgen.model.job import CameraTable, Job
+from camgen.model.job import CameraTable, ImageTable, Job
 from camgen.model.part import Note, Part
 from camgen.read import read
 from camgen.vision.boards.sheet import DICTIONARY
@@ -38,7 +38,7 @@ def test_the_sheet_calibrates_the_lens(name: str, limit: float, tmp_path: Path) 
     assert lens.kind == placed.kind == "assumed"
     # The plate with its hole may look like one of the markers, which is then ignored.
     assert re.match(r"1(08|12) corners lie within", lens.why)
-    assert "f is a guess" in lens.why
+    assert "f from the tilt" in lens.why
     error = errors(part, shot.part).max()
     assert error < min(limit, float(placed.what.split()[-2]))
     warned = [note.what for note in part.notes if note.kind == "warning"]
@@ -65,9 +65,34 @@ def test_a_height_in_a_photo_without_a_lens(tmp_path: Path) -> None:
     assert (warning.kind, warning.strict) == ("warning", True)
 
 
-def test_a_height_seen_from_straight_above_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(JobError, match=r"\[camera\] height: a height needs the focal length"):
-        read_photo(tmp_path, photo("mild lens, 5 mm", 0), 5.0)
+def test_a_height_seen_from_straight_above_has_the_focal_length_of_an_ordinary_camera(
+    tmp_path: Path,
+) -> None:
+    """The bound is that of the whole range of focal lengths, and the warning has its figure."""
+    shot = photo("mild lens, 5 mm", 0)
+    part = read_photo(tmp_path, shot, 5.0)
+    assert "among those of ordinary cameras" in note_of(part, "lens from the photo").why
+    warning = note_of(part, "the height may move the part by")
+    assert (warning.kind, warning.strict) == ("warning", True)
+    bound = float(note_of(part, "placed to within").what.split()[-2])
+    assert bound > 0.4
+    assert errors(part, shot.part).max() < bound
+
+
+def test_a_height_above_points_needs_no_calibration_file(tmp_path: Path) -> None:
+    """Eight pairs of a photo that is tilted by 28 deg, without noise."""
+    shot = photo("no lens, 5 mm", 6)
+    file = tmp_path / "photo.png"
+    written(file, render(shot.scene, shot.shot))
+    mm = PAPER.corners[::4].reshape(-1, 2)[:8]
+    px = np.column_stack(photo_from_work(shot.shot, *mm.T, -5.0))
+    camera = CameraTable(points_px=px.tolist(), points_mm=mm.tolist(), height=5.0)
+    image = ImageTable(region=[0, 0, *PAPER.free], accept=["outside"])
+    part = read(file, Job(camera=camera, image=image))
+    bound = float(note_of(part, "placed to within").what.split()[-2])
+    assert errors(part, shot.part).max() < min(bound, 0.2)
+    assert "f from the tilt" in note_of(part, "lens from the photo").why
+    assert note_of(part, "the height may move the part by").strict
 
 
 def test_the_file_may_hold_the_focal_length(tmp_path: Path) -> None:

@@ -147,12 +147,31 @@ def test_the_bound_of_a_height_covers_focal_length_and_principal_point(k1: float
 
 
 @pytest.mark.parametrize("k1", [0.0, -0.15])
-def test_from_straight_above_there_is_no_focal_length(k1: float) -> None:
+def test_from_straight_above_the_focal_length_is_that_of_an_ordinary_camera(k1: float) -> None:
+    half = np.hypot(SIZE[0] - 1, SIZE[1] - 1) / 2
     for seed in range(6):
-        fitted = lens_of_sheet(take(seed, k1, 1.0).px, CORNERS, SIZE, needs_focal=True)
+        photo = take(seed, k1, 1.0)
+        fitted = lens_of_sheet(photo.px, CORNERS, SIZE, needs_focal=True)
         assert fitted is not None
-        assert fitted.focal is None
-        assert "f is a guess" in fitted.note.why
+        assert fitted.focal is not None
+        assert not fitted.is_focal_known
+        assert half * 0.999 < fitted.focal[0] < photo.camera.matrix[0, 0] < fitted.focal[1]
+        assert fitted.focal[1] < 6.001 * half
+        assert "among those of ordinary cameras" in fitted.note.why
+
+
+def test_four_points_show_hardly_any_focal_length() -> None:
+    """The corners of one marker fit any homography, so that their noise does not show."""
+    photo = take(0, 0.0, 30.0)
+    four = [0, 1, 2, 3]
+    fitted = lens_of_sheet(photo.px[four], CORNERS[four], SIZE, needs_focal=True)
+    assert fitted is not None
+    assert fitted.focal is not None
+    assert fitted.focal[0] < photo.camera.matrix[0, 0] < fitted.focal[1]
+    whole = lens_of_sheet(photo.px, CORNERS, SIZE, needs_focal=True)
+    assert whole is not None
+    assert whole.focal is not None
+    assert np.diff(fitted.focal) > 2 * np.diff(whole.focal)
 
 
 def test_the_focal_length_of_the_file_helps_from_straight_above() -> None:

@@ -436,13 +436,26 @@ def origin_px(plane: Plane) -> list[float]:
     return map_points(plane.pixel_from_work, np.zeros((1, 2)))[0].tolist()
 
 
+def test_the_size_of_a_boards_markers_is_measured() -> None:
+    """The job says 19 mm, and they are 20: the plane is that of the squares."""
+    plane = find(drawn_board(7, 5), None, Board(7, 5, 30.0, 19.0))
+    assert len(plane.residuals_mm) == 24 + 4 * 17
+    assert plane.max_mm < 0.01
+    assert np.ptp(plane.pairs_mm[:, 0]) == pytest.approx(6 * 30 + 20, abs=0.02)
+    assert origin_px(plane) == pytest.approx([59.5, 359.5], abs=0.05)
+
+
 @pytest.mark.parametrize(
     ("legacy", "pattern"), [(False, "of OpenCV 4.6 and later"), (True, "before OpenCV 4.6")]
 )
 def test_both_patterns_are_read_and_told(legacy: bool, pattern: str) -> None:
-    """Squares of 60 px, 60 px in: the lower left corner is the side of pixel 60, 60 + 360."""
+    """Squares of 60 px, 60 px in: the lower left corner is the side of pixel 60, 60 + 360.
+
+    35 inner corners, and the four of 24 markers.
+    """
     plane = find(drawn_board(8, 6, legacy=legacy), None, Board(8, 6, 30.0, 20.0))
-    assert len(plane.residuals_mm) == 35
+    assert len(plane.residuals_mm) == 35 + 4 * 24
+    assert plane.max_mm < 0.01
     assert origin_px(plane) == pytest.approx([59.5, 419.5], abs=0.05)
     (note,) = [note for note in plane.notes if "pattern" in note.what]
     assert note.what == f"ChArUco board 8x6 read in the pattern {pattern}"

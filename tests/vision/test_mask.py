@@ -678,6 +678,57 @@ def test_a_cast_shadow_is_told_and_shown(part: float, shade: float, soft: float)
         assert 0 < y < 480 * SCALE
 
 
+def test_a_pale_part_beside_a_dark_shadow_is_whole() -> None:
+    """12 grey levels paler than the bench, with a shadow of 80: levels beside it left holes."""
+    shadow = np.clip(np.roll(SHAPE, (10, 14), axis=(0, 1)) - SHAPE, 0, 1)
+    pixels = scene(150, 162 - 80 * shadow, noise=1.0)
+    mask = part_mask(seen(pixels))
+    inside = cv2.erode(SHAPE, np.ones((9, 9))) > 0.5
+    assert np.all(mask.pixels[inside] == 255)
+
+
+def brushed(strength: float) -> np.ndarray:
+    """Streaks along x, with this standard deviation."""
+    grain = np.random.default_rng(5).normal(0, 1, (HEIGHT, WIDTH))
+    streaks = cv2.GaussianBlur(grain, (0, 0), sigmaX=8, sigmaY=1)
+    return strength * streaks / streaks.std()
+
+
+@pytest.mark.parametrize("part", [100, 220])
+def test_a_part_on_a_rough_bench_is_whole(part: float) -> None:
+    """Its difference of 60 grey levels is 5 times the streaks of the bench."""
+    pixels = scene(part, 160 + brushed(12.0), noise=1.0)
+    mask = part_mask(seen(pixels))
+    inside = cv2.erode(SHAPE, np.ones((15, 15))) > 0.5
+    outside = cv2.dilate(SHAPE, np.ones((15, 15))) < 0.5
+    assert np.all(mask.pixels[inside] == 255)
+    assert np.mean(mask.pixels[outside] > 0) < 0.002
+
+
+@pytest.mark.parametrize(("part", "shade"), [(60, 120), (90, 140), (220, 200)])
+def test_a_shadow_that_is_the_outline_of_the_part_is_left_out(part: float, shade: float) -> None:
+    """Moved by 26 px, darker than the bench of 200. The part of 220 is on its other side."""
+    mask = part_mask(seen(shaded(part, shade, 1)))
+    left_out = [note for note in mask.notes if "the outline of the part, moved" in note.what]
+    assert bool(left_out) == (part < 200)
+    rim = cv2.dilate(SHAPE, np.ones((5, 5))) - cv2.erode(SHAPE, np.ones((5, 5))) > 0
+    assert np.mean(((mask.pixels > 0) != (SHAPE > 0.5))[~rim]) < 1e-3
+    if left_out:
+        assert left_out[0].kind == "warning"
+        assert "by 26 px" in left_out[0].why
+
+
+def test_a_dark_area_that_is_no_moved_outline_stays_part() -> None:
+    """The lower third of the disc is darker, and a band along its whole border is."""
+    lower = np.arange(HEIGHT)[:, None] > DISC[1] + DISC[2] / 3
+    band = SHAPE - cv2.erode(SHAPE, np.ones((31, 31)))
+    for area in (lower * SHAPE, band):
+        mask = part_mask(seen(scene(60 + 50 * area, 200)))
+        assert not [note for note in mask.notes if "the outline of the part, moved" in note.what]
+        inside = cv2.erode(SHAPE, np.ones((9, 9))) > 0.5
+        assert np.all(mask.pixels[inside] == 255)
+
+
 @pytest.mark.parametrize("noise", [0.0, 2.0, 5.0])
 @pytest.mark.parametrize("kind", ["lamp", "two lamps"])
 def test_what_uneven_light_invents_on_a_bare_bench_is_told(kind: str, noise: float) -> None:

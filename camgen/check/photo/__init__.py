@@ -132,7 +132,7 @@ def list_rework(
             planned.append(NotReworked(number, WHY_NOT_OFF))
         else:
             work = plan_burr(number, each, found.expected, job, removal)
-            if isinstance(work, Rework) and is_in_the_way(work.stretch, loose, job):
+            if isinstance(work, Rework) and is_in_the_way(work.stretches[0], loose, job):
                 work = NotReworked(number, "a loose thing lies beside it, in the way of the tool")
             planned.append(work)
     return (

@@ -4,6 +4,9 @@ Under a constant force the same material goes away per second, so that the heigh
 off is as one over the feed. A burr gets as many whole passes as its height has removals, at the
 feed at which they take all of it off. That feed is never above the feed of the job, and more than
 half of it.
+
+A burr is a bump: each pass runs only where the burr is higher than what the passes before it took
+off. So the later ones are shorter, and they do not work the part beside the burr.
 """
 
 from __future__ import annotations
@@ -27,6 +30,11 @@ MOST_PASSES = 20
 #: Between the foot of a burr and the place where the tool meets the contour, mm: the error of its
 #: ends, which the blur of the photo hides.
 BESIDE = 1.0
+#: A pass also runs where the burr is lower than the removed height by this, mm: the error of its
+#: height.
+SURE = 0.05
+#: A pass has the stretch of the one before it unless it is shorter by this, mm.
+SHORTER = 0.2
 #: Length of run-in and run-out, mm, if the job has none.
 LEAD = 2.0
 #: A photo has the frame of the drawing if the part is turned by less, rad, and moved by less, mm,
@@ -47,12 +55,16 @@ class Rework(Struct, frozen=True, eq=False):
     number: int
     #: The burr.
     burr: Difference
-    #: Runs along its stretch.
-    passes: int
     #: Speed of the contact point, mm/s.
     feed: float
-    #: (N, 2) points along the contour, mm, the material on the left.
-    stretch: FloatArray
+    #: For each pass (N, 2) points along the contour, mm, the material on the left. The first
+    #: stretch is the longest one.
+    stretches: tuple[FloatArray, ...]
+
+    @property
+    def passes(self) -> int:
+        """The number of passes."""
+        return len(self.stretches)
 
 
 #: A warning for jobs without force control.
@@ -82,19 +94,43 @@ def plan_passes(height: float, removal: float, feed: float) -> tuple[int, float]
     return passes, feed * min(passes * removal / height, 1.0)
 
 
-def cut_stretch(burr: Difference, expected: Expected, radius: float) -> FloatArray:
-    """The stretch (N, 2) of contour on which a tool of ``radius`` mm works ``burr``.
+def cut_stretches(
+    burr: Difference, expected: Expected, radius: float, passes: int
+) -> tuple[FloatArray, ...]:
+    """The stretches (N, 2) of contour on which the passes of a tool of ``radius`` mm work ``burr``.
 
-    The material is on its left. It reaches beyond the foot by the room that the tool
-    needs beside the burr, and `BESIDE`. A stretch is no longer than its contour.
+    The material is on their left. They reach beyond the burr, as high as it still is, by the room
+    that the tool needs beside it, and `BESIDE`. A stretch is no longer than its contour.
     """
     ring = _material_left(expected.rings[expected.names.index(burr.contour)], expected.region)
     line = shapely.LineString(np.concatenate([ring, ring[:1]]))
-    rows = shapely.points(shapely.get_coordinates(burr.shape))
+    stretches: list[FloatArray] = []
+    for done in range(passes):
+        gone = max(burr.height * done / passes - SURE, 0.0)
+        shape = burr.shape
+        if gone:
+            shape = shapely.difference(shape, shapely.buffer(line, gone, quad_segs=_CHORDS))
+        stretch = _cut_stretch(ring, line, shape, burr.height - gone, radius)
+        if stretches and _length(stretches[-1]) - _length(stretch) < SHORTER:
+            stretch = stretches[-1]
+        stretches.append(stretch)
+    return tuple(stretches)
+
+
+def _length(points: FloatArray) -> float:
+    """The length of a polyline (N, 2)."""
+    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+
+
+def _cut_stretch(
+    ring: FloatArray, line: shapely.Geometry, shape: shapely.Geometry, height: float, radius: float
+) -> FloatArray:
+    """The stretch (N, 2) of ``line``, the closed ``ring``, beside a shape of this height, mm."""
+    rows = shapely.points(shapely.get_coordinates(shape))
     at = np.sort(shapely.line_locate_point(line, rows))
     gaps = np.append(np.diff(at), at[0] + line.length - at[-1])
     start = float(at[(int(gaps.argmax()) + 1) % len(at)])
-    height = min(burr.height, radius)
+    height = min(height, radius)
     room = math.sqrt(height * (2 * radius - height)) + BESIDE
     begin, length = start - room, line.length - float(gaps.max()) + 2 * room
     return _along(ring, line, begin % line.length, min(length, line.length))
@@ -121,10 +157,10 @@ def plan_burr(
         least = burr.height / MOST_PASSES
         remedy = f"take a tool, a force or a feed that takes off {least:.2g} mm a pass or more"
         raise JobError("--removal", what, f"{MOST_PASSES} at most", remedy)
-    stretch = cut_stretch(burr, expected, job.tool.radius)
-    if not is_clear(stretch, expected.region, job.tool.radius):
+    stretches = cut_stretches(burr, expected, job.tool.radius, passes)
+    if not is_clear(stretches[0], expected.region, job.tool.radius):
         return NotReworked(number, f"a {job.tool.diameter:g} mm tool does not fit beside it")
-    return Rework(number, burr, passes, feed, stretch)
+    return Rework(number, burr, feed, stretches)
 
 
 def is_in_the_way(stretch: FloatArray, loose: shapely.Geometry, job: Job) -> bool:

@@ -10,6 +10,7 @@ other even), the one whose inner square is black. So a corner has the same numbe
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
@@ -328,12 +329,14 @@ class Pattern(Struct, frozen=True, eq=False):
     corners: (N, 2), the inner corners, px.
     numbers: (N,), the numbers of the corners, row by row from above.
     markers: (M,), the numbers of all markers of the board's dictionary in the picture.
+    marker_corners: (M, 4, 2), their corners by OpenCV, px, clockwise from the upper left one.
     legacy: whether it is the pattern before OpenCV 4.6.
     """
 
     corners: FloatArray
     numbers: NDArray[np.int64]
     markers: NDArray[np.int64]
+    marker_corners: FloatArray
     legacy: bool
 
 
@@ -354,11 +357,37 @@ def patterns(grey: Pixels, board: Board) -> Iterator[Pattern]:
     )
     for legacy in (False, True)[: 1 + has_two_patterns(board)]:
         drawn.setLegacyPattern(legacy)
-        corners_px, ids, _, marker_ids = cv2.aruco.CharucoDetector(drawn).detectBoard(grey)
+        detector = cv2.aruco.CharucoDetector(drawn)
+        corners_px, ids, marker_px, marker_ids = detector.detectBoard(grey)
         numbers = np.asarray(() if ids is None else ids).ravel().astype(np.int64)
         corners = np.asarray(() if ids is None else corners_px, dtype=np.float64).reshape(-1, 2)
         markers = np.asarray(() if marker_ids is None else marker_ids).ravel().astype(np.int64)
-        yield Pattern(corners, numbers, markers, legacy)
+        squares = np.asarray(marker_px or (), dtype=np.float64).reshape(-1, 4, 2)
+        yield Pattern(corners, numbers, markers, squares, legacy)
+
+
+def place_markers(board: Board, legacy: bool) -> dict[int, FloatArray]:
+    """The middle (2,) of each marker of a board by its number, mm in the board's work frame."""
+    first = int(not (legacy and has_two_patterns(board)))
+    squares = itertools.product(range(board.rows), range(board.columns))
+    marked = [(column, row) for row, column in squares if (column + row) % 2 == first]
+    middles = (np.array(marked) + 0.5) * (1, -1) + (0, board.rows)
+    return dict(enumerate(board.square * middles))
+
+
+def refine_corners(
+    grey: Pixels, pattern: Pattern, board: Board
+) -> tuple[FloatArray, NDArray[np.int64]]:
+    """The inner corners (N, 2) of a board as fitted, px, and their numbers (N,).
+
+    Those of OpenCV if too few of them are corners of such a board.
+    """
+    rough = _Rough(pattern.corners, pattern.numbers)
+    fitted = _measure(grey, rough, board) if len(rough.numbers) >= _LEAST_CORNERS else None
+    if fitted is None:
+        return pattern.corners, pattern.numbers
+    column, row = np.rint(fitted.places / board.square).astype(np.int64).T
+    return fitted.corners, row * (board.columns - 1) + column
 
 
 def _measure(grey: Pixels, rough: _Rough, target: Target) -> SeenBoard | None:

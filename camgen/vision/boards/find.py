@@ -3,8 +3,12 @@
 Markers are found by OpenCV in a reduced picture. Their corners are then measured in the full one: the four sides of a
 marker's black border are located along many short profiles across them, a line is fitted to each side (after the lens
 distortion is taken out) and neighbours are intersected. OpenCV's own refinement of outer corners is drawn inwards by
-blur, 0.14 to 0.5 px in renders with a blur of 0.7 px, its ``CONTOUR`` method errs by 0.5 px; this by 0.025 px.
-The inner corners of a chessboard are saddle points, where OpenCV's refinement has no such bias.
+blur, 0.14 to 0.5 px in renders with a blur of 0.7 px. Its ``CONTOUR`` method errs by 0.5 px, and
+the crossings of the sides by 0.025 px.
+
+A ChArUco board has both: the inner corners of its squares, to which saddles are fitted, and the
+markers, whose corners reach further out. The size of the markers is measured by the inner corners,
+so that only the squares of a board must be exact.
 """
 
 from __future__ import annotations
@@ -17,12 +21,18 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from camgen.model.errors import InputError, JobError
+from camgen.model.errors import InputError
 from camgen.model.part import Note
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted, short
-from camgen.vision.boards.corners import Pattern, has_two_patterns, patterns
-from camgen.vision.boards.lens import lens_of_sheet
+from camgen.vision.boards.corners import (
+    Pattern,
+    has_two_patterns,
+    patterns,
+    place_markers,
+    refine_corners,
+)
+from camgen.vision.boards.lens import check_focal_length, lens_of_sheet
 from camgen.vision.boards.sheet import DICTIONARY, Board, Sheet
 from camgen.vision.camera.camera import Camera, distort, undistort
 from camgen.vision.camera.sheet_lens import SheetLens
@@ -30,6 +40,7 @@ from camgen.vision.image import Picture, Pixels
 from camgen.vision.plane import (
     Plane,
     fit_homography,
+    in_line,
     map_points,
     plane_from_points,
     same_pixels,
@@ -48,6 +59,11 @@ _LENS_ROUNDS = 5
 #: Corners that the lens moves by less are settled, px.
 _SETTLED_PX = 0.005
 
+#: The size of a board's markers is measured by this number of its inner corners, at least.
+_SIZE_CORNERS = 6
+#: The corners of a marker, in half its sides from its middle.
+_SQUARE = np.array([(-1.0, 1.0), (1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)])
+
 #: Where along a side the profiles lie (corners are rounded by blur), and the samples of a profile, out of the black.
 _ALONG = np.linspace(0.12, 0.88, 33)
 _ACROSS = np.linspace(-1, 1, 33)
@@ -58,15 +74,30 @@ _HALF_PART, _HALF_LEAST = 0.45, 1.5
 _HALF_MOST = (8.0, 5.0, 4.0)
 
 
-class _Found(NamedTuple):
-    """Corners in the photo (N, 2) px, in the work frame (N, 2) mm, the number of the mark each belongs to (N,)."""
+class _MarkCorners(NamedTuple):
+    """Corners of the marks of a sheet or board: first four of each marker, then the inner corners.
+
+    px, mm: (N, 2), in the photo and in the work frame.
+    owners: (N,), the mark of each corner, an index into ``marks``.
+    names: the name of each corner.
+    marks: the name of each mark.
+    middles: (M, 2), mm, the middle of the marker of each marker's corner; (0, 2) where the size of
+        the markers is known.
+    notes: the notes on the marks.
+    """
 
     px: FloatArray
     mm: FloatArray
     owners: NDArray[np.int64]
     names: list[str]
-    kind: str
+    marks: list[str]
+    middles: FloatArray
     notes: tuple[Note, ...]
+
+    @property
+    def markers(self) -> int:
+        """The number of corners that belong to markers."""
+        return sum(self.marks[owner].startswith("marker") for owner in self.owners.tolist())
 
 
 def find(
@@ -79,19 +110,21 @@ def find(
     height: of the part's top face above the paper, mm.
 
     Raises InputError for fewer than two markers, or four corners of a board. Raises JobError if
-    they contradict each other, and if the photo does not show the focal length for a height.
+    they contradict each other or all focal lengths.
     """
     if camera is not None:
         same_pixels(picture, camera)
     marks = (
-        _sheet(picture, camera, target) if isinstance(target, Sheet) else _board(picture, target)
+        _sheet(picture, camera, target)
+        if isinstance(target, Sheet)
+        else _board(picture, camera, target)
     )
     lens = None
     if camera is None:
         marks, lens = _with_lens(picture, marks, height)
         camera = lens.camera if lens is not None else None
         if height:
-            _check_focal_length(lens)
+            check_focal_length(lens)
     kept, dropped = _agreeing(marks, camera)
     plane = plane_from_points(
         camera,
@@ -104,11 +137,13 @@ def find(
     notes = marks.notes if lens is None else (*marks.notes, lens.note)
     if dropped:
         why = "they are not where the others put them: covered, bent, or from another sheet?"
-        notes = (*notes, Note("warning", f"{marks.kind} {_list(dropped)} left out", why))
+        notes = (*notes, Note("warning", f"{', '.join(dropped)} left out", why))
     return replace(plane, notes=(*notes, *plane.notes), lens=lens)
 
 
-def _with_lens(picture: Picture, marks: _Found, height: float) -> tuple[_Found, SheetLens | None]:
+def _with_lens(
+    picture: Picture, marks: _MarkCorners, height: float
+) -> tuple[_MarkCorners, SheetLens | None]:
     """The marks as measured through their own lens, and that lens or None.
 
     A mark that contradicts the others is left out of the fit of the lens. Without the lens, marks
@@ -122,26 +157,17 @@ def _with_lens(picture: Picture, marks: _Found, height: float) -> tuple[_Found, 
         lens = lens_of_sheet(px, mm, (width_px, height_px), bool(height), picture.focal_px)
         camera = None if lens is None else lens.camera
         moved = 0.0
-        if marks.kind == "marker" and camera is not None:
-            corners = _measure(_grey(picture.pixels), marks.px.reshape(-1, 4, 2), camera)
-            moved = float(np.abs(corners.reshape(-1, 2) - marks.px).max())
-            marks = marks._replace(px=corners.reshape(-1, 2))
+        count = marks.markers
+        if count and camera is not None:
+            corners = _measure(_grey(picture.pixels), marks.px[:count].reshape(-1, 4, 2), camera)
+            again = np.concatenate([corners.reshape(-1, 2), marks.px[count:]])
+            moved = float(np.abs(again - marks.px).max())
+            marks = _fit_marker_size(marks._replace(px=again), camera)
         before = kept
         kept, _ = _agreeing(marks, camera)
         if np.array_equal(kept, before) and moved < _SETTLED_PX:
             break
     return marks, lens
-
-
-def _check_focal_length(lens: SheetLens | None) -> None:
-    """Raises JobError if the focal length is not known well enough for a height."""
-    if lens is None or lens.focal is None:
-        raise JobError(
-            "[camera] height",
-            "a height needs the focal length, which this photo does not show",
-            remedy="tilt the camera by 20 to 40 deg and do not cut the photo, take it with a phone "
-            "that writes the 35 mm focal length, or give camera.file (camgen calibrate)",
-        )
 
 
 def list_marks(pixels: Pixels, target: Sheet | Board) -> tuple[list[int], list[int]]:
@@ -156,7 +182,7 @@ def list_marks(pixels: Pixels, target: Sheet | Board) -> tuple[list[int], list[i
     return [number for number in numbers if number in shown], missing
 
 
-def _sheet(picture: Picture, camera: Camera | None, sheet: Sheet) -> _Found:
+def _sheet(picture: Picture, camera: Camera | None, sheet: Sheet) -> _MarkCorners:
     grey = _grey(picture.pixels)
     seen = _detect(grey, len(sheet.ids))
     times = Counter(number for number, _ in seen)
@@ -188,34 +214,76 @@ def _sheet(picture: Picture, camera: Camera | None, sheet: Sheet) -> _Found:
         )
     marks = [number for number, _ in usable]
     corners = _measure(grey, np.array([place for _, place in usable]), camera)
-    names = [f"marker {number} corner {i}" for number in marks for i in (1, 2, 3, 4)]
-    owners = np.repeat(marks, 4)
+    marker_names = [f"marker {number}" for number in marks]
     rows = [sheet.ids.index(number) for number in marks]
-    return _Found(
+    return _MarkCorners(
         corners.reshape(-1, 2),
         sheet.corners[rows].reshape(-1, 2),
-        owners,
-        names,
-        "marker",
+        np.repeat(np.arange(len(marks)), 4),
+        _name_corners(marker_names),
+        marker_names,
+        np.zeros((0, 2)),
         tuple(notes),
     )
 
 
-def _board(picture: Picture, board: Board) -> _Found:
+def _board(picture: Picture, camera: Camera | None, board: Board) -> _MarkCorners:
     pattern = _pattern(picture.pixels, board)
-    owners = pattern.numbers
-    if len(owners) < 4:
-        what = f"shows {counted(len(owners), 'corner')} of the {board.label}"
+    if len(pattern.numbers) < 4:
+        what = f"shows {counted(len(pattern.numbers), 'corner')} of the {board.label}"
         raise InputError(
             picture.name,
             what,
             remedy="four are needed; check its squares, its dictionary and the light",
         )
-    row, column = np.divmod(owners, board.columns - 1)
-    mm = np.column_stack([column + 1, board.rows - 1 - row]) * board.square
-    names = [f"corner {number}" for number in owners.tolist()]
-    notes = (*_note_pattern(pattern, board), *_missing_lines(pattern, board))
-    return _Found(pattern.corners, mm, owners, names, "corner", notes)
+    grey = _grey(picture.pixels)
+    inner_px, inner = refine_corners(grey, pattern, board)
+    row, column = np.divmod(inner, board.columns - 1)
+    inner_mm = np.column_stack([column + 1, board.rows - 1 - row]) * board.square
+    middles = place_markers(board, pattern.legacy)
+    times = Counter(pattern.markers.tolist())
+    usable = sorted(number for number in middles if times[number] == 1)
+    if len(inner) < _SIZE_CORNERS or in_line(inner_mm) is not None:
+        usable = []
+    rows = [pattern.markers.tolist().index(number) for number in usable]
+    corners = _measure(grey, pattern.marker_corners[rows], camera).reshape(-1, 2)
+    around = np.array([middles[number] for number in usable]).reshape(-1, 2).repeat(4, axis=0)
+    marker_mm = around + board.marker / 2 * np.tile(_SQUARE, (len(usable), 1))
+    marker_names = [f"marker {number}" for number in usable]
+    inner_names = [f"corner {number}" for number in inner.tolist()]
+    marks = _MarkCorners(
+        np.concatenate([corners, inner_px]),
+        np.concatenate([marker_mm, inner_mm]),
+        np.concatenate([np.arange(len(usable)).repeat(4), len(usable) + np.arange(len(inner))]),
+        _name_corners(marker_names) + inner_names,
+        marker_names + inner_names,
+        around,
+        (*_note_pattern(pattern, board), *_missing_lines(pattern, board)),
+    )
+    return _fit_marker_size(marks, camera)
+
+
+def _name_corners(markers: Sequence[str]) -> list[str]:
+    """The names of the corners of markers."""
+    return [f"{name} corner {corner}" for name in markers for corner in (1, 2, 3, 4)]
+
+
+def _fit_marker_size(marks: _MarkCorners, camera: Camera | None) -> _MarkCorners:
+    """The marks of a board with markers of the size that its inner corners show.
+
+    A printed marker is as much larger or smaller as ink runs and as the picture is over-exposed.
+    """
+    count = len(marks.middles)
+    if not count:
+        return marks
+    ideal = marks.px if camera is None else undistort(camera, marks.px)
+    inner = np.isfinite(ideal[count:]).all(axis=1)
+    to_mm = fit_homography(ideal[count:][inner], marks.mm[count:][inner])
+    side = np.sign(marks.mm[:count] - marks.middles)
+    half = (map_points(to_mm, ideal[:count]) - marks.middles) * side
+    shown = float(np.nanmedian(half.reshape(-1, 8).mean(axis=1)))
+    mm = np.concatenate([marks.middles + shown * side, marks.mm[count:]])
+    return marks._replace(mm=mm)
 
 
 def _pattern(pixels: Pixels, board: Board) -> Pattern:
@@ -302,23 +370,26 @@ def _note_missing(missing: int, side: _Side, board: Board) -> Note:
     return Note("warning", what, why, strict=True)
 
 
-def _agreeing(found: _Found, camera: Camera | None) -> tuple[NDArray[np.bool_], list[int]]:
-    """Which points are kept, and the numbers of the marks that are left out because a corner is clearly wrong."""
-    ideal = found.px if camera is None else undistort(camera, found.px)
+def _agreeing(marks: _MarkCorners, camera: Camera | None) -> tuple[NDArray[np.bool_], list[str]]:
+    """The corners that are kept, and the names of the marks that are left out.
+
+    A mark is left out if a corner of it is clearly wrong.
+    """
+    ideal = marks.px if camera is None else undistort(camera, marks.px)
     # A mark where the lens model shows nothing says nothing.
-    kept = ~np.isin(found.owners, found.owners[~np.isfinite(ideal).all(axis=1)])
+    kept = ~np.isin(marks.owners, marks.owners[~np.isfinite(ideal).all(axis=1)])
     dropped: list[int] = []
-    most = int(_LEFT_OUT * len(set(found.owners.tolist())))
+    most = int(_LEFT_OUT * len(set(marks.owners.tolist())))
     while len(dropped) < most and np.count_nonzero(kept) > 5:
-        px, mm = ideal[kept], found.mm[kept]
+        px, mm = ideal[kept], marks.mm[kept]
         residuals = np.linalg.norm(map_points(fit_homography(mm, px), mm) - px, axis=1)
         odd = suspect(mm, px, residuals)
         if odd.error < _WRONG_PX or odd.chance > _WRONG_CHANCE:
             break
-        owner = int(found.owners[kept][odd.index])
+        owner = int(marks.owners[kept][odd.index])
         dropped.append(owner)
-        kept &= found.owners != owner
-    return kept, sorted(dropped)
+        kept &= marks.owners != owner
+    return kept, [marks.marks[owner] for owner in sorted(dropped)]
 
 
 # -- in the picture

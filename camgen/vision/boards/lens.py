@@ -1,4 +1,4 @@
-"""The lens that one photo of a marker sheet or a board shows: k1, k2, and f if it is tilted.
+"""The lens that one photo of a marker sheet or a board shows: k1, k2, and f by the tilt.
 
 The corners are fitted twice: by a homography alone, and by one that is seen through a lens,
 
@@ -10,6 +10,7 @@ F-test with six degrees of freedom decides between both fits.
 
 The focal length does not bend anything. It follows from the homography: the axes of the sheet are
 equally long and at right angles (Zhang, 2000). Without a tilt, all focal lengths agree with that.
+Then it is assumed to be that of an ordinary camera, and its interval is wide.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import math
 
 import numpy as np
 
+from camgen.model.errors import JobError
 from camgen.model.part import Note
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
@@ -26,12 +28,15 @@ from camgen.vision.camera.camera import Camera, undistort
 from camgen.vision.camera.sheet_lens import SheetLens
 from camgen.vision.plane import depth, fit_homography, map_points
 
-#: Corners below this number show no lens.
-_LEAST_CORNERS = 12
+#: Corners below this number show no lens. They may show a focal length.
+LEAST_CORNERS = 12
 #: A lens is accepted if chance makes corners like these less often.
 _CHANCE = 1e-4
 #: Corners are not measured more exactly than this, px, as far as the test and the deviations go.
 _EXACT_PX = 0.005
+#: Points are measured to within this, px, where their residuals do not show it: if they exceed the
+#: unknowns by less than the second number.
+_READ_PX, _LEAST_FREEDOM = 0.5, 4
 #: The share of the measurements that counts in the test: corners of a marker err alike.
 _INDEPENDENT = 0.5
 #: Usual sizes in half diagonals: of the way from the photo's middle to the principal point, of k2,
@@ -52,6 +57,9 @@ AGREES, _CONTRADICTS = 3.0, 5.0
 _BY_FILE = 0.05
 #: The focal length is known if none that agrees is further off than by this factor.
 _KNOWN = 1.25
+#: Focal lengths of ordinary cameras, half diagonals: 22 to 130 mm for a frame of 24 x 36 mm. They
+#: are assumed to enclose a focal length that is not known.
+_ORDINARY = (1.0, 6.0)
 _ROUNDS, _SETTLED = 40, 1e-10
 #: Columns of the slopes: nine of the homography, then c, k1 and k2, p1 and p2.
 _C, _K, _P = slice(9, 11), slice(11, 13), slice(13, 15)
@@ -157,7 +165,7 @@ class _Fit:
             seen, slopes = self.bend.slopes(self.homography, mm)
             error = (px - seen).ravel()
             self.squares = float(error @ error)
-            self.sigma = max(math.sqrt(self.squares / freedom), exact)
+            self.sigma = max(math.sqrt(self.squares / max(freedom, 1)), exact)
             prior, values = self.bend.prior_rows(self.sigma)
             rows = np.vstack([slopes.reshape(-1, _COUNT), prior])[:, used]
             inverse = np.linalg.pinv(rows, rcond=1e-12)
@@ -209,24 +217,25 @@ def lens_of_sheet(
 ) -> SheetLens | None:
     """The lens that corners (N, 2), px and mm, of a sheet show in a photo of ``size`` px.
 
-    needs_focal: whether a camera is of use that bends nothing.
+    needs_focal: whether a camera is of use that bends nothing. Four corners are enough for it.
     focal_px: the focal length by the photo's file, px.
     None: they show no lens, or one that cannot be used.
     """
-    if len(px) < _LEAST_CORNERS:
+    if len(px) < (4 if needs_focal else LEAST_CORNERS):
         return None
     middle, half = _frame(size)
     corners = (px - middle) / half
-    exact = _EXACT_PX / half
-    plain = _Fit(corners, mm, exact, bends=False)
-    bent = _Fit(corners, mm, exact, bends=True)
-    freedom, least = _INDEPENDENT * (2 * len(px) - 14), 2 * len(px) * exact**2
-    bends = chance_of(bent.squares + least, plain.squares + least, freedom) < _CHANCE
-    is_cut = bends and float(np.abs(bent.bend.centre).max()) > _CUT
+    exact = (_EXACT_PX if 2 * len(px) - 8 >= _LEAST_FREEDOM else _READ_PX) / half
+    fit = plain = _Fit(corners, mm, exact, bends=False)
+    bends = is_cut = False
+    if len(px) >= LEAST_CORNERS:
+        bent = _Fit(corners, mm, exact, bends=True)
+        freedom, least = _INDEPENDENT * (2 * len(px) - 14), 2 * len(px) * exact**2
+        bends = chance_of(bent.squares + least, plain.squares + least, freedom) < _CHANCE
+        is_cut = bends and float(np.abs(bent.bend.centre).max()) > _CUT
+        fit = bent if bends else plain
     if not bends and not needs_focal:
         return None
-    rms = [half * math.sqrt(fit.squares / len(px)) for fit in (plain, bent)]
-    fit = bent if bends else plain
     focal, interval = _focal_length(fit, None if focal_px is None else focal_px / half)
     camera = _camera(fit, focal * half, size, bends)
     if not np.isfinite(undistort(camera, px)).all():
@@ -234,7 +243,9 @@ def lens_of_sheet(
     bounds = None if interval is None or is_cut else (interval[0] * half, interval[1] * half)
     deviations = np.sqrt(np.diag(fit.covariance)[[11, 12, 9, 10]])
     deviations *= [focal**2, focal**4, half, half]
-    length, source = _focal_words(camera.matrix[0, 0], bounds, focal_px is not None)
+    is_known = bounds is not None and _is_known(focal * half, bounds)
+    length, source = _focal_words(camera.matrix[0, 0], bounds, is_known, focal_px is not None)
+    rms = [half * math.sqrt(squares / len(px)) for squares in (plain.squares, fit.squares)]
     fits = f"{counted(len(px), 'corner')} lie within {rms[0]:.2f} px rms without a lens"
     lens = f"{length}, no distortion"
     if bends:
@@ -244,11 +255,25 @@ def lens_of_sheet(
     if not holds(camera):
         fits += "; it does not reach the corners of the photo"
     note = _note(camera, lens, f"{fits}; {source}")
-    return SheetLens(camera, bends, bounds, frozen(deviations), note)
+    return SheetLens(camera, bends, bounds, is_known, frozen(deviations), note)
+
+
+def check_focal_length(lens: SheetLens | None) -> None:
+    """Raises JobError if the corners or points contradict all focal lengths."""
+    if lens is None or lens.focal is None:
+        raise JobError(
+            "[camera] height",
+            "a height needs the focal length, and this photo contradicts all of them",
+            remedy="do not cut the photo, see that the sheet lies flat, or give camera.file "
+            "(camgen calibrate)",
+        )
 
 
 def _focal_length(fit: _Fit, by_file: float | None) -> tuple[float, tuple[float, float] | None]:
-    """The best focal length, and the interval that agrees; None if the interval is too wide."""
+    """The best focal length, and the interval that agrees; None if the corners contradict all.
+
+    A wide interval is narrowed to ordinary cameras.
+    """
     squares = np.array([fit.contradiction(focal) for focal in _FOCAL.tolist()])
     if by_file is not None:
         squares += (np.log(_FOCAL / by_file) / _BY_FILE) ** 2
@@ -262,8 +287,15 @@ def _focal_length(fit: _Fit, by_file: float | None) -> tuple[float, tuple[float,
     agrees = np.flatnonzero(squares <= squares[least] + AGREES**2)
     low = float(min(_FOCAL[max(agrees[0] - 1, 0)], best))
     high = float(max(_FOCAL[min(agrees[-1] + 1, len(_FOCAL) - 1)], best))
-    is_known = best / low < _KNOWN and high / best < _KNOWN
-    return best, (low, high) if is_known and squares[least] < _CONTRADICTS**2 else None
+    if not _is_known(best, (low, high)) and low < _ORDINARY[1] and high > _ORDINARY[0]:
+        low, high = max(low, _ORDINARY[0]), min(high, _ORDINARY[1])
+        best = min(max(best, low), high)
+    return best, (low, high) if squares[least] < _CONTRADICTS**2 else None
+
+
+def _is_known(best: float, interval: tuple[float, float]) -> bool:
+    """Whether an interval of focal lengths is narrow."""
+    return best / interval[0] < _KNOWN and interval[1] / best < _KNOWN
 
 
 def _camera(fit: _Fit, focal: float, size: tuple[int, int], bends: bool) -> Camera:
@@ -284,12 +316,14 @@ def _note(camera: Camera, lens: str, fits: str) -> Note:
 
 
 def _focal_words(
-    focal: float, bounds: tuple[float, float] | None, by_file: bool
+    focal: float, bounds: tuple[float, float] | None, is_known: bool, by_file: bool
 ) -> tuple[str, str]:
     """The focal length with its bounds, px, and its source."""
     if bounds is None:
         return f"f {focal:.0f} px", "f is a guess, the corners do not show it"
-    source = (
-        "f from the tilt and the 35 mm focal length in the file" if by_file else "f from the tilt"
-    )
+    source = "f from the tilt"
+    if by_file:
+        source += " and the 35 mm focal length in the file"
+    elif not is_known:
+        source += ", which hardly shows it, among those of ordinary cameras"
     return f"f {focal:.0f} px ({bounds[0]:.0f} to {bounds[1]:.0f})", source

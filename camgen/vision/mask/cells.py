@@ -175,6 +175,12 @@ def depth(inside: Bools) -> Floats:
     return np.asarray(cv2.distanceTransform(inside.view(np.uint8), cv2.DIST_L2, 5), np.float32)
 
 
+def inner_cells(inside: Bools) -> Bools:
+    """The cells of ``inside`` whose eight neighbours are in it too: those on a boundary are not."""
+    eroded = cv2.erode(inside.view(np.uint8), np.ones((3, 3), np.uint8))
+    return np.asarray(eroded.view(np.bool_))
+
+
 def rim(valid: Bools) -> Bools:
     """The cells along the border of the valid ones."""
     framed = cv2.copyMakeBorder(valid.view(np.uint8), 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)

@@ -23,18 +23,27 @@ from camgen.vision.mask.cells import (
     cells_of,
     covariance,
     depth,
+    inner_cells,
     quadratic,
     rim,
     robust,
     some,
     surface,
 )
-from camgen.vision.mask.level import Levels, halfway, spread_out
+from camgen.vision.mask.level import BAND_BEGIN_PX, Levels, halfway, spread_out
 
 #: The part differs from the bench by so many spreads of the bench, and so many values of 255.
 _LEAST_SPREADS, _LEAST_CONTRAST = 6.0, 5.0
 #: The tone next to the bench's: so many percent of the part are nearer. A soft shadow is less, and weaker.
 _NEAR_TONE = 15
+#: A bench is rough if this difference may be texture. Then it is averaged with a Gaussian of these
+#: standard deviations, cells.
+_ROUGH, _SCALES = 12.0, (3.0, 8.0)
+#: Shares of the usual difference of a part from its bench: cells deep in the part with more are
+#: part, and so are holes with more in the mean.
+_CORE_SHARE, _HOLE_SHARE = 0.75, 0.5
+#: The share of strong cells in a piece of a part, at least.
+_LEAST_SEEDS = 0.05
 #: Cells on a boundary are less deep, with one more for a blur.
 MIXED = 1.5
 #: A part is so many cells at least.
@@ -69,23 +78,77 @@ class Found(Struct, frozen=True, eq=False):
 
 
 def differing(values: Floats, cells: Cells, bench: Bench, invert: bool = False) -> Bools | None:
-    """The cells on that side of the bench, lighter or darker, where more differs; the other side with ``invert``.
+    """The cells on the side of the bench, lighter or darker, where more differs.
 
-    The threshold is halfway to the part's tone next to the bench's, if it has several: a shiny part is no less there.
+    invert: the other side.
+
+    The threshold is halfway to the part's tone next to the bench's, if it has several. The texture
+    of a bench may reach it. Cells above it belong to the part only in one piece with cells that no
+    texture reaches (hysteresis, Canny 1986).
     """
     off = np.where(cells.valid, values - bench.values, np.float32(0))
     least = max(_LEAST_SPREADS * bench.sigma, _LEAST_CONTRAST)
-    sides = [np.where(side * off > least, side * off, np.float32(0)) for side in (-1, 1)]
-    amounts = [float(side.sum()) for side in sides]
-    off = sides[int(amounts[1] > amounts[0]) ^ int(invert)]
-    part = off > 0
-    # Without the boundary: what is there is a mixture.
-    deep = depth(part) > MIXED
-    tones = off[deep if np.count_nonzero(deep) >= _FEW else part]
-    if tones.size < _FEW:
+    seeds = [side * off > least for side in (-1, 1)]
+    amounts = [float(np.abs(off[strong]).sum()) for strong in seeds]
+    side = (-1, 1)[(amounts[1] > amounts[0]) ^ invert]
+    part = seeds[(side + 1) // 2]
+    threshold = _threshold(side * off, part, inner_cells(part))
+    if threshold >= least:
+        return np.asarray(side * off > threshold, np.bool_)
+    if least > _ROUGH:
+        rough = [
+            _find_seeds(side * off, part, cells) for side, part in zip((-1, 1), seeds, strict=True)
+        ]
+        amounts = [float(np.abs(off[strong]).sum()) for strong, _ in rough]
+        side = (-1, 1)[(amounts[1] > amounts[0]) ^ invert]
+        part, inner = rough[(side + 1) // 2]
+        threshold = _threshold(side * off, part, inner)
+    if not threshold:
         return None
-    near, middle = np.percentile(tones, [_NEAR_TONE, 50])
-    return np.asarray(off > max(near / 2, middle / 4), np.bool_)
+    whole = np.asarray(side * off > max(threshold, _LEAST_CONTRAST), np.bool_)
+    return _with_seeds(whole, part, _FEW)
+
+
+def _threshold(off: Floats, part: Bools, inner: Bools) -> float:
+    """Halfway to the tone of a part next to the bench's; 0 without a part.
+
+    inner: the cells of the part without its boundary, which is a mixture.
+    """
+    tones = off[inner if np.count_nonzero(inner) >= _FEW else part]
+    if tones.size < _FEW:
+        return 0.0
+    near, middle = np.percentile(tones, [_NEAR_TONE, 50]).tolist()
+    return float(max(near / 2, middle / 4))
+
+
+def _find_seeds(off: Floats, part: Bools, cells: Cells) -> tuple[Bools, Bools]:
+    """The cells that no texture of a rough bench reaches, and those that lie deep among them.
+
+    off: (h, w), the difference from the bench.
+    part: (h, w), the cells that no texture of a single cell reaches.
+
+    Texture averages out over some cells, and the part does not.
+    """
+    seeds, inner = part.copy(), inner_cells(part)
+    edge = rim(cells.valid)
+    for scale in _SCALES:
+        smooth = np.asarray(cv2.GaussianBlur(off, (0, 0), scale), np.float32)
+        spread = SIGMAS_OF_MEDIAN * float(np.median(np.abs(smooth[edge])))
+        strong = smooth > max(_LEAST_SPREADS * spread, _LEAST_CONTRAST)
+        seeds |= strong & (off > 0)
+        inner |= depth(strong) > MIXED + 2 * scale
+    return seeds, np.asarray(inner & seeds, np.bool_)
+
+
+def _with_seeds(part: Bools, seeds: Bools, least: int = 1) -> Bools:
+    """The pieces of ``part`` in which ``least`` cells, and a share of all, are seeds."""
+    count, owners = cv2.connectedComponents(part.view(np.uint8), connectivity=4)
+    sizes, seeded = (
+        np.bincount(cells, minlength=count) for cells in (owners.ravel(), owners[seeds])
+    )
+    kept = seeded >= np.maximum(least, _LEAST_SEEDS * sizes)
+    kept[0] = False
+    return np.asarray(kept[owners], np.bool_)
 
 
 def split_at(values: Floats, cells: Cells, threshold: float, invert: bool = False) -> Bools:
@@ -104,19 +167,51 @@ def otsu(values: Floats, cells: Cells) -> float:
 def settle(
     channel: Channel, part: Bools | None, cells: Cells, bench: Bench | None = None
 ) -> Found | None:
-    """``part`` drawn again at the local levels until it stays, twice at most. None: there is no part, or no bench."""
+    """``part`` drawn again at the local levels until it stays, twice at most.
+
+    None: there is no part, or no bench.
+
+    Only its border moves. A part of several tones crosses the level within it, and the texture of a
+    bench does beside it.
+    """
     bench = bench or bench_of(channel.cells, cells.valid)
+    if part is None:
+        return None
+    pieces, inner = part, depth(part) > MIXED + BAND_BEGIN_PX / cells.size
+    off = np.where(cells.valid, np.abs(channel.cells - bench.values), np.float32(0))
+    usual = float(np.median(off[inner])) if inner.any() else np.inf
+    core = inner & (off > _CORE_SHARE * usual)
     for _ in range(_TURNS):
         levels = _levels(channel, part, cells, bench)
-        if part is None or levels is None:
+        if levels is None:
             return None
-        level = spread_out(levels.tiles, levels.tile, part.shape)
-        before, side = part, np.less if levels.contrast < 0 else np.greater
-        part = np.asarray(side(channel.cells, level) & cells.valid, np.bool_)
+        whole = _with_seeds(beyond_level(channel, levels, cells) | core, pieces)
+        before, part = part, _fill_holes(whole, off, _HOLE_SHARE * usual)
         if same(part, before):
             return Found(channel, part, levels, bench)
     levels = _levels(channel, part, cells, bench)
-    return None if part is None or levels is None else Found(channel, part, levels, bench)
+    return None if levels is None else Found(channel, part, levels, bench)
+
+
+def beyond_level(channel: Channel, levels: Levels, cells: Cells) -> Bools:
+    """The cells on the part's side of the local levels."""
+    level = spread_out(levels.tiles, levels.tile, cells.valid.shape)
+    side = np.less if levels.contrast < 0 else np.greater
+    return np.asarray(side(channel.cells, level) & cells.valid, np.bool_)
+
+
+def _fill_holes(part: Bools, off: Floats, largest: float) -> Bools:
+    """``part`` with the holes that differ from the bench by more than ``largest`` in the mean.
+
+    off: (h, w), the difference.
+    """
+    if not (off[~part] > largest).any():
+        return part
+    count, owners = cv2.connectedComponents((~part).view(np.uint8), connectivity=4)
+    owner = owners.ravel()
+    sizes = np.bincount(owner, minlength=count)
+    means = np.bincount(owner, off.ravel(), minlength=count) / np.maximum(sizes, 1)
+    return np.asarray((means > largest)[owners] | part, np.bool_)
 
 
 def as_it_is(channel: Channel, part: Bools, cells: Cells) -> Found | None:
@@ -135,7 +230,7 @@ def _levels(channel: Channel, part: Bools | None, cells: Cells, bench: Bench) ->
 
 def same(one: Bools, other: Bools) -> bool:
     """Are the two the same but for cells on the boundary?"""
-    apart = np.count_nonzero(depth(one ^ other) > MIXED)
+    apart = np.count_nonzero(inner_cells(one ^ other))
     return bool(apart <= max(2, 0.002 * min(np.count_nonzero(one), np.count_nonzero(other))))
 
 
@@ -406,7 +501,7 @@ def _lab(colours: Floats) -> Floats:
 
 def _project(pixels: Bytes, cells: Cells, part: Bools) -> Found | None:
     """Fisher's linear discriminant of bench and part, if it tells them apart as the distance does: one colour each."""
-    pure = depth(part) > MIXED, (depth(~part) > MIXED) & cells.valid
+    pure = inner_cells(part), inner_cells(~part) & cells.valid
     if not (pure[0].any() and pure[1].any()):
         return None
     inside, outside = (cells.values[where].astype(np.float64) for where in pure)

@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 from msgspec import Struct
 
-from camgen.vision.mask.cells import Bools, Bytes, Cells, depth
-from camgen.vision.mask.channel import MIXED, Found
+from camgen.vision.mask.cells import Bools, Bytes, Cells, depth, inner_cells
+from camgen.vision.mask.channel import Found
 from camgen.vision.mask.level import spread_out
 
 #: A part has two tones if what lies between them is so much of all that varies in it (evenly spread values: 0.75), and
@@ -54,13 +54,13 @@ def other_levels(found: Found, cells: Cells) -> dict[str, Bools]:
 
 def first_tone(found: Found) -> Bools | None:
     """The larger part of two, if the part has two tones: the other one may be its shadow. None where it has one."""
-    deep = depth(found.part) > MIXED
+    inner = inner_cells(found.part)
     # In the light of the bench: a part in uneven light has many tones.
     bench = np.maximum(found.bench.values, np.float32(1))
     values = found.channel.cells * (
         np.median(bench) / bench if found.channel.black == 0 else np.float32(1)
     )
-    tones = values[deep]
+    tones = values[inner]
     if not len(tones):
         return None
     seen = np.clip(np.rint(tones), 0, 255).astype(np.uint8)

@@ -23,7 +23,7 @@ from camgen.model.tolerance import SIGMAS_OF_MEDIAN
 from camgen.vision.mask.cells import Bench, Bools, Bytes, Cells, Floats, depth
 
 #: The bands begin so far from the boundary and are so wide, px.
-_BAND_BEGIN_PX, _BAND_WIDTH_PX = 2.5, 12.0
+BAND_BEGIN_PX, _BAND_WIDTH_PX = 2.5, 12.0
 #: So many tiles along the longer side: the light changes slowly, texture is averaged out.
 _TILES = 72
 #: What a cell away from the boundary counts: it has a say only where no boundary is near.
@@ -65,7 +65,7 @@ def halfway(values: Floats, part: Bools, cells: Cells, bench: Bench, black: floa
     tile = max(4, math.ceil(max(values.shape) / _TILES))
     outside = bench.values + np.float32(np.median(values[near[1]] - bench.values[near[1]]))
     inside = _inside(values, near[0], outside, black)
-    tiles = _nodes(np.asarray((inside + outside) / 2, np.float32), tile)
+    tiles = at_tiles(np.asarray((inside + outside) / 2, np.float32), tile)
     tiles += (_tile(values - inside, inner, tile) + _tile(values - outside, outer, tile)) / 2
     along = spread_out(tiles, tile, values.shape)[near[0] | near[1]]
     low, high = np.percentile(along, [2, 98])
@@ -96,7 +96,7 @@ def _side(region: Bools, cells: Cells) -> Floats:
     """(h, w): what the cells of ``region`` count: 1 in a band along its boundary, little farther in, 0 elsewhere."""
     # Measured from the other region alone: along what the photo does not show there is no boundary.
     deep = depth(region) * cells.valid
-    start = 1 + math.ceil(_BAND_BEGIN_PX / cells.size)
+    start = 1 + math.ceil(BAND_BEGIN_PX / cells.size)
     band = (deep >= start) & (deep <= start + math.ceil(_BAND_WIDTH_PX / cells.size))
     if not band.any():  # thinner than the blur: its deepest cells
         band = deep >= max(1.0, 0.9 * float(deep.max()))
@@ -115,7 +115,8 @@ def _means(values: Floats, tile: int) -> Floats:
     return np.asarray(cv2.resize(padded, size, interpolation=cv2.INTER_AREA), np.float32)
 
 
-def _nodes(smooth: Floats, tile: int) -> Floats:
+def at_tiles(smooth: Floats, tile: int) -> Floats:
+    """(m, n): the means of smooth values (h, w) in the tiles."""
     padded = _pad(smooth, tile, cv2.BORDER_REPLICATE)
     size = (padded.shape[1] // tile, padded.shape[0] // tile)
     return np.asarray(cv2.resize(padded, size, interpolation=cv2.INTER_AREA), np.float32)

@@ -20,13 +20,13 @@ from camgen.model.errors import InputError, JobError
 from camgen.model.job import ImageTable
 from camgen.model.part import Note
 from camgen.model.text import counted, short
-from camgen.vision.mask.cells import Bools, Bytes, Cells, Floats, bench_of, cells_of, depth
+from camgen.vision.mask.cells import Bools, Bytes, Cells, Floats, bench_of, cells_of, inner_cells
 from camgen.vision.mask.channel import (
-    MIXED,
     Channel,
     Colour,
     Found,
     as_it_is,
+    beyond_level,
     differing,
     find_beside_shadow,
     find_by_background,
@@ -40,6 +40,7 @@ from camgen.vision.mask.channel import (
 from camgen.vision.mask.clean import clean
 from camgen.vision.mask.doubt import Doubt, find_doubt, first_tone, other_levels, show_doubt
 from camgen.vision.mask.level import beyond, spread_out
+from camgen.vision.mask.shadow import find_part_beside_shadow
 from camgen.vision.mask.touching import Meeting, meetings
 from camgen.vision.to_scale import ScaledView
 
@@ -164,7 +165,7 @@ def _other_side(found: Found, cells: Cells) -> tuple[Note, ...]:
     dark = found.levels.contrast < 0
     off = (found.channel.cells - found.bench.values) * (1 if dark else -1)
     other = (off > abs(found.levels.contrast) / 2) & cells.valid
-    part = np.count_nonzero(depth(other) > MIXED) / np.count_nonzero(found.part)
+    part = np.count_nonzero(inner_cells(other)) / np.count_nonzero(found.part)
     if part < _OTHER_SIDE:
         return ()
     what = f"what is {'lighter' if dark else 'darker'} than the bench is not taken for the part"
@@ -210,7 +211,20 @@ def _auto(pixels: Bytes, cells: Cells, asked: Asked) -> MaskChoice | None:
     choice = replace(choice, others=others)
     if _find_coloured(cells) and _doubt(choice, cells, 0.0) is not None:
         return _without_shadow(pixels, cells, choice)
-    return choice
+    return choice if choice.method == "color" else _without_moved_outline(choice, cells)
+
+
+def _without_moved_outline(choice: MaskChoice, cells: Cells) -> MaskChoice:
+    """The part without a shadow that is its own outline, moved; else ``choice``."""
+    bare = find_part_beside_shadow(choice.found, cells)
+    if bare is None:
+        return choice
+    what = "a shadow or a wall is left out: it is the outline of the part, moved"
+    why = f"by {bare.shift * cells.size:.0f} px of the view; if it is part, give image.threshold"
+    note = Note("warning", what, f"{why}; look at the preview")
+    others = {"with its shadow": choice.found.part}
+    notes = (*choice.notes, note)
+    return replace(choice, found=bare.segmentation, notes=notes, others=others)
 
 
 def _without_shadow(pixels: Bytes, cells: Cells, choice: MaskChoice) -> MaskChoice:
@@ -442,6 +456,8 @@ def part_mask(
         level = spread_out(levels.tiles, levels.tile * cells.size, grey.shape)
     dark = levels.contrast < 0
     pixels = beyond(grey, level, dark)
+    if choice.level is None:
+        _keep_found(pixels, choice.found, cells)
     if view.valid is not None:
         pixels[~view.valid] = 0
     accepts_specks = "specks" in settings.accept
@@ -459,6 +475,25 @@ def part_mask(
     return Mask(
         pixels, choice.method, choice.why, grey, level, dark, choice.notes + notes, in_doubt
     )
+
+
+def _keep_found(pixels: Bytes, segmentation: Found, cells: Cells) -> None:
+    """Sets the pixels where the level alone contradicts the segmentation.
+
+    These are tones within the part, and the texture of the bench. The border is left as it is.
+    """
+    part = segmentation.part
+    differs = beyond_level(segmentation.channel, segmentation.levels, cells) ^ part
+    if not differs.any():
+        return
+    around = cv2.dilate(differs.view(np.uint8), np.ones((3, 3), np.uint8)).view(np.bool_)
+    at = [
+        np.minimum(np.arange(count) // cells.size, limit - 1)
+        for count, limit in zip(pixels.shape, differs.shape, strict=True)
+    ]
+    for side, value in ((part, 255), (~part, 0)):
+        inner = around & inner_cells(side)
+        pixels[inner[np.ix_(*at)]] = value
 
 
 def _note_doubt(doubt: Doubt, cells: Cells, view: ScaledView) -> Note:
