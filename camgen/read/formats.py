@@ -54,18 +54,9 @@ def inspect_with(module: str) -> Callable[[Source, Job, Files], object]:
 
 
 def _read_picture(source: Source, job: Job, files: Files) -> Part:
-    """The ink of a drawing, or the part in a photo.
-
-    The photo is decoded while its reader is imported.
-    """
-    if is_drawing(job):
-        return read_with("camgen.read.artwork")(source, job, files)
-    from camgen.vision.image import Loading, is_of_sensor  # noqa: PLC0415
-
-    picture = Loading(source, sensor=is_of_sensor(job.camera))
-    reader, _ = map(import_module, ("camgen.read.image", "numpy.ma"))
-    part: Part = reader.read(source, job, files, picture)
-    return part
+    """The ink of a drawing, or the part in a photo."""
+    module = "camgen.read.artwork" if is_drawing(job) else "camgen.read.image"
+    return read_with(module)(source, job, files)
 
 
 DXF = Reader(

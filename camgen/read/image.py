@@ -25,7 +25,7 @@ from camgen.vision.boards.lens import LEAST_CORNERS, check_focal_length, lens_of
 from camgen.vision.boards.sheet import RULER, STROKE, Board, Sheet, sheet
 from camgen.vision.camera.camera import Camera, read_camera
 from camgen.vision.error_bound import ErrorBound, error_bound
-from camgen.vision.image import Loading, Picture, is_of_sensor, load
+from camgen.vision.image import Picture, is_of_sensor, load
 from camgen.vision.lines_arcs.contours import OutlineFit, primitives
 from camgen.vision.mask.channel import remove_shadows
 from camgen.vision.mask.part_mask import Mask, is_cut_out, part_mask
@@ -96,14 +96,12 @@ class _Seen(Struct, frozen=True):
     mask: Mask
 
 
-def read(source: Source, job: Job, files: Files, picture: Loading | None = None) -> Part:
+def read(source: Source, job: Job, files: Files) -> Part:
     """The part in a picture.
-
-    picture: the picture of ``source``, if it is decoded already.
 
     Raises InputError for a picture that shows none, JobError for settings that contradict another.
     """
-    outlined, borders = _outline(source, job, files, picture)
+    outlined, borders = _outline(source, job, files)
     assert outlined.raster is not None
     drawn, fits, more = primitives(borders, outlined.raster.work_from_view)
     return replace(outlined, contours=drawn, notes=(*outlined.notes, *more, *_tell_fit(fits)))
@@ -118,11 +116,9 @@ def read_outlines(source: Source, job: Job, files: Files) -> Part:
     return _outline(source, replace(job, image=replace(job.image, accept=accept)), files)[0]
 
 
-def _outline(
-    source: Source, job: Job, files: Files, picture: Loading | None = None
-) -> tuple[Part, Sequence[Outline]]:
+def _outline(source: Source, job: Job, files: Files) -> tuple[Part, Sequence[Outline]]:
     """The part without contours, and the borders from which they are made."""
-    seen = _see(source, job, files, picture)
+    seen = _see(source, job, files)
     borders, notes = outlines(seen.mask.grey, seen.mask.pixels)
     _insist_on_edges(source.name, borders, job)
     points = tuple(border.points for border in borders)
@@ -205,10 +201,9 @@ def inspect(source: Source, job: Job, files: Files) -> PictureFacts:
     return PictureFacts((width, height), colour, part.units, f"{size} mm, {holes}", part.notes)
 
 
-def _see(source: Source, job: Job, files: Files, loading: Loading | None) -> _Seen:
+def _see(source: Source, job: Job, files: Files) -> _Seen:
     _nothing_unused(job)
-    loading = loading or Loading(source, sensor=is_of_sensor(job.camera))
-    picture = _light(loading.result(), job)
+    picture = _light(load(source, sensor=is_of_sensor(job.camera)), job)
     camera = read_camera(files.read(job.camera.file)) if job.camera.file else None
     plane = _plane(picture, camera, job.camera)
     # The view is made with the camera that the sheet shows; that one is not calibrated.

@@ -21,8 +21,6 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import partial
-from threading import Thread
 from typing import BinaryIO, Literal
 
 import numpy as np
@@ -346,31 +344,6 @@ def load(source: Source, *, sensor: bool = False) -> Picture:
     return Picture(
         name, pixels, _dpi(head, notes), turned, tuple(notes), alpha, focal_px=focal or None
     )
-
-
-class Loading:
-    """A picture that is decoded in a thread, while its reader is imported."""
-
-    def __init__(self, source: Source, *, sensor: bool) -> None:
-        self._load = partial(load, source, sensor=sensor)
-        self._picture: Picture | None = None
-        self._error: BaseException | None = None
-        self._thread = Thread(target=self._run, name=f"decode {source.name}")
-        self._thread.start()
-
-    def _run(self) -> None:
-        try:
-            self._picture = self._load()
-        except BaseException as error:  # raised again by result
-            self._error = error
-
-    def result(self) -> Picture:
-        """The picture. Raises what `load` raises."""
-        self._thread.join()
-        if self._picture is None:
-            assert self._error is not None
-            raise self._error
-        return self._picture
 
 
 def is_of_sensor(camera: CameraTable) -> bool:

@@ -13,7 +13,6 @@ from camgen.model.errors import InputError
 from camgen.model.pose import frozen
 from camgen.vision.camera.camera import Camera, camera_info, distort, read_camera, undistort
 from camgen.vision.camera.lens import distort_ideal, fold, straight
-from camgen.vision.camera.stored import parse_plain_yaml
 from tests.support.files import source
 
 MATRIX = frozen([[800.0, 0, 321], [0, 802, 236], [0, 0, 1]])
@@ -137,32 +136,6 @@ def test_camera_info_is_what_ros_reads() -> None:
     assert said["rectification_matrix"]["data"] == np.eye(3).ravel().tolist()
     assert said["projection_matrix"]["rows"], said["projection_matrix"]["cols"] == (3, 4)
     assert yaml.safe_load(camera_info(camera(8)))["distortion_model"] == "rational_polynomial"
-
-
-@pytest.mark.parametrize("count", LENSES)
-def test_plain_yaml_is_read_as_by_the_library(count: int) -> None:
-    text = camera_info(camera(count))
-    plain = parse_plain_yaml(text)
-    # A lens without distortion has an empty list, which is left to the library.
-    assert plain == (yaml.load(text, Loader=yaml.BaseLoader) if count else None)
-
-
-#: Lines of YAML that are nearly plain.
-NEARLY = st.sampled_from(
-    [
-        *("a: 1", "a: [1, 2]", "a: '1'", 'a: "b c"', "a: 1 ", "a:1", "a : 1", "c: -", "c: +1"),
-        *("b:", "  c: x", "  c: [1, -2.5e3, .nan]", "  d:", "    e: 2", "b: [1,2]", "b: []"),
-        *("", "# x", "- 1", "y: ~"),
-    ]
-)
-
-
-@given(st.lists(NEARLY, max_size=6))
-def test_other_yaml_is_left_to_the_library(lines: list[str]) -> None:
-    text = "\n".join(lines)
-    plain = parse_plain_yaml(text)
-    if plain is not None:
-        assert plain == yaml.load(text, Loader=yaml.BaseLoader)
 
 
 @pytest.mark.parametrize("suffix", [".yml", ".xml", ".json"])

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from camgen.model.errors import InputError
 from camgen.model.files import Source
 from camgen.read import find_reader
-from camgen.vision.image import Header, Loading, Picture, header, load
+from camgen.vision.image import Header, Picture, header, load
 from tests.support.files import source
 
 SHARED = Path(__file__).parents[2].parent / "shared" / "data" / "image"
@@ -125,18 +125,6 @@ def test_pixels_are_those_that_were_saved(suffix: str, tmp_path: Path) -> None:
     assert picture.pixels.dtype == np.uint8
     assert not picture.pixels.flags.writeable
     assert (picture.name, picture.turned, picture.notes) == ("p" + suffix, False, ())
-
-
-def test_a_picture_is_decoded_beside_its_reader(tmp_path: Path) -> None:
-    """The result is that of load, and so is the error."""
-    file = tmp_path / "photo.png"
-    cv2.imwrite(str(file), np.arange(48, dtype=np.uint8).reshape(6, 8))
-    loading = Loading(source(file), sensor=False)
-    assert np.array_equal(loading.result().pixels, load(source(file)).pixels)
-    assert loading.result() is loading.result()
-    file.write_bytes(file.read_bytes()[:60])
-    with pytest.raises(InputError, match=r"photo\.png"):
-        Loading(source(file), sensor=False).result()
 
 
 def test_jpeg_and_grey(tmp_path: Path) -> None:

@@ -7,7 +7,6 @@ Parsed by the libraries of the formats. OpenCV's own reader ends the process on 
 from __future__ import annotations
 
 import json
-import re
 from xml.etree import ElementTree
 
 import numpy as np
@@ -22,11 +21,6 @@ AGAIN = "copy it again, or calibrate with camgen calibrate"
 #: More numbers than these are no matrix of a camera; an alias of YAML may stand for many.
 _MOST_NUMBERS = 100
 _MATRIX = ("rows", "cols", "data")
-_WORD = r"[-+]?\w[\w.+-]*"
-#: A line of plain YAML: its indent, a name, and a word, a word in quotes, or a list of words.
-_PLAIN_LINE = re.compile(
-    rf'(  )?([A-Za-z]\w*):(?: ({_WORD})| "([\w ]+)"| \[({_WORD}(?:, {_WORD})*)\])?', re.ASCII
-)
 
 
 def parse_stored(file: str, text: str) -> dict[str, Stored]:
@@ -44,10 +38,7 @@ def parse_stored(file: str, text: str) -> dict[str, Stored]:
 
 def parse_yaml(file: str, text: str) -> Stored:
     """YAML as strings, lists and maps, with whatever tag. InputError with the line for what is none."""
-    plainest = parse_plain_yaml(text)
-    if plainest is not None:
-        return plainest
-    import yaml  # noqa: PLC0415 (loaded only by what needs it, and takes 30 ms)
+    import yaml  # noqa: PLC0415 (loaded only by what needs it)
 
     # OpenCV writes "%YAML:1.0" for YAML's own "%YAML 1.0". The line stays, for the numbers of the others.
     head, _, rest = text.partition("\n")
@@ -66,33 +57,6 @@ def parse_yaml(file: str, text: str) -> Stored:
     except (TypeError, ValueError) as error:  # a list or a map for a key
         raise InputError(file, "is no YAML: a key that is no name", remedy=AGAIN) from error
     return found
-
-
-def parse_plain_yaml(text: str) -> dict[str, Stored] | None:
-    """Names with words, numbers, lists of them on one line, and maps of these; None for other YAML.
-
-    So are the files of `camgen calibrate` and most of ROS.
-    """
-    root: dict[str, Stored] = {}
-    inner: dict[str, Stored] | None = None
-    for line in text.splitlines():
-        match = _PLAIN_LINE.fullmatch(line)
-        if match is None:
-            return None
-        indent, name, word, quoted, words = match.groups()
-        level = inner if indent else root
-        if level is None or name in level or not (indent or inner is None or inner):
-            return None
-        inner = inner if indent else None
-        if words:
-            level[name] = list(words.split(", "))
-        elif word or quoted:
-            level[name] = word or quoted
-        elif indent:
-            return None
-        else:
-            root[name] = inner = {}
-    return root if root and inner != {} else None
 
 
 def _json(file: str, text: str) -> Stored:
