@@ -12,16 +12,18 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
-from msgspec import Struct
+import numpy as np
+from msgspec import DecodeError, Struct
 from msgspec.json import Decoder
 
-from camgen.model.pose import Vec3
+from camgen.model.pose import FloatArray, Vec3
 
 #: Characters of a text that are cut at a time. Their columns fit into the processor's cache.
 _BLOCK = 1 << 16
 #: Lines of a run. A reader counts lines against its limits at the end of a run.
 _LONGEST = 256
 _decode_rows = Decoder(list[Vec3 | None]).decode
+_decode_numbers = Decoder(list[float]).decode
 
 
 class Source(Struct, frozen=True, gc=False):
@@ -106,7 +108,7 @@ class Template:
             columns[name] = _read_places(columns[name])
         refused: set[int] = set()
         for name, decode in self._words.items():
-            columns[name], odd = _read_words(columns[name], decode)
+            columns[name], odd = read_words(columns[name], decode)
             refused.update(odd)
         for low, high in pairwise(self._find_bounds(columns, between, refused)):
             if between[low]:
@@ -143,10 +145,13 @@ def _read_places(texts: Sequence[str | None]) -> list[Vec3 | None]:
     return _decode_rows(f"[{rows}]") if texts else []
 
 
-def _read_words(
+def read_words(
     texts: Sequence[str | None], decode: Callable[[str], Any]
 ) -> tuple[list[Any], list[int]]:
-    """The value of each text, None for None, and the indices of those that `decode` refuses."""
+    """The value of each text, None for None, and the indices of those that `decode` refuses.
+
+    decode: called once for each distinct text. With ValueError it refuses it.
+    """
     values: dict[str | None, Any] = {None: None}
     refused: set[str | None] = set()
     for text in {*texts} - {None}:
@@ -158,3 +163,15 @@ def _read_words(
             refused.add(text)
     odd = [index for index, text in enumerate(texts) if text in refused] if refused else []
     return [values[text] for text in texts], odd
+
+
+def read_numbers(text: bytes) -> FloatArray | None:
+    """(N,): numbers with commas between them, None if one is not spelled as in JSON.
+
+    They are those of `float`, to the last bit, except the sign of -0 without a point.
+    """
+    try:
+        numbers = _decode_numbers(b"[%b]" % text)
+    except DecodeError:
+        return None
+    return np.fromiter(numbers, np.float64, len(numbers))

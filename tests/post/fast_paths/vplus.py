@@ -126,12 +126,11 @@ SECOND = "MOVES f:TRANS({6},{7},{8},{9},{10},{11})\n"
 PATH = FastPath(
     read=read,
     files=("a", "b"),
-    functions=[f"{FUNCTIONS}RobotState.stretch", f"{FUNCTIONS}RobotState.plain"],
+    functions=[f"{FUNCTIONS}RobotState.stretch"],
     closed=[
         ("camgen.lang.columns.Template.cut", cut_nothing),
         ("camgen.lang.vplus.text._REMEMBERED", 0),
         (f"{FUNCTIONS}_KEPT", 0),
-        (f"{FUNCTIONS}RobotState.plain", lambda *_: False),
         (f"{FUNCTIONS}pace", lambda _: None),
     ],
     template=MOTIONS,
