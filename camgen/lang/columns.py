@@ -16,6 +16,7 @@ import numpy as np
 from msgspec import DecodeError, Struct
 from msgspec.json import Decoder
 
+from camgen.model.body import Indices
 from camgen.model.pose import FloatArray, Vec3
 
 #: Characters of a text that are cut at a time. Their columns fit into the processor's cache.
@@ -175,3 +176,9 @@ def read_numbers(text: bytes) -> FloatArray | None:
     except DecodeError:
         return None
     return np.fromiter(numbers, np.float64, len(numbers))
+
+
+def find_distinct(texts: Sequence[str]) -> tuple[list[str], Indices]:
+    """The distinct texts, and (N,): for each of `texts` its index among them."""
+    number = {text: index for index, text in enumerate(dict.fromkeys(texts))}
+    return list(number), np.fromiter(map(number.__getitem__, texts), np.intp, len(texts))

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from camgen.lang import columns
-from camgen.lang.columns import Run, Template
+from camgen.lang.columns import Run, Template, find_distinct, read_numbers
 from tests.support.fast_paths import patched
 
 THREE = r"-?[0-9]{1,4}\.[0-9],-?[0-9]{1,4}\.[0-9],-?[0-9]{1,4}\.[0-9]"
@@ -130,3 +130,22 @@ def test_any_text_is_cut_as_line_by_line(rows: list[tuple[str, str]], block: int
             assert len(set(run["verb"])) == 1
             assert len(run) <= columns._LONGEST
     assert rows_read == expected
+
+
+@given(st.lists(st.sampled_from(["a", "b", "", "c "])))
+def test_distinct_texts_and_their_indices(texts: list[str]) -> None:
+    distinct, number = find_distinct(texts)
+    assert [distinct[index] for index in number.tolist()] == texts
+    assert len(distinct) == len(set(texts))
+
+
+@given(st.lists(st.from_regex(r"\A-?(0\.|[1-9][0-9]{0,15}\.)[0-9]{1,16}\Z"), max_size=8))
+def test_numbers_are_those_of_float(texts: list[str]) -> None:
+    numbers = read_numbers(",".join(texts).encode())
+    assert numbers is not None
+    assert [number.hex() for number in numbers.tolist()] == [float(text).hex() for text in texts]
+
+
+def test_other_spellings_of_numbers() -> None:
+    for text in (b"1,", b"01", b".5", b"1.", b"+1", b"1 2", b"[1]", b"nan", b"1e400", b"?"):
+        assert read_numbers(text) is None
