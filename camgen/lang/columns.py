@@ -163,7 +163,7 @@ def read_words(
             values[text] = None
             refused.add(text)
     odd = [index for index, text in enumerate(texts) if text in refused] if refused else []
-    return [values[text] for text in texts], odd
+    return list(map(values.__getitem__, texts)), odd
 
 
 def read_numbers(text: bytes) -> FloatArray | None:

@@ -97,7 +97,7 @@ def plain(run: Running, op: Op) -> None:
     if item.via is not None:
         arc(run, item.via, item.target, speed, blend)
     else:
-        run.machine.go(item.straight, item.target, speed, blend)
+        run.machine.go(item.kind == "L", item.target, speed, blend)
 
 
 def move(run: Running, op: Op) -> None:

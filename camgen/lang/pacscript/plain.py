@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import count
 from typing import Any
 
@@ -12,21 +12,24 @@ from msgspec import Struct
 
 from camgen.lang.columns import Run, Template
 from camgen.lang.pacscript.values import UNDEFINED, Figured, Unreadable, position
-from camgen.model.pose import FloatArray, Pose, Vec3
+from camgen.model.pose import Pose, Vec3
 
 #: As in JSON, whose reader is several times as fast as ``float`` and as exact. With a point: JSON's -0 has no sign.
-_NUMBER = r"-?(?:0|[1-9][0-9]{0,8})\.[0-9]{1,9}"
+_NUMBER = r"-?(?:0|[1-9][0-9]{0,8}+)\.[0-9]{1,9}+"
 _THREE = f"{_NUMBER}, {_NUMBER}, {_NUMBER}"
 _REST = r"(?:, [-0-9., ]{1,90})?"
 _RATE = r"[0-9]{1,6}(?:\.[0-9]{1,9})?"
 _MOTION = (
     rf" {{0,16}}Move (?:(?P<kind>[LP])|C, P\((?P<via>{_THREE})(?P<via_turn>{_REST})\)), "
     rf"(?P<mark>(?:@(?:[0PE]|[0-9]{{1,6}}) )?)P\((?P<target>{_THREE})(?P<turn>{_REST})\)"
-    rf"(?P<speed>(?:, Speed = (?:Mps\({_RATE}(?: \* [A-Za-z][A-Za-z0-9_]{{0,63}})?\)|{_RATE}))?)"
+    r"(?P<speed>(?:, Speed = [^\r\n,]{1,80})?)"
     r"\r?(?:\n|\Z)"
 )
 #: One line of any kind with its end.
 LINE = re.compile(r"[^\n]*+\n|[^\n]++")
+_SPEED = re.compile(
+    rf"(?:, Speed = (?:Mps\({_RATE}(?: \* [A-Za-z][A-Za-z0-9_]{{0,63}})?\)|{_RATE}))?"
+)
 _TURN = re.compile(r"(?:, -?[0-9]+(?:\.[0-9]*)?){0,4}")
 
 
@@ -34,13 +37,13 @@ class Plain(Struct, frozen=True, gc=False):
     """A motion of one line.
 
     line: 1-based through all files.
-    straight: whether a motion without a via point is a straight line.
+    kind: L or P, None for an arc.
     mark, speed: pass mark and own speed as the decoders of `motions` return them.
     via: via point of an arc.
     """
 
     line: int
-    straight: bool
+    kind: str | None
     mark: Any
     speed: Any
     via: Pose | None
@@ -53,35 +56,34 @@ def motions(mark: Callable[[str], Any], speed: Callable[[str], Any]) -> Template
     mark, speed: decoders of the pass mark and of the speed, for each of which the text may be
         empty. They raise Unreadable if the long way has to report a fault.
     """
+
+    def read_speed(text: str) -> Any:
+        if not _SPEED.fullmatch(text):
+            raise Unreadable(f"{text} has another speed")
+        return speed(text)
+
     turns = dict.fromkeys(("turn", "via_turn"), _read_turn)
     return Template(
-        _MOTION, places=("via", "target"), words={"mark": mark, "speed": speed, **turns}
+        _MOTION, places=("via", "target"), words={"mark": mark, "speed": read_speed, **turns}
     )
 
 
 def plain(run: Run, line: int) -> list[Plain]:
     """The motions of a run that begins in line `line`."""
-    straight = [kind == "L" for kind in run["kind"]]
-    vias = map(_place, run["via"], run["via_turn"])
-    targets = map(_place, run["target"], run["turn"])
-    return list(map(Plain, count(line), straight, run["mark"], run["speed"], vias, targets))
-
-
-def _place(origin: Vec3 | None, turn: tuple[FloatArray, int] | None) -> Pose | None:
-    """``P()`` with x, y, z and the rest."""
-    if origin is None or turn is None:
-        return None
-    rotation, figure = turn
-    return Pose(rotation, origin) if figure == UNDEFINED else Figured(rotation, origin, figure)
+    vias = [place and place(at) for place, at in zip(run["via_turn"], run["via"], strict=True)]
+    targets = [place(at) for place, at in zip(run["turn"], run["target"], strict=True)]
+    return list(map(Plain, count(line), run["kind"], run["mark"], run["speed"], vias, targets))
 
 
 @lru_cache(maxsize=1024)
-def _read_turn(turn: str) -> tuple[FloatArray, int]:
-    """The rotation and the figure that follow x, y, z in the brackets of ``P()``, as the long way reads them."""
+def _read_turn(turn: str) -> Callable[[Vec3], Pose]:
+    """``P()`` of a place and the rotation and figure that follow it in the brackets, as the long way reads them."""
     if not _TURN.fullmatch(turn):
         raise Unreadable(f"{turn} is no rotation")
     values = [0.0, 0.0, 0.0, *map(float, turn.split(",")[1:])]
     if len(values) > 6 and values[6] != UNDEFINED and values[6] < 0:
         raise Unreadable(f"{turn} has another figure")
     place = position(values)
-    return place.rotation, place.figure if isinstance(place, Figured) else UNDEFINED
+    if isinstance(place, Figured):
+        return partial(Figured, place.rotation, figure=place.figure)
+    return partial(Pose, place.rotation)

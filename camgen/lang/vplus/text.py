@@ -94,7 +94,7 @@ def rotation_zyz(yaw: float, pitch: float, roll: float) -> FloatArray:
 # Motions in lines that follow each other, all spelled alike: most of a V+ program.
 
 #: As in JSON, whose reader is several times as fast as ``float`` and as exact, but for the sign of -0.
-_NUMBER = r"(?:-?[1-9][0-9]{0,8}|0|-0(?=\.))(?:\.[0-9]{1,9})?"
+_NUMBER = r"(?:-?[1-9][0-9]{0,8}+|0|-0(?=\.))(?:\.[0-9]{1,9}+)?"
 _THREE = f"{_NUMBER},{_NUMBER},{_NUMBER}"
 _PACE_PARTS = re.compile(rf"({_NUMBER})(?:, ({_NUMBER}))?( MMPS)?( ALWAYS)?")
 #: One line of any kind with its end.

@@ -321,4 +321,4 @@ def carry_out(machine: Machine, item: Plain) -> None:
     if item.via is not None:
         arc(machine, item.via, item.target, blend, speed, False)
     else:
-        go(machine, item.straight, item.target, blend, speed, False)
+        go(machine, item.kind == "L", item.target, blend, speed, False)
