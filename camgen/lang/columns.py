@@ -155,8 +155,9 @@ def read_words(
     """
     values: dict[str | None, Any] = {None: None}
     refused: set[str | None] = set()
-    for text in {*texts} - {None}:
-        assert text is not None
+    for text in dict.fromkeys(texts):
+        if text is None:
+            continue
         try:
             values[text] = decode(text)
         except ValueError:

@@ -33,8 +33,9 @@ _SWITCH = re.compile(r"M6([45]) P([0-9]{1,2})")
 #: So many lines are looked at together; fewer than so many in a row are read one by one.
 _SOME, FEW = 8192, 32
 _AXES = "XYZIJ"
-#: A number as in JSON, whose reader has no sign for -0.
-_UNSIGNED = r"(?:0|[1-9][0-9]*)(?:\.[0-9]+)?"
+#: A number as in JSON, whose reader has no sign for -0. Larger ones are judged line by line.
+_UNSIGNED = r"(?:0|[1-9][0-9]{0,5})(?:\.[0-9]+)?"
+_LARGER = 1e6
 DECIMAL = rf"(?:-(?!0(?!\.)))?{_UNSIGNED}"
 #: One motion as posts print it: in capitals, in this order, a blank between the words, far from the limit of a line.
 MOTION = (
@@ -43,12 +44,10 @@ MOTION = (
     + f"(?: F({_UNSIGNED}))?"
 )
 _SIGNED_ZERO = re.compile(rb"-0(?!\.)")
-#: What makes numbers with commas between them of letters with numbers and blanks between them.
-_TO_NUMBERS = bytes(
-    ord(",") if chr(code) in " \n" else ord(" ") if chr(code) in string.ascii_uppercase
-    else code if chr(code) in "0123456789.-" else ord("?")
-    for code in range(256)
-)  # fmt: skip
+#: Turns letters with numbers and blanks between them into numbers with commas between them.
+_SIGNS = {code: code for code in b"0123456789.-"} | dict.fromkeys(b" \n", ord(","))
+_SIGNS |= dict.fromkeys(string.ascii_uppercase.encode(), ord(" "))
+_TO_NUMBERS = bytes(_SIGNS.get(code, ord("?")) for code in range(256))
 #: A comment as posts print it: without a comma none is an order.
 REMARK = r"\((?!.{71})[A-Za-z0-9 _.+\-=/:#@*]*\)"
 _REMARK = re.compile(REMARK)
@@ -160,15 +159,17 @@ def _read_motions(
 
 
 def _read_words(codes: Codes) -> tuple[Mask, NDArray[np.int8], FloatArray] | None:
-    """As ``_read_motions``, for whole lines; None if one of them has more than letters with numbers.
+    """As ``_read_motions``, for whole lines; None if one of them has more than letters and numbers.
 
     The lines are then read one by one.
     """
     stops = np.flatnonzero((codes == _BLANK) | (codes == _END))
     starts = np.append(0, stops[:-1] + 1)
     text = codes.tobytes().translate(_TO_NUMBERS)[:-1]
-    values = None if _SIGNED_ZERO.search(text) else read_numbers(text)
-    if values is None or not len(values):
+    values = read_numbers(text)
+    if values is None or not len(values) or np.abs(values).max() >= _LARGER:
+        return None
+    if _SIGNED_ZERO.search(text):
         return None
     if text.count(b" ") != len(stops) or (codes[starts] <= ord("9")).any():
         return None
