@@ -22,7 +22,8 @@ FLOOR = {folder: k for k, folders in enumerate(FLOORS) for folder in folders}
 POST_MAY_IMPORT = ("camgen.model", "camgen.post", "camgen.geometry")
 #: A read-back is a layer over the interpreter of its language.
 LANGUAGES = tuple(
-    f"camgen.lang.{name}" for name in ("gcode", "pacscript", "rapid", "vplus", "programs", "run")
+    f"camgen.lang.{name}"
+    for name in ("columns", "gcode", "pacscript", "rapid", "vplus", "programs", "run")
 )
 READBACK_MAY_IMPORT = (*POST_MAY_IMPORT, *LANGUAGES)
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+import string
 from collections.abc import Callable, Mapping, Sequence
 from typing import overload
 
@@ -15,40 +16,52 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from camgen.lang.columns import read_numbers, read_words
 from camgen.lang.gcode.arcs import NO_ANGLE, OVER_MM, OVER_RAD, Limits
 from camgen.lang.gcode.machine import RAPID
 from camgen.model.body import NUMBER, Body, Packed
 from camgen.model.pose import TOOL_DOWN, FloatArray
 from camgen.model.program import Indices, Mask, MoveC, MoveJ, MoveL, Output
 
-from .numbers import DECIMAL, WORD, Codes, codes_of, read_numbers
+Codes = NDArray[np.uint8]
 
 _END, _BLANK = ord("\n"), ord(" ")
 #: The greatest code of a motion.
 _MOST_CODE = 3
-#: An output, and its fewest characters.
-_SWITCH, _OUTPUT = re.compile(r"M6([45]) P([0-9]{1,2})"), len("M64 P0")
+#: An output.
+_SWITCH = re.compile(r"M6([45]) P([0-9]{1,2})")
 #: So many lines are looked at together; fewer than so many in a row are read one by one.
 _SOME, FEW = 8192, 32
 _AXES = "XYZIJ"
+#: A number as in JSON, whose reader has no sign for -0. Larger ones are judged line by line.
+_UNSIGNED = r"(?:0|[1-9][0-9]{0,5})(?:\.[0-9]+)?"
+_LARGER = 1e6
+DECIMAL = rf"(?:-(?!0(?!\.)))?{_UNSIGNED}"
 #: One motion as posts print it: in capitals, in this order, a blank between the words, far from the limit of a line.
 MOTION = (
     r"(?!.{71})G([0-3])"
     + "".join(f"(?: {letter}({DECIMAL}))?" for letter in _AXES)
-    + f"(?: F({DECIMAL.removeprefix('-?')}))?"
+    + f"(?: F({_UNSIGNED}))?"
 )
+_SIGNED_ZERO = re.compile(rb"-0(?!\.)")
+#: Turns letters with numbers and blanks between them into numbers with commas between them.
+_SIGNS = {code: code for code in b"0123456789.-"} | dict.fromkeys(b" \n", ord(","))
+_SIGNS |= dict.fromkeys(string.ascii_uppercase.encode(), ord(" "))
+_TO_NUMBERS = bytes(_SIGNS.get(code, ord("?")) for code in range(256))
 #: A comment as posts print it: without a comma none is an order.
 REMARK = r"\((?!.{71})[A-Za-z0-9 _.+\-=/:#@*]*\)"
+_REMARK = re.compile(REMARK)
 #: The most characters of a motion, and of a comment behind its bracket.
 _LONGEST = 70
 #: The place of each letter among the words of a motion, -1 where it is none of them.
 _PLACES = np.full(256, -1, np.int8)
 _PLACES[np.frombuffer(f"{_AXES}F".encode(), np.uint8)] = np.arange(len(_AXES) + 1)
 _FEED = len(_AXES)
-#: The characters that may not stand in a comment.
-_UNUSUAL = np.array(
-    [re.fullmatch(REMARK, f"({chr(code)})") is None for code in range(256)], np.bool_
-)
+
+
+def _codes_of(text: str) -> Codes:
+    """The characters of a text, one byte each; a question mark for one that is not ASCII."""
+    return np.frombuffer(text.encode("ascii", "replace"), np.uint8)
 
 
 class Lines(Sequence[str]):
@@ -61,7 +74,7 @@ class Lines(Sequence[str]):
             if len(texts) == 1
             else "".join(text.removesuffix("\n") + "\n" for text in texts)
         )
-        ends = np.flatnonzero(codes_of(self._text) == _END) - WORD
+        ends = np.flatnonzero(_codes_of(self._text) == _END)
         if texts and not self._text.endswith("\n"):
             ends = np.append(ends, len(self._text))
         self._ends = ends
@@ -115,16 +128,16 @@ def cut(lines: Lines, first: int, switch: Callable[[str, str], Output | None]) -
     switch: the output that M64 or M65 sets, by the last digit of the code and its number; None for one that is none.
     """
     last = min(first + _SOME, len(lines))
-    codes = codes_of(lines.text(first, last) + "\n0")  # one more than is looked at
+    codes = _codes_of(lines.text(first, last) + "\n0")  # one more than is looked at
     ends = np.flatnonzero(codes == _END)
-    begins = np.append(WORD, ends[:-1] + 1)
+    begins = np.append(0, ends[:-1] + 1)
     moves, digit, words = _read_motions(codes, begins, ends)
-    outputs = _read_outputs(codes, begins, ends, switch)
-    read = moves | _find_remarks(codes, begins, ends)
-    read[list(outputs)] = True
+    others, outputs = _read_others(codes, begins, ends, switch)
+    other = ~moves
+    other[others] = False
     return Chunk(
         first,
-        ~read,
+        other,
         moves,
         digit,
         words,
@@ -136,51 +149,63 @@ def _read_motions(
     codes: Codes, begins: Indices, ends: Indices
 ) -> tuple[Mask, NDArray[np.int8], FloatArray]:
     """(N,) which lines are like ``MOTION``; of these the digits of G, and the words (N, 6) as in ``Chunk``."""
+    moves, digit = np.zeros(len(ends), np.bool_), np.zeros(len(ends), np.int8)
+    words = np.full((len(ends), len(_AXES) + 1), np.nan)
+    maybe = (codes[begins] == ord("G")) & (ends - begins <= _LONGEST)
+    read = _read_words(codes[:-1][np.repeat(maybe, ends - begins + 1)])
+    if read is not None:
+        moves[maybe], digit[maybe], words[maybe] = read
+    return moves, digit, words
+
+
+def _read_words(codes: Codes) -> tuple[Mask, NDArray[np.int8], FloatArray] | None:
+    """As ``_read_motions``, for whole lines; None if one of them has more than letters and numbers.
+
+    The lines are then read one by one.
+    """
     stops = np.flatnonzero((codes == _BLANK) | (codes == _END))
-    starts = np.append(WORD, stops[:-1] + 1)
+    starts = np.append(0, stops[:-1] + 1)
+    text = codes.tobytes().translate(_TO_NUMBERS)[:-1]
+    values = read_numbers(text)
+    if values is None or not len(values) or np.abs(values).max() >= _LARGER:
+        return None
+    if _SIGNED_ZERO.search(text):
+        return None
+    if text.count(b" ") != len(stops) or (codes[starts] <= ord("9")).any():
+        return None
     last = codes[stops] == _END
     head = np.append(True, last[:-1])
     line = np.cumsum(head) - 1
     place = _PLACES[codes[starts]]
-    values, sound = read_numbers(codes, np.minimum(starts + 1, stops), stops)
-    rising = place > np.where(head, -1, np.append(-1, place[:-1]))
-    rising[1:] |= head[:-1] & (place[1:] >= 0)
-    sound &= rising & ((place != _FEED) | (codes[starts + 1] != ord("-")))
-    digit = codes[begins + 1] - ord("0")
-    coded = (codes[begins] == ord("G")) & (digit <= _MOST_CODE) & (stops[head] == begins + 2)
-    sound[head] = coded
-    moves = (ends - begins <= _LONGEST) & (np.bincount(line[~sound], minlength=len(ends)) == 0)
+    sound = place > np.where(head, -1, np.append(-1, place[:-1]))
+    sound[1:] |= head[:-1] & (place[1:] >= 0)
+    sound &= (place != _FEED) | (codes[starts + 1] != ord("-"))
+    digit = (codes[starts + 1] - ord("0"))[head]
+    sound[head] = (
+        (codes[starts] == ord("G"))[head] & (digit <= _MOST_CODE) & ((stops - starts)[head] == 2)
+    )
+    moves = np.bincount(line[~sound], minlength=len(digit)) == 0
     said = ~head & moves[line]
-    words = np.full((len(ends), len(_AXES) + 1), np.nan)
+    words = np.full((len(digit), len(_AXES) + 1), np.nan)
     words[line[said], place[said]] = values[said]
     return moves, np.where(moves, digit, 0).astype(np.int8), words
 
 
-def _read_outputs(
+def _read_others(
     codes: Codes, begins: Indices, ends: Indices, switch: Callable[[str, str], Output | None]
-) -> dict[int, Output]:
-    """The outputs that lines like M64 P1 set, by line."""
-    size = ends - begins
-    rows = np.flatnonzero((codes[begins] == ord("M")) & ((size == _OUTPUT) | (size == _OUTPUT + 1)))
-    # Behind the line end of a shorter one stands another line.
-    texts = codes[begins[rows, None] + np.arange(_OUTPUT + 1)]
-    texts[size[rows] == _OUTPUT, -1] = 0
-    spelled, place = np.unique(texts.view(f"S{_OUTPUT + 1}")[:, 0], return_inverse=True)
-    found = [_SWITCH.fullmatch(text.decode()) for text in spelled.tolist()]
-    known = [None if one is None else switch(one[1], one[2]) for one in found]
-    each = zip(rows.tolist(), map(known.__getitem__, place.tolist()), strict=True)
-    return {row: output for row, output in each if output is not None}
+) -> tuple[Indices, dict[int, Output]]:
+    """The lines that are like ``REMARK`` or set an output, and the outputs by line."""
 
+    def decode(text: str) -> Output | bool | None:
+        output = _SWITCH.fullmatch(text)
+        return switch(output[1], output[2]) if output else bool(_REMARK.fullmatch(text))
 
-def _find_remarks(codes: Codes, begins: Indices, ends: Indices) -> Mask:
-    """(N,) which lines are like ``REMARK``."""
-    remarks = (codes[begins] == ord("(")) & (codes[ends - 1] == ord(")"))
-    remarks &= (ends - begins >= len("()")) & (ends - begins <= _LONGEST + 1)
-    rows = np.flatnonzero(remarks)
-    unusual = np.flatnonzero(_UNUSUAL[codes])
-    inside = np.searchsorted(unusual, ends[rows] - 1) - np.searchsorted(unusual, begins[rows] + 1)
-    remarks[rows] = inside == 0
-    return np.asarray(remarks)
+    rows = np.flatnonzero((codes[begins] != ord("G")) & (ends - begins <= _LONGEST + 1))
+    text, spans = codes.tobytes().decode(), zip(begins[rows], ends[rows], strict=True)
+    effects, _ = read_words([text[begin:end] for begin, end in spans], decode)
+    read = dict(zip(rows.tolist(), effects, strict=True))
+    outputs = {row: effect for row, effect in read.items() if isinstance(effect, Output)}
+    return np.array([row for row, effect in read.items() if effect], np.intp), outputs
 
 
 class Settled(Struct, frozen=True, eq=False):

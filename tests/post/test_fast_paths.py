@@ -43,7 +43,8 @@ def test_the_pieces_are_the_whole_text(path: FastPath) -> None:
     written = [text for text, _ in path.texts]
     ends = ["", "\n", "a", "\r\n\r\r\na\x0b\x85b", line, f"{line}\r", f"{line}\r\r\n"]
     for text in (*written, *ends, "MOVE f:TRANS(1,2,3,4,5,6)"):
-        assert "".join(piece[0] for piece in path.pieces.finditer(text)) == text
+        pieces = path.template.cut(text)
+        assert "".join(p if isinstance(p, str) else p.source.text for p in pieces) == text
         rows = re.split(path.line_end, text)
         assert len(path.lines.findall(text)) == len(rows) - (not rows[-1])
 

@@ -2,13 +2,9 @@
 
 import pytest
 
+from camgen.lang.columns import Run
 from camgen.model.program import Force, MoveL
-from tests.post.fast_paths.pacscript import BY_HAND, PATH, TEXTS, TURNING, list_within_motions
-
-
-def test_a_piece_is_a_line() -> None:
-    for text, _ in TEXTS:
-        assert len(PATH.pieces.findall(text)) == text.count("\n")
+from tests.post.fast_paths.pacscript import BY_HAND, PATH, TURNING, list_within_motions
 
 
 def test_the_fast_path_is_open_beside_each_spelling() -> None:
@@ -24,9 +20,9 @@ def test_turns_on_the_spot_take_the_fast_path() -> None:
     lines = [item for item in PATH.check(TURNING, {}).body if isinstance(item, MoveL)]
     speeds = [line.turn for line in lines if line.turn]
     assert speeds == pytest.approx([1.0, 0.5] * 5, abs=1e-5)
-    pieces = [piece for piece in PATH.pieces.finditer(TURNING) if piece[0].endswith(turns)]
-    assert len(pieces) == 10
-    assert all(piece.lastindex for piece in pieces)
+    runs = [piece for piece in PATH.template.cut(TURNING) if isinstance(piece, Run)]
+    usual = "".join(run.source.text for run in runs)
+    assert sum(usual.count(turn) for turn in turns) == 10
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ import re
 import pytest
 from camgen_posts.readback.vplus import read
 
+from camgen.lang.columns import Run
 from camgen.model.program import MoveJ, MoveL, Output
 from camgen.post import Reading, Remark
 from tests.post.fast_paths.vplus import BY_HAND, PATH, TEXTS
@@ -19,7 +20,8 @@ def test_each_motion_of_a_text_is_read() -> None:
 def test_stretches_longer_than_one_match() -> None:
     rows = [f"MOVES f:TRANS({k},0,0,0,180,180)\n" for k in range(700)]
     text = ".PROGRAM a()\nSET f = NULL\n" + "".join(rows) + "BREAK\n.END\n"
-    assert 1 < PATH.count_fast(text) < 5
+    assert PATH.count_fast(text) == 700
+    assert 1 < sum(isinstance(piece, Run) for piece in PATH.template.cut(text)) < 5
     reading = PATH.check(text, {})
     assert [item.target.origin[0] for item in reading.body] == list(range(700))  # type: ignore[union-attr]
     assert reading.lines == tuple(range(3, 703))

@@ -7,6 +7,7 @@ from contextlib import ExitStack, contextmanager
 from typing import NamedTuple
 from unittest.mock import patch
 
+from camgen.lang.columns import Run, Template
 from camgen.model.pose import TOOL_DOWN, Pose, frozen, rotation_about
 from camgen.model.program import (
     Comment,
@@ -31,7 +32,7 @@ class FastPath(NamedTuple):
     files: names of the first and the second file of a program.
     functions: names of functions that only the fast path calls.
     closed: names of attributes, and the values that close the fast path.
-    pieces: pattern of the pieces of a text; a piece for the fast path has a group.
+    template: the usual spelling of a line.
     lines: pattern of one line, as the general parser takes it.
     line_end: pattern of the end of a line.
     by_hand: a text of each kind of statement, for which the fast path is open.
@@ -46,7 +47,7 @@ class FastPath(NamedTuple):
     files: tuple[str, str]
     functions: Sequence[str]
     closed: Sequence[tuple[str, object]]
-    pieces: re.Pattern[str]
+    template: Template
     lines: re.Pattern[str]
     line_end: str
     by_hand: str
@@ -74,8 +75,8 @@ class FastPath(NamedTuple):
         return self.check_files({self.files[0]: text}, options)
 
     def count_fast(self, text: str) -> int:
-        """Number of pieces of a text that the fast path takes."""
-        return sum(piece.lastindex is not None for piece in self.pieces.finditer(text))
+        """Number of lines that the fast path takes."""
+        return sum(len(piece) for piece in self.template.cut(text) if isinstance(piece, Run))
 
     def cut(self, text: str, chance: random.Random) -> dict[str, str]:
         """The text as one file, or cut into two at any place."""
@@ -84,6 +85,11 @@ class FastPath(NamedTuple):
         if chance.random() < 0.7:
             return {first: text}
         return {first: text[:place], second: chance.choice(self.damage.headers) + text[place:]}
+
+
+def cut_nothing(_: Template, text: str) -> Iterator[Run | str]:
+    """In place of `Template.cut`: no line is in the usual spelling."""
+    return iter([text] if text else [])
 
 
 @contextmanager

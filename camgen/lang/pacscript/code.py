@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from itertools import islice
+from typing import Any
 
 from msgspec import Struct
 
+from camgen.lang.columns import Run
 from camgen.lang.pacscript.effects import SILENT
 from camgen.lang.pacscript.expressions import Node, arguments, parse
-from camgen.lang.pacscript.plain import STATEMENT, plain
-from camgen.lang.pacscript.source import Procedure, Say
+from camgen.lang.pacscript.plain import motions, plain
+from camgen.lang.pacscript.source import Procedure, Say, Statement
 from camgen.lang.pacscript.statements import (
     DECLARE,
     READERS,
@@ -47,14 +49,6 @@ class Op(Struct, gc=False):
     to: int = -1
 
 
-class Manner(NamedTuple):
-    """What a motion in the usual spelling says beside its places. speed: None where it says none."""
-
-    kind: str
-    mark: str | Node
-    speed: Node | None
-
-
 class Code(Struct):
     """The steps of a procedure. labels: the step that each names, in small letters; moves: the lines on which something
     moves or is switched; ends: the lines that end the procedure.
@@ -88,8 +82,7 @@ def compile_procedure(procedure: Procedure, say: Say, pac: bool) -> Code:
     which keeps other names.
     """
     compiler = _Compiler(say, pac)
-    for statement in procedure.statements:
-        compiler.statement(statement.line, statement.text)
+    _read_statements(procedure.statements, compiler)
     for block in compiler.blocks:
         say(block.line, f"{_OPENS[block.kind]} has no {_CLOSES[block.kind]}")
         compiler.close(block)
@@ -106,6 +99,18 @@ def compile_procedure(procedure: Procedure, say: Say, pac: bool) -> Code:
         str(op.a.said) for op in compiler.ops if op.do == "assign" and op.a.kind == "name"
     )
     return Code(compiler.ops, compiler.labels, acting, assigned)
+
+
+def _read_statements(statements: Sequence[Statement], compiler: _Compiler) -> None:
+    left = iter(statements)
+    for piece in _MOTIONS.cut("".join(f"{statement.text}\n" for statement in statements)):
+        if isinstance(piece, Run):
+            for item, statement in zip(plain(piece, 0), islice(left, len(piece)), strict=True):
+                compiler.line = statement.line
+                compiler.add("plain", item)
+        else:
+            for statement in islice(left, piece.count("\n")):
+                compiler.statement(statement.line, statement.text)
 
 
 _OPENS = {
@@ -142,13 +147,6 @@ class _Compiler:
         self.line = line
         if ".\\" in text or "./" in text:
             text = _PATH.sub(lambda match: match[1] or match[0], text)
-        if (
-            text.startswith("Move ")
-            and (match := STATEMENT.fullmatch(text))
-            and (item := plain(match, line, _manner))
-        ):
-            self.add("plain", item)
-            return
         try:
             self._statement(text)
         except Unreadable as error:
@@ -449,8 +447,7 @@ _FLOW: dict[str, Callable[[_Compiler, str], object]] = {
 }
 
 
-def _manner(kind: str, mark: str, speed: str) -> Manner:
-    said = mark.strip()[1:]
-    return Manner(
-        kind.lower(), said or "0", parse(speed.partition("=")[2].strip()) if speed else None
-    )
+_MOTIONS = motions(
+    lambda mark: mark.strip()[1:] or "0",
+    lambda speed: parse(speed.partition("=")[2].strip()) if speed else None,
+)

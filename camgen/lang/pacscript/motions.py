@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from camgen.geometry.arcs import circle, turn_about
-from camgen.lang.pacscript.code import Manner, Op
+from camgen.lang.pacscript.code import Op
 from camgen.lang.pacscript.effects import OMITTED_OPTIONS
 from camgen.lang.pacscript.evaluate import evaluate, fit
 from camgen.lang.pacscript.expressions import Node
@@ -93,12 +93,11 @@ def read_speed(run: Running, motion: Motion) -> float:
 def plain(run: Running, op: Op) -> None:
     """A motion in the usual spelling."""
     item: Plain = op.a
-    manner: Manner = item.manner
-    speed, blend = speed_of(run, manner.speed), blend_of(run, manner.mark)
+    speed, blend = speed_of(run, item.speed), blend_of(run, item.mark)
     if item.via is not None:
         arc(run, item.via, item.target, speed, blend)
     else:
-        run.machine.go(manner.kind == "l", item.target, speed, blend)
+        run.machine.go(item.kind == "L", item.target, speed, blend)
 
 
 def move(run: Running, op: Op) -> None:

@@ -4,75 +4,86 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from functools import lru_cache
+from functools import lru_cache, partial
+from itertools import count
 from typing import Any
 
 from msgspec import Struct
-from msgspec.json import Decoder
 
+from camgen.lang.columns import Run, Template
 from camgen.lang.pacscript.values import UNDEFINED, Figured, Unreadable, position
-from camgen.model.pose import FloatArray, Pose, Vec3
+from camgen.model.pose import Pose, Vec3
 
 #: As in JSON, whose reader is several times as fast as ``float`` and as exact. With a point: JSON's -0 has no sign.
-_NUMBER = r"-?(?:0|[1-9][0-9]{0,8})\.[0-9]{1,9}"
-_PLACE = rf"({_NUMBER}, {_NUMBER}, {_NUMBER})((?:, [-0-9., ]{{1,90}})?)"
+_NUMBER = r"-?(?:0|[1-9][0-9]{0,8}+)\.[0-9]{1,9}+"
+_THREE = f"{_NUMBER}, {_NUMBER}, {_NUMBER}"
+_REST = r"(?:, [-0-9., ]{1,90})?"
 _RATE = r"[0-9]{1,6}(?:\.[0-9]{1,9})?"
-_STATEMENT = (
-    rf"Move (?:([LP])|C, P\({_PLACE}\)), ((?:@(?:[0PE]|[0-9]{{1,6}}) )?)P\({_PLACE}\)"
-    rf"((?:, Speed = (?:Mps\({_RATE}(?: \* [A-Za-z][A-Za-z0-9_]{{0,63}})?\)|{_RATE}))?)"
+_MOTION = (
+    rf" {{0,16}}Move (?:(?P<kind>[LP])|C, P\((?P<via>{_THREE})(?P<via_turn>{_REST})\)), "
+    rf"(?P<mark>(?:@(?:[0PE]|[0-9]{{1,6}}) )?)P\((?P<target>{_THREE})(?P<turn>{_REST})\)"
+    r"(?P<speed>(?:, Speed = [^\r\n,]{1,80})?)"
+    r"\r?(?:\n|\Z)"
 )
 #: One line of any kind with its end.
 LINE = re.compile(r"[^\n]*+\n|[^\n]++")
-#: The same; a motion in the usual spelling has groups: L or P, else of via x, y, z and the rest; pass mark; of the
-#: target x, y, z and the rest; speed.
-PIECE = re.compile(rf" {{0,16}}{_STATEMENT}\r?(?:\n|\Z)|{LINE.pattern}")
-#: A motion in the usual spelling with the groups of ``PIECE``.
-STATEMENT = re.compile(_STATEMENT)
+_SPEED = re.compile(
+    rf"(?:, Speed = (?:Mps\({_RATE}(?: \* [A-Za-z][A-Za-z0-9_]{{0,63}})?\)|{_RATE}))?"
+)
 _TURN = re.compile(r"(?:, -?[0-9]+(?:\.[0-9]*)?){0,4}")
-_numbers = Decoder(Vec3)
 
 
 class Plain(Struct, frozen=True, gc=False):
-    """A motion of one line, 1-based through all files. manner: what the reader makes of kind, mark and speed. via: of
-    an arc.
+    """A motion of one line.
+
+    line: 1-based through all files.
+    kind: L or P, None for an arc.
+    mark, speed: pass mark and own speed as the decoders of `motions` return them.
+    via: via point of an arc.
     """
 
     line: int
-    manner: Any
+    kind: str | None
+    mark: Any
+    speed: Any
     via: Pose | None
     target: Pose
 
 
-def plain(
-    piece: re.Match[str], line: int, manner_of: Callable[[str, str, str], Any]
-) -> Plain | None:
-    """What a match of ``PIECE`` with groups says; nothing where the long way has to say what is wrong with it.
+def motions(mark: Callable[[str], Any], speed: Callable[[str], Any]) -> Template:
+    """Motions in the usual spelling.
 
-    manner_of: what L, P or C, the mark and the speed, as they stand in the text, mean; Unreadable for the long way.
+    mark, speed: decoders of the pass mark and of the speed, for each of which the text may be
+        empty. They raise Unreadable if the long way has to report a fault.
     """
-    kind, via, via_turn, mark, target, turn, speed = piece.groups()
-    try:
-        manner, end = manner_of(kind or "C", mark, speed), _place(target, turn)
-        middle = None if kind else _place(via, via_turn)
-    except Unreadable:
-        return None
-    return Plain(line, manner, middle, end)
+
+    def read_speed(text: str) -> Any:
+        if not _SPEED.fullmatch(text):
+            raise Unreadable(f"{text} has another speed")
+        return speed(text)
+
+    turns = dict.fromkeys(("turn", "via_turn"), _read_turn)
+    return Template(
+        _MOTION, places=("via", "target"), words={"mark": mark, "speed": read_speed, **turns}
+    )
 
 
-def _place(xyz: str, turn: str) -> Pose:
-    """``P()`` with x, y, z and the rest."""
-    rotation, figure = _read_turn(turn)
-    origin = _numbers.decode(f"[{xyz}]")
-    return Pose(rotation, origin) if figure == UNDEFINED else Figured(rotation, origin, figure)
+def plain(run: Run, line: int) -> list[Plain]:
+    """The motions of a run that begins in line `line`."""
+    vias = [place and place(at) for place, at in zip(run["via_turn"], run["via"], strict=True)]
+    targets = [place(at) for place, at in zip(run["turn"], run["target"], strict=True)]
+    return list(map(Plain, count(line), run["kind"], run["mark"], run["speed"], vias, targets))
 
 
 @lru_cache(maxsize=1024)
-def _read_turn(turn: str) -> tuple[FloatArray, int]:
-    """The rotation and the figure that follow x, y, z in the brackets of ``P()``, as the long way reads them."""
+def _read_turn(turn: str) -> Callable[[Vec3], Pose]:
+    """``P()`` of a place and the rotation and figure that follow it in the brackets, as the long way reads them."""
     if not _TURN.fullmatch(turn):
         raise Unreadable(f"{turn} is no rotation")
     values = [0.0, 0.0, 0.0, *map(float, turn.split(",")[1:])]
     if len(values) > 6 and values[6] != UNDEFINED and values[6] < 0:
         raise Unreadable(f"{turn} has another figure")
     place = position(values)
-    return place.rotation, place.figure if isinstance(place, Figured) else UNDEFINED
+    if isinstance(place, Figured):
+        return partial(Figured, place.rotation, figure=place.figure)
+    return partial(Pose, place.rotation)

@@ -11,11 +11,10 @@ import re
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
-from itertools import repeat
 
 from msgspec import Struct
-from msgspec.json import Decoder
 
+from camgen.lang.columns import Run, Source, Template
 from camgen.model.pose import IDENTITY, FloatArray, Pose, Vec3, frozen, translation
 
 from .names import NAME, TAKEN, canonical
@@ -92,68 +91,48 @@ def rotation_zyz(yaw: float, pitch: float, roll: float) -> FloatArray:
     )
 
 
-# Motions in lines that follow each other, all spelled alike: most of a V+ program, read a stretch at a time.
+# Motions in lines that follow each other, all spelled alike: most of a V+ program.
 
-#: A stretch is cut here, so that its numbers as text stay few.
-_LONGEST = 256
 #: As in JSON, whose reader is several times as fast as ``float`` and as exact, but for the sign of -0.
-_NUMBER = r"(?:-?[1-9][0-9]{0,8}|0|-0(?=\.))(?:\.[0-9]{1,9})?"
+_NUMBER = r"(?:-?[1-9][0-9]{0,8}+|0|-0(?=\.))(?:\.[0-9]{1,9}+)?"
 _THREE = f"{_NUMBER},{_NUMBER},{_NUMBER}"
-_STRETCH = (
-    r"(?P<head> *(?P<word>MOVES?) (?P<name>[A-Za-z][A-Za-z0-9._]*):TRANS\()"
-    rf"{_THREE}(?P<turn>,{_THREE}\)(?P<end>\r?\n))(?:(?P=head){_THREE},{_THREE}\)(?P=end)){{0,{_LONGEST - 1}}}"
-)
-_Row3 = tuple[float, float, float]
-_Row6 = tuple[float, float, float, float, float, float]
-_rows_of_3, _rows_of_6 = Decoder(list[_Row3]), Decoder(list[_Row6])
-_PACE = rf"{_NUMBER}(?:, {_NUMBER})?(?: MMPS)?(?: ALWAYS)?"
-#: A stretch, else a SPEED, else one line of any kind with its end: together the whole of a text.
-PIECE = re.compile(rf"{_STRETCH}| *SPEED (?P<pace>{_PACE})\r?\n|[^\r\n]*+(?:\r\n|\r|\n)|[^\r\n]++")
 _PACE_PARTS = re.compile(rf"({_NUMBER})(?:, ({_NUMBER}))?( MMPS)?( ALWAYS)?")
+#: One line of any kind with its end.
+LINE = re.compile(r"[^\r\n]*+(?:\r\n|\r|\n)|[^\r\n]++")
+
+
+@lru_cache(maxsize=1024)
+def _rotation(turn: str) -> FloatArray:
+    """The rotation of ``yaw,pitch,roll``."""
+    return rotation_zyz(*map(float, turn.split(",")))
+
+
+#: Motions to ``name:TRANS(place,turn)``.
+MOTIONS = Template(
+    rf" *(?P<head>MOVES? [A-Za-z][A-Za-z0-9._]*):TRANS\((?P<place>{_THREE}),(?P<turn>{_THREE})\)\r?\n",
+    places=("place",),
+    words={"turn": _rotation},
+    alike=("head",),
+)
 
 
 class Stretch(Struct, frozen=True, gc=False):
     """Motions to ``name:TRANS(..)`` in lines that follow each other.
 
-    line: 1-based, of the first. word: MOVE or MOVES. poses: in the frame ``name``. text, start, end: where it stands.
+    line: 1-based, of the first. word: MOVE or MOVES. poses: in the frame ``name``. source: the lines.
     """
 
     line: int
     word: str
     name: str
     poses: tuple[Pose, ...]
-    text: str
-    start: int
-    end: int
-
-    @property
-    def lines(self) -> list[str]:
-        """The lines as they stand in the text."""
-        return self.text[self.start : self.end].splitlines()
+    source: Source
 
 
-def stretch(piece: re.Match[str], line: int) -> Stretch:
-    """What a match of ``PIECE`` with a ``head`` says. line: that of its start."""
-    text, word, name, head, turn, end = piece.group(0, "word", "name", "head", "turn", "end")
-    if text.count(turn) == text.count("\n"):
-        # All are oriented alike.
-        origins = _rows_of_3.decode(
-            f"[[{text[len(head) : -len(turn)].replace(turn + head, '],[')}]]"
-        )
-        poses = tuple(map(Pose, repeat(_rotation(turn)), origins))
-    else:
-        rows = _rows_of_6.decode(
-            f"[[{text[len(head) : -len(end) - 1].replace(f'){end}{head}', '],[')}]]"
-        )
-        poses = tuple(Pose(rotation_zyz(*row[3:]), row[:3]) for row in rows)
-    return Stretch(line, word, name, poses, piece.string, *piece.span())
-
-
-@lru_cache(maxsize=1024)
-def _rotation(turn: str) -> FloatArray:
-    """The rotation of ``,yaw,pitch,roll)`` and a line end."""
-    yaw, pitch, roll = map(float, turn.strip(",)\r\n").split(","))
-    return rotation_zyz(yaw, pitch, roll)
+def stretch(run: Run, line: int) -> Stretch:
+    """The motions of a run of ``MOTIONS`` that begins in line ``line``."""
+    word, name = run["head"][0].split()
+    return Stretch(line, word, name, tuple(map(Pose, run["turn"], run["place"])), run.source)
 
 
 #: The speed of a SPEED, its unit (%, mm/s or MONITOR) and the rotational speed in %.
@@ -302,17 +281,17 @@ def _match(found: list[Routine], report: Report, remark: Report | None) -> None:
 def _read(text: str, file: _File) -> int:
     """Reads a file; returns the number that the first line of the next one has."""
     number = file.first
-    for piece in PIECE.finditer(text):
-        kind, raw = piece.lastgroup, piece[0]
-        if kind and kind != "pace":
+    for piece in MOTIONS.cut(text):
+        if isinstance(piece, Run):
             number = _stretch(stretch(piece, number), file)
             continue
-        usual = ("SPEED", piece["pace"]) if kind else file.usual.get(raw)
-        if usual is not None and file.current is not None:
-            file.current.statements.append(Statement(number, *usual))
-        else:
-            _line(raw, number, file)
-        number += 1
+        for raw in LINE.findall(piece):
+            usual = file.usual.get(raw)
+            if usual is not None and file.current is not None:
+                file.current.statements.append(Statement(number, *usual))
+            else:
+                _line(raw, number, file)
+            number += 1
     if file.current is not None or file.section:
         name = file.current.name if file.current is not None else file.section
         tell = file.report if file.strict else file.remark
@@ -326,7 +305,7 @@ def _stretch(plain: Stretch, file: _File) -> int:
     name, after = plain.name.lower(), plain.line + len(plain.poses)
     known = name if len(name) < NAME else file.long_names.get(name[:NAME])
     if file.current is None or known != name:
-        for number, raw in enumerate(plain.lines, start=plain.line):
+        for number, raw in enumerate(plain.source.text.splitlines(), start=plain.line):
             _line(raw, number, file)
     else:
         file.current.statements.append(plain)
@@ -466,7 +445,7 @@ def one_by_one(plain: Stretch) -> list[Statement]:
     """The instructions of a stretch."""
     return [
         Statement(number, plain.word, raw.split()[1])
-        for number, raw in enumerate(plain.lines, start=plain.line)
+        for number, raw in enumerate(plain.source.text.splitlines(), start=plain.line)
     ]
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 
+from camgen.lang.pacscript.plain import Plain
 from camgen.lang.pacscript.words import name_fault
 from camgen.model.pose import Pose
 from camgen.model.program import MoveC, MoveJ, MoveL, Output, Wait
@@ -19,7 +20,7 @@ from . import force, motion
 from .asked import read_asked
 from .conditions import carry_out_if
 from .machine import UNITS, Machine
-from .motion import Plain, carry_out
+from .motion import carry_out
 from .spelling import find_unusual
 from .text import Procedure, SourceText, Statement, read_source
 from .values import Unreadable, Value, arguments, evaluate, index, number

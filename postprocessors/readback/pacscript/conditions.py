@@ -10,8 +10,9 @@ import re
 from functools import cache
 from itertools import islice
 
+from camgen.lang.pacscript.plain import Plain
+
 from .machine import Machine
-from .motion import Plain
 from .text import Statement
 from .values import Either, Mps, Unreadable, evaluate, join, spread
 

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from camgen.lang.pacscript.lines import without_comment
+from camgen.lang.pacscript.plain import Plain
 from camgen.model.pose import Pose, Vec3
 from camgen.model.program import Force
 from camgen.post import Remark
 
 from .machine import Machine
-from .motion import Plain
 from .text import Statement
 from .values import Unreadable, arguments, evaluate, index, number
 

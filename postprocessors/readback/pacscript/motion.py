@@ -6,11 +6,8 @@ import math
 import re
 from functools import lru_cache
 
-from msgspec import Struct
-
 from camgen.lang.pacscript.motion import EXTENDED, LINEAR, OPTION, split_mark
-from camgen.lang.pacscript.plain import LINE, PIECE, Plain
-from camgen.lang.pacscript.plain import plain as read_plain
+from camgen.lang.pacscript.plain import Plain, motions
 from camgen.model.pose import Pose, Vec3
 from camgen.model.program import Joints, MoveC, MoveJ, MoveL, Posture
 from camgen.model.text import counted
@@ -31,16 +28,6 @@ from .values import speed as checked_speed
 _NAMED = re.compile(r"\* [A-Za-z]")
 
 
-class Manner(Struct, frozen=True, gc=False):
-    """How a motion is made. linear: ``L``, else ``P``; mark: as ``_mark`` gives it; speed: its own, as its text where
-    that holds a name, None where it has none.
-    """
-
-    linear: bool
-    mark: str
-    speed: float | Mps | str | None
-
-
 def move(machine: Machine, rest: str) -> None:
     """``Move P|L, [@mark] target, ... [, options]`` or ``Move C, via, [@mark] target [, options]``."""
     parts = arguments(rest)
@@ -58,19 +45,21 @@ def move(machine: Machine, rest: str) -> None:
         go(machine, LINEAR[kind], _place(machine, expression), machine.blend(mark), speed, at_once)
 
 
-def manner_of(kind: str, mark: str, speed: str) -> Manner:
-    """What a ``Move`` says beside its places. kind: L, P or C; mark, speed: as between and after them in the text, or
-    empty. Unreadable where ``move`` would find a fault.
-    """
-    said: float | Mps | str | None = None
-    for part in arguments(speed)[1:]:
+def _read_mark(text: str) -> str:
+    """The mark before the target of a motion. Unreadable where ``move`` would find a fault."""
+    return split_mark(f"{text}P()")[0]
+
+
+def _read_speed(text: str) -> float | Mps | str | None:
+    """The own speed of a motion: its text where that holds a name, None where it has none. Unreadable as for a mark."""
+    for part in arguments(text)[1:]:
         option = OPTION.fullmatch(part)
         if option is None:
             raise Unreadable(f"{part} is no speed")
-        said = (
-            option[2] if _NAMED.search(option[2]) else checked_speed(evaluate(option[2], nothing))
-        )
-    return Manner(LINEAR.get(kind.lower(), True), split_mark(f"{mark}P()")[0], said)
+        if _NAMED.search(option[2]):
+            return option[2]
+        return checked_speed(evaluate(option[2], nothing))
+    return None
 
 
 def nothing(key: str | tuple[str, int]) -> Value:
@@ -320,25 +309,16 @@ def _shape(start: Vec3, via: Vec3, end: Vec3) -> str:
 
 # The motion lines that most of a PacScript program consists of, read without an expression.
 
-_manner = lru_cache(maxsize=1024)(manner_of)
-
-
-def plain(piece: re.Match[str], line: int) -> Plain | None:
-    """What a match of ``PIECE`` with groups says; nothing where the long way has to say what is wrong with it."""
-    return read_plain(piece, line, _manner)
+MOTIONS = motions(_read_mark, _read_speed)
 
 
 def carry_out(machine: Machine, item: Plain) -> None:
     """Does what ``move`` does with the same line."""
-    manner = item.manner
-    speed = machine.lean() if manner.speed is None else manner.speed
+    speed = machine.lean() if item.speed is None else item.speed
     if isinstance(speed, str):
         speed = machine.speed_of(speed)
-    blend = machine.blend(manner.mark)
+    blend = machine.blend(item.mark)
     if item.via is not None:
         arc(machine, item.via, item.target, blend, speed, False)
     else:
-        go(machine, manner.linear, item.target, blend, speed, False)
-
-
-__all__ = ["LINE", "PIECE", "Plain", "plain"]
+        go(machine, item.kind == "L", item.target, blend, speed, False)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import PurePath
 
+from camgen.lang.columns import Run
 from camgen.lang.pacscript.lines import (
     CLOSING,
     DEFINE,
@@ -18,10 +19,11 @@ from camgen.lang.pacscript.lines import (
     too_long,
     without_comment,
 )
+from camgen.lang.pacscript.plain import LINE, Plain, plain
 from camgen.lang.pacscript.words import name_fault
 from camgen.post import Fault, Remark
 
-from .motion import LINE, PIECE, Plain, plain
+from .motion import MOTIONS
 from .words import TYPES
 
 _OPENING = re.compile(r"(sub|function)\s+(\w+)\s*(?:\(([^()]*)\))?\s*(?:as\s+\w+)?", re.IGNORECASE)
@@ -55,7 +57,7 @@ def read_source(files: Mapping[str, str], short: bool) -> SourceText:
     source = SourceText()
     line = 0
     for index, (name, text) in enumerate(files.items()):
-        pieces = (PIECE if short else LINE).finditer(text)
+        pieces = MOTIONS.cut(text) if short else [text]
         line = _read_file(pieces, line, PurePath(name).stem.lower() if index else "main", source)
     if "main" not in source.procedures:
         source.faults.append(Fault(1, "there is no Sub Main"))
@@ -70,24 +72,31 @@ class _Macros:
     pattern: re.Pattern[str] | None = None
 
 
-def _read_file(pieces: Iterator[re.Match[str]], before: int, main: str, source: SourceText) -> int:
+def _read_file(pieces: Iterable[Run | str], before: int, main: str, source: SourceText) -> int:
     """Reads a file, ``before`` lines after the start; returns the number of its last line."""
     macros = _Macros()
     current: Procedure | None = None
     number, first, begun = before, 0, ""
-    for number, piece in enumerate(pieces, start=before + 1):
-        if (
-            piece.lastindex
-            and current is not None
-            and not begun
-            and _is_plain(piece, number, macros, current)
+    for piece in pieces:
+        if isinstance(piece, str):
+            text = piece
+        elif (
+            current is None
+            or begun
+            or (macros.pattern and macros.pattern.search(piece.source.text))
         ):
+            text = piece.source.text
+        else:
+            current.statements.extend(plain(piece, number + 1))
+            number += len(piece)
             continue
-        text = begun + _read_row(piece[0].removesuffix("\n"), number, source)
-        first = first if begun else number
-        begun = text[:-1] if GOES_ON.search(text[-2:]) and len(text) < LONGEST_GROWN else ""
-        if not begun:
-            current = _read_statement(text, first, macros, current, main, source)
+        for row in LINE.findall(text):
+            number += 1
+            text = begun + _read_row(row.removesuffix("\n"), number, source)
+            first = first if begun else number
+            begun = text[:-1] if GOES_ON.search(text[-2:]) and len(text) < LONGEST_GROWN else ""
+            if not begun:
+                current = _read_statement(text, first, macros, current, main, source)
     if begun:
         source.faults.append(Fault(first, "the statement goes on after the last line"))
     if current is not None:
@@ -122,17 +131,6 @@ def _read_statement(
     if macros.pattern:
         text = _expand(text, number, macros, source)
     return _statement(text, number, current, main, source) if text else current
-
-
-def _is_plain(piece: re.Match[str], number: int, macros: _Macros, current: Procedure) -> bool:
-    """Whether a line is a motion in the usual spelling; then it is filed."""
-    if macros.pattern and macros.pattern.search(piece[0]):
-        return False
-    item = plain(piece, number)
-    if item is None:
-        return False
-    current.statements.append(item)
-    return True
 
 
 def _statement(

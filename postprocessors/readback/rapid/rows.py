@@ -7,18 +7,17 @@ otherwise ends a run of statements and is read by the general rules, which say t
 
 from __future__ import annotations
 
-import math
 import re
 from bisect import bisect_left
 from collections.abc import Callable, Iterator, Sequence
-from itertools import compress, repeat
+from itertools import compress
 
 import numpy as np
-from msgspec import DecodeError, Struct
-from msgspec.json import Decoder
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from camgen.geometry.ragged import begins, offsets, ramp
+from camgen.lang.columns import find_distinct, read_numbers
 from camgen.lang.rapid import plain
 from camgen.lang.rapid.expressions import Calls
 from camgen.lang.rapid.tokens import RESERVED
@@ -34,8 +33,6 @@ _TURN = re.compile(rf"\],\[({_NUMBER},{_NUMBER},{_NUMBER},{_NUMBER})\]")
 _OPEN = "[["
 #: So many characters are cut at a time: what they are cut into stays in the processor's cache.
 _BLOCK = 1 << 18
-#: Numbers with commas between them; three times as fast as Python's float.
-_NUMBERS = Decoder(list[float])
 #: mm: a position with one beyond this is not read here.
 _FARTHEST = 1e7
 #: Between the last statement of a PROC, in the usual spelling, and the first one of the next.
@@ -79,6 +76,11 @@ class Parting(Struct, frozen=True):
     lines: int
 
 
+#: What follows the position of a point: the numbers of its turn and of what is between, the length of the turn; and
+#: what parts routines.
+_Behind = tuple[tuple[int, int, int], Parting | None]
+
+
 class Spellings:
     """The spellings that a program has, each read once. shapes: of statements."""
 
@@ -91,10 +93,7 @@ class Spellings:
         self._turns: dict[str, int] = {}
         self._known: dict[str, int] = {}
         self._parted: dict[tuple[str, str], int] = {}
-        # What follows the positions of points: of each its turn, what is between, and the length of the turn.
-        self._behind: dict[str, int] = {}
-        self._rows: list[tuple[int, int, int]] = []
-        self._table = np.zeros((0, 3), np.intp)
+        self._behind: dict[str, _Behind] = {}
 
     def list_behind(
         self, texts: Sequence[str]
@@ -103,30 +102,18 @@ class Spellings:
         ends the point; the numbers of what is between, -1 where that is not as usual; the lengths of the rest of the
         points; and by their places those that part two routines.
         """
-        found = np.fromiter(map(self._behind.get, texts, repeat(_NONE)), np.intp, len(texts))
-        new = np.flatnonzero(found < 0).tolist()
-        partings: dict[int, Parting] = {}
-        odd: list[tuple[int, int, int]] = []
-        for place in new:
-            known = self._behind.get(texts[place], _NONE)
-            if known < 0:
-                row, parting = self._read_behind(texts[place])
-                if parting is not None:
-                    partings[place] = parting
-                elif row[1] >= 0 and len(self._behind) < _MOST_KNOWN:
-                    self._behind[texts[place]] = len(self._rows)
-                    self._rows.append(row)
-            else:
-                row = self._rows[known]
-            odd.append(row)
-        if len(self._table) <= len(self._rows):
-            self._table = np.array([*self._rows, (0, 0, 0)], np.intp)
-        rows = self._table[found]
-        if new:
-            rows[new] = odd
+        distinct, number = find_distinct(texts)
+        read = [self._behind.get(text) or self._read_behind(text) for text in distinct]
+        rows = np.array([row for row, _ in read], np.intp).reshape(-1, 3)[number]
+        parts = np.array([parting is not None for _, parting in read], np.bool_)[number]
+        partings = {
+            place: parting
+            for place in np.flatnonzero(parts).tolist()
+            if (parting := read[number[place]][1]) is not None
+        }
         return rows[:, 0].astype(np.int32), rows[:, 1], rows[:, 2], partings
 
-    def _read_behind(self, text: str) -> tuple[tuple[int, int, int], Parting | None]:
+    def _read_behind(self, text: str) -> _Behind:
         turn = _TURN.match(text)
         if turn is None:
             return (_NONE, _NONE, 0), None
@@ -141,7 +128,10 @@ class Spellings:
                 between = self._part(rest[: parted.start()], rest[parted.end() :])
                 parting = None if between < 0 or parted[3].lower() in RESERVED else _parting(parted)
                 between = between if parting else _NONE
-        return (number, between, turn.end()), parting
+        found = (number, between, turn.end()), parting
+        if parting is None and between >= 0 and len(self._behind) < _MOST_KNOWN:
+            self._behind[text] = found
+        return found
 
     def _turn(self, text: str) -> int:
         number = self._turns.get(text)
@@ -529,13 +519,9 @@ def _read_places(texts: Sequence[str]) -> tuple[FloatArray, Mask]:
     data = whole.encode("ascii", "replace")
     # Three numbers each of digits, points and signs that are numbers in JSON: RAPID takes them too, and for the same.
     if data.translate(None, b"0123456789.-") == b",,;" * (len(texts) - 1) + b",,":
-        try:
-            numbers = _NUMBERS.decode(b"[%b]" % data.replace(b";", b","))
-        except DecodeError:
-            numbers = [math.inf]
-        found = np.fromiter(numbers, np.float64, len(numbers))
-        if np.abs(found).max() < _FARTHEST:
-            return found.reshape(-1, 3), np.ones(len(texts), np.bool_)
+        numbers = read_numbers(data.replace(b";", b","))
+        if numbers is not None and np.abs(numbers).max() < _FARTHEST:
+            return numbers.reshape(-1, 3), np.ones(len(texts), np.bool_)
     sound = np.fromiter(
         (_PLACE.fullmatch(text) is not None for text in texts), np.bool_, len(texts)
     )

@@ -121,8 +121,7 @@ class Machine(RobotState):
 
     def _move_apart(self, statement: Statement) -> None:
         self._spend(statement.line)
-        if not self.plain(statement):
-            self.move(statement)
+        self.move(statement)
 
     def _spend(self, line: int) -> None:
         """The budget pays for the instruction in ``line``."""
@@ -147,8 +146,6 @@ class Machine(RobotState):
                 line = _line_at(routine, index + 1)
                 self.report(line, "a statement after RETURN never runs")
             return len(routine.statements)
-        if word in ("MOVES", "MOVE") and self.plain(statement):
-            return index + 1
         if word == "FOR":
             return self._loop(statement, index, routine.partner, loops)
         if word == "END":

@@ -24,7 +24,6 @@ from camgen.lang.vplus.text import (
     Stretch,
     Unreadable,
     pace,
-    rotation_zyz,
 )
 from camgen.lang.vplus.variables import Table, variable
 from camgen.model.pose import Pose, translation
@@ -32,11 +31,6 @@ from camgen.model.program import Joints, Output, Stop, Wait
 
 #: So many texts are kept with what they say.
 _KEPT = 4096
-_NUMBER = r"-?\d{1,9}(?:\.\d{0,9})?"
-_PLAIN = re.compile(
-    rf"([A-Z][A-Z0-9._]*):TRANS\(({_NUMBER}),({_NUMBER}),({_NUMBER}),({_NUMBER}),({_NUMBER}),({_NUMBER})\)",
-    re.IGNORECASE | re.ASCII,
-)
 T = TypeVar("T")
 POSTURES = frozenset(word for pair in PAIRS for word in pair)
 _PROFILE = re.compile(r"\(\s*(\d{1,9})\s*\)\s*(?=[\d.])")
@@ -195,16 +189,6 @@ class RobotState(Arm):
         self.follow(plain, frame)
         if len(plain.poses) > 1:
             self._check_speed(plain.line + 1, straight)
-        return True
-
-    def plain(self, statement: Statement) -> bool:
-        """The usual target ``frame:TRANS(six numbers)`` without an expression: for speed, and for nothing else."""
-        match = _PLAIN.fullmatch(statement.rest)
-        frame = self.frame(match[1]) if match else None
-        if match is None or frame is None:
-            return False
-        x, y, z, yaw, pitch, roll = map(float, match.groups()[1:])
-        self._go(statement, Location(Pose(rotation_zyz(yaw, pitch, roll), (x, y, z)), frame))
         return True
 
     def move(self, statement: Statement) -> None:

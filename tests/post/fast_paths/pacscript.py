@@ -5,12 +5,13 @@ import re
 from collections.abc import Iterator
 
 from camgen_posts.readback.pacscript import read
-from camgen_posts.readback.pacscript.motion import LINE, PIECE
+from camgen_posts.readback.pacscript.motion import MOTIONS
 
+from camgen.lang.pacscript.plain import LINE
 from camgen.model.program import Joints, MoveJ
 from tests.support.damage import Damage
 from tests.support.examples import is_night
-from tests.support.fast_paths import FastPath, list_paths
+from tests.support.fast_paths import FastPath, cut_nothing, list_paths
 from tests.support.samples import Options, Sample
 
 HOME = MoveJ(Joints(tuple(math.radians(angle) for angle in (0, 0, 90, 0, 30, 0))), 100.0)
@@ -153,8 +154,8 @@ PATH = FastPath(
     read=read,
     files=("a.pcs", "Other.pcs"),
     functions=["camgen_posts.readback.pacscript.carry_out"],
-    closed=[("camgen_posts.readback.pacscript.text.PIECE", LINE)],
-    pieces=PIECE,
+    closed=[("camgen.lang.columns.Template.cut", cut_nothing)],
+    template=MOTIONS,
     lines=LINE,
     line_end="\n",
     by_hand=BY_HAND,

@@ -6,13 +6,12 @@ from collections.abc import Iterator
 from camgen_posts.readback.vplus import read
 from camgen_posts.vplus import VPlus
 
-from camgen.lang.vplus.text import PIECE
+from camgen.lang.vplus.text import LINE, MOTIONS
 from camgen.model.program import MoveJ
 from tests.support.damage import Damage
-from tests.support.fast_paths import FastPath, list_paths
+from tests.support.fast_paths import FastPath, cut_nothing, list_paths
 from tests.support.samples import Options, Sample
 
-LINE = re.compile(r"[^\r\n]*(?:\r\n|\r|\n)|[^\r\n]+")
 HOME = MoveJ(VPlus.cell().home, 100.0)
 
 
@@ -127,15 +126,14 @@ SECOND = "MOVES f:TRANS({6},{7},{8},{9},{10},{11})\n"
 PATH = FastPath(
     read=read,
     files=("a", "b"),
-    functions=[f"{FUNCTIONS}RobotState.stretch", f"{FUNCTIONS}RobotState.plain"],
+    functions=[f"{FUNCTIONS}RobotState.stretch"],
     closed=[
-        ("camgen.lang.vplus.text.PIECE", LINE),
+        ("camgen.lang.columns.Template.cut", cut_nothing),
         ("camgen.lang.vplus.text._REMEMBERED", 0),
         (f"{FUNCTIONS}_KEPT", 0),
-        (f"{FUNCTIONS}RobotState.plain", lambda *_: False),
         (f"{FUNCTIONS}pace", lambda _: None),
     ],
-    pieces=PIECE,
+    template=MOTIONS,
     lines=LINE,
     line_end=r"\r\n|\r|\n",
     by_hand=BY_HAND.replace("MOVES wf:TRANS(7,8,9.5", "moves wf:trans(7,8,9.5"),
