@@ -146,7 +146,7 @@ def row(path: Path) -> tuple[str, str]:
     theirs = (
         judge.error.splitlines()[0][:70] if judge.error and "percent" not in judge.error else ""
     )
-    refused = [(one.line, one.what) for one in m.findings if one.level == "refused"]
+    refused = [(one.line, one.what) for one in m.log.list_findings() if one.level == "refused"]
     if stopped or refused:
         line, why = (refused or [stopped])[0]
         more = f"; rs274: {theirs}" if theirs else ""

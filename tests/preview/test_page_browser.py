@@ -16,6 +16,7 @@ from camgen.preview.view import view
 from camgen.robots.kinematics.forward import flange
 from tests.preview.test_page import PARTS, ROBOT, poisoned
 from tests.support.browsers import PHONE, SMALL, Driven, OpenPage
+from tests.support.waiting import wait_for
 
 
 @pytest.fixture(scope="module")
@@ -71,16 +72,17 @@ def test_the_executed_path_is_shown_in_place_of_the_programmed_one(
     shown = OpenPage(browser, file, SMALL, "light")
     style = "() => getComputedStyle(document.documentElement).getPropertyValue('--executed')"
     red, green, blue = bytes.fromhex(shown.run(style).strip().removeprefix("#"))
-    counts = []
-    for name in ("tool", "executed"):
+
+    def count_executed() -> int:
         is_executed = np.abs(shown.picture() - np.array([blue, green, red])).max(axis=2) < 10
-        counts.append(int(is_executed.sum()))
+        return int(is_executed.sum())
+
+    for name in ("tool", "executed"):
+        assert count_executed() == 0
         shown.run(f"() => document.querySelector('[data-layer={name}]').click()")
-    is_executed = np.abs(shown.picture() - np.array([blue, green, red])).max(axis=2) < 10
-    assert counts == [0, 0]
-    # Two lines of 40 mm are drawn, a pixel wide at least.
+    # Two lines of 40 mm are drawn, a pixel wide at least. A busy machine draws them later.
     scale = shown.run("() => camgen.look.height") / shown.run("() => camgen.gl.canvas.clientHeight")
-    assert is_executed.sum() > 70 / scale
+    wait_for("the executed path", lambda: count_executed() > 70 / scale)
     assert shown.log.messages == []
     shown.context.close()
 
