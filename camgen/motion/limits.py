@@ -168,7 +168,7 @@ def line_speeds(
     joints: (D, J) joint values there.
     at: (N,) the samples at which segments begin and end.
     """
-    slowest = (_peak_rates(joints, dense.length) / setup.robot.fastest).max(axis=1)
+    slowest = (_peak_rates(joints, dense.length, at) / setup.robot.fastest).max(axis=1)
     with np.errstate(divide="ignore"):
         by_joints = np.minimum.reduceat(1.0 / slowest, at[:-1])
     reached = np.sqrt(speeds.acceleration * np.add.reduceat(dense.length, at[:-1]))
@@ -181,19 +181,25 @@ def line_speeds(
     return frozen(np.where(speed >= _WHOLE, np.floor(speed), speed))
 
 
-def _peak_rates(joints: FloatArray, length: FloatArray) -> FloatArray:
+def _peak_rates(joints: FloatArray, length: FloatArray, at: Index) -> FloatArray:
     """(D - 1, J) greatest rates of the joints between samples, rad or mm for each mm of a path.
 
     A rate that changes evenly is at the end of an interval half a change beyond its mean. A rate
-    with a peak in the interval exceeds it by less than `_PEAK` of a change.
+    with a peak in the interval exceeds it by less than `_PEAK` of a change. At a corner of the path
+    the rate jumps, so the change there counts only beside a segment of one interval, whose own
+    changes are not known.
 
     joints: (D, J) joint values at the samples.
     length: (D - 1,) lengths of the path between them, mm.
+    at: (N,) the samples at which segments begin and end.
     """
     rates = np.diff(joints, axis=0) / np.maximum(length, NONZERO)[:, None]
     changes = _PEAK * np.abs(np.diff(rates, axis=0))
     none = np.zeros((1, joints.shape[1]))
     before, after = np.concatenate([none, changes]), np.concatenate([changes, none])
+    is_long = np.diff(at) > 1
+    before[at[:-1][is_long]] = 0.0
+    after[at[1:][is_long] - 1] = 0.0
     return np.asarray(np.abs(rates) + np.maximum(before, after))
 
 

@@ -60,3 +60,29 @@ def test_no_joint_is_too_fast_between_two_samples(
     rates = np.abs(np.diff(run(fine), axis=0)) / fine.length[:, None]
     share = float((rates * speed / CELL.robot.fastest).max())
     assert 0.9 < share <= 1.0 + 1e-6
+
+
+def test_a_corner_of_a_link_slows_neither_of_its_segments() -> None:
+    """Each segment has the speed that it has alone: at the corner the rates of joints jump."""
+    corners = np.array([(100.0, -150.0, 60.0), (-40.0, 60.0, 200.0), (80.0, 180.0, 60.0)])
+    down = frozen(np.stack([np.diag([1.0, -1.0, -1.0])] * 3))
+    path = PosePath(corners, np.full((3, 3), np.nan), down)
+    parts = dense_parts(path)
+    samples, at = divide(path, parts), rows(parts)
+    joints = run(samples)
+    together = line_speeds(CELL, FAST, samples, joints, at)
+    for k in range(2):
+        low, high = int(at[k]), int(at[k + 1])
+        alone = PosePath(corners[k : k + 2], path.via[k : k + 2], down[:2])
+        (speed,) = line_speeds(
+            CELL,
+            FAST,
+            divide(alone, parts[k : k + 1]),
+            joints[low : high + 1],
+            np.array([0, high - low]),
+        )
+        assert together[k] == speed
+    jump = np.abs(np.diff(joints, axis=0) / samples.length[:, None])[
+        int(at[1]) - 1 : int(at[1]) + 1
+    ]
+    assert float(np.abs(np.diff(jump, axis=0)).max()) > 1e-3
