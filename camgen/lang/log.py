@@ -19,7 +19,8 @@ from camgen.model.text import counted
 
 #: Characters of an entry. A name in a program may be as long as its file.
 _LENGTH_LIMIT = 400
-#: Number of findings, and of entries of each other kind. They bound the memory.
+#: Number of findings, and of entries of each other kind. They bound the memory. Beyond them the
+#: program is refused, or may not run on another machine.
 _FINDING_LIMIT, _ENTRY_LIMIT = 100_000, 5_000
 
 
@@ -49,7 +50,11 @@ class Log:
 
         once: name of a kind of finding. Only the first finding of a kind is added.
         """
-        if once in self._kinds or len(self._findings) >= _FINDING_LIMIT:
+        if once in self._kinds:
+            return
+        if len(self._findings) >= _FINDING_LIMIT:
+            what = f"more than {_FINDING_LIMIT:,} findings: the others are not listed"
+            self._findings.setdefault((1, what), "refused")
             return
         if once:
             self._kinds.add(once)
@@ -62,10 +67,13 @@ class Log:
 
         key: name under which the user sets another value (``--assume``), empty without one.
         """
-        if len(self.assumed) < _ENTRY_LIMIT:
-            what = _shorten(what)
-            entry = Assumption(line or self.line(), what, key, value)
-            self.assumed.setdefault((key, what), entry)
+        if len(self.assumed) >= _ENTRY_LIMIT:
+            what = f"more than {_ENTRY_LIMIT:,} assumptions: the others are not listed"
+            self.lost.setdefault(what, line or self.line())
+            return
+        what = _shorten(what)
+        entry = Assumption(line or self.line(), what, key, value)
+        self.assumed.setdefault((key, what), entry)
 
     def choose(self, what: str, key: str = "", value: float = 0.0) -> None:
         """Add an assumption that determines a branch: all later refusals are uncertain."""

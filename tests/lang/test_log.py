@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import pytest
+
+from camgen.lang import log as log_module
 from camgen.lang.log import Log
 from camgen.lang.programs import Assumption, Finding
 
@@ -97,3 +100,16 @@ def test_what_is_run_aside_leaves_nothing() -> None:
     assert not log.list_lost()
     assert aside.has(Finding("unusual", 1, "no tool"))
     assert not log.has(Finding("unusual", 1, "no tool"))
+
+
+def test_entries_beyond_a_limit_are_never_silent(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Too many findings are a refusal, and too many assumptions a loss."""
+    monkeypatch.setattr(log_module, "_FINDING_LIMIT", 3)
+    monkeypatch.setattr(log_module, "_ENTRY_LIMIT", 3)
+    log = Log()
+    for number in range(9):
+        log.find("unusual", f"name {number}")
+        log.assume(f"x{number} is 0", f"x{number}")
+    refused = Finding("refused", 1, "more than 3 findings: the others are not listed")
+    assert [item for item in log.list_findings() if item.level == "refused"] == [refused]
+    assert log.list_lost() == ((1, "more than 3 assumptions: the others are not listed"),)

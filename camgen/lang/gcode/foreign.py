@@ -193,7 +193,7 @@ class Foreign(Machine):
         return taken
 
     def guess(self, what: str, key: str, value: float, why: str = "") -> float:
-        """The same for a value by which no other machine should run: a loss where the user gives none."""
+        """The value that the user gives for ``key``, else ``value``, which is a loss then."""
         if key not in self.given:
             self.log.lose(what)
         return self.assume(what, key, value, why)
