@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from camgen.model.version import __version__
 
 if TYPE_CHECKING:
+    from camgen.lang.programs import Executed
     from camgen.model.errors import (
         CamgenError,
         InputError,
@@ -52,7 +53,7 @@ if TYPE_CHECKING:
         verify,
     )  # fmt: skip
     from camgen.plan import Operation, Plan
-    from camgen.post import Post, Reading
+    from camgen.post import Post
     from camgen.read import Reader
     from camgen.robots.workcell import Workcell
 
@@ -63,6 +64,7 @@ _HOMES = {
     for home, names in {
         "pipeline": "Result build",
         "pipeline.stages": "cell check job lower order part plan post preview read read_back verify",
+        "lang.programs": "Executed",
         "model.errors": "CamgenError InputError JobError NoSafeProgram Refused VerifyError",
         "model.job": "Job",
         "model.part": "Contour Edge Note Part Solid",
@@ -70,7 +72,7 @@ _HOMES = {
         "model.pose": "Pose",
         "model.program": "Comment Force Joints MoveC MoveJ MoveL Origin Output Program Wait",
         "plan": "Operation Plan",
-        "post": "Post Reading",
+        "post": "Post",
         "read": "Reader",
         "robots.workcell": "Workcell",
     }.items()
@@ -78,11 +80,11 @@ _HOMES = {
 }
 
 __all__ = [
-    "CamgenError", "Comment", "Contour", "Edge", "Force", "InputError", "Job", "JobError", "Joints", "MoveC", "MoveJ",
-    "MoveL", "NoSafeProgram", "Note", "Operation", "Origin", "Output", "Part", "Plan", "Pose", "Post", "Program",
-    "Reader", "Reading", "Refused", "Result", "Solid", "ToolPath", "Tour", "VerifyError", "Wait", "Workcell",
-    "__version__", "build", "cell", "check", "job", "lower", "order", "part", "plan", "post", "preview",
-    "read", "read_back", "verify",
+    "CamgenError", "Comment", "Contour", "Edge", "Executed", "Force", "InputError", "Job", "JobError", "Joints",
+    "MoveC", "MoveJ", "MoveL", "NoSafeProgram", "Note", "Operation", "Origin", "Output", "Part", "Plan", "Pose",
+    "Post", "Program", "Reader", "Refused", "Result", "Solid", "ToolPath", "Tour", "VerifyError", "Wait",
+    "Workcell", "__version__", "build", "cell", "check", "job", "lower", "order", "part", "plan", "post",
+    "preview", "read", "read_back", "verify",
 ]  # fmt: skip
 
 

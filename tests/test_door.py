@@ -29,7 +29,7 @@ def test_the_stages_give_what_a_build_gives(source: str, job: dict[str, object])
     files = camgen.post(checks.program, "rapid", job)
     assert [file.text for file in files] == [file.text for file in built.files]
     assert camgen.verify(files, checks.program, "rapid", job) == built.deviation
-    assert not camgen.read_back(files, "rapid", job).faults
+    assert not camgen.read_back(files, "rapid", job).findings
 
 
 def test_a_text_that_says_something_else_is_told() -> None:

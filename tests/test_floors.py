@@ -18,14 +18,8 @@ FLOORS = [
     {"workbench"}, {"cli"}, {"__main__"},
 ]  # fmt: skip
 FLOOR = {folder: k for k, folders in enumerate(FLOORS) for folder in folders}
-#: What a post and a read-back may know of camgen: posts stay independent of whoever plans.
+#: What a post may import: it is independent of planners, and of the language that judges its text.
 POST_MAY_IMPORT = ("camgen.model", "camgen.post", "camgen.geometry")
-#: A read-back is a layer over the interpreter of its language.
-LANGUAGES = tuple(
-    f"camgen.lang.{name}"
-    for name in ("columns", "gcode", "pacscript", "rapid", "vplus", "programs", "run")
-)
-READBACK_MAY_IMPORT = (*POST_MAY_IMPORT, *LANGUAGES)
 
 
 def name_of(path: Path) -> str:
@@ -68,14 +62,16 @@ def test_imports_go_down(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", [name for name in FILES if name.startswith("postprocessors.")])
-def test_posts_and_readbacks_know_little(name: str) -> None:
-    reads = name.startswith("postprocessors.readback")
-    known = READBACK_MAY_IMPORT if reads else POST_MAY_IMPORT
+def test_a_post_knows_little(name: str) -> None:
     for other in imported(name):
-        if other.startswith("camgen"):
-            assert other.startswith(known)
-        else:
-            assert other.startswith("postprocessors.readback") == reads
+        assert other.startswith((*POST_MAY_IMPORT, "postprocessors"))
+
+
+def test_a_strict_profile_is_reached_through_its_language_alone() -> None:
+    for name in FILES:
+        for other in imported(name):
+            if ".strict" in other:
+                assert other.split(".")[:3] == name.split(".")[:3]
 
 
 def test_there_is_no_circle() -> None:

@@ -15,7 +15,7 @@ from pathlib import Path
 from time import perf_counter
 
 from bench.support.runner import open_table
-from camgen.lang.gcode.language import play
+from camgen.lang.gcode.run import play
 from camgen.lang.programs import Ask
 from camgen.lang.recorded import ProgramRun
 from camgen.model.program import MoveC, MoveJ, MoveL

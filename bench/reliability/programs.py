@@ -12,8 +12,8 @@ from msgspec.structs import replace
 from camgen.model.errors import VerifyError
 from camgen.model.pose import Pose
 from camgen.model.program import Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program
-from camgen.post import Post, Readback
-from camgen.post.plugins import fill_tables, find_post, find_readback, make_post
+from camgen.post import Post
+from camgen.post.plugins import Readback, fill_tables, find_post, find_readback, make_post
 from camgen.post.verify import compare
 from fixtures.program_text import parse
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from camgen.lang.programs import Executed
 from camgen.model.cell import Dynamics
-from camgen.post import Post, Reading
+from camgen.post import Post
 
 if TYPE_CHECKING:
     from camgen.geometry.fixtures import Fixtures
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 class Proven(NamedTuple):
     """A program that is held against a drawing.
 
-    reading: instructions of its text.
+    executed: run of its text.
     post: the post of a program of ours, None for any other.
     dynamics: dynamics of its controller; None if its way to round corners is not known.
     on_arm: whether an arm runs it.
@@ -23,7 +23,7 @@ class Proven(NamedTuple):
     fixtures: fixtures of a mill, None for none and for an arm.
     """
 
-    reading: Reading | Executed
+    executed: Executed
     post: Post | None = None
     dynamics: Dynamics | None = None
     on_arm: bool = False

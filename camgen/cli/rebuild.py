@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from camgen.cli.header import Header
 from camgen.cli.say import Voice
+from camgen.lang.programs import Executed
 from camgen.lower.steps import split_tools
 from camgen.model.errors import CamgenError, InputError, VerifyError
 from camgen.model.job import Job
@@ -15,7 +16,7 @@ from camgen.model.program import Program
 from camgen.model.signature import State, read_signature
 from camgen.model.text import counted
 from camgen.model.version import __version__
-from camgen.post import Post, Reading
+from camgen.post import Post
 from camgen.post.contract import prepare_program
 from camgen.post.limits import limit_tolerance
 from camgen.post.verify import compare
@@ -48,13 +49,13 @@ class Text(NamedTuple):
 
     path: its file.
     post: post that wrote it.
-    reading: its instructions.
+    executed: strict run of its text.
     job: its job.
     """
 
     path: Path
     post: Post
-    reading: Reading
+    executed: Executed
     job: Job
 
 
@@ -96,7 +97,7 @@ def compare_rebuilt(
     tolerance = limit_tolerance(text.post.tolerance(), chord)
     compared = text.post.list_verified()
     try:
-        equal = compare(program, text.reading, tolerance, compared, str(text.path))
+        equal = compare(program, text.executed, tolerance, compared, str(text.path))
     except VerifyError as error:
         what = f"differs from {target}"
         remedy = f"--post {text.post.name} examines the text by itself"

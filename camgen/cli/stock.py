@@ -37,7 +37,6 @@ from camgen.motion.corners import corner_tolerance
 from camgen.pipeline.stock import REMEDY_FOR_PIECES
 from camgen.plan.page import on_page
 from camgen.plan.steps import job_of, name_drills, share_out
-from camgen.post import Reading
 
 #: mm: a smaller depth does not count.
 _NO_BITE_MM = 0.0001
@@ -84,14 +83,14 @@ def judge(
         raise InputError(
             part.source, "has no flat contours to prove a program against", remedy=remedy
         )
-    reading = proven.reading
-    columns = Columns(reading.body)
+    executed = proven.executed
+    columns = Columns(executed.body)
     if job.operations:
         shares, _ = share_out(part, job)
         tasks = [task_on(part, job_of(job, share.step), share.part) for share in shares]
     else:
         tasks = [_task(part, job, columns)]
-    cuts = _list_cuts(program, reading, columns, job)
+    cuts = _list_cuts(program, executed, columns, job)
     if proven.states_job:
         cuts = [replace(cut, stated=_state(cut, job)) for cut in cuts]
     designed = design(tasks, job.stock)
@@ -109,7 +108,7 @@ def judge_fixtures(
 ) -> StockSays:
     """The distances of a program that was read from the fixtures, without a drawing."""
     assert proven.fixtures is not None
-    cuts = _list_cuts(program, proven.reading, Columns(proven.reading.body), job)
+    cuts = _list_cuts(program, proven.executed, Columns(proven.executed.body), job)
     clearance, faults = examine_fixtures(cuts, proven.fixtures)
     rows = [(label, text) for label, text, _ in rows_of_fixtures(clearance, job)]
     rows += [("not judged", note) for note in clearance.notes]
@@ -120,11 +119,11 @@ def judge_fixtures(
     return StockSays(tuple(rows), _format_faults(faults, place), error)
 
 
-def _list_cuts(program: str, reading: Reading | Executed, columns: Columns, job: Job) -> list[Cut]:
+def _list_cuts(program: str, executed: Executed, columns: Columns, job: Job) -> list[Cut]:
     """The cuts of each tool of a program."""
     if job.operations:
-        return _cuts_by_tool(program, reading, columns, job)
-    return [_cut(program, reading, columns, replace(job, tool=name_drills([job])[0]))]
+        return _cuts_by_tool(program, executed, columns, job)
+    return [_cut(program, executed, columns, replace(job, tool=name_drills([job])[0]))]
 
 
 def _state(cut: Cut, job: Job) -> Stated:
@@ -152,16 +151,14 @@ def _task(part: Part, job: Job, columns: Columns) -> Task:
     return Task(replace(job, operation=replace(job.operation, kind="follow", depth=depth)), part)
 
 
-def _cuts_by_tool(
-    program: str, reading: Reading | Executed, columns: Columns, job: Job
-) -> list[Cut]:
+def _cuts_by_tool(program: str, executed: Executed, columns: Columns, job: Job) -> list[Cut]:
     """The cuts of each tool of a program.
 
     Raises JobError if the program does not show which tools of the job it uses.
     """
     used = name_drills([job_of(job, step) for step in job.operations])
     changes = np.flatnonzero(columns.are(ToolChange)).tolist()
-    whole = _cut(program, reading, columns, replace(job, tool=used[0]))
+    whole = _cut(program, executed, columns, replace(job, tool=used[0]))
     if not changes:
         if any(tool != used[0] for tool in used):
             what = "the job has several tools, and the program changes none"
@@ -170,20 +167,20 @@ def _cuts_by_tool(
             )
         return [whole]
     cuts = []
-    for start, end in zip(changes, [*changes[1:], len(reading.body)], strict=True):
-        change = reading.body[start]
+    for start, end in zip(changes, [*changes[1:], len(executed.body)], strict=True):
+        change = executed.body[start]
         assert isinstance(change, ToolChange)
         tool = next((tool for tool in used if tool.number == change.number), None)
         if tool is None:
-            line = reading.lines[start]
+            line = executed.lines[start]
             what = f"line {line} changes to tool {change.number}, which no operation names"
             raise JobError("job", what, "[[tools]]", "give its number to one of them")
-        body, lines = reading.body[start:end], reading.lines[start:end]
+        body, lines = executed.body[start:end], executed.lines[start:end]
         cuts.append(replace(whole, body=body, lines=lines, tool=tool, name=f"tool {change.number}"))
     return cuts
 
 
-def _cut(program: str, reading: Reading | Executed, columns: Columns, job: Job) -> Cut:
+def _cut(program: str, executed: Executed, columns: Columns, job: Job) -> Cut:
     """The cut of a whole program with the tool of the job.
 
     A program without rapid motions travels at `process.travel` on straight lines.
@@ -193,8 +190,8 @@ def _cut(program: str, reading: Reading | Executed, columns: Columns, job: Job) 
     slower = process.feed * process.max_feed_factor < process.travel_speed
     travel = process.travel_speed if slower and not rapid[1:].any() else np.inf
     return Cut(
-        reading.body,
-        reading.lines,
+        executed.body,
+        executed.lines,
         job.tool,
         Path(program).name,
         travel=float(travel),

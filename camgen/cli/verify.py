@@ -1,4 +1,4 @@
-"""``camgen verify``: reads a program back, says what it does, lists its faults, and compares it with a plan."""
+"""`camgen verify`: reads a program back, lists its findings, and compares it with a plan."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from camgen.cli.program_texts import read_texts
 from camgen.cli.proven import Proven
 from camgen.cli.rebuild import Origin, Text, compare_rebuilt, pick_program, read_state, tell_state
 from camgen.cli.say import Voice, length, table
-from camgen.lang.programs import LANGUAGES, Executed, Places
+from camgen.lang.programs import LANGUAGES, Executed, Finding, Places
 from camgen.lang.taught import Carried, as_far_as_known
 from camgen.lower.steps import split_tools
 from camgen.model.cell import Dynamics
@@ -38,7 +38,7 @@ from camgen.model.plugins import entries
 from camgen.model.pose import Pose
 from camgen.model.program import Columns, ToolChange
 from camgen.model.text import counted, duration, short
-from camgen.post import Fault, Post, Reading, Remark
+from camgen.post import Post
 from camgen.post.contract import prepare_program
 from camgen.post.limits import limit_tolerance
 from camgen.post.plugins import (
@@ -190,28 +190,28 @@ def _compare(asked: _Asked, says: Voice) -> int:
     tools = _list_tools(plan, job, post, paths[0])
     kinds = [{**options, **post.name_tool(*tool)} for tool in tools] or [options]
     says.stage("reading")
-    reading = _read_back(arguments.post, post, kinds, texts)
+    executed = _read_back(arguments.post, post, kinds, texts)
     says.clear()
-    motions = sum_up(Columns(reading.body))
+    motions = sum_up(Columns(executed.body))
     rows = _rows(motions, _lines(texts))
     state = read_state(texts)
     rows.append(("digest", tell_state(state)))
-    told = _faults(reading.faults, place)
+    told = _tell_findings(executed.findings, place)
 
     def say(more: Sequence[Row] = (), also: str = "") -> None:
         if arguments.json:
-            found = [_as_data(fault, place) for fault in reading.faults]
+            found = [_as_data(finding, place) for finding in executed.findings]
             says.data({"sums": motions, "told": dict([*rows, *more]), "faults": found})
         else:
             says.out(table([*rows, *more]) + told + also)
 
-    serious = [fault for fault in reading.faults if plan or not isinstance(fault, Remark)]
+    serious = [fault for fault in executed.findings if plan or fault.level != "unusual"]
     if serious:
         say()
         first = serious[0]
         what = f"{counted(len(serious), 'fault')}, first: {first.what}"
         raise InputError(str(paths[0]), what, place(first.line), "correct the program")
-    if not reading.body:
+    if not executed.body:
         raise InputError(
             str(paths[0]),
             f"holds no instruction of {post.name}",
@@ -219,16 +219,16 @@ def _compare(asked: _Asked, says: Voice) -> int:
         )
     if plan:
         says.stage("comparing")
-        rows += _compare_plan(plan, post, reading, paths[0])
+        rows += _compare_plan(plan, post, executed, paths[0])
     different = None
     if asked.origin is not None:
-        program = Text(paths[0], post, reading, job)
+        program = Text(paths[0], post, executed, job)
         row, different = compare_rebuilt(program, asked.origin, says, files)
         rows.append(row)
     says.clear()
     fixtures = _read_fixtures(post.name, job, files, asked.known_drawing)
     dynamics = _dynamics_of_post(post, job)
-    proven = Proven(reading, post, dynamics, _is_for_arm(post), asked.states_job, fixtures)
+    proven = Proven(executed, post, dynamics, _is_for_arm(post), asked.states_job, fixtures)
     more, also, error = _prove(asked, proven, place, says)
     say(more, also)
     if error is not None:
@@ -238,11 +238,11 @@ def _compare(asked: _Asked, says: Voice) -> int:
     return 0
 
 
-def _compare_plan(plan: MotionFile, post: Post, reading: Reading, path: Path) -> list[Row]:
+def _compare_plan(plan: MotionFile, post: Post, executed: Executed, path: Path) -> list[Row]:
     """The comparison with a plan. Raises VerifyError for the first line that says something else."""
     tolerance = limit_tolerance(post.tolerance(), plan.chord)
     prepared = prepare_program(post, pick_program(plan.program, post, path), plan.chord)
-    equal = compare(prepared, reading, tolerance, post.list_verified(), str(path))
+    equal = compare(prepared, executed, tolerance, post.list_verified(), str(path))
     instructions = f"{counted(equal.instructions, 'instruction')} equal"
     return [("plan", instructions), ("deviation", f"{equal.max_mm:.6f} mm")]
 
@@ -267,14 +267,14 @@ def _list_tools(plan: MotionFile | None, job: Job, post: Post, path: Path) -> li
 
 def _read_back(
     name: str, post: Post, kinds: Sequence[dict[str, object]], texts: Mapping[str, str]
-) -> Reading:
-    """The reading of a text with the options that leave the fewest faults.
+) -> Executed:
+    """The strict run of a text with the options that leave the fewest findings.
 
     kinds: options of `[post]` with which the text may have been written.
     """
     read = find_readback(name)
-    readings = [read(texts, fill_tables(type(post), options)) for options in kinds]
-    return min(readings, key=lambda reading: len(reading.faults))
+    runs = [read(texts, fill_tables(type(post), options)) for options in kinds]
+    return min(runs, key=lambda executed: len(executed.findings))
 
 
 def _insist_on_post(arguments: Namespace) -> None:
@@ -311,9 +311,9 @@ def _prove(
         rows = [*_UNEXAMINED[:2], *judged.rows, *_UNEXAMINED[2:]]
         return rows, judged.fault_lines, judged.error
     part = read(drawing, asked.job, asked.files)
-    reading = proven.reading
+    executed = proven.executed
     stock = judge(str(asked.paths[0]), part, asked.job, proven, place)
-    motion = compare_text(part, asked.job, reading.body, reading.lines, place, proven.post)
+    motion = compare_text(part, asked.job, executed.body, executed.lines, place, proven.post)
     says.clear()
     return [("motion", motion), *stock.rows, *_UNEXAMINED[2:]], stock.fault_lines, stock.error
 
@@ -412,15 +412,15 @@ def _rows(motions: Motions, lines: int) -> list[tuple[str, str]]:
     return rows
 
 
-def _faults(faults: Sequence[Fault], place: Callable[[int], str]) -> str:
-    kinds = ("remark: " if isinstance(fault, Remark) else "" for fault in faults)
-    return "".join(
-        f"{place(fault.line)}: {kind}{fault.what}\n"
-        for fault, kind in zip(faults, kinds, strict=True)
-    )
+def _tell_findings(findings: Sequence[Finding], place: Callable[[int], str]) -> str:
+    """A line for each finding of a strict run. An unusual statement is a fault only against a plan."""
+    lines = []
+    for finding in findings:
+        kind = "remark: " if finding.level == "unusual" else ""
+        lines.append(f"{place(finding.line)}: {kind}{finding.what}\n")
+    return "".join(lines)
 
 
-def _as_data(fault: Fault, place: Callable[[int], str]) -> dict[str, object]:
-    """A fault with its place; a remark is one only against a plan."""
-    level = "unusual" if isinstance(fault, Remark) else "refused"
-    return {"place": place(fault.line), "what": fault.what, "level": level}
+def _as_data(finding: Finding, place: Callable[[int], str]) -> dict[str, object]:
+    """A finding with its place."""
+    return {"place": place(finding.line), "what": finding.what, "level": finding.level}

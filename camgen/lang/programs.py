@@ -1,7 +1,13 @@
-"""What a program does that somebody else wrote, whatever its language: one type that all interpreters return.
+"""The contract of a language: the request and the result of a run, and how camgen checks them.
 
-A language is found through the entry points ``camgen.languages``; the name is that of the post whose controller speaks
-it. ``verify`` judges by it, and ``build`` posts what it says anew for another controller.
+A language is found through the entry points `camgen.languages`. Its name is that of the post whose
+controller speaks it. It has one function, `Language.run`, for three uses:
+
+- read-back: `build` runs each program that a post has written, strictly (`Ask.options`)
+- `verify` runs a program of any author and lists its findings
+- `translate` posts the motions of a program for another controller
+
+`docs/writing-a-post.md` writes a language step by step.
 """
 
 from __future__ import annotations
@@ -38,9 +44,9 @@ from camgen.model.text import counted, grouped
 
 LANGUAGES = "camgen.languages"
 
-#: What a controller turns down or what ends it; what it takes and may do harm; what it takes and few would write.
+#: The controller refuses the line; it may do harm; few programs have such a line.
 Level = Literal["refused", "dangerous", "unusual"]
-#: The gravest first.
+#: The worst level first.
 LEVELS: tuple[Level, ...] = ("refused", "dangerous", "unusual")
 
 
@@ -65,7 +71,11 @@ def find_text_fault(data: bytes) -> str:
 
 
 class Finding(Struct, frozen=True):
-    """Something about a line of a program. line: 1-based, counted through all files in order. what: with its reason."""
+    """A finding about a line of a program.
+
+    line: number of the line, from 1 through all files in order.
+    what: the finding with its reason.
+    """
 
     level: Level
     line: int
@@ -73,9 +83,10 @@ class Finding(Struct, frozen=True):
 
 
 class Frames(Struct, frozen=True, eq=False):
-    """The tool and the work object in force, by the names that the text gives them, "" where it names none.
+    """The tool and the work object in force.
 
-    flange_from_tool, base_from_work: None where the text does not say them.
+    tool, work: names in the text, empty without one.
+    flange_from_tool, base_from_work: frames, None if the text does not state them.
     """
 
     tool: str = ""
@@ -85,7 +96,7 @@ class Frames(Struct, frozen=True, eq=False):
 
 
 def carry_pose(pose: Pose, then: Frames, now: Frames) -> Pose | None:
-    """A pose of one tool in one work object as the pose of another tool in another, with the arm in the same place.
+    """The pose of another tool in another work object for the same place of the arm.
 
     None if a frame is not known.
     """
@@ -102,9 +113,9 @@ def carry_pose(pose: Pose, then: Frames, now: Frames) -> Pose | None:
 
 
 class Assumption(Struct, frozen=True):
-    """What a program asked for that no text holds, and what was taken: an input, a wait, a question to the operator.
+    """A value that the text does not hold, and that was assumed: of an input, a wait, a question.
 
-    key: what the user says to set it otherwise (``--assume key=value``), "" where it cannot be set.
+    key: name by which the user sets it (`--assume key=value`), empty if it cannot be set.
     """
 
     line: int
@@ -114,10 +125,18 @@ class Assumption(Struct, frozen=True):
 
 
 class Ask(Struct, frozen=True):
-    """What the user says of a program. dialect: of the language, "" its own. assume: values by name in lower case, of
-    inputs and whatever else no text holds. points: files of locations by name. entry: where it begins, "" as usual.
-    flange: base_from_flange of the arm that the program is for, from its joint values (rad, mm), None for another
-    number of them; without it nobody knows where joint values lead.
+    """The request of a run.
+
+    dialect: dialect of the language, empty for its usual one.
+    assume: values of inputs and other things that the text does not hold, by name in lower case.
+    points: files of locations by name.
+    entry: routine with which the program begins, empty for the usual one.
+    limits: limits of the run.
+    flange: base_from_flange of the arm from joint values (rad, mm), None for another number of
+        them. Without this function joint values have no pose.
+    options: options of `[post]` with which a post wrote the text. The run is then strict: a
+        statement that the post does not write is a finding, and so is a setting that differs from
+        the options. None for a program of another author.
     """
 
     dialect: str = ""
@@ -126,6 +145,7 @@ class Ask(Struct, frozen=True):
     entry: str = ""
     limits: Limits = Limits()
     flange: Callable[[Sequence[float]], Pose | None] | None = None
+    options: Mapping[str, object] | None = None
 
 
 class Executed(Struct, frozen=True, eq=False):
@@ -144,7 +164,7 @@ class Executed(Struct, frozen=True, eq=False):
     """
 
     body: Sequence[Instruction]
-    lines: tuple[int, ...]
+    lines: Sequence[int]
     frames: tuple[Frames, ...] = ()
     frame: tuple[int, ...] = ()
     findings: tuple[Finding, ...] = ()
@@ -154,11 +174,28 @@ class Executed(Struct, frozen=True, eq=False):
     omitted: tuple[tuple[int, str], ...] = ()
     stopped: tuple[int, str] | None = None
 
+    @property
+    def work(self) -> Pose | None:
+        """base_from_work that the text states for its first motion, None if it states none."""
+        return self.frames[0].base_from_work if self.frames else None
+
+    @property
+    def tool(self) -> Pose | None:
+        """flange_from_tool that the text states for its first motion, None if it states none."""
+        return self.frames[0].flange_from_tool if self.frames else None
+
 
 class Language(Struct, frozen=True):
-    """One language of controllers. suffixes: in small letters, with the dot. dialects: the names that ``Ask.dialect``
-    takes. recognise: whether the beginning of a text is surely in this language. run: what its files say, by name in
-    order, LF line ends; never raises for a text. takes: which of ``entry`` and ``points`` it heeds.
+    """A language of controllers.
+
+    name: name of the post whose controller runs it.
+    about: one line for the summary.
+    suffixes: endings of its files, in lower case, with the point.
+    recognise: returns whether the beginning of a text is certainly in this language.
+    run: runs the program in `files`, which are texts with LF line ends by name, in order. It never
+        raises an exception for a text.
+    dialects: names that `Ask.dialect` may have.
+    takes: the words "entry" and "points", if those members of `Ask` have an effect.
     """
 
     name: str
@@ -171,7 +208,7 @@ class Language(Struct, frozen=True):
 
 
 def find_language(name: str) -> Language:
-    """The language of the controller that the post ``name`` writes for. JobError if none is installed."""
+    """The language of the controller of the post `name`. Raises JobError if none is installed."""
     return _load(find(entries(LANGUAGES), name, "language", "camgen posts lists them"))
 
 
@@ -181,19 +218,27 @@ def list_languages() -> list[Language]:
 
 
 def _load(entry: EntryPoint) -> Language:
-    """The language of an entry point; what its `run` returns is checked each time."""
-    language: Any = load(entry)
-    plug_in = f"language {entry.name}"
+    return check_language(load(entry), entry.name)
+
+
+def check_language(language: Any, name: str = "") -> Language:
+    """The language of a plug-in. Each result of its `run` is checked.
+
+    name: name of its entry point.
+
+    Raises JobError for a value that is not a Language.
+    """
+    plug_in = f"language {name or getattr(language, 'name', '')}"
     check_value(plug_in, _LANGUAGE, language, _REMEDY)
     run = CheckedRun(plug_in, language.run)
     return replace(language, run=run)  # type: ignore[no-any-return]
 
 
 class CheckedRun(Struct, frozen=True):
-    """The interpreter of a language, whose result is checked.
+    """The function `run` of a language, whose result is checked.
 
     plug_in: the language, for the message.
-    run: the function of the plug-in.
+    run: function of the plug-in.
     """
 
     plug_in: str
@@ -203,7 +248,27 @@ class CheckedRun(Struct, frozen=True):
         """Runs the program. Raises JobError for a result that is not an Executed."""
         executed: Any = self.run(files, ask)
         check_value(self.plug_in, _RUN, executed, _REMEDY)
-        return executed  # type: ignore[no-any-return]
+        return executed if ask.options is None else find_open(executed)
+
+
+def find_open(executed: Executed) -> Executed:
+    """The result of a strict run, in which all that the text leaves open is a finding.
+
+    An assumption, a loss and an end before the end of the text are refused, an omission is unusual.
+    """
+    refused = [(entry.line, f"assumed: {entry.what}") for entry in executed.assumed]
+    refused += executed.lost
+    if executed.stopped is not None:
+        refused.append(executed.stopped)
+    if not refused and not executed.omitted:
+        return executed
+    findings = [*executed.findings]
+    findings += [Finding("refused", line, what) for line, what in refused]
+    findings += [Finding("unusual", line, what) for line, what in executed.omitted]
+    findings.sort(key=lambda finding: (finding.line, LEVELS.index(finding.level)))
+    return replace(
+        executed, findings=tuple(findings), assumed=(), lost=(), omitted=(), stopped=None
+    )
 
 
 _REMEDY = "correct or remove its package"
@@ -231,7 +296,6 @@ _FINDING = be_struct(
 _ASSUMPTION = be_struct(Assumption, {"line": _LINE, "what": _TEXT, "key": _TEXT})
 _EXECUTED = {
     "body": be_body,
-    "lines": be(tuple, "a tuple of line numbers"),
     "frames": be_each(tuple, be(Frames, "Frames"), "a tuple of Frames"),
     "frame": be(tuple, "a tuple of places in frames"),
     "findings": be_each(tuple, _FINDING, "a tuple of Finding"),
@@ -260,7 +324,12 @@ _RUN = Member("run()", be_all(be_struct(Executed, _EXECUTED), _find_wrong_lines)
 def rename_outputs(
     body: Sequence[Instruction], names: Mapping[str, str], file: str
 ) -> tuple[Instruction, ...]:
-    """The body with other names for its outputs. InputError for a name that it does not switch. file: for messages."""
+    """The body with other names of its outputs.
+
+    file: name for messages.
+
+    Raises InputError for a name that the body does not switch.
+    """
     used = dict.fromkeys(item.signal for item in body if isinstance(item, Output))
     for name in names:
         if name not in used:
@@ -277,7 +346,7 @@ def rename_outputs(
 
 
 class Places:
-    """Where the lines of a program are, which are counted from 1 through all its files."""
+    """Files and line numbers of the lines of a program, which are counted through all its files."""
 
     def __init__(self, texts: Mapping[str, str]) -> None:
         self._names = list(texts)
@@ -288,7 +357,7 @@ class Places:
         )
 
     def __call__(self, line: int) -> str:
-        """File and line."""
+        """Return file and line of a line that is counted through all files."""
         k = bisect_left(self._last, line)
         if k == len(self._names):
             return f"line {line}"

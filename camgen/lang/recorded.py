@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from msgspec import Struct
 
 from camgen.model.part import Note, Part
@@ -20,7 +22,7 @@ class ProgramRun(Struct, frozen=True, eq=False):
     """
 
     body: tuple[Instruction, ...]
-    lines: tuple[int, ...]
+    lines: Sequence[int]
     remarks: tuple[tuple[int, Note], ...]
     held: int
     entry: float

@@ -214,7 +214,7 @@ class Carried(Struct, frozen=True, eq=False):
     """A body in one work object and with one tool, and what is to be said of that."""
 
     body: Sequence[Instruction]
-    lines: tuple[int, ...]
+    lines: Sequence[int]
     frames: Frames
     notes: tuple[Note, ...]
 

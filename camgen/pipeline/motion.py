@@ -41,13 +41,13 @@ def prove_motion(
         return proof.MotionProof(0, 0.0, 0, 0, (), (reason,))
     programs = []
     first = 0
-    for count, reading, (_, program) in zip(
-        posted.counts, posted.readings, checked.programs, strict=True
+    for count, executed, (_, program) in zip(
+        posted.counts, posted.executed, checked.programs, strict=True
     ):
         file = posted.files[first].name
         first += count
         path = program.columns.path
-        programs.append(proof.Program(reading.body, reading.lines, path, program.paths, file))
+        programs.append(proof.Program(executed.body, executed.lines, path, program.paths, file))
     rounding = proof.Rounding(posted.tolerance.mm, posted.tolerance.speed)
     post = checked.programs[0][0]
     controller = proof.Controller(dynamics_of(post, job), frozenset(post.list_verified()))

@@ -14,6 +14,7 @@ from msgspec.structs import replace
 from camgen.check import Checks, check
 from camgen.check.report import Cycle, Motions, sum_up
 from camgen.check.time import cycle
+from camgen.lang.programs import Executed
 from camgen.lower.runs import plunge
 from camgen.lower.steps import split_tools
 from camgen.model.errors import Blocked, JobError
@@ -27,10 +28,10 @@ from camgen.motion.corners import Flow
 from camgen.order import ArmTour, JobTour, ReplayTour
 from camgen.pipeline.memory import give_back
 from camgen.plan import Watch
-from camgen.post import OutputFile, Post, Readback, Reading, Tolerance
+from camgen.post import OutputFile, Post, Tolerance
 from camgen.post.contract import prepare_program, render_program
 from camgen.post.limits import limit_tolerance
-from camgen.post.plugins import make_post
+from camgen.post.plugins import Readback, make_post
 from camgen.post.verify import Deviation, compare
 from camgen.robots.workcell import Workcell
 
@@ -81,14 +82,14 @@ class Posted(Struct, frozen=True, eq=False):
 
     files: of all programs.
     counts: number of files of each program.
-    readings: of the text of each program.
+    executed: the strict run of the text of each program.
     deviation: the largest of all, from the programs.
     tolerance: of the texts.
     """
 
     files: tuple[OutputFile, ...]
     counts: tuple[int, ...]
-    readings: tuple[Reading, ...]
+    executed: tuple[Executed, ...]
     deviation: Deviation
     tolerance: Tolerance
 
@@ -243,13 +244,13 @@ def lines_of(checked: Checked, posted: Posted) -> IntArray:
     lines = np.zeros(len(body), dtype=np.int64)
     at = len(body) - sum(len(program.body) + several for _, program in checked.programs)
     first = above = 0
-    for count, reading, (_, program) in zip(
-        posted.counts, posted.readings, checked.programs, strict=True
+    for count, executed, (_, program) in zip(
+        posted.counts, posted.executed, checked.programs, strict=True
     ):
         at += several
         # What was read back is the program, one by one, but for its comments: the comparison has shown that.
         lines[at + np.flatnonzero(~program.columns.are(Comment))] = above + np.array(
-            reading.lines, dtype=np.int64
+            executed.lines, dtype=np.int64
         )
         at += len(program.body)
         if several:
@@ -280,19 +281,19 @@ def post_programs(
     several = len(checked.programs) > 1
     told = {key: value for key, value in options.items() if not (several and key == "program")}
     files: list[OutputFile] = []
-    counts, readings, deviations = [], [], []
+    counts, runs, deviations = [], [], []
     for poster, program in checked.programs:
         rendered = render_program(poster, program)
         posted = [replace(file, text=sign(file.text)) for file in rendered]
         give_back()
         changed = _list_changed_options(poster, told)
-        reading = read({file.name: file.text for file in posted}, told | changed)
+        executed = read({file.name: file.text for file in posted}, told | changed)
         give_back()
         tolerance = limit_tolerance(poster.tolerance(), chord)
         deviations.append(
-            compare(program, reading, tolerance, poster.list_verified(), posted[0].name)
+            compare(program, executed, tolerance, poster.list_verified(), posted[0].name)
         )
-        readings.append(reading)
+        runs.append(executed)
         counts.append(len(posted))
         files += posted
     worst = Deviation(
@@ -300,4 +301,4 @@ def post_programs(
         max(one.max_angle for one in deviations),
         sum(one.instructions for one in deviations),
     )
-    return Posted(tuple(files), tuple(counts), tuple(readings), worst, tolerance)
+    return Posted(tuple(files), tuple(counts), tuple(runs), worst, tolerance)

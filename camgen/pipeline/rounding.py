@@ -44,11 +44,11 @@ def check_rounding(tour: Tour, job: Job, checked: Checked, posted: Posted) -> Ro
     by_path = list_tolerances(tour, job)
     worst = Rounding()
     first = count = 0
-    for files, reading, (_, program) in zip(
-        posted.counts, posted.readings, checked.programs, strict=True
+    for files, executed, (_, program) in zip(
+        posted.counts, posted.executed, checked.programs, strict=True
     ):
-        columns, planned = Columns(reading.body), program.columns
-        lines = np.asarray(reading.lines)[columns.at]
+        columns, planned = Columns(executed.body), program.columns
+        lines = np.asarray(executed.lines)[columns.at]
         allowed = by_path[planned.path]
         text = ReadText(columns, lines, planned.works, allowed, posted.files[first].name)
         first += files

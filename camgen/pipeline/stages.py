@@ -15,6 +15,7 @@ from msgspec.structs import replace
 
 from camgen.check import Checks
 from camgen.check import check as check_program
+from camgen.lang.programs import Executed
 from camgen.lower import lower as lower_tour
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError
@@ -30,7 +31,7 @@ from camgen.pipeline.inputs import read_cell, read_parts
 from camgen.pipeline.rounding import limit_path_tolerance
 from camgen.plan import EdgePlan, Plan, Watch, ignore_stages
 from camgen.plan import plan as plan_part
-from camgen.post import OutputFile, Reading
+from camgen.post import OutputFile
 from camgen.post.contract import prepare_program, render_program
 from camgen.post.limits import limit_tolerance
 from camgen.post.plugins import cell_of, fill_tables, find_post, find_readback
@@ -128,8 +129,11 @@ def post(program: Program, post: str, job: JobLike = None) -> tuple[OutputFile, 
 
 def read_back(
     files: Sequence[OutputFile] | Mapping[str, str], post: str, job: JobLike = None
-) -> Reading:
-    """What the text of a program says, instruction by instruction, and its faults by line. files: texts by name."""
+) -> Executed:
+    """The strict run of the text of a program: its instructions with their lines, and its findings.
+
+    files: texts by name.
+    """
     texts = files if isinstance(files, Mapping) else {file.name: file.text for file in files}
     settings = limit_path_tolerance(settings_of(job, Files()), post)
     return find_readback(post)(texts, fill_tables(find_post(post), settings.post))
@@ -143,9 +147,9 @@ def verify(
     poster = poster_of(post, settings, "job")
     chord = settings.tolerance.chord
     planned = prepare_program(poster, program, chord)
-    reading = read_back(files, post, settings)
+    executed = read_back(files, post, settings)
     tolerance = limit_tolerance(poster.tolerance(), chord)
-    return compare(planned, reading, tolerance, poster.list_verified(), files[0].name)
+    return compare(planned, executed, tolerance, poster.list_verified(), files[0].name)
 
 
 def preview(result: Result, suffix: str = ".svg") -> bytes:

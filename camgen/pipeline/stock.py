@@ -138,11 +138,11 @@ def cuts_of_texts(tour: Tour, request: Request, checked: Checked, posted: Posted
     comparison has shown.
     """
     stated, first = [], 0
-    for count, reading, (_, program) in zip(
-        posted.counts, posted.readings, checked.programs, strict=True
+    for count, executed, (_, program) in zip(
+        posted.counts, posted.executed, checked.programs, strict=True
     ):
         name = posted.files[first].name
-        stated.append(StatedProgram(name, reading.body, reading.lines, program))
+        stated.append(StatedProgram(name, executed.body, executed.lines, program))
         first += count
     return cuts_of(tour, request, stated)
 

@@ -80,14 +80,14 @@ def check_travel(job: Job, cell: Workcell, checked: Checked, posted: Posted) -> 
     placed = job.cell.base_from_work is not None
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     first = 0
-    for files, reading, (post, program) in zip(
-        posted.counts, posted.readings, checked.programs, strict=True
+    for files, executed, (post, program) in zip(
+        posted.counts, posted.executed, checked.programs, strict=True
     ):
-        columns = Columns(reading.body)
+        columns = Columns(executed.body)
         extent = measure_extent(columns, _find_shift(program, post, job, cell, placed))
         excess = (leave_travel if placed else exceed_travel)(extent, machine)
         if excess is not None:
-            line = int(np.asarray(reading.lines)[columns.at][excess.motion])
+            line = int(np.asarray(executed.lines)[columns.at][excess.motion])
             what = f"the program leaves the travel of {machine.file}: {excess.text}"
             remedy = "move the part: cell.base_from_work" if placed else "divide the part"
             if cell.fixtures is not None:

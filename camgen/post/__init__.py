@@ -6,11 +6,11 @@ The base class decides the order of calls, replaces arcs that a controller lacks
 harmless and joins the lines to files. Nothing is dropped and nothing is clamped: an instruction is
 printed, replaced by a named pass, or refused with its index and a reason.
 
-Each post has a read-back: a function from text to instructions (`Readback`), written from the
-manual of the controller and never from the post. Both are found through the entry points
-`camgen.posts` and `camgen.readbacks`, or as a path to a Python file (`plugins`).
+Each post has a language (`camgen.lang.programs.Language`): it runs the text of a program, and is
+written from the manual of the controller and never from the post. Both are found by the same name
+through the entry points `camgen.posts` and `camgen.languages`, or in one Python file (`plugins`).
 
-    values       the values that posts and read-backs return
+    values       the values that posts return
     replacement  how `prepare` replaces arcs
     printed      how `render` prints a program by column
     contract     how camgen checks the members and the results of a plug-in
@@ -50,19 +50,9 @@ from camgen.model.program import (
 from camgen.model.text import harmless
 from camgen.post.printed import Forms, Printed, are_forms_current, cut_lines, join_lines
 from camgen.post.replacement import replace_refused
-from camgen.post.values import (
-    Fault,
-    OutputFile,
-    Readback,
-    Reading,
-    Remark,
-    Tolerance,
-    pose_of,
-)
+from camgen.post.values import OutputFile, Tolerance, pose_of
 
-__all__ = [
-    "Fault", "Forms", "OutputFile", "Post", "Readback", "Reading", "Remark", "Tolerance", "pose_of",
-]  # fmt: skip
+__all__ = ["Forms", "OutputFile", "Post", "Tolerance", "pose_of"]
 
 
 @dataclass

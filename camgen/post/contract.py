@@ -1,18 +1,16 @@
-"""The contract of posts and read-backs as tables of members, and the calls that check it.
+"""The contract of posts as tables of members, and the calls that check it.
 
-Camgen calls `prepare` and `render` of a post, and every read-back, through this module alone. Their
-results come from foreign code, so they are checked here: types by the tables, and the prepared
-program by `preparation`.
+Camgen calls `prepare` and `render` of a post through this module alone. Their results come from
+foreign code, so they are checked here: types by the tables, and the prepared program by
+`preparation`.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
-from typing import Any, get_args, get_type_hints
+from typing import get_args, get_type_hints
 
-from msgspec import Struct
 from msgspec.structs import asdict
 
 from camgen.model.cell import Cell, Dynamics
@@ -21,21 +19,18 @@ from camgen.model.contract import (
     be,
     be_all,
     be_between,
-    be_body,
     be_each,
     be_empty,
-    be_optional,
     be_struct,
     be_text,
     be_words,
     check_value,
-    find_wrong_lines,
 )
 from camgen.model.errors import Refused, VerifyError
 from camgen.model.part import Note
 from camgen.model.pose import Pose
 from camgen.model.program import RULES, Joints, Program
-from camgen.post import Fault, OutputFile, Post, Readback, Reading, Tolerance
+from camgen.post import OutputFile, Post, Tolerance
 from camgen.post.limits import find_loose
 from camgen.post.passes import PASSES
 from camgen.post.preparation import CHANGES, REMEDY, check_preparation
@@ -45,8 +40,8 @@ from camgen.post.verify import COMPARED
 _MOST_DECIMALS = 9
 _SUFFIX = re.compile(r"\.[A-Za-z0-9_.-]+")
 _NAME = re.compile(r"[A-Za-z0-9_.-]+")
-#: The remedies for a fault of a plug-in.
-CORRECT_POST, CORRECT_READBACK = "correct the post", "correct the read-back"
+#: The remedy for a fault of a post.
+CORRECT_POST = "correct the post"
 
 
 #: Numbers of a machine that may be 0.
@@ -65,11 +60,6 @@ def _find_unreal(dynamics: Dynamics) -> str:
     return ""
 
 
-def _find_wrong_lines(reading: Reading) -> str:
-    fault = find_wrong_lines(reading.lines, len(reading.body))
-    return f"has lines that {fault}" if fault else ""
-
-
 def _find_shared_name(files: tuple[OutputFile, ...]) -> str:
     names = [file.name for file in files]
     return "" if names and len(set(names)) == len(names) else "has no file, or two with one name"
@@ -84,7 +74,6 @@ _NO_AXES = be(type(None), "None; cell.machine states the limits of axes")
 _MACHINE = be_struct(
     Dynamics, {"corner": _CORNER, "shares": be(bool, "True or False"), "axes": _NO_AXES}
 )
-_FAULT = be_struct(Fault, {"line": be_between(0), "what": _TEXT})
 _FILE = be_struct(OutputFile, {"name": _TEXT, "text": _TEXT})
 
 #: The members of the class of a post, checked when it is found.
@@ -131,14 +120,6 @@ RENDER = Member(
     "render()", be_all(be_each(tuple, _FILE, "a tuple of OutputFile"), _find_shared_name)
 )
 WARN = Member("warn()", be_each(tuple, be(Note, "a Note"), "a tuple of Note"))
-_FIELDS_OF_READING = {
-    "body": be_body,
-    "faults": be_each(tuple, _FAULT, "a tuple of Fault"),
-    "work": be_optional(_FRAME),
-    "tool": be_optional(_FRAME),
-}
-#: The result of a read-back.
-READING = Member("read()", be_all(be_struct(Reading, _FIELDS_OF_READING), _find_wrong_lines))
 
 
 def name_post(post: Post | type[Post]) -> str:
@@ -179,20 +160,3 @@ def list_warnings(post: Post, program: Program) -> tuple[Note, ...]:
     notes = post.warn(program)
     check_value(name_post(post), WARN, notes, CORRECT_POST)
     return notes
-
-
-class CheckedReadback(Struct, frozen=True):
-    """A read-back whose result is checked.
-
-    name: name of its post.
-    read: function of the plug-in.
-    """
-
-    name: str
-    read: Readback
-
-    def __call__(self, files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
-        """Reads the files. Raises JobError for a result that is not a Reading."""
-        reading: Any = self.read(files, options)
-        check_value(f"read-back {self.name}", READING, reading, CORRECT_READBACK)
-        return reading  # type: ignore[no-any-return]

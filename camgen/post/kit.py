@@ -1,11 +1,13 @@
-"""The conformance kit: what every post and its read-back must show, for those who write one (docs/writing-a-post.md).
+"""The conformance kit: tests that every post and its language pass (docs/writing-a-post.md).
 
     @pytest.mark.parametrize("case", cases(), ids=str)
     def test_conformance(case):
-        check_case(MyPost, my_read, case, lacks={"force", "tilt"})
+        check_case(MyPost, MY_LANGUAGE, case, lacks={"force", "tilt"})
 
-Each case is a small program. It is prepared, rendered twice, looked over as text, read back and compared. A post may
-refuse an instruction only if the test declares that its controller lacks the feature, and then by index and reason.
+Each case is a small program. It is prepared, rendered twice, examined as text, run strictly and
+compared. It is also run as `camgen verify` runs a program of any author. A post may refuse an
+instruction only if the test declares that its controller lacks the feature, and then by index and
+reason.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping
+from functools import partial
 from itertools import pairwise
 from typing import Literal, NamedTuple
 
@@ -21,6 +24,7 @@ import numpy as np
 from msgspec import Struct, field
 from msgspec.structs import replace
 
+from camgen.lang.programs import Ask, Executed, Language, check_language
 from camgen.model.cell import Cell
 from camgen.model.contract import check_members
 from camgen.model.errors import CamgenError, Refused, VerifyError
@@ -37,6 +41,7 @@ from camgen.model.pose import (
     rotation_from_fixed_xyz,
 )
 from camgen.model.program import (
+    Columns,
     Comment,
     Force,
     Instruction,
@@ -51,17 +56,17 @@ from camgen.model.program import (
     Wait,
     put_off_first,
 )
-from camgen.post import OutputFile, Post, Readback, Reading, Tolerance
+from camgen.model.text import counted
+from camgen.post import OutputFile, Post, Tolerance
 from camgen.post.altered import alter_numbers, is_excused
 from camgen.post.contract import (
     CORRECT_POST,
     POST_CLASS,
-    CheckedReadback,
     name_post,
     prepare_program,
 )
 from camgen.post.limits import limit_tolerance
-from camgen.post.plugins import fill_tables, make_post
+from camgen.post.plugins import Readback, fill_tables, make_post, read_back
 from camgen.post.verify import compare
 
 # The programs of the conformance kit: every instruction, poles of angles, small and large numbers, hostile words.
@@ -401,10 +406,10 @@ WHOLE = ("names", "split")
 
 
 class _Kit(Struct, frozen=True):
-    """A post and read-back under test, with the statements of their author: see `check_case`."""
+    """A post and its language under test, with the statements of their author: see `check_case`."""
 
     post: type[Post]
-    readback: Readback
+    language: Language
     options: Mapping[str, object]
     lacks: Collection[str]
     meaningless: Collection[str]
@@ -412,7 +417,7 @@ class _Kit(Struct, frozen=True):
 
 def check_case(
     post: type[Post],
-    readback: Readback,
+    language: Language,
     case: Case,
     options: Mapping[str, object] | None = None,
     lacks: Collection[str] = (),
@@ -424,7 +429,7 @@ def check_case(
     meaningless: patterns of what may change in the text without a meaning, such as remarks; where a
         pattern has a group, the group is meant.
     """
-    kit = _Kit(post, readback, dict(options or {}), lacks, meaningless)
+    kit = _Kit(post, language, dict(options or {}), lacks, meaningless)
     findings = list(_findings(kit, case))
     if findings:
         raise AssertionError("\n".join(findings))
@@ -432,13 +437,13 @@ def check_case(
 
 def conformance(
     post: type[Post],
-    readback: Readback,
+    language: Language,
     options: Mapping[str, object] | None = None,
     lacks: Collection[str] = (),
     meaningless: Collection[str] = (),
 ) -> list[str]:
     """The findings of all cases, one line each; none for a post that conforms."""
-    kit = _Kit(post, readback, dict(options or {}), lacks, meaningless)
+    kit = _Kit(post, language, dict(options or {}), lacks, meaningless)
     findings: list[str] = []
     for case in cases():
         findings += _findings(kit, case)
@@ -480,10 +485,12 @@ def _findings(kit: _Kit, case: Case) -> Iterator[str]:
     if len({file.name for file in files}) < len(files) or not files:
         yield f"{case}: no file, or two with one name"
         return
-    read = CheckedReadback(post.name, kit.readback)
+    texts = {file.name: file.text for file in files}
     try:
-        reading = read({file.name: file.text for file in files}, options)
-        compare(prepared, reading, tolerance, maker.list_verified(), files[0].name)
+        language = check_language(kit.language)
+        read: Readback = partial(read_back, language.run)
+        compare(prepared, read(texts, options), tolerance, maker.list_verified(), files[0].name)
+        yield from (f"{case}: {line}" for line in _find_unknown(language, texts, prepared))
     except CamgenError as error:
         yield f"{case}: {error}"
         return
@@ -501,12 +508,31 @@ class _Check(NamedTuple):
     prepared: Program
     tolerance: Tolerance
 
-    def judge(self, file: OutputFile) -> Reading:
-        """Reads a text. Raises VerifyError for a text that is not the prepared program."""
-        reading = self.readback({file.name: file.text}, self.options)
+    def judge(self, file: OutputFile) -> Executed:
+        """Runs a text. Raises VerifyError for a text that is not the prepared program."""
+        executed = self.readback({file.name: file.text}, self.options)
         words = self.post.list_verified()
-        compare(self.prepared, reading, self.tolerance, words, file.name)
-        return reading
+        compare(self.prepared, executed, self.tolerance, words, file.name)
+        return executed
+
+
+def _find_unknown(language: Language, texts: Mapping[str, str], prepared: Program) -> Iterator[str]:
+    """The findings of `camgen verify` for a program that the post has just written."""
+    (name, text), *_ = texts.items()
+    if not language.recognise(text) and not name.lower().endswith(language.suffixes):
+        yield "the language neither recognises the text nor has the suffix of its file"
+    executed = language.run(texts, Ask())
+    for finding in executed.findings:
+        if finding.level == "refused":
+            yield f"as a program of any author, line {finding.line} is refused: {finding.what}"
+    if executed.stopped is not None:
+        line, what = executed.stopped
+        yield f"as a program of any author, it stops in line {line}: {what}"
+    sides = (Columns(executed.body), prepared.columns)
+    paths = [int(side.moves_are(MoveL, MoveC).sum()) for side in sides]
+    if paths[0] != paths[1]:
+        lines = counted(paths[0], "straight motion or arc", "straight motions and arcs")
+        yield f"as a program of any author, it has {lines} instead of {paths[1]}"
 
 
 def _find_unseen(kit: _Kit, case: Case, check: _Check, file: OutputFile) -> Iterator[str]:

@@ -1,28 +1,34 @@
-"""Finding posts and read-backs: entry points for built-in and foreign ones alike, or the path of a Python file."""
+"""Finding posts and their read-backs: by entry point, built-in or foreign, or in a Python file."""
 
 from __future__ import annotations
 
 import dataclasses
 import importlib.util
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import get_type_hints
 
 import msgspec
 from msgspec import Struct
 from msgspec.structs import replace
 
+from camgen.lang.programs import LANGUAGES, Ask, CheckedRun, Executed, find_language
 from camgen.model.cell import Cell, Dynamics
 from camgen.model.contract import check_members, check_value
 from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.plugins import entries, find, load, origin
 from camgen.model.text import suggest
-from camgen.post import Post, Readback
-from camgen.post.contract import CELL, CORRECT_POST, POST, POST_CLASS, CheckedReadback, name_post
+from camgen.post import Post
+from camgen.post.contract import CELL, CORRECT_POST, POST, POST_CLASS, name_post
 
-POSTS, READBACKS = "camgen.posts", "camgen.readbacks"
+POSTS = "camgen.posts"
+#: The entry points of read-backs before a language was one function. They are named, not used.
+OLD_READBACKS = "camgen.readbacks"
+#: Runs the files of a program, by name in the order written, strictly with the options of `[post]`.
+Readback = Callable[[Mapping[str, str], Mapping[str, object]], Executed]
 _LISTS = "camgen posts lists them"
 _REMEDY = "correct the post, or its options in [post]"
 
@@ -53,36 +59,63 @@ def find_post(name: str) -> type[Post]:
 
 
 def find_readback(name: str) -> Readback:
-    """The read-back that belongs to the post ``name``; for a file it is its function ``read``. JobError if none.
+    """The read-back of the post `name`: a strict run of the language of its controller.
 
-    What it returns is checked each time.
+    The language of a post in a Python file is its function `run`. Each result is checked. Raises
+    JobError if there is no language.
     """
-    read: Any = None
     if name.endswith(".py"):
-        read, place = getattr(_module(name), "read", None), name
-    else:
-        read, place = load(find(entries(READBACKS), name, "read-back", _LISTS)), f"read-back {name}"
-    if not callable(read):
-        what, remedy = "has no function read(files, options)", "a post is posted with its read-back"
-        raise JobError(place, what, remedy=remedy)
-    return CheckedReadback(name, read)
+        run = getattr(_module(name), "run", None)
+        if not callable(run):
+            what = "has no function run(files, ask), the language that its post writes"
+            raise JobError(name, what, remedy="docs/writing-a-post.md shows one")
+        return partial(read_back, CheckedRun(f"language {name}", run))
+    return partial(read_back, find_language(name).run)
+
+
+def read_back(
+    run: Callable[[Mapping[str, str], Ask], Executed],
+    files: Mapping[str, str],
+    options: Mapping[str, object],
+) -> Executed:
+    """The strict run of a program that a post wrote.
+
+    run: function of the language.
+    files: texts by name, in the order written.
+    options: options of `[post]` with which the program was written.
+    """
+    return run(files, Ask(options=options))
 
 
 def list_installed() -> list[Installed]:
     """All posts by name; a broken one is listed with its reason."""
     found = []
-    readbacks = {entry.name for entry in entries(READBACKS)}
     for entry in entries(POSTS):
         try:
             post = find_post(entry.name)
         except JobError as error:
             found.append(Installed(entry.name, origin(entry), "", "", str(error)))
             continue
-        missing = (
-            "" if entry.name in readbacks else "has no read-back (entry point camgen.readbacks)"
+        found.append(
+            Installed(
+                entry.name, origin(entry), post.about, post.suffix, _find_no_language(entry.name)
+            )
         )
-        found.append(Installed(entry.name, origin(entry), post.about, post.suffix, missing))
     return found
+
+
+def _find_no_language(name: str) -> str:
+    """The reason why an installed post has no language, empty if it has one."""
+    if name in {entry.name for entry in entries(LANGUAGES)}:
+        try:
+            find_language(name)
+        except JobError as error:
+            return str(error)
+        return ""
+    reason = f"has no language (entry point {LANGUAGES})"
+    if name in {entry.name for entry in entries(OLD_READBACKS)}:
+        reason += f"; {OLD_READBACKS} is not read any more, see docs/writing-a-post.md"
+    return reason
 
 
 def make_post(post: type[Post], options: Mapping[str, object]) -> Post:

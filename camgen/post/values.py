@@ -1,13 +1,11 @@
-"""The values that posts and read-backs return."""
+"""The values that posts return."""
 
 from __future__ import annotations
-
-from collections.abc import Callable, Mapping, Sequence
 
 from msgspec import Struct
 
 from camgen.model.pose import Pose
-from camgen.model.program import Instruction, Joints, Motion
+from camgen.model.program import Joints, Motion
 
 
 class OutputFile(Struct, frozen=True):
@@ -44,45 +42,6 @@ class Tolerance(Struct, frozen=True):
     seconds: float
     turn: float = 1e-5
     share: float = 0.0
-
-
-class Fault(Struct, frozen=True):
-    """A place of a program text that is wrong or that the read-back does not know.
-
-    line: 1-based.
-    what: the fault, for a message.
-    """
-
-    line: int
-    what: str
-
-
-class Remark(Fault, frozen=True):
-    """A statement that a controller takes although the text leaves its meaning open.
-
-    It is harmless in a foreign program and a fault in a program of camgen.
-    """
-
-
-class Reading(Struct, frozen=True, eq=False):
-    """The meaning of a program text.
-
-    body: the instructions without comments; poses in the work frame.
-    lines: 1-based line of each instruction, counted through all files in order.
-    faults: faults and remarks, in order of line.
-    work: base_from_work that the text defines; None if it relies on the controller's.
-    tool: flange_from_tool that the text defines; None if it relies on the controller's.
-    """
-
-    body: Sequence[Instruction]
-    lines: Sequence[int]
-    faults: tuple[Fault, ...]
-    work: Pose | None = None
-    tool: Pose | None = None
-
-
-#: A read-back: (files by name in the order written, options as given in `[post]`) -> their meaning.
-Readback = Callable[[Mapping[str, str], Mapping[str, object]], Reading]
 
 
 def pose_of(motion: Motion) -> Pose:

@@ -36,6 +36,7 @@ from msgspec.structs import replace
 from camgen.geometry.arcs import arc_middles
 from camgen.geometry.rotations import angles_between
 from camgen.geometry.vectors import lengths
+from camgen.lang.programs import Executed, Frames
 from camgen.model.errors import VerifyError
 from camgen.model.pose import FloatArray, Pose, quaternion
 from camgen.model.program import (
@@ -57,7 +58,7 @@ from camgen.model.program import (
     numbers,
 )
 from camgen.model.text import counted, short
-from camgen.post import Post, Reading, Tolerance
+from camgen.post import Post, Tolerance
 from camgen.post.preparation import CHANGES
 
 #: What the point half-way along an arc may move per ``tolerance.mm``: see above.
@@ -170,20 +171,22 @@ def _worst(error: FloatArray) -> FloatArray:
 
 
 def compare(
-    planned: Program, reading: Reading, tolerance: Tolerance, carries: frozenset[str], file: str
+    planned: Program, executed: Executed, tolerance: Tolerance, carries: frozenset[str], file: str
 ) -> Deviation:
-    """The deviation of what was read from ``planned``, the program as prepared for the post.
+    """The deviation of a program text from the program as prepared for the post.
 
+    executed: the strict run of the text.
     carries: words of ``COMPARED`` (``Post.list_verified``).
     file: name for messages.
 
-    Raises VerifyError for the first fault of the reading, or for the first instruction that
+    Raises VerifyError for the first finding of the run, or for the first instruction that
     differs, with its index in the planned body, its line, and both values.
     """
-    for fault in reading.faults[:1]:
-        raise VerifyError(file, fault.what, fault.line, _REMEDY)
-    _compare_frames(planned, reading, tolerance, carries, file)
-    both = _pair(planned, reading)
+    for finding in executed.findings[:1]:
+        raise VerifyError(file, finding.what, finding.line, _REMEDY)
+    for frames in executed.frames or (Frames(),):
+        _compare_frames(planned, frames, tolerance, carries, file)
+    both = _pair(planned, executed)
     differences: list[tuple[int, str, str, str]] = []
     distance = angle = 0.0
     # What comes in between of all of a long program is larger than the program.
@@ -198,13 +201,13 @@ def compare(
     if both.common < max(len(both.indices), len(read_at)):
         was, says = (
             _say(planned.body, both.indices, both.common),
-            _say(reading.body, read_at, both.common),
+            _say(executed.body, read_at, both.common),
         )
         differences.append((both.common, "instruction", was, says))
     if differences:
         place, what, was, says = min(differences, key=lambda difference: difference[0])
         index = int(both.indices[place]) if place < len(both.indices) else len(planned.body)
-        line = reading.lines[read_at[place]] if place < len(read_at) else 0
+        line = executed.lines[read_at[place]] if place < len(read_at) else 0
         raise VerifyError(
             file, f"instruction {index}: {what} reads {says}, planned is {was}", line, _REMEDY
         )
@@ -218,13 +221,13 @@ def _farthest(a: FloatArray, b: FloatArray) -> float:
     return math.sqrt(apart.sum(axis=1).max(initial=0.0))
 
 
-def _pair(planned: Program, reading: Reading) -> _Both:
+def _pair(planned: Program, executed: Executed) -> _Both:
     """Both bodies as far as their instructions are of the same kinds."""
-    if len(reading.body) != len(reading.lines):
+    if len(executed.body) != len(executed.lines):
         raise ValueError(
-            f"{counted(len(reading.body), 'instruction')} with {counted(len(reading.lines), 'line')}"
+            f"{counted(len(executed.body), 'instruction')} with {counted(len(executed.lines), 'line')}"
         )
-    plan, read = planned.columns, Columns(reading.body)
+    plan, read = planned.columns, Columns(executed.body)
     at, read_at = (np.flatnonzero(~side.are(Comment)) for side in (plan, read))
     size = min(len(at), len(read_at))
     same = np.ones(size, np.bool_)
@@ -307,12 +310,12 @@ def _first_beyond(column: _Column, first: int) -> Iterator[tuple[int, str, str, 
 
 
 def _compare_frames(
-    planned: Program, reading: Reading, tolerance: Tolerance, carries: frozenset[str], file: str
+    planned: Program, frames: Frames, tolerance: Tolerance, carries: frozenset[str], file: str
 ) -> None:
     """The frames that the text states, and that it states those it should."""
     both = (
-        (planned.base_from_work, reading.work),
-        (planned.flange_from_tool, reading.tool),
+        (planned.base_from_work, frames.base_from_work),
+        (planned.flange_from_tool, frames.flange_from_tool),
     )
     for name, (was, says) in zip(_FRAMES, both, strict=True):
         if says is None:

@@ -1,8 +1,8 @@
-"""The post and its read-back agree on every program of the conformance kit, with two sets of options."""
+"""The post and the language agree on every program of the conformance kit, with two sets of options."""
 
 import pytest
 from krl import Krl
-from krl_readback import read
+from krl_language import KRL
 
 from camgen.post.kit import Case, cases, check_case
 
@@ -26,11 +26,11 @@ MEANINGLESS = (
 def test_conformance(case: Case) -> None:
     """As the options are by default: one output, up to 2000 mm/s."""
     lacks = {"force", "spindle", "signals", "stops", "tool changes", "split", "fast"}
-    check_case(Krl, read, case, lacks=lacks, meaningless=MEANINGLESS)
+    check_case(Krl, KRL, case, lacks=lacks, meaningless=MEANINGLESS)
 
 
 @pytest.mark.parametrize("case", cases(), ids=str)
 def test_conformance_with_options(case: Case) -> None:
     """With outputs for all signals, and a faster robot."""
     lacks = {"force", "stops", "tool changes", "split"}
-    check_case(Krl, read, case, MORE, lacks, MEANINGLESS)
+    check_case(Krl, KRL, case, MORE, lacks, MEANINGLESS)

@@ -32,7 +32,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from camgen_posts.gcode import GCode
-from camgen_posts.readback.gcode import read
+from camgen.lang.gcode.language import run_gcode as run
 
 
 @dataclass

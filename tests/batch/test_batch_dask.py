@@ -142,7 +142,8 @@ def test_files_of_a_job_travel_and_errors_name_them_as_the_user_does(
 @pytest.mark.usefixtures("here")
 def test_what_cannot_travel(cluster: Cluster, capsys: pytest.CaptureFixture[str]) -> None:
     Path("own.py").write_text(
-        "from camgen_posts.gcode import GCode\nfrom camgen_posts.readback.gcode import read\n\n\n"
+        "from camgen.lang.gcode.language import run_gcode as run\n"
+        "from camgen_posts.gcode import GCode\n\n\n"
         "class Own(GCode):\n    name = 'own'\n"
     )
     assert (

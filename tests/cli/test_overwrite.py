@@ -35,15 +35,15 @@ fixtures = ["m.stl"]
 #: A post in a file of its own, as a user may write one.
 OWN = """
 from camgen_posts.gcode import GCode
-from camgen_posts.readback import gcode as readback
+from camgen.lang.gcode.language import run_gcode
 
 
 class Own(GCode):
     name = "own"
 
 
-def read(files, options):
-    return readback.read(files, options)
+def run(files, ask):
+    return run_gcode(files, ask)
 """
 
 

@@ -56,14 +56,14 @@ def test_the_page_gives_the_example() -> None:
     assert files() == expected
 
 
-@pytest.mark.parametrize("name", ["krl.py", "krl_readback.py"])
+@pytest.mark.parametrize("name", ["krl.py", "krl_language.py"])
 def test_the_example_is_as_short_as_promised(name: str) -> None:
     assert len(files()[name].splitlines()) < 200
 
 
-def test_the_readback_knows_nothing_of_the_post() -> None:
-    assert not re.search(r"^\s*(?:from|import) krl\b", files()["krl_readback.py"], re.M)
-    assert "fixed_xyz" not in files()["krl_readback.py"]
+def test_the_language_knows_nothing_of_the_post() -> None:
+    assert not re.search(r"^\s*(?:from|import) krl\b", files()["krl_language.py"], re.M)
+    assert "fixed_xyz" not in files()["krl_language.py"]
 
 
 def test_what_may_be_overridden_is_there() -> None:
@@ -174,8 +174,12 @@ def test_the_commands_of_the_page_run(followed: tuple[Path, dict[str, str]]) -> 
         "camgen",
         "cp",
         "camgen",
+        "camgen",
     ]
     assert "read back, " in printed["camgen build bracket.dxf --post krl"]
+    verified = printed["camgen verify bracket.src"]
+    assert "KUKA KRL" in verified
+    assert "refused" not in verified
 
 
 def test_the_conformance_kit_of_the_page_is_green(followed: tuple[Path, dict[str, str]]) -> None:

@@ -14,11 +14,11 @@ from hypothesis import HealthCheck, Phase, given, settings
 
 from bench.reliability.fuzzing import table
 from bench.reliability.fuzzing.table import TABLE, Fuzzed, Miss, judge
+from camgen.lang.programs import Executed
 from camgen.localize import scans
 from camgen.model.errors import InputError
 from camgen.model.files import Source
 from camgen.model.program import Output
-from camgen.post import Reading
 from camgen.read.solid import mesh_file
 
 EXAMPLES = 15
@@ -61,7 +61,7 @@ def test_what_a_miss_is(monkeypatch: pytest.MonkeyPatch) -> None:
         judge(odd(raises(KeyError("x"))), b"x")
     body = (Output("a", float("nan")),)
     with pytest.raises(Miss, match="not finite: nan"):
-        judge(odd(lambda _data: Reading(body, (1,), ())), b"x")
+        judge(odd(lambda _data: Executed(body, (1,))), b"x")
     numbers = iter(range(9))
     with pytest.raises(Miss, match="read twice"):
         judge(odd(lambda _data: next(numbers)), b"x")

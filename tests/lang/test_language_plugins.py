@@ -78,7 +78,7 @@ def test_a_wrong_member_is_named(tmp_path, monkeypatch, old, new, says):
         ("Executed(('x',), (1,))", "body that has an element of the type str"),
         ("Executed((Wait(1.0),), (1, 2))", "lines that has 2 numbers for 1 instruction"),
         ("Executed((Wait(1.0),), (0,))", "lines that has an element that is not a line number"),
-        ("Executed((), [])", "lines that is [], not a tuple of line numbers"),
+        ("Executed((), 'x')", "lines that is 'x', not a sequence of line numbers"),
         ("Executed((), (), ('tool',))", "frames that has an element that is 'tool'"),
         ("Executed((Wait(1.0),), (1,), (Frames(),), (0, 0))", "2 places of frames for 1 instr"),
         ("Executed((Wait(1.0),), (1,), (Frames(),), (1,))", "a place of a frame that is not there"),

@@ -169,12 +169,12 @@ def test_the_tool_is_changed_at_home_with_everything_off() -> None:
 )
 def test_a_read_back_finds_what_is_wrong_with_a_tool_change(old: str, new: str, fault: str) -> None:
     result = build(BRACKET, post="gcode", job=job(OUTER, DRILL))
-    assert not find_readback("gcode")({"a.ngc": result.text}, {}).faults
+    assert not find_readback("gcode")({"a.ngc": result.text}, {}).findings
     assert result.text.count(old) == 1
     found = find_readback("gcode")({"a.ngc": result.text.replace(old, new)}, {})
     planned = [item.number for item in result.program.body if isinstance(item, ToolChange)]
     assert (
-        any(fault in one.what for one in found.faults)
+        any(fault in one.what for one in found.findings)
         if fault
         else planned != [item.number for item in found.body if isinstance(item, ToolChange)]
     )
@@ -185,8 +185,8 @@ def test_a_controller_without_tool_changes_gets_a_program_a_tool() -> None:
     assert [one.name for one in result.files] == ["bracket_1.nc", "bracket_2.nc"]
     assert result.counts == (1, 1)
     first, second = (find_readback("grbl")({one.name: one.text}, {}) for one in result.files)
-    assert not first.faults
-    assert not second.faults
+    assert not first.findings
+    assert not second.findings
     lowest = [
         min(item.target.origin[2] for item in one.body if isinstance(item, MoveL | MoveC))
         for one in (first, second)

@@ -6,6 +6,7 @@ from itertools import combinations
 import pytest
 
 from camgen.lang.pacscript.words import RESERVED
+from camgen.lang.programs import Finding
 from camgen.model.pose import TOOL_DOWN, Pose, translation
 from camgen.model.program import (
     Force,
@@ -17,7 +18,6 @@ from camgen.model.program import (
     Posture,
     ToolChange,
 )
-from camgen.post import Fault, Remark
 from tests.support.samples import Sample
 
 LEFTY = Posture(figure=5)
@@ -109,7 +109,7 @@ TAILS = ["", ";", " Stop;", " = 5", " 1:", "()", " x THEN", " SetDO doProcess,1;
 def test_a_word_of_a_statement_that_is_not_open_is_a_fault(word: str, tail: str) -> None:
     row = row_of(RAPID.text, "MoveL")
     faults = RAPID.list_faults(RAPID.insert(row, f"{word.lower()}{tail}"))
-    expected = Fault(row + 1, f"{word} belongs to no statement before it")
+    expected = Finding("refused", row + 1, f"{word} belongs to no statement before it")
     assert expected in faults
 
 
@@ -117,7 +117,7 @@ def test_a_word_of_a_statement_that_is_not_open_is_a_fault(word: str, tail: str)
 def test_a_word_of_an_open_statement_adds_no_fault(word: str) -> None:
     row = row_of(RAPID.text, "MoveL")
     faults = RAPID.list_faults(RAPID.insert(row, f"IF x THEN\n{word}\nENDIF"))
-    assert Fault(row + 1, "IF is a statement that is not read") in faults
+    assert Finding("refused", row + 1, "IF is a statement that is not read") in faults
     assert f"{word} belongs to no statement before it" not in [fault.what for fault in faults]
 
 
@@ -140,7 +140,7 @@ def test_a_word_of_the_language_gets_no_value(word: str) -> None:
     faults = PACSCRIPT.list_faults(
         PACSCRIPT.insert(row_of(PACSCRIPT.text, "Move L"), f"{word} = 5")
     )
-    assert any(not isinstance(fault, Remark) for fault in faults)
+    assert any(fault.level != "unusual" for fault in faults)
 
 
 @pytest.mark.parametrize(
@@ -180,7 +180,7 @@ for spelling, pattern, numbers in WHOLE_NUMBERS:
 @pytest.mark.parametrize(("before", "form", "number"), FRACTIONS)
 def test_a_fraction_is_never_rounded(before: str, form: str, number: str) -> None:
     faults = PACSCRIPT.list_faults(PACSCRIPT.change(before, form.format(number)))
-    assert any(not isinstance(fault, Remark) for fault in faults)
+    assert any(fault.level != "unusual" for fault in faults)
 
 
 @pytest.mark.parametrize(
@@ -199,7 +199,7 @@ def test_a_force_that_is_never_on_is_noted() -> None:
             k for k, row in enumerate(PRESSING.text.splitlines()) if row.strip().startswith(start)
         ]
         text = PRESSING.insert(rows[-1], line)
-        assert Remark(rows[-1] + 1, what) in PRESSING.list_faults(text)
+        assert Finding("unusual", rows[-1] + 1, what) in PRESSING.list_faults(text)
 
 
 HEADERS = [("    TakeArm Keep = 0\n", "TakeArm"), ("    Reset IO[24]\n", "an output")]
@@ -296,7 +296,7 @@ BEHIND = [
 def test_a_statement_after_return_never_runs(line: str) -> None:
     row = row_of(VPLUS.text, ".END")
     faults = VPLUS.list_faults(VPLUS.insert(row, line))
-    assert Fault(row + 1, "a statement after RETURN never runs") in faults
+    assert Finding("refused", row + 1, "a statement after RETURN never runs") in faults
 
 
 @pytest.mark.parametrize("line", ["10", "100", "10 BREAK", "65535 SPEED 20, 100 MMPS ALWAYS"])

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from camgen.geometry.arcs import circle
+from camgen.lang.programs import Finding, find_language
 from camgen.model.errors import JobError, Refused
 from camgen.model.pose import Pose, frozen, pose_from_values, rotation_from_fixed_xyz
 from camgen.model.program import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Stop, Wait
-from camgen.post import Remark
 from camgen.post.kit import Case, cases, check_case
 from camgen.post.plugins import find_post, find_readback, make_post
 from tests.post.changes.gcode import TEXT
@@ -51,7 +51,7 @@ def read(text, **options):
 def faults(*lines, **options):
     """The faults of lines between a lead of two and the end."""
     text = "\n".join([f"{SAFE} G64 P0.01 Q0", "G0 Z5", "G0 X0 Y0", *lines, "M2", ""])
-    return [(fault.line - 3, fault.what) for fault in read(text, **options).faults]
+    return [(fault.line - 3, fault.what) for fault in read(text, **options).findings]
 
 
 # A quarter circle about (45, 15) from (45, 5), another back to (45, 25), both counter-clockwise.
@@ -98,13 +98,13 @@ def test_options_of_the_preamble():
     _, text = posted(gcode(work="G59.3", tool=1, path_tolerance=0.0, decimals=2), PART)
     modes = ["G17 G21 G40 G59.3 G80 G90 G94", "G91.1", "G61"]
     assert text.splitlines()[3:12] == [*modes, "M5", "M65 P0", "G53 G0 Z0", "G49", "T1 M6", "G43"]
-    assert not read(text, work="G59.3", tool=1, path_tolerance=0.0, decimals=2).faults
+    assert not read(text, work="G59.3", tool=1, path_tolerance=0.0, decimals=2).findings
 
 
 def test_without_lift_the_first_height_is_that_of_the_home_position():
     _, text = posted(gcode(lift=False), PART)
     assert text.splitlines()[5:11] == ["G64 P0.01 Q0", "M5", "M65 P0", "G49", "G0 Z50", "G0 X0 Y0"]
-    assert not read(text, lift=False).faults
+    assert not read(text, lift=False).findings
 
 
 #: A program that leaves the length of its tool on, 30 mm, and stands low.
@@ -141,7 +141,7 @@ def test_reader_and_linuxcnc_agree_on_machine_coordinates(before, refused):
     text = f"G21 G61\n{before}G53 G0 Z0\nG49 G90\nG0 X1 Y2\nG0 Z3\nM2\n"
     canon = run(text)
     assert bool(canon.error) == refused
-    found = [f.what for f in read(text).faults if not isinstance(f, Remark)]
+    found = [f.what for f in read(text).findings if f.level != "unusual"]
     assert found[:1] == (["G53 among increments (G91)"] if refused else [])
     if not refused:
         (home,) = read(text).body
@@ -174,8 +174,8 @@ def test_reader_and_linuxcnc_agree_on_machine_coordinates(before, refused):
 )
 def test_the_lift_of_the_options_is_held_against_the_text(line, options, says):
     text = f"{SAFE} G64 P0.01 Q0\n{line}\nG49\nG0 X1 Y2\nG0 Z3\nM2\n"
-    assert says in [f.what for f in read(text, **options).faults]
-    assert not read(text.replace(f"\n{line}\n", "\nG53 G0 Z0\n", 1)).faults
+    assert says in [f.what for f in read(text, **options).findings]
+    assert not read(text.replace(f"\n{line}\n", "\nG53 G0 Z0\n", 1)).findings
 
 
 def test_a_clockwise_arc_is_g2():
@@ -413,7 +413,7 @@ def test_conformance(case: Case, force):
     signals = {name: f"P{n}" for n, name in enumerate(("process", "glue", "vacuum", "air"))}
     post, lacks = find_post("gcode"), {"joints", "tilt", "signals", "large", "split"}
     options = {"signals": signals, **force}
-    check_case(post, find_readback("gcode"), case, options, lacks, MEANINGLESS)
+    check_case(post, find_language("gcode"), case, options, lacks, MEANINGLESS)
 
 
 # The outside judge.
@@ -549,7 +549,7 @@ def test_a_mode_that_is_not_said_is_a_fault_of_our_program(word, options):
         text.replace(f"{word} ", "", 1) if f"{word} " in text else text.replace(f"{word}\n", "\n")
     )
     first = next(k for k, line in enumerate(left.splitlines(), 1) if "G0 " in line)
-    assert read(left, **options).faults == (Remark(first, f"{word} {UNSAID}"),)
+    assert read(left, **options).findings == (Finding("unusual", first, f"{word} {UNSAID}"),)
     assert f"{word} not said" in difference(
         PART, read(left, **options), gcode(**options).tolerance()
     )
@@ -557,26 +557,28 @@ def test_a_mode_that_is_not_said_is_a_fault_of_our_program(word, options):
 
 def test_the_outputs_of_the_machine_are_an_option():
     more = TEXT.replace("M65 P0", "M65 P6\nM65 P0", 1)
-    assert [fault.line for fault in read(more).faults] == [8]
-    assert not read(more, outputs=8).faults
-    assert not read(TEXT.replace("P0\n", "P7\n"), signals={"process": "P7"}).faults
-    assert not read(more, signals={"process": "P0", "glue": "P6"}).faults
+    assert [fault.line for fault in read(more).findings] == [8]
+    assert not read(more, outputs=8).findings
+    assert not read(TEXT.replace("P0\n", "P7\n"), signals={"process": "P7"}).findings
+    assert not read(more, signals={"process": "P0", "glue": "P6"}).findings
     assert not read(
         TEXT.replace("M64 P0", "M64 P0\nM68 E7 Q1"),
         force="analog",
         force_scale=1.0,
         force_channel=7,
-    ).faults
+    ).findings
     with pytest.raises(JobError, match="65 is not 1 to 64"):
         gcode(outputs=65)
 
 
 def test_the_exact_path_is_that_of_the_option():
     exact = posted(gcode(path_tolerance=0.0), PART)[1]
-    assert not read(exact, path_tolerance=0.0).faults
-    said = read(exact.replace("G61\n", "G61.1\n"), path_tolerance=0.0).faults
+    assert not read(exact, path_tolerance=0.0).findings
+    said = read(exact.replace("G61\n", "G61.1\n"), path_tolerance=0.0).findings
     assert said == (
-        Remark(6, "G61.1 where post.path_tolerance asks for G61: corners take another time"),
+        Finding(
+            "unusual", 6, "G61.1 where post.path_tolerance asks for G61: corners take another time"
+        ),
     )
 
 
@@ -676,26 +678,26 @@ def test_faults_name_line_and_word(line, says):
 
 
 def test_faults_of_the_whole_program():
-    assert [(f.line, f.what) for f in read("G21\nG0 Z5\nG61\n").faults] == [
+    assert [(f.line, f.what) for f in read("G21\nG0 Z5\nG61\n").findings] == [
         (2, f"G17, G40, G80, G90, G91.1, G94, G54 {UNSAID}"),
         (2, "neither G49 nor G43 before the first motion: a tool length that is on shifts Z"),
         (2, "neither G61 nor G64 P before the first motion: corners may be rounded by any amount"),
-        (3, "G61 where post.path_tolerance asks for G64 P0.01: corners take another time"),
         (3, "the program has no end (M2 or M30)"),
         (3, "the program ends before the position is known in all axes"),
+        (3, "G61 where post.path_tolerance asks for G64 P0.01: corners take another time"),
     ]
     assert [
         (f.line, f.what)
         for f in read(
             "G17 G40 G54 G80 G90 G91.1 G94 G64 P0.01 Q0 G49\nG0 X1 Y1\nM2\nG0 X2\n"
-        ).faults
+        ).findings
     ] == [
         (1, "G49 lowers the next height by a tool length that is on; G53 G0 Z0 first"),
         (2, "a motion before G20 or G21; read as mm"),
         (2, "X or Y moves while Z is not known; read as from 0"),
         (4, "a line after the end of the program"),
     ]
-    assert [f.what for f in read("").faults] == ["the program has no end (M2 or M30)"]
+    assert [f.what for f in read("").findings] == ["the program has no end (M2 or M30)"]
 
 
 @pytest.mark.parametrize(
@@ -721,7 +723,7 @@ def test_faults_of_the_whole_program():
     ],
 )
 def test_faults_before_the_position_is_known(lines, says):
-    assert says in [f.what for f in read("\n".join([*lines, "M2"])).faults]
+    assert says in [f.what for f in read("\n".join([*lines, "M2"])).findings]
 
 
 def test_reading_goes_on_at_the_end_of_what_is_refused():
@@ -729,7 +731,7 @@ def test_reading_goes_on_at_the_end_of_what_is_refused():
         f"{SAFE} G64 P0.01 Q0 G49\nG0 Z5\nG0 X0 Y0\nF60 G2 X2 Y7 I1\nG1 X3 A9\nX4\nM2 P1\nG0 X9\n"
     )
     reading = read(text, lift=False)
-    assert [(fault.line, fault.what.split(" (")[0]) for fault in reading.faults] == [
+    assert [(fault.line, fault.what.split(" (")[0]) for fault in reading.findings] == [
         (4, "the radii of the arc differ by 6.0711 mm"),
         (5, "word A9: nothing in the line uses it"),
         (7, "word P1: nothing in the line uses it"),
@@ -744,16 +746,16 @@ def test_a_work_offset_that_changes_with_the_tool_is_a_fault(change):
         f"{SAFE} G64 P0.01 Q0 G49\nT1 M6\nG43 H1\nG0 Z5\nG0 X0 Y0\n"
         "T2 M6\nG43 H2\nG0 Z5\nG0 X9 Y0\nM2\n"
     )
-    assert not read(text, lift=False).faults
+    assert not read(text, lift=False).findings
     changed = text.replace("T2 M6" if "H2" not in change else "T2 M6\nG43 H2", change)
     what = "G55: another work offset after the first motion is not read"
-    assert what in [fault.what for fault in read(changed, lift=False).faults]
+    assert what in [fault.what for fault in read(changed, lift=False).findings]
 
 
 def test_the_length_of_the_tool_is_applied_once():
     text = posted(gcode(tool=1), PART)[1]
     late = text.replace("G43\n", "").replace("G4 P1.5", "G4 P1.5\nG43")
-    assert [f.what for f in read(late, tool=1).faults] == [
+    assert [f.what for f in read(late, tool=1).findings] == [
         "the length of the tool is not applied (G43) before the first motion",
         "G43 after the first motion shifts the origin",
     ]
@@ -761,8 +763,8 @@ def test_the_length_of_the_tool_is_applied_once():
 
 def test_options_are_held_against_the_text():
     text = posted(gcode(tool=1, work="G55"), PART)[1]
-    assert not read(text, tool=1, work="G55").faults
-    assert [f.what for f in read(text, tool=2, work="G55").faults] == [
+    assert not read(text, tool=1, work="G55").findings
+    assert [f.what for f in read(text, tool=2, work="G55").findings] == [
         "tool T1, but post.tool is 2",
         "the tool change T2 M6 of post.tool is missing",
     ]
@@ -803,7 +805,7 @@ def test_reader_agrees_with_the_interpreter(text):
     ]
     unusual = (UNSAID, "where posts write in", "posts write M2", "Z moves together with X or Y")
     assert [
-        f.what for f in reading.faults if not any(words in f.what for words in unusual)
+        f.what for f in reading.findings if not any(words in f.what for words in unusual)
     ] == allowed
     canon = run(text)
     assert canon.error == ""
@@ -900,14 +902,14 @@ def test_changed_texts_never_raise(chance: random.Random):
     reading = read("".join(text))
     assert len(reading.body) == len(reading.lines)
     assert list(reading.lines) == sorted(reading.lines)
-    assert [f.line for f in reading.faults] == sorted(f.line for f in reading.faults)
+    assert [f.line for f in reading.findings] == sorted(f.line for f in reading.findings)
 
 
 @given(st.one_of(st.text(), st.text("GMXYZIJKRFSTPQ0123456789.-+ \n%()/;", max_size=200)))
 def test_any_text_gives_a_reading(text):
     reading = read(text)
     # Only a text that ends as a program does can be without a fault.
-    assert reading.faults or any(
+    assert reading.findings or any(
         end in text.upper().replace(" ", "") for end in ("M2", "M02", "M30")
     )
 
@@ -919,7 +921,7 @@ def test_found_programs_are_read_or_faulted():
     for file in files:
         text = file.read_bytes().decode("utf-8", "replace")
         for name in ("gcode", "grbl"):
-            assert find_readback(name)({file.name: text}, {}).faults
+            assert find_readback(name)({file.name: text}, {}).findings
 
 
 @pytest.mark.skipif(not DATA.is_dir(), reason="no shared/data/gcode beside the repository")
@@ -980,7 +982,7 @@ def test_plain_lines_are_read_as_all_others(lines):
     text += "M2\n"
     plain, long = read(text), read(text.lower())
     assert list_values(plain, True)[:2] == list_values(long, True)[:2]
-    assert [fault.line for fault in plain.faults] == [fault.line for fault in long.faults]
+    assert [fault.line for fault in plain.findings] == [fault.line for fault in long.findings]
 
 
 HEAD = "G17 G21 G40 G54 G80 G90 G91.1 G94\nG64 P0.01 Q0\nG49\n"
@@ -1010,21 +1012,21 @@ HEAD = "G17 G21 G40 G54 G80 G90 G91.1 G94\nG64 P0.01 Q0\nG49\n"
     ],
 )
 def test_what_no_program_of_ours_says_is_a_remark(body, line, what):
-    found = read(HEAD + body, lift=False).faults
+    found = read(HEAD + body, lift=False).findings
     assert [(f.line, f.what) for f in found] == ([(line, what)] if what else [])
-    assert all(isinstance(f, Remark) for f in found)
+    assert all(f.level == "unusual" for f in found)
 
 
 def test_a_tool_that_is_changed_to_twice_is_a_remark():
     head = HEAD.replace("G49", "T3 M6\nT3 M6\nG43 H3")
     assert [
-        (f.line, f.what) for f in read(head + "G0 Z50\nG0 X0 Y0\nM2\n", tool=3, lift=False).faults
+        (f.line, f.what) for f in read(head + "G0 Z50\nG0 X0 Y0\nM2\n", tool=3, lift=False).findings
     ] == [(4, "M6 a second time")]
 
 
 def test_corners_before_the_lift_are_remarked_on():
     text = HEAD.replace("G64 P0.01 Q0\n", "G53 G0 Z0\n") + "G64 P0.01 Q0\nG0 X0 Y0\nG0 Z50\nM2\n"
-    assert [(f.line, f.what) for f in read(text).faults] == [
+    assert [(f.line, f.what) for f in read(text).findings] == [
         (2, "neither G61 nor G64 P before the first motion: corners may be rounded by any amount")
     ]
 

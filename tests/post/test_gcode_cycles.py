@@ -223,7 +223,7 @@ def _way(plan) -> list[float]:
 )
 def test_faults_of_a_cycle(line, says):
     text = "\n".join(["G21 G49 G64 P0.01 Q0", "G0 Z5", "G0 X0 Y0", line, "G80", "M2", ""])
-    assert any(says in fault.what for fault in read(text).faults)
+    assert any(says in fault.what for fault in read(text).findings)
 
 
 @pytest.mark.parametrize(
@@ -232,7 +232,7 @@ def test_faults_of_a_cycle(line, says):
 def test_a_cycle_that_no_post_writes_is_never_ours(line):
     text = "\n".join(["G17 G21 G90 G64 P0.01 Q0", "G0 Z5", "G0 X0 Y0", line, "G80", "M2", ""])
     found = read(text)
-    assert any("does not write" in fault.what for fault in found.faults)
+    assert any("does not write" in fault.what for fault in found.findings)
     assert len(found.body) >= 4
 
 
@@ -245,6 +245,6 @@ def test_a_wait_at_the_bottom_is_read():
         "G0 Z5",
     ]
     found = read("\n".join([*lead, "G98 G82 X1 Y1 Z-1 R1 P0.5 F60", "G80", "M2", ""]))
-    assert not found.faults
+    assert not found.findings
     assert kinds(found.body) == [MoveJ, MoveJ, MoveJ, MoveL, Wait, MoveJ]
     assert found.body[4].seconds == 0.5

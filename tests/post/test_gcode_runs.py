@@ -5,16 +5,16 @@ from itertools import pairwise
 from unittest.mock import patch
 
 import pytest
-from camgen_posts.readback import gcode as readback
-from camgen_posts.readback import gcode_runs
-from camgen_posts.readback.gcode_runs import Lines
-from camgen_posts.readback.grbl import read as read_grbl
 from hypothesis import given
 from hypothesis import strategies as st
 
+from camgen.lang.gcode import strict as readback
+from camgen.lang.gcode import strict_runs as gcode_runs
+from camgen.lang.gcode.strict_grbl import read as read_grbl
+from camgen.lang.gcode.strict_runs import Lines
+from camgen.lang.programs import Executed
 from camgen.model.body import Body
 from camgen.model.program import MoveC, MoveJ, MoveL
-from camgen.post import Reading
 
 HEAD = "(a program)\nG17 G21 G40 G54 G80 G90 G94\nG91.1\nG64 P0.01 Q0\nM65 P0\nG53 G0 Z0\nG49\nG0 X0 Y0\nG0 Z50\n"
 GRBL_HEAD = "G17 G21 G40 G54 G80 G90 G94\nG91.1\nM5\nG49\nG0 Z50\nG0 X0 Y0\n"
@@ -35,11 +35,11 @@ odd = st.sampled_from(
 )  # fmt: skip
 
 
-def said(reading: Reading) -> list[object]:
-    return [list(map(repr, reading.body)), list(reading.lines), reading.faults]
+def said(reading: Executed) -> list[object]:
+    return [list(map(repr, reading.body)), list(reading.lines), reading.findings]
 
 
-def both(text: str, grbl: bool = False, **options: object) -> Reading:
+def both(text: str, grbl: bool = False, **options: object) -> Executed:
     """The reading, which is the same either way, to the last bit; by column from the second line in a row on."""
     read = read_grbl if grbl else readback.read
     with patch.object(readback, "FEW", 2):
@@ -85,7 +85,7 @@ def test_a_long_program_is_read_by_column() -> None:
         reading = readback.read({"a.ngc": HEAD + "G1 Z0 F60\n" + "\n".join(rows) + "\n" + END}, {})
     assert sum(len(one.body) for one in done if one is not None) >= 800
     assert isinstance(reading.body, Body)
-    assert reading.faults == ()
+    assert reading.findings == ()
     moves = [item for item in reading.body if isinstance(item, MoveJ | MoveL | MoveC)]
     arcs = [(start, one) for start, one in pairwise(moves) if isinstance(one, MoveC)]
     assert len(arcs) == 200

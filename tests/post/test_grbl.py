@@ -8,9 +8,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from camgen.lang.programs import Finding, find_language
 from camgen.model.errors import JobError, Refused
 from camgen.model.program import Comment, Force, MoveC, MoveJ, MoveL, Output, Stop, Wait
-from camgen.post import Remark
 from camgen.post.kit import Case, cases, check_case
 from camgen.post.plugins import find_post, find_readback, make_post
 from tests.post.changes.grbl import TEXT
@@ -47,7 +47,7 @@ def faults(*lines, **options):
     text = "\n".join(
         ["G17 G21 G40 G49 G54 G80 G90 G91.1 G94", "G0 Z5", "G0 X0 Y0", *lines, "M2", ""]
     )
-    return [(fault.line - 3, fault.what) for fault in read(text, **options).faults]
+    return [(fault.line - 3, fault.what) for fault in read(text, **options).findings]
 
 
 def assert_takes(text):
@@ -107,7 +107,7 @@ def test_a_machine_that_has_its_zero_at_the_top_may_go_there_first():
     assert text.splitlines()[4:9] == ["M5", "G53 G0 Z0", "G49", "G0 X0 Y0", "G0 Z50"]
     assert_takes(text)
     assert difference(ready, read(text, lift=True), grbl().tolerance()) == ""
-    assert "post.lift is false" in read(text).faults[0].what
+    assert "post.lift is false" in read(text).findings[0].what
 
 
 @pytest.mark.parametrize(
@@ -225,7 +225,7 @@ def test_conformance(case: Case):
     lacks |= {"tool changes", "optional stops"}
     # Remarks; and the last digit of a centre, since an arc may be off by six times half a digit.
     meaningless = (r"\(.*\)", r"[IJ]-?\d+\.\d\d(\d)")
-    check_case(find_post("grbl"), find_readback("grbl"), case, {}, lacks, meaningless)
+    check_case(find_post("grbl"), find_language("grbl"), case, {}, lacks, meaningless)
 
 
 HOSTILE = [
@@ -345,7 +345,7 @@ def test_a_mode_that_is_not_said_is_a_fault_of_our_program(word):
     left = (
         TEXT.replace(f"{word} ", "", 1) if f"{word} " in TEXT else TEXT.replace(f"{word}\n", "\n")
     )
-    assert read(left).faults == (Remark(7, f"{word} {UNSAID}"),)
+    assert read(left).findings == (Finding("unusual", 7, f"{word} {UNSAID}"),)
     assert f"{word} not said" in difference(PART, read(left), grbl().tolerance())
 
 
@@ -388,6 +388,6 @@ def test_changed_texts_never_raise(chance: random.Random):
 def test_any_text_gives_a_reading(text):
     reading = read(text)
     # Only a text that ends as a program does can be without a fault.
-    assert reading.faults or any(
+    assert reading.findings or any(
         end in text.upper().replace(" ", "") for end in ("M2", "M02", "M30")
     )

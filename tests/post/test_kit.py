@@ -14,7 +14,8 @@ from camgen.model.program import Comment, Joints, MoveJ, MoveL, Output, Wait
 from camgen.post import OutputFile
 from camgen.post.altered import alter_numbers, is_excused
 from camgen.post.kit import FEATURES, WHOLE, Case, cases, check_case, conformance
-from camgen.post.plugins import find_post, find_readback
+from camgen.post.plugins import find_post
+from tests.support.modules import load_module
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "docs" / "example_post"
@@ -28,15 +29,15 @@ MEANINGLESS = (
 )
 FAST = {"max_speed": 3000.0}
 KRL = find_post(str(EXAMPLE / "krl.py"))
-READ = find_readback(str(EXAMPLE / "krl_readback.py"))
+LANGUAGE = load_module(EXAMPLE / "krl_language.py").KRL
 
 
 @pytest.mark.parametrize("case", cases(), ids=str)
 def test_the_example_conforms(case):
-    check_case(KRL, READ, case, FAST, LACKS, MEANINGLESS)
+    check_case(KRL, LANGUAGE, case, FAST, LACKS, MEANINGLESS)
 
 
-def test_options_go_to_post_and_readback():
+def test_options_go_to_post_and_language():
     options = {
         **FAST,
         "signals": {"process": 3, "glue": 4, "spindle": 9},
@@ -44,7 +45,7 @@ def test_options_go_to_post_and_readback():
         "decimals": 4,
     }
     lacks = {"force", "stops", "tool changes", "split"}
-    assert conformance(KRL, READ, options, lacks, MEANINGLESS) == []
+    assert conformance(KRL, LANGUAGE, options, lacks, MEANINGLESS) == []
 
 
 # What a post may not do: each of these is a post with one fault, and what the kit says about it.
@@ -328,7 +329,7 @@ def test_a_fault_is_found(post):
     lacks = LACKS - {"stops", "tool changes"}
     # Changed numbers try the read-back, which is right here. They take most of the time.
     plain = [replace(case, altered="") for case in cases()]
-    assert is_found(post, READ, lacks, SAYS[post], plain)
+    assert is_found(post, LANGUAGE, lacks, SAYS[post], plain)
 
 
 # Read-backs that pass over a number of the text. The text of the post is right.
@@ -337,12 +338,12 @@ def test_a_fault_is_found(post):
 def spoil(pattern, replacement):
     """A read-back that reads the text after `pattern` is replaced."""
 
-    def read(files, options):
-        return READ(
-            {name: re.sub(pattern, replacement, text) for name, text in files.items()}, options
+    def run(files, ask):
+        return LANGUAGE.run(
+            {name: re.sub(pattern, replacement, text) for name, text in files.items()}, ask
         )
 
-    return read
+    return replace(LANGUAGE, run=run)
 
 
 @pytest.mark.parametrize(
@@ -353,7 +354,7 @@ def spoil(pattern, replacement):
         (r"WAIT SEC .*", "WAIT SEC 0.250", "WAIT SEC 5.250"),
     ],
 )
-def test_a_number_that_the_readback_passes_over_is_found(pattern, replacement, says):
+def test_a_number_that_the_language_passes_over_is_found(pattern, replacement, says):
     assert is_found(KRL, spoil(pattern, replacement), LACKS, says, cases())
 
 
@@ -375,7 +376,7 @@ def test_each_change_of_a_number_is_made_and_excused_by_its_place():
 
 
 def test_a_change_that_no_pattern_names_is_a_finding():
-    found = conformance(KRL, READ, FAST, LACKS)
+    found = conformance(KRL, LANGUAGE, FAST, LACKS)
     assert found
     assert all("a changed number is not seen: line" in line for line in found)
 
@@ -383,12 +384,12 @@ def test_a_change_that_no_pattern_names_is_a_finding():
 def test_a_post_may_not_refuse_everything_at_once():
     assert any(
         "refused as a whole" in line
-        for line in conformance(Sweeping, READ, FAST, LACKS - {"split"}, MEANINGLESS)
+        for line in conformance(Sweeping, LANGUAGE, FAST, LACKS - {"split"}, MEANINGLESS)
     )
 
 
 def test_what_is_not_declared_may_not_be_refused():
-    found = conformance(KRL, READ, meaningless=MEANINGLESS)
+    found = conformance(KRL, LANGUAGE, meaningless=MEANINGLESS)
     assert {line.partition(":")[0] for line in found} == {
         "speeds", "force", "force along an arc", "force twice", "spindle", "signals", "several files",
         "stops", "optional stops", "tool changes",
@@ -397,12 +398,14 @@ def test_what_is_not_declared_may_not_be_refused():
 
 def test_features_are_known_by_name():
     with pytest.raises(ValueError, match="no such feature"):
-        conformance(KRL, READ, lacks={"wings"})
+        conformance(KRL, LANGUAGE, lacks={"wings"})
 
 
-def test_a_readback_that_reports_nothing_is_found():
-    def blind(files, options):
-        return replace(READ(files, options), body=(), lines=())
+def test_a_language_that_reports_nothing_is_found():
+    def run(files, ask):
+        return replace(LANGUAGE.run(files, ask), body=(), lines=())
+
+    blind = replace(LANGUAGE, run=run)
 
     assert len(conformance(KRL, blind, FAST, LACKS)) >= len(cases()) - 9
 
@@ -410,7 +413,7 @@ def test_a_readback_that_reports_nothing_is_found():
 def test_check_case_raises_all_findings_of_a_case():
     case = next(case for case in cases() if case.name == "waits")
     with pytest.raises(AssertionError, match="waits: "):
-        check_case(Milliseconds, READ, case, lacks=LACKS)
+        check_case(Milliseconds, LANGUAGE, case, lacks=LACKS)
 
 
 def test_the_cases_use_every_instruction_and_every_feature():

@@ -14,7 +14,7 @@ from tests.support.whole import whole
 
 EXAMPLE = Path(__file__).parents[2] / "docs" / "example_post"
 KRL = find_post(str(EXAMPLE / "krl.py"))
-READ = find_readback(str(EXAMPLE / "krl_readback.py"))
+READ = find_readback(str(EXAMPLE / "krl_language.py"))
 HOME = MoveJ(Joints((0.0, -math.pi / 2, math.pi / 2, 0.0, math.pi / 2, 0.0)), 100.0)
 
 
@@ -214,7 +214,7 @@ def test_what_is_read_back_by_hand():
     """One program, its values worked out from the manual's words."""
     reading = READ({"part.src": text(*BODY).text}, {})
     off, home, line, arc, output, wait, last = reading.body
-    assert reading.faults == ()
+    assert reading.findings == ()
     assert off == last == Output("process", 0.0)
     assert home.target.values == pytest.approx(HOME.target.values, abs=1e-9)
     assert (line.target.origin, line.speed, line.blend) == ((0, 0, 0), pytest.approx(20), 1)
@@ -231,4 +231,4 @@ def test_what_is_read_back_by_hand():
 
 
 def test_an_empty_file_is_a_fault():
-    assert READ({"part.src": ""}, {}).faults
+    assert READ({"part.src": ""}, {}).findings

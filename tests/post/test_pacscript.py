@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from camgen_posts.pacscript import PacScript
-from camgen_posts.readback.pacscript import read
 from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
+from camgen.lang.pacscript.strict import read
+from camgen.lang.programs import Executed
 from camgen.model.errors import JobError, Refused
 from camgen.model.pose import (
     TOOL_DOWN,
@@ -37,7 +38,6 @@ from camgen.model.program import (
     Program,
     Wait,
 )
-from camgen.post import Reading, Remark
 from camgen.post.plugins import make_post
 from tests.support.examples import fewer
 from tests.support.whole import turning, whole
@@ -75,10 +75,10 @@ def spoken(body: tuple[Instruction, ...]) -> list[Instruction]:
     return [item for item in body if not isinstance(item, Comment)]
 
 
-def assert_same(planned: Program, reading: Reading, post: PacScript) -> None:
+def assert_same(planned: Program, reading: Executed, post: PacScript) -> None:
     """Every instruction again, within the tolerance that the post states."""
     limit = post.tolerance()
-    assert reading.faults == ()
+    assert reading.findings == ()
     assert len(reading.lines) == len(reading.body)
     for want, got in zip(spoken(planned.body), reading.body, strict=True):
         assert type(want) is type(got)
@@ -199,7 +199,7 @@ def test_small_program_reads_back() -> None:
 
 def test_line_ends_of_the_file_make_no_difference() -> None:
     lf, crlf = (read({"a.pcs": text}, {}) for text in (SMALL, SMALL.replace("\n", "\r\n")))
-    assert (crlf.lines, crlf.faults) == (lf.lines, ())
+    assert (crlf.lines, crlf.findings) == (lf.lines, ())
 
 
 def test_documentation_shows_this_text_and_every_option() -> None:
@@ -626,12 +626,12 @@ def test_own_template_is_written_and_read() -> None:
     assert_same(pressed(), read({"a": text}, OWN), make_post(PacScript, OWN))
     assert read(
         {"a": text}, {}
-    ).faults  # without the template these are calls of what the text does not have
+    ).findings  # without the template these are calls of what the text does not have
 
 
 def test_own_template_with_wrong_newtons_is_a_fault() -> None:
     text = text_of(pressed(), **OWN).replace("PressTo(8.000", "PressTo(9.000")
-    (fault,) = read({"a": text}, OWN).faults
+    (fault,) = read({"a": text}, OWN).findings
     assert fault.what == "the newtons of a force line are not those of its vector"
     assert "PressTo(9" in text.splitlines()[fault.line - 1]
 
@@ -793,16 +793,16 @@ METRES: dict[str, object] = {"mps": "m/s", "tool": 0, "work": 0}
 
 def reading_of(
     *lines: str, options: dict[str, object] | None = None, before: tuple[str, ...] = ()
-) -> Reading:
+) -> Executed:
     return read({"part.pcs": script(*lines, before=before)}, METRES | (options or {}))
 
 
-def serious(reading: Reading) -> list[tuple[int, str]]:
+def serious(reading: Executed) -> list[tuple[int, str]]:
     """Lines and words of faults that are no remarks."""
-    return [(fault.line, fault.what) for fault in reading.faults if not isinstance(fault, Remark)]
+    return [(fault.line, fault.what) for fault in reading.findings if fault.level != "unusual"]
 
 
-def last_motion(reading: Reading) -> MoveJ | MoveL | MoveC:
+def last_motion(reading: Executed) -> MoveJ | MoveL | MoveC:
     assert serious(reading) == []
     item = [item for item in reading.body if isinstance(item, (MoveJ, MoveL, MoveC))][-1]
     assert isinstance(item, (MoveJ, MoveL, MoveC))
@@ -1019,17 +1019,19 @@ def test_fault_with_its_line(lines: tuple[str, ...], line: int, what: str) -> No
     ],
 )  # fmt: skip
 def test_fault_of_the_frame_of_a_program(text: str, line: int, what: str) -> None:
-    assert (line, what) in [(fault.line, fault.what) for fault in read({"a.pcs": text}, {}).faults]
+    assert (line, what) in [
+        (fault.line, fault.what) for fault in read({"a.pcs": text}, {}).findings
+    ]
 
 
 def test_calls_that_multiply_come_to_an_end(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("camgen_posts.readback.pacscript._STEPS", 5000)
+    monkeypatch.setattr("camgen.lang.pacscript.strict._STEPS", 5000)
     subs = (
         "".join(f"Sub s{i}\n" + f"Call s{i + 1}\n" * 10 + "End Sub\n" for i in range(15))
         + "Sub s15\nEnd Sub\n"
     )
     reading = read({"a.pcs": "Sub Main\nCall s0\nEnd Sub\n" + subs}, {})
-    assert "more statements than a program can have" in {fault.what for fault in reading.faults}
+    assert "more statements than a program can have" in {fault.what for fault in reading.findings}
 
 
 # -- the read-back: anything at all ------------------------------------------------------------------------------------
@@ -1056,7 +1058,7 @@ def test_damaged_program_never_ends_in_an_exception(data: st.DataObject) -> None
         text = text[:at] + patch + text[end:]
     reading = read({"a.pcs": text}, OWN if data.draw(st.booleans()) else {})
     assert len(reading.body) == len(reading.lines)
-    assert all(1 <= fault.line <= text.count("\n") + 1 for fault in reading.faults)
+    assert all(1 <= fault.line <= text.count("\n") + 1 for fault in reading.findings)
 
 
 @given(st.lists(st.sampled_from(WORDS), max_size=60).map(" ".join))
@@ -1086,5 +1088,5 @@ def test_programs_of_other_makers_are_faults() -> None:
     assert paths
     for path in paths:
         reading = read({path.name: path.read_text(encoding="latin-1")}, {})
-        assert reading.faults, path
+        assert reading.findings, path
         assert reading.body == ()

@@ -3,13 +3,12 @@
 from pathlib import Path
 
 import pytest
-from camgen_posts.readback.pacscript import read
 from msgspec.structs import replace
 
 from camgen.lang.pacscript.language import LANGUAGE
-from camgen.lang.programs import Ask
+from camgen.lang.pacscript.strict import read
+from camgen.lang.programs import Ask, Executed
 from camgen.model.program import Instruction, MoveC, MoveJ, MoveL, Output
-from camgen.post import Reading
 from tests.support.fast_paths import list_values
 from tests.support.steps import count_calls
 
@@ -24,11 +23,11 @@ def test_goldens_are_run_as_they_are_read_back(path: Path) -> None:
     found = LANGUAGE.run({path.name: text}, Ask())
     assert found.stopped is None
     assert not found.findings
-    run = Reading(found.body, found.lines, ())
+    run = Executed(found.body, found.lines)
     assert list_values(rounded(run), True) == list_values(rounded(reading), True)
 
 
-def rounded(reading: Reading) -> Reading:
+def rounded(reading: Executed) -> Executed:
     """The body of a reading, with outputs by their numbers and speeds of nine digits.
 
     The run computes speeds by way of a percentage.
@@ -42,13 +41,13 @@ def rounded(reading: Reading) -> Reading:
             body.append(replace(item, speed=float(f"{item.speed:.9g}")))
         else:
             body.append(item)
-    return Reading(body, reading.lines, ())
+    return Executed(body, reading.lines)
 
 
 def test_procedures_that_call_each_other_twice_end_at_once() -> None:
     def execute() -> None:
         reading = read({"part.pcs": "Sub Main\nCall Main\nCall Main\nEnd Sub\n"}, {})
-        faults = [(fault.line, fault.what) for fault in reading.faults]
+        faults = [(fault.line, fault.what) for fault in reading.findings]
         assert faults == [(2, "procedures that call each other without end")]
 
     # Each call run twice would take a million calls at a depth of twenty.

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import pytest
 from camgen_posts.pacscript import PacScript
-from camgen_posts.readback.pacscript import read
 from msgspec.structs import replace
 
 import camgen
+from camgen.lang.pacscript.strict import read
+from camgen.lang.programs import Executed
 from camgen.model.errors import Refused, VerifyError
 from camgen.model.pose import TOOL_DOWN, Pose, frozen, rotation_about, translation
 from camgen.model.program import Comment, Instruction, Joints, MoveJ, MoveL, Program
-from camgen.post import Reading, Remark
 from camgen.post.plugins import make_post
 from camgen.post.verify import compare
 from tests.post.changes.pacscript import PRESSING, TEMPLATE
@@ -167,7 +167,7 @@ def test_percent_needs_no_unit() -> None:
 
 def test_the_text_says_the_same_in_both_units() -> None:
     reading = read({"part.pcs": text_of(small())}, {})
-    assert reading.faults == ()
+    assert reading.findings == ()
     assert [item.speed for item in reading.body if isinstance(item, (MoveJ, MoveL))] == [
         100.0,
         60.0,
@@ -189,8 +189,8 @@ def test_a_wrong_factor_is_another_speed() -> None:
         .replace("Single = 1\n", "Single = 1.5\n")
         .replace("unit = 0.001", "unit = 0.0015")
     )
-    faults = read({"part.pcs": text}, {}).faults
-    assert [one.what for one in faults if not isinstance(one, Remark)] == [
+    faults = read({"part.pcs": text}, {}).findings
+    assert [one.what for one in faults if one.level != "unusual"] == [
         f"whether 150 mm/s is over 20 % {ARM}"
     ]
     begin, end = text.index("    If Mps(100"), text.index("    Speed 10\n")
@@ -205,7 +205,7 @@ def test_a_wrong_factor_is_another_speed() -> None:
     assert speeds == pytest.approx([1.5 * speed for speed in planned])
 
 
-def script(*lines: str, head: str = "Move P, @0 P(0, 0, 50, 180, 0, 0), Speed = 10") -> Reading:
+def script(*lines: str, head: str = "Move P, @0 P(0, 0, 50, 180, 0, 0), Speed = 10") -> Executed:
     begin = ("Sub Main", "TakeArm Keep = 0", "Speed 10", "Accel 50, 50", head)
     text = "\n".join((*begin, *lines, "GiveArm", "End Sub", ""))
     return read({"part.pcs": text}, {"tool": 0, "work": 0})
@@ -221,8 +221,8 @@ OTHERWISE = "Mps is asked otherwise than by the programs of the post"
 
 def test_a_foreign_program_that_does_not_ask_leaves_its_speeds_open() -> None:
     reading = script("Move L, P(1), Speed = Mps(30)", "Move L, P(2), Speed = Mps(20)")
-    (remark,) = reading.faults
-    assert isinstance(remark, Remark)
+    (remark,) = reading.findings
+    assert remark.level == "unusual"
     assert (remark.line, remark.what) == (6, f"30 or 30000 mm/s, {UNIT}")
     assert [item.speed for item in reading.body[1:] if isinstance(item, MoveL)] == [30.0, 20.0]
 
@@ -239,16 +239,16 @@ def test_a_foreign_program_that_does_not_ask_leaves_its_speeds_open() -> None:
 )  # fmt: skip
 def test_other_ways_to_ask(lines: tuple[str, ...], speed: float) -> None:
     reading = script(*lines, "Move L, P(1), Speed = Mps(a * 40)")
-    assert all(isinstance(fault, Remark) for fault in reading.faults)
-    assert {fault.what for fault in reading.faults} == {OTHERWISE, ASSIGNED, NOT_ASKED}
+    assert all(fault.level == "unusual" for fault in reading.findings)
+    assert {fault.what for fault in reading.findings} == {OTHERWISE, ASSIGNED, NOT_ASKED}
     assert reading.body[-1].speed == pytest.approx(speed)  # type: ignore[union-attr]
 
 
 def test_what_is_not_asked_of_mps_is_not_evaluated() -> None:
     for condition in ("IO[3] = On", "a > 3"):
-        _, fault = script("a = 4", f"If {condition} Then", "a = 5", "End If").faults
+        _, fault = script("a = 4", f"If {condition} Then", "a = 5", "End If").findings
         assert fault.what == "If is not evaluated, up to line 9"
-    (fault,) = script("If Mps(0.1) > 0.2 Then", "a = 5", "ElseIf 1 < 2 Then", "End If").faults
+    (fault,) = script("If Mps(0.1) > 0.2 Then", "a = 5", "ElseIf 1 < 2 Then", "End If").findings
     assert fault.what == "If is not evaluated, up to line 9"
 
 
@@ -273,14 +273,14 @@ def test_a_share_is_a_percentage(options: dict[str, object]) -> None:
 def test_a_post_without_shares_carries_the_speed() -> None:
     """Of another controller the share says nothing."""
     plan = shared(0.5)
-    reading = Reading(
+    reading = Executed(
         tuple(replace(item, share=0.0) if isinstance(item, MoveJ) else item for item in plan.body),
         (1,) * 3,
         (),
     )
     carries = PacScript.verified_fields - {"joint-share"}
     compare(plan, reading, PacScript().tolerance(), carries, "part")
-    slower = Reading(
+    slower = Executed(
         (*reading.body[:1], replace(reading.body[1], speed=59.0), *reading.body[2:]), (1,) * 3, ()
     )
     with pytest.raises(VerifyError, match="speed reads 59, planned is 60"):
@@ -435,13 +435,13 @@ def test_the_build_says_so() -> None:
 
 def test_a_statement_over_several_lines() -> None:
     reading = script("Set _", "IO[24]", "Move P, _", "  P(1, 2, _", "\t3), Speed = 10", "Delay 5")
-    assert reading.faults == ()
+    assert reading.findings == ()
     assert reading.lines == (5, 6, 8, 11)
     assert reading.body[2].target.origin == (1.0, 2.0, 3.0)  # type: ignore[union-attr]
     move = "Move P, @0 P(1.000, 2.000, 3.000), Speed = 10"
-    (fault,) = script("Delay _", move).faults  # a line that alone would be a motion
+    (fault,) = script("Delay _", move).findings  # a line that alone would be a motion
     assert fault.line == 6
-    (fault,) = read({"a.pcs": "Sub Main\nEnd Sub\nDelay _"}, {}).faults
+    (fault,) = read({"a.pcs": "Sub Main\nEnd Sub\nDelay _"}, {}).findings
     assert (fault.line, fault.what) == (3, "the statement goes on after the last line")
 
 
@@ -449,7 +449,7 @@ def test_marks_and_tuples() -> None:
     reading = script(
         "Move L, @C (1, 2, 3, 180, 0, 90, 5), Speed = 10", "Move L, @0 (4, 5, 6), Speed = 10"
     )
-    faults = [fault.what for fault in reading.faults]
+    faults = [fault.what for fault in reading.findings]
     assert faults == [
         "a speed in percent, taken of 1000 mm/s; give the option rated",
         "a position stands without its P",
@@ -470,7 +470,7 @@ def test_marks_and_tuples() -> None:
 
 
 def test_two_values_in_brackets_are_no_position() -> None:
-    (fault,) = script("a = (1, 2)").faults
+    (fault,) = script("a = (1, 2)").findings
     assert fault.what == "two values in brackets are not evaluated"
 
 
@@ -478,9 +478,9 @@ def test_a_comment_never_goes_on() -> None:
     """In Basic a line that ends in a blank and _ goes on in the next one, and may do so in a comment."""
     text = text_of(program(Comment("layer _"), Comment("_"), Comment("a_"), MoveJ(down(0), 10.0)))
     assert "    ' layer _.\n    ' _.\n    ' a_\n" in text
-    assert read({"a.pcs": text}, {}).faults == ()
-    (remark,) = read({"a.pcs": text.replace("layer _.", "layer _")}, {}).faults
-    assert isinstance(remark, Remark)
+    assert read({"a.pcs": text}, {}).findings == ()
+    (remark,) = read({"a.pcs": text.replace("layer _.", "layer _")}, {}).findings
+    assert remark.level == "unusual"
     assert remark.what == "a comment that ends in _: the next line may be taken for a part of it"
 
 

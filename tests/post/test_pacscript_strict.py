@@ -1,9 +1,8 @@
 """The read-back of PacScript: speeds, figures and types beside those of the tables of changes."""
 
 import pytest
-from camgen_posts.readback.pacscript import read
 
-from camgen.post import Remark
+from camgen.lang.pacscript.strict import read
 from tests.post.changes.pacscript import PROGRAMS, TARGET
 
 
@@ -19,9 +18,9 @@ def test_the_internal_speed_is_left_alone_where_motions_run_at_it() -> None:
     )
     for last in ("Move P, @0 P(4, 5, 6)", "Move P, @0 P(4.0, 5.0, 6.0), Speed = 5"):
         text = "\n".join(("Sub Main", *lines, last, "GiveArm", "End Sub", ""))
-        assert read({"a": text}, {}).faults == ()
+        assert read({"a": text}, {}).findings == ()
     text = text.replace("P(1, 2, 3)", "P(1, 2, 3), Speed = 5")
-    assert [fault.what for fault in read({"a": text}, {}).faults] == [
+    assert [fault.what for fault in read({"a": text}, {}).findings] == [
         "Speed 30, by post.internal_speed it is 10"
     ]
 
@@ -29,7 +28,7 @@ def test_the_internal_speed_is_left_alone_where_motions_run_at_it() -> None:
 def test_a_fault_is_told_before_a_remark_of_its_line() -> None:
     plain = PROGRAMS["plain"]
     faults = plain.list_faults(plain.change(TARGET, "(, 2, x)"))
-    assert [isinstance(fault, Remark) for fault in faults] == [False, True, True]
+    assert [fault.level == "unusual" for fault in faults] == [False, True, True]
 
 
 def test_a_figure_that_is_left_open_is_not_held_against_the_next() -> None:
@@ -42,8 +41,8 @@ def test_a_figure_that_is_left_open_is_not_held_against_the_next() -> None:
     ]
     arc = next(k for k, line in enumerate(lines) if "Move C" in line)
     other = [line.replace(", 5)", ", 1)") if k >= arc else line for k, line in enumerate(opened)]
-    assert read({"a": "".join(opened)}, {}).faults == ()
-    assert read({"a": "".join(other)}, {}).faults == ()
+    assert read({"a": "".join(opened)}, {}).findings == ()
+    assert read({"a": "".join(other)}, {}).findings == ()
 
 
 @pytest.mark.parametrize(
@@ -57,5 +56,5 @@ def test_a_figure_that_is_left_open_is_not_held_against_the_next() -> None:
 )  # fmt: skip
 def test_a_variable_holds_what_its_type_does(declared: str, value: str, holds: bool) -> None:
     for text in (f"Dim a As {declared} = {value}", f"Dim a As {declared}\na = {value}"):
-        faults = read({"a": f"Sub Main\n{text}\nEnd Sub\n"}, {}).faults
-        assert any(not isinstance(fault, Remark) for fault in faults) is not holds
+        faults = read({"a": f"Sub Main\n{text}\nEnd Sub\n"}, {}).findings
+        assert any(fault.level != "unusual" for fault in faults) is not holds

@@ -1,4 +1,4 @@
-"""Posts and read-backs: found by name and by path, and what is wrong with one is said."""
+"""Posts and their languages: found by name and by path, and each fault of one is named."""
 
 import importlib
 import re
@@ -10,14 +10,15 @@ from typing import ClassVar
 import pytest
 
 from camgen.cli import main
+from camgen.lang.programs import LANGUAGES, Finding
 from camgen.model import plugins
 from camgen.model.errors import JobError
 from camgen.pipeline import build
 from camgen.pipeline.stages import part
-from camgen.post import Fault, Post
+from camgen.post import Post
 from camgen.post.plugins import (
+    OLD_READBACKS,
     POSTS,
-    READBACKS,
     fill_tables,
     find_post,
     find_readback,
@@ -28,7 +29,7 @@ from camgen.post.plugins import (
 POST = """
 from dataclasses import dataclass, field
 from typing import ClassVar
-from camgen.post import Fault, Post
+from camgen.post import Post
 
 @dataclass
 class {name}(Post):
@@ -44,12 +45,14 @@ class {name}(Post):
     def wait(self, item): return ()
     def comment(self, text): return text
 """
-READ = """
-from camgen.post import Fault, Reading
+RUN = """
+from camgen.lang.programs import Executed, Finding, Language
 
-def read(files, options):
-    return Reading((), (), tuple(Fault(1, text) for text in files.values()))
+def run(files, ask):
+    found = tuple(Finding("refused", 1, text) for text in files.values())
+    return Executed((), (), findings=found)
 """
+LANGUAGE = RUN + 'MINI = Language("mini", "a language", (".min",), lambda text: False, run)\n'
 
 
 def write(tmp_path, text, name="mini_post.py"):
@@ -68,9 +71,9 @@ def test_the_built_in_posts_are_found_with_their_readbacks(name):
 
 
 def test_a_post_is_found_by_path(tmp_path):
-    path = write(tmp_path, POST.format(name="Mini") + READ)
+    path = write(tmp_path, POST.format(name="Mini") + RUN)
     assert find_post(path).name == "mini"
-    assert find_readback(path)({"a": "b"}, {}).faults == (Fault(1, "b"),)
+    assert find_readback(path)({"a": "b"}, {}).findings == (Finding("refused", 1, "b"),)
 
 
 def test_a_post_file_may_postpone_its_annotations(tmp_path):
@@ -99,7 +102,7 @@ def test_a_file_that_is_no_post_is_named(tmp_path, text, says):
 
 def test_a_post_file_without_a_readback_is_no_post(tmp_path):
     path = write(tmp_path, POST.format(name="Mini"))
-    with pytest.raises(JobError, match="has no function read"):
+    with pytest.raises(JobError, match=r"has no function run\(files, ask\)"):
         find_readback(path)
 
 
@@ -114,13 +117,14 @@ def test_a_name_that_is_not_installed_has_a_nearest_one(find):
         find("rapidd")
 
 
-def install(tmp_path, monkeypatch, posts, readbacks, module):
+def install(tmp_path, monkeypatch, module, languages=("strange=strange_post:MINI",), old=()):
     """A distribution in a folder of its own, found through its metadata as an installed one is."""
     (tmp_path / "strange_post.py").write_text(module)
     info = tmp_path / "strange-3.1.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: strange\nVersion: 3.1\n")
-    lines = [f"[{POSTS}]", *posts, f"[{READBACKS}]", *readbacks]
+    lines = [f"[{POSTS}]", "strange=strange_post:Mini"]
+    lines += [f"[{LANGUAGES}]", *languages, f"[{OLD_READBACKS}]", *old]
     (info / "entry_points.txt").write_text("\n".join(lines) + "\n")
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.delitem(sys.modules, "strange_post", raising=False)
@@ -129,10 +133,7 @@ def install(tmp_path, monkeypatch, posts, readbacks, module):
 
 
 def test_a_foreign_post_is_listed_with_where_it_came_from(tmp_path, monkeypatch):
-    module = POST.format(name="Mini") + "def read(files, options): return None\n"
-    found = install(
-        tmp_path, monkeypatch, ["strange=strange_post:Mini"], ["strange=strange_post:read"], module
-    )
+    found = install(tmp_path, monkeypatch, POST.format(name="Mini") + LANGUAGE)
     entry = found["strange"]
     assert (entry.origin, entry.suffix, entry.about, entry.broken) == (
         "strange 3.1",
@@ -158,9 +159,7 @@ def test_a_broken_plug_in_is_listed_with_its_reason_and_stops_no_other(
     tmp_path, monkeypatch, module, says
 ):
     monkeypatch.setattr(plugins, "SECONDS", 1)
-    found = install(
-        tmp_path, monkeypatch, ["strange=strange_post:Mini"], ["strange=strange_post:read"], module
-    )
+    found = install(tmp_path, monkeypatch, module)
     assert says in found["strange"].broken
     assert found["strange"].origin == "strange 3.1"
     assert {"gcode", "rapid"} <= set(found)
@@ -168,12 +167,7 @@ def test_a_broken_plug_in_is_listed_with_its_reason_and_stops_no_other(
 
 def test_what_a_plug_in_prints_is_no_result(tmp_path, monkeypatch, capsys):
     """Standard output is what scripts read."""
-    module = (
-        "print('welcome')\n" + POST.format(name="Mini") + "def read(files, options): return None\n"
-    )
-    install(
-        tmp_path, monkeypatch, ["strange=strange_post:Mini"], ["strange=strange_post:read"], module
-    )
+    install(tmp_path, monkeypatch, "print('welcome')\n" + POST.format(name="Mini") + LANGUAGE)
     monkeypatch.delitem(sys.modules, "strange_post", raising=False)
     capsys.readouterr()
     assert main(["posts"]) == 0
@@ -188,7 +182,7 @@ def test_a_post_that_fails_at_its_work_is_told_and_leaves_nothing(
 ):
     """An end with 0 and without a program would be taken for one."""
     text = f"from camgen_posts.gcode import GCode\nclass Own(GCode):\n    def end(self, program): {does}\n"
-    path = write(tmp_path, text + "def read(files, options): return None\n")
+    path = write(tmp_path, text + "def run(files, ask): return None\n")
     monkeypatch.chdir(tmp_path)
     before = sorted(tmp_path.iterdir())
     bracket = Path(__file__).parents[2] / "fixtures" / "parts" / "bracket.dxf"
@@ -197,11 +191,25 @@ def test_a_post_that_fails_at_its_work_is_told_and_leaves_nothing(
     assert [one for one in sorted(tmp_path.iterdir()) if one.name != "__pycache__"] == before
 
 
-def test_a_post_without_a_readback_is_listed_as_broken(tmp_path, monkeypatch):
-    found = install(
-        tmp_path, monkeypatch, ["strange=strange_post:Mini"], [], POST.format(name="Mini")
+def test_a_post_without_a_language_is_listed_as_broken(tmp_path, monkeypatch):
+    found = install(tmp_path, monkeypatch, POST.format(name="Mini"), languages=())
+    assert found["strange"].broken == "has no language (entry point camgen.languages)"
+
+
+def test_a_post_with_the_old_entry_point_is_listed_with_the_one_to_use(tmp_path, monkeypatch):
+    module = POST.format(name="Mini") + "def read(files, options): return None\n"
+    old = ["strange=strange_post:read"]
+    found = install(tmp_path, monkeypatch, module, languages=(), old=old)
+    assert found["strange"].broken == (
+        "has no language (entry point camgen.languages); "
+        "camgen.readbacks is not read any more, see docs/writing-a-post.md"
     )
-    assert "has no read-back" in found["strange"].broken
+
+
+def test_the_post_of_a_broken_language_is_listed_with_its_reason(tmp_path, monkeypatch):
+    module = POST.format(name="Mini") + "MINI = 3\n"
+    found = install(tmp_path, monkeypatch, module)
+    assert "the entry point is 3, not a Language" in found["strange"].broken
 
 
 # Each member of a plug-in is checked by one table. A line is put into the class of a post.
@@ -311,22 +319,23 @@ def test_an_option_has_the_bounds_of_a_member(tmp_path, decimals):
 GCODE = """
 from camgen.model.cell import Cell
 from camgen.model.pose import translation
-from camgen.post import Fault, OutputFile, Reading
+from camgen.post import OutputFile
+from camgen.lang.gcode.language import run_gcode
+from camgen.lang.programs import Executed
 from camgen.model.program import MoveL
 from camgen_posts.gcode import GCode
-from camgen_posts.readback.gcode import read as proper
 
 class Own(GCode):
     {post}
 
-def read(files, options):
-    {read}
+def run(files, ask):
+    {run}
 """
-PROPER = "return proper(files, options)"
+PROPER = "return run_gcode(files, ask)"
 
 
 @pytest.mark.parametrize(
-    ("post", "read", "says"),
+    ("post", "run", "says"),
     [
         ("def prepare(self, *_): return None", PROPER, "prepare() is None, not a Program"),
         ("def render(self, _): return None", PROPER, "render() is None, not a tuple"),
@@ -348,22 +357,26 @@ PROPER = "return proper(files, options)"
             PROPER,
             "cell() has base_from_work that is 1, not a Pose",
         ),
-        ("", "return None", "read() is None, not a Reading"),
-        ("", "return Reading(('x',), (1,), ())", "body that has an element of the type str"),
-        ("", "return Reading('x', (1,), ())", "body that is 'x', not a sequence"),
-        ("", "return Reading((), (1,), ())", "lines that has 1 number for 0 instructions"),
-        ("", "return Reading((), (), ['x'])", "faults that is ['x'], not a tuple of Fault"),
-        ("", "return Reading((), (), ('x',))", "faults that has an element that is 'x'"),
-        ("", "return Reading((), (), (), 3)", "work that is 3, not a Pose"),
+        ("", "return None", "run() is None, not an Executed"),
+        ("", "return Executed(('x',), (1,))", "body that has an element of the type str"),
+        ("", "return Executed('x', (1,))", "body that is 'x', not a sequence"),
+        ("", "return Executed((), (1,))", "lines that has 1 number for 0 instructions"),
+        ("", "return Executed((), (), findings=['x'])", "findings that is ['x'], not a tuple"),
         (
             "",
-            "return Reading((MoveL(translation(0, 0, 0), 1.0),), ('one',), ())",
+            "return Executed((), (), findings=('x',))",
+            "findings that has an element that is 'x'",
+        ),
+        ("", "return Executed((), (), (3,))", "frames that has an element that is 3"),
+        (
+            "",
+            "return Executed((MoveL(translation(0, 0, 0), 1.0),), ('one',))",
             "lines that has an element that is not a line number",
         ),
     ],
 )
-def test_a_wrong_result_ends_a_build(tmp_path, monkeypatch, capsys, post, read, says):
-    path = write(tmp_path, GCODE.format(post=post or "pass", read=read))
+def test_a_wrong_result_ends_a_build(tmp_path, monkeypatch, capsys, post, run, says):
+    path = write(tmp_path, GCODE.format(post=post or "pass", run=run))
     bracket = Path(__file__).parents[2] / "fixtures" / "parts" / "bracket.dxf"
     monkeypatch.chdir(tmp_path)
     assert main(["build", str(bracket), "--post", path, "-q"]) == 2

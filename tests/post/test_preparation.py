@@ -341,7 +341,7 @@ from dataclasses import dataclass
 from msgspec.structs import replace
 from camgen.model.program import MoveC, MoveL, Output
 from camgen_posts.{name} import {post}
-from camgen_posts.readback.{name} import read
+from camgen.lang.{name}.language import {run} as run
 
 @dataclass
 class Broken({post}):
@@ -356,7 +356,14 @@ POSTS = {"gcode": "GCode", "rapid": "Rapid", "pacscript": "PacScript"}
 @pytest.mark.parametrize("name", POSTS)
 def test_a_build_ends_where_its_post_changes_the_program(tmp_path, monkeypatch, capsys, name, what):
     post = tmp_path / "broken.py"
-    post.write_text(MODULE.format(name=name, post=POSTS[name], what=BREAKS[what]))
+    post.write_text(
+        MODULE.format(
+            name=name,
+            post=POSTS[name],
+            run="run_gcode" if name == "gcode" else "run",
+            what=BREAKS[what],
+        )
+    )
     monkeypatch.chdir(tmp_path)
     assert main(["build", str(BRACKET), "--post", str(post), "-q"]) == 4
     error = capsys.readouterr().err

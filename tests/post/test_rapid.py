@@ -11,11 +11,12 @@ import pytest
 from camgen_posts.rapid import Rapid
 from camgen_posts.rapid.force import choose_calibrations
 from camgen_posts.rapid.options import legal_name
-from camgen_posts.readback.rapid import read
 from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
+from camgen.lang.programs import Executed
+from camgen.lang.rapid.strict import read
 from camgen.model.errors import JobError, Refused, VerifyError
 from camgen.model.pose import (
     TOOL_DOWN,
@@ -42,7 +43,7 @@ from camgen.model.program import (
     Stop,
     Wait,
 )
-from camgen.post import Reading, Remark, Tolerance
+from camgen.post import Tolerance
 from camgen.post.plugins import find_post, find_readback, make_post
 from camgen.post.verify import compare
 from tests.support.examples import fewer
@@ -78,9 +79,9 @@ def lines(plan: Program, **options: object) -> list[str]:
     return [line.strip() for line in body.splitlines() if "Conf" not in line and line.strip()]
 
 
-def assert_same(plan: Program, reading: Reading, tolerance: Tolerance) -> None:
+def assert_same(plan: Program, reading: Executed, tolerance: Tolerance) -> None:
     """The reading says what was planned, comments left out."""
-    assert reading.faults == ()
+    assert reading.findings == ()
     wanted = [item for item in plan.body if not isinstance(item, Comment)]
     assert [type(item) for item in reading.body] == [type(item) for item in wanted]
     assert len(reading.lines) == len(reading.body)
@@ -191,7 +192,7 @@ ENDMODULE
 def test_the_page_shows_a_program_that_is_read_and_is_safe() -> None:
     page = (Path(__file__).parents[2] / "docs" / "posts" / "rapid.md").read_text(encoding="utf-8")
     reading = read({"bracket.mod": page.split("```\n")[1]}, {"mass": 1.8, "cog": [0, 0, 55]})
-    assert reading.faults == ()
+    assert reading.findings == ()
     body = tuple(reading.body)
     assert len(body) == 11
     program(*body)
@@ -241,7 +242,7 @@ def test_s4_has_a_banner_plain_persistents_and_short_names() -> None:
     assert text.startswith("%%%\n  VERSION:1\n  LANGUAGE:ENGLISH\n%%%\nMODULE a_very\n")
     assert "\n    PERS tooldata" in text
     assert "TASK" not in text
-    assert read({"a": text}, {"s4": True}).faults == ()
+    assert read({"a": text}, {"s4": True}).findings == ()
 
 
 def test_tool_and_work_may_be_on_the_controller() -> None:
@@ -250,9 +251,9 @@ def test_tool_and_work_may_be_on_the_controller() -> None:
     files = posted(plan, **options)[1]
     assert "tooldata" not in files["plate.mod"]
     reading = read(files, options)
-    assert reading.faults == ()
+    assert reading.findings == ()
     assert reading.tool is None
-    assert [fault.what for fault in read(files, {}).faults] == ["tSpindle is not declared"] * 2
+    assert [fault.what for fault in read(files, {}).findings] == ["tSpindle is not declared"] * 2
 
 
 def test_a_stop_waits_for_the_operator_and_is_read_back() -> None:
@@ -600,7 +601,7 @@ def test_a_long_program_is_split_into_modules() -> None:
         reading.lines[0] == main.count("\n") + 4
     )  # MODULE, a line of its own and PROC of the first part come before
     backwards = read(dict(reversed(files.items())), {})
-    assert backwards.faults == ()
+    assert backwards.findings == ()
 
 
 # Routines -------------------------------------------------------------------------------------------------------
@@ -671,7 +672,7 @@ def test_each_path_is_a_routine_that_main_calls() -> None:
     }
     assert "        ! path 1\n" in files["plate.mod"].split("PROC c2()")[1]
     reading = read(files, spindle)
-    assert reading.faults == ()
+    assert reading.findings == ()
     compare(prepared, reading, Rapid().tolerance(), Rapid().list_verified(), "plate.mod")
 
 
@@ -694,7 +695,7 @@ def test_what_is_reset_before_the_first_motion_stands_in_main() -> None:
             "RAISE",
         ),
     ]
-    assert read(files, {}).faults == ()
+    assert read(files, {}).findings == ()
 
 
 @pytest.mark.parametrize(
@@ -712,7 +713,7 @@ def test_what_is_reset_before_the_first_motion_stands_in_main() -> None:
 def test_routines_get_legal_names_of_their_own(ids: tuple[str, str], names: list[str]) -> None:
     files = posted(pathed(HOME, *along(0, 10), *along(1, 20), HOME, ids=ids))[1]
     assert list(routines(files))[2:] == names
-    assert read(files, {}).faults == ()
+    assert read(files, {}).findings == ()
 
 
 def test_paths_that_do_not_fit_into_a_module_stand_in_others() -> None:
@@ -733,7 +734,7 @@ def test_paths_that_do_not_fit_into_a_module_stand_in_others() -> None:
         max(sizes) <= 20 + 5
     )  # PROC, ERROR, RAISE, ENDPROC and the empty line of one that is 20 long
     reading = read(files, {})
-    assert reading.faults == ()
+    assert reading.findings == ()
     compare(prepared, reading, Rapid().tolerance(), Rapid().list_verified(), "plate.mod")
 
 
@@ -774,7 +775,7 @@ def test_an_error_drops_the_process(on_error: str, last: str) -> None:
     files = posted(ONE, on_error=on_error)[1]
     assert routines(files)["main"][-3:] == ["ERROR", "camSafe", last]
     assert routines(files)["c2"][-2:] == ["ERROR", "RAISE"]
-    assert read(files, {"on_error": on_error}).faults == ()
+    assert read(files, {"on_error": on_error}).findings == ()
     without = posted(ONE, on_error="none")[1]["plate.mod"]
     assert "ERROR" not in without
     assert "camSafe" not in without
@@ -801,8 +802,8 @@ def test_an_end_of_force_control_that_does_not_ask_is_read() -> None:
     end = f"FCPressEnd {POINT},v5,t1\\WObj:=w1;\nFCDeact;"
     way = f"MoveL {POINT},v5,fine,t1\\WObj:=w1;\nFCPress1LStart {POINT},v5,\\Fx:=5,50,fine,t1\\WObj:=w1;\n"
     reading = read({"m.mod": module(way + end)}, BY_HAND)
-    (remark,) = reading.faults
-    assert isinstance(remark, Remark)
+    (remark,) = reading.findings
+    assert remark.level == "unusual"
     assert (remark.line, remark.what.split(":")[0]) == (9, "fcdeact without IF FCIsForceMode()")
     assert reading.body[-1] == Force(0.0)
 
@@ -842,16 +843,16 @@ ITSELF = "the ERROR handler of main switches an output itself, not in a routine"
 def test_what_a_handler_leaves_on_is_a_fault(handler: str, fault: str) -> None:
     text = posted(ONE)[1]["plate.mod"].replace("camSafe;\n        RAISE;", handler, 1)
     on_error = "exit" if "EXIT" in handler else "raise"
-    faults = [one.what for one in read({"a": text}, {"on_error": on_error}).faults]
+    faults = [one.what for one in read({"a": text}, {"on_error": on_error}).findings]
     assert fault in faults if fault else not faults
 
 
 def test_a_routine_that_ends_the_program_drops_the_process_too() -> None:
     text = posted(ONE)[1]["plate.mod"]
     ends = text.replace("ERROR\n        RAISE;", "ERROR\n        EXIT;", 1)
-    assert [fault.what for fault in read({"a": ends}, {}).faults] == [
-        "the ERROR handler of c1 does more than RAISE",
+    assert [fault.what for fault in read({"a": ends}, {}).findings] == [
         "the ERROR handler of c1 leaves process on",
+        "the ERROR handler of c1 does more than RAISE",
     ]
 
 
@@ -898,8 +899,8 @@ def test_a_turn_at_another_speed_is_found(before: str, after: str, reads: str) -
     prepared, files = posted(spot(60.0))
     assert files["plate.mod"].count(before) == 1
     wrong = read({"a": files["plate.mod"].replace(before, after)}, {})
-    assert {fault.what for fault in wrong.faults} <= {"vCam100t60 is declared and never used"}
-    without_faults = replace(wrong, faults=())
+    assert {fault.what for fault in wrong.findings} <= {"vCam100t60 is declared and never used"}
+    without_faults = replace(wrong, findings=())
     with pytest.raises(
         VerifyError, match=f"instruction 2: speed of turning reads {reads}, planned is 1.047198"
     ):
@@ -999,14 +1000,12 @@ def test_settings_of_the_arm_stand_before_the_first_motion() -> None:
     set_up = "        ConfL\\Off;\n        SingArea\\Wrist;\n        AccSet 50,40;\n"
     assert f"{set_up}        SetDO doProcess,0;\n        MoveAbsJ " in text
     asked: dict[str, object] = {"sing_area": "wrist", "acc_set": [50, 40]}
-    assert read({"a": text}, asked).faults == ()
+    assert read({"a": text}, asked).findings == ()
     assert "SingArea\\Off;" in posted(ONE, sing_area="off")[1]["plate.mod"]
     wrong = text.replace("SingArea\\Wrist", "SingArea\\Hand").replace(
         "AccSet 50,40", "AccSet 50,140"
     )
-    assert [
-        one.what for one in read({"a": wrong}, asked).faults if not isinstance(one, Remark)
-    ] == [
+    assert [one.what for one in read({"a": wrong}, asked).findings if one.level != "unusual"] == [
         *("singarea needs \\Wrist or \\Off", "accset is in %, up to 100"),
     ]
 
@@ -1092,7 +1091,7 @@ def test_a_force_program_says_what_it_assumes() -> None:
     assert "! force: the sensor is set to zero by FCCalib lTool in the air" in zeroed
 
 
-# Reading --------------------------------------------------------------------------------------------------------
+# Executed --------------------------------------------------------------------------------------------------------
 
 FRAMES = """TASK PERS tooldata t1:=[TRUE,[[0,0,9],[1,0,0,0]],[0.001,[0,0,0.001],[1,0,0,0],0,0,0]];
 TASK PERS wobjdata w1:=[FALSE,TRUE,"",[[100,0,0],[0.70710678,0,0,0.70710678]],[[10,0,0],[1,0,0,0]]];
@@ -1188,7 +1187,7 @@ COMMON = re.compile(
 
 def list_faults(files: dict[str, str], options: dict[str, object]) -> list[tuple[int, str]]:
     """Lines and words of the faults of a text, without those that are `COMMON`."""
-    faults = [(fault.line, fault.what) for fault in read(files, options).faults]
+    faults = [(fault.line, fault.what) for fault in read(files, options).findings]
     return [(line, what) for line, what in faults if not COMMON.fullmatch(what)]
 
 
@@ -1198,8 +1197,8 @@ def list_faults(files: dict[str, str], options: dict[str, object]) -> list[tuple
         ("", [(1, "there is no PROC main")]),
         ("MODULE m\nENDMODULE\n! tail\n5", [(3, "a comment outside of a module, where the kernel manual has none"),
                                            (4, "'5' stands outside a module"), (4, "there is no PROC main")]),
-        (f"MODULE m\nPROC main()\n{START}\n", [(3, "t1 is not declared"), (4, "ENDMODULE of m is missing"),
-                                               (4, "ENDPROC of main is missing")]),
+        (f"MODULE m\nPROC main()\n{START}\n", [(3, "t1 is not declared"), (4, "ENDPROC of main is missing"),
+                                               (4, "ENDMODULE of m is missing")]),
         (f"MODULE m\n{FRAMES}PROC main()\nConfJ\\Off;MoveJ {POINT},v5,fine,t1;\nENDPROC\nENDMODULE",
          [(5, "the first motion is movej, not MoveAbsJ")]),
         (f"MODULE {'n' * 33}\nCONST num {'k' * 33}:=1;\nCONST num v5:=1;\nCONST num a:=b;\nCONST num b:=a;\n"
@@ -1248,14 +1247,14 @@ def test_no_text_breaks_the_reader(changes: list[tuple[int, str, bool]]) -> None
     text = "".join(tokens)
     reading = read({"a": text}, {})
     assert all(
-        1 <= fault.line <= text.count("\n") + text.count("\r") + 1 for fault in reading.faults
+        1 <= fault.line <= text.count("\n") + text.count("\r") + 1 for fault in reading.findings
     )
     assert len(reading.body) == len(reading.lines)
 
 
 @given(st.text(), st.text(alphabet='[]();,\\:=!"%MODULE PRCEND\n09.'))
 def test_no_text_at_all_breaks_the_reader(one: str, two: str) -> None:
-    assert read({"a": one, "b": two}, {}).faults
+    assert read({"a": one, "b": two}, {}).findings
 
 
 @pytest.mark.skipif(
@@ -1266,7 +1265,7 @@ def test_programs_from_elsewhere_give_faults_not_errors() -> None:
     assert paths
     for path in paths:
         reading = read({path.name: path.read_text(errors="replace")}, {})
-        assert reading.faults, path.name
+        assert reading.findings, path.name
 
 
 # The cell -------------------------------------------------------------------------------------------------------

@@ -5,12 +5,11 @@ import re
 
 import pytest
 from camgen_posts.rapid import Rapid
-from camgen_posts.readback.rapid import read
 
+from camgen.lang.rapid.strict import read
 from camgen.lang.rapid.ways import judge_arc
 from camgen.model.pose import TOOL_DOWN, Pose, translation
 from camgen.model.program import Joints, MoveC, MoveJ, MoveL, Program
-from camgen.post import Remark
 from camgen.post.plugins import make_post
 from tests.support.whole import whole
 
@@ -81,10 +80,10 @@ def test_an_arc_below_the_angle_of_the_manual_is_found(
 def test_the_read_back_remarks_on_such_an_arc() -> None:
     text = print_arc(math.radians(5.2), 0.5)
     assert text.count("MoveC") == 1
-    assert read({"a": text}, {}).faults == ()
+    assert read({"a": text}, {}).findings == ()
     # The chord is at x = 29.9382 there: atan(0.0228 / 1.361) is 0.96 deg.
     flat = text.replace("[29.969,1.361,", "[29.961,1.361,")
     assert flat != text
-    assert [fault.what for fault in read({"a": flat}, {}).faults if isinstance(fault, Remark)] == [
+    assert [fault.what for fault in read({"a": flat}, {}).findings if fault.level == "unusual"] == [
         "the circle point and the end of an arc are less than 1 deg apart"
     ]

@@ -4,16 +4,18 @@ import random
 import re
 from collections.abc import Mapping
 
-import camgen_posts.readback.rapid as readback
 import pytest
 from camgen_posts.rapid import Rapid
-from camgen_posts.readback.rapid import read, read_with
-from camgen_posts.readback.rapid.rows import Run, Spellings, _read_places
-from camgen_posts.readback.rapid.syntax import Call, Inline, Written, calls_of, parse
 from hypothesis import given
 from hypothesis import strategies as st
 
+import camgen.lang.rapid.strict as readback
+from camgen.lang.log import Log
+from camgen.lang.programs import Executed
 from camgen.lang.rapid.plain import read_plain
+from camgen.lang.rapid.strict import read, read_with
+from camgen.lang.rapid.strict.rows import Run, Spellings, _read_places
+from camgen.lang.rapid.strict.syntax import Call, Inline, Written, calls_of, parse
 from camgen.model.pose import TOOL_DOWN, Pose, translation
 from camgen.model.program import (
     Force,
@@ -27,7 +29,6 @@ from camgen.model.program import (
     Program,
     put_off_first,
 )
-from camgen.post import Fault, Reading
 from camgen.post.plugins import make_post
 from tests.support.examples import is_night
 from tests.support.fast_paths import list_values
@@ -35,7 +36,7 @@ from tests.support.rapid_texts import E9, POINT, START, TAIL, TOOL, WORK, change
 from tests.support.whole import whole
 
 
-def both(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
+def both(files: Mapping[str, str], options: Mapping[str, object]) -> Executed:
     """The reading, which is the same either way."""
     reading = read(files, options)
     general = read_with(files, options, plain=False)
@@ -55,7 +56,7 @@ def module(body: str, data: str = "") -> str:
 
 def kinds(text: str) -> list[tuple[str, str]]:
     """How each statement of a text was taken, and its name."""
-    modules, *_ = parse(text, 1, Spellings(Written))
+    modules, *_ = parse(text, 1, Spellings(Written), Log())
     calls: list[Call | Inline] = [
         call for m in modules for r in m.routines for call in calls_of(r.body)
     ]
@@ -102,7 +103,7 @@ def test_every_motion_that_the_post_writes_with_points_is_a_small_record() -> No
         ("call", "setdo"),  # at the end of main
         ("call", "setdo"),  # of camSafe
     ]  # fmt: skip
-    assert both({"part.mod": text}, {}).faults == ()
+    assert both({"part.mod": text}, {}).findings == ()
 
 
 def test_numbers_stand_in_their_places() -> None:
@@ -114,7 +115,7 @@ def test_numbers_stand_in_their_places() -> None:
         f"! a remark; [[1,2,3]\n\nMoveC [[1,5,7],[0,0,1,0],[0,-1,0,0],{E9}],\n  [[8,8,8],{turned},{E9}],v5,fine,{TAIL}"
     )
     reading = both({"m.mod": text}, NAMES)
-    assert reading.faults == ()
+    assert reading.findings == ()
     assert tuple(reading.lines) == (5, 6, 7, 9, 12)
     line, arc, again, last = reading.body[1:]
     assert isinstance(line, MoveL)
@@ -148,7 +149,7 @@ def test_one_text_means_what_its_routine_sees() -> None:
         f"PROC other()\n{move}ENDPROC\nENDMODULE\n",
     }
     reading = both(files, NAMES)
-    assert reading.faults == ()
+    assert reading.findings == ()
     moves = [item for item in reading.body if isinstance(item, MoveL)]
     assert [(m.speed, m.blend) for m in moves] == [
         (11, 2),
@@ -218,7 +219,7 @@ def test_what_is_not_usual_is_read_by_the_general_rules(
     body: str, faults: list[tuple[int, str]]
 ) -> None:
     reading = both({"m.mod": module(body)}, NAMES | {"on_error": "none"})
-    assert [(fault.line, fault.what) for fault in reading.faults] == faults
+    assert [(fault.line, fault.what) for fault in reading.findings] == faults
 
 
 @pytest.mark.parametrize(
@@ -248,7 +249,7 @@ def test_a_routine_that_is_never_called_is_read_but_not_run() -> None:
     text = module(f"MoveL {POINT},v5,fine,{TAIL}", f"{spare}ENDPROC\n")
     reading = both({"m.mod": text}, NAMES)
     assert len(reading.body) == 2
-    assert [(f.line, f.what) for f in reading.faults] == [
+    assert [(f.line, f.what) for f in reading.findings] == [
         (4, "spare is declared and never used"),
         (6, "a number of a robtarget is larger than a num can be"),
     ]
@@ -297,7 +298,7 @@ DOWN = "0.0000000,1.0000000,0.0000000,0.0000000"
 
 def rows_of(text: str) -> list[int]:
     """How many statements each run of a text has."""
-    modules, *_ = parse(text, 1, Spellings(Written))
+    modules, *_ = parse(text, 1, Spellings(Written), Log())
     return [
         item.last - item.first
         for m in modules
@@ -335,7 +336,7 @@ def test_the_routines_of_a_posted_program_are_one_run_each() -> None:
     text = plate(5)
     assert rows_of(text) == [7] * 5
     reading = both({"plate.mod": text}, {"mass": 1.0})
-    assert (len(reading.body), reading.faults) == (2 + 7 * 5, ())
+    assert (len(reading.body), reading.findings) == (2 + 7 * 5, ())
 
 
 @pytest.mark.parametrize(
@@ -372,7 +373,7 @@ def test_a_posted_program_that_is_changed_is_read_the_same_either_way(
     place = places[where] if len(places) > 2 else places[-1]
     reading = both({"plate.mod": text[:place] + new + text[place + len(old) :]}, {"mass": 1.0})
     if faults is not None and where == 2:
-        assert [fault.what for fault in reading.faults if type(fault) is Fault] == faults
+        assert [fault.what for fault in reading.findings if fault.level == "refused"] == faults
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -390,5 +391,5 @@ def test_a_program_without_end_is_told_in_the_statement_that_is_one_too_many(
 ) -> None:
     monkeypatch.setattr(readback, "_MOST_STATEMENTS", 20)
     reading = both({"plate.mod": plate(4)}, {"mass": 1.0})
-    assert [fault.what for fault in reading.faults][:1] == ["more than 20 statements are run"]
+    assert [fault.what for fault in reading.findings][:1] == ["more than 20 statements are run"]
     assert len(reading.body) < 20

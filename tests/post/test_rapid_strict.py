@@ -9,14 +9,13 @@ from camgen_posts.rapid.force import arc_fault, find_round
 from camgen.model.errors import Refused
 from camgen.model.pose import IDENTITY, TOOL_DOWN, Pose, frozen, rotation_about
 from camgen.model.program import Force, Joints, MoveC, MoveJ, MoveL
-from camgen.post import Remark
 from tests.post.changes.rapid import CALIBRATE, PRESS, PRESSED, PROGRAMS, VIA, at, sample
 
 
 def test_an_arc_that_is_a_point_to_the_controller_is_a_remark() -> None:
     cut = PROGRAMS["cut"]
     text = cut.change(VIA, "MoveC [[0.040,0.020,0.000]").replace("[[10.000,", "[[0.080,")
-    remarks = [fault.what for fault in cut.list_faults(text) if isinstance(fault, Remark)]
+    remarks = [fault.what for fault in cut.list_faults(text) if fault.level == "unusual"]
     assert remarks == ["the points of an arc are less than 0.1 mm apart"]
 
 

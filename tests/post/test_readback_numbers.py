@@ -3,9 +3,10 @@
 import re
 
 import numpy as np
-from camgen_posts.readback.gcode_runs import DECIMAL, MOTION, REMARK, Lines, cut
 from hypothesis import given
 from hypothesis import strategies as st
+
+from camgen.lang.gcode.strict_runs import DECIMAL, MOTION, REMARK, Lines, cut
 
 usual = st.builds("{}{}{}".format, st.sampled_from(["", "-"]), st.from_regex(r"\A[0-9]{1,6}\Z"),
                   st.from_regex(r"\A(\.[0-9]{1,8})?\Z"))  # fmt: skip

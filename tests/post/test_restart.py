@@ -45,7 +45,7 @@ def simulate(post: str, job: dict[str, object]) -> list[tuple[Motion, Motion, se
     """
     made = camgen.build(PART, post=post, job=job)
     reading = camgen.read_back(made.files, post, job)
-    assert not reading.faults
+    assert not reading.findings
     chord = 0.01
     poster = find_post(post)(**job.get("post", {}))
     planned = [

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from camgen.geometry.arcs import arc_middles
+from camgen.lang.programs import Executed, Finding, Frames
 from camgen.model.errors import VerifyError
 from camgen.model.pose import (
     IDENTITY,
@@ -20,7 +21,7 @@ from camgen.model.pose import (
     translation,
 )
 from camgen.model.program import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
-from camgen.post import Fault, Reading, Tolerance
+from camgen.post import Tolerance
 from camgen.post import verify as judge
 from camgen.post.passes import along
 from camgen.post.verify import ARC_SLACK, compare
@@ -64,10 +65,10 @@ def program(body=BODY):
     return Program("p", translation(1, 2, 3), translation(0, 0, 100), tuple(body))
 
 
-def reading(body=BODY, **more):
-    return Reading(
-        tuple(body), tuple(10 * i + 1 for i in range(len(body))), more.pop("faults", ()), **more
-    )
+def reading(body=BODY, findings=(), work=None, tool=None):
+    lines = tuple(10 * i + 1 for i in range(len(body)))
+    frames = (Frames(base_from_work=work, flange_from_tool=tool),)
+    return Executed(tuple(body), lines, frames, findings=findings)
 
 
 def changed(index, **fields):
@@ -90,7 +91,9 @@ def test_comments_do_not_count():
 
 
 def test_a_fault_goes_before_everything():
-    read = reading(faults=(Fault(7, "unknown word"), Fault(9, "another")))
+    read = reading(
+        findings=(Finding("refused", 7, "unknown word"), Finding("refused", 9, "another"))
+    )
     with pytest.raises(VerifyError, match=r"part\.txt: unknown word \(line 7\)") as caught:
         verify(read)
     assert caught.value.line == 7
@@ -300,7 +303,7 @@ def test_an_arc_from_joints_is_compared_by_its_points():
 
 def test_lines_must_belong_to_instructions():
     with pytest.raises(ValueError, match="13 instructions with 12 lines"):
-        verify(Reading(BODY, tuple(range(12)), ()))
+        verify(Executed(BODY, tuple(range(12))))
 
 
 def test_degenerate_arcs_have_a_middle():

@@ -10,12 +10,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from camgen_posts.readback.vplus import read
 from camgen_posts.vplus import VPlus
 from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
+from camgen.lang.programs import Executed
+from camgen.lang.vplus.strict import read
 from camgen.model.errors import CamgenError, JobError, Refused, VerifyError
 from camgen.model.pose import (
     TOOL_DOWN,
@@ -41,7 +42,6 @@ from camgen.model.program import (
     Wait,
     splice,
 )
-from camgen.post import Reading, Remark
 from camgen.post.plugins import make_post
 from camgen.post.verify import compare
 from tests.post.changes.vplus import BRACKET
@@ -77,7 +77,7 @@ def zyz_degrees(yaw: float, pitch: float, roll: float) -> FloatArray:
     return frozen(rotation_about(2, a) @ rotation_about(1, b) @ rotation_about(2, c))
 
 
-def agree(planned: Program, found: Reading, options: dict[str, object] | None = None) -> None:
+def agree(planned: Program, found: Executed, options: dict[str, object] | None = None) -> None:
     """The comparison of this file: every instruction, in order, within what the text carries."""
     tolerance = make_post(VPlus, options or {}).tolerance()
     slack = 1e-9
@@ -120,7 +120,7 @@ def test_text_checked_by_hand() -> None:
     assert text == BRACKET
     found = read({"a": text}, options)
     agree(prepared, found, options)
-    assert found.faults == ()
+    assert found.findings == ()
     assert [text.splitlines()[line - 1].split()[0] for line in found.lines] == [
         "SIGNAL", "MOVE", "MOVE", "MOVES", "SIGNAL", "WAIT.EVENT", "MOVES", "MOVES", "SIGNAL", "MOVE",
     ]  # fmt: skip
@@ -236,9 +236,9 @@ def test_tool_and_frame_on_the_controller() -> None:
     assert "    MOVES Table.b:TRANS(1,2,0,0,180,180)\n" in text
     found = read({"a": text}, options)
     agree(prepared, found)
-    assert (found.faults, found.work, found.tool) == ((), None, None)
+    assert (found.findings, found.work, found.tool) == ((), None, None)
     # Without the options nobody knows these locations.
-    assert [f.what for f in read({"a": text}, {}).faults] == [
+    assert [f.what for f in read({"a": text}, {}).findings] == [
         "location PEN is not defined", "location TABLE.B is not defined", "location TABLE.B is not defined",
     ]  # fmt: skip
 
@@ -259,7 +259,7 @@ def test_force_and_spindle_as_signals() -> None:
     assert "; set 15 N by hand at the valve of the output named force\n" in text
     assert "; set 12000 rpm by hand at the drive of the output named spindle\n" in text
     found = read({"a": text}, options)
-    assert found.faults == ()
+    assert found.findings == ()
     agree(prepared, found, options)
 
 
@@ -490,7 +490,7 @@ def test_a_long_program_calls_its_parts() -> None:
     assert split.count("\n.END\n") == 4
     assert [p.count("\n") <= 2000 + 8 for p in split.split(".PROGRAM")] == [True] * 5
     one, many = read({"a": text}, {}), read({"a": split}, {})
-    assert (one.faults, many.faults) == ((), ())
+    assert (one.findings, many.findings) == ((), ())
     agree(prepared, many)
     agree(whole, one)
     assert many.work is not None
@@ -656,13 +656,13 @@ def test_any_remark_and_any_frame(
         assert angle_between(pose.rotation, rotation) < 1e-5
 
 
-def round_trip(source: Program, options: dict[str, object]) -> Reading:
+def round_trip(source: Program, options: dict[str, object]) -> Executed:
     prepared, text = render(source, options)
     assert text.isascii()
     assert max(map(len, text.splitlines())) <= 120
     assert "\r" not in text
     found = read({"a.v2": text.replace("\n", "\r\n")}, options)
-    assert found.faults == ()
+    assert found.findings == ()
     agree(prepared, found, options)
     return found
 
@@ -670,17 +670,17 @@ def round_trip(source: Program, options: dict[str, object]) -> Reading:
 # -- the read-back alone: programs written by hand -----------------------------------------------------------------
 
 
-def reading(*lines: str, **options: object) -> Reading:
+def reading(*lines: str, **options: object) -> Executed:
     text = "\n".join([".PROGRAM t()", *lines, ".END"]) + "\n"
     return read({"t.v2": text}, options)
 
 
-def faults(found: Reading) -> list[tuple[int, str]]:
+def faults(found: Executed) -> list[tuple[int, str]]:
     """Without remarks, which a text by hand has for what it leaves to the controller."""
-    return [(f.line, f.what) for f in found.faults if not isinstance(f, Remark)]
+    return [(f.line, f.what) for f in found.findings if f.level != "unusual"]
 
 
-def origins(found: Reading) -> list[tuple[float, ...]]:
+def origins(found: Executed) -> list[tuple[float, ...]]:
     return [
         tuple(round(v, 6) for v in i.target.origin)
         for i in found.body
@@ -894,7 +894,7 @@ def test_faults_by_line(lines: list[str], expected: tuple[int, str]) -> None:
 
 
 def remarks(text: str, options: dict[str, object]) -> list[tuple[int, str]]:
-    return [(f.line, f.what) for f in read({"a": text}, options).faults if isinstance(f, Remark)]
+    return [(f.line, f.what) for f in read({"a": text}, options).findings if f.level == "unusual"]
 
 
 def test_what_a_call_keeps_is_not_taken_for_granted() -> None:
@@ -994,7 +994,7 @@ def test_endless_loops_end() -> None:
 def test_the_fast_way_for_plain_targets_says_the_same() -> None:
     _, text = render(long_program(300, "a"))
     fast, general = read({"a": text}, {}), read({"a": re.sub(r"(MOVES .*)\)", r"\1+0)", text)}, {})
-    assert fast.faults == ()
+    assert fast.findings == ()
     assert list_values(fast, False) == list_values(general, False)
 
 
@@ -1015,7 +1015,7 @@ def test_a_missing_line_is_noticed(victim: str) -> None:
         found = read({"a": "\n".join(lines[:i] + lines[i + 1 :])}, {})
         if victim == "TOOL":
             assert found.tool is None
-        elif not found.faults:
+        elif not found.findings:
             with pytest.raises(AssertionError):
                 agree(prepared, found)
 
@@ -1076,7 +1076,7 @@ def test_no_text_breaks_the_reader(edits: list[tuple[int, int, str]]) -> None:
         text = text[:at] + piece + text[at + cut :]
     found = read({"a": text}, {})
     last = len(re.split(r"\r\n|\r|\n", text))
-    assert all(1 <= f.line <= last and f.what.isprintable() for f in found.faults)
+    assert all(1 <= f.line <= last and f.what.isprintable() for f in found.findings)
     assert len(found.lines) == len(found.body)
     assert all(1 <= line <= last for line in found.lines)
     for item in found.body:
@@ -1086,7 +1086,7 @@ def test_no_text_breaks_the_reader(edits: list[tuple[int, int, str]]) -> None:
 
 @given(st.text(max_size=200))
 def test_nonsense_is_a_fault(text: str) -> None:
-    assert read({"a": text}, {}).faults
+    assert read({"a": text}, {}).findings
 
 
 SHARED = Path(__file__).parents[2].parent / "shared" / "data" / "robot"
@@ -1099,7 +1099,7 @@ def test_programs_of_other_controllers_are_faults(name: str) -> None:
         pytest.skip(f"{name}: the folder shared/data/robot is not there")
     found = read({name: paths[0].read_text(encoding="utf-8")}, {})
     assert any(
-        "unknown statement" in f.what or "outside of a .PROGRAM" in f.what for f in found.faults
+        "unknown statement" in f.what or "outside of a .PROGRAM" in f.what for f in found.findings
     )
 
 
@@ -1108,7 +1108,7 @@ def test_a_stop_waits_for_the_operator_and_is_read_back() -> None:
     prepared, text = render(source)
     assert "    BREAK\n    PAUSE\n" in text
     found = read({"a": text}, {})
-    assert found.faults == ()
+    assert found.findings == ()
     assert [type(item) for item in found.body] == [MoveJ, MoveJ, Stop, MoveL, MoveJ]
     compare(prepared, found, make_post(VPlus, {}).tolerance(), VPlus.verified_fields, "a")
     lost = text.replace("    PAUSE\n", "")
@@ -1122,7 +1122,7 @@ def test_a_stop_waits_for_the_operator_and_is_read_back() -> None:
         )
     early = text.replace("    BREAK\n    PAUSE\n", "    PAUSE\n")
     what = "PAUSE while the robot may still move: BREAK is missing before it"
-    assert what in [fault.what for fault in read({"a": early}, {}).faults]
+    assert what in [fault.what for fault in read({"a": early}, {}).findings]
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from camgen_posts.readback.vplus import read
 from camgen_posts.vplus import VPlus
 from camgen_posts.vplus.records import data_name
 from hypothesis import assume, given
@@ -17,6 +16,9 @@ from hypothesis import strategies as st
 
 from bench.reliability.modal.reader import carry_out
 from camgen.cli import main
+from camgen.lang.programs import Executed
+from camgen.lang.vplus.language import VPLUS
+from camgen.lang.vplus.strict import read
 from camgen.model.errors import CamgenError, JobError, Refused, VerifyError
 from camgen.model.pose import TOOL_DOWN, Pose, frozen, rotation_about
 from camgen.model.program import (
@@ -30,7 +32,6 @@ from camgen.model.program import (
     Program,
     Wait,
 )
-from camgen.post import Reading
 from camgen.post.kit import Case, cases, check_case
 from camgen.post.plugins import make_post
 from camgen.post.verify import compare
@@ -71,7 +72,7 @@ def made(source: Program, **options: object) -> tuple[Program, dict[str, str]]:
     return prepared, {file.name: file.text for file in post.render(prepared)}
 
 
-def agree(prepared: Program, reading: Reading, **options: object) -> None:
+def agree(prepared: Program, reading: Executed, **options: object) -> None:
     post = make_post(VPlus, {**FILE, **options})
     compare(prepared, reading, post.tolerance(), post.list_verified(), "part.v2")
 
@@ -89,7 +90,7 @@ def test_the_page_shows_a_reader_and_its_data() -> None:
 def test_the_lines_of_the_reading_are_those_of_the_data() -> None:
     prepared, files = made(program(*BODY))
     reading = read(files, FILE)
-    assert reading.faults == ()
+    assert reading.findings == ()
     agree(prepared, reading)
     lines = "".join(files.values()).splitlines()
     kinds = {MoveL: "1", MoveJ: "234", Output: "7", Wait: "8"}
@@ -116,11 +117,11 @@ def test_postures_and_six_axes_are_records_too() -> None:
     )
     prepared, files = made(program(*body))
     reading = read(files, FILE)
-    assert reading.faults == ()
+    assert reading.findings == ()
     agree(prepared, reading)
     _, given = made(program(HOME6, MoveJ(down(1, 2, 3), 100)), posture=["LEFTY", "FLIP"])
-    assert read(given, {**FILE, "posture": ["LEFTY", "FLIP"]}).faults == ()
-    assert read(given, {**FILE, "posture": ["RIGHTY"]}).faults
+    assert read(given, {**FILE, "posture": ["LEFTY", "FLIP"]}).findings == ()
+    assert read(given, {**FILE, "posture": ["RIGHTY"]}).findings
 
 
 KIT: dict[str, object] = {
@@ -138,7 +139,7 @@ def test_conformance(case: Case, points: str) -> None:
         lacks.add("stops")
     # Remarks, and the sign of 180 deg.
     meaningless = (r";.*", r"([,(])180\b", r"[,(](-)180\b")
-    check_case(VPlus, read, case, {**KIT, "points": points}, lacks, meaningless)
+    check_case(VPlus, VPLUS, case, {**KIT, "points": points}, lacks, meaningless)
 
 
 @pytest.mark.parametrize(
@@ -205,7 +206,7 @@ def test_a_run_does_what_was_planned(motions: list[MoveL], angle: float, slide: 
     # What has been carried out is a program itself; its reals are singles, which camgen's are not.
     text = "\n".join(line for line in run if "auto real" not in line) + "\n"
     done = read({"a": text.replace(" ( ", "(").replace("- ", "-").replace("auto", "AUTO")}, {})
-    assert [f for f in done.faults if "AUTO" not in f.what] == []
+    assert [f for f in done.findings if "AUTO" not in f.what] == []
     for one, other in zip(
         prepared.columns.moves, [i for i in done.body if isinstance(i, (MoveJ, MoveL))], strict=True
     ):
@@ -267,7 +268,7 @@ def test_data_that_are_not_its_own_move_nothing(kind: str) -> None:
         assert run.index("break") < run.index("signal - 33") < run.index("detach ( )")
     given = {"part.v2": program_text} | ({} if wrong is None else {"part.dat": wrong})
     reading = read(given, FILE)
-    assert reading.faults
+    assert reading.findings
     assert reading.body == ()
 
 
@@ -313,7 +314,7 @@ def test_a_program_that_is_not_the_reader(was: str, now: str, what: str) -> None
     prepared, files = made(program(*BODY))
     assert was in files["part.v2"]
     reading = read({**files, "part.v2": files["part.v2"].replace(was, now, 1)}, FILE)
-    assert what in reading.faults[0].what
+    assert what in reading.findings[0].what
     with pytest.raises(VerifyError):
         agree(prepared, reading)
 
@@ -344,7 +345,7 @@ def test_a_record_that_is_none_though_its_check_is_right(record: str, what: str)
             total = (31 * total + (int(value) + 2**23) % 65521) % 65521
         lines[k] = ",".join((*values, str(total)))
     reading = read({**files, "part.dat": "\n".join((first, *lines, ""))}, FILE)
-    faults = [fault for fault in reading.faults if what in fault.what]
+    faults = [fault for fault in reading.findings if what in fault.what]
     assert faults
     assert faults[0].line == files["part.v2"].count("\n") + 2
 
@@ -358,14 +359,14 @@ def test_comments_blanks_and_case_do_not_count() -> None:
         .replace("BREAK", "BREAK ; stop")
     )
     reading = read({**files, "part.v2": text}, FILE)
-    assert reading.faults == ()
+    assert reading.findings == ()
     agree(prepared, reading)
 
 
 def test_a_reader_without_its_option_is_a_fault() -> None:
     _, files = made(program(*BODY))
-    assert read(files, {}).faults
-    assert read({}, FILE).faults
+    assert read(files, {}).findings
+    assert read({}, FILE).findings
 
 
 # From a drawing to the two files, and back.

@@ -3,11 +3,11 @@
 import re
 
 import pytest
-from camgen_posts.readback.vplus import read
 
 from camgen.lang.columns import Run
+from camgen.lang.programs import Executed
+from camgen.lang.vplus.strict import read
 from camgen.model.program import MoveJ, MoveL, Output
-from camgen.post import Reading, Remark
 from tests.post.fast_paths.vplus import BY_HAND, PATH, TEXTS
 
 
@@ -31,9 +31,9 @@ def program(*lines: str) -> str:
     return "\n".join([".PROGRAM t()", "SET wf = TRANS(1,2,3)", *lines, ".END"]) + "\n"
 
 
-def faulty(reading: Reading) -> list[int]:
+def faulty(reading: Executed) -> list[int]:
     """The lines of the faults, without those of remarks."""
-    return [fault.line for fault in reading.faults if not isinstance(fault, Remark)]
+    return [fault.line for fault in reading.findings if fault.level != "unusual"]
 
 
 def test_names_that_are_one_name_in_every_line_of_a_stretch() -> None:
@@ -44,7 +44,7 @@ def test_names_that_are_one_name_in_every_line_of_a_stretch() -> None:
     ]
     reading = PATH.check(program("SET outline_of_part1 = NULL", *rows, *rows), {})
     assert faulty(reading) == [7, 8, 9, 13, 14, 15]
-    assert all("are one name" in fault.what for fault in reading.faults if fault.line > 4)
+    assert all("are one name" in fault.what for fault in reading.findings if fault.line > 4)
     assert len(reading.body) == 12
 
 
@@ -87,7 +87,7 @@ def test_after_a_motion_that_is_not_read_the_place_is_not_known(lost: str) -> No
         program("MOVES wf:TRANS(1,2,3,0,0,0)", "SPEED 0", "DEPARTS 5", lost, "DEPARTS 5"), {}
     )
     assert faulty(reading) == [4, 6, 7]
-    assert reading.faults[-1].what == "DEST is not known here"
+    assert reading.findings[-1].what == "DEST is not known here"
     assert len(reading.body) == 2
 
 

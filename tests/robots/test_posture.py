@@ -13,7 +13,6 @@ from camgen.cli import main
 from camgen.model.errors import JobError, VerifyError
 from camgen.model.pose import TOOL_DOWN, Pose, translation
 from camgen.model.program import Comment, Instruction, Joints, MoveC, MoveJ, MoveL, Posture, Program
-from camgen.post import Remark
 from camgen.post.plugins import find_post, find_readback, make_post
 from camgen.post.verify import compare
 from camgen.robots.catalogue import robot
@@ -185,7 +184,7 @@ def test_a_text_with_another_posture_is_refused(name: str) -> None:
     assert was in file.text
     for text in (file.text.replace(was, says, 1), file.text.replace(was, says)):
         reading = find_readback(name)({file.name: text}, {})
-        assert all(isinstance(one, Remark) for one in reading.faults)
+        assert all(one.level == "unusual" for one in reading.findings)
         with pytest.raises(VerifyError, match=rf"{message}|from figure 1 to 5 along a line"):
             compare(
                 result.program,
@@ -243,7 +242,7 @@ def test_points_of_an_arc_with_two_figures_are_a_fault() -> None:
     text, _ = posted("pacscript", program(*WAY))
     (line,) = (line for line in text.splitlines() if "Move C" in line)
     other = text.replace(line, line.replace(", 1)", ", 5)", 1))
-    faults = find_readback("pacscript")({"part.pcs": other}, {}).faults
+    faults = find_readback("pacscript")({"part.pcs": other}, {}).findings
     assert [fault.what for fault in faults] == ["the points of the arc have different figures"]
 
 

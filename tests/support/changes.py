@@ -6,7 +6,6 @@ from typing import Literal, NamedTuple
 import pytest
 
 from camgen.model.errors import VerifyError
-from camgen.post import Fault, Remark
 from tests.support.samples import Sample
 
 
@@ -70,9 +69,9 @@ def check_change(sample: Sample, change: Change) -> None:
         with pytest.raises(VerifyError, match=re.escape(change.words)):
             sample.verify(text)
     else:
-        kind = Fault if change.kind == "fault" else Remark
+        level = "refused" if change.kind == "fault" else "unusual"
         matches = [finding for finding in findings if finding.what == change.words]
-        assert [type(match) for match in matches] == [kind] * change.times, findings
+        assert [match.level for match in matches] == [level] * change.times, findings
         assert (len(findings) > len(matches)) == change.others, findings
         if change.line is not None:
             changed_line = sample.text.count("\n", 0, sample.text.index(change.before)) + 1

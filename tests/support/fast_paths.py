@@ -8,6 +8,7 @@ from typing import NamedTuple
 from unittest.mock import patch
 
 from camgen.lang.columns import Run, Template
+from camgen.lang.programs import Executed
 from camgen.model.pose import TOOL_DOWN, Pose, frozen, rotation_about
 from camgen.model.program import (
     Comment,
@@ -20,7 +21,6 @@ from camgen.model.program import (
     Output,
     Wait,
 )
-from camgen.post import Reading
 from tests.support.damage import Damage
 from tests.support.samples import Options
 
@@ -43,7 +43,7 @@ class FastPath(NamedTuple):
     limit: name of a bound of the run, and values; None leaves it as it is.
     """
 
-    read: Callable[[Mapping[str, str], Options], Reading]
+    read: Callable[[Mapping[str, str], Options], Executed]
     files: tuple[str, str]
     functions: Sequence[str]
     closed: Sequence[tuple[str, object]]
@@ -57,12 +57,12 @@ class FastPath(NamedTuple):
     damage: Damage
     limit: tuple[str, Sequence[int | None]]
 
-    def read_generally(self, files: Mapping[str, str], options: Options) -> Reading:
+    def read_generally(self, files: Mapping[str, str], options: Options) -> Executed:
         """The reading of the general parser alone."""
         with patched(self.closed):
             return self.read(files, options)
 
-    def check_files(self, files: Mapping[str, str], options: Options) -> Reading:
+    def check_files(self, files: Mapping[str, str], options: Options) -> Executed:
         """The reading of files. Raises AssertionError if the paths read them differently."""
         reading = self.read(files, options)
         general = self.read_generally(files, options)
@@ -70,7 +70,7 @@ class FastPath(NamedTuple):
         assert list_values(reading, signed) == list_values(general, signed), files
         return reading
 
-    def check(self, text: str, options: Options) -> Reading:
+    def check(self, text: str, options: Options) -> Executed:
         """The reading of a text. Raises AssertionError if the paths read it differently."""
         return self.check_files({self.files[0]: text}, options)
 
@@ -101,14 +101,14 @@ def patched(attributes: Sequence[tuple[str, object]]) -> Iterator[None]:
         yield
 
 
-def list_values(reading: Reading, signed_zeros: bool) -> list[object]:
+def list_values(reading: Executed, signed_zeros: bool) -> list[object]:
     """A reading as plain values, which are equal if each bit is."""
     body: list[object] = []
     for item in reading.body:
         values = [getattr(item, name) for name in item.__struct_fields__]
         body.append((type(item).__name__, *(_plain(value, signed_zeros) for value in values)))
     frames = [_plain(frame, signed_zeros) for frame in (reading.work, reading.tool)]
-    return [body, reading.lines, reading.faults, *frames]
+    return [body, reading.lines, reading.findings, *frames]
 
 
 def _plain(value: object, signed_zeros: bool) -> object:

@@ -7,6 +7,7 @@ import math
 import pytest
 from hypothesis import strategies as st
 
+from camgen.lang.programs import Executed
 from camgen.model.pose import TOOL_DOWN, Pose, Vec3, translation
 from camgen.model.program import (
     Comment,
@@ -20,7 +21,7 @@ from camgen.model.program import (
     Stop,
     Wait,
 )
-from camgen.post import Post, Reading, Tolerance
+from camgen.post import Post, Tolerance
 from tests.support.canon import RS274, Call, Canon, run
 from tests.support.whole import whole
 
@@ -90,10 +91,10 @@ def close(a: object, b: object, tolerance: float) -> bool:
 KINDS = {MoveJ: "STRAIGHT_TRAVERSE", MoveL: "STRAIGHT_FEED", MoveC: "ARC_FEED"}
 
 
-def difference(program: Program, reading: Reading, tolerance: Tolerance) -> str:
+def difference(program: Program, reading: Executed, tolerance: Tolerance) -> str:
     """The first thing that a fault-free reading says otherwise than the program; empty if nothing."""
-    if reading.faults:
-        return f"fault {reading.faults[0]}"
+    if reading.findings:
+        return f"fault {reading.findings[0]}"
     wanted = [item for item in program.body if not isinstance(item, Comment)]
     if len(wanted) != len(reading.body):
         return f"{len(wanted)} instructions, {len(reading.body)} read"

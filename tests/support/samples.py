@@ -3,10 +3,10 @@
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 
+from camgen.lang.programs import Executed, Finding
 from camgen.model.errors import VerifyError
 from camgen.model.pose import translation
 from camgen.model.program import Instruction, Program
-from camgen.post import Fault, Reading
 from camgen.post.plugins import fill_tables, find_post, find_readback, make_post
 from camgen.post.verify import compare
 from tests.support.whole import whole
@@ -57,13 +57,13 @@ class Sample:
         assert self.list_faults(self.written) == ()
         return self.written
 
-    def read_back(self, text: str) -> Reading:
+    def read_back(self, text: str) -> Executed:
         """The reading of a text."""
         return self.read({"part": text}, self.options)
 
-    def list_faults(self, text: str) -> tuple[Fault, ...]:
+    def list_faults(self, text: str) -> tuple[Finding, ...]:
         """Faults and remarks of a text."""
-        return tuple(self.read_back(text).faults)
+        return self.read_back(text).findings
 
     def verify(self, text: str) -> None:
         """Compares a text with the program. Raises VerifyError if they differ."""

@@ -1,7 +1,7 @@
 """All that reads what somebody else wrote, each with a strategy and with what must come of it: a table.
 
 A reader gives a value or an error that is addressed to the user, of exit code 2: never another exception, never a
-number that is not finite, nothing that takes more than ``SECONDS`` of the processor. A read-back gives a ``Reading``
+number that is not finite, nothing that takes more than ``SECONDS`` of the processor. A read-back gives a ``Executed``
 with its faults, never an error. Both give the same for the same bytes.
 """
 
@@ -25,12 +25,12 @@ from hypothesis import strategies as st
 from bench.reliability.fuzzing import drawings, pictures, programs, solids, texts
 from camgen.check.report import sum_up
 from camgen.cli import motion_file
+from camgen.lang.programs import Executed
 from camgen.localize import scans
 from camgen.model.errors import CamgenError, InputError, JobError
 from camgen.model.files import Source
 from camgen.model.job import ImageTable, Job, OperationTable
 from camgen.model.program import Columns
-from camgen.post import Reading
 from camgen.post.plugins import fill_tables, find_post, find_readback, make_post
 from camgen.read import find_reader
 from camgen.read.files import Files
@@ -221,7 +221,7 @@ def _read_back(post: str, data: bytes) -> object:
     """The reading, and its sums as ``camgen verify`` tells them."""
     text = {f"part.{POSTS[post]}": data.decode("latin-1")}
     found = find_readback(post)(text, fill_tables(find_post(post), {}))
-    assert isinstance(found, Reading)
+    assert isinstance(found, Executed)
     assert len(found.body) == len(found.lines)
     return [found, sum_up(Columns(found.body))]
 

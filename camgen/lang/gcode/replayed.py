@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from camgen.lang.gcode.dialects import LINUXCNC, Dialect
 from camgen.lang.gcode.foreign import Foreign
-from camgen.lang.gcode.language import play
+from camgen.lang.gcode.run import play
 from camgen.lang.programs import Ask
 from camgen.lang.recorded import ProgramRun
 from camgen.model.limits import Limits

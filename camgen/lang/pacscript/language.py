@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 
-from camgen.lang.pacscript.run import run_files
-from camgen.lang.programs import Language, strip_mark
+from camgen.lang.programs import Ask, Executed, Language, strip_mark
 
 _SURE = re.compile(
     r"^\s*(?:'!title\b|takearm\b|sub\s+main\b|program\s+\w+\s*$|givearm\b"
@@ -20,11 +20,22 @@ def recognise(text: str) -> bool:
     return len(_SURE.findall(text[:20_000])) > 1 or strip_mark(text)[:8].lower() == "'!title "
 
 
+def run(files: Mapping[str, str], ask: Ask) -> Executed:
+    """Runs the procedure Main, or the entry of the request, once."""
+    if ask.options is not None:
+        from camgen.lang.pacscript.strict import read  # noqa: PLC0415 (only for those of a post)
+
+        return read(files, ask.options)
+    from camgen.lang.pacscript.run import run_files  # noqa: PLC0415 (only for those of others)
+
+    return run_files(files, ask)
+
+
 LANGUAGE = Language(
     "pacscript",
     "DENSO PacScript and PAC",
     (".pcs", ".pac", ".pns"),
     recognise,
-    run_files,
+    run,
     takes=("entry", "points"),
 )

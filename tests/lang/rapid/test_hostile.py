@@ -5,12 +5,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from camgen_posts.readback.rapid import read
 from hypothesis import given
 from hypothesis import strategies as st
 
 from camgen.lang.programs import Ask, Executed
 from camgen.lang.rapid.language import run
+from camgen.lang.rapid.strict import read
 from camgen.model.limits import Limits
 from camgen.model.pose import Pose
 from camgen.model.program import MoveC, MoveJ, MoveL

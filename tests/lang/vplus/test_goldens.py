@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from camgen_posts.readback.vplus import read
 
 from camgen.lang.programs import Ask
 from camgen.lang.vplus.language import recognise, run
+from camgen.lang.vplus.strict import read
 from camgen.model.program import Joints, MoveJ, MoveL, Output
 
 ROOT = Path(__file__).parents[3]

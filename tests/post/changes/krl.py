@@ -17,7 +17,7 @@ BODY = (
     Output("process", 1.0),
     Wait(0.5),
 )
-READBACK = str(EXAMPLE / "krl_readback.py")
+READBACK = str(EXAMPLE / "krl_language.py")
 PROGRAMS = {"part": Sample(str(EXAMPLE / "krl.py"), BODY, readback=READBACK)}
 
 BASE = "$BASE={X 300.000, Y -75.000, Z 150.000, A 0.0000, B 0.0000, C 0.0000}\n"

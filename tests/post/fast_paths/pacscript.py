@@ -4,10 +4,9 @@ import math
 import re
 from collections.abc import Iterator
 
-from camgen_posts.readback.pacscript import read
-from camgen_posts.readback.pacscript.motion import MOTIONS
-
 from camgen.lang.pacscript.plain import LINE
+from camgen.lang.pacscript.strict import read
+from camgen.lang.pacscript.strict.motion import MOTIONS
 from camgen.model.program import Joints, MoveJ
 from tests.support.damage import Damage
 from tests.support.examples import is_night
@@ -153,7 +152,7 @@ ARC = f"Move C, P({SECOND}), @0 P({SECOND}, {FIRST})\n"
 PATH = FastPath(
     read=read,
     files=("a.pcs", "Other.pcs"),
-    functions=["camgen_posts.readback.pacscript.carry_out"],
+    functions=["camgen.lang.pacscript.strict.carry_out"],
     closed=[("camgen.lang.columns.Template.cut", cut_nothing)],
     template=MOTIONS,
     lines=LINE,
@@ -163,7 +162,7 @@ PATH = FastPath(
     texts=TEXTS,
     numbers=(f"Sub Main\nTakeArm\n{LINES}{ARC}GiveArm\nEnd Sub\n", [0, 0, 3]),
     damage=DAMAGE,
-    limit=("camgen_posts.readback.pacscript._STEPS", [2000, 2000, 2000, 5, 17, 30]),
+    limit=("camgen.lang.pacscript.strict._STEPS", [2000, 2000, 2000, 5, 17, 30]),
 )
 
 

@@ -3,9 +3,9 @@
 import re
 from collections.abc import Iterator
 
-from camgen_posts.readback.vplus import read
 from camgen_posts.vplus import VPlus
 
+from camgen.lang.vplus.strict import read
 from camgen.lang.vplus.text import LINE, MOTIONS
 from camgen.model.program import MoveJ
 from tests.support.damage import Damage
@@ -120,7 +120,7 @@ DAMAGE = Damage(
         "\r\n", "\n\r", "\x00", "\x85", "\u2028", "é", "ſ", "K",
     ],
 )  # fmt: skip
-FUNCTIONS = "camgen_posts.readback.vplus.robot."
+FUNCTIONS = "camgen.lang.vplus.strict.robot."
 FIRST = "MOVES f:TRANS({0},{1},{2},{3},{4},{5})\n"
 SECOND = "MOVES f:TRANS({6},{7},{8},{9},{10},{11})\n"
 PATH = FastPath(
@@ -141,7 +141,7 @@ PATH = FastPath(
     texts=TEXTS,
     numbers=(f".PROGRAM a()\nSET f = NULL\n{FIRST}{SECOND}{FIRST}.END\n", [0, 6, 0]),
     damage=DAMAGE,
-    limit=("camgen_posts.readback.vplus._LOOPED", [None, None, None, -60, -15, 0, 30]),
+    limit=("camgen.lang.vplus.strict._LOOPED", [None, None, None, -60, -15, 0, 30]),
 )
 
 

@@ -13,7 +13,6 @@ from camgen.lang.rapid.ways import is_half_turn, judge_arc, judge_arcs
 from camgen.model.body import NUMBER, Body, Packed
 from camgen.model.pose import FloatArray, Pose, to_vec3
 from camgen.model.program import Indices, Mask, MoveC, MoveJ, MoveL, Output
-from camgen.post import Fault
 
 from .rows import Columns, Rows
 from .state import Bound, State
@@ -56,7 +55,7 @@ def _one(state: State, rows: Rows, row: int) -> None:
         else:
             switch_signal(state, statement)
     except Wrong as wrong:
-        state.faults.append(Fault(wrong.line, wrong.what))
+        state.log.find("refused", wrong.what, line=wrong.line)
 
 
 class _Effects(Struct, frozen=True, eq=False):

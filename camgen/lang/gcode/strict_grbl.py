@@ -11,10 +11,10 @@ from collections.abc import Mapping, Sequence
 from msgspec.structs import replace
 
 from camgen.lang.gcode.arcs import Limits
+from camgen.lang.programs import Executed
 from camgen.model.program import Instruction, Output
-from camgen.post import Reading
 
-from .gcode import Expect, Rules, lines_of, list_written, number, run, signals, spiral
+from .strict import Expect, Rules, lines_of, list_written, number, run, signals, spiral
 
 _CODES = """
     G0 G1 G2 G3 G4 G17 G18 G19 G20 G21 G40 G49 G53 G54 G55 G56 G57 G58 G59 G61 G80 G90 G91 G91.1 G94
@@ -33,7 +33,7 @@ GRBL = Rules(
 )
 
 
-def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
+def read(files: Mapping[str, str], options: Mapping[str, object]) -> Executed:
     """What a GRBL program says. options: of the post; left out, its defaults (docs/posts/grbl.md)."""
     names = signals(options, {"process": "M3"})
     power = number(options, "power", 1000.0)

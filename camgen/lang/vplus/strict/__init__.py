@@ -17,6 +17,8 @@ from itertools import groupby
 import numpy as np
 from msgspec.structs import replace
 
+from camgen.lang.log import Log
+from camgen.lang.programs import Executed, Frames
 from camgen.lang.vplus.locations import Expression
 from camgen.lang.vplus.names import canonical
 from camgen.lang.vplus.text import (
@@ -33,10 +35,8 @@ from camgen.lang.vplus.text import (
 )
 from camgen.lang.vplus.variables import variable
 from camgen.lang.vplus.walk import walk, walk_apart
-from camgen.model.errors import one_line
 from camgen.model.pose import Pose
 from camgen.model.program import Columns, Instruction, MoveJ, MoveL, splice
-from camgen.post import Fault, Reading, Remark
 
 from .datafile import read_data
 from .robot import POSTURES, RobotState, same
@@ -249,8 +249,6 @@ _DOES: dict[str, Callable[[Machine, Statement], None]] = {
 }  # fmt: skip
 
 
-#: Faults are messages of one line.
-_LONGEST_FAULT = 160
 #: How far the printed digits may move a turn on the spot, mm: 0.1 with one decimal, and its double.
 _SPOT = 0.2
 #: The defaults of the post's options that give numbers their meaning (docs/posts/vplus.md).
@@ -259,7 +257,7 @@ _RATED, _RATED_TURN, _SIGNALS, _TOOL, _WORK = 7500.0, 1200.0, {"process": 33}, "
 _FRAMES = (("tool", _TOOL), ("work", _WORK))
 
 
-def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
+def read(files: Mapping[str, str], options: Mapping[str, object]) -> Executed:
     """What the files say. options: ``rated``, ``rated_turn``, ``signals``; ``declare = false`` with ``tool``, ``work``.
 
     A target ``frame:..`` is given in that frame when all targets name the same one, which then is ``work``; else all
@@ -268,13 +266,13 @@ def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
     """
     if options.get("points") == "file":
         return read_data(files, options, read)
-    faults: dict[tuple[int, str], type[Fault]] = {}
+    log = Log()
 
     def report(line: int, what: str) -> None:
-        faults.setdefault((line, one_line(what)[:_LONGEST_FAULT]), Fault)
+        log.find("refused", what, line=line)
 
     def remark(line: int, what: str) -> None:
-        faults.setdefault((line, one_line(what)[:_LONGEST_FAULT]), Remark)
+        log.find("unusual", what, line=line)
 
     machine = _run(files, options, report, remark)
     _check_given(machine, options, remark)
@@ -285,9 +283,8 @@ def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
         work = machine.stated.get(canonical(str(options.get("work", _WORK))))
     _check_turning(tuple(body), lines, machine.turning, remark)
     body = _with_turns(tuple(body), machine.turning, _number(options, "rated_turn", _RATED_TURN))
-    ordered = sorted(faults.items(), key=lambda item: item[0][0])
-    told = tuple(kind(line, what) for (line, what), kind in ordered)
-    return Reading(body, tuple(lines), told, work, machine.tool)
+    frames = Frames(base_from_work=work, flange_from_tool=machine.tool)
+    return Executed(body, tuple(lines), (frames,), findings=log.list_findings())
 
 
 def _run(

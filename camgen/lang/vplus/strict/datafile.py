@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from msgspec.structs import replace
 
-from camgen.post import Fault, Reading
+from camgen.lang.programs import Executed, Finding
 
 _HEAD = """\
 .PROGRAM <name>()
@@ -172,10 +172,10 @@ class _Program(NamedTuple):
     lines: int
 
 
-Plain = Callable[[Mapping[str, str], Mapping[str, object]], Reading]
+Plain = Callable[[Mapping[str, str], Mapping[str, object]], Executed]
 
 
-def read_data(files: Mapping[str, str], options: Mapping[str, object], plain: Plain) -> Reading:
+def read_data(files: Mapping[str, str], options: Mapping[str, object], plain: Plain) -> Executed:
     """What the reader and its data say. plain: reads a program of V+ without a data file."""
     try:
         program = _match(next(iter(files.values()), ""), options)
@@ -188,12 +188,14 @@ def read_data(files: Mapping[str, str], options: Mapping[str, object], plain: Pl
         text, where = _write_out(program, files[name], str(options.get("work", "cg.work")))
     except _Wrong as wrong:
         line, what = wrong.args
-        return Reading((), (), (Fault(line, what),))
-    reading = plain({name: text}, {**options, "points": "program"})
-    faults = tuple(
-        replace(fault, line=where[min(fault.line, len(where)) - 1]) for fault in reading.faults
+        return Executed((), (), findings=(Finding("refused", line, what),))
+    executed = plain({name: text}, {**options, "points": "program"})
+    findings = tuple(
+        replace(finding, line=where[min(finding.line, len(where)) - 1])
+        for finding in executed.findings
     )
-    return replace(reading, lines=tuple(where[line - 1] for line in reading.lines), faults=faults)
+    lines = tuple(where[line - 1] for line in executed.lines)
+    return replace(executed, lines=lines, findings=findings)
 
 
 def _statements(text: str) -> list[_Statement]:

@@ -29,14 +29,15 @@ from camgen.lang.gcode.words import (
     without_number,
     words_of,
 )
+from camgen.lang.log import Log
+from camgen.lang.programs import Executed
 from camgen.lang.run import Stopped
 from camgen.model.errors import JobError
 from camgen.model.part import NoteKind
 from camgen.model.program import Force, Instruction, Output, Stop, ToolChange
 from camgen.model.text import counted
-from camgen.post import Fault, Reading, Remark
 
-from .gcode_runs import FEW, MOTION, REMARK, Chunk, Lines, Settled, cut, perform
+from .strict_runs import FEW, MOTION, REMARK, Chunk, Lines, Settled, cut, perform
 
 _WORDS = re.compile(r"([a-z])([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))")
 _LINE = re.compile(rf"(?:{_WORDS.pattern})*")
@@ -139,7 +140,7 @@ class Strict(Machine):
     others: str = ""
     plain: re.Pattern[str] = _PLAIN
     blend: float = 0.0
-    faults: list[Fault] = field(default_factory=list)
+    log: Log = field(init=False)
     text: bool = False
     said: set[str] = field(default_factory=set)
     started: bool = False
@@ -156,13 +157,16 @@ class Strict(Machine):
     #: Codes of modes that no post sets, each of which is noted once.
     unusual: set[str] = field(default_factory=set)
 
+    def __post_init__(self) -> None:
+        self.log = Log(lambda: self.line)
+
     def fault(self, what: str) -> None:
         """Notes a fault of the line that is read."""
-        self.faults.append(Fault(self.line, what))
+        self.log.find("refused", what)
 
     def remark(self, what: str) -> None:
         """Notes what the line leaves open."""
-        self.faults.append(Remark(self.line, what))
+        self.log.find("unusual", what)
 
     def note(self, kind: NoteKind, what: str, why: str = "") -> None:
         """What a replay assumes or leaves out is open in a program of our own."""
@@ -297,7 +301,8 @@ class Strict(Machine):
     def note_idle(self, letter: str) -> None:
         """Notes a word whose code has not come."""
         if letter in self.idle:
-            self.faults.append(Remark(*self.idle.pop(letter)))
+            line, what = self.idle.pop(letter)
+            self.log.find("unusual", what, line=line)
 
     def obey(self, group: str, code: str, words: dict[str, float]) -> None:
         """As the machine does, but as the options of the post expect it."""
@@ -647,22 +652,22 @@ def run(lines: Sequence[str], rules: Rules, expect: Expect) -> Strict:
     if any(m.known) and not m.begun:
         m.fault("the program ends before the position is known in all axes")
     if m.waiting:
-        m.faults.append(
-            Fault(
-                m.waiting,
-                "an output that waits for the next motion (M62, M63, M67), and none follows",
-            )
+        m.log.find(
+            "refused",
+            "an output that waits for the next motion (M62, M63, M67), and none follows",
+            line=m.waiting,
         )
     if m.due:
         line = max(
             line for item, line in zip(m.body, m.lines, strict=True) if isinstance(item, ToolChange)
         )
-        m.faults.append(
-            Fault(line, f"tool {m.due} is changed to, and its length is not applied (G43 H{m.due})")
+        m.log.find(
+            "refused",
+            f"tool {m.due} is changed to, and its length is not applied (G43 H{m.due})",
+            line=line,
         )
     if m.expect.tool and not m.changed:
         m.fault(f"the tool change T{m.expect.tool} M6 of post.tool is missing")
-    m.faults.sort(key=lambda fault: fault.line)
     return m
 
 
@@ -680,12 +685,12 @@ def _read_rest(m: Strict, lines: Sequence[str]) -> None:
             m.refuse(error)
 
 
-def list_written(m: Strict) -> Reading:
-    """What a machine has written down."""
-    return Reading(m.body.body(), m.lines, tuple(m.faults))
+def list_written(m: Strict) -> Executed:
+    """The effect of the program that a machine has run."""
+    return Executed(m.body.body(), m.lines, findings=m.log.list_findings())
 
 
-def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
+def read(files: Mapping[str, str], options: Mapping[str, object]) -> Executed:
     """What a LinuxCNC program says. options: of the post; left out, its defaults (docs/posts/gcode.md)."""
     force = None
     if options.get("force") == "analog":
@@ -716,7 +721,7 @@ def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
     return (m.unread and _read_foreign(lines, m)) or list_written(m)
 
 
-def _read_foreign(lines: Sequence[str], m: Strict) -> Reading | None:
+def _read_foreign(lines: Sequence[str], m: Strict) -> Executed | None:
     """What a program with words that no post writes says; None where it stops at the first of them.
 
     m: the machine that met those words. That they are there is a remark, so that a program of our own never passes.
@@ -725,14 +730,17 @@ def _read_foreign(lines: Sequence[str], m: Strict) -> Reading | None:
     if found.stopped and found.unread and found.stopped[0] <= m.unread:
         return None
     what = "a word that camgen does not write; the program is read as LinuxCNC runs it"
-    faults: list[Fault] = [Remark(m.unread, what)]
-    faults += [Remark(line, str(note)) for line, note in found.remarks]
+    log = Log()
+    log.find("unusual", what, line=m.unread)
+    for line, note in found.remarks:
+        log.find("unusual", str(note), line=line)
     if found.stopped:
-        faults.append(Fault(found.stopped[0], f"{found.stopped[1]}; nothing from here on is read"))
+        line, reason = found.stopped
+        log.find("refused", f"{reason}; nothing from here on is read", line=line)
     elif not found.ended:
-        faults.append(Fault(len(lines), "the program has no end (M2 or M30)"))
-    faults.sort(key=lambda fault: fault.line)
-    return Reading(rename(found.body, m.expect.names), found.lines, tuple(faults))
+        log.find("refused", "the program has no end (M2 or M30)", line=len(lines))
+    body = rename(found.body, m.expect.names)
+    return Executed(body, found.lines, findings=log.list_findings())
 
 
 def rename(body: Iterable[Instruction], names: Mapping[str, str]) -> tuple[Instruction, ...]:

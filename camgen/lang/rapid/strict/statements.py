@@ -31,7 +31,6 @@ from camgen.model.program import (
     Wait,
 )
 from camgen.model.text import counted
-from camgen.post import Fault, Remark
 
 from .asked import (
     judge_acceleration,
@@ -193,7 +192,7 @@ def check_deactivation(state: State, call: Call) -> None:
         raise Wrong(call.line, "fcdeact has no arguments")
     if call.name != DEACT_WHERE_ON:
         what = "fcdeact without IF FCIsForceMode(): it may be an error where force control is off"
-        state.faults.append(Remark(call.line, what))
+        state.log.find("unusual", what, line=call.line)
 
 
 SWITCHES = ("setdo", "setao", "set", "reset")
@@ -317,7 +316,7 @@ def inline(state: State, move: Inline) -> None:
 def _move(state: State, line: int, bound: Bound, via: Pose | None, target: Pose | Joints) -> None:
     """Moves through ``via``, if that is given, to ``target``."""
     if not state.moved and bound.name != "moveabsj":
-        state.faults.append(Remark(line, f"the first motion is {bound.name}, not MoveAbsJ"))
+        state.log.find("unusual", f"the first motion is {bound.name}, not MoveAbsJ", line=line)
     state.moved = True
     if isinstance(target, Pose):
         check_supervision(state, line, bound)
@@ -327,7 +326,7 @@ def _move(state: State, line: int, bound: Bound, via: Pose | None, target: Pose 
         _press(state, line, bound, via, target)
     else:
         if state.pressing is not None:
-            state.faults.append(Fault(line, f"{bound.name} while pressing, before FCPressEnd"))
+            state.log.find("refused", f"{bound.name} while pressing, before FCPressEnd", line=line)
         state.add(_free(bound, via, target, _turn(state, bound, target)), line)
     state.here = target if isinstance(target, Pose) else None
     state.note_way(target)
@@ -457,7 +456,7 @@ def _check_way(
     else:
         fault, remark = judge_arc(start.origin, via.origin, target.origin)
         if fault:
-            state.faults.append(Fault(line, fault))
+            state.log.find("refused", fault, line=line)
         state.remark(line, remark)
     if (
         bound.name != "movej"

@@ -11,10 +11,10 @@ from collections.abc import Callable, Mapping
 
 from camgen.lang.pacscript.plain import Plain
 from camgen.lang.pacscript.words import name_fault
+from camgen.lang.programs import Executed, Frames
 from camgen.model.pose import Pose
 from camgen.model.program import MoveC, MoveJ, MoveL, Output, Wait
 from camgen.model.text import counted
-from camgen.post import Fault, Reading, Remark
 
 from . import force, motion
 from .asked import read_asked
@@ -56,32 +56,31 @@ _NOT_EVALUATED = frozenset(
 )  # fmt: skip
 
 
-def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
-    """What the program says; see ``Reading``. Options: rated, rated_turn, mps, signals, force_on, force_change,
+def read(files: Mapping[str, str], options: Mapping[str, object]) -> Executed:
+    """What the program does. Options: rated, rated_turn, mps, signals, force_on, force_change,
     force_off; and those of ``Asked``, which it should obey.
 
     A blend of ``@P`` is given as 1 mm, as its radius is the controller's. Speeds in percent are of ``rated``. Where mps
     does not name a unit, both are tried, and must give the same speeds.
     """
     templates = force.templates(options)
-    source = read_source(files, short=not force.may_say(templates, "Move"))
     rated, turning = (
         _positive(options, key, default) for key, default in (("rated", 0.0), ("rated_turn", 500.0))
     )
     machine = Machine(rated, _names(options), turning, _units(options), read_asked(options))
+    source = read_source(files, machine.log, short=not force.may_say(templates, "Move"))
     if main := source.procedures.get("main"):
         run = _Run(machine, source, templates)
         run.called = main.line
         run.procedure(main)
         _finish(machine)
-    faults = sorted({*source.faults, *machine.faults}, key=_place_fault)
     work, tool = (machine.frames.get((kind, machine.numbers[kind])) for kind in ("work", "tool"))
-    return Reading(tuple(machine.body), tuple(machine.lines), tuple(faults), work, tool)
-
-
-def _place_fault(fault: Fault) -> tuple[int, bool, str]:
-    """In order of line, faults before remarks: a build tells the first one."""
-    return fault.line, isinstance(fault, Remark), fault.what
+    return Executed(
+        tuple(machine.body),
+        tuple(machine.lines),
+        (Frames(base_from_work=work, flange_from_tool=tool),),
+        findings=machine.log.list_findings(),
+    )
 
 
 def _positive(options: Mapping[str, object], key: str, default: float) -> float:
@@ -111,7 +110,7 @@ def _finish(machine: Machine) -> None:
         None,
     )
     if machine.passing and last is not None:
-        machine.faults.append(Fault(machine.lines[last], "the last motion passes its target"))
+        machine.log.find("refused", "the last motion passes its target", line=machine.lines[last])
     if machine.table is not None:
         machine.fault("force control is on at the end")
     if machine.armed:

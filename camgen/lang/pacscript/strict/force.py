@@ -14,7 +14,6 @@ from camgen.lang.pacscript.lines import without_comment
 from camgen.lang.pacscript.plain import Plain
 from camgen.model.pose import Pose, Vec3
 from camgen.model.program import Force
-from camgen.post import Remark
 
 from .machine import Machine
 from .text import Statement
@@ -61,7 +60,7 @@ def _note_unused(machine: Machine, *tables: int) -> None:
     for table in tables:
         line = machine.unused_forces.pop(table, 0)
         if line:
-            machine.faults.append(Remark(line, f"force table {table} is set and never on"))
+            machine.log.find("unusual", f"force table {table} is set and never on", line=line)
 
 
 def finish(machine: Machine) -> None:

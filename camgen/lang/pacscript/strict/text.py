@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import PurePath
 
 from camgen.lang.columns import Run
+from camgen.lang.log import Log
 from camgen.lang.pacscript.lines import (
     CLOSING,
     DEFINE,
@@ -21,7 +22,6 @@ from camgen.lang.pacscript.lines import (
 )
 from camgen.lang.pacscript.plain import LINE, Plain, plain
 from camgen.lang.pacscript.words import name_fault
-from camgen.post import Fault, Remark
 
 from .motion import MOTIONS
 from .words import TYPES
@@ -43,24 +43,24 @@ class Procedure:
 
 @dataclass(slots=True)
 class SourceText:
-    """The procedures by lower-case name and what is wrong with the text around them."""
+    """The procedures by lower-case name, and the log for the text around them."""
 
+    log: Log
     procedures: dict[str, Procedure] = field(default_factory=dict)
-    faults: list[Fault] = field(default_factory=list)
 
 
-def read_source(files: Mapping[str, str], short: bool) -> SourceText:
+def read_source(files: Mapping[str, str], log: Log, short: bool) -> SourceText:
     """All files in order. ``Main`` of a file after the first is known by the file's name, as ``Call`` calls it.
 
     short: motions in the usual spelling become ``Plain``.
     """
-    source = SourceText()
+    source = SourceText(log)
     line = 0
     for index, (name, text) in enumerate(files.items()):
         pieces = MOTIONS.cut(text) if short else [text]
         line = _read_file(pieces, line, PurePath(name).stem.lower() if index else "main", source)
     if "main" not in source.procedures:
-        source.faults.append(Fault(1, "there is no Sub Main"))
+        source.log.find("refused", "there is no Sub Main", line=1)
     return source
 
 
@@ -98,20 +98,22 @@ def _read_file(pieces: Iterable[Run | str], before: int, main: str, source: Sour
             if not begun:
                 current = _read_statement(text, first, macros, current, main, source)
     if begun:
-        source.faults.append(Fault(first, "the statement goes on after the last line"))
+        source.log.find("refused", "the statement goes on after the last line", line=first)
     if current is not None:
-        source.faults.append(Fault(current.line, "the procedure has no end"))
+        source.log.find("refused", "the procedure has no end", line=current.line)
     return number
 
 
 def _read_row(row: str, number: int, source: SourceText) -> str:
     """A line without its comment."""
     if too_long(row):
-        source.faults.append(Fault(number, f"a line of more than {LONGEST_LINE} bytes"))
+        source.log.find("refused", f"a line of more than {LONGEST_LINE} bytes", line=number)
     text = without_comment(row)
     if row.rstrip().endswith(" _") and not text.endswith("_"):
-        source.faults.append(
-            Remark(number, "a comment that ends in _: the next line may be taken for a part of it")
+        source.log.find(
+            "unusual",
+            "a comment that ends in _: the next line may be taken for a part of it",
+            line=number,
         )
     return text
 
@@ -139,14 +141,14 @@ def _statement(
     """Files a statement; returns the procedure that the next one belongs to."""
     if CLOSING.fullmatch(text):
         if current is None:
-            source.faults.append(Fault(number, f"{text} closes nothing"))
+            source.log.find("refused", f"{text} closes nothing", line=number)
         return None
     if opening := _OPENING.fullmatch(text):
         if current is not None:
-            source.faults.append(Fault(number, f"{text} begins inside another procedure"))
+            source.log.find("refused", f"{text} begins inside another procedure", line=number)
         return _open(opening, number, main, source)
     if current is None:
-        source.faults.append(Fault(number, "a statement outside a procedure"))
+        source.log.find("refused", "a statement outside a procedure", line=number)
     else:
         current.statements.append((number, text))
     return current
@@ -154,25 +156,27 @@ def _statement(
 
 def _directive(text: str, number: int, macros: _Macros, source: SourceText) -> None:
     if define := DEFINE.fullmatch(text):
-        source.faults.append(Remark(number, "#Define, which no program of the post has"))
+        source.log.find("unusual", "#Define, which no program of the post has", line=number)
         _check_names(source, number, define[1])
         macros.texts[define[1].lower()] = define[2] or ""
         macros.pattern = re.compile(rf"\b(?:{'|'.join(macros.texts)})\b", re.IGNORECASE | re.ASCII)
     else:
-        source.faults.append(Fault(number, f"{text.split(maxsplit=1)[0]} is not evaluated"))
+        source.log.find("refused", f"{text.split(maxsplit=1)[0]} is not evaluated", line=number)
 
 
 def _expand(text: str, number: int, macros: _Macros, source: SourceText) -> str:
     try:
         return expand(text, macros.texts)
     except ValueError as error:
-        source.faults.append(Fault(number, str(error)))
+        source.log.find("refused", str(error), line=number)
         return ""
 
 
 def _check_names(source: SourceText, number: int, *names: str) -> None:
     """Notes names that the language does not take."""
-    source.faults += [Fault(number, what) for name in names if (what := name_fault(name))]
+    for name in names:
+        if what := name_fault(name):
+            source.log.find("refused", what, line=number)
 
 
 def _open(opening: re.Match[str], number: int, main: str, source: SourceText) -> Procedure:
@@ -181,16 +185,18 @@ def _open(opening: re.Match[str], number: int, main: str, source: SourceText) ->
     matches = [PARAMETER.fullmatch(p) for p in (opening[3] or "").split(",") if p.strip()]
     parameters = {m[2].lower(): (m[4] or "variant").lower() for m in matches if m and not m[3]}
     if len(parameters) < len(matches) or not TYPES.keys() >= set(parameters.values()):
-        source.faults.append(Fault(number, "parameters that cannot be read"))
+        source.log.find("refused", "parameters that cannot be read", line=number)
         parameters = {
             name: kind if kind in TYPES else "variant" for name, kind in parameters.items()
         }
     _check_names(source, number, *(() if given == "main" else (opening[2],)), *parameters)
     if name == "main" and parameters:
-        source.faults.append(Fault(number, "Main has parameters, and nobody calls it with values"))
+        source.log.find(
+            "refused", "Main has parameters, and nobody calls it with values", line=number
+        )
     procedure = Procedure(number, parameters, [])
     if name in source.procedures:
-        source.faults.append(Fault(number, f"a second procedure {opening[2]}"))
+        source.log.find("refused", f"a second procedure {opening[2]}", line=number)
         return procedure
     source.procedures[name] = procedure
     return procedure

@@ -10,11 +10,12 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import cast
 
+from camgen.lang.log import Log
+from camgen.lang.programs import Executed, Frames
 from camgen.lang.rapid.tree import Statement
 from camgen.lang.rapid.types import PREDEFINED, RESIDENT, Value
 from camgen.lang.rapid.words import INSTALLED
 from camgen.model.program import Force, Output
-from camgen.post import Fault, Reading
 
 from .asked import read_asked
 from .data import Scope
@@ -56,7 +57,7 @@ class Linked:
     """The modules of a program, put together: who sees which name."""
 
     longest_name: int
-    faults: list[Fault] = field(default_factory=list)
+    log: Log = field(default_factory=Log)
     data: dict[str, Data] = field(default_factory=dict)  # what is global, by name in lower case
     routines: dict[str, Routine] = field(default_factory=dict)
     modules: list[Module] = field(default_factory=list)
@@ -126,7 +127,7 @@ class Linked:
 
     def fault(self, line: int, what: str) -> None:
         """Notes a fault."""
-        self.faults.append(Fault(line, what))
+        self.log.find("refused", what, line=line)
 
     def check(self) -> None:
         """Values every declaration, so that one that is wrong is reported even when nothing uses it."""
@@ -157,7 +158,7 @@ class Linked:
                 if item.value is not None:
                     scope.worth_of(item)
             except Wrong as wrong:
-                self.faults.append(Fault(wrong.line, wrong.what))
+                self.log.find("refused", wrong.what, line=wrong.line)
 
     def list_unused(self, needed: Iterable[str]) -> Iterator[Data | Routine]:
         """Routines and data of modules that neither main nor an ERROR handler uses.
@@ -187,7 +188,7 @@ _MOST_STATEMENTS = 2_000_000
 _DEEPEST_CALL = 40
 
 
-def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
+def read(files: Mapping[str, str], options: Mapping[str, object]) -> Executed:
     """What the modules say when ``main`` is run once. Never raises for a text.
 
     files: modules by file name; lines are counted through all of them in order. options: those of ``[post]`` that
@@ -196,7 +197,7 @@ def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
     return read_with(files, options, plain=True)
 
 
-def read_with(files: Mapping[str, str], options: Mapping[str, object], *, plain: bool) -> Reading:
+def read_with(files: Mapping[str, str], options: Mapping[str, object], *, plain: bool) -> Executed:
     """As ``read``; without ``plain`` every statement is read by the general rules alone, which says the same."""
     known = _is_known(options)
     program = Linked(known.longest_name)
@@ -204,26 +205,23 @@ def read_with(files: Mapping[str, str], options: Mapping[str, object], *, plain:
     spellings = Spellings(Written)
     for text in files.values():
         lines = text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
-        modules, faults, ends = parse(lines, line, spellings if plain else None)
-        program.faults += faults
+        modules, ends = parse(lines, line, spellings if plain else None, program.log)
         for module in modules:
             program.add(module)
         line += ends + (not lines.endswith("\n"))
     program.check()
     state = _run(program, known, line - 1)
-    faults = sorted({*program.faults, *state.faults}, key=lambda fault: (fault.line, fault.what))
     frame = {kind: pose for kind, (_, pose) in state.frames.items()}
-    return Reading(
-        state.body.body(), state.lines, tuple(faults), frame.get("work"), frame.get("tool")
-    )
+    frames = Frames(base_from_work=frame.get("work"), flange_from_tool=frame.get("tool"))
+    return Executed(state.body.body(), state.lines, (frames,), findings=program.log.list_findings())
 
 
 def _run(program: Linked, known: Known, last_line: int) -> State:
     """Runs ``main``, and notes what is still on or moving at its end."""
-    state = State(known, program.scope())
+    state = State(known, program.scope(), program.log)
     main = program.routines.get("main")
     if main is None:
-        state.faults.append(Fault(max(last_line, 1), "there is no PROC main"))
+        state.log.find("refused", "there is no PROC main", line=max(last_line, 1))
         return state
     _run_routine(program, state, main, 0)
     perform(state)
@@ -233,7 +231,7 @@ def _run(program: Linked, known: Known, last_line: int) -> State:
     for item in program.list_unused(known.asked.names.values()):
         state.remark(item.line, f"{item.name[:40]} is declared and never used")
     if state.pressing is not None:
-        state.faults.append(Fault(last_line, "FCPressEnd is missing at the end"))
+        state.log.find("refused", "FCPressEnd is missing at the end", line=last_line)
     return state
 
 
@@ -253,8 +251,8 @@ def _run_routine(program: Linked, state: State, routine: Routine, depth: int) ->
             item, left = item.rows.statement(last), 0
         state.count += 1
         if left <= 0:
-            state.faults.append(
-                Fault(item.line, f"more than {_MOST_STATEMENTS} statements are run")
+            state.log.find(
+                "refused", f"more than {_MOST_STATEMENTS} statements are run", line=item.line
             )
             return
         state.scope = scope
@@ -271,7 +269,7 @@ def _run_routine(program: Linked, state: State, routine: Routine, depth: int) ->
                     depth,
                 )
         except Wrong as wrong:
-            state.faults.append(Fault(wrong.line, wrong.what))
+            state.log.find("refused", wrong.what, line=wrong.line)
 
 
 def _run_call(program: Linked, state: State, routine: Routine, call: Call, depth: int) -> None:
@@ -324,7 +322,7 @@ def _check_handlers(program: Linked, state: State, main: Routine) -> None:
             if routine is main:
                 _judge_main_handler(state, line, [*used, DEACT_WHERE_ON], off, end)
         except Wrong as wrong:
-            state.faults.append(Fault(wrong.line, wrong.what))
+            state.log.find("refused", wrong.what, line=wrong.line)
 
 
 def _check_form(state: State, routine: Routine, main: Routine) -> None:

@@ -10,6 +10,7 @@ import re
 from collections.abc import Iterator, Sequence
 from typing import Any, ClassVar, cast
 
+from camgen.lang.log import Log
 from camgen.lang.rapid.expressions import Calls
 from camgen.lang.rapid.grammar import Parser
 from camgen.lang.rapid.statements import STRUCTURE, Note
@@ -27,7 +28,6 @@ from camgen.lang.rapid.tree import (
     Shape,
     Statement,
 )
-from camgen.post import Fault, Remark
 
 from .rows import Cut, Run, Spellings
 
@@ -54,10 +54,9 @@ class Written(Calls):
 
 
 def parse(
-    text: str, first_line: int, spellings: Spellings | None
-) -> tuple[list[Module], list[Fault], int]:
-    """The modules of one file whose first line has the number ``first_line``, what is wrong with its grammar, and how
-    many line ends it has.
+    text: str, first_line: int, spellings: Spellings | None, log: Log
+) -> tuple[list[Module], int]:
+    """The modules of one file whose first line has the number ``first_line``, and how many line ends it has.
 
     spellings: of statements that are read at once, in runs; None: each is read by the general rules.
     """
@@ -65,8 +64,9 @@ def parse(
     modules = parser.modules()
     if parser.cut is not None:
         parser.cut.close()
-    faults = [(Remark if note.odd else Fault)(note.line, note.what) for note in parser.notes]
-    return modules, faults, text.count("\n") if parser.cut is None else parser.cut.line_ends
+    for note in parser.notes:
+        log.find("unusual" if note.odd else "refused", note.what, line=note.line)
+    return modules, text.count("\n") if parser.cut is None else parser.cut.line_ends
 
 
 def calls_of(block: Sequence[Statement | Run]) -> Iterator[Call | Inline]:

@@ -10,10 +10,10 @@ from typing import cast
 
 from msgspec import Struct
 
+from camgen.lang.log import Log
 from camgen.lang.rapid.types import Value
 from camgen.model.pose import FloatArray, Pose, Vec3, rotation_from_quaternion
 from camgen.model.program import Instruction, Joints, Packing, Posture
-from camgen.post import Fault, Remark
 
 from .asked import Asked, judge_load
 from .data import Scope, orient_fault, pose
@@ -64,9 +64,9 @@ class State:
 
     known: Known
     scope: Scope
+    log: Log
     body: Packing = field(default_factory=Packing)
     lines: array[int] = field(default_factory=partial(array, "q"))
-    faults: list[Fault] = field(default_factory=list)
     frames: dict[str, tuple[str, Pose | None]] = field(
         default_factory=dict
     )  # tool and work: name, frame
@@ -81,7 +81,6 @@ class State:
     moved: bool = False
     pressing: tuple[int, int] | None = None  # tool axis 0..2 and direction +-1
     count: int = 0
-    remarks: set[str] = field(default_factory=set)  # what has been remarked on, which is told once
     supervised: dict[str, tuple[bool, int]] = field(
         default_factory=dict
     )  # ConfJ and ConfL: on, and the line
@@ -125,14 +124,13 @@ class State:
 
     def remark(self, line: int, what: str) -> None:
         """Notes once what a controller takes and a program of ours does not say."""
-        if what and what not in self.remarks:
-            self.remarks.add(what)
-            self.faults.append(Remark(line, what))
+        if what:
+            self.log.find("unusual", what, line=line, once=what)
 
     def stopped(self, what: str) -> None:
         """Notes it when the last motion does not stop before ``what``."""
         if self.blending:
-            self.faults.append(Fault(self.blending, f"a motion that blends before {what}"))
+            self.log.find("refused", f"a motion that blends before {what}", line=self.blending)
             self.blending = 0
 
     def frame(self, kind: str, expr: Expr | None, value: Value | None, line: int) -> None:

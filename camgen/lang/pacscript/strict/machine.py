@@ -6,9 +6,10 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from camgen.lang.log import Log
+from camgen.lang.programs import Level
 from camgen.model.pose import Pose, Vec3
 from camgen.model.program import Force, Instruction, MoveC, MoveJ, MoveL, Output, Wait
-from camgen.post import Fault, Remark
 
 from .asked import Asked, judge_internal, judge_mark, judge_settings, read_asked
 from .values import Either, Mps, Unreadable, Value, evaluate, speed
@@ -80,25 +81,23 @@ class Machine:
     arrays: dict[tuple[str, int], Value] = field(default_factory=dict)
     body: list[Instruction] = field(default_factory=list)
     lines: list[int] = field(default_factory=list)
-    faults: list[Fault] = field(default_factory=list)
+    log: Log = field(init=False)
     #: Speeds that have been worked out with the present values of the names, by their text.
     speeds: dict[str, float | Mps] = field(default_factory=dict)
     _open_unit: bool = False
-    #: What faults and remarks say.
-    _said: set[str] = field(default_factory=set)
     #: A speed by ``Mps`` and its mm/s: most motions have the one of the motion before.
     _last: tuple[Mps | None, float] = (None, 0.0)
 
+    def __post_init__(self) -> None:
+        self.log = Log(lambda: self.line)
+
     def fault(self, what: str) -> None:
         """Notes a fault of the current line; what it quotes is cut short."""
-        self.faults.append(Fault(self.line, what[:160]))
-        self._said.add(what[:160])
+        self.log.find("refused", what[:160])
 
     def remark(self, what: str) -> None:
         """Notes once what a controller takes and a program of ours does not say."""
-        if what not in self._said:
-            self.faults.append(Remark(self.line, what))
-            self._said.add(what)
+        self.log.find("unusual", what, once=what)
 
     def judge_settings(self) -> None:
         """Holds what has been set against the options."""
@@ -257,10 +256,10 @@ class Machine:
         least, most = min(speeds), max(speeds)
         if most - least > _SAME * most and not self._open_unit:
             self._open_unit = True
-            kind = Fault if self.asked else Remark
+            level: Level = "refused" if self.asked else "unusual"
             numbers = " or ".join(f"{speed:g}" for speed in speeds)
             what = f"{numbers} mm/s, as the controller reads Mps in mm/s or in m/s; give the option mps"
-            self.faults.append(kind(self.line, what))
+            self.log.find(level, what)
         return speeds[0]
 
     def enter(self, types: Mapping[str, str], values: list[Value]) -> None:

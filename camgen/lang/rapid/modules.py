@@ -1,0 +1,69 @@
+"""ABB RAPID as anybody writes it: what its modules make the robot do.
+
+The language is that of the RAPID kernel manual; instructions and functions are those of the technical reference manual.
+What is read, assumed and refused: docs/languages/rapid.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from camgen.lang.programs import Ask, Executed, strip_mark
+from camgen.model.program import pack
+
+from .grammar import parse
+from .link import link
+from .machine import Machine
+from .run import judge_end, run_entry
+from .tokens import Wrong
+from .tree import Routine
+
+
+def run_modules(files: Mapping[str, str], ask: Ask) -> Executed:
+    """What the modules say when their main routine is run once. Never raises for a text."""
+    machine = Machine(ask)
+    modules = []
+    line = 1
+    for name, text in files.items():
+        plain = strip_mark(text).replace("\r\n", "\n").replace("\r", "\n").rstrip("\x00\x1a")
+        if "\x00" in plain[:1000]:
+            machine.log.find(
+                "refused",
+                f"{name[-60:]} is no text: controllers write modules that may not be seen like this",
+                line=line,
+            )
+            line += plain.count("\n") + 1
+            continue
+        found, notes = parse(plain, line)
+        modules += found
+        for note in notes:
+            machine.log.find("unusual" if note.odd else "refused", note.what, line=note.line)
+        line += plain.count("\n") + (not plain.endswith("\n"))
+    entry = link(machine, modules)
+    stopped = None if entry is None else _run(machine, entry, line)
+    if entry is not None and stopped is None:
+        judge_end(machine, entry.last or entry.line)
+    return _answer(machine, stopped)
+
+
+def _run(machine: Machine, entry: Routine, lines: int) -> tuple[int, str] | None:
+    try:
+        return run_entry(machine, entry, lines)
+    except Wrong as wrong:
+        machine.log.find("refused", wrong.what, line=wrong.line)
+        return wrong.line, wrong.what
+
+
+def _answer(machine: Machine, stopped: tuple[int, str] | None) -> Executed:
+    return Executed(
+        body=pack(machine.body),
+        lines=tuple(machine.lines),
+        frames=tuple(machine.frames),
+        frame=tuple(machine.frame_of) if len(machine.frames) > 1 else (),
+        findings=machine.log.list_findings(),
+        assumed=machine.log.list_assumed(),
+        facts=machine.log.list_facts("; ", 8),
+        lost=machine.log.list_lost(),
+        omitted=machine.log.list_omitted(),
+        stopped=stopped,
+    )

@@ -1,1 +1,0 @@
-"""Read-backs: one interpreter of a controller language each, written from its manual."""
