@@ -471,10 +471,10 @@ class GCode(Rs274):
             return (word if item.value else "M9",)
         return (f"{'M64' if item.value else 'M65'} {word}",)
 
-    def why_not(self, item: Instruction, start: Pose | None) -> str:
+    def why_not(self, item: Instruction, before: Motion | None, after: Motion | None) -> str:
         """Also of a tool change."""
         if not isinstance(item, ToolChange):
-            return super().why_not(item, start)
+            return super().why_not(item, before, after)
         if not item.number:
             return f"tool {item.name or short(item.diameter, 3)} has no number in the tool table; set tools.number"
         if self.tool:

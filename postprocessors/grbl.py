@@ -11,8 +11,7 @@ from typing import ClassVar, Literal
 
 from camgen.model.cell import Dynamics
 from camgen.model.errors import JobError, Refused
-from camgen.model.pose import Pose
-from camgen.model.program import Instruction, Output, Program, Stop
+from camgen.model.program import Instruction, Motion, Output, Program, Stop
 from camgen.model.text import short
 from camgen.post.passes import without_force
 
@@ -78,11 +77,11 @@ class Grbl(Rs274):
         power = item.value if item.signal == "spindle" else self.power
         return (f"{word} S{short(power, 6)}" if item.value else "M5",)
 
-    def why_not(self, item: Instruction, start: Pose | None) -> str:
+    def why_not(self, item: Instruction, before: Motion | None, after: Motion | None) -> str:
         """Also of a stop that depends on a switch: GRBL reads M1 and passes over it."""
         if isinstance(item, Stop) and item.optional:
             return "GRBL passes over M1, the optional stop; leave it out, or make it a stop"
-        return super().why_not(item, start)
+        return super().why_not(item, before, after)
 
     def _one_use(self, program: Program) -> None:
         """Refused where M3 S.. or M5 would not say whether the spindle or a signal is meant."""

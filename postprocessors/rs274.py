@@ -48,7 +48,7 @@ from camgen.model.program import (
     Wait,
 )
 from camgen.model.text import short
-from camgen.post import Post, Tolerance, pose_of
+from camgen.post import Post, Tolerance, end_of, pose_of
 from camgen.post.printed import Forms, forms_of, rounded
 
 # Arcs as RS-274 prints them, many at once: G2 or G3 in the XY plane with the centre from the printed start.
@@ -390,7 +390,7 @@ class Rs274(Post):
         arcs = np.flatnonzero(columns.moves_are(MoveC))
         fine[arcs] &= self._accepted_arcs(columns, arcs)
         accepted = columns.are(Comment) | columns.alike(
-            Output, lambda item: not self.why_not(item, None)
+            Output, lambda item: not self.why_not(item, None, None)
         )
         accepted[columns.at[fine]] = True
         return accepted
@@ -403,11 +403,11 @@ class Rs274(Post):
         fine: Mask = (self._find_arcs(columns, arcs).fault == 0) & upright[columns.via_rotation]
         return fine
 
-    def why_not(self, item: Instruction, start: Pose | None) -> str:
+    def why_not(self, item: Instruction, before: Motion | None, _after: Motion | None) -> str:
         """Why the machine cannot do ``item``; arcs refused here become chords."""
         match item:
             case MoveJ() | MoveL() | MoveC():
-                return self._why_not_motion(item, start)
+                return self._why_not_motion(item, end_of(before))
             case Output():
                 return self.why_not_signal(item)
             case Wait() if item.seconds > _MOST_PRINTED:

@@ -1,4 +1,4 @@
-"""How fast joint motions may be, in the only measure that some controllers have: a share of the joints' speeds."""
+"""Speeds of joint motions in the measures of controllers: a share of the speeds of joints, rad/s."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from camgen.robots.kinematics.rates import fastest, held_share
 from camgen.robots.models import Robot
 from camgen.robots.workcell import Workcell
 
-#: No joint that turns is faster on the way (rad/s), also where the TCP hardly moves. Digits of a share.
+#: rad/s: no turning joint is faster, also if the TCP hardly moves. Digits of a share.
 _FASTEST_TURN, _DIGITS = math.radians(60.0), 6
 #: A motion that takes this share of the time that it needs is slow enough: speeds are rounded.
 _NEARLY = 0.999
@@ -45,36 +45,37 @@ class _Swing(NamedTuple):
 
 
 def share_joints(
-    found: Reach,
+    reach: Reach,
     cell: Workcell,
     distance: Callable[[FloatArray, FloatArray], FloatArray],
     point: float,
 ) -> Program:
-    """The program with the share of the joints' maximum speeds in each joint motion between known joints.
+    """The program with share and rate of each joint motion between known joint values.
 
-    All joints start and end together, each in proportion to its way, so that the one with the longest way for its speed
-    runs at the share. It is as large as it may be for the TCP to keep to the motion's speed wherever it is fastest, for
-    no joint to turn by more than 60 deg/s, and for no point of arm, holder and tool to be faster than ``point``. A
-    share that a motion has already stays: in free space it may be more.
+    All joints start and end together. So the joint whose travel takes longest at its maximum speed
+    runs at the share. The share is as large as three limits allow: the TCP keeps to the speed of
+    the motion everywhere, no joint turns by more than 60 deg/s, and no point of arm, holder and
+    tool is faster than `point`. A share that a motion has already stays: in free space it may be
+    more.
 
     Where the TCP hardly moves, its speed does not limit the other points. A controller whose joint
     motions keep to a speed of turning gets that speed too.
 
-    found: joint values of the program.
+    reach: joint values of the program.
     cell: the cell with its arm.
     distance: upper bound of the distance of a point in two configurations, see `Setup.apart`.
     point: mm/s, infinite without a limit.
     """
-    program, robot = found.program, cell.arm
+    program, robot = reach.program, cell.arm
     assert robot is not None
     columns = program.columns
     swings = np.flatnonzero(columns.moves_are(MoveJ))[1:]
-    motion = np.searchsorted(columns.at, found.owner)
+    motion = np.searchsorted(columns.at, reach.owner)
     ends = np.flatnonzero(ends_run(motion))
     body = list(program.body)
     tip = program.flange_from_tool.origin
     for swing in swings.tolist():
-        joints = found.joints[int(ends[swing - 1]) : int(ends[swing]) + 1]
+        joints = reach.joints[int(ends[swing - 1]) : int(ends[swing]) + 1]
         move = columns.moves[swing]
         share, speed, turn = move.share, move.speed, move.turn
         if not share:
@@ -90,7 +91,9 @@ def share_joints(
                 speed, limit = _limit(robot, swing_at, speed, point)
                 turn = min(turn or limit, limit or turn)
         turn = turn if cell.pace.turns else 0.0
-        body[int(columns.at[swing])] = replace(move, share=share, speed=speed, turn=turn)
+        rate = _rate(robot, joints[-1] - joints[0], share)
+        change = replace(move, share=share, rate=rate, speed=speed, turn=turn)
+        body[int(columns.at[swing])] = change
     return program.with_body(tuple(body))
 
 
@@ -117,19 +120,32 @@ def _limit(robot: Robot, swing: _Swing, speed: float, point: float) -> tuple[flo
 
 
 def _share(robot: Robot, joints: FloatArray, tip: Vec3, speed: float, turn: float) -> float:
-    """The share for a motion with joint values (R, J) on its way, 0 where the arm stands.
+    """The share for a motion with joint values (R, J) on it, 0 where the arm stands.
 
     tip: the TCP in the flange frame, mm.
     speed: limit of the speed of the TCP, mm/s.
     turn: limit of the speed at which the tool turns, rad/s, 0 without one.
     """
-    way = joints[-1] - joints[0]
-    if not way.any():
+    travel = joints[-1] - joints[0]
+    if not travel.any():
         return 0.0
     moved, turning = fastest(robot, joints, tip)
     fastest_turn = min(turn or _FASTEST_TURN, _FASTEST_TURN)
-    bounds = (most / rate for most, rate in ((speed, moved), (fastest_turn, turning)) if rate > 0)
-    return _floor(min([held_share(robot, way), *bounds]))
+    bounds = (limit / rate for limit, rate in ((speed, moved), (fastest_turn, turning)) if rate > 0)
+    return _floor(min([held_share(robot, travel), *bounds]))
+
+
+def _rate(robot: Robot, travel: FloatArray, share: float) -> float:
+    """The speed of the turning joint with the longest travel, rad/s, rounded down; 0 if none turns.
+
+    travel: (J,) rad or mm from the start to the end.
+    share: share of the joints' maximum speeds.
+    """
+    turns = np.array([not joint.sliding for joint in robot.joints])
+    longest = np.abs(travel)[turns].max(initial=0.0)
+    if not longest:
+        return 0.0
+    return _floor(float(longest * share / (np.abs(travel) / robot.speeds).max()))
 
 
 def _floor(share: float) -> float:

@@ -58,7 +58,7 @@ class _Line(Struct, frozen=True, tag_field="do", omit_defaults=True, forbid_unkn
 
 #: The keys of each instruction, in order. A key with `?` may be left out.
 _KEYS: Mapping[type[Struct], str] = {
-    MoveJ: "speed to? rotation? joints? blend? posture? called? path? work? share? turn?",
+    MoveJ: "speed to? rotation? joints? blend? posture? called? path? work? share? rate? turn?",
     MoveL: "to rotation speed blend? force? press? posture? called? path? work? turn?",
     MoveC: "via via_rotation to rotation speed blend? force? press? posture? called? path? work?",
     Output: "signal value",
@@ -293,7 +293,7 @@ _READ: Mapping[str, _Read] = {
 def _find_reader(name: str) -> _Read:
     """How the field `name` of an instruction is made of a line."""
     read = attrgetter(name)
-    if name in ("blend", "force", "turn", "share"):
+    if name in ("blend", "force", "turn", "share", "rate"):
         return lambda line, _: read(line) or 0.0
     return _READ.get(name, lambda line, _: read(line))
 

@@ -401,7 +401,11 @@ def _are_plain(moves: Sequence[Any]) -> bool:
         *(map(attrgetter(name), moves) for name in ("joints", "posture")),
         *(map(attrgetter(name), along) for name in ("force",)),
         (move.turn for move in moves if type(move) is not MoveC),
-        (move.share or type(move.target) is not Pose for move in moves if type(move) is MoveJ),
+        (
+            move.share or move.rate or type(move.target) is not Pose
+            for move in moves
+            if type(move) is MoveJ
+        ),
     )
     return not any(map(any, ever)) and set(map(attrgetter("force_direction"), along)) <= {
         _NO_DIRECTION
@@ -413,7 +417,7 @@ def _is_plain(move: Motion) -> bool:
     if move.joints is not None or move.posture is not None or type(move.target) is not Pose:
         return False
     if type(move) is MoveJ:
-        return move.share == 0 and move.turn == 0
+        return move.share == 0 and move.rate == 0 and move.turn == 0
     assert not isinstance(move, MoveJ)
     turn = move.turn if type(move) is MoveL else 0.0
     return move.force == 0 and turn == 0 and move.force_direction == _NO_DIRECTION

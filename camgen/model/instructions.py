@@ -49,6 +49,7 @@ class MoveJ(Struct, frozen=True, eq=False, gc=False):
     joints, posture: of the arm at a target that is a pose, where a robot is known.
     path, work: see `MoveL`.
     share: share of the joints' speeds at which the TCP keeps to `speed`; 0: not known.
+    rate: speed of the turning joint with the longest travel, rad/s, at that share; 0: not known.
     turn: limit of the speed at which the tool turns, rad/s; 0: none of its own. It is set where the
         TCP hardly moves, so that its speed limits nothing.
     """
@@ -61,6 +62,7 @@ class MoveJ(Struct, frozen=True, eq=False, gc=False):
     path: int = -1
     work: bool = False
     share: float = 0.0
+    rate: float = 0.0
     turn: float = 0.0
 
 

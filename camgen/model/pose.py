@@ -19,7 +19,7 @@ FloatArray = NDArray[np.float64]
 Vec3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
-#: Below this the two outer angles of an Euler triple cannot be told apart (sine of the middle angle).
+#: Sine of the middle angle of an Euler triple, below which only the sum of the others is known.
 _DEGENERATE = 1e-9
 
 
@@ -42,7 +42,11 @@ TOOL_DOWN = frozen(np.diag([1.0, -1.0, -1.0]))
 
 
 class Pose(Struct, frozen=True, eq=False, gc=False):
-    """A rigid transform: ``rotation`` (3, 3), read-only and orthonormal; ``origin`` x, y, z in mm."""
+    """A rigid transform.
+
+    rotation: (3, 3), read-only and orthonormal.
+    origin: x, y, z, mm.
+    """
 
     rotation: FloatArray
     origin: Vec3
@@ -135,7 +139,10 @@ def rotation_between(a: FloatArray, b: FloatArray, fraction: float) -> FloatArra
 
 
 def rotation_from_axes(axis: Sequence[float], towards: Sequence[float]) -> FloatArray:
-    """Rotation whose z is ``axis`` and whose x is ``towards``, made square to z. Both (3,), not parallel."""
+    """Rotation whose z is `axis`, and whose x is the part of `towards` that is square to z.
+
+    axis, towards: (3,), not parallel.
+    """
     z = np.asarray(axis, dtype=np.float64)
     z = z / np.linalg.norm(z)
     x = np.asarray(towards, dtype=np.float64)
@@ -145,7 +152,7 @@ def rotation_from_axes(axis: Sequence[float], towards: Sequence[float]) -> Float
 
 
 def quaternion(rotation: FloatArray) -> Quaternion:
-    """Unit quaternion (w, x, y, z), w >= 0 and the first component that is not zero positive (Shepperd's choice)."""
+    """Unit quaternion (w, x, y, z). The first component that is not zero is positive (Shepperd)."""
     (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
     candidates = (a + e + i, a, e, i)
     largest = max(range(4), key=lambda k: candidates[k])
@@ -178,7 +185,7 @@ def rotation_from_quaternion(q: Sequence[float]) -> FloatArray:
 
 
 def fixed_xyz(rotation: FloatArray) -> Vec3:
-    """(rx, ry, rz) rad with R = Rz(rz) Ry(ry) Rx(rx); rx = 0 where ry = +-90 deg leaves it free (DENSO, contract)."""
+    """(rx, ry, rz) rad with R = Rz(rz) Ry(ry) Rx(rx); rx = 0 if ry = +-90 deg (DENSO, contract)."""
     r = rotation
     s = math.hypot(r[0, 0], r[1, 0])
     if s < _DEGENERATE:
@@ -205,6 +212,26 @@ def zyz(rotation: FloatArray) -> Vec3:
 def rotation_from_zyz(yaw: float, pitch: float, roll: float) -> FloatArray:
     """R = Rz(yaw) Ry(pitch) Rz(roll), angles in rad."""
     return frozen(rotation_about(2, yaw) @ rotation_about(1, pitch) @ rotation_about(2, roll))
+
+
+def rotation_vector(rotation: FloatArray) -> Vec3:
+    """The axis of a rotation times its angle, rad, 0 to pi (Universal Robots: the last three of `p[]`).
+
+    Of the two axes of a half turn it is the one whose first component that is not zero is positive.
+    """
+    w, *axis = quaternion(rotation)
+    sine = math.hypot(*axis)
+    scale = 2 * math.atan2(sine, w) / sine if sine else 2.0
+    x, y, z = (scale * component for component in axis)
+    return (x, y, z)
+
+
+def rotation_from_vector(vector: Sequence[float]) -> FloatArray:
+    """The rotation about the axis `vector` (3,) by its length, rad, of any size."""
+    angle = math.hypot(*vector)
+    if angle == 0:
+        return IDENTITY
+    return rotation_about_axis(np.asarray(vector, dtype=np.float64) / angle, angle)
 
 
 def angle_between(a: FloatArray, b: FloatArray) -> float:

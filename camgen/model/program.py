@@ -113,12 +113,20 @@ class Columns:
         target = self.moves[motion].target if motion >= 0 else None
         return target if isinstance(target, Pose) else None
 
-    def poses(self, motions: Indices) -> list[Pose | None]:
-        """By motion, the same; the numbers of the motions rise."""
-        some, places = np.unique(motions, return_inverse=True)
-        made = [move.target for move in self.pick(self.at[some[some >= 0]])]
-        found = [target if isinstance(target, Pose) else None for target in made]
-        return [*map([*[None] * (len(some) - len(found)), *found].__getitem__, places.tolist())]
+    def neighbours(self, indices: Indices) -> tuple[list[Motion | None], list[Motion | None]]:
+        """The motions before and after the instructions at `indices` (K,), which rise.
+
+        None without such a motion.
+        """
+        numbers = np.append(self.before(indices), np.searchsorted(self.at, indices, side="right"))
+        some, places = np.unique(numbers, return_inverse=True)
+        is_there = (some >= 0) & (some < len(self.at))
+        motions: list[Motion | None] = [None] * len(some)
+        made = self.pick(self.at[some[is_there]])
+        for place, motion in zip(np.flatnonzero(is_there).tolist(), made, strict=True):
+            motions[place] = motion
+        around = [motions[place] for place in places.tolist()]
+        return around[: len(indices)], around[len(indices) :]
 
     @cached_property
     def posed(self) -> Mask:
@@ -185,6 +193,11 @@ class Columns:
     def share(self) -> FloatArray:
         """(M,): of the joints' greatest speeds, 0 where it is not known."""
         return self._say("share")[:, 0]
+
+    @cached_property
+    def rate(self) -> FloatArray:
+        """(M,): speeds of the joints with the longest way, rad/s, 0 if not known."""
+        return self._say("rate")[:, 0]
 
     @property
     def blend(self) -> FloatArray:
@@ -381,6 +394,10 @@ def check(columns: Columns, paths: int = 0) -> None:
         *_first(
             at[~((columns.share >= 0) & (columns.share <= 1))],
             "a share of the joints' speeds must be from 0 to 1",
+        ),
+        *_first(
+            at[~((columns.rate >= 0) & np.isfinite(columns.rate))],
+            "a speed of a joint must not be negative",
         ),
         *_first(
             at[(columns.path < -1) | (columns.path >= paths)],

@@ -31,13 +31,13 @@ import numpy as np
 from camgen.model.cell import Cell, Dynamics
 from camgen.model.errors import Refused
 from camgen.model.part import Note
-from camgen.model.pose import Pose
 from camgen.model.program import (
     Columns,
     Comment,
     Force,
     Instruction,
     Mask,
+    Motion,
     MoveC,
     MoveJ,
     MoveL,
@@ -50,9 +50,9 @@ from camgen.model.program import (
 from camgen.model.text import harmless
 from camgen.post.printed import Forms, Printed, are_forms_current, cut_lines, join_lines
 from camgen.post.replacement import replace_refused
-from camgen.post.values import OutputFile, Tolerance, pose_of
+from camgen.post.values import OutputFile, Tolerance, end_of, pose_of
 
-__all__ = ["Forms", "OutputFile", "Post", "Tolerance", "pose_of"]
+__all__ = ["Forms", "OutputFile", "Post", "Tolerance", "end_of", "pose_of"]
 
 
 @dataclass
@@ -147,10 +147,17 @@ class Post(ABC):
         """The lines that turn force control on or off. A post without this method refuses Force."""
         raise Refused(self.name, -1, "the post prints no force control", "set process.force = 0")
 
-    def why_not(self, item: Instruction, start: Pose | None) -> str:  # noqa: ARG002 (for overrides)
+    def why_not(
+        self,
+        item: Instruction,  # noqa: ARG002 (for overrides)
+        before: Motion | None,  # noqa: ARG002 (for overrides)
+        after: Motion | None,  # noqa: ARG002 (for overrides)
+    ) -> str:
         """The reason why the controller cannot do `item`, with the remedy; empty if it can.
 
-        start: the pose at which `item` starts; None after a motion to joint values.
+        before, after: the motions before and after `item`, None without one. `end_of(before)` is
+            the pose in which `item` starts, None if it is not known. An arc that is replaced is
+            still the neighbour of the motions beside it.
         """
         return ""
 

@@ -37,6 +37,8 @@ BOUNDS: Mapping[str, float] = {
     "turn": 1e-3,
     # Fraction of the maximum joint speeds: a tenth of the least step of a speed override, 1 %.
     "share": 1e-3,
+    # rad/s. 1 % of 6 deg/s, a slow joint.
+    "rate": 1e-3,
 }
 #: A post may add the rounding of its own arithmetic to half a digit, up to 1 %.
 _ARITHMETIC = 1.01

@@ -304,6 +304,7 @@ def _compare_special(match: _Match) -> Iterator[_Fault]:
     a, b = match.before.columns, match.after.columns
     rows, ends = match.rows, match.ends
     yield from _first(a.share[rows] != b.share[ends], None, "changes the share of the speeds")
+    yield from _first(a.rate[rows] != b.rate[ends], None, "changes the speed of a joint")
     yield from _first(a.turn[rows] != b.turn[ends], None, "changes the speed of turning")
     special = np.zeros(len(a.at), np.bool_)
     special[a.special[0]] = True

@@ -25,6 +25,7 @@ from camgen.model.program import (
     Indices,
     Instruction,
     Mask,
+    Motion,
     MoveC,
     MoveJ,
     MoveL,
@@ -35,6 +36,7 @@ from camgen.model.program import (
     put_at,
 )
 from camgen.post.passes import PASSES, halve_each
+from camgen.post.values import end_of
 
 #: Number of instructions that are objects at a time. As objects they take more memory than the
 #: whole program by column.
@@ -53,7 +55,7 @@ class Controller(Protocol):
     def refuses(self, columns: Columns) -> Mask:
         """(M,): the motions that are arcs which the controller surely lacks."""
 
-    def why_not(self, item: Instruction, start: Pose | None) -> str:
+    def why_not(self, item: Instruction, before: Motion | None, after: Motion | None) -> str:
         """The reason why the controller lacks `item`; empty if it has it."""
 
 
@@ -63,11 +65,14 @@ class _RefusedArc(Struct, frozen=True, eq=False):
     index: its place in the body.
     start: the pose at which it starts.
     arc: the motion.
+    before, after: the motions before and after it, None without one.
     """
 
     index: int
     start: Pose
     arc: MoveC
+    before: Motion | None
+    after: Motion | None
 
 
 def replace_refused(controller: Controller, program: Program, chord: float) -> Program:
@@ -128,19 +133,20 @@ def _find_refused(
     The list ends before the first refused instruction without one, which is the second value.
     """
     arcs: list[_RefusedArc] = []
-    starts = columns.poses(columns.before(undecided))
     items = columns.pick(undecided)
-    for index, item, start in zip(undecided.tolist(), items, starts, strict=True):
+    neighbours = zip(*columns.neighbours(undecided), strict=True)
+    for index, item, (before, after) in zip(undecided.tolist(), items, neighbours, strict=True):
+        start = end_of(before)
         if isinstance(item, MoveC) and start is not None and not _is_arc(start, item):
             what = "the three points of the arc are on one line"
             remedy = "give the arc a via point beside its chord, or plan a line"
             return arcs, Refused(controller.name, index, what, remedy)
-        reason = controller.why_not(item, start)
+        reason = controller.why_not(item, before, after)
         if not reason:
             continue
         if not isinstance(item, MoveC) or start is None or not controller.passes:
             return arcs, Refused(controller.name, index, reason)
-        arcs.append(_RefusedArc(index, start, item))
+        arcs.append(_RefusedArc(index, start, item, before, after))
     return arcs, None
 
 
@@ -176,12 +182,11 @@ def _replace_arc(controller: Controller, refused: _RefusedArc, chord: float) -> 
     reason = ""
     for name in controller.passes:
         pieces = PASSES[name](refused.start, refused.arc, chord)
-        start: Pose | None = refused.start
-        for piece in pieces:
-            reason = controller.why_not(piece, start)
+        around = [refused.before, *pieces, refused.after]
+        for place, piece in enumerate(pieces):
+            reason = controller.why_not(piece, around[place], around[place + 2])
             if reason:
                 break
-            start = piece.target
         else:
             return pieces
     raise Refused(controller.name, refused.index, reason)

@@ -32,6 +32,7 @@ class Tolerance(Struct, frozen=True):
     seconds: error of a wait, s.
     turn: error of the speed at which the tool turns on the spot, rad/s.
     share: error of the share of the highest joint speeds, a fraction.
+    rate: error of the speed of a joint, rad/s.
     """
 
     mm: float
@@ -42,6 +43,14 @@ class Tolerance(Struct, frozen=True):
     seconds: float
     turn: float = 1e-5
     share: float = 0.0
+    rate: float = 1e-5
+
+
+def end_of(motion: Motion | None) -> Pose | None:
+    """The pose in which a motion ends; None for a motion to joint values, and for no motion."""
+    if motion is None or isinstance(motion.target, Joints):
+        return None
+    return motion.target
 
 
 def pose_of(motion: Motion) -> Pose:

@@ -16,7 +16,8 @@ What is compared, and how exactly:
   from 0. That at ``via`` only where the post carries it: controllers interpolate from the start to the end, and use it
   at most to tell in which sense.
 * Postures: ABB's confdata, DENSO's figure or the switches of V+ are equal, or neutral where the plan has none.
-* The share of the joints' greatest speeds instead of a joint motion's speed, where it is known and the text gives it.
+* The share of the joints' greatest speeds, or the speed of the joint with the longest travel, instead of a joint motion's
+  speed, if it is known and the text states it.
 * Joints, speeds, blends, waits, forces within their tolerances, as far as ``verified_fields`` of
   the post holds their word of ``COMPARED``.
 """
@@ -389,7 +390,7 @@ class _Manner(Struct, frozen=True, eq=False):
     both: the bodies, M motions of each.
     posed: (M,) motions whose target is a pose.
     tolerance: limits of the comparison.
-    words: all compared words, since "joint-share" stands in for "joint-speed".
+    words: all compared words, since "joint-share" and "joint-rate" stand in for "joint-speed".
     """
 
     both: _Both
@@ -406,6 +407,11 @@ class _Manner(Struct, frozen=True, eq=False):
     def shared(self) -> Mask:
         """(M,): motions that are compared by their share of the maximum joint speeds."""
         return (self.both.plan.share[: self.both.moves] > 0) & ("joint-share" in self.words)
+
+    @property
+    def rated(self) -> Mask:
+        """(M,): motions that are compared by the speed of a joint."""
+        return (self.both.plan.rate[: self.both.moves] > 0) & ("joint-rate" in self.words)
 
     @property
     def every(self) -> Mask:
@@ -452,8 +458,12 @@ def _joint_shares(manner: _Manner) -> Iterator[_Column]:
     yield manner.both.moving(what, "share", manner.shared, limit)
 
 
+def _joint_rates(manner: _Manner) -> Iterator[_Column]:
+    yield manner.both.moving("speed of a joint", "rate", manner.rated, manner.tolerance.rate)
+
+
 def _joint_speeds(manner: _Manner) -> Iterator[_Column]:
-    where = manner.joint & ~manner.shared
+    where = manner.joint & ~manner.shared & ~manner.rated
     yield manner.both.moving("speed", "speed", where, manner.tolerance.speed)
 
 
@@ -576,6 +586,7 @@ COMPARED: Mapping[str, Compared] = {
     "orientation": Compared(("orientations at targets",), _orientations),
     "via-orientation": Compared(("orientations half-way along arcs",), _via_orientations),
     "joint-share": Compared((_JOINT_SPEEDS,), _joint_shares),
+    "joint-rate": Compared((_JOINT_SPEEDS,), _joint_rates),
     "joint-speed": Compared((_JOINT_SPEEDS,), _joint_speeds),
     "speed": Compared(("speeds of linear and circular motions",), _speeds),
     "turn": Compared(("speeds of reorientations",), _turning_speeds),

@@ -16,6 +16,7 @@ from camgen.model.program import (
     Force,
     Instruction,
     Joints,
+    Motion,
     MoveC,
     MoveJ,
     MoveL,
@@ -24,7 +25,7 @@ from camgen.model.program import (
     Wait,
 )
 from camgen.model.text import fixed
-from camgen.post import OutputFile, Post, Tolerance
+from camgen.post import OutputFile, Post, Tolerance, end_of
 
 #: Words that must not name a program.
 WORDS = re.compile(
@@ -81,18 +82,16 @@ class Krl(Post):
                 remedy="24 letters, digits and _, a letter first",
             )
 
-    def why_not(self, item: Instruction, start: Pose | None) -> str:
-        """Why the controller cannot do ``item``, with the remedy; empty when it can."""
-        on = {"spindle": self.spindle_rpm}
+    def why_not(self, item: Instruction, before: Motion | None, _after: Motion | None) -> str:
+        """The reason why the controller cannot do `item`, with the remedy; empty if it can."""
+        on, start = {"spindle": self.spindle_rpm}, end_of(before)
         match item:
             case MoveJ(Joints(values)) if len(values) != 6:
                 return f"PTP takes six axes, not {len(values)}; take an arm with six"
             case MoveC(via, end) if (
                 start is None or circle(start.origin, via.origin, end.origin)[1] > FLAT
             ):
-                return (
-                    f"CIRC takes a pose to start from and up to {FLAT:g} mm of radius; plan a line"
-                )
+                return f"CIRC needs a pose to start from and a radius to {FLAT:g} mm; plan a line"
             case MoveL() | MoveC() if not 0.01 <= item.speed <= self.max_speed:
                 return f"{item.speed:g} mm/s is not within 0.01 and {self.max_speed:g}; change it or post.max_speed"
             case Output(signal, value) if signal not in self.signals or value not in (

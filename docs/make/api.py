@@ -29,7 +29,11 @@ SECTIONS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
         "camgen.model.instructions",
         ("Origin", "MoveJ", "MoveL", "MoveC", "Output", "Wait", "Force", "Comment", "Joints"),
     ),
-    ("Poses", "camgen.model.pose", ("Pose", "pose_from_values")),
+    (
+        "Poses",
+        "camgen.model.pose",
+        ("Pose", "pose_from_values", "rotation_vector", "rotation_from_vector"),
+    ),
     ("Cells", "camgen.robots.workcell", ("Workcell",)),
     ("Checks", "camgen.check", ("Checks",)),
     ("Readers", "camgen.read", ("Reader", "find_reader")),

@@ -32,7 +32,7 @@ from camgen.model.program import (
     Wait,
 )
 from camgen.model.text import counted, fixed, harmless, short
-from camgen.post import OutputFile, Tolerance
+from camgen.post import OutputFile, Tolerance, end_of
 from camgen.post.passes import without_force
 from camgen.post.renamed import note_renamed
 
@@ -91,7 +91,7 @@ class PacScript(PacScriptOptions):
 
     # -- what is refused -----------------------------------------------------------------------------------------
 
-    def why_not(self, item: Instruction, start: Pose | None) -> str:
+    def why_not(self, item: Instruction, before: Motion | None, _after: Motion | None) -> str:
         """The first reason against ``item``, with its remedy."""
         match item:
             case Output():
@@ -119,7 +119,7 @@ class PacScript(PacScriptOptions):
             return reason or _joints_reason(item)
         if item.force > 0:
             reason = reason or self._force_reason(item.force, item.force_direction)
-        return reason or (self._arc_reason(item, start) if isinstance(item, MoveC) else "")
+        return reason or (self._arc_reason(item, end_of(before)) if isinstance(item, MoveC) else "")
 
     def _output_reason(self, item: Output) -> str:
         if item.signal not in self.signals:

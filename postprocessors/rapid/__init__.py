@@ -44,7 +44,7 @@ from camgen.model.program import (
     motions,
 )
 from camgen.model.text import counted, fixed, fixed_each, short
-from camgen.post import OutputFile, Tolerance
+from camgen.post import OutputFile, Tolerance, end_of
 from camgen.post.passes import without_force
 from camgen.post.printed import Forms, Lines, Printed, as_printed, forms_of, join_lines, rounded
 from camgen.post.renamed import note_renamed
@@ -185,7 +185,7 @@ class Rapid(RapidOptions):
         arcs = np.flatnonzero(fine & columns.moves_are(MoveC))
         fine[arcs] = self._accept_arcs(columns, arcs)
         accepted = columns.are(Comment) | columns.alike(
-            Output, lambda item: not self.why_not(item, None)
+            Output, lambda item: not self.why_not(item, None, None)
         )
         accepted[columns.at[fine]] = True
         return accepted
@@ -206,15 +206,15 @@ class Rapid(RapidOptions):
         fine: Mask = free & within(vias, FARTHEST)
         return fine & find_round(starts, vias, columns.ends[arcs], self.decimals)
 
-    def why_not(self, item: Instruction, start: Pose | None) -> str:
+    def why_not(self, item: Instruction, before: Motion | None, _after: Motion | None) -> str:
         """What RAPID, or its rules of names and numbers, does not allow."""
         match item:
             case Output():
                 return self._why_not_output(item)
             case MoveC():
-                return self._why_not_motion(item) or self._why_not_arc(item, start)
+                return self._why_not_motion(item) or self._why_not_arc(item, end_of(before))
             case MoveL():
-                return self._why_not_motion(item) or _why_not_turn(item, start)
+                return self._why_not_motion(item) or _why_not_turn(item, end_of(before))
             case MoveJ():
                 return self._why_not_motion(item)
             case Stop(optional=True):

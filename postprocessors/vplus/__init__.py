@@ -22,6 +22,7 @@ from camgen.model.program import (
     Force,
     Instruction,
     Joints,
+    Motion,
     MoveC,
     MoveJ,
     MoveL,
@@ -31,7 +32,7 @@ from camgen.model.program import (
     Wait,
 )
 from camgen.model.text import short
-from camgen.post import OutputFile, Post, Tolerance, pose_of
+from camgen.post import OutputFile, Post, Tolerance, end_of, pose_of
 from camgen.post.passes import without_force
 from camgen.post.renamed import note_renamed
 
@@ -233,14 +234,14 @@ class VPlus(Post):
             tuple(new for item in prepared.body for new in self._rewritten(item))
         )
 
-    def why_not(self, item: Instruction, start: Pose | None) -> str:
+    def why_not(self, item: Instruction, before: Motion | None, _after: Motion | None) -> str:
         """The reason and remedy in one, or nothing."""
         reason = records.too_large(item) if self.points == "file" else ""
         if reason:
             return reason
         match item:
             case MoveC():
-                if start is None:
+                if end_of(before) is None:
                     return "V+ has no arc, and no pose is known where this one starts; move to a pose before it"
                 return "V+ has no arc; lower it to chords"
             case MoveJ() | MoveL():

@@ -1,4 +1,4 @@
-"""Joint motions get the share of the joints' greatest speeds at which the tool keeps to its speed."""
+"""Joint motions get the share of the joints' maximum speeds at which the TCP keeps to its speed."""
 
 import math
 
@@ -46,7 +46,7 @@ def ends_of(program: Program, swing: int) -> tuple[Joints, Joints]:
 
 
 def fastest(arm: Robot, start: Joints, end: Joints, share: float) -> tuple[float, float]:
-    """The greatest speeds of the TCP (mm/s) and of a joint (rad/s) where the joints run together at ``share``."""
+    """The maximum speeds of the TCP, mm/s, and of a joint, rad/s, at a share of the joints."""
     a, b = np.array(start.values), np.array(end.values)
     rate = share * (b - a) / np.max(np.abs(b - a) / arm.speeds)
     joints = a + np.linspace(0, 1, 2001)[:, None] * (b - a)
@@ -69,12 +69,27 @@ def test_the_tool_keeps_to_its_speed_and_reaches_it(speed: float) -> None:
         assert tip >= 0.99 * speed or turn >= math.radians(59.999)
 
 
+@pytest.mark.parametrize("speed", [20.0, 100.0])
+def test_the_joint_with_the_longest_travel_has_its_speed(speed: float) -> None:
+    """All joints start and end together: the rate is travel over the time of the slowest joint."""
+    program = shared(MoveJ(down(64, 15), speed), MoveJ(HOME, speed))
+    for swing in (1, 2):
+        a, b = ends_of(program, swing)
+        travel = np.abs(np.subtract(b.values, a.values))
+        move = program.body[swing]
+        assert isinstance(move, MoveJ)
+        seconds = max(travel / ARM.speeds) / move.share
+        assert move.rate == pytest.approx(max(travel) / seconds, abs=1e-6)
+        assert move.rate <= max(travel) / seconds
+
+
 def test_a_turn_on_the_spot_is_no_race() -> None:
     """Axis 6 alone turns; the tip stays where it is, and would allow any speed: 60 deg/s of the 360 that it can do."""
     turned = Joints((*HOME.values[:5], math.radians(90.0)))
     (_, turn) = shared(MoveJ(turned, 100.0)).body
     assert isinstance(turn, MoveJ)
     assert turn.share == pytest.approx(60 / 360, abs=1e-6)
+    assert turn.rate == pytest.approx(math.radians(60), abs=1e-5)
 
 
 def test_the_way_from_where_the_arm_stands_and_no_way_at_all_are_not_known() -> None:
@@ -87,7 +102,9 @@ def test_the_way_from_where_the_arm_stands_and_no_way_at_all_are_not_known() -> 
 def test_the_text_form_keeps_the_share() -> None:
     program = shared(MoveJ(down(0, 0), 100.0))
     assert program.body[1].share > 0  # type: ignore[union-attr]
-    assert parse(dump(program)).columns.share.tolist() == program.columns.share.tolist()
+    read = parse(dump(program)).columns
+    assert read.share.tolist() == program.columns.share.tolist()
+    assert read.rate.tolist() == program.columns.rate.tolist()
 
 
 def test_a_program_has_shares_of_the_whole() -> None:
@@ -95,6 +112,8 @@ def test_a_program_has_shares_of_the_whole() -> None:
         camgen.CamgenError, match="a share of the joints' speeds must be from 0 to 1"
     ):
         Program("part", BASE, TOOL, (MoveJ(HOME, 100.0, share=1.5),))
+    with pytest.raises(camgen.CamgenError, match="a speed of a joint must not be negative"):
+        Program("part", BASE, TOOL, (MoveJ(HOME, 100.0, rate=-0.1),))
 
 
 def test_time_of_a_swing_is_that_of_its_share_where_the_machine_takes_one() -> None:

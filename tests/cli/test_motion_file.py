@@ -28,8 +28,8 @@ START = MoveJ(Joints((0.0, 0.5)), 100.0)
 LINES: dict[str, Instruction] = {
     '{"do":"movej","speed":100.0,"joints":[0.0,0.5]}': START,
     '{"do":"movej","speed":9.0,"to":[1.0,2.0,3.0],"rotation":0,"posture":[0.25],'
-    '"called":{"figure":5},"share":0.5}': MoveJ(
-        NEAR, 9.0, joints=Joints((0.25,)), posture=Posture(figure=5), share=0.5
+    '"called":{"figure":5},"share":0.5,"rate":0.25}': MoveJ(
+        NEAR, 9.0, joints=Joints((0.25,)), posture=Posture(figure=5), share=0.5, rate=0.25
     ),
     '{"do":"movel","to":[4.0,5.0,6.0],"rotation":0,"speed":8.0}': MoveL(FAR, 8.0),
     '{"do":"movel","to":[4.0,5.0,6.0],"rotation":0,"speed":8.0,"turn":0.5}': MoveL(

@@ -1,5 +1,6 @@
 """A body that is packed says the same as its instructions one by one."""
 
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -37,7 +38,7 @@ ITEMS: tuple[Instruction, ...] = (
     MoveJ(Joints((0.1, 0.2)), 100.0),
     Comment("path c1"),
     MoveJ(Pose(TOOL_DOWN, (1.0, 2.0, 3.0)), 50.0, 1.0, path=0),
-    MoveJ(HERE, 50.0, share=0.5),
+    MoveJ(HERE, 50.0, share=0.5, rate=0.25),
     MoveL(Pose(TOOL_DOWN, (1.5, 2.5, -0.0)), 20.0, path=0, work=True),
     MoveL(HERE, 20.0, joints=Joints((1.0,)), posture=Posture(figure=3)),
     Output("process", 1.0),
@@ -71,6 +72,10 @@ def parts(item: Instruction) -> tuple[object, ...]:
 
 def same(one: object, other: object) -> bool:
     return list(map(parts, one)) == list(map(parts, other))  # type: ignore[call-overload]
+
+
+def take_motions(items: Sequence[object]) -> list[object]:
+    return [item for item in items if isinstance(item, (MoveJ, MoveL, MoveC))]
 
 
 @pytest.fixture(params=[1, 2, 5, 8192])
@@ -160,6 +165,7 @@ def test_columns_are_those_of_the_objects() -> None:
         assert columns.force.tolist() == [getattr(move, "force", 0.0) for move in moves]
         assert columns.turn.tolist() == [getattr(move, "turn", 0.0) for move in moves]
         assert columns.share.tolist() == [getattr(move, "share", 0.0) for move in moves]
+        assert columns.rate.tolist() == [getattr(move, "rate", 0.0) for move in moves]
         assert columns.posed.tolist() == [isinstance(move.target, Pose) for move in moves]
         ends = [list(move.target.origin) for move in moves if isinstance(move.target, Pose)]
         assert columns.ends[columns.posed].tolist() == ends
@@ -170,12 +176,18 @@ def test_columns_are_those_of_the_objects() -> None:
         assert columns.turned_as(TOOL_DOWN).tolist() == [
             isinstance(move.target, Pose) and move.target.rotation is TOOL_DOWN for move in moves
         ]
-        wanted = [move.target if isinstance(move.target, Pose) else None for move in moves]
-        found = columns.poses(np.arange(-1, len(moves)))
-        assert [pose and pose.origin for pose in found] == [
-            None,
-            *(pose and pose.origin for pose in wanted),
-        ]
+        before, after = columns.neighbours(np.arange(len(ITEMS)))
+        for index, around in enumerate(zip(before, after, strict=True)):
+            wanted = [[None, *take_motions(ITEMS[:index])][-1]]
+            wanted.append([*take_motions(ITEMS[index + 1 :]), None][0])
+            for motion, neighbour in zip(wanted, around, strict=True):
+                assert (motion is None) == (neighbour is None)
+                assert motion is None or same([motion], [neighbour])
+
+
+def test_the_speed_of_a_joint_alone_is_kept() -> None:
+    (move,) = pack([MoveJ(HERE, 50.0, rate=0.5)])
+    assert move.rate == 0.5
 
 
 @pytest.mark.parametrize("number", [float("nan"), float("inf")])

@@ -22,7 +22,9 @@ from camgen.model.pose import (
     rotation_from_axes,
     rotation_from_fixed_xyz,
     rotation_from_quaternion,
+    rotation_from_vector,
     rotation_from_zyz,
+    rotation_vector,
     to_vec3,
     translation,
     zyz,
@@ -118,6 +120,37 @@ def test_the_angle_between_is_the_turn(rotation, angle, a, b):
     half = rotation_between(rotation, other, 0.5)
     assert angle_between(rotation, half) == pytest.approx(angle / 2, rel=1e-6, abs=1e-14)
     assert angle_between(half, other) == pytest.approx(angle / 2, rel=1e-6, abs=1e-14)
+
+
+VECTORS = st.tuples(*[st.floats(-4.0, 4.0)] * 3)
+
+
+@given(VECTORS)
+def test_a_rotation_from_a_vector_is_the_exponential_of_its_cross_product(vector):
+    x, y, z = vector
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    term = total = np.eye(3)
+    for order in range(1, 60):
+        term = term @ cross / order
+        total = total + term
+    assert np.allclose(rotation_from_vector(vector), total, atol=1e-9)
+
+
+@given(ROTATIONS)
+def test_the_vector_of_a_rotation_gives_it_again(rotation):
+    vector = rotation_vector(rotation)
+    assert math.hypot(*vector) <= math.pi + 1e-12
+    assert angle_between(rotation, rotation_from_vector(vector)) < 1e-7
+
+
+def test_vectors_of_usual_tools():
+    """The values that the pendant of a UR shows for a tool straight down: pi about x."""
+    assert rotation_vector(TOOL_DOWN) == pytest.approx((math.pi, 0.0, 0.0))
+    assert rotation_vector(IDENTITY) == (0.0, 0.0, 0.0)
+    quarter = rotation_vector(rotation_about(2, -math.pi / 2))
+    assert quarter == pytest.approx((0.0, 0.0, -math.pi / 2))
+    tiny = rotation_vector(rotation_about(1, 1e-9))
+    assert tiny == pytest.approx((0.0, 1e-9, 0.0), abs=1e-15)
 
 
 def test_the_angle_of_half_a_turn():

@@ -41,9 +41,10 @@ def test_whatever_is_accepted_by_column_is_not_refused(
     post = make_post(find_post(name), {})
     body: list[Instruction] = [Comment("first"), *motions]
     accepted = post.accepts(Columns(body))
-    starts = [None, None, *(m.target if isinstance(m.target, Pose) else None for m in motions)]
     for index in np.flatnonzero(accepted).tolist():
-        assert not post.why_not(body[index], starts[index]), body[index]
+        before = motions[index - 2] if index > 1 else None
+        after = motions[index] if index < len(motions) else None
+        assert not post.why_not(body[index], before, after), body[index]
 
 
 @pytest.mark.parametrize("name", ["gcode", "grbl", "rapid"])
@@ -71,5 +72,5 @@ def test_what_rapid_refuses_by_column_it_refuses_one_by_one_too(
     )
     arc = MoveC(via, end, 10.0)
     (_, refused) = post.refuses(Columns([MoveL(start, 10.0), arc])).tolist()
-    assert not refused or post.why_not(arc, start)
+    assert not refused or post.why_not(arc, MoveL(start, 10.0), None)
     assert refused or not (abs(sweep) > 2.2 and 0.3 < part < 0.7)

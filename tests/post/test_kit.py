@@ -203,8 +203,8 @@ class Nothing(KRL):
 
 
 class Shy(KRL):
-    def why_not(self, item, start):
-        return "not today" if isinstance(item, MoveL) else super().why_not(item, start)
+    def why_not(self, item, before, after):
+        return "not today" if isinstance(item, MoveL) else super().why_not(item, before, after)
 
 
 class Mute(KRL):

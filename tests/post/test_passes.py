@@ -19,7 +19,8 @@ from camgen.model.pose import (
     rotation_about_axis,
     rotation_from_fixed_xyz,
 )
-from camgen.model.program import Columns, Joints, MoveC, MoveJ, MoveL, Program
+from camgen.model.program import Columns, Joints, MoveC, MoveJ, MoveL, Program, Wait
+from camgen.post import end_of
 from camgen.post.passes import PASSES, along, chords, corner_blend, halve_each, halves
 
 ANGLES = st.floats(-3.1, 3.1)
@@ -216,8 +217,8 @@ def test_a_replacement_that_is_turned_down_says_why() -> None:
     """V+ has no arc; where it will not take the chords either, the reason is that of the chords."""
 
     class Fussy(VPlus):
-        def why_not(self, item, start):  # type: ignore[no-untyped-def]
-            return super().why_not(item, start) or (
+        def why_not(self, item, before, after):  # type: ignore[no-untyped-def]
+            return super().why_not(item, before, after) or (
                 "this line is too short" if isinstance(item, MoveL) else ""
             )
 
@@ -228,6 +229,32 @@ def test_a_replacement_that_is_turned_down_says_why() -> None:
     program = Program("p", here, here, (home, MoveJ(start, 100.0), arc))
     with pytest.raises(Refused, match="this line is too short"):
         Fussy().prepare(program, 0.01)
+
+
+def test_a_post_sees_the_motions_before_and_after() -> None:
+    """A controller that skips a line between two blends that overlap: its post refuses the line."""
+
+    class Skipping(VPlus):
+        def why_not(self, item, before, after):  # type: ignore[no-untyped-def]
+            start = end_of(before)
+            if isinstance(item, MoveL) and start is not None and isinstance(after, MoveL):
+                length = math.dist(start.origin, item.target.origin)
+                if before.blend + item.blend > length:
+                    return f"the blends overlap on {length:g} mm"
+            return super().why_not(item, before, after)
+
+    def lines(blend: float) -> Program:
+        poses = [Pose(TOOL_DOWN, (x, 0.0, 0.0)) for x in (0.0, 10.0, 12.0, 20.0)]
+        first = MoveL(poses[1], 10.0, blend)
+        rest = (Wait(0.5), MoveL(poses[2], 10.0, 0.5), MoveL(poses[3], 10.0))
+        home = (MoveJ(Joints((0.0,) * 4), 100.0), MoveJ(poses[0], 100.0))
+        frame = Pose(IDENTITY, (0.0, 0.0, 0.0))
+        return Program("p", frame, frame, (*home, first, *rest[blend > 0 :]))
+
+    Skipping().prepare(lines(0.0), 0.01)
+    with pytest.raises(Refused, match="the blends overlap on 2 mm") as refusal:
+        Skipping().prepare(lines(2.0), 0.01)
+    assert refusal.value.index == 3
 
 
 def test_a_tool_that_presses_along_itself_does_so_on_all_pieces_of_an_arc() -> None:

@@ -282,6 +282,7 @@ def tolerance(**fields):
         (tolerance(seconds=0.02), "tolerance() seconds = 0.02 is more than 0.01"),
         (tolerance(turn=0.01), "tolerance() turn = 0.01 is more than 0.001"),
         (tolerance(share=0.01), "tolerance() share = 0.01 is more than 0.001"),
+        (tolerance(rate=0.01), "tolerance() rate = 0.01 is more than 0.001"),
         ("def dynamics(self): return 5", "dynamics() is 5, not a Dynamics"),
         ("def dynamics(self): return Dynamics(ramp=0.0)", "ramp = 0, which is not above 0"),
         (

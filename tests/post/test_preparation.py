@@ -161,6 +161,7 @@ LOST = "changes, moves or loses"
         (changed(5, work=True), 5, "changes whether the motion works"),
         (put(5, MoveJ(at(10, 0), 20.0, path=0)), 5, "changes the kind"),
         (changed(4, share=0.6), 4, "changes the share"),
+        (changed(4, rate=0.6), 4, "changes the speed of a joint"),
         (changed(4, joints=None), 4, "changes joint values or the posture"),
         (changed(4, posture=POSTURE), 4, "changes joint values or the posture"),
         (changed(3, target=Joints((0.1, 0.2, 0.4))), 3, "changes joint values or the posture"),

@@ -231,6 +231,20 @@ def test_what_the_text_does_not_carry_is_not_compared(name, index, fields):
         verify(changed(index, **fields), carries=frozenset({name}))
 
 
+def test_the_speed_of_a_joint_stands_in_for_the_speed_of_the_tool():
+    """Of a post whose language states it. Of motions without one the speed of the TCP counts."""
+    carries = ALL | {"joint-rate"}
+    rated = [*BODY[:2], replace(HOME, rate=0.5), *BODY[3:]]
+    verify(reading(rated), carries, rated)
+    verify(changed(2, speed=77.0, rate=0.5), carries, rated)
+    verify(changed(2, rate=0.500005), carries, rated)
+    for wrong in (0.51, 0.0):
+        with pytest.raises(VerifyError, match=r"instruction 2: speed of a joint reads .* is 0\.5"):
+            verify(changed(2, rate=wrong), carries, rated)
+    with pytest.raises(VerifyError, match="instruction 2: speed reads 77"):
+        verify(changed(2, speed=77.0), carries)
+
+
 def test_a_stop_is_compared_even_where_the_radius_is_not():
     verify(changed(4, blend=0.0), carries=ALL - {"blend", "stop"})
     with pytest.raises(VerifyError, match="instruction 4: blend"):
