@@ -124,7 +124,7 @@ def make_post(post: type[Post], options: Mapping[str, object]) -> Post:
     A table, such as ``signals``, is laid over the default of the post (``fill_tables``).
     """
     known = {f.name: f for f in dataclasses.fields(post) if f.init}
-    hints = get_type_hints(post)
+    hints = get_type_hints(post) if options else {}
     for key, value in options.items():
         where = f"[post] {key}"
         if key not in known:

@@ -232,7 +232,7 @@ def test_what_the_text_does_not_carry_is_not_compared(name, index, fields):
 
 
 def test_the_speed_of_a_joint_stands_in_for_the_speed_of_the_tool():
-    """Of a post whose language states it. Of motions without one the speed of the TCP counts."""
+    """The speed of the TCP counts for motions without a rate."""
     carries = ALL | {"joint-rate"}
     rated = [*BODY[:2], replace(HOME, rate=0.5), *BODY[3:]]
     verify(reading(rated), carries, rated)
