@@ -1,4 +1,4 @@
-"""The machine that the interpreter plays: what a program has set and done, and what each code does but a motion."""
+"""The state of a machine that runs G-code, and the effect of each code that is not a motion."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from camgen.model.part import Note, NoteKind
 from camgen.model.pose import TOOL_DOWN, Pose, Vec3
 from camgen.model.program import Instruction, MoveC, MoveJ, MoveL, Output, Packing, Wait
 
-#: G0 runs at the machine's own speed, which no text tells; an instruction needs a positive one, mm/s.
+#: Speed of G0, mm/s. No text states it, and a motion needs a positive speed.
 RAPID = 100.0
 _BOUNDS = Bounds()
-#: Codes that this machine leaves to the one of foreign programs.
+#: Codes that only `foreign.Foreign` runs.
 _WIDER = frozenset(
     ["G5", "G5.1", "G5.2", "G5.3", "G7", "G28", "G28.1", "G30", "G30.1", "G33", "G33.1", "G38.2", "G38.3", "G38.4",
      "G38.5", "G41", "G41.1", "G42", "G42.1", "G43.1", "G43.2", "G52", "G74", "G76", "G84", "G87", "G88", "G92.3",
@@ -39,7 +39,7 @@ AXES = "XYZ"
 ARCS = ("G2", "G3")
 
 _NUMBER = r"[ \t]*([+-]?(?:[0-9]{1,6}(?:\.[0-9]{0,12})?|\.[0-9]{1,12}))[ \t]*"
-#: One motion in numbers, however it is spelled: the digit of G0 to G3, X Y Z I J F.
+#: One motion without parameters: the digit of G0 to G3, then X Y Z I J F.
 PLAIN = re.compile(
     r"[ \t]*(?:[nN][0-9]{1,9}[ \t]*)?(?:[gG]0?([0-3])[ \t]*(?![0-9.]))?"
     + "".join(f"(?:[{letter}{letter.lower()}]{_NUMBER})?" for letter in "XYZIJF")
@@ -47,24 +47,51 @@ PLAIN = re.compile(
 )
 
 
-#: See ``motion.read_plain``.
+#: Reads plain lines, as `motion.read_plain`.
 PlainReader = Callable[["Machine", Sequence[str], int, int], int]
 
 
 @dataclass(slots=True)
 class Machine:
-    """Lengths mm, feeds mm/s, absolute coordinates: those of the frame in which the program begins.
+    """The state of the machine, and the program that it has run so far.
 
-    limits: of arcs. bounds: what is too much. on_off: the spindle is switched without ever a speed. others: axes that
-    must stand still. plain: what a line looks like that is read the short way (``motion.read_plain``). most:
-    instructions. line: 1-based, the one that is read. at: the position; known: of which axes the program has said it.
-    begun: a position has been written down. held: rapid motions before that. entry: the feed at which an assumed start
-    is reached, 0: none. shift: absolute = program + shift. unit: mm, None: not said. blend: 1 where corners may be
-    rounded (G64), else 0. force: N, of motions at feed. length, length_at_z: G43 or G49, and the one that held at the
-    first motion of Z. to_start: whether a cycle retracts to where it began (G98). level, sticky: where the cycles in a
-    row began, and their words that hold on. opened: a per cent sign has come.
+    Lengths are mm, feeds mm/s, angles deg. Coordinates are absolute in the frame in which the
+    program begins. `Foreign` runs programs of any author, `Strict` those of a post.
 
-    What is stricter overrides ``bare``, ``take``, ``obey``, ``settle``, ``stand``, ``switch``, ``note`` and ``refuse``.
+    limits: limits of arcs.
+    bounds: limits of the job.
+    on_off: whether the program switches the spindle and never states a speed.
+    others: letters of axes that must not move.
+    plain: pattern of a line that `motion.read_plain` reads.
+    most: maximum number of instructions.
+    line: number of the line that is read, from 1.
+    body, lines: instructions so far, and the line of each.
+    noted: first line of each note.
+    at: position.
+    known: whether the program has stated the position of each axis.
+    begun: whether the program has an instruction with a position.
+    held: number of rapid motions before that.
+    entry: feed at which an assumed start is reached, 0 without one.
+    shift: absolute coordinates minus those of the program.
+    unit: unit of length of the program, mm; None before G20 or G21.
+    blend: 1 if corners may be rounded (G64), else 0.
+    force: force of the motions at feed, N.
+    cut: whether a motion at feed has run.
+    length, length_at_z: G43 or G49, and the one in force at the first motion of Z.
+    work, works: work offset in force, and the coordinates of each, None if not known.
+    shifted: shift of the origin by G92, None if not known.
+    to_start: whether a cycle retracts to its start (G98), None before G98 or G99.
+    level, sticky: start of the cycles in a row, and their modal words.
+    opened: whether a per cent sign has come.
+    lifted: whether G53 has moved the machine.
+    leap: M97, M98 or M99 of the line, its number, its count and its arguments.
+    inside: returns the number of subroutines that run.
+    run_lines: runs the lines of a profile, from 0.
+    find_lines: finds these lines by the numbers of their first and last block.
+    spun: radius and angle of the line, in polar coordinates.
+    pause: seconds in a dwell of P1.
+    fewest_holes: number of holes of a line without L.
+    exact: limits of arcs in plain motions, by the digits of the program; None: `limits`.
     """
 
     limits: Limits = LINUXCNC
@@ -109,24 +136,17 @@ class Machine:
     opened: bool = False
     ended: bool = False
     lifted: bool = False
-    leap: tuple[str, float, int, Mapping[int, float] | None] | None = (
-        None  # M97, M98 or M99 of the line, its number, and how often
-    )
-    inside: Callable[[], int] = lambda: 0  # how many subroutines run
-    run_lines: Callable[[int, int], None] = lambda _first, _last: (
-        None
-    )  # the lines (from 0) of a profile
-    find_lines: Callable[[float | None, float], tuple[int, int]] = lambda _first, _last: (
-        0,
-        -1,
-    )  # which these are
-    spun: tuple[float, float] | None = None  # radius and angle of the line
-    pause: float = 1.0  # seconds in 1 of P
-    fewest_holes: int = 1  # of one line, by L
-    exact: Limits | None = None  # of arcs that nothing is said of; None: limits
+    leap: tuple[str, float, int, Mapping[int, float] | None] | None = None
+    inside: Callable[[], int] = lambda: 0
+    run_lines: Callable[[int, int], None] = lambda _first, _last: None
+    find_lines: Callable[[float | None, float], tuple[int, int]] = lambda _first, _last: (0, -1)
+    spun: tuple[float, float] | None = None
+    pause: float = 1.0
+    fewest_holes: int = 1
+    exact: Limits | None = None
 
     def bare(self, raw: str) -> str:
-        """The line without all that is no word (``words.bare``). Raises LineError."""
+        """The words of a line (`words.bare`). Raises LineError."""
         text = bare(raw)
         if raw.lstrip().startswith("/"):
             self.note(
@@ -144,26 +164,29 @@ class Machine:
         """The modal group of a code. Raises LineError."""
         return group_of(code)
 
-    def take(self, codes: Mapping[str, str], words: Mapping[str, float]) -> None:  # noqa: ARG002 (for what is stricter)
-        """Looks at the words of a line before they act. Raises LineError."""
+    def take(self, codes: Mapping[str, str], words: Mapping[str, float]) -> None:  # noqa: ARG002 (for overrides)
+        """Examines the words of a line before they act. Raises LineError."""
         for code in codes.values():
             if code in _WIDER:
                 raise not_read(code, "")
 
     def begin(self, codes: dict[str, str], words: dict[str, float]) -> None:
-        """Takes out of a line what no modal group of the table decides. Raises LineError."""
+        """Removes the words of a line that belong to no modal group. Raises LineError."""
 
     def end(self, codes: Mapping[str, str], words: dict[str, float]) -> None:
-        """After all codes of a line. Raises LineError."""
+        """Is called after all codes of a line. Raises LineError."""
 
-    def turn_axes(self, words: dict[str, float], code: str) -> None:  # noqa: ARG002 (for what knows more axes)
-        """Takes out the words of the axes that are no coordinates of the tip. Raises LineError."""
+    def turn_axes(self, words: dict[str, float], code: str) -> None:  # noqa: ARG002 (for overrides)
+        """Removes the words of axes other than X, Y and Z. Raises LineError."""
         for letter in self.others:
             if words.pop(letter, 0.0):
                 raise LineError(f"axis {letter} moves: only X, Y and Z are replayed")
 
-    def trace(self, code: str, words: dict[str, float]) -> bool:  # noqa: ARG002 (for what knows more motions)
-        """Does a motion that is no line, arc or hole; whether it is one. Raises LineError."""
+    def trace(self, code: str, words: dict[str, float]) -> bool:  # noqa: ARG002 (for overrides)
+        """Runs a motion other than a line, an arc or a hole.
+
+        Returns whether `code` is such a motion. Raises LineError.
+        """
         return False
 
     def lift(self, motion: str, words: dict[str, float]) -> None:
@@ -175,71 +198,85 @@ class Machine:
         stop(self, code)
 
     def set_feed(self, words: dict[str, float], codes: dict[str, str]) -> None:
-        """F, and how it counts. Raises LineError."""
+        """Sets feed mode and feed. Raises LineError."""
         feed(self, words, codes)
 
     def insist_on_feed(self, code: str) -> None:
-        """Before a motion at feed. Raises LineError."""
+        """Raises LineError for a motion at feed without a feed."""
         if self.feed <= 0:
             raise LineError(f"{code} without a feed (F)")
 
     def read_plain(self, lines: Sequence[str], at: int, bound: int, plain: PlainReader) -> int:
-        """Reads the lines from ``at`` (from 0) on, up to one that is not plain or to ``bound``; the place of that one.
+        """Reads lines from index `at` on, up to a line that is not plain, or to `bound`.
+
+        Returns the index of that line.
 
         plain: reads them line by line.
         """
         return plain(self, lines, at, bound)
 
-    def is_remark(self, raw: str) -> bool:  # noqa: ARG002 (for what is stricter)
-        """Whether a line is a remark for sure, so that nothing comes of it."""
+    def is_remark(self, raw: str) -> bool:  # noqa: ARG002 (for overrides)
+        """Return whether a line is certainly a comment without effect."""
         return False
 
     def obey(self, group: str, code: str, words: dict[str, float]) -> None:
-        """Does what a code that is no motion says, and takes out the words that it uses. Raises LineError."""
+        """Runs a code other than a motion, and removes the words that it uses. Raises LineError."""
         HANDLERS[group](self, code, words)
 
     def refuse(self, error: LineError) -> None:
-        """Takes in that the line is wrong: nothing more is read."""
+        """Is called for a wrong line. Raises the error, so that the run stops."""
         raise error
 
     def without_mode(self) -> None:
-        """Axis words stand where no motion code holds. Raises LineError."""
+        """Is called for axis words without a modal motion code. Raises LineError."""
         raise LineError("axis words without a motion code (G0, G1, G2, G3)")
 
     def centre(self, absolute: Callable[[], list[Piece]], error: LineError) -> list[Piece]:  # noqa: ARG002
-        """What an arc is whose centre is wrong. absolute: with its centre in absolute coordinates. Raises LineError."""
+        """The pieces of an arc whose centre is wrong. Raises LineError.
+
+        absolute: returns the pieces for a centre in absolute coordinates.
+        """
         raise error
 
     def stands(self, what: str) -> None:
-        """The spindle does not turn as a motion needs it. Raises LineError."""
+        """Is called for a motion that needs another spindle state. Raises LineError."""
         raise LineError(what)
 
-    def turned(self, point: list[float], back: bool = False) -> list[float]:  # noqa: ARG002 (for what turns them)
-        """A point of the program as one of the machine, absolute; back: the other way round. It may change the list."""
+    def turned(self, point: list[float], back: bool = False) -> list[float]:  # noqa: ARG002 (for overrides)
+        """A point in machine coordinates from program coordinates. It may change the list.
+
+        back: whether the point is in machine coordinates, and is wanted in program coordinates.
+        """
         return point
 
     def turn_centre(self, words: dict[str, float]) -> None:
-        """The words of the centre of an arc, mm, as those of the machine."""
+        """Turns the words of the centre of an arc, mm, into machine coordinates."""
 
     def beside(self, start: Vec3, end: Vec3, words: dict[str, float]) -> tuple[float, ...]:  # noqa: ARG002
-        """Where the tool runs beside the path: the centre of an arc, or anything for a line; else nothing."""
+        """The centre of an arc beside which the tool runs, any value for a line.
+
+        Empty if the tool runs on the path.
+        """
         return ()
 
     def follow(
         self, start: Vec3, end: Vec3, speed: float | None, centre: tuple[float, ...] = ()
     ) -> None:
-        """A motion beside which the tool runs. centre: of an arc in its plane."""
+        """Adds a motion beside which the tool runs.
+
+        centre: centre of an arc in its plane.
+        """
 
     def numbers_programs(self) -> bool:
-        """Whether an O-word may be the number of a program."""
+        """Return whether an O-word may be the number of a program."""
         return True
 
     def miss(self, what: str) -> None:
-        """A subroutine is in no file. Raises LineError."""
+        """Is called for a subroutine that is in no file. Raises LineError."""
         raise LineError(what)
 
-    def takes(self, key: int) -> bool:  # noqa: ARG002 (for what is wider)
-        """Whether a line may set this parameter of the machine."""
+    def takes(self, key: int) -> bool:  # noqa: ARG002 (for overrides)
+        """Return whether a line may set this parameter of the machine."""
         return False
 
     def branch(
@@ -249,15 +286,18 @@ class Machine:
         lines: Sequence[str],  # noqa: ARG002
         known: Parameters,  # noqa: ARG002
     ) -> int | str | None:
-        """The place, or the number, n10, of the line that a macro jumps to; None: it is none. Raises LineError."""
+        """The index, or the number such as n10, of the line to which a macro jumps.
+
+        None if the line is not a macro. Raises LineError.
+        """
         return None
 
     def finish(self) -> None:
-        """At the end of the program."""
+        """Is called at the end of the program."""
         switch_off(self)
 
     def is_settled(self) -> bool:
-        """Whether nothing but the words of a line decides what it does."""
+        """Return whether the words of a line alone determine its effect."""
         usual = (
             self.begun and self.unit is not None and self.plane == "G17" and self.feed_mode == "G94"
         )
@@ -266,30 +306,30 @@ class Machine:
 
     @property
     def scale(self) -> float:
-        """What one unit of the program is, mm; 1 where it has not said."""
+        """Length of one unit of the program, mm; 1 before the program states it."""
         return 1.0 if self.unit is None else self.unit
 
     def add(self, item: Instruction) -> None:
-        """Writes ``item`` down for the line that is read."""
+        """Adds an instruction of the line that is read."""
         self.insist_on_size()
         self.body.append(item)
         self.lines.append(self.line)
 
     def insist_on_size(self) -> None:
-        """Raise Stopped where the program has more instructions than the limit allows."""
+        """Raises Stopped if the program has more instructions than the limit allows."""
         if len(self.body) >= self.most:
             raise Stopped(
                 f"more than {tell(self.most)} instructions cannot be meant (limits.gcode_motions)"
             )
 
     def note(self, kind: NoteKind, what: str, why: str = "") -> None:
-        """Notes what the user should know, once, with the first line that it concerns."""
+        """Adds a note with its first line."""
         self.noted.setdefault((kind, what, why), self.line)
 
     def rapid(self, end: Sequence[float], axes: Sequence[int] = ()) -> None:
-        """A motion at the machine's own speed. axes: those that the line names; their position is known from here on.
+        """Adds a rapid motion, once the position of all axes is known.
 
-        Until all are known, nothing is written down: where the tool stands at the start is not in the text.
+        axes: axes of the line. Their position is known from now on.
         """
         self.at[:] = end
         for axis in axes:
@@ -301,7 +341,7 @@ class Machine:
             self.held += 1
 
     def start(self) -> None:
-        """Before a motion at feed: a position that is not known is taken for 0, and is where the program begins."""
+        """Is called before a motion at feed: the program begins at 0 in each axis without a position."""
         if self.begun:
             return
         unknown = [name for name, known in zip(AXES, self.known, strict=True) if not known]
@@ -317,12 +357,12 @@ class Machine:
         self.add(MoveJ(Pose(TOOL_DOWN, self.here()), RAPID))
 
     def here(self) -> Vec3:
-        """The position."""
+        """The position as a tuple."""
         x, y, z = self.at
         return (x, y, z)
 
     def pieces(self, pieces: Sequence[Piece], speed: float) -> None:
-        """Lines and arcs at ``speed``, mm/s."""
+        """Adds lines and arcs at `speed`, mm/s."""
         self.cut = True
         for via, end in pieces:
             pose = Pose(TOOL_DOWN, end)
@@ -337,15 +377,18 @@ class Machine:
         self.add(Output(signal, value))
 
     def turn(self) -> None:
-        """Sets the spindle to what the program has said."""
+        """Switches the spindle to its modal state."""
         if self.on_off:
             self.switch("process", float(self.spindle != "M5"))
         else:
             speed = self.speed or 0.0
             self.switch("spindle", {"M3": speed, "M4": -speed, "M5": 0.0}[self.spindle])
 
-    def settle(self, code: str, words: Mapping[str, float], cycle: bool) -> None:  # noqa: ARG002 (for what is stricter)
-        """What must hold before a motion, or the holes of a cycle. code: as it stands in the line. Raises LineError."""
+    def settle(self, code: str, words: Mapping[str, float], cycle: bool) -> None:  # noqa: ARG002 (for overrides)
+        """Is called before a motion, or before the holes of a cycle. Raises LineError.
+
+        code: code of the line.
+        """
         if self.unit is None:
             self.unit = 1.0
             self.note(
@@ -360,19 +403,18 @@ class Machine:
             raise LineError(f"a motion of Z after {self.length}: {why}")
 
     def stand(self, code: str) -> None:
-        """Takes in a motion code that leads nowhere. Raises LineError."""
+        """Is called for a motion code without axis words. Raises LineError."""
         if code in ARCS:
             raise LineError(f"{code} without an end point or centre")
-        self.held += (
-            code in ("G0", "G1") and not self.begun
-        )  # to where the tool stands, as LinuxCNC sees it
+        # LinuxCNC moves to the place where the tool stands.
+        self.held += code in ("G0", "G1") and not self.begun
 
     def notes(self) -> tuple[tuple[int, Note], ...]:
-        """What was noted, each with the first line that it concerns."""
+        """The notes, each with its first line."""
         return tuple((line, Note(*what)) for what, line in self.noted.items())
 
     def value(self, name: str) -> float | None:
-        """A parameter that the machine decides, by number or name; None for one that is not known."""
+        """The value of a parameter of the machine by number or name, None if it is not known."""
         tell = _VALUES.get(name)
         axis = _POSITIONS.get(name)
         if axis is not None and self.known[axis]:
@@ -397,7 +439,7 @@ _VALUES: dict[str, Callable[[Machine], float]] = {
 }
 
 
-# Where the origin is: work offsets, G92 and G10, as far as the program itself decides it.
+# The origin: work offsets, G92 and G10, as far as the program determines them.
 
 _WORKS = ("G54", "G55", "G56", "G57", "G58", "G59", "G59.1", "G59.2", "G59.3")
 
@@ -422,12 +464,12 @@ def _table(m: Machine, code: str) -> list[float | None]:
 
 
 def take_axes(m: Machine, words: dict[str, float]) -> dict[int, float]:
-    """The axis words of a line in mm, taken out, by axis."""
+    """Removes the axis words of a line. Returns their values by axis, mm."""
     return {k: words.pop(name) * m.scale for k, name in enumerate(AXES) if name in words}
 
 
 def set_offsets(m: Machine, code: str, words: dict[str, float]) -> None:
-    """G10 L2 and L20, G92 and what cancels it."""
+    """G10 L2 and L20, G92, G92.1 and G92.2."""
     if code in ("G92.1", "G92.2"):
         _cancel(m, code)
         return
@@ -471,7 +513,10 @@ def _set(m: Machine, by_position: bool, target: str, axis: int, value: float) ->
 
 
 def _read_as(m: Machine, axis: int, value: float) -> float | None:
-    """Makes the position of an axis read as ``value``; how far that moved the origin, None where it is not known."""
+    """Shifts the origin so that an axis stands at `value`, mm.
+
+    Returns the shift, None if the position was not known.
+    """
     if not m.known[axis]:
         m.known[axis] = True
         m.at[axis] = value + m.shift[axis]
@@ -498,9 +543,10 @@ _INCH = 25.4
 
 
 def feed(m: Machine, words: dict[str, float], codes: dict[str, str]) -> None:
-    """G93, G94, G95 and F: in the unit that holds before the line's own G20 or G21; in G93 per minute, in G95 per turn.
+    """Sets feed mode and feed: G93, G94, G95 and F.
 
-    A feed of another mode is none. With G93 the word stays: every motion at feed needs its own.
+    F has the unit in force before the line. It is per minute in G93, and per turn in G95. A change
+    of the mode clears the feed. With G93 the word stays: each motion at feed needs its own.
     """
     mode = codes.get("feed mode", m.feed_mode)
     if mode != m.feed_mode:
@@ -514,11 +560,16 @@ def feed(m: Machine, words: dict[str, float], codes: dict[str, str]) -> None:
         raise LineError(
             "F in the line that changes the unit: controllers differ in which unit it has"
         )
-    m.feed = value / 60.0 if mode == "G93" else value * m.scale / (1.0 if mode == "G95" else 60.0)
+    if mode == "G93":
+        m.feed = value / 60.0
+    elif mode == "G95":
+        m.feed = value * m.scale
+    else:
+        m.feed = value * m.scale / 60.0
 
 
 def speed_and_tool(m: Machine, words: dict[str, float], codes: dict[str, str]) -> None:
-    """S and T; a speed alone changes a spindle that turns."""
+    """S and T. S without a code changes the speed of a spindle that turns."""
     if "T" in words:
         number = words.pop("T")
         if number < 0 or number != int(number):
@@ -534,13 +585,13 @@ def speed_and_tool(m: Machine, words: dict[str, float], codes: dict[str, str]) -
 
 
 def _nothing(m: Machine, code: str, words: dict[str, float]) -> None:
-    """What has no bearing on motions."""
+    """A code without an effect on motions."""
 
 
 def lift(m: Machine, motion: str, words: dict[str, float]) -> None:
-    """G53 G0 Z0 before anything else: to the top of the machine, wherever that is in the work frame.
+    """G53 G0 Z0 before any other motion: to the top of the machine. The height is not known then.
 
-    LinuxCNC refuses G53 among increments.
+    LinuxCNC refuses G53 with increments.
     """
     if m.incremental:
         raise LineError("G53 among increments (G91)")
@@ -550,7 +601,7 @@ def lift(m: Machine, motion: str, words: dict[str, float]) -> None:
 
 
 def _outputs(m: Machine, code: str, words: dict[str, float]) -> None:
-    """M62 to M65 digital, M67 and M68 analog. Those that wait for the next motion stand before it either way."""
+    """M62 to M65 digital, M67 and M68 analog, before the next motion."""
     analog = code in ("M67", "M68")
     index = words.pop("E" if analog else "P", -1.0)
     if index < 0 or index != int(index):
@@ -655,7 +706,7 @@ def _centres(m: Machine, code: str, words: dict[str, float]) -> None:  # noqa: A
 
 
 def _cycle_off(m: Machine, code: str, words: dict[str, float]) -> None:  # noqa: ARG001
-    """G80: the next axis words have no motion code."""
+    """G80: no motion code is in force."""
     m.motion, m.level = "", None
     m.sticky.clear()
 
@@ -673,7 +724,7 @@ def stop(m: Machine, code: str) -> None:
 
 
 def switch_off(m: Machine) -> None:
-    """The end of a program stops spindle and coolant (LinuxCNC manual, M2)."""
+    """Switches spindle and coolant off at the end of a program (LinuxCNC manual, M2)."""
     if m.spindle != "M5":
         m.spindle = "M5"
         m.turn()
@@ -681,7 +732,7 @@ def switch_off(m: Machine) -> None:
         m.switch(_COOLANTS[word], 0.0)
 
 
-#: By modal group, in the order in which they act.
+#: The function of each modal group, in the order in which the groups act.
 HANDLERS: dict[str, Callable[[Machine, str, dict[str, float]], None]] = {
     "outputs": _outputs,
     "tool change": _change,
