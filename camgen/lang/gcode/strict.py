@@ -17,8 +17,9 @@ from typing import cast
 from msgspec.structs import replace
 
 from camgen.lang.gcode import arcs
-from camgen.lang.gcode.interpreter import Blocks, interpret_plain, play
+from camgen.lang.gcode.interpreter import interpret_plain, play
 from camgen.lang.gcode.machine import AXES, HANDLERS, Machine, PlainReader
+from camgen.lang.gcode.o_words import Blocks
 from camgen.lang.gcode.words import (
     COMMENT,
     LineError,

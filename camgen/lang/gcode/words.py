@@ -1,4 +1,4 @@
-"""A line of G-code as codes by modal group and words by letter; its numbers, parameters and expressions."""
+"""A line of G-code: codes by modal group, words by letter, numbers, parameters and expressions."""
 
 from __future__ import annotations
 
@@ -8,43 +8,51 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache
 
+from camgen.lang.word_tables import by_word
+
 
 class LineError(Exception):
-    """A line that cannot be right, or cannot be read; its text names the word and the reason."""
+    """A line that is wrong or cannot be read. The text names the word and the reason."""
 
 
 class UnknownWord(LineError):
-    """A line that may be right, but has a word that is not read."""
+    """A line with a word that is not read."""
 
 
-# Numbers, parameters and expressions of LinuxCNC, as its manual's overview defines them. Angles in degrees.
+# Numbers, parameters and expressions (LinuxCNC manual, overview). Angles are in deg.
 
 _OPERATOR = re.compile(r"\*\*|[*/+-]|mod|eq|ne|gt|ge|lt|le|and|or|xor")
 _FUNCTION = re.compile(r"abs|acos|asin|atan|cos|exists|exp|fix|fup|ln|round|sin|sqrt|tan")
 _NAME = re.compile(r"#<([^<>]*)>")
 #: Numbers that differ by less are equal to EQ and NE, as in LinuxCNC.
 _EQUAL = 1e-4
-#: Deeper nesting is not meant.
+#: Depth of nested expressions.
 _DEEP = 60
-#: #1 to #30 belong to a subroutine, up to #5000 to the program, beyond to the machine.
+#: Last parameter of a subroutine, and of the program. Larger numbers belong to the machine.
 LOCALS, GLOBALS = 30, 5000
 
 
 @dataclass(slots=True)
 class Parameters:
-    """Values by number and by name. machine: tells those that the state of the machine decides, by number or name.
-    takes: tells which of its numbers a line may set all the same.
+    """The parameters of a program.
+
+    machine: returns the value of a parameter of the machine by number or name, None if unknown.
+    takes: returns whether a line may set this parameter of the machine.
+    numbered: values of #31 to #5000, and of the parameters of the machine that lines have set.
+    shared: values of names that begin with an underscore.
+    arguments: values of #1 to #30 of the subroutine that runs.
+    named: values of the other names.
     """
 
     machine: Callable[[str], float | None]
     takes: Callable[[int], bool] = lambda _: False
     numbered: dict[int, float] = field(default_factory=dict)
     shared: dict[str, float] = field(default_factory=dict)
-    own: dict[int, float] = field(default_factory=dict)
+    arguments: dict[int, float] = field(default_factory=dict)
     named: dict[str, float] = field(default_factory=dict)
 
     def get(self, key: int | str) -> float:
-        """The value; LineError for one that only a machine has, or that no line has set."""
+        """Return the value of a parameter. Raises LineError if no line has set it."""
         if isinstance(key, str):
             value = (self.shared if key.startswith("_") else self.named).get(key)
             value = self.machine(key) if value is None else value
@@ -54,7 +62,7 @@ class Parameters:
         if key < 1:
             raise LineError(f"#{key} is no parameter")
         if key <= LOCALS:
-            return self.own.get(key, 0.0)
+            return self.arguments.get(key, 0.0)
         if key <= GLOBALS:
             return self.numbered.get(key, 0.0)
         if key in self.numbered:
@@ -65,7 +73,7 @@ class Parameters:
         return value
 
     def put(self, key: int | str, value: float) -> None:
-        """Sets a value; LineError for one of the machine's."""
+        """Set a value. Raises LineError for a parameter of the machine."""
         if isinstance(key, str):
             if self.machine(key) is not None:
                 raise LineError(f"#<{key}> cannot be set")
@@ -73,10 +81,10 @@ class Parameters:
         elif key < 1 or (key > GLOBALS and not self.takes(key)):
             raise LineError(f"#{key} is a value of the machine and is not set here")
         else:
-            (self.own if key <= LOCALS else self.numbered)[key] = value
+            (self.arguments if key <= LOCALS else self.numbered)[key] = value
 
     def has(self, key: int | str) -> bool:
-        """Whether a parameter is set."""
+        """Return whether a parameter is set."""
         if isinstance(key, str):
             known = key in (self.shared if key.startswith("_") else self.named)
             return known or self.machine(key) is not None
@@ -84,7 +92,7 @@ class Parameters:
 
 
 def key_at(text: str, at: int, known: Parameters, depth: int = 0) -> tuple[int | str, int]:
-    """The parameter whose # stands at ``at``, and where its name ends."""
+    """Return the parameter whose # is at index `at`, and the index of its end."""
     named = _NAME.match(text, at)
     if named:
         return named[1], named.end()
@@ -95,7 +103,10 @@ def key_at(text: str, at: int, known: Parameters, depth: int = 0) -> tuple[int |
 
 
 def value_at(text: str, at: int, known: Parameters, depth: int = 0) -> tuple[float, int]:
-    """The value that stands at ``at`` of ``text`` (small letters, no blanks), and where it ends. Raises LineError."""
+    """Return the value at index `at`, and the index of its end. Raises LineError.
+
+    text: a line in lower case without blanks.
+    """
     if depth > _DEEP:
         raise LineError("an expression that is nested too deeply")
     number = _NUMBER.match(text, at)
@@ -117,16 +128,16 @@ def value_at(text: str, at: int, known: Parameters, depth: int = 0) -> tuple[flo
 
 
 def _bracket(text: str, at: int, known: Parameters, depth: int) -> tuple[float, int]:
-    """The expression after its opening bracket, by precedence, equals from left to right."""
+    """Return the value of an expression after its opening bracket, and the index of its end."""
     value, at = value_at(text, at, known, depth)
     values, waiting = [value], [""]
     while True:
         operator = "]" if text[at : at + 1] == "]" else ""
         if not operator:
-            found = _OPERATOR.match(text, at)
-            if not found:
+            match = _OPERATOR.match(text, at)
+            if not match:
                 raise LineError(f"cannot read {text[at : at + 12]!r} in an expression")
-            operator = found[0]
+            operator = match[0]
         while waiting[-1] and _BINDS[waiting[-1]] >= _BINDS.get(operator, 0):
             right, left = values.pop(), values.pop()
             values.append(_apply(waiting.pop(), left, right))
@@ -223,7 +234,7 @@ def _function(name: str, text: str, at: int, known: Parameters, depth: int) -> t
 
 # A line of G-code as codes by modal group and words by letter.
 
-#: Codes by modal group, as the LinuxCNC manual lists them: two of one group in a line contradict each other.
+#: Codes by modal group (LinuxCNC manual). A line has at most one code of a group.
 _GROUPS = {
     "cycle off": "G80",
     "motion": "G0 G1 G2 G3 G5 G5.1 G5.2 G5.3 G33 G33.1 G38.2 G38.3 G38.4 G38.5 G73 G74 G76 G81 G82 G83 G84 G85 G86 G87 "
@@ -251,11 +262,11 @@ _GROUPS = {
     "state": "M70 M71 M72 M73",
     "subprogram": "M97 M98 M99",
 }
-GROUP = {code: group for group, codes in _GROUPS.items() for code in codes.split()}
+GROUP = by_word(_GROUPS)
 #: M7 and M8 may stand in one line.
 GROUP |= {"M7": "mist", "M8": "flood", "M9": "coolant off"}
 
-#: Codes that a stricter reader does not take, by why.
+#: Codes that the plain machine does not run, by reason.
 _UNKNOWN = {
     "goes to a position that the machine stores": "G28 G28.1 G30 G30.1",
     "cutter compensation: the controller moves the path by the radius of the tool": "G41 G41.1 G42 G42.1",
@@ -280,23 +291,23 @@ _UNKNOWN = {
     "a feed mode other than mm/min": "G93 G95",
     "stops where the operator wants it": "M1",
 }
-_WHY = {code: why for why, codes in _UNKNOWN.items() for code in codes.split()}
+_WHY = by_word(_UNKNOWN)
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)")
 #: A comment in parentheses, or one that runs to the end of the line.
 COMMENT = re.compile(r"\(([^()]*)\)|;.*")
 _NUMBERED = re.compile(r"n[0-9]+(?:\.[0-9]*)?")
 _BLANKS = str.maketrans("", "", " \t\r\f\v")
 _LETTERS = frozenset("abcdefghijklmpqrstuvwxyz@^$")
-#: Numbers beyond this are no machine's. mm, mm/min, rpm.
+#: Largest number of a word: mm, mm/min or rpm.
 _HUGE = 1e7
 
 Line = tuple[dict[str, str], dict[str, float]]
 
 
 def bare(raw: str) -> str:
-    """The line without comments, blanks, block delete and number, in small letters. Raises LineError.
+    """The line without comments, blanks, slash and number, in lower case.
 
-    Comments that LinuxCNC acts on only print or log; a line of Python is turned down.
+    Raises LineError for a comment that acts, such as a line of Python.
     """
     if ";" in raw or "(" in raw or ")" in raw:
         if raw.lstrip().lower().startswith(";py,"):
@@ -308,7 +319,7 @@ def bare(raw: str) -> str:
 
 
 def without_comments(raw: str) -> str:
-    """The line without its comments. LineError for parentheses that do not match."""
+    """The line without its comments. Raises LineError for parentheses that do not match."""
     raw = COMMENT.sub("", raw)
     if "(" in raw or ")" in raw:
         raise LineError("a comment that is not closed, or closed twice")
@@ -316,7 +327,7 @@ def without_comments(raw: str) -> str:
 
 
 def without_number(text: str) -> str:
-    """A line of small letters without its number, N10. Raises LineError."""
+    """A line in lower case without its number, N10. Raises LineError."""
     if not text.startswith("n"):
         return text
     numbered = _NUMBERED.match(text)
@@ -326,7 +337,7 @@ def without_number(text: str) -> str:
 
 
 def group_of(code: str) -> str:
-    """The modal group of a code. UnknownWord for one that is in none."""
+    """The modal group of a code. Raises UnknownWord for a code without a group."""
     group = GROUP.get(code)
     if group is None:
         raise not_read(code, "not a code that is known")
@@ -334,9 +345,11 @@ def group_of(code: str) -> str:
 
 
 def words_of(text: str, known: Parameters, group: Callable[[str], str] = group_of) -> Line:
-    """Codes by group and words by letter of a bare line; parameters are set when all is read. Raises LineError.
+    """Codes by group and words by letter of a bare line. Raises LineError.
 
-    group: tells that of a code.
+    Parameters are set after the whole line is read.
+
+    group: returns the modal group of a code.
     """
     codes: dict[str, str] = {}
     words: dict[str, float] = {}
@@ -379,7 +392,10 @@ def _code(codes: dict[str, str], code: str, group_of: Callable[[str], str]) -> N
 
 
 def not_read(code: str, otherwise: str) -> UnknownWord:
-    """The error for a code that is not read. otherwise: the reason where the table has none."""
+    """The error for a code that is not read.
+
+    otherwise: reason for a code that the table does not have.
+    """
     return UnknownWord(f"{code} is not read: {_WHY.get(code, otherwise)}")
 
 
