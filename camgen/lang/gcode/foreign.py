@@ -1,6 +1,7 @@
-"""The machine that runs programs of others: all that their controllers take; what no text holds is an assumption.
+"""The machine that runs G-code programs of any author.
 
-What is wrong is gathered, and the run goes on; so is what no other machine can do as it is meant (``lose``).
+A value that the text does not hold is an assumption. A wrong line is a finding, and an effect that
+no other machine has is a loss. The run goes on after both.
 """
 
 from __future__ import annotations
@@ -34,9 +35,9 @@ from camgen.model.part import NoteKind
 from camgen.model.pose import TOOL_DOWN, Pose, Vec3
 from camgen.model.program import Instruction, MoveL, Output, Stop, Wait
 
-#: Feed where a machine has one of its own and the text says none, mm/min.
+#: Feed, mm/min, of a machine with a default feed, before the first F.
 FEED = 600.0
-#: A wait this long is ms that are read as s, more often than not.
+#: s: a longer wait is probably a number of ms.
 _LONG = 100.0
 _TEXT = re.compile(
     r"[ \t]*(?:[nN][0-9]+)?[ \t]*[mM](?:117|118|23|28|30|32|98[ \t]*P\")\b[^;]*[A-Za-z]{3}"
@@ -60,7 +61,7 @@ _FULL_POWER = "M4 lowers the power with the speed on GRBL, and does not here"
 _NO_HEIGHT = "begin the program with its height (G0 Z5)"
 _IN_STEP = "the spindle keeps step with the feed, for which programs here have no word"
 _PROBES = "probes: how far it goes is not in the text"
-#: What depends on its own machine, and why: a probe, a spindle that keeps step, an operator, a part that turns.
+#: Codes whose effect depends on their machine, with the reason.
 _OF_ITS_MACHINE = {
     **dict.fromkeys(("G33", "G33.1", "G76"), f"cuts a thread: {_IN_STEP}"),
     **dict.fromkeys(("G74", "G84"), f"taps: {_IN_STEP}"),
@@ -92,7 +93,7 @@ class Foreign(Machine):
     given: values from the user, by name.
     handlers: handlers of the codes, by modal group.
     traced: handlers of motions other than lines, arcs and holes, by code.
-    log: what the run finds out.
+    log: findings, assumptions, losses and facts of the run.
     raw: the line as it is written.
     homes: places that the program stores (G28.1), by code and axis.
     adrift: numbers of the axes whose position no text states.
@@ -112,11 +113,14 @@ class Foreign(Machine):
     cycle: group, code and words of a cycle that waits for its feed.
     first_line: words of the first line of a lathe cycle (G71).
     radius_of: function that finds the radius of a tool.
-    most_turns: greatest spindle speed at constant surface speed, rpm.
+    most_turns: maximum spindle speed at constant surface speed, rpm.
     reached: whether G43 has come.
     beam: beam of a laser that its dialect switches off in rapid motions.
     varies_power: whether motions at feed have an S of their own, as for a laser.
-    has_heights: whether the program ever says a height.
+    has_heights: whether the program states any height.
+    left_path: whether no motion has run since G40.
+    halted: line of the M6 that stopped the spindle, 0 after its next start.
+    height: height of the tool beside the path, along the normal, mm.
     """
 
     dialect: Dialect = LINUXCNC
@@ -138,9 +142,9 @@ class Foreign(Machine):
     path: Beside | None = None
     loops: dict[int, int] = field(default_factory=dict)
     ends: dict[int, list[int]] | None = None
-    left_path: bool = False  # no motion since G40
-    halted: int = 0  # the line of the M6 that stopped a spindle which nothing has started since
-    height: float = 0.0  # of the tool along the normal, beside the path
+    left_path: bool = False
+    halted: int = 0
+    height: float = 0.0
     marks: list[tuple[int, int, str]] = field(default_factory=list)
     lathe: bool = False
     most_turns: float = 0.0
@@ -164,42 +168,42 @@ class Foreign(Machine):
     def __post_init__(self) -> None:
         self.log = Log(lambda: self.line)
 
-    # What the run finds out.
+    # The log of the run.
 
     def without_mode(self) -> None:
-        """Axis words before any motion code: controllers begin with G0, but LinuxCNC's own."""
+        """Runs axis words without a modal motion code as G0, which LinuxCNC refuses."""
         if not self.dialect.open:
             Machine.without_mode(self)
         self.assume("axis words without a motion code are run as G0", "", 0.0)
         self.motion = "G0"
 
     def centre(self, absolute: Callable[[], list[Piece]], error: LineError) -> list[Piece]:
-        """An arc that is none by its centre from the start: some controllers are set to absolute ones."""
+        """The pieces of an arc whose centre fits in absolute coordinates alone."""
         if not self.dialect.open:
             raise error
         try:
-            found = absolute()
+            pieces = absolute()
         except LineError:
             raise error from None
         what = "the centre of the arc fits in absolute coordinates alone (G90.1); it is read so"
         self.log.find("unusual", what, once="centre")
         self.log.lose(what.partition(";")[0])
-        return found
+        return pieces
 
     def assume(self, what: str, key: str, value: float, why: str = "") -> float:
-        """The value that the user gives for ``key``, else ``value``; noted as an assumption."""
+        """The value that the user gives for `key`, else `value`, as an assumption."""
         taken = self.given.get(key, value)
         self.log.assume(what + (f" ({why})" if why else ""), key, taken)
         return taken
 
     def guess(self, what: str, key: str, value: float, why: str = "") -> float:
-        """The value that the user gives for ``key``, else ``value``, which is a loss then."""
+        """The value that the user gives for `key`, else `value`, as an assumption and a loss."""
         if key not in self.given:
             self.log.lose(what)
         return self.assume(what, key, value, why)
 
     def note(self, kind: NoteKind, what: str, why: str = "") -> None:
-        """What the plain machine notes is an assumption, a fact or a finding."""
+        """Adds a note of the plain machine as an assumption, a fact or a finding."""
         if kind == "assumed":
             self.log.assume(f"{what} ({why})" if why else what)
         elif kind == "skipped":
@@ -208,17 +212,17 @@ class Foreign(Machine):
             self.log.find("unusual", f"{what}: {why}" if why else what, once=what)
 
     def refuse(self, error: LineError) -> None:
-        """The run goes on behind a line that the controller refuses, not behind one that is not understood."""
+        """The run goes on after a line that the controller refuses, not after an unknown line."""
         if isinstance(error, UnknownWord):
             raise error
         self.log.find("refused", str(error))
 
     def stands(self, what: str) -> None:
-        """A spindle that does not turn as it should is refused."""
+        """A motion that needs another spindle state is refused."""
         self.log.find("refused", what)
 
     def numbers_programs(self) -> bool:
-        """All but GRBL do."""
+        """Return whether the dialect has numbers of programs: all but GRBL."""
         return self.dialect.open or self.dialect.flow
 
     def miss(self, what: str) -> None:
@@ -226,13 +230,14 @@ class Foreign(Machine):
         self.assume(f"{what}; it is left out", "", 0.0)
         self.log.lose(what)
 
-    # What stands in a line.
+    # The words of a line.
 
     def bare(self, raw: str) -> str:
-        """The line without all that is no word, as its controller reads it."""
+        """The words of a line as its controller reads them."""
         self.raw, dialect = raw, self.dialect
         if dialect.name == "iso" and raw.lstrip().startswith("["):
-            return ""  # a remark of WinCNC
+            # A comment of WinCNC.
+            return ""
         if raw.startswith("\ufeff") or raw.startswith("\xef\xbb\xbf"):
             raw = raw.lstrip("\ufeff\xef\xbb\xbf")
         if dialect.name == "grbl" and raw.lstrip()[:1] in ("$", "?", "!", "~"):
@@ -263,7 +268,7 @@ class Foreign(Machine):
         return bare(raw)
 
     def words(self, text: str, known: Parameters) -> Line:
-        """What cannot be read may be a macro of its controller, which is not known here."""
+        """Codes and words of a line. An unreadable line may be a macro of its controller."""
         if self.dialect.letters:
             self._insist_on_plain(text)
         if "e" in text and not self.dialect.extruder:
@@ -280,7 +285,7 @@ class Foreign(Machine):
             raise
 
     def _insist_on_no_exponent(self, text: str) -> None:
-        """LineError for a number such as 1.2E-07; the word E of G76, M67 and M68 is none."""
+        """Raises LineError for a number such as 1.2E-07, unless E is a word of G76, M67 or M68."""
         number = _EXPONENT.search(COMMENT.sub("", self.raw))
         if number and not _HAS_E.search(text):
             raise LineError(
@@ -289,20 +294,22 @@ class Foreign(Machine):
             )
 
     def _assign(self, text: str, known: Parameters) -> bool:
-        """Whether a line sets a parameter and does nothing else, as Fanuc's do."""
+        """Return whether a line only sets a parameter, as a macro of Fanuc."""
         try:
             return assign(text, known)
         except LineError as error:
             if str(error).startswith("cannot read"):
-                return False  # words may stand behind the value
+                # Words may follow the value.
+                return False
             raise
 
     def _insist_on_plain(self, text: str) -> None:
-        """LineError for a line with more than the words of a controller that takes numbers alone."""
+        """Raises LineError for other words than letters with plain numbers."""
         odd = _PLAIN.sub("", text, count=1)
         if odd:
             raise LineError(
-                f"cannot read {odd[:12]!r}: {self.dialect.name} takes letters with plain numbers alone"
+                f"cannot read {odd[:12]!r}: {self.dialect.name} takes letters with plain numbers "
+                "alone"
             )
         odd = next(
             (letter for letter in text if letter.isalpha() and letter not in self.dialect.letters),
@@ -312,7 +319,7 @@ class Foreign(Machine):
             raise LineError(f"{odd.upper()} is no word of {self.dialect.name}")
 
     def group(self, code: str) -> str:
-        """The modal group of a code; one that moves nothing, or that nobody here knows, is in one of its own."""
+        """The modal group of a code. An idle or an unknown code has its own group."""
         dialect = self.dialect
         if code in dialect.idle:
             return f"idle {code}"
@@ -327,7 +334,7 @@ class Foreign(Machine):
     def branch(
         self, raw: str, at: int, lines: Sequence[str], known: Parameters
     ) -> int | str | None:
-        """Of Fanuc's macros."""
+        """The line to which a macro of Fanuc jumps, None without a jump."""
         if not self.dialect.increments:
             return None
         text = self.bare(raw)
@@ -335,15 +342,15 @@ class Foreign(Machine):
             self.ends = find_ends(lines)
         return jump(text, at, self.ends or {}, known, self.loops)
 
-    def take(self, codes: Mapping[str, str], words: Mapping[str, float]) -> None:  # noqa: ARG002 (of all machines)
-        """All that is known is taken; what no other machine can do as it is meant is lost."""
+    def take(self, codes: Mapping[str, str], words: Mapping[str, float]) -> None:  # noqa: ARG002
+        """Adds a loss for each code whose effect no other machine has."""
         for code in codes.values():
-            own = self.dialect.names.get(code, code)
-            if own in _OF_ITS_MACHINE:
-                self.log.lose(f"{code} {_OF_ITS_MACHINE[own]}")
+            usual = self.dialect.names.get(code, code)
+            if usual in _OF_ITS_MACHINE:
+                self.log.lose(f"{code} {_OF_ITS_MACHINE[usual]}")
 
     def begin(self, codes: dict[str, str], words: dict[str, float]) -> None:
-        """Codes by their usual names; words of what moves nothing, and of subprograms."""
+        """Renames the codes of the dialect, and removes words of subprograms and idle codes."""
         dialect = self.dialect
         for group in [group for group in codes if group.startswith(("idle ", "unknown "))]:
             kind, _, code = group.partition(" ")
@@ -368,7 +375,7 @@ class Foreign(Machine):
             words["X"] /= 2
 
     def _judge(self, codes: Mapping[str, str], words: Mapping[str, float]) -> None:
-        """What controllers of one kind turn down."""
+        """Adds findings for lines that controllers of the dialect refuse."""
         dialect = self.dialect
         if not dialect.open and "motion" in codes and codes.get("offsets") in _TAKE_AXES:
             self.log.find(
@@ -387,7 +394,7 @@ class Foreign(Machine):
                 )
 
     def _begin_wider(self, codes: dict[str, str], words: dict[str, float]) -> None:
-        """The words of mills that not all controllers have."""
+        """Removes codes and words that only some controllers have."""
         self.cycle = None
         for group in ("circular pocket", "turning"):
             if group in codes:
@@ -411,7 +418,7 @@ class Foreign(Machine):
             self.log.lose("the origin is moved while the coordinates are rotated (G68)")
 
     def _turn(self, codes: dict[str, str], words: dict[str, float]) -> None:
-        """A lathe: T0102 is tool 1 with offset 2, and X is a diameter."""
+        """Words of a lathe: T0102 is tool 1 with offset 2, and X is a diameter."""
         if words.get("T", 0.0) >= 100:
             words["T"] = float(int(words["T"]) // 100)
             codes.setdefault("tool change", "M6")
@@ -434,7 +441,7 @@ class Foreign(Machine):
             words.clear()
 
     def _pass_over(self, code: str, codes: Mapping[str, str], words: dict[str, float]) -> None:
-        """A code that is not known. UnknownWord where it may move something."""
+        """Adds a loss for an unknown code. Raises UnknownWord if it may be a motion."""
         if code[0] == "G" and "motion" not in codes and any(axis in words for axis in "XYZIJKR"):
             raise UnknownWord(f"{code} is not known, and what follows depends on where it leads")
         self.log.fact("not evaluated", code)
@@ -461,7 +468,7 @@ class Foreign(Machine):
         self.leap = (code, number, min(times, 10_000), given)
 
     def leaves(self) -> bool:
-        """Whether M99 ends the program: it stands outside a subprogram."""
+        """Return whether M99 ends the program, since no subprogram runs."""
         if self.inside():
             return False
         self.log.fact("left out", "M99 begins the program again; it is run once")
@@ -485,23 +492,23 @@ class Foreign(Machine):
             self.motion = "G1"
 
     def _add_up(self, codes: Mapping[str, str], words: dict[str, float]) -> None:
-        """U V W as increments of X Y Z."""
+        """Adds U, V and W as increments to X, Y and Z."""
         for letter, axis in _PARTS.items():
             if letter in words and axis not in words:
                 by = words.pop(letter) / (2 if letter == "U" and self.dialect.diameter else 1)
                 k = AXES.index(axis)
-                here = self.turned(list(self.at), True)[k]
-                words[axis] = by if self.incremental else (here - self.shift[k]) / self.scale + by
+                place = self.turned(list(self.at), True)[k]
+                words[axis] = by if self.incremental else (place - self.shift[k]) / self.scale + by
                 if self.dialect.diameter and axis == "X":
                     words[axis] *= 2
                 if "offsets" not in codes:
                     self.known[k] = True
 
-    def end(self, codes: Mapping[str, str], words: dict[str, float]) -> None:  # noqa: ARG002 (of all machines)
-        """Words that controllers pass over, or that say what no motion shows."""
+    def end(self, codes: Mapping[str, str], words: dict[str, float]) -> None:  # noqa: ARG002
+        """Runs the cycle and the macro of the line, and adds losses for words without a use."""
         if self.cycle is not None:
-            group, code, own = self.cycle
-            self.handlers[group](self, code, own)
+            group, code, cycle_words = self.cycle
+            self.handlers[group](self, code, cycle_words)
         if (
             self.modal is not None
             and self.moving
@@ -515,16 +522,17 @@ class Foreign(Machine):
             for letter in [letter for letter in words if letter != "F"]:
                 words.pop(letter)
                 what = f"word {letter}: nothing in the line uses it"
-                if letter in "HD":  # the number of an offset, which a later line may use
+                # The number of an offset, which a later line may use.
+                if letter in "HD":
                     self.log.fact("left out", what)
                     continue
                 self.log.find("unusual", what, once=f"idle {letter}")
                 self.log.lose(what)
 
-    # What moves.
+    # Motions.
 
     def set_feed(self, words: dict[str, float], codes: dict[str, str]) -> None:
-        """F in the line that changes the unit counts as its controller counts it."""
+        """Sets the feed. The dialect determines the unit of F in a line that changes the unit."""
         change = codes.get("units")
         if change is None or "F" not in words or codes.get("feed mode", self.feed_mode) == "G93":
             feed(self, words, codes)
@@ -541,7 +549,7 @@ class Foreign(Machine):
         self.unit = before
 
     def insist_on_feed(self, code: str) -> None:
-        """A feed of the machine's own where it has one, and where a refused line is to lead on."""
+        """Sets the default feed of the machine before the first F, or adds a refusal."""
         if self.feed > 0 or self.feed_mode == "G93":
             return
         if self.dialect.name == "iso":
@@ -561,7 +569,7 @@ class Foreign(Machine):
         self.feed = self.given.get("feed", FEED) / 60.0
 
     def is_settled(self) -> bool:
-        """Nor may anything else decide what a plain line does."""
+        """Return whether the words of a line alone determine its effect."""
         plain = not (
             self.beam
             or self.control
@@ -579,20 +587,21 @@ class Foreign(Machine):
         return plain and Machine.is_settled(self)
 
     def settle(self, code: str, words: Mapping[str, float], cycle: bool) -> None:
-        """Units that nobody says, axes that have come back, and a length that is no longer on."""
+        """Judges units, spindle, compensation and tool length before a motion."""
         if self.unit is None:
             inch = self.assume(
                 "lengths are mm", "inch", 0.0, "neither G20 nor G21 stands before the first motion"
             )
             self.unit = 25.4 if inch else 1.0
         if self.adrift:
-            said = {k for k, axis in enumerate(AXES) if axis in words and not self.incremental}
-            self.adrift -= said
+            stated = {k for k, axis in enumerate(AXES) if axis in words and not self.incremental}
+            self.adrift -= stated
             if self.adrift and code != "G0" and self.motion != "G0":
                 names = " ".join(AXES[k] for k in sorted(self.adrift))
                 self.log.find(
                     "unusual",
-                    f"a motion at feed from where no line says: {names} came from a stored position",
+                    f"a motion at feed from where no line says: {names} came from a stored "
+                    "position",
                     once="adrift",
                 )
                 self.adrift.clear()
@@ -601,7 +610,8 @@ class Foreign(Machine):
         elif self.halted and (cycle or "G0" not in (code, self.motion)):
             self.log.find(
                 "dangerous",
-                f"cuts with a spindle that does not turn: M6 stopped it (line {self.halted}), and no M3 follows",
+                f"cuts with a spindle that does not turn: M6 stopped it (line {self.halted}), "
+                "and no M3 follows",
             )
             self.halted = 0
         if cycle and self.side and not self.dialect.open:
@@ -617,7 +627,7 @@ class Foreign(Machine):
         self.length_at_z = self.length
 
     def turn_axes(self, words: dict[str, float], code: str) -> None:
-        """Axes that turn, or lie beside X Y Z: named; a motion of theirs alone takes its time."""
+        """Adds a loss for each motion of other axes, and its time if X, Y and Z stand still."""
         turned = 0.0
         for letter in self.others:
             if letter not in words:
@@ -642,7 +652,7 @@ class Foreign(Machine):
             self.add(Wait(min(seconds, 1e6)))
 
     def trace(self, code: str, words: dict[str, float]) -> bool:
-        """Splines, threads, taps, probes."""
+        """Runs splines, threads, taps and probes. Returns whether the line has one."""
         if self.dialect.increments and self.motion in CYCLES and "K" in words:
             words["L"] = words.pop("K")
         if self.control and self.motion not in ("G5.2", "G5.3"):
@@ -656,7 +666,7 @@ class Foreign(Machine):
         return True
 
     def rapid(self, end: Sequence[float], axes: Sequence[int] = ()) -> None:
-        """On a printer G0 runs at the feed."""
+        """Adds a rapid motion, on a printer one at the feed."""
         if self.path is not None:
             start = self.here()
             self.at[:] = end
@@ -668,13 +678,13 @@ class Foreign(Machine):
             return
         self._insist_on_dark_rapids()
         if not (self.has_heights or self.begun or self.known[2]):
-            # All of the program runs at one height, so that no motion has to wait for it.
+            # The whole program runs at one height.
             self.known[2], self.entry = True, RAPID
             self.note("assumed", "the program begins at Z0", "it does not say where")
         Machine.rapid(self, end, axes)
 
     def _insist_on_dark_rapids(self) -> None:
-        """Tells of a rapid motion with the beam of a laser on."""
+        """Adds a finding for a rapid motion with the beam of a laser on."""
         is_on = self.spindle != "M5" and bool(self.on_off or self.speed)
         if self.beam is not None or not is_on:
             return
@@ -694,7 +704,7 @@ class Foreign(Machine):
         return 1.0 if self.on_off else self.speed or 0.0
 
     def turn(self) -> None:
-        """Sets the spindle, or the beam of a laser, to what the program has said."""
+        """Switches the spindle, or the beam of a laser, to its modal state."""
         if self.beam is not None:
             if self.spindle == "M4":
                 self.assume(_FULL_POWER, "", 0.0, "its output has the power of S")
@@ -709,11 +719,11 @@ class Foreign(Machine):
             Machine.switch(self, output.signal, output.value)
 
     def turned(self, point: list[float], back: bool = False) -> list[float]:
-        """By G68."""
+        """The point in the coordinates rotated by G68."""
         return point if self.rotation is None else self.rotation.turn(point, back)
 
     def turn_centre(self, words: dict[str, float]) -> None:
-        """By G68."""
+        """Rotates the words of the centre by G68."""
         if self.rotation is not None:
             self.rotation.turn_offset(words, self.absolute_centre)
 
@@ -730,7 +740,7 @@ class Foreign(Machine):
     def follow(
         self, start: Vec3, end: Vec3, speed: float | None, centre: tuple[float, ...] = ()
     ) -> None:
-        """A motion beside which the tool runs."""
+        """Adds a motion beside which the tool runs."""
         assert self.path is not None
         first, second, normal = self.path.axes
         turn = 1 if self.motion == "G3" else -1
@@ -739,19 +749,19 @@ class Foreign(Machine):
         self.path.move(a, b, middle, turn, end[normal], speed, self.line)
 
     def switch(self, signal: str, value: float) -> None:
-        """Sets an output; one that was on at an unknown height cannot be run elsewhere."""
+        """Switches an output. A switch at an unknown height is a loss."""
         is_placeless = self.held > 0 and not self.begun
         if is_placeless and not value and self._was_on(signal):
             self.log.lose(f"{signal} is on and off again where Z is not known; {_NO_HEIGHT}")
         Machine.switch(self, signal, value)
 
     def _was_on(self, signal: str) -> bool:
-        """Whether the program has switched an output on."""
+        """Return whether the program has switched an output on."""
         outputs = (item for item in self.body if isinstance(item, Output))
         return any(item.signal == signal and item.value for item in outputs)
 
     def add(self, item: Instruction) -> None:
-        """What comes while a motion beside the path waits comes behind it."""
+        """Adds an instruction, after the motion of the compensation that waits for its corner."""
         if self.beam is not None:
             self._write_beam(self.beam.before(item, self.power, self.spindle, self.motion))
         if self.path is not None and self.path.last is not None:
@@ -760,16 +770,16 @@ class Foreign(Machine):
             Machine.add(self, item)
 
     def top(self) -> float:
-        """The highest place of the program so far, mm."""
+        """The maximum height of the program so far, mm."""
         ends = self.body.body().packed.end
         return max(float(np.nanmax(ends[:, 2])) if len(ends) else self.at[2], self.at[2])
 
     def obey(self, group: str, code: str, words: dict[str, float]) -> None:
-        """By the handlers of foreign programs."""
+        """Runs a code with the handler of its group."""
         self.handlers[group](self, code, words)
 
     def lift(self, motion: str, words: dict[str, float]) -> None:
-        """G53: machine coordinates; LinuxCNC refuses them among increments."""
+        """G53: machine coordinates."""
         if (
             not self.begun
             and motion == "G0"
@@ -782,7 +792,7 @@ class Foreign(Machine):
             self.handlers["machine coordinates"](self, motion, words)
 
     def stop(self, code: str) -> None:
-        """M0 and M60 wait for the operator, M1 where a switch says so."""
+        """Adds the stop of M0, M60 and M1, or ends the program."""
         if code in ("M0", "M60"):
             self.add(Stop())
         elif code == "M1":
@@ -791,7 +801,7 @@ class Foreign(Machine):
             stop(self, code)
 
     def finish(self) -> None:
-        """The end switches off what is on; a file that merely stops does not."""
+        """Switches all outputs off. Without M2 or M30 they are named as left on."""
         if self.path is not None:
             self.path.flush()
         if not self.ended:
@@ -800,7 +810,7 @@ class Foreign(Machine):
         Machine.finish(self)
 
     def value(self, name: str) -> float | None:
-        """Values of the machine: what the program itself decides, else what is assumed."""
+        """The value of a parameter of the machine, assumed if the program does not determine it."""
         known = Machine.value(self, name)
         if known is not None:
             return known
@@ -815,7 +825,7 @@ class Foreign(Machine):
         return None
 
     def takes(self, key: int) -> bool:
-        """Whether a line may set this parameter of the machine."""
+        """Return whether a line may set this parameter of the machine."""
         return not 5400 <= key <= 5428
 
 
@@ -826,8 +836,9 @@ def _as_printers_read(text: str) -> str:
 
 
 def _drop_comments(raw: str, nested: bool) -> str:
-    """The line without comments, also within each other and open to its end. nested: else a comment ends with the first
-    closing parenthesis, as in GRBL.
+    """The line without comments. A comment may have no end.
+
+    nested: whether comments nest. Else the first closing parenthesis ends one, as in GRBL.
     """
     head = raw.partition(";")[0]
     raw = raw if "(" in head else head
