@@ -12,9 +12,6 @@ READER = "a language reader, which one engine for all languages will replace"
 EXCEPTIONS = {
     ("camgen/pipeline/__init__.py", "build"): "the public call, whose keywords users write",
     ("camgen/robots/kinematics/continuity.py", "follow"): "the path and its limits, as `why` has",
-    ("camgen/lang/gcode/arcs.py", "pieces"): READER,
-    ("camgen/lang/gcode/arcs.py", "find_centre"): READER,
-    ("camgen/lang/gcode/arcs.py", "_centre_of"): READER,
     ("camgen/lang/gcode/compensation.py", "move"): READER,
     ("camgen/lang/gcode/turning.py", "_pass"): READER,
     ("camgen/lang/pacscript/motions.py", "_turn"): READER,

@@ -16,8 +16,8 @@ What is compared, and how exactly:
   from 0. That at ``via`` only where the post carries it: controllers interpolate from the start to the end, and use it
   at most to tell in which sense.
 * Postures: ABB's confdata, DENSO's figure or the switches of V+ are equal, or neutral where the plan has none.
-* The share of the joints' greatest speeds, or the speed of the joint with the longest travel, instead of a joint motion's
-  speed, if it is known and the text states it.
+* The share of the joints' greatest speeds, or the speed of the joint with the longest travel, instead of the speed of a
+  joint motion, if it is known and the text states it.
 * Joints, speeds, blends, waits, forces within their tolerances, as far as ``verified_fields`` of
   the post holds their word of ``COMPARED``.
 """

@@ -1,8 +1,9 @@
-"""G2 and G3 as arcs of at most half a circle, helices as short lines: for the interpreter and for read-backs alike."""
+"""Arcs of G2 and G3: arcs of at most half a circle, and short lines along helices."""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from msgspec import Struct
 
@@ -15,7 +16,7 @@ Vec2 = tuple[float, float]
 
 #: First axis, second axis and normal of each plane; G3 turns from the first to the second.
 _PLANES = {"G17": (0, 1, 2), "G18": (2, 0, 1), "G19": (1, 2, 0)}
-#: An end point nearer to the start than this angle is a full turn, as in both controllers. rad.
+#: rad: an end point nearer to the start is a full turn, as in LinuxCNC and GRBL.
 NO_ANGLE = 1e-6
 #: A half circle whose rounded points reach further by this stays one arc: mm along it, at most rad.
 #: With two decimals, each of its ends is off by 0.005 mm and its centre too.
@@ -26,12 +27,15 @@ Piece = tuple[Vec3 | None, Vec3]
 
 
 class Limits(Struct, frozen=True):
-    """What a controller accepts as an arc.
+    """The arcs that a controller accepts.
 
-    spiral: by how much the radii may differ at least, at most (mm), and at least in a program in inches; between the
-    two 0.1 % of the radius counts. shorter: by how much R may be less than half the chord, mm. least_radius: mm. turns:
-    whether P counts turns. helix: by how much the lines that a helix becomes may leave it, mm. pieces: what an arc
-    may become at most.
+    spiral: difference of the radii at start and end, mm: always accepted, always refused, and
+        always accepted in inches. Between the first two 0.1 % of the radius is accepted.
+    shorter: length, mm, by which R may be less than half the chord.
+    least_radius: minimum radius, mm.
+    turns: whether P counts turns.
+    helix: deviation of the lines along a helix, mm.
+    pieces: maximum number of pieces of an arc.
     """
 
     spiral: tuple[float, float, float]
@@ -42,7 +46,7 @@ class Limits(Struct, frozen=True):
     pieces: float = Bounds().gcode_pieces
 
 
-#: Of LinuxCNC 2.9, from its source and tried with its interpreter.
+#: LinuxCNC 2.9, from its source, and tried with its interpreter.
 LINUXCNC = Limits(
     spiral=(0.02828, 2.83, 0.002828 * 25.4),
     shorter=0.00127,
@@ -51,91 +55,130 @@ LINUXCNC = Limits(
 )
 
 
-def pieces(plane: str, code: str, start: Vec3, end: Vec3, words: dict[str, float], absolute: bool, inch: bool,
-           limits: Limits) -> list[Piece]:  # fmt: skip
-    """The arc from ``start`` to ``end`` (mm). words: I J K R in mm and P, taken out when used. Raises LineError."""
-    first, second, normal = axes = _PLANES[plane]
-    a0, b0, a1, b1 = start[first], start[second], end[first], end[second]
-    offsets = (words.pop("IJK"[first], None), words.pop("IJK"[second], None))
-    radius = words.pop("R", None)
-    if radius is None:
-        a, b = _centre(offsets, (a0, b0), absolute)
-    elif offsets == (None, None):
-        a, b = _centre_of(code, a0, b0, a1, b1, radius, limits)
-    else:
-        raise LineError("R and a centre in one arc")
-    r0, r1 = math.hypot(a0 - a, b0 - b), math.hypot(a1 - a, b1 - b)
-    if radius is None:
-        _check_radii(r0, r1, inch, limits)
-    begin = math.atan2(b0 - b, a0 - a)
-    sweep = _sweep(code, begin, math.atan2(b1 - b, a1 - a), words.pop("P", 1.0), limits)
-    rise = end[normal] - start[normal]
-    if rise or abs(sweep) - min(OVER_MM / max(r0, r1), OVER_RAD) > math.pi:
-        return _divide(axes, start, end, (a, b), (r0, r1, begin, sweep), limits)
-    r, angle = (r0 + r1) / 2, begin + sweep / 2
-    point = [start[normal]] * 3
-    point[first], point[second] = a + r * math.cos(angle), b + r * math.sin(angle)
-    return [((point[0], point[1], point[2]), end)]
+class Arc(NamedTuple):
+    """An arc as a line states it.
+
+    plane: G17, G18 or G19.
+    code: G2 or G3.
+    start, end: mm.
+    words: I, J, K and R, mm, and P. `divide` removes the words that it uses.
+    is_absolute: whether the centre is in absolute coordinates (G90.1).
+    """
+
+    plane: str
+    code: str
+    start: Vec3
+    end: Vec3
+    words: dict[str, float]
+    is_absolute: bool = False
 
 
-def find_centre(plane: str, code: str, start: Vec3, end: Vec3, words: dict[str, float], absolute: bool,
-                limits: Limits) -> tuple[float, float]:  # fmt: skip
-    """The centre of the arc of ``pieces``, in its plane. Raises LineError."""
-    first, second, _ = _PLANES[plane]
+class _Circle(NamedTuple):
+    """The circle of an arc in its plane.
+
+    centre: mm.
+    radii: radius at start and end, mm.
+    begin: angle of the start, rad.
+    sweep: angle of the arc, rad, counter-clockwise positive.
+    """
+
+    centre: Vec2
+    radii: Vec2
+    begin: float
+    sweep: float
+
+    def point(self, fraction: float) -> Vec2:
+        """The point at a fraction of the sweep. The radius changes evenly."""
+        radius = self.radii[0] + (self.radii[1] - self.radii[0]) * fraction
+        angle = self.begin + self.sweep * fraction
+        return self.centre[0] + radius * math.cos(angle), self.centre[1] + radius * math.sin(angle)
+
+
+def divide(arc: Arc, limits: Limits, inch: bool) -> list[Piece]:
+    """The pieces of an arc. Raises LineError for an arc that the controller refuses.
+
+    inch: whether the program is in inches.
+    """
+    first, second, normal = _PLANES[arc.plane]
+    start, end, words = arc.start, arc.end, arc.words
+    a, b = find_centre(arc, limits)
+    words.pop("IJK"[first], None)
+    words.pop("IJK"[second], None)
+    begin = start[first] - a, start[second] - b
+    finish = end[first] - a, end[second] - b
+    radii = math.hypot(*begin), math.hypot(*finish)
+    if words.pop("R", None) is None:
+        _check_radii(radii, inch, limits)
+    angle = math.atan2(begin[1], begin[0])
+    sweep = _sweep(arc.code, angle, math.atan2(finish[1], finish[0]), words.pop("P", 1.0), limits)
+    over = min(OVER_MM / max(radii), OVER_RAD)
+    if start[normal] != end[normal]:
+        return _cut_helix(arc, _Circle((a, b), radii, angle, sweep), limits)
+    if abs(sweep) - over > math.pi:
+        circle = _Circle((a, b), radii, angle, sweep)
+        return _cut_circle(arc, circle, (abs(sweep) - over) / math.pi, limits)
+    radius, middle = (radii[0] + radii[1]) / 2, angle + sweep / 2
+    via = [start[normal]] * 3
+    via[first], via[second] = a + radius * math.cos(middle), b + radius * math.sin(middle)
+    return [((via[0], via[1], via[2]), end)]
+
+
+def find_centre(arc: Arc, limits: Limits) -> Vec2:
+    """The centre of an arc in its plane, mm. Raises LineError."""
+    first, second, _ = _PLANES[arc.plane]
+    words = arc.words
+    a, b = words.get("IJK"[first]), words.get("IJK"[second])
     if "R" in words:
-        return _centre_of(
-            code, start[first], start[second], end[first], end[second], words["R"], limits
-        )
-    return _centre(
-        (words.get("IJK"[first]), words.get("IJK"[second])), (start[first], start[second]), absolute
-    )
-
-
-def _centre(
-    offsets: tuple[float | None, float | None], start: tuple[float, float], absolute: bool
-) -> Vec2:
-    first, second = offsets
-    if first is None and second is None:
+        if a is not None or b is not None:
+            raise LineError("R and a centre in one arc")
+        return _centre_of_radius(arc, words["R"], limits)
+    if a is None and b is None:
         raise LineError("arc without a centre or radius (I, J, K or R) in its plane")
-    if absolute:
-        if first is None or second is None:
+    if arc.is_absolute:
+        if a is None or b is None:
             raise LineError("an absolute centre (G90.1) needs both its words")
-        return first, second
-    return start[0] + (first or 0.0), start[1] + (second or 0.0)
+        return a, b
+    return arc.start[first] + (a or 0.0), arc.start[second] + (b or 0.0)
 
 
-def _centre_of(
-    code: str, a0: float, b0: float, a1: float, b1: float, radius: float, limits: Limits
-) -> Vec2:
-    """The centre of the arc of ``radius``: up to half a circle where positive, the larger one where negative."""
+def _centre_of_radius(arc: Arc, radius: float, limits: Limits) -> Vec2:
+    """The centre of an arc with R: up to half a circle if it is positive, else the larger arc."""
+    first, second, _ = _PLANES[arc.plane]
+    a0, b0 = arc.start[first], arc.start[second]
+    a1, b1 = arc.end[first], arc.end[second]
     half = math.hypot(a1 - a0, b1 - b0) / 2
     if half == 0:
         raise LineError("arc with R whose end is its start")
     if half - abs(radius) > limits.shorter:
         raise LineError(f"R{radius:g} does not reach the end point")
-    away = math.sqrt(max(0.0, radius * radius - half * half))
+    height = math.sqrt(max(0.0, radius * radius - half * half))
     # The centre of a short counter-clockwise arc lies to the left of its chord.
-    side = away if (code == "G3") == (radius > 0) else -away
-    return (a0 + a1) / 2 - side * (b1 - b0) / (2 * half), (b0 + b1) / 2 + side * (a1 - a0) / (
-        2 * half
-    )
+    side = height if (arc.code == "G3") == (radius > 0) else -height
+    a = (a0 + a1) / 2 - side * (b1 - b0) / (2 * half)
+    return a, (b0 + b1) / 2 + side * (a1 - a0) / (2 * half)
 
 
-def _check_radii(start: float, end: float, inch: bool, limits: Limits) -> None:
-    least, most, least_inch = limits.spiral
+def _check_radii(radii: Vec2, inch: bool, limits: Limits) -> None:
+    """Raises LineError for radii at start and end, mm, that differ too much."""
+    accepted, refused, accepted_inch = limits.spiral
     if inch:
-        least, most = least_inch, most * least_inch / least
-    if min(start, end) < limits.least_radius:
+        accepted, refused = accepted_inch, refused * accepted_inch / accepted
+    if min(radii) < limits.least_radius:
         raise LineError("arc of no radius")
-    differ = abs(start - end)
-    if differ > most or (differ > least and differ > 0.001 * max(start, end)):
+    start, end = radii
+    difference = abs(start - end)
+    if difference > refused or (difference > accepted and difference > 0.001 * max(radii)):
         raise LineError(
-            f"the radii of the arc differ by {differ:.4f} mm (start {start:.4f}, end {end:.4f})"
+            f"the radii of the arc differ by {difference:.4f} mm (start {start:.4f}, end {end:.4f})"
         )
 
 
 def _sweep(code: str, begin: float, finish: float, turns: float, limits: Limits) -> float:
-    """The signed angle, counter-clockwise positive."""
+    """The angle of an arc, rad, counter-clockwise positive. Raises LineError.
+
+    begin, finish: angles of start and end, rad.
+    turns: value of P.
+    """
     if turns != 1 and not limits.turns:
         raise LineError(f"P{turns:g} has no meaning in an arc")
     if turns < 1 or turns != int(turns):
@@ -147,39 +190,38 @@ def _sweep(code: str, begin: float, finish: float, turns: float, limits: Limits)
     return turn if code == "G3" else -turn
 
 
-def _divide(
-    axes: tuple[int, int, int],
-    start: Vec3,
-    end: Vec3,
-    centre: Vec2,
-    arc: tuple[float, float, float, float],
-    limits: Limits,
-) -> list[Piece]:
-    """A helix as lines, a wide arc as several. arc: radii at start and end, angle at the start, sweep."""
-    first, second, normal = axes
-    (a, b), (r0, r1, begin, sweep) = centre, arc
-    lift, radius = end[normal] - start[normal], max(r0, r1)
-
-    def at(fraction: float) -> Vec3:
-        """The point of the arc; between unequal radii the radius changes evenly."""
-        point = [0.0, 0.0, 0.0]
-        r, angle = r0 + (r1 - r0) * fraction, begin + sweep * fraction
-        point[first], point[second] = a + r * math.cos(angle), b + r * math.sin(angle)
-        point[normal] = start[normal] + lift * fraction
-        return (point[0], point[1], point[2])
-
-    if lift:
-        step = 2 * math.acos(max(0.0, 1 - limits.helix / radius))
-        count = _count(abs(sweep) / step, limits.pieces)
-        return [*((None, at(i / count)) for i in range(1, count)), (None, end)]
-    count = _count((abs(sweep) - min(OVER_MM / radius, OVER_RAD)) / math.pi, limits.pieces)
-    ends = [*(at(i / count) for i in range(1, count)), end]
-    return [(at((i + 0.5) / count), point) for i, point in enumerate(ends)]
+def _cut_helix(arc: Arc, circle: _Circle, limits: Limits) -> list[Piece]:
+    """A helix as lines."""
+    step = 2 * math.acos(max(0.0, 1 - limits.helix / max(circle.radii)))
+    count = _count(abs(circle.sweep) / step, limits.pieces)
+    points = [_place(arc, circle.point(k / count), k / count) for k in range(1, count)]
+    return [(None, point) for point in [*points, arc.end]]
 
 
-def _count(number: float, most: float) -> int:
-    if number > most:
+def _cut_circle(arc: Arc, circle: _Circle, halves: float, limits: Limits) -> list[Piece]:
+    """An arc as several.
+
+    halves: its angle in half turns.
+    """
+    count = _count(halves, limits.pieces)
+    points = [_place(arc, circle.point(k / count), k / count) for k in range(1, count)]
+    vias = [_place(arc, circle.point((k + 0.5) / count), (k + 0.5) / count) for k in range(count)]
+    return list(zip(vias, [*points, arc.end], strict=True))
+
+
+def _place(arc: Arc, point: Vec2, fraction: float) -> Vec3:
+    """A point of the plane of an arc, at a fraction of the way along its normal, mm."""
+    first, second, normal = _PLANES[arc.plane]
+    place = [0.0, 0.0, 0.0]
+    place[first], place[second] = point
+    place[normal] = arc.start[normal] + (arc.end[normal] - arc.start[normal]) * fraction
+    return (place[0], place[1], place[2])
+
+
+def _count(number: float, limit: float) -> int:
+    """The number of pieces. Raises LineError if there are too many."""
+    if number > limit:
         raise LineError(
-            f"an arc of more than {tell(most)} pieces cannot be meant (limits.gcode_pieces)"
+            f"an arc of more than {tell(limit)} pieces cannot be meant (limits.gcode_pieces)"
         )
     return max(1, math.ceil(number))

@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping
 from functools import partial
 
-from camgen.lang.gcode.arcs import pieces
+from camgen.lang.gcode.arcs import Arc, divide
 from camgen.lang.gcode.compensation import Beside, Segment, place
 from camgen.lang.gcode.foreign import Foreign, Handler
 from camgen.lang.gcode.machine import AXES, HANDLERS, RAPID, set_offsets, take_axes, work_offset
@@ -237,7 +237,8 @@ def _write(m: Foreign, one: Segment) -> None:
         offset = place(one.centre - one.start, 0.0, axes)
         words = {letter: offset[k] for k, letter in enumerate("IJK") if k != axes[2]}
         code = "G3" if one.turn > 0 else "G2"
-        for via, point in pieces(m.plane, code, start, end, words, False, m.scale != 1.0, m.limits):
+        arc = Arc(m.plane, code, start, end, words)
+        for via, point in divide(arc, m.limits, m.scale != 1.0):
             pose = Pose(TOOL_DOWN, point)
             m.add(
                 MoveL(pose, one.speed, m.blend)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from camgen.lang.gcode.arcs import Piece, find_centre
+from camgen.lang.gcode.arcs import Arc, Piece, find_centre
 from camgen.lang.gcode.beam import Beam
 from camgen.lang.gcode.compensation import Beside
 from camgen.lang.gcode.dialects import LINUXCNC, LOSSES, Dialect
@@ -733,9 +733,8 @@ class Foreign(Machine):
             return ()
         if self.motion not in ARCS:
             return (0.0,)
-        return find_centre(
-            self.plane, self.motion, start, end, words, self.absolute_centre, self.limits
-        )
+        arc = Arc(self.plane, self.motion, start, end, words, self.absolute_centre)
+        return find_centre(arc, self.limits)
 
     def follow(
         self, start: Vec3, end: Vec3, speed: float | None, centre: tuple[float, ...] = ()

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from camgen.lang.gcode.arcs import pieces
+from camgen.lang.gcode.arcs import Arc, divide
 from camgen.lang.gcode.foreign import Foreign, Handler
 from camgen.lang.gcode.machine import AXES
 from camgen.lang.gcode.macros import ARGUMENTS
@@ -99,10 +99,8 @@ def _go_round(m: Foreign, code: str, radii: list[float]) -> None:
         for end in [there, there] if radius else [0.0]:
             start = (x + place, y, z)
             words = {"I": (end - place) / 2 if end != place else -place, "J": 0.0}
-            m.pieces(
-                pieces("G17", code, start, (x + end, y, z), words, False, m.scale != 1.0, m.limits),
-                speed_of(m),
-            )
+            arc = Arc("G17", code, start, (x + end, y, z), words)
+            m.pieces(divide(arc, m.limits, m.scale != 1.0), speed_of(m))
             place = end
 
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from camgen.geometry.arcs import span_lengths
-from camgen.lang.gcode.arcs import Piece, pieces
+from camgen.lang.gcode.arcs import Arc, Piece, divide
 from camgen.lang.gcode.machine import ARCS, AXES, RAPID, Machine, take_axes
 from camgen.lang.gcode.words import LineError
 from camgen.model.limits import tell
@@ -113,14 +113,13 @@ def _curve(m: Machine, start: Vec3, end: Vec3, words: dict[str, float]) -> list[
     """An arc, and its words taken out."""
     kept, inch = dict(words), m.scale != 1.0
     try:
-        return pieces(m.plane, m.motion, start, end, words, m.absolute_centre, inch, m.limits)
+        return divide(Arc(m.plane, m.motion, start, end, words, m.absolute_centre), m.limits, inch)
     except LineError as error:
         for k, letter in enumerate("IJK"):
             if letter in kept and not m.absolute_centre:
                 kept[letter] += m.shift[k]
-        return m.centre(
-            lambda: pieces(m.plane, m.motion, start, end, kept, True, inch, m.limits), error
-        )
+        absolute = Arc(m.plane, m.motion, start, end, kept, is_absolute=True)
+        return m.centre(lambda: divide(absolute, m.limits, inch), error)
 
 
 def _rate(m: Machine, start: Vec3, found: Sequence[Piece]) -> float:
@@ -442,16 +441,16 @@ def _read_arc(
     if j is not None:
         words["J"] = float(j) * unit
     try:
-        found = pieces(
-            "G17", f"G{digit}", start, end, words, False, unit != 1.0, m.exact or m.limits
+        pieces = divide(
+            Arc("G17", f"G{digit}", start, end, words), m.exact or m.limits, unit != 1.0
         )
     except LineError:
         return []
-    made: list[Instruction] = []
-    for via, point in found:
+    motions: list[Instruction] = []
+    for via, point in pieces:
         pose = Pose(TOOL_DOWN, point)
         if via is None:
-            made.append(MoveL(pose, feed, m.blend, m.force))
+            motions.append(MoveL(pose, feed, m.blend, m.force))
         else:
-            made.append(MoveC(Pose(TOOL_DOWN, via), pose, feed, m.blend, m.force))
-    return made
+            motions.append(MoveC(Pose(TOOL_DOWN, via), pose, feed, m.blend, m.force))
+    return motions

@@ -300,7 +300,7 @@ def _held(values: FloatArray, before: float) -> FloatArray:
 def _pass_through(
     start: FloatArray, end: FloatArray, centre: FloatArray, left: Mask, limits: Limits
 ) -> tuple[FloatArray, Mask]:
-    """The points half-way along arcs as ``camgen.lang.gcode.arcs.pieces`` finds them, to the last bit, and which arcs
+    """The points half-way along arcs as ``camgen.lang.gcode.arcs.divide`` finds them, to the last bit, and which arcs
     are level, no more than half a circle, and taken by the controller. centre: (N, 2) from the start.
     """
     a, b = (start[:, k] + centre[:, k] for k in range(2))
