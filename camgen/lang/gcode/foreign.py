@@ -16,9 +16,9 @@ from camgen.lang.gcode.arcs import Arc, Piece, find_centre
 from camgen.lang.gcode.beam import Beam
 from camgen.lang.gcode.compensation import Beside
 from camgen.lang.gcode.dialects import LINUXCNC, LOSSES, Dialect
+from camgen.lang.gcode.drilling import CYCLES
 from camgen.lang.gcode.machine import ARCS, AXES, RAPID, Machine, feed, stop
 from camgen.lang.gcode.macros import ARGUMENTS, assign, find_ends, jump
-from camgen.lang.gcode.motion import CYCLES
 from camgen.lang.gcode.rotation import Rotation
 from camgen.lang.gcode.words import (
     COMMENT,

@@ -15,8 +15,8 @@ from msgspec import Struct
 
 from camgen.geometry.arcs import circle, turn_about
 from camgen.lang.gcode.compensation import Beside
+from camgen.lang.gcode.drilling import speed_of
 from camgen.lang.gcode.foreign import Foreign
-from camgen.lang.gcode.motion import speed_of
 from camgen.lang.gcode.words import LineError
 from camgen.model.pose import Vec3
 from camgen.model.program import MoveC, MoveJ, MoveL, Packing
