@@ -12,7 +12,6 @@ READER = "a language reader, which one engine for all languages will replace"
 EXCEPTIONS = {
     ("camgen/pipeline/__init__.py", "build"): "the public call, whose keywords users write",
     ("camgen/robots/kinematics/continuity.py", "follow"): "the path and its limits, as `why` has",
-    ("camgen/lang/gcode/compensation.py", "move"): READER,
     ("camgen/lang/gcode/turning.py", "_pass"): READER,
     ("camgen/lang/pacscript/motions.py", "_turn"): READER,
     ("camgen/lang/vplus/strict/__init__.py", "__init__"): READER,

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from functools import partial
 
 from camgen.lang.gcode.arcs import Arc, divide
-from camgen.lang.gcode.compensation import Beside, Segment, place
+from camgen.lang.gcode.compensation import OffsetPath, Segment, place
 from camgen.lang.gcode.foreign import Foreign, Handler
 from camgen.lang.gcode.machine import AXES, HANDLERS, RAPID, set_offsets, take_axes, work_offset
 from camgen.lang.gcode.milling import MILLING
@@ -169,10 +169,10 @@ def _compensate(m: Foreign, code: str, words: dict[str, float]) -> None:
     if radius > 0:
         m.start()
         first, second, normal = _BESIDE[m.plane]
-        here = complex(m.at[first], m.at[second])
+        tip = complex(m.at[first], m.at[second])
         m.height = m.at[normal]
-        m.path = Beside(
-            m.side, radius, (first, second, normal), here, partial(_write, m), partial(_keep, m)
+        m.path = OffsetPath(
+            m.side, radius, (first, second, normal), tip, partial(_write, m), partial(_keep, m)
         )
 
 
@@ -181,7 +181,7 @@ _BESIDE = {"G17": (0, 1, 2), "G18": (2, 0, 1)}
 
 
 def find_radius(m: Foreign, code: str, number: float | None) -> float:
-    """Of the tool, mm; 0 where nobody says it, and that is told."""
+    """The radius of a tool, mm; 0 with an assumption or a loss if it is not known."""
     if code.endswith(".1"):
         return (number or 0.0) * m.scale / 2
     if number is not None and number != int(number):
@@ -198,7 +198,8 @@ def find_radius(m: Foreign, code: str, number: float | None) -> float:
     if name in m.radii:
         return m.radii[name]
     if number == 0 and m.dialect.increments:
-        return 0.0  # no offset at all
+        # D0 is no offset.
+        return 0.0
     if key in m.given:
         return (
             m.assume(
@@ -213,39 +214,39 @@ def find_radius(m: Foreign, code: str, number: float | None) -> float:
         )
     what = f"{code}: the path is run as programmed, the tool on it; the diameter of tool {name}, mm, is in no program"
     m.assume(what, key, 0.0)
-    ways = (
+    remedy = (
         f"give tool {name} a row of [[tools]] with its number and diameter"
         if name
         else "set tool.diameter"
     )
     what = f"{code}: the path depends on the radius of {f'tool {name}' if name else 'the tool'}, which is not known"
-    m.log.lose(f'{what}; {ways}, or operation.compensation = "as-programmed"')
+    m.log.lose(f'{what}; {remedy}, or operation.compensation = "as-programmed"')
     return 0.0
 
 
-def _write(m: Foreign, one: Segment) -> None:
-    """A motion beside the path, from where the tool is."""
+def _write(m: Foreign, segment: Segment) -> None:
+    """Adds a motion of the offset path."""
     assert m.path is not None
     axes, line = m.path.axes, m.line
-    m.line, waiting, m.path.last = one.line, m.path.last, None
-    end = place(one.stop, one.height, axes)
-    if one.centre is None or one.speed is None:
+    m.line, waiting, m.path.last = segment.line, m.path.last, None
+    end = place(segment.stop, segment.height, axes)
+    if segment.centre is None or segment.speed is None:
         pose = Pose(TOOL_DOWN, end)
-        m.add(MoveJ(pose, RAPID) if one.speed is None else MoveL(pose, one.speed, m.blend))
+        m.add(MoveJ(pose, RAPID) if segment.speed is None else MoveL(pose, segment.speed, m.blend))
     else:
-        start = place(one.start, m.height, axes)
-        offset = place(one.centre - one.start, 0.0, axes)
+        start = place(segment.start, m.height, axes)
+        offset = place(segment.centre - segment.start, 0.0, axes)
         words = {letter: offset[k] for k, letter in enumerate("IJK") if k != axes[2]}
-        code = "G3" if one.turn > 0 else "G2"
+        code = "G3" if segment.turn > 0 else "G2"
         arc = Arc(m.plane, code, start, end, words)
         for via, point in divide(arc, m.limits, m.scale != 1.0):
             pose = Pose(TOOL_DOWN, point)
             m.add(
-                MoveL(pose, one.speed, m.blend)
+                MoveL(pose, segment.speed, m.blend)
                 if via is None
-                else MoveC(Pose(TOOL_DOWN, via), pose, one.speed, m.blend)
+                else MoveC(Pose(TOOL_DOWN, via), pose, segment.speed, m.blend)
             )
-    m.line, m.path.last, m.height = line, waiting, one.height
+    m.line, m.path.last, m.height = line, waiting, segment.height
 
 
 def _keep(m: Foreign, item: Instruction, line: int) -> None:

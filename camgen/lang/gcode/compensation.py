@@ -1,7 +1,8 @@
-"""Cutter compensation (G41, G42): the path beside the programmed one by the radius of the tool, as LinuxCNC runs it.
+"""Cutter compensation (G41, G42) as LinuxCNC runs it: the path of the tool at its radius.
 
-A corner outside is rounded about its point; inside the paths are cut at their crossing. Hence a motion is written down
-when the next one is known. In a plane: X and Y, or X and Z.
+The path follows an arc about each outer corner. At inner corners it is cut where both
+sides cross. So a motion is written after the next one is known. The plane is XY or XZ, and its
+points are complex numbers.
 """
 
 from __future__ import annotations
@@ -15,109 +16,127 @@ from camgen.lang.gcode.words import LineError
 from camgen.model.pose import Vec3
 from camgen.model.program import Instruction
 
-#: Corners that turn by less are none, as in LinuxCNC, and so are those inside that turn nearly back. rad.
+#: rad: smaller turns are not corners, as in LinuxCNC. So are inner corners that nearly turn back.
 _STRAIGHT = 0.05
 _SAME = 1e-9
 
 
 @dataclass(slots=True)
 class Segment:
-    """A motion in the plane. begin, end: programmed; start, stop: of the tool. centre: None for a line. turn: 1 to the
-    left, -1 to the right. height: where it ends along the normal. speed: mm/s, None for a rapid motion.
+    """A motion in the plane.
+
+    begin, end: programmed ends, mm.
+    centre: centre of an arc, None for a line.
+    turn: 1 for an arc to the left, -1 to the right.
+    height: height at its end along the normal, mm.
+    speed: mm/s, None for a rapid motion.
+    line: number of its line.
+    start, stop: ends of the path of the tool, mm.
     """
 
     begin: complex
     end: complex
-    start: complex
-    stop: complex
     centre: complex | None
     turn: int
     height: float
     speed: float | None
     line: int
+    start: complex = 0j
+    stop: complex = 0j
 
     def heading(self, at_end: bool) -> complex:
-        """Its direction at one end, of length 1."""
+        """The direction at one of its ends, of length 1."""
         if self.centre is None:
-            way = self.end - self.begin
+            direction = self.end - self.begin
         else:
-            way = ((self.end if at_end else self.begin) - self.centre) * (1j * self.turn)
-        return way / abs(way)
+            direction = ((self.end if at_end else self.begin) - self.centre) * (1j * self.turn)
+        return direction / abs(direction)
 
 
 @dataclass(slots=True)
-class Beside:
-    """A path beside the programmed one. side: 1 left, -1 right. axes: of the plane and its normal. here: of the tool.
-    write: takes a segment. keep: takes any other instruction and its line. last: the motion that is not written yet;
-    entering: it is the first; behind: what comes at its end, ways along the normal or instructions with their line.
+class OffsetPath:
+    """The path of the tool at its radius beside the programmed path.
+
+    side: 1 left, -1 right.
+    radius: radius of the tool, mm.
+    axes: axes of the plane, and its normal.
+    tip: position of the tool in the plane, mm.
+    write: adds a segment to the program.
+    keep: adds any other instruction with its line.
+    last: the motion that is not written yet.
+    is_first: whether it is the first motion.
+    pending: segments along the normal, and instructions with their lines, that follow it.
     """
 
     side: int
     radius: float
     axes: tuple[int, int, int]
-    here: complex
+    tip: complex
     write: Callable[[Segment], None]
     keep: Callable[[Instruction, int], None]
     last: Segment | None = None
-    entering: bool = True
-    behind: list[tuple[Instruction, int] | Segment] = field(default_factory=list)
+    is_first: bool = True
+    pending: list[tuple[Instruction, int] | Segment] = field(default_factory=list)
 
-    def move(self, begin: complex, end: complex, centre: complex | None, turn: int, height: float,
-             speed: float | None, line: int) -> None:  # fmt: skip
-        """The next motion. LineError where the tool has no way."""
-        one = Segment(begin, end, begin, end, centre, turn, height, speed, line)
-        if centre is None and abs(end - begin) < _SAME:
-            self._climb(one)
+    def move(self, segment: Segment) -> None:
+        """Adds the next motion. Raises LineError if the tool cannot run beside it."""
+        segment.start, segment.stop = segment.begin, segment.end
+        if segment.centre is None and abs(segment.end - segment.begin) < _SAME:
+            self._climb(segment)
             return
-        self._set_off(one)
+        self._set_off(segment)
         if self.last is None:
-            self._enter(one)
+            self._enter(segment)
         else:
-            self._join(self.last, one)
-        self.last = one
+            self._join(self.last, segment)
+        self.last = segment
 
-    def _climb(self, one: Segment) -> None:
-        """Along the normal alone."""
+    def _climb(self, segment: Segment) -> None:
+        """Adds a motion along the normal. Raises LineError for the first motion."""
         if self.last is None:
             raise LineError(
                 "the first motion with G41 or G42 is not longer than the radius of the tool"
             )
-        self.behind.append(one)
+        self.pending.append(segment)
 
-    def _set_off(self, one: Segment) -> None:
-        """Both its ends beside the path."""
-        if one.centre is None:
-            aside = one.heading(False) * (1j * self.side * self.radius)
-            one.start, one.stop = one.begin + aside, one.end + aside
+    def _set_off(self, segment: Segment) -> None:
+        """Offsets both ends of a motion. Raises LineError for an inner arc that is too small."""
+        if segment.centre is None:
+            offset = segment.heading(False) * (1j * self.side * self.radius)
+            segment.start, segment.stop = segment.begin + offset, segment.end + offset
             return
-        share = 1 - self.side * one.turn * self.radius / abs(one.begin - one.centre)
+        share = 1 - self.side * segment.turn * self.radius / abs(segment.begin - segment.centre)
         if share <= 0:
             raise LineError("an arc inside whose radius is not greater than that of the tool")
-        one.start = one.centre + (one.begin - one.centre) * share
-        one.stop = one.centre + (one.end - one.centre) * share
+        segment.start = segment.centre + (segment.begin - segment.centre) * share
+        segment.stop = segment.centre + (segment.end - segment.centre) * share
 
-    def _enter(self, one: Segment) -> None:
-        """The first motion comes from where the tool is to beside its end."""
-        reach = abs(one.end - one.begin) if one.centre is None else abs(one.begin - one.centre)
+    def _enter(self, segment: Segment) -> None:
+        """Begins the first motion at the tip of the tool. Raises LineError if it is too short."""
+        reach = (
+            abs(segment.end - segment.begin)
+            if segment.centre is None
+            else abs(segment.begin - segment.centre)
+        )
         if reach <= self.radius:
             raise LineError(
                 "the first motion with G41 or G42 is not longer than the radius of the tool"
             )
-        one.start = self.here
-        if one.centre is None:
+        segment.start = self.tip
+        if segment.centre is None:
             return
-        # About a point on the line from its end to its centre, as far from where the tool is as from that end.
-        inward = (one.centre - one.stop) / abs(one.centre - one.stop)
-        chord = self.here - one.stop
+        # The centre is on the line from its end to its centre, at the same distance from both ends.
+        inward = (segment.centre - segment.stop) / abs(segment.centre - segment.stop)
+        chord = self.tip - segment.stop
         along = (chord * inward.conjugate()).real
         if along <= _SAME:
             raise LineError(
                 "the first motion with G41 or G42 is an arc that the tool cannot come to"
             )
-        one.centre = one.stop + inward * (abs(chord) ** 2 / (2 * along))
+        segment.centre = segment.stop + inward * (abs(chord) ** 2 / (2 * along))
 
     def _join(self, old: Segment, new: Segment) -> None:
-        """From one motion to the next: about the corner, or cut at the crossing."""
+        """Joins two motions: on an arc about an outer corner, or at the crossing of both."""
         before, after = old.heading(True), new.heading(False)
         turned = cmath.phase(after / before) * self.side
         if _STRAIGHT < turned < math.pi - _STRAIGHT:
@@ -127,35 +146,29 @@ class Beside:
             height = self._height(old)
             self.flush()
             around = Segment(
-                old.end,
-                old.end,
-                self.here,
-                new.start,
-                old.end,
-                -self.side,
-                height,
-                new.speed,
-                new.line,
-            )
+                old.end, old.end, old.end, -self.side, height, new.speed, new.line,
+                start=self.tip, stop=new.start,
+            )  # fmt: skip
             self.write(around)
-            self.here = new.start
+            self.tip = new.start
         else:
             new.start = old.stop
             self.flush()
 
     def _height(self, old: Segment) -> float:
-        heights = [item.height for item in self.behind if isinstance(item, Segment)]
+        heights = [item.height for item in self.pending if isinstance(item, Segment)]
         return heights[-1] if heights else old.height
 
     def _cross(self, old: Segment, new: Segment) -> complex:
-        """Where the paths beside two motions meet, near their corner."""
+        """The crossing of two offset motions near their corner. Raises LineError."""
         corner = new.begin
-        found = [p for p in _crossings(old, new) if abs(p - corner) < 1e6]
-        if not found:
+        crossings = [point for point in _crossings(old, new) if abs(point - corner) < 1e6]
+        if not crossings:
             raise LineError("a corner inside that the tool does not reach")
-        best = min(found, key=lambda p: abs(p - corner))
-        if self.entering:
-            return best  # LinuxCNC asks nothing of the way onto the path
+        best = min(crossings, key=lambda point: abs(point - corner))
+        # LinuxCNC does not examine the first motion.
+        if self.is_first:
+            return best
         if old.centre is None:
             reached = ((best - old.start) * old.heading(False).conjugate()).real >= -_SAME
         else:
@@ -167,18 +180,18 @@ class Beside:
         return best
 
     def flush(self) -> None:
-        """Writes down the motion that waits, and what comes at its end."""
+        """Writes the last motion and the instructions that follow it."""
         if self.last is None:
             return
         self.write(self.last)
-        self.here, self.entering = self.last.stop, False
-        for item in self.behind:
+        self.tip, self.is_first = self.last.stop, False
+        for item in self.pending:
             if isinstance(item, Segment):
-                item.start = item.stop = self.here
+                item.start = item.stop = self.tip
                 self.write(item)
             else:
                 self.keep(*item)
-        self.behind.clear()
+        self.pending.clear()
         self.last = None
 
 
@@ -196,7 +209,8 @@ def _crossings(old: Segment, new: Segment) -> list[complex]:
     if old.centre is None or new.centre is None:
         line, arc = (old, new) if old.centre is None else (new, old)
         assert arc.centre is not None
-        through = line.stop if line is old else line.start  # the first motion begins beside nothing
+        # The first motion has no offset at its start.
+        through = line.stop if line is old else line.start
         return _of_line(through, line.heading(False), arc.centre, abs(arc.start - arc.centre))
     return _of_circles(
         old.centre, abs(old.start - old.centre), new.centre, abs(new.start - new.centre)
@@ -214,22 +228,20 @@ def _of_line(a: complex, d: complex, centre: complex, radius: float) -> list[com
 
 
 def _of_circles(a: complex, r: float, b: complex, s: float) -> list[complex]:
-    apart = abs(b - a)
-    if apart < _SAME:
+    distance = abs(b - a)
+    if distance < _SAME:
         return []
-    along = (apart * apart + r * r - s * s) / (2 * apart)
+    along = (distance * distance + r * r - s * s) / (2 * distance)
     rest = r * r - along * along
     if rest < -1e-9:
         return []
-    d = (b - a) / apart
-    return [
-        a + d * along + d * 1j * half
-        for half in (math.sqrt(max(rest, 0.0)), -math.sqrt(max(rest, 0.0)))
-    ]
+    d = (b - a) / distance
+    half = math.sqrt(max(rest, 0.0))
+    return [a + d * along + d * 1j * half, a + d * along - d * 1j * half]
 
 
 def place(point: complex, height: float, axes: tuple[int, int, int]) -> Vec3:
-    """A point of the plane at a height, as coordinates."""
+    """The coordinates of a point of the plane at a height, mm."""
     end = [0.0, 0.0, 0.0]
     end[axes[0]], end[axes[1]], end[axes[2]] = point.real, point.imag, height
     return (end[0], end[1], end[2])

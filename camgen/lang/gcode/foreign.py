@@ -14,7 +14,7 @@ import numpy as np
 
 from camgen.lang.gcode.arcs import Arc, Piece, find_centre
 from camgen.lang.gcode.beam import Beam
-from camgen.lang.gcode.compensation import Beside
+from camgen.lang.gcode.compensation import OffsetPath, Segment
 from camgen.lang.gcode.dialects import LINUXCNC, LOSSES, Dialect
 from camgen.lang.gcode.drilling import CYCLES
 from camgen.lang.gcode.machine import ARCS, AXES, RAPID, Machine, feed, stop
@@ -139,7 +139,7 @@ class Foreign(Machine):
     filament_adds: bool = False
     saved: list[tuple[object, ...]] = field(default_factory=list)
     side: int = 0
-    path: Beside | None = None
+    path: OffsetPath | None = None
     loops: dict[int, int] = field(default_factory=dict)
     ends: dict[int, list[int]] | None = None
     left_path: bool = False
@@ -745,7 +745,7 @@ class Foreign(Machine):
         turn = 1 if self.motion == "G3" else -1
         middle = complex(*centre) if len(centre) > 1 else None
         a, b = complex(start[first], start[second]), complex(end[first], end[second])
-        self.path.move(a, b, middle, turn, end[normal], speed, self.line)
+        self.path.move(Segment(a, b, middle, turn, end[normal], speed, self.line))
 
     def switch(self, signal: str, value: float) -> None:
         """Switches an output. A switch at an unknown height is a loss."""
@@ -764,7 +764,7 @@ class Foreign(Machine):
         if self.beam is not None:
             self._write_beam(self.beam.before(item, self.power, self.spindle, self.motion))
         if self.path is not None and self.path.last is not None:
-            self.path.behind.append((item, self.line))
+            self.path.pending.append((item, self.line))
         else:
             Machine.add(self, item)
 

@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 from msgspec import Struct
 
 from camgen.geometry.arcs import circle, turn_about
-from camgen.lang.gcode.compensation import Beside
+from camgen.lang.gcode.compensation import OffsetPath
 from camgen.lang.gcode.drilling import speed_of
 from camgen.lang.gcode.foreign import Foreign
 from camgen.lang.gcode.words import LineError
@@ -53,7 +53,7 @@ def turn(m: Foreign, code: str, words: dict[str, float]) -> None:
         raise LineError(f"{code} without its profile (Q)")
     first, last = m.find_lines(words["P"] if fanuc else None, words["Q"])
     m.start()
-    beside = _leave_path(m, code)
+    path = _leave_path(m, code)
     begin = _begin_of(m, words, fanuc)
     if list(begin) != m.at:
         m.rapid(begin, (0, 1, 2))
@@ -61,24 +61,24 @@ def turn(m: Foreign, code: str, words: dict[str, float]) -> None:
         _finish(m, words, first, last, begin, fanuc)
     else:
         _remove(m, code, words, first, last, begin)
-    if beside is not None:
-        beside.here = complex(m.at[beside.axes[0]], m.at[beside.axes[1]])
-        m.path = beside
+    if path is not None:
+        path.tip = complex(m.at[path.axes[0]], m.at[path.axes[1]])
+        m.path = path
 
 
-def _leave_path(m: Foreign, code: str) -> Beside | None:
-    """The path of cutter compensation, which a cycle does without here."""
-    beside, m.path = m.path, None
-    if beside is not None:
-        m.path = beside
-        beside.flush()
+def _leave_path(m: Foreign, code: str) -> OffsetPath | None:
+    """Turns cutter compensation off for a cycle. Returns its path."""
+    path, m.path = m.path, None
+    if path is not None:
+        m.path = path
+        path.flush()
         m.path = None
         m.assume(
             f"{code}: the profile is run as programmed, without the compensation that is on",
             "",
             0.0,
         )
-    return beside
+    return path
 
 
 def _remove(
