@@ -43,8 +43,11 @@ def list_calls(path: Path) -> set[str]:
 
 def list_imports(path: Path, module: str) -> set[str]:
     """The names that a module imports from another one."""
-    imports = [node for node in parse(path) if isinstance(node, ast.ImportFrom)]
-    return {alias.name for node in imports if node.module == module for alias in node.names}
+    names: set[str] = set()
+    for node in parse(path):
+        if isinstance(node, ast.ImportFrom) and node.module == module:
+            names |= {alias.name for alias in node.names}
+    return names
 
 
 def list_engine(*modules: str) -> set[str]:
