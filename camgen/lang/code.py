@@ -34,10 +34,12 @@ class Step(Struct, gc=False):
 
     line: line of its statement, from 1 through all files.
     to: index of the step that runs next instead of the following one, -1 without one.
+    cost: number of steps of the budget.
     """
 
     line: int
     to: int = -1
+    cost: int = 1
 
 
 class Act(Step, kw_only=True, gc=False):
@@ -67,9 +69,15 @@ class Condition(Struct, frozen=True, gc=False):
 
 
 class Branch(Step, kw_only=True, gc=False):
-    """The start of a block. The block runs if the condition holds, else `to` is the next step."""
+    """The start of a block. The block runs if the condition holds, else `to` is the next step.
+
+    end: index of the step after the block and its alternatives.
+    is_leaving: whether the block leaves for good.
+    """
 
     condition: Condition
+    end: int = -1
+    is_leaving: bool = False
 
 
 class Jump(Step, kw_only=True, gc=False):
@@ -191,12 +199,13 @@ class Code(Struct):
 
     steps: its steps.
     labels: index of the step of each label.
-    acting: number of acting or moving steps before each index.
+    acting: number of acting or moving steps before each index. A language that guesses each
+        condition needs none.
     """
 
     steps: list[Step]
-    labels: dict[str, int]
-    acting: list[int]
+    labels: dict[str, int] = field(default_factory=dict)
+    acting: list[int] = field(default_factory=list)
     _endless: dict[range, bool] = field(default_factory=dict)
 
     def acts(self, span: range) -> bool:
@@ -216,11 +225,10 @@ class Code(Struct):
 
     def list_branches(self, at: int) -> tuple[range, range]:
         """Return the steps of the branch at `at`, and those of the alternative to it."""
-        start = self.steps[at].to
-        last = self.steps[start - 1]
-        if start - 1 > at and isinstance(last, Jump) and not leaves(last) and last.to > start:
-            return range(at + 1, start - 1), range(start, last.to)
-        return range(at + 1, start), range(start, start)
+        branch = self.steps[at]
+        assert isinstance(branch, Branch)
+        has_alternative = branch.end > branch.to
+        return range(at + 1, branch.to - has_alternative), range(branch.to, branch.end)
 
 
 class Block(Struct, eq=False, gc=False):
@@ -231,6 +239,7 @@ class Block(Struct, eq=False, gc=False):
     line: line of its first statement.
     first: its first step.
     leaving: jumps to its end.
+    branches: its branches.
     pending: its last branch without an alternative yet, None after the last alternative.
     """
 
@@ -239,6 +248,7 @@ class Block(Struct, eq=False, gc=False):
     line: int
     first: Step
     leaving: list[Jump]
+    branches: list[Branch] = []
     pending: Branch | None = None
 
 
@@ -275,7 +285,7 @@ class Compiler:
         """Open a block that runs if a condition holds."""
         branch = Branch(self.line, condition=condition)
         block = self.open(kind, branch)
-        block.pending = branch
+        self._set_pending(block, branch)
         return block
 
     def add_alternative(self, block: Block) -> None:
@@ -287,7 +297,11 @@ class Compiler:
 
     def add_condition(self, block: Block, condition: Condition) -> None:
         """Make an alternative depend on a condition of its own."""
-        block.pending = self.add(Branch(self.line, condition=condition))
+        self._set_pending(block, self.add(Branch(self.line, condition=condition)))
+
+    def _set_pending(self, block: Block, branch: Branch) -> None:
+        block.pending = branch
+        block.branches.append(branch)
 
     def end_case(self, block: Block) -> None:
         """End the case before this line, if a block has one already."""
@@ -318,6 +332,8 @@ class Compiler:
             block.first.to = end
         for jump in block.leaving:
             jump.to = end
+        for branch in block.branches:
+            branch.end = end
 
     def exit(self, kinds: Collection[str]) -> bool:
         """Leave the innermost block of some kinds. Return whether there is one."""
@@ -341,7 +357,11 @@ class Compiler:
                 step.to = self.labels.get(step.label, -1)
             is_act = isinstance(step, Act) and step.effect in _ACTING
             acting.append(int(is_act))
-        return Code(self.steps, self.labels, [0, *accumulate(acting)])
+        code = Code(self.steps, self.labels, [0, *accumulate(acting)])
+        for at, step in enumerate(self.steps):
+            if isinstance(step, Branch):
+                step.is_leaving = code.leaves(code.list_branches(at)[0])
+        return code
 
 
 _ACTING = (Effect.ACTS, Effect.MOVES)

@@ -10,7 +10,9 @@ class Unknown(Struct, frozen=True, gc=False):
 
     what: its source in words, such as "IO[24]".
     key: name under which the user sets it (`--assume`), empty if no name sets it.
+    guess: truth of a condition if inputs are off until the program hears them, None without one.
     """
 
-    what: str
+    what: str = ""
     key: str = ""
+    guess: bool | None = None

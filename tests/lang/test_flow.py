@@ -23,31 +23,41 @@ from camgen.lang.code import (
     Select,
     Step,
 )
-from camgen.lang.flow import Choice, Counter, Flow, Raised
+from camgen.lang.flow import Choice, Counter, Flow, Raised, Rules
 from camgen.lang.log import Log
 from camgen.lang.run import Budget, Ended, Stopped
 from camgen.lang.values import Unknown
 
 
 class Toy:
-    """A language. done: operands of the actions so far. A name that starts with x is unknown."""
+    """A language.
+
+    A name that starts with x is unknown. It is guessed to hold if it starts with xt, and not to
+    hold if it starts with xf.
+
+    done: operands of the actions so far.
+    settable: unknown names of which any choice can be made, all without a guess.
+    """
 
     faults: type[Exception] = ZeroDivisionError
 
-    def __init__(self, limit: float = 10_000) -> None:
+    def __init__(self, limit: float = 10_000, rules: Rules | None = None) -> None:
         self.log = Log(lambda: self.line)
         self.line = 0
         self.names: dict[str, Any] = {}
         self.done: list[Any] = []
         self.choices: list[tuple[Choice, int]] = []
         self.compiler = Compiler()
-        self.flow = Flow(self, Budget(0, limit, "toy_steps"), depth_limit=3)
+        self.settable: set[str] = set()
+        self.flow = Flow(self, Budget(0, limit, "toy_steps"), rules or Rules(depth_limit=3))
 
     def begin(self, step: Step) -> None:
         self.line = step.line
 
     def evaluate(self, expression: str) -> Any:
-        return Unknown(expression) if expression[0] == "x" else eval(expression, {}, self.names)
+        if expression[0] != "x":
+            return eval(expression, {}, self.names)
+        return Unknown(expression, guess={"t": True, "f": False}.get(expression[1:2]))
 
     def to_number(self, value: float) -> float:
         return float(value)
@@ -67,9 +77,19 @@ class Toy:
     def read_state(self) -> object:
         return dict(self.names)
 
-    def assume(self, choice: Choice, step: Step, unknown: Unknown | None = None) -> None:
-        del unknown
+    def count_instructions(self) -> int:
+        return len(self.done)
+
+    def assume(
+        self, choice: Choice, step: Step, unknown: Unknown | None = None, length: int = 0
+    ) -> bool:
+        del self.done[length or len(self.done) :]
+        if unknown is not None and unknown.guess is not None:
+            wanted = choice in (Choice.BRANCH_ENTERED, Choice.LOOP_ENDED)
+            if choice is not Choice.LOOP_LIMITED and unknown.guess != wanted:
+                return unknown.what in self.settable
         self.choices.append((choice, step.line))
+        return True
 
     def report(self, step: Step, error: Exception) -> None:
         self.log.find("refused", f"{error}", line=step.line)
@@ -272,6 +292,142 @@ def test_a_jump_back_is_a_loop() -> None:
     toy.compiler.add(Jump(9, label="again"))
     close(toy)
     assert toy.run().names == {"n": 4}
+
+
+# -- guessed conditions ------------------------------------------------------------------------
+
+GUESSING = Rules(depth_limit=3, rounds=2, skips_blocks=True)
+
+
+@pytest.mark.parametrize(
+    ("condition", "effect", "settable", "done"),
+    [
+        ("xt", Effect.NONE, False, ["a", "b"]),
+        ("xf", Effect.MOVES, False, ["b"]),
+        ("xt", Effect.LEAVES, False, ["a", "b"]),
+        ("xt", Effect.LEAVES, True, ["b"]),
+    ],
+)
+def test_a_guess_counts_unless_the_branch_leaves_and_need_not(
+    condition: str, effect: Effect, settable: bool, done: list[str]
+) -> None:
+    toy = Toy(rules=GUESSING)
+    toy.settable = {condition} if settable else set()
+    open_branch(toy, Condition(condition))
+    toy.do("a", effect)
+    close(toy)
+    toy.do("b")
+    assert toy.run().done == done
+
+
+@pytest.mark.parametrize(
+    ("condition", "is_behind", "settable", "rounds"),
+    [
+        ("xt", False, False, 2),
+        ("xf", False, False, 0),
+        ("xt", True, False, 1),
+        ("xf", True, False, 2),
+        ("xf", True, True, 1),
+    ],
+)
+def test_a_loop_that_is_guessed_to_go_on_has_its_rounds(
+    condition: str, is_behind: bool, settable: bool, rounds: int
+) -> None:
+    """A condition at the end of the loop ends it if it holds."""
+    toy = Toy(rules=GUESSING)
+    toy.settable = {condition} if settable else set()
+    open_loop(toy, "" if is_behind else condition)
+    toy.do("a")
+    close_loop(toy, Condition(condition, wanted=False) if is_behind else None)
+    toy.do("b")
+    assert toy.run().done == ["a"] * rounds + ["b"]
+
+
+@pytest.mark.parametrize("has_condition", [False, True])
+def test_a_program_with_guesses_goes_on_after_a_loop_that_repeats_itself(
+    has_condition: bool,
+) -> None:
+    """The program has one round."""
+    toy = Toy(rules=GUESSING)
+    open_loop(toy, "1 < 2" if has_condition else "")
+    toy.do("a")
+    close_loop(toy)
+    toy.do("b")
+    assert toy.run().done == ["a", "b"]
+    assert toy.choices == [(Choice.LOOP_REPEATS, 1)]
+
+
+def test_a_block_whose_first_step_cannot_be_carried_out_is_passed() -> None:
+    for rules, done in ((GUESSING, ["b"]), (None, ["a", "b"])):
+        toy = Toy(rules=rules)
+        open_branch(toy, Condition("1 / 0"))
+        toy.do("a")
+        close(toy)
+        toy.do("b")
+        assert toy.run().done == done
+
+
+@pytest.mark.parametrize("is_behind", [False, True])
+def test_a_loop_that_is_entered_again_is_watched_anew(is_behind: bool) -> None:
+    """Both calls leave the same states after the rounds of the loop."""
+    toy = Toy()
+    for _ in range(2):
+        toy.compiler.add(Call(1, label="sub"))
+    toy.compiler.add(End(2))
+    toy.compiler.mark("sub")
+    toy.do("n = 0")
+    open_loop(toy, "" if is_behind else "n < 1")
+    toy.do("n = n + 1")
+    close_loop(toy, Condition("n >= 2", wanted=False) if is_behind else None)
+    toy.compiler.add(Return(3, is_to_call=True))
+    rounds = 2 if is_behind else 1
+    assert toy.run().done == (["n = 0"] + ["n = n + 1"] * rounds) * 2 + ["ended"]
+    assert not toy.choices
+
+
+@pytest.mark.parametrize("condition", ["n < 9", ""])
+def test_a_loop_that_an_exit_leaves_is_watched_anew(condition: str) -> None:
+    toy = Toy()
+    for _ in range(2):
+        toy.compiler.add(Call(1, label="sub"))
+    toy.compiler.add(End(2))
+    toy.compiler.mark("sub")
+    toy.do("n = 0")
+    open_loop(toy, condition)
+    open_branch(toy, Condition("n == 1"))
+    toy.compiler.exit(["do"])
+    close(toy)
+    toy.do("n = n + 1")
+    close_loop(toy)
+    toy.compiler.add(Return(3, is_to_call=True))
+    assert toy.run().done == ["n = 0", "n = n + 1"] * 2 + ["ended"]
+    assert not toy.choices
+
+
+def test_a_jump_that_repeats_itself_is_found_each_time_that_it_is_reached() -> None:
+    toy = Toy(limit=200, rules=GUESSING)
+    block = toy.compiler.open("for", CountStart(1, count="i 1 20 1"))
+    toy.compiler.mark("again")
+    toy.do("a")
+    toy.compiler.add(Jump(2, label="again"))
+    toy.compiler.blocks.pop()
+    toy.compiler.close_count(block)
+    assert toy.run().names == {"i": 21}
+    assert toy.choices == [(Choice.LOOP_REPEATS, 1)] * 20
+
+
+def test_a_jump_into_a_counted_loop_that_has_ended_counts_no_more() -> None:
+    toy = Toy()
+    toy.do("n = 0")
+    block = toy.compiler.open("for", CountStart(1, count="i 1 2 1"))
+    toy.compiler.mark("inside")
+    toy.do("n = n + 1")
+    toy.compiler.blocks.pop()
+    toy.compiler.close_count(block)
+    open_branch(toy, Condition("n < 5"))
+    toy.compiler.add(Jump(4, label="inside"))
+    close(toy)
+    assert toy.run().names == {"n": 5, "i": 3}
 
 
 # -- jumps, calls and errors -------------------------------------------------------------------

@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from camgen.lang.beside import sum_up
 from camgen.lang.code import Act, Branch, Effect, Step
-from camgen.lang.flow import Choice, Counter, Flow, Raised
+from camgen.lang.flow import Choice, Counter, Flow, Raised, Rules
 from camgen.lang.pacscript.code import CountRange, ProcedureCode, compile_procedure
 from camgen.lang.pacscript.evaluate import assign, blank, evaluate, fit
 from camgen.lang.pacscript.expressions import Node
@@ -77,7 +77,7 @@ class Run(State):
         self.files: dict[str, File] = read.files if read else read_files(files, self.say)
         statements = sum(len(file.statements) for file in self.files.values())
         budget = Budget(statements, ask.limits.pacscript_steps, "pacscript_steps")
-        self.flow = Flow(self, budget, _DEEPEST)
+        self.flow = Flow(self, budget, Rules(_DEEPEST))
         self.modules: dict[str, Module] = read.modules if read else {}
         self.scopes: dict[str, Scope] = {}
         ranked = sorted(self.files, key=lambda name: name.endswith(".h"))
@@ -346,15 +346,23 @@ class Run(State):
         )
         return [dict(zip(table, map(comparable, table.values()), strict=True)) for table in tables]
 
-    def assume(self, choice: Choice, step: Step, unknown: Unknown | None = None) -> None:
+    def count_instructions(self) -> int:
+        """The number of instructions so far."""
+        return len(self.machine.body)
+
+    def assume(
+        self, choice: Choice, step: Step, unknown: Unknown | None = None, length: int = 0
+    ) -> bool:
         """Tells a choice of the engine."""
+        del length
         if choice is Choice.LOOP_ENDLESS:
             self.log.fact("goes round for ever", f"from line {step.line}: shown once")
-            return
+            return True
         unknown = unknown or Unknown("")
         if isinstance(step, Branch) and step.condition.value.kind == "call":
             unknown = Unknown(str(step.condition.value.said))
         self.log.choose(_CHOICES[choice].format(what=unknown.what, line=step.line), unknown.key)
+        return True
 
     def report(self, step: Step, error: Exception) -> None:
         """Tells that a step cannot be carried out."""
