@@ -269,6 +269,7 @@ class Compiler:
         self.steps: list[Step] = []
         self.blocks: list[Block] = []
         self.labels: dict[str, int] = {}
+        self._jumps: list[Jump] = []
 
     def add(self, step: _AnyStep) -> _AnyStep:
         """Add a step and return it."""
@@ -343,6 +344,14 @@ class Compiler:
                 return True
         return False
 
+    def jump(self, label: str) -> None:
+        """Add a jump to a label."""
+        self._jumps.append(self.add(Jump(self.line, label=label)))
+
+    def list_missing(self) -> list[Jump]:
+        """Return the jumps to labels that are missing."""
+        return [jump for jump in self._jumps if jump.label not in self.labels]
+
     def mark(self, label: str) -> bool:
         """Name the next step. Return whether the label is a new one; the first one counts."""
         is_new = label not in self.labels
@@ -351,12 +360,9 @@ class Compiler:
 
     def finish(self) -> Code:
         """Return the routine. A jump to a label that is missing keeps -1."""
-        acting = []
-        for step in self.steps:
-            if isinstance(step, Jump) and step.label:
-                step.to = self.labels.get(step.label, -1)
-            is_act = isinstance(step, Act) and step.effect in _ACTING
-            acting.append(int(is_act))
+        for jump in self._jumps:
+            jump.to = self.labels.get(jump.label, -1)
+        acting = [isinstance(step, Act) and step.effect in _ACTING for step in self.steps]
         code = Code(self.steps, self.labels, [0, *accumulate(acting)])
         for at, step in enumerate(self.steps):
             if isinstance(step, Branch):

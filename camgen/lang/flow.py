@@ -232,7 +232,9 @@ class Flow:
 
     def _test(self, value: Any) -> bool | Unknown:
         """Return whether a value is true."""
-        return value if isinstance(value, Unknown) else bool(self._language.to_number(value))
+        if isinstance(value, (bool, Unknown)):
+            return value
+        return bool(self._language.to_number(value))
 
     def _branch(self, frame: CallFrame, at: int, step: Branch) -> int:
         condition = step.condition
@@ -377,7 +379,7 @@ class Flow:
         start = frame.code.steps[step.to]
         assert isinstance(start, LoopStart)
         after = self._end_round(frame, at, step, start)
-        if after not in range(step.to, at + 1):
+        if not step.to <= after <= at:
             frame.rounds.pop(step.to, None)
         elif after == step.to and start.condition is None:
             # The start of such a loop does nothing.
@@ -447,7 +449,9 @@ class Flow:
 
     def _is_repeated(self, frame: CallFrame, key: int) -> bool:
         """Return whether a loop is in a state of an earlier round."""
-        rounds = frame.rounds.setdefault(key, LoopRounds())
+        rounds = frame.rounds.get(key)
+        if rounds is None:
+            rounds = frame.rounds[key] = LoopRounds()
         return rounds.is_repeated(self._language.read_state, self._language.count_instructions())
 
     def _start_count(self, frame: CallFrame, at: int, step: CountStart) -> int:

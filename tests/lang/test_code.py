@@ -102,12 +102,12 @@ def test_each_case_leads_behind_the_block() -> None:
 
 def test_labels_are_found_ahead_and_the_first_of_two_counts() -> None:
     compiler = Compiler()
-    compiler.add(Jump(1, label="end"))
+    compiler.jump("end")
     assert compiler.mark("start")
     compiler.add(act(2))
     assert not compiler.mark("start")
-    compiler.add(Jump(3, label="start"))
-    compiler.add(Jump(4, label="missing"))
+    compiler.jump("start")
+    compiler.jump("missing")
     compiler.mark("end")
     assert list_targets(compiler) == [4, -1, 1, -1]
 
@@ -152,7 +152,7 @@ def test_a_loop_is_endless_if_no_step_leads_out_of_it(way_out: str) -> None:
     elif way_out == "return":
         compiler.add(Return(2))
     elif way_out == "jump":
-        compiler.add(Jump(2, label="end"))
+        compiler.jump("end")
     compiler.close_loop(compiler.blocks.pop())
     compiler.mark("end")
     code = compiler.finish()

@@ -15,7 +15,6 @@ from camgen.lang.code import (
     Effect,
     End,
     Handle,
-    Jump,
     JumpTable,
     LoopStart,
     Raise,
@@ -289,7 +288,7 @@ def test_a_jump_back_is_a_loop() -> None:
     toy.compiler.mark("again")
     toy.do("n = n + 1")
     open_branch(toy, Condition("n < 4"))
-    toy.compiler.add(Jump(9, label="again"))
+    toy.compiler.jump("again")
     close(toy)
     assert toy.run().names == {"n": 4}
 
@@ -409,7 +408,7 @@ def test_a_jump_that_repeats_itself_is_found_each_time_that_it_is_reached() -> N
     block = toy.compiler.open("for", CountStart(1, count="i 1 20 1"))
     toy.compiler.mark("again")
     toy.do("a")
-    toy.compiler.add(Jump(2, label="again"))
+    toy.compiler.jump("again")
     toy.compiler.blocks.pop()
     toy.compiler.close_count(block)
     assert toy.run().names == {"i": 21}
@@ -425,7 +424,7 @@ def test_a_jump_into_a_counted_loop_that_has_ended_counts_no_more() -> None:
     toy.compiler.blocks.pop()
     toy.compiler.close_count(block)
     open_branch(toy, Condition("n < 5"))
-    toy.compiler.add(Jump(4, label="inside"))
+    toy.compiler.jump("inside")
     close(toy)
     assert toy.run().names == {"n": 5, "i": 3}
 
@@ -435,7 +434,7 @@ def test_a_jump_into_a_counted_loop_that_has_ended_counts_no_more() -> None:
 
 def test_a_missing_label_stops_the_run() -> None:
     toy = Toy()
-    toy.compiler.add(Jump(1, label="nowhere"))
+    toy.compiler.jump("nowhere")
     with pytest.raises(Stopped, match="there is no label nowhere"):
         toy.run()
 

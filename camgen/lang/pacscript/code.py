@@ -19,7 +19,6 @@ from camgen.lang.code import (
     Effect,
     End,
     Handle,
-    Jump,
     JumpTable,
     LoopStart,
     Raise,
@@ -78,14 +77,9 @@ def compile_procedure(procedure: Procedure, say: Say, pac: bool) -> ProcedureCod
     _read_statements(procedure.statements, compiler)
     compiler.close_down_to(0)
     code = compiler.finish()
-    assigned = set()
-    for step in code.steps:
-        if isinstance(step, Jump) and step.label and step.to < 0:
-            say(step.line, f"there is no label {step.label}")
-        operand = step.operand if isinstance(step, Act) else None
-        if isinstance(operand, Assignment) and operand.target.kind == "name":
-            assigned.add(str(operand.target.said))
-    return ProcedureCode(code, frozenset(assigned))
+    for jump in compiler.list_missing():
+        say(jump.line, f"there is no label {jump.label}")
+    return ProcedureCode(code, frozenset(compiler.assigned))
 
 
 def _read_statements(statements: Sequence[Statement], compiler: _Compiler) -> None:
@@ -133,9 +127,12 @@ class _Compiler(Compiler):
     def __init__(self, say: Say, pac: bool, is_program: bool) -> None:
         super().__init__()
         self.say, self.pac, self.is_program = say, pac, is_program
+        self.assigned: set[str] = set()
 
     def act(self, order: Order, operand: Any) -> None:
         """Adds a step that the tables of the statements carry out."""
+        if isinstance(operand, Assignment) and operand.target.kind == "name":
+            self.assigned.add(str(operand.target.said))
         speaks = isinstance(operand, Calling) and operand.target.said == "msgbox"
         effect = Effect.NONE if speaks else order.effect
         self.add(Act(self.line, do=order.do, operand=operand, effect=effect))
@@ -264,7 +261,7 @@ class _Compiler(Compiler):
     def _branch(self, text: str) -> None:
         text = text.strip()
         if (goal := _GOAL.fullmatch(text)) and text.startswith("*"):
-            self.add(Jump(self.line, label=goal[1].lower()))
+            self.jump(goal[1].lower())
         elif text:
             self._statement(text)
 
@@ -372,7 +369,7 @@ class _Compiler(Compiler):
         goal = _GOAL.fullmatch(rest.strip())
         if goal is None:
             raise Unreadable(f"GoTo {rest[:40]} is not understood")
-        self.add(Jump(self.line, label=goal[1].lower()))
+        self.jump(goal[1].lower())
 
     def gosub(self, rest: str) -> None:
         """``GoSub label``."""
