@@ -98,7 +98,12 @@ FUNCTIONS = {"createarray", "createmultiarray", "createmutex", "curlmt", "msgbox
 
 def test_every_statement_of_pacscript_is_read_reported_or_refused():
     read = (
-        statements.READERS.keys() | statements.DECLARE | pacscript.SILENT.keys() | FLOW | FUNCTIONS
+        statements.ORDERS.keys()
+        | {"stop", "stopend"}
+        | statements.DECLARE
+        | pacscript.SILENT.keys()
+        | FLOW
+        | FUNCTIONS
     )
     assert code.SILENT is pacscript.SILENT
     assert STATEMENTS - read == set()

@@ -1,28 +1,51 @@
-"""The statements of a procedure as a flat list with jumps, so that ``GoTo`` may go anywhere."""
+"""The grammar of a procedure: its statements as the steps of the engine."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
 from itertools import islice
-from typing import Any
+from typing import Any, NamedTuple
 
 from msgspec import Struct
 
+from camgen.lang.code import (
+    Act,
+    Block,
+    Call,
+    Code,
+    Compiler,
+    CountStart,
+    Effect,
+    End,
+    Handle,
+    JumpTable,
+    LoopStart,
+    Raise,
+    Return,
+    Select,
+)
 from camgen.lang.columns import Run
 from camgen.lang.pacscript.effects import SILENT
 from camgen.lang.pacscript.expressions import Node, arguments, parse
+from camgen.lang.pacscript.motions import plain as plain_motion
+from camgen.lang.pacscript.orders import Assignment, Calling, declare
 from camgen.lang.pacscript.plain import motions, plain
 from camgen.lang.pacscript.source import Procedure, Say, Statement
 from camgen.lang.pacscript.statements import (
+    ASSIGN,
+    CALL,
     DECLARE,
-    READERS,
+    ORDERS,
     VERB,
+    Order,
     find_equals,
+    make_condition,
     read_call,
     read_case,
-    read_condition,
     read_declarations,
+    read_list,
+    read_loop_condition,
 )
 from camgen.lang.pacscript.values import Unreadable
 from camgen.lang.pacscript.words import RESERVED
@@ -39,66 +62,24 @@ _GOAL = re.compile(r"\*?\s*([a-z_]\w*)", re.IGNORECASE)
 _PATH = re.compile(r'"[^"]*"|(?<![\w.])(?:\.{1,2}[\\/]+)(?:\w+[\\/]+|\.\.[\\/]+)*(\w+)')
 
 
-class Op(Struct, gc=False):
-    """A step. do: what to do; a, b: with what; to: where to go on, of jumps."""
+class ProcedureCode(Struct):
+    """The steps of a procedure. assigned: names that it gives a value somewhere."""
 
-    line: int
-    do: str
-    a: Any = None
-    b: Any = None
-    to: int = -1
-
-
-class Code(Struct):
-    """The steps of a procedure. labels: the step that each names, in small letters; moves: the lines on which something
-    moves or is switched; ends: the lines that end the procedure.
-    """
-
-    ops: list[Op]
-    labels: dict[str, int]
-    #: By step, how many of those before it move the arm or switch an output.
-    acting: list[int]
-    #: The names that are given a value.
+    code: Code
     assigned: frozenset[str]
 
 
-class _Block(Struct):
-    """A block that is open. start: its first step; leaving: jumps to its end."""
-
-    kind: str
-    start: int
-    line: int
-    leaving: list[Op]
-    pending: Op | None = None
-    cases: list[Any] = []
-
-
-_ACTING = frozenset(("plain", "move", "approach", "depart", "draw", "drive", "drivea", "archmove", "rotate", "rotateh",
-                     "switch", "call", "delay", "gohome"))  # fmt: skip
-
-
-def compile_procedure(procedure: Procedure, say: Say, pac: bool) -> Code:
+def compile_procedure(procedure: Procedure, say: Say, pac: bool) -> ProcedureCode:
     """The steps of a procedure; what the language does not have so is said, and left out. pac: in the older dialect,
     which keeps other names.
     """
-    compiler = _Compiler(say, pac)
+    compiler = _Compiler(say, pac, procedure.returns == "program")
     _read_statements(procedure.statements, compiler)
-    for block in compiler.blocks:
-        say(block.line, f"{_OPENS[block.kind]} has no {_CLOSES[block.kind]}")
-        compiler.close(block)
-    for op in compiler.ops:
-        if op.do == "goto" and op.a:
-            op.to = compiler.labels.get(op.a, -1)
-            if op.to < 0:
-                say(op.line, f"there is no label {op.a}")
-    acting = [0]
-    for op in compiler.ops:
-        speaks = op.do == "call" and op.a.said == "msgbox"
-        acting.append(acting[-1] + (op.do in _ACTING and not speaks))
-    assigned = frozenset(
-        str(op.a.said) for op in compiler.ops if op.do == "assign" and op.a.kind == "name"
-    )
-    return Code(compiler.ops, compiler.labels, acting, assigned)
+    compiler.close_down_to(0)
+    code = compiler.finish()
+    for jump in compiler.list_missing():
+        say(jump.line, f"there is no label {jump.label}")
+    return ProcedureCode(code, frozenset(compiler.assigned))
 
 
 def _read_statements(statements: Sequence[Statement], compiler: _Compiler) -> None:
@@ -106,8 +87,9 @@ def _read_statements(statements: Sequence[Statement], compiler: _Compiler) -> No
     for piece in _MOTIONS.cut("".join(f"{statement.text}\n" for statement in statements)):
         if isinstance(piece, Run):
             for item, statement in zip(plain(piece, 0), islice(left, len(piece)), strict=True):
-                compiler.line = statement.line
-                compiler.add("plain", item)
+                compiler.add(
+                    Act(statement.line, do=plain_motion, operand=item, effect=Effect.MOVES)
+                )
         else:
             for statement in islice(left, piece.count("\n")):
                 compiler.statement(statement.line, statement.text)
@@ -126,21 +108,34 @@ _CLOSES = {
 }  # fmt: skip
 
 
-class _Compiler:
-    """The steps so far, the blocks that are open, and the labels."""
+class CountRange(NamedTuple):
+    """``For counter = first To last [Step step]``."""
 
-    def __init__(self, say: Say, pac: bool) -> None:
-        self.say, self.pac = say, pac
-        self.ops: list[Op] = []
-        self.blocks: list[_Block] = []
-        self.labels: dict[str, int] = {}
-        self.line = 0
+    counter: Node
+    first: Node
+    last: Node
+    step: Node
 
-    def add(self, do: str, a: Any = None, b: Any = None, to: int = -1) -> Op:
-        """Adds a step of the current line."""
-        op = Op(self.line, do, a, b, to)
-        self.ops.append(op)
-        return op
+
+class _Compiler(Compiler):
+    """The grammar of the statements that make the flow of a procedure.
+
+    pac: whether the older dialect is read.
+    is_program: whether the procedure is a PROGRAM, which a call of it may end.
+    """
+
+    def __init__(self, say: Say, pac: bool, is_program: bool) -> None:
+        super().__init__()
+        self.say, self.pac, self.is_program = say, pac, is_program
+        self.assigned: set[str] = set()
+
+    def act(self, order: Order, operand: Any) -> None:
+        """Adds a step that the tables of the statements carry out."""
+        if isinstance(operand, Assignment) and operand.target.kind == "name":
+            self.assigned.add(str(operand.target.said))
+        speaks = isinstance(operand, Calling) and operand.target.said == "msgbox"
+        effect = Effect.NONE if speaks else order.effect
+        self.add(Act(self.line, do=order.do, operand=operand, effect=effect))
 
     def statement(self, line: int, text: str) -> None:
         """A statement, or several with colons between them."""
@@ -173,9 +168,8 @@ class _Compiler:
 
     def label(self, name: str) -> None:
         """A place to go to."""
-        if name in self.labels:
+        if not self.mark(name):
             self.say(self.line, f"a second label {name}")
-        self.labels.setdefault(name, len(self.ops))
 
     def simple(self, text: str) -> None:
         """A statement that is no condition."""
@@ -185,11 +179,11 @@ class _Compiler:
         word, rest = verb[1].lower(), verb[2]
         if handler := _FLOW.get(word):
             handler(self, rest)
-        elif reader := READERS.get(word):
-            if op := reader(word, rest):
-                self.add(*op)
+        elif order := ORDERS.get(word):
+            self.act(order, order.read(word, rest))
         elif word in DECLARE:
-            self.add("dim", read_declarations(word, rest, self.pac))
+            declarations = read_declarations(word, rest, self.pac)
+            self.add(Act(self.line, do=declare, operand=declarations))
         elif word in SILENT:
             if rest.count('"') % 2:
                 raise Unreadable("a text has no end")
@@ -199,20 +193,23 @@ class _Compiler:
     def ordinary(self, text: str) -> None:
         """An assignment or a call."""
         at = find_equals(text)
-        if at >= 0:
-            target = parse(text[:at].strip())
-            if target.kind not in ("name", "index", "call", "member", "element"):
-                raise Unreadable(f"{text[:at].strip()[:40]} cannot be given a value")
-            if target.kind == "name" and target.said in RESERVED and not self.pac:
-                raise Unreadable(f"{target.said} is a word of the language")
-            self.add("assign", target, parse(text[at + 1 :].strip()))
+        if at < 0:
+            self.call(read_call(text))
+            return
+        target = parse(text[:at].strip())
+        if target.kind not in ("name", "index", "call", "member", "element"):
+            raise Unreadable(f"{text[:at].strip()[:40]} cannot be given a value")
+        if target.kind == "name" and target.said in RESERVED and not self.pac:
+            raise Unreadable(f"{target.said} is a word of the language")
+        self.act(ASSIGN, Assignment(target, parse(text[at + 1 :].strip())))
+
+    def call(self, calling: Calling) -> None:
+        """A call, or a member of ``Err`` that raises an error."""
+        target = calling.target
+        if target.kind == "member" and (target.said, target.parts[0].said) == ("raise", "err"):
+            self.add(Raise(self.line))
         else:
-            target, values = read_call(text)
-            raises = target.kind == "member" and (target.said, target.parts[0].said) == (
-                "raise",
-                "err",
-            )
-            self.add("raise" if raises else "call", target, values)
+            self.act(CALL, calling)
 
     # Blocks.
 
@@ -226,13 +223,12 @@ class _Compiler:
         block = self.blocks[-1] if self.blocks else None
         if block is None or block.kind != "if" or block.pending is None:
             raise Unreadable(f"{word.capitalize()} without If")
-        block.leaving.append(self.add("goto"))
-        block.pending.to, block.pending = len(self.ops), None
+        self.add_alternative(block)
         if word == "elseif":
             found = _IF.fullmatch(rest)
             if found is None:
                 raise Unreadable("ElseIf without Then")
-            block.pending = self.add("if", parse(found[1].strip()))
+            self.add_condition(block, make_condition(parse(found[1].strip())))
             rest = found[3]
         if rest.strip():
             self._statement(rest.strip().removeprefix(":"))
@@ -244,9 +240,7 @@ class _Compiler:
         tail = found[3].strip()
         if found[2].lower() == "goto":
             tail = "goto " + tail
-        branch = self.add("if", parse(found[1].strip()))
-        block = _Block("if", len(self.ops) - 1, self.line, [], branch)
-        self.blocks.append(block)
+        block = self.open_branch("if", make_condition(parse(found[1].strip())))
         if not tail:
             return
         cut = next((m for m in _ELSE.finditer(tail) if m[0][0] != '"'), None)
@@ -257,30 +251,28 @@ class _Compiler:
         )
         self._branch(then)
         if other.strip():
-            block.leaving.append(self.add("goto"))
-            branch.to, block.pending = len(self.ops), None
+            self.add_alternative(block)
             self._branch(other)
-        while self.blocks and self.blocks[-1] is not block:
-            self.blocks.pop()
-        if self.blocks:
+        if block in self.blocks:
+            self.close_down_to(self.blocks.index(block) + 1)
             self.blocks.pop()
         self.close(block)
 
     def _branch(self, text: str) -> None:
         text = text.strip()
         if (goal := _GOAL.fullmatch(text)) and text.startswith("*"):
-            self.add("goto", goal[1].lower())
+            self.jump(goal[1].lower())
         elif text:
             self._statement(text)
 
-    def close(self, block: _Block) -> None:
-        """Ends a block here."""
-        if block.pending is not None:
-            block.pending.to = len(self.ops)
-        for op in block.leaving:
-            op.to = len(self.ops)
+    def close_down_to(self, count: int) -> None:
+        """Closes the blocks that have no end, but for the first ``count``."""
+        for block in self.blocks[count:]:
+            self.say(block.line, f"{_OPENS[block.kind]} has no {_CLOSES[block.kind]}")
+            self.close(block)
+        del self.blocks[count:]
 
-    def end(self, *kinds: str) -> _Block:
+    def end(self, *kinds: str) -> Block:
         """The innermost block, which is one of ``kinds``."""
         if not self.blocks or self.blocks[-1].kind not in kinds:
             inner = f" inside {_OPENS[self.blocks[-1].kind]}" if self.blocks else ""
@@ -297,7 +289,7 @@ class _Compiler:
         elif word:
             raise Unreadable(f"End {rest[:40]} is not understood")
         else:
-            self.add("end")
+            self.add(Return(self.line) if self.is_program else End(self.line))
 
     def for_(self, rest: str) -> None:
         """``For i = a To b [Step c]``."""
@@ -306,75 +298,62 @@ class _Compiler:
         if found is None:
             raise Unreadable("For needs a name, = and To")
         step = parse(found[3].strip()) if found[3] is not None else Node("number", 1.0)
-        head = (parse(rest[:at].strip()), parse(found[1].strip()), parse(found[2].strip()), step)
-        op = self.add("for", head)
-        self.blocks.append(_Block("for", len(self.ops) - 1, self.line, [op]))
+        counter, first, last = (parse(one.strip()) for one in (rest[:at], found[1], found[2]))
+        count = CountRange(counter, first, last, step)
+        self.open("for", CountStart(self.line, count=count))
 
     def next_(self, _rest: str) -> None:
         """``Next [i]``."""
-        block = self.end("for")
-        self.add("next", to=block.start)
-        self.close(block)
+        self.close_count(self.end("for"))
 
     def do(self, rest: str) -> None:
         """``Do [While|Until condition]``."""
-        condition, sense = read_condition(rest)
-        op = self.add("do", condition, sense)
-        self.blocks.append(_Block("do", len(self.ops) - 1, self.line, [op]))
+        self.open("do", LoopStart(self.line, condition=read_loop_condition(rest)))
 
     def loop(self, rest: str) -> None:
         """``Loop [While|Until condition]``."""
         block = self.end("do")
-        condition, sense = read_condition(rest)
-        self.add("loop", condition, sense, block.start)
-        self.close(block)
+        self.close_loop(block, read_loop_condition(rest))
 
     def while_(self, rest: str) -> None:
         """``While condition``."""
-        op = self.add("do", parse(rest), True)
-        self.blocks.append(_Block("while", len(self.ops) - 1, self.line, [op]))
+        self.open("while", LoopStart(self.line, condition=make_condition(parse(rest))))
 
     def wend(self, _rest: str) -> None:
         """``Wend``."""
-        block = self.end("while")
-        self.add("loop", to=block.start)
-        self.close(block)
+        self.close_loop(self.end("while"))
 
     def repeat(self, _rest: str) -> None:
         """``Repeat`` of the older dialect."""
-        self.blocks.append(_Block("repeat", len(self.ops), self.line, [self.add("do")]))
+        self.open("repeat", LoopStart(self.line))
 
     def until(self, rest: str) -> None:
         """``Until condition``."""
         block = self.end("repeat")
-        self.add("loop", parse(rest), False, block.start)
-        self.close(block)
+        self.close_loop(block, make_condition(parse(rest), wanted=False))
 
     def select(self, rest: str) -> None:
         """``Select Case value``."""
         match = VERB.fullmatch(rest)
         if match is None or match[1].lower() != "case":
             raise Unreadable("Select without Case")
-        op = self.add("select", parse(match[2]), [])
-        self.blocks.append(_Block("select", len(self.ops) - 1, self.line, [op], cases=op.b))
+        self.open("select", Select(self.line, value=parse(match[2]), cases=[]))
 
     def case(self, rest: str) -> None:
         """``Case value, a To b, Is > c`` or ``Case Else``."""
         block = self.blocks[-1] if self.blocks else None
         if block is None or block.kind != "select":
             raise Unreadable("Case without Select Case")
-        if len(self.ops) > block.start + 1:
-            block.leaving.append(self.add("goto"))
-        other = rest.strip().lower() == "else"
-        block.cases.append(
-            (None if other else [read_case(part) for part in arguments(rest)], len(self.ops))
-        )
+        self.end_case(block)
+        is_other = rest.strip().lower() == "else"
+        tests = None if is_other else [read_case(part) for part in arguments(rest)]
+        self.add_case(block, tests)
 
-    def exit(self, rest: str) -> None:
+    def leave(self, rest: str) -> None:
         """``Exit Sub|Function|For|Do|Loop``."""
         word = rest.strip().lower()
         if word in ("sub", "function", "program"):
-            self.add("exit")
+            self.add(Return(self.line))
             return
         kinds = {
             "for": ("for",),
@@ -382,37 +361,41 @@ class _Compiler:
             "loop": ("do", "while", "repeat"),
             "while": ("while",),
         }
-        for block in reversed(self.blocks):
-            if block.kind in kinds.get(word, ()):
-                block.leaving.append(self.add("goto", b="exit"))
-                return
-        raise Unreadable(f"Exit {rest[:20]} outside such a block")
+        if not self.exit(kinds.get(word, ())):
+            raise Unreadable(f"Exit {rest[:20]} outside such a block")
 
     def goto(self, rest: str) -> None:
         """``GoTo label``."""
         goal = _GOAL.fullmatch(rest.strip())
         if goal is None:
             raise Unreadable(f"GoTo {rest[:40]} is not understood")
-        self.add("goto", goal[1].lower())
+        self.jump(goal[1].lower())
 
     def gosub(self, rest: str) -> None:
         """``GoSub label``."""
         goal = _GOAL.fullmatch(rest.strip())
         if goal is None:
             raise Unreadable(f"GoSub {rest[:40]} is not understood")
-        self.add("gosub", goal[1].lower())
+        self.add(Call(self.line, label=goal[1].lower()))
 
     def on(self, rest: str) -> None:
         """``On Error GoTo label`` or ``On n GoTo a, b``."""
         found = re.fullmatch(r"(.*?)\b(goto|gosub)\b(.*)", rest, re.IGNORECASE | re.DOTALL)
         if rest.lower().startswith("error"):
             goal = _GOAL.fullmatch(found[3].strip()) if found else None
-            self.add("on error", goal[1].lower() if goal else "")
+            self.add(Handle(self.line, label=goal[1].lower() if goal else ""))
             return
         if found is None:
             raise Unreadable("On needs GoTo or GoSub")
-        goals = [goal[1].lower() for part in arguments(found[3]) if (goal := _GOAL.fullmatch(part))]
-        self.add("on", parse(found[1].strip()), (found[2].lower(), goals))
+        goals = [_GOAL.fullmatch(part) for part in arguments(found[3])]
+        labels = [goal[1].lower() for goal in goals if goal]
+        value, is_call = parse(found[1].strip()), found[2].lower() == "gosub"
+        self.add(JumpTable(self.line, value=value, labels=labels, is_call=is_call))
+
+    def stop(self, rest: str) -> None:
+        """``Stop`` and ``StopEnd``."""
+        read_list("stop", rest)
+        self.add(End(self.line))
 
 
 def _cut_colon(text: str) -> tuple[str, str]:
@@ -438,12 +421,14 @@ _FLOW: dict[str, Callable[[_Compiler, str], object]] = {
     "until": _Compiler.until,
     "select": _Compiler.select,
     "case": _Compiler.case,
-    "exit": _Compiler.exit,
+    "exit": _Compiler.leave,
     "goto": _Compiler.goto,
     "gosub": _Compiler.gosub,
     "on": _Compiler.on,
-    "return": lambda compiler, _rest: compiler.add("return"),
-    "resume": lambda compiler, _rest: compiler.add("exit"),
+    "return": lambda compiler, _rest: compiler.add(Return(compiler.line, is_to_call=True)),
+    "resume": lambda compiler, _rest: compiler.add(Return(compiler.line)),
+    "stop": _Compiler.stop,
+    "stopend": _Compiler.stop,
 }
 
 

@@ -19,13 +19,12 @@ from camgen.lang.pacscript.functions import (
     turned,
 )
 from camgen.lang.pacscript.machine import blank, copy_value
-from camgen.lang.pacscript.running import Running
+from camgen.lang.pacscript.state import State
 from camgen.lang.pacscript.values import (
     Array,
     Figured,
     Placed,
     Rate,
-    Unknown,
     Unreadable,
     Value,
     Vector,
@@ -39,6 +38,7 @@ from camgen.lang.pacscript.values import (
     vector,
     with_figure,
 )
+from camgen.lang.values import Unknown
 from camgen.model.pose import IDENTITY, Pose
 from camgen.model.program import Joints
 
@@ -81,7 +81,7 @@ _STORED = {
 }
 
 
-def evaluate(run: Running, node: Node) -> Value:
+def evaluate(run: State, node: Node) -> Value:
     """The value of an expression. Unreadable."""
     kind = node.kind
     if kind == "number":
@@ -102,7 +102,12 @@ def evaluate(run: Running, node: Node) -> Value:
     return _operate(run, node) if kind != "left out" else 0.0
 
 
-def _operate(run: Running, node: Node) -> Value:
+def truth(value: Value) -> bool | Unknown:
+    """Return whether a condition holds."""
+    return value if isinstance(value, Unknown) else bool(number(value))
+
+
+def _operate(run: State, node: Node) -> Value:
     if node.kind == "sign":
         value = evaluate(run, node.parts[0])
         return (
@@ -143,7 +148,7 @@ def negate(value: Value, sign: float) -> Value:
     return calculate("*", value, sign)
 
 
-def name(run: Running, said: str) -> Value:
+def name(run: State, said: str) -> Value:
     """What a name is worth: a variable, a function without brackets, a constant, or a stored variable."""
     scope = run.scope
     if said in scope.names:
@@ -174,7 +179,7 @@ def is_stored(said: str) -> bool:
     return _SHORT.fullmatch(said) is not None
 
 
-def stored(run: Running, letter: str, at: int) -> Value:
+def stored(run: State, letter: str, at: int) -> Value:
     """A variable of the controller, or an input or output."""
     machine = run.machine
     if letter == "io":
@@ -189,7 +194,7 @@ def stored(run: Running, letter: str, at: int) -> Value:
     return machine.unknown(f"{letter.upper()}[{at}]", f"{letter}[{at}]")
 
 
-def element_of_letter(run: Running, letter: str, parts: tuple[Node, ...]) -> Value:
+def element_of_letter(run: State, letter: str, parts: tuple[Node, ...]) -> Value:
     """``P[n]``, ``IO[n]``, or an element of an array of the program."""
     values = [evaluate(run, part) for part in parts]
     if letter in run.scope.names or letter in run.module_scope.names:
@@ -215,7 +220,7 @@ def element(of: Array, values: list[Value]) -> Value:
     return of.get(tuple(int(number(value)) for value in values))
 
 
-def called(run: Running, said: str, parts: tuple[Node, ...]) -> Value:
+def called(run: State, said: str, parts: tuple[Node, ...]) -> Value:
     """``name(...)``: an element of an array, a procedure of the program, or a function of the language."""
     held = run.scope.names.get(said)
     if held is None:
@@ -239,10 +244,10 @@ def called(run: Running, said: str, parts: tuple[Node, ...]) -> Value:
         return given if given is not None else 0.0
     if said in ASKED:
         return run.machine.unknown(said, said)
-    return run.left_out(said)
+    return run.leave_out(said)
 
 
-def _tell_place(run: Running, said: str) -> Value:
+def _tell_place(run: State, said: str) -> Value:
     """Where the arm is when the motions so far are done."""
     if _PLACES[said] == "pose":
         return run.machine.here
@@ -268,7 +273,7 @@ def _constructed(said: str, values: list[Value]) -> Value:
     return call(said, values)
 
 
-def _of_object(run: Running, node: Node) -> Value:
+def _of_object(run: State, node: Node) -> Value:
     """``object.member`` or an element of what a function gives."""
     of, *rest = node.parts
     if node.kind == "element":
@@ -288,7 +293,7 @@ def _of_object(run: Running, node: Node) -> Value:
 # What the run itself knows.
 
 
-def _mps(run: Running, values: list[Value]) -> Value:
+def _mps(run: State, values: list[Value]) -> Value:
     if values and isinstance(values[0], Unknown):
         return Unknown(values[0].what)
     (said,) = numbers(values, 1) or (0.0,)
@@ -298,7 +303,7 @@ def _mps(run: Running, values: list[Value]) -> Value:
     return Rate(finite(said * (unit or 1.0)), machine.rated)
 
 
-def _to_joints(_run: Running, values: list[Value]) -> Value:
+def _to_joints(_run: State, values: list[Value]) -> Value:
     """``J2P`` and ``J2T``: where the arm is with these joint values is the arm's; a motion may go to them."""
     value = values[0] if values else 0.0
     if isinstance(value, tuple):
@@ -308,13 +313,13 @@ def _to_joints(_run: Running, values: list[Value]) -> Value:
     return value
 
 
-def _ask_operator(run: Running, _values: list[Value]) -> Value:
+def _ask_operator(run: State, _values: list[Value]) -> Value:
     """``MsgBox``: stands still until the operator answers."""
     run.machine.stop()
     return run.machine.unknown("the answer to MsgBox", "msgbox")
 
 
-def _shifted(run: Running, values: list[Value]) -> Value:
+def _shifted(run: State, values: list[Value]) -> Value:
     """``Dev``, where the reference does not say about which axes it turns."""
     by = values[1] if len(values) > 1 else 0.0
     by = fit(by, "position") if isinstance(by, tuple) else by
@@ -325,19 +330,19 @@ def _shifted(run: Running, values: list[Value]) -> Value:
     return call("dev", values)
 
 
-def _current(kind: str) -> Callable[[Running, list[Value]], Value]:
+def _current(kind: str) -> Callable[[State, list[Value]], Value]:
     return lambda run, _values: float(run.machine.numbers[kind])
 
 
-def _internal(run: Running, _values: list[Value]) -> Value:
+def _internal(run: State, _values: list[Value]) -> Value:
     return run.machine.internal
 
 
-def _external(run: Running, _values: list[Value]) -> Value:
+def _external(run: State, _values: list[Value]) -> Value:
     return run.machine.external
 
 
-_OWN: dict[str, Callable[[Running, list[Value]], Value]] = {
+_OWN: dict[str, Callable[[State, list[Value]], Value]] = {
     "mps": _mps,
     "j2p": _to_joints,
     "j2t": _to_joints,
@@ -352,7 +357,7 @@ _OWN: dict[str, Callable[[Running, list[Value]], Value]] = {
 }
 
 
-def _frame(run: Running, kind: str, values: list[Value]) -> Value:
+def _frame(run: State, kind: str, values: list[Value]) -> Value:
     if not values or isinstance(values[0], Unknown):
         return Unknown(f"a {kind} frame")
     at = int(number(values[0]))
@@ -363,13 +368,13 @@ def _frame(run: Running, kind: str, values: list[Value]) -> Value:
 # Assignments.
 
 
-def _held(run: Running, said: str) -> Value | None:
+def _held(run: State, said: str) -> Value | None:
     """The value of a variable of the program, None where it has none of that name."""
     found = run.scope.names.get(said)
     return run.module_scope.names.get(said) if found is None else found
 
 
-def assign(run: Running, target: Node, value: Value) -> None:
+def assign(run: State, target: Node, value: Value) -> None:
     """Gives a variable, an element or an output its value."""
     said = str(target.said)
     if target.kind == "name":
@@ -385,7 +390,7 @@ def assign(run: Running, target: Node, value: Value) -> None:
             evaluate(run, part)
 
 
-def assign_name(run: Running, said: str, value: Value) -> None:
+def assign_name(run: State, said: str, value: Value) -> None:
     """Gives a name its value."""
     scope = run.scope
     if said not in scope.names:
@@ -399,7 +404,7 @@ def assign_name(run: Running, said: str, value: Value) -> None:
     scope.names[said] = copy_value(fit(value, scope.kinds.get(said, "variant")))
 
 
-def _assign_stored(run: Running, letter: str, at: int, value: Value) -> None:
+def _assign_stored(run: State, letter: str, at: int, value: Value) -> None:
     if letter == "io":
         run.set_signal(at, value)
     elif letter in _STORED:
@@ -408,7 +413,7 @@ def _assign_stored(run: Running, letter: str, at: int, value: Value) -> None:
         raise Unreadable(f"{letter}[] is no variable")
 
 
-def _assign_element(run: Running, target: Node, value: Value) -> None:
+def _assign_element(run: State, target: Node, value: Value) -> None:
     said = str(target.said)
     of = run.scope.names.get(said, run.module_scope.names.get(said))
     at = [evaluate(run, part) for part in target.parts]
@@ -452,7 +457,7 @@ def fit(value: Value, kind: str) -> Value:
 _NUMBERS = frozenset(("integer", "long", "single", "double"))
 
 
-def let(run: Running, which: str, target: Node, value: Value) -> None:
+def let_part(run: State, which: str, target: Node, value: Value) -> None:
     """``LetX p = v`` and its like. which: the letters after Let."""
     old = evaluate(run, target)
     if isinstance(old, Unknown):
@@ -483,7 +488,7 @@ def let(run: Running, which: str, target: Node, value: Value) -> None:
     # Else a component of something whose place the text does not hold.
 
 
-def let_axis(run: Running, target: Node, axis: Value, value: Value) -> None:
+def let_axis(run: State, target: Node, axis: Value, value: Value) -> None:
     """``LetJ axis, j = v``: one value of a joint value."""
     old = evaluate(run, target)
     if isinstance(old, Unknown):
@@ -519,4 +524,4 @@ def _moved(old: Pose, to: Vector) -> Pose:
     return Pose(old.rotation, to.values)
 
 
-__all__ = ["assign", "assign_name", "blank", "evaluate", "fit", "let"]
+__all__ = ["assign", "assign_name", "blank", "evaluate", "fit", "let_part"]

@@ -12,7 +12,6 @@ import numpy as np
 from camgen.lang.pacscript.values import (
     Array,
     Placed,
-    Unknown,
     Unreadable,
     Value,
     Vector,
@@ -29,6 +28,7 @@ from camgen.lang.pacscript.values import (
     vector,
     with_figure,
 )
+from camgen.lang.values import Unknown
 from camgen.model.pose import Pose, Vec3, frozen, rotation_from_fixed_xyz, to_vec3
 from camgen.model.program import Joints
 

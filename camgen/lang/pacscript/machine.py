@@ -13,13 +13,13 @@ from camgen.lang.pacscript.values import (
     Figured,
     Placed,
     Rate,
-    Unknown,
     Value,
     Vector,
     name_place,
 )
 from camgen.lang.programs import Executed, Frames
 from camgen.lang.run import Stopped
+from camgen.lang.values import Unknown
 from camgen.model.pose import IDENTITY, Pose, Vec3, frozen, to_vec3
 from camgen.model.program import (
     Force,
@@ -41,13 +41,7 @@ PASS_MM = 1.0
 #: A program may do so many things.
 #: A delay below was rather meant in another unit, s.
 _SHORT_DELAY = 0.01
-_MOVING = frozenset(("plain", "move", "approach", "depart", "draw", "drive", "drivea", "archmove", "rotate", "rotateh",
-                     "gohome"))  # fmt: skip
 _MOST_MOTIONS = 2_000_000
-
-
-class Raised(Exception):
-    """The program raises an error of its own."""
 
 
 @dataclass(slots=True)
@@ -183,13 +177,12 @@ class Machine:
         if not self.motor:
             self.log.find("refused", "a motion with the motor off")
 
-    def lose(self, do: str) -> None:
-        """A step that could not be done: a motion leads to where nobody knows."""
-        if do in _MOVING:
-            speed, _ = self.speed(self.internal)
-            base = f"where line {self.line} leads"
-            self.log.leave_out(f"{base} is not evaluated: it is told in a frame of that name")
-            self.move(MoveL(Pose(IDENTITY, (0.0, 0.0, 0.0)), speed), False, base)
+    def lose_motion(self) -> None:
+        """A motion that could not be evaluated leads to where nobody knows."""
+        speed, _ = self.speed(self.internal)
+        base = f"where line {self.line} leads"
+        self.log.leave_out(f"{base} is not evaluated: it is told in a frame of that name")
+        self.move(MoveL(Pose(IDENTITY, (0.0, 0.0, 0.0)), speed), False, base)
 
     def speed(self, value: float) -> tuple[float, float]:
         """mm/s, and the share of the joints' greatest speeds, 0 where the speed is one of the TCP."""

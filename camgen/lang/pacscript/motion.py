@@ -106,7 +106,11 @@ def cut_bracket(text: str) -> tuple[str, str]:
 _BRACKETS = re.compile(r'"[^"]*"|[()\[\]]')
 
 
-def read_axes(rest: str) -> tuple[str | Node, list[tuple[Node, Node]] | Node, Motion]:
+#: Mark, axes with their values or joint values, and options of ``Drive`` and ``DriveA``.
+Axes = tuple[str | Node, list[tuple[Node, Node]] | Node, Motion]
+
+
+def read_axes(rest: str) -> Axes:
     """``Drive[A] [@mark] (axis, value), ... [, options]``, or with joint values; its mark, axes, and options."""
     motion = read_motion(rest)
     if not motion.goals:

@@ -5,20 +5,18 @@ from __future__ import annotations
 import math
 
 from camgen.geometry.arcs import circle, turn_about
-from camgen.lang.pacscript.code import Op
 from camgen.lang.pacscript.effects import OMITTED_OPTIONS
 from camgen.lang.pacscript.evaluate import evaluate, fit
 from camgen.lang.pacscript.expressions import Node
 from camgen.lang.pacscript.functions import numbers
 from camgen.lang.pacscript.machine import PASS_MM, posture_of
-from camgen.lang.pacscript.motion import LINEAR, Goal, Motion
+from camgen.lang.pacscript.motion import LINEAR, Axes, Goal, Motion
 from camgen.lang.pacscript.plain import Plain
-from camgen.lang.pacscript.running import Running
 from camgen.lang.pacscript.settings import checked
+from camgen.lang.pacscript.state import State
 from camgen.lang.pacscript.values import (
     Figured,
     Placed,
-    Unknown,
     Value,
     Vector,
     Wrong,
@@ -29,6 +27,7 @@ from camgen.lang.pacscript.values import (
     tell,
     vector,
 )
+from camgen.lang.values import Unknown
 from camgen.model.pose import (
     Pose,
     Vec3,
@@ -53,7 +52,7 @@ _HALF_WAY = 0.05
 _SCARA, _UP = "__scara_robot__", 0.999
 
 
-def blend_of(run: Running, mark: str | Node) -> float:
+def blend_of(run: State, mark: str | Node) -> float:
     """The blend in mm of a pass mark."""
     if isinstance(mark, Node):
         value = evaluate(run, mark)
@@ -69,7 +68,7 @@ def blend_of(run: Running, mark: str | Node) -> float:
     return float(mark)
 
 
-def speed_of(run: Running, node: Node | None) -> float:
+def speed_of(run: State, node: Node | None) -> float:
     """The internal speed in %, of a motion's own or the one in force."""
     if node is None:
         return run.machine.internal
@@ -80,7 +79,7 @@ def speed_of(run: Running, node: Node | None) -> float:
     return checked(run, value)
 
 
-def read_speed(run: Running, motion: Motion) -> float:
+def read_speed(run: State, motion: Motion) -> float:
     """The internal speed of a motion, %. Notes the options that the body does not have."""
     for name, effect in OMITTED_OPTIONS.items():
         if name in motion.options:
@@ -90,9 +89,8 @@ def read_speed(run: Running, motion: Motion) -> float:
     return speed_of(run, motion.options.get("speed"))
 
 
-def plain(run: Running, op: Op) -> None:
+def plain(run: State, item: Plain) -> None:
     """A motion in the usual spelling."""
-    item: Plain = op.a
     speed, blend = speed_of(run, item.speed), blend_of(run, item.mark)
     if item.via is not None:
         arc(run, item.via, item.target, speed, blend)
@@ -100,12 +98,11 @@ def plain(run: Running, op: Op) -> None:
         run.machine.go(item.kind == "L", item.target, speed, blend)
 
 
-def move(run: Running, op: Op) -> None:
+def move(run: State, motion: Motion) -> None:
     """``Move``."""
-    motion: Motion = op.a
     speed = read_speed(run, motion)
     if motion.kind == "s":
-        place = name_place(f"the end of the free curve of line {op.line}")
+        place = name_place(f"the end of the free curve of line {run.machine.line}")
         run.machine.go(True, place, speed, 0.0, motion.at_once)
         return
     if motion.kind == "c":
@@ -123,7 +120,7 @@ def move(run: Running, op: Op) -> None:
         go(run, LINEAR[motion.kind], target, speed, blend_of(run, goal.mark), motion.at_once)
 
 
-def place_of(run: Running, node: Node) -> Value:
+def place_of(run: State, node: Node) -> Value:
     """A place to move to: a position, joint values, or one that is not known."""
     value = evaluate(run, node)
     if isinstance(value, tuple):
@@ -136,7 +133,7 @@ def place_of(run: Running, node: Node) -> Value:
 
 
 def go(
-    run: Running, linear: bool, target: Value, speed: float, blend: float, at_once: bool = False
+    run: State, linear: bool, target: Value, speed: float, blend: float, at_once: bool = False
 ) -> None:
     """Moves to ``target``."""
     machine = run.machine
@@ -159,9 +156,8 @@ def go(
         machine.go(linear, target, speed, blend, at_once)
 
 
-def approach(run: Running, op: Op) -> None:
+def approach(run: State, motion: Motion) -> None:
     """``Approach P|L, reference, [@mark] length``: back from the reference along its tool z."""
-    motion: Motion = op.a
     reference, length = _exactly(motion, 2)
     target, back = place_of(run, reference.value), evaluate(run, length.value)
     speed, blend = read_speed(run, motion), blend_of(run, length.mark)
@@ -176,9 +172,8 @@ def approach(run: Running, op: Op) -> None:
     go(run, LINEAR[motion.kind], target, speed, blend, motion.at_once)
 
 
-def depart(run: Running, op: Op) -> None:
+def depart(run: State, motion: Motion) -> None:
     """``Depart P|L, [@mark] length``: back from here along the tool z."""
-    motion: Motion = op.a
     (length,) = _exactly(motion, 1)
     back = evaluate(run, length.value)
     speed, blend = read_speed(run, motion), blend_of(run, length.mark)
@@ -189,9 +184,8 @@ def depart(run: Running, op: Op) -> None:
     go(run, LINEAR[motion.kind], target, speed, blend, motion.at_once)
 
 
-def draw(run: Running, op: Op) -> None:
+def draw(run: State, motion: Motion) -> None:
     """``Draw P|L, [@mark] V(dx, dy, dz)``: by a vector in the work frame, the orientation kept."""
-    motion: Motion = op.a
     (way,) = _exactly(motion, 1)
     value = evaluate(run, way.value)
     if isinstance(value, tuple):
@@ -216,7 +210,7 @@ def _exactly(motion: Motion, count: int) -> tuple[Goal, ...]:
     return motion.goals
 
 
-def behind(run: Running, pose: Pose, length: float) -> Pose:
+def behind(run: State, pose: Pose, length: float) -> Pose:
     """A place so far back along the tool z; above along z with an arm of four axes, whose tool z points up."""
     scara = bool(run.machine.given(_SCARA))
     if pose.rotation[2, 2] > _UP and not isinstance(pose, Placed) and not scara:
@@ -229,7 +223,7 @@ def behind(run: Running, pose: Pose, length: float) -> Pose:
 
 
 def arc(
-    run: Running, via: Value, end: Value, speed: float, blend: float, at_once: bool = False
+    run: State, via: Value, end: Value, speed: float, blend: float, at_once: bool = False
 ) -> None:
     """Moves through ``via`` to ``end``, in arcs of at most half a circle with their via point half-way."""
     machine = run.machine
@@ -281,7 +275,7 @@ def _half_way(start: Vec3, center: Vec3, axis: Vec3, sweep: float) -> Vec3:
 
 
 def _turn(
-    run: Running,
+    run: State,
     start: Pose,
     end: Pose,
     center: Vec3,
@@ -311,9 +305,8 @@ def _turn(
         machine.move(machine.pace(item, share, base), last and blend > 0 and not at_once, base)
 
 
-def rotate(run: Running, op: Op) -> None:
+def rotate(run: State, motion: Motion) -> None:
     """``Rotate XY|YZ|ZX, angle[, center][, pose = 1|2]``: an arc about an axis of the work frame."""
-    motion: Motion = op.a
     machine = run.machine
     plane = str(motion.goals[0].value.said) if motion.goals else ""
     normal = {"xy": (0.0, 0.0, 1.0), "yz": (1.0, 0.0, 0.0), "zx": (0.0, 1.0, 0.0)}.get(plane)
@@ -332,7 +325,11 @@ def rotate(run: Running, op: Op) -> None:
         or isinstance(angle, Unknown)
     ):
         machine.go(
-            True, name_place(f"the end of the turn of line {op.line}"), speed, blend, motion.at_once
+            True,
+            name_place(f"the end of the turn of line {run.machine.line}"),
+            speed,
+            blend,
+            motion.at_once,
         )
         return
     towards = start.rotation[:, 2].tolist()
@@ -374,32 +371,29 @@ def _foot(point: Vec3, about: Vec3, normal: Vec3) -> Vec3:
     return (x, y, z)
 
 
-def rotate_hand(run: Running, op: Op) -> None:
+def rotate_hand(run: State, motion: Motion) -> None:
     """``RotateH [@mark] angle``: a turn about the tool z."""
-    motion: Motion = op.a
     (goal,) = _exactly(motion, 1)
     angle, here = evaluate(run, goal.value), run.machine.here
     speed, blend = read_speed(run, motion), blend_of(run, goal.mark)
     if isinstance(angle, Unknown):
-        target: Pose = name_place(f"the end of the turn of line {op.line}")
+        target: Pose = name_place(f"the end of the turn of line {run.machine.line}")
     else:
         rotation = frozen(here.rotation @ rotation_about(2, math.radians(number(angle))))
         target = keep_frame(Pose(rotation, here.origin), here)
     run.machine.go(True, target, speed, blend, motion.at_once)
 
 
-def arch(run: Running, op: Op) -> None:
+def arch(run: State, motion: Motion) -> None:
     """``ArchMove target, height[, ...]``: up, across and down again."""
-    motion: Motion = op.a
     if len(motion.goals) < 2:
         raise Wrong("ArchMove needs a target and a height")
     target, height = place_of(run, motion.goals[0].value), evaluate(run, motion.goals[1].value)
     here, speed = run.machine.here, read_speed(run, motion)
     stored = isinstance(target, Placed) or isinstance(here, Placed)
     if not isinstance(target, Pose) or stored or isinstance(height, Unknown):
-        run.machine.log.assume(
-            f"the arch of line {op.line} is told without its height: the text does not hold it"
-        )
+        arch_text = f"the arch of line {run.machine.line}"
+        run.log.assume(f"{arch_text} is told without its height: the text does not hold it")
         go(run, False, target, speed, 0.0)
         return
     top = min(here.origin[2], target.origin[2]) + number(height)
@@ -411,11 +405,10 @@ def arch(run: Running, op: Op) -> None:
     run.machine.go(False, target, speed, 0.0)
 
 
-def drive(run: Running, op: Op) -> None:
+def drive(run: State, axes_of_motion: Axes, relative: bool) -> None:
     """``Drive`` by and ``DriveA`` to joint values of single axes."""
-    mark, axes, motion = op.a
+    mark, axes, motion = axes_of_motion
     speed, blend = read_speed(run, motion), blend_of(run, mark)
-    relative = op.do == "drive"
     if isinstance(axes, Node):
         value = fit(evaluate(run, axes), "joint")
         if isinstance(value, Joints):
@@ -443,7 +436,7 @@ def _axis_value(value: Value, axis: int) -> Value:
 
 
 def _drive(
-    run: Running, said: dict[int, Value], relative: bool, manner: tuple[float, float, bool]
+    run: State, said: dict[int, Value], relative: bool, manner: tuple[float, float, bool]
 ) -> None:
     machine = run.machine
     if any(axis > 6 for axis in said):
@@ -463,7 +456,7 @@ def _drive(
     machine.go_joints(Joints(tuple(made)), *manner)
 
 
-def go_home(run: Running, _op: Op) -> None:
+def go_home(run: State, _parts: object) -> None:
     """``GoHome``."""
     home = run.machine.home
     if not isinstance(home, (Pose, Joints)):

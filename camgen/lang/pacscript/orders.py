@@ -1,24 +1,120 @@
-"""Actions of the steps of PacScript: names, calls and outputs here, motions and flow beside."""
+"""The actions of statements with names, calls, outputs and inputs."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Sequence
+from typing import NamedTuple
 
-from camgen.lang.pacscript import flow, motions, settings
-from camgen.lang.pacscript.code import Op
-from camgen.lang.pacscript.evaluate import assign, assign_name, blank, evaluate, fit, let, let_axis
+from camgen.lang.pacscript.evaluate import (
+    assign,
+    assign_name,
+    blank,
+    evaluate,
+    fit,
+    is_stored,
+    let_axis,
+    let_part,
+    truth,
+)
 from camgen.lang.pacscript.expressions import Node
 from camgen.lang.pacscript.functions import ASKED, FUNCTIONS
-from camgen.lang.pacscript.machine import Raised, copy_value
-from camgen.lang.pacscript.running import Running
-from camgen.lang.pacscript.values import Array, Unknown, Unreadable, Value, index, number
-from camgen.lang.run import Ended
+from camgen.lang.pacscript.machine import copy_value
+from camgen.lang.pacscript.state import State
+from camgen.lang.pacscript.values import Array, Unreadable, Value, index, number
+from camgen.lang.run import Stopped
+from camgen.lang.values import Unknown
 from camgen.model.program import Output
 
 
-def _declare(run: Running, op: Op) -> None:
-    for name, kind, tops, init in op.a:
+class Declaration(NamedTuple):
+    """A variable of ``Dim``.
+
+    kind: its type in small letters.
+    tops: largest indices of an array, None of another variable.
+    value: its first value, None without one.
+    """
+
+    name: str
+    kind: str
+    tops: tuple[Node, ...] | None
+    value: Node | None
+
+
+class Port(NamedTuple):
+    """``DefIO name = kind, number``."""
+
+    name: str
+    kind: str
+    number: Node
+
+
+class Assignment(NamedTuple):
+    """``target = value``."""
+
+    target: Node
+    value: Node
+
+
+class Calling(NamedTuple):
+    """A name or a member with the values that it takes."""
+
+    target: Node
+    values: tuple[Node, ...]
+
+
+class Switching(NamedTuple):
+    """``Set`` and ``Reset``.
+
+    which: the output, or the number of the first one.
+    upto: number of the last output, None for a single one.
+    level: 1 of Set, 0 of Reset.
+    value: level that the statement gives itself.
+    is_pulse: whether the output switches back by itself.
+    """
+
+    which: Node
+    upto: Node | None
+    level: float
+    value: Node | None
+    is_pulse: bool
+
+
+class Letting(NamedTuple):
+    """``LetX target[, axis] = value``. part: X."""
+
+    part: str
+    target: Node
+    axis: Node | None
+    value: Node
+
+
+class Waiting(NamedTuple):
+    """``Wait condition[, time[, result]]``. others: time and result."""
+
+    condition: Node
+    others: Sequence[Node]
+
+
+class Filling(NamedTuple):
+    """``Input`` and other statements that fill variables from outside. word: the statement."""
+
+    word: str
+    targets: Sequence[Node]
+
+
+class Remark(NamedTuple):
+    """A statement without a motion in the translation.
+
+    effect: its effect on the program that runs.
+    """
+
+    text: str
+    effect: str
+
+
+def declare(run: State, declarations: Sequence[Declaration]) -> None:
+    """``Dim`` and the other declarations."""
+    for name, kind, tops, init in declarations:
         if tops is not None:
             sizes = [evaluate(run, node) for node in tops]
             known = not any(isinstance(size, Unknown) for size in sizes)
@@ -37,51 +133,55 @@ def _declare(run: Running, op: Op) -> None:
             run.scope.names[name] = blank(kind)
 
 
-def _define_port(run: Running, op: Op) -> None:
-    kind, node = op.b
-    at = evaluate(run, node)
-    run.scope.ios[op.a] = (kind, int(number(at)) if not isinstance(at, Unknown) else -1)
+def define_port(run: State, port: Port) -> None:
+    """``DefIO``."""
+    at = evaluate(run, port.number)
+    number_of_port = -1 if isinstance(at, Unknown) else int(number(at))
+    run.scope.ios[port.name] = (port.kind, number_of_port)
 
 
-def _assign(run: Running, op: Op) -> None:
+def set_variable(run: State, assignment: Assignment) -> None:
+    """``target = value``."""
+    target, value = assignment
     try:
-        value = evaluate(run, op.b)
-        assign(run, op.a, value.copy() if isinstance(value, Array) else value)
+        assign(run, target, copy_value(evaluate(run, value)))
     except Unreadable as error:
-        if op.a.kind in ("name", "index", "call"):  # What it held before would be a lie.
-            assign(run, op.a, Unknown(f"{op.a.said} ({error})"))
+        # The value from before is no longer the value of the variable.
+        if target.kind in ("name", "index", "call"):
+            assign(run, target, Unknown(f"{target.said} ({error})"))
         raise
 
 
-def _call(run: Running, op: Op) -> None:
-    node: Node = op.a
+def call(run: State, calling: Calling) -> None:
+    """A call of a procedure, a function or a method."""
+    node = calling.target
     name = str(node.said)
     if node.kind == "member":
-        for part in op.b:
+        for part in calling.values:
             evaluate(run, part)
         of = node.parts[0]
         module = run.read(run.stems[str(of.said)]) if of.said in run.stems else None
         procedure = module.procedures.get(name) if module is not None else None
         if module is not None and procedure is not None:
-            run.call((module, procedure), op.b)
+            run.call((module, procedure), calling.values)
         else:
-            run.machine.log.fact("other devices", f"{of.said}.{name}")
+            run.log.fact("other devices", f"{of.said}.{name}")
         return
     called = run.find_procedure(name)
     if called is not None:
-        run.call(called, op.b)
+        run.call(called, calling.values)
         return
-    values = [evaluate(run, part) for part in op.b]
+    values = [evaluate(run, part) for part in calling.values]
     if name == "msgbox":
         run.machine.stop()
         run.machine.passing = False
     elif name not in FUNCTIONS and name not in ASKED:
-        run.left_out(name)
-        for part, value in zip(op.b, values, strict=True):
+        run.leave_out(name)
+        for part, value in zip(calling.values, values, strict=True):
             _fill(run, name, part, value)
 
 
-def _fill(run: Running, name: str, part: Node, value: Value) -> None:
+def _fill(run: State, name: str, part: Node, value: Value) -> None:
     """Forgets a variable without a value that a missing procedure takes: it may be set there."""
     variable = str(part.said)
     scope = run.scope if variable in run.scope.names else run.module_scope
@@ -94,37 +194,40 @@ def _fill(run: Running, name: str, part: Node, value: Value) -> None:
         scope.names[variable] = filled
 
 
-def _start_task(run: Running, op: Op) -> None:
-    for part in op.b:
+def start_task(run: State, calling: Calling) -> None:
+    """``Run``: a task beside this one."""
+    for part in calling.values:
         evaluate(run, part)
-    run.machine.tasks.setdefault(str(op.a.said).lower(), run.machine.line)
+    run.machine.tasks.setdefault(str(calling.target.said).lower(), run.machine.line)
 
 
-def _switch(run: Running, op: Op) -> None:
-    (which, upto), value, node = op.a
-    level = value if node is None else evaluate(run, node)
-    for at in _signals(run, which, upto):
+def switch(run: State, switching: Switching) -> None:
+    """``Set`` and ``Reset``."""
+    level: Value = switching.level
+    if switching.value is not None:
+        level = evaluate(run, switching.value)
+    for at in _signals(run, switching.which, switching.upto):
         if isinstance(at, int):
             run.set_signal(at, level)
-            if op.b is not None:
-                run.machine.emit(Output(str(at), 0.0 if value else 1.0))
-                run.machine.log.fact("pulses", f"IO[{at}]")
+            if switching.is_pulse:
+                run.machine.emit(Output(str(at), 1.0 - switching.level))
+                run.log.fact("pulses", f"IO[{at}]")
         elif not run.write_port(at, level):
             assign_name(run, at, level)
 
 
-def _signals(run: Running, which: Node, upto: Node | None) -> list[int | str]:
+def _signals(run: State, which: Node, upto: Node | None) -> list[int | str]:
     if upto is not None:
         ends = evaluate(run, which), evaluate(run, upto)
         if any(isinstance(end, Unknown) for end in ends):
-            run.machine.log.leave_out("outputs whose numbers the text does not hold are left out")
+            run.log.leave_out("outputs whose numbers the text does not hold are left out")
             return []
         first, last = (index(number(end)) for end in ends)
         return list(range(first, min(last, first + 255) + 1))
     if which.kind == "index" and which.said == "io" and which.parts:
         at = evaluate(run, which.parts[0])
         if isinstance(at, Unknown):
-            run.machine.log.leave_out(
+            run.log.leave_out(
                 f"{at.what}, the number of an output, is not known: it is left out", at.key
             )
             return []
@@ -137,81 +240,91 @@ def _signals(run: Running, which: Node, upto: Node | None) -> list[int | str]:
     raise Unreadable("an output that is not understood")
 
 
-def _let(run: Running, op: Op) -> None:
-    which, target, axis = op.a
-    if which == "f":
-        run.machine.log.fact("posture", "LetF sets the figure of a position")
+def let(run: State, letting: Letting) -> None:
+    """``LetX`` and its like."""
+    part, target, axis, value = letting
+    if part == "f":
+        run.log.fact("posture", "LetF sets the figure of a position")
     if axis is None:
-        let(run, which, target, evaluate(run, op.b))
+        let_part(run, part, target, evaluate(run, value))
     else:
-        let_axis(run, target, evaluate(run, axis), evaluate(run, op.b))
+        let_axis(run, target, evaluate(run, axis), evaluate(run, value))
 
 
-def _omit(run: Running, op: Op) -> None:
-    run.machine.log.omit(f"{op.a}: {op.b}")
+def omit(run: State, remark: Remark) -> None:
+    """A statement that another machine does without."""
+    run.log.omit(f"{remark.text}: {remark.effect}")
 
 
-def _lose(run: Running, op: Op) -> None:
-    run.machine.log.leave_out(f"{op.a}: {op.b}")
+def lose(run: State, remark: Remark) -> None:
+    """A statement that would move or switch another machine differently."""
+    run.log.leave_out(f"{remark.text}: {remark.effect}")
 
 
-def _raise(_run: Running, _op: Op) -> None:
-    raise Raised
+def wait(run: State, waiting: Waiting) -> None:
+    """``Wait``: it is over at once, and its condition holds from then on."""
+    condition, others = waiting
+    holds = truth(evaluate(run, condition))
+    if holds is not True:
+        given = _find_given(run, condition)
+        if holds is False and given:
+            raise Stopped(f"waits for ever: {given} is given otherwise")
+        unknown = holds if isinstance(holds, Unknown) else Unknown("what others set")
+        run.log.choose(f"Wait for {unknown.what} is over at once", unknown.key)
+        _learn(run, condition)
+    run.machine.passing = False
+    if len(others) > 1 and others[1].kind in ("name", "index"):
+        assign(run, others[1], 1.0)
 
 
-def _end(_run: Running, _op: Op) -> None:
-    raise Ended
+def _find_given(run: State, node: Node) -> str:
+    """Return the first value of a condition that the user has given, empty without one."""
+    if node.kind == "index" and node.parts and node.parts[0].kind == "number":
+        key = f"{node.said}[{node.parts[0].said:g}]"
+        return key if run.machine.given(key) is not None else ""
+    if node.kind == "name" and run.machine.given(str(node.said)) is not None:
+        return str(node.said)
+    return next(filter(None, (_find_given(run, part) for part in node.parts)), "")
 
 
-ACTIONS: dict[str, Callable[[Running, Op], Any]] = {
-    "plain": motions.plain,
-    "move": motions.move,
-    "approach": motions.approach,
-    "depart": motions.depart,
-    "draw": motions.draw,
-    "archmove": motions.arch,
-    "rotate": motions.rotate,
-    "rotateh": motions.rotate_hand,
-    **dict.fromkeys(("drive", "drivea"), motions.drive),
-    "gohome": motions.go_home,
-    "home": settings.set_home,
-    "takearm": settings.take_arm,
-    "givearm": settings.give_arm,
-    "motor": settings.motor,
-    "speed": settings.speed_statement,
-    "extspeed": settings.external_speed,
-    **dict.fromkeys(("changetool", "changework"), settings.change),
-    **dict.fromkeys(("tool", "work"), settings.define),
-    "delay": settings.delay,
-    "forceparam": settings.force_parameter,
-    "forcectrl": settings.force_control,
-    **dict.fromkeys(("hold", "halt"), settings.hold),
-    **dict.fromkeys(("stop", "stopend"), _end),
-    **dict.fromkeys(("arrive", "waitmotion"), settings.settle),
-    **dict.fromkeys(("interrupt", "motionskip"), settings.interrupt),
-    "omit": _omit,
-    "lose": _lose,
-    "raise": _raise,
-    "assign": _assign,
-    "dim": _declare,
-    "defio": _define_port,
-    "call": _call,
-    "run": _start_task,
-    "switch": _switch,
-    "let": _let,
-    "wait": flow.wait_for,
-    "input": flow.take_input,
-}  # fmt: skip
+def _learn(run: State, node: Node) -> None:
+    """Set variables and inputs so that a condition holds. It is an equation, or several of them."""
+    if node.kind == "and":
+        _learn(run, node.parts[0])
+        _learn(run, node.parts[1])
+    elif node.kind == "=" and node.parts[0].kind in ("name", "index"):
+        try:
+            value = evaluate(run, node.parts[1])
+            if not isinstance(value, Unknown):
+                _set(run, node.parts[0], value)
+        except Unreadable:
+            return
+    elif node.kind in ("name", "index"):
+        _set(run, node, 1.0)
 
-WAYS: dict[str, Callable[[Running, flow.Frame, int, Op], int | None]] = {
-    "if": flow.branch,
-    "goto": flow.go_to,
-    "for": flow.start_for,
-    "next": flow.next_for,
-    "do": flow.enter,
-    "loop": flow.repeat,
-    "select": flow.select,
-    "gosub": flow.go_sub,
-    "on": flow.on_value,
-    "on error": flow.on_error,
-}
+
+def _set(run: State, node: Node, value: Value) -> None:
+    """Set a variable or an input to the value that a program has waited for."""
+    name = str(node.said)
+    if node.kind == "index" and name == "io":
+        at = evaluate(run, node.parts[0])
+        if not isinstance(at, Unknown):
+            run.learned[index(number(at))] = value
+    elif node.kind == "name" and name.startswith("io") and name[2:].isdecimal():
+        run.learned[int(name[2:9])] = value
+    elif (
+        node.kind == "index"
+        or name in run.scope.names
+        or name in run.module_scope.names
+        or is_stored(name)
+    ):
+        assign(run, node, value)
+
+
+def fill(run: State, filling: Filling) -> None:
+    """``Input`` and other statements that fill variables from outside."""
+    takes_all = filling.word in ("input", "lineinput", "com_state")
+    for node in filling.targets if takes_all else filling.targets[:1]:
+        if node.kind in ("name", "index", "call"):
+            name = str(node.said)
+            assign(run, node, run.machine.unknown(f"{name} from {filling.word}", name))

@@ -8,12 +8,13 @@ from typing import Any
 from msgspec.structs import replace
 
 from camgen.lang.beside import sum_up
-from camgen.lang.pacscript import flow
-from camgen.lang.pacscript.code import Code, Op, compile_procedure
-from camgen.lang.pacscript.evaluate import assign, blank, evaluate, fit, is_stored
+from camgen.lang.code import Act, Branch, Effect, Step
+from camgen.lang.flow import Choice, Counter, Flow, Raised, Rules
+from camgen.lang.pacscript.code import CountRange, ProcedureCode, compile_procedure
+from camgen.lang.pacscript.evaluate import assign, blank, evaluate, fit
 from camgen.lang.pacscript.expressions import Node
-from camgen.lang.pacscript.machine import Machine, Raised, Scope, copy_value
-from camgen.lang.pacscript.orders import ACTIONS, WAYS
+from camgen.lang.pacscript.functions import calculate
+from camgen.lang.pacscript.machine import Machine, Scope, copy_value
 from camgen.lang.pacscript.points import read_points
 from camgen.lang.pacscript.source import (
     File,
@@ -25,47 +26,65 @@ from camgen.lang.pacscript.source import (
     read_module,
     stem,
 )
-from camgen.lang.pacscript.values import Array, Unknown, Unreadable, Value, Wrong, index, number
+from camgen.lang.pacscript.state import State
+from camgen.lang.pacscript.values import (
+    Array,
+    Unreadable,
+    Value,
+    Wrong,
+    comparable,
+    number,
+)
 from camgen.lang.pacscript.words import RESERVED
 from camgen.lang.programs import Ask, Executed
 from camgen.lang.run import Budget, Ended, Stopped
+from camgen.lang.values import Unknown
 
 #: Procedures may call each other so deep.
 _DEEPEST = 40
-_MOST_IO = 24063
 #: So many tasks are looked at.
 _MOST_BESIDE = 20
 #: Statements of each, beyond those of the text.
 _MOST_OF_A_TASK = 5_000
+#: Texts of the choices of the engine.
+_CHOICES = {
+    Choice.BRANCH_ENTERED: "{what} is not known: the branch is gone into",
+    Choice.BRANCH_PASSED: "{what} is not known: the branch is passed by",
+    Choice.LOOP_RUN_ONCE: "{what} is not known: the loop is gone through once",
+    Choice.LOOP_ENDED: "{what} is not known: the loop ends",
+    Choice.LOOP_LEFT: "the loop from line {line} is left after one round",
+    Choice.LOOP_REPEATS: (
+        "the condition of the loop from line {line} never changes here: the loop is left"
+    ),
+    Choice.FIRST_CASE: "{what} is not known: the first Case that does something is taken",
+    Choice.FIRST_LABEL: "{what} is not known: the first way of On is taken",
+}
 
 
-class Run:
-    """A run. scope: the names of the procedure that runs, module_scope: those of its file. read: a run that has read
-    the same files.
-    """
+class Run(State):
+    """A run. read: a run that has read the same files."""
+
+    faults: type[Exception] = Unreadable
 
     def __init__(self, files: Mapping[str, str], ask: Ask, read: Run | None = None) -> None:
         points, faulty = read_points(ask.points)
-        self.machine = Machine(
-            {key.lower(): float(value) for key, value in ask.assume.items()}, points
-        )
+        assumed = {key.lower(): float(value) for key, value in ask.assume.items()}
+        super().__init__(Machine(assumed, points))
         self.machine.flange = ask.flange
         for what in faulty:
             self.machine.log.assume(what)
         self.ask = ask
         self.files: dict[str, File] = read.files if read else read_files(files, self.say)
         statements = sum(len(file.statements) for file in self.files.values())
-        self.budget = Budget(statements, ask.limits.pacscript_steps, "pacscript_steps")
+        budget = Budget(statements, ask.limits.pacscript_steps, "pacscript_steps")
+        self.flow = Flow(self, budget, Rules(_DEEPEST))
         self.modules: dict[str, Module] = read.modules if read else {}
         self.scopes: dict[str, Scope] = {}
         ranked = sorted(self.files, key=lambda name: name.endswith(".h"))
         self.stems = {stem(name): name for name in reversed(ranked)}
         self.module = Module("")
-        self.scope = self.module_scope = Scope()
-        self.depth = 0
-        self.learned: dict[int, Value] = {}
         #: Procedures that several files include, by their statements.
-        self.codes: dict[Any, Code] = read.codes if read else {}
+        self.codes: dict[Any, ProcedureCode] = read.codes if read else {}
 
     def say(self, line: int, what: str) -> None:
         """Notes something that the language does not have."""
@@ -191,17 +210,17 @@ class Run:
             declared = Procedure("", 0, [], "", module.declarations)
             before = self.module, self.scope, self.module_scope, self.machine.line
             self.module, self.scope, self.module_scope = module, found, found
-            self._run(flow.Frame(self._code(declared), {}, {}, set(), {}, []), declared)
+            self.flow.run(self._code(declared).code)
             self.module, self.scope, self.module_scope, self.machine.line = before
         return found
 
-    def _code(self, procedure: Procedure) -> Code:
+    def _code(self, procedure: Procedure) -> ProcedureCode:
         if procedure.code is None:
             key = (procedure.line, tuple(procedure.statements))
             if key not in self.codes:
                 self.codes[key] = compile_procedure(procedure, self.say, self.module.pac)
             procedure.code = self.codes[key]
-        code: Code = procedure.code
+        code: ProcedureCode = procedure.code
         return code
 
     # Procedures.
@@ -224,8 +243,7 @@ class Run:
     def call(self, found: tuple[Module, Procedure], parts: tuple[Node, ...]) -> Value:
         """Calls a procedure; what it gives, 0 of a Sub. Parameters that are not ByVal give their values back."""
         module, procedure = found
-        if self.depth >= _DEEPEST:
-            raise Stopped("procedures that call each other without end")
+        self.flow.check_depth("procedures that call each other without end")
         values = [evaluate(self, part) for part in parts]
         if len(values) > len(procedure.parameters):
             self.machine.log.find(
@@ -233,17 +251,15 @@ class Run:
                 f"{procedure.name} takes {len(procedure.parameters)} values, not {len(values)}",
             )
         before, line = (self.module, self.scope, self.module_scope), self.machine.line
-        self.depth += 1
         self.module, self.module_scope = module, self._scope_of(module)
         try:
             scope = self._execute(procedure, values)
         finally:
-            self.depth -= 1
             self.module, self.scope, self.module_scope = before
         self.machine.line = line
         for parameter, part, value in zip(procedure.parameters, parts, values, strict=False):
-            passed = flow.comparable(self._fit(value, parameter))
-            if flow.comparable(scope.names.get(parameter.name)) != passed:
+            passed = comparable(self._fit(value, parameter))
+            if comparable(scope.names.get(parameter.name)) != passed:
                 self._give_back(parameter, part, scope)
         return scope.names.get(procedure.name, 0.0)
 
@@ -277,7 +293,7 @@ class Run:
             scope.kinds[procedure.name] = procedure.returns
         self.scope, code = scope, self._code(procedure)
         scope.assigned = code.assigned
-        self._run(flow.Frame(code, {}, {}, set(), {}, []), procedure)
+        self.flow.run(code.code)
         return scope
 
     def _fit(self, value: Value, parameter: Parameter) -> Value:
@@ -286,129 +302,76 @@ class Run:
         except Unreadable:
             return value
 
-    def _run(self, frame: flow.Frame, procedure: Procedure) -> None:
-        """The steps of a procedure to its end."""
-        ops, machine, at = frame.code.ops, self.machine, 0
-        while at < len(ops):
-            op = ops[at]
-            machine.line = op.line
-            self.budget.spend()
-            try:
-                to = self._step(frame, at, op, procedure.returns == "program")
-                at = at + 1 if to is None else to
-                continue
-            except Raised:
-                if not frame.handler:
-                    raise
-                at = frame.code.labels[frame.handler]
-                continue
-            except Wrong as error:
-                machine.log.find("refused", str(error))
-                machine.lose(op.do)
-            except Unreadable as error:
-                machine.log.leave_out(f"{error}: left out")
-                machine.lose(op.do)
-            at += 1
+    # What the engine asks (`camgen.lang.flow.Language`).
 
-    def _step(self, frame: flow.Frame, at: int, op: Op, pac: bool) -> int | None:
-        """A step; where to go on, None with the next one."""
-        if action := ACTIONS.get(op.do):
-            action(self, op)
-            return None
-        if way := WAYS.get(op.do):
-            return way(self, frame, at, op)
-        if op.do == "return" and frame.returns:
-            return frame.returns.pop()
-        if op.do in ("exit", "return") or pac:
-            return len(frame.code.ops)
-        raise Ended
+    def begin(self, step: Step) -> None:
+        """A step begins."""
+        self.machine.line = step.line
 
-    # Inputs and outputs.
+    evaluate = evaluate
+    assign = assign
+    to_number = staticmethod(number)
 
-    def signal(self, at: int) -> Value:
-        """An input, or an output as the program has set it."""
-        if str(at) in self.machine.outputs:
-            return self.machine.outputs[str(at)]
-        if at in self.learned:
-            return self.learned[at]
-        return self.machine.unknown(f"IO[{at}]", f"io[{at}]")
+    def matches(self, value: Value, tests: list[tuple[str, Node, Node | None]]) -> bool:
+        """Whether one of the values of a Case is ``value``."""
+        for sign, first, last in tests:
+            low = evaluate(self, first)
+            if last is None:
+                result = calculate(sign, value, low)
+                is_equal = not isinstance(result, Unknown) and bool(result)
+            else:
+                high = evaluate(self, last)
+                is_equal = bool(calculate(">=", value, low)) and bool(calculate("<=", value, high))
+            if is_equal:
+                return True
+        return False
 
-    def set_signal(self, at: int, value: Value) -> None:
-        """Sets an output."""
-        if at > _MOST_IO:
-            raise Wrong(f"IO[{at}]: the highest is IO[{_MOST_IO}]")
-        self.machine.outputs[str(at)] = value
-        self._put(str(at), value)
+    def open_count(self, count: CountRange) -> Counter:
+        """The counter of ``For``."""
+        first, last, step = (evaluate(self, part) for part in count[1:])
+        for value in (first, last, step):
+            if isinstance(value, Unknown):
+                begin = Unknown(first.what) if isinstance(first, Unknown) else first
+                return Counter(count.counter, begin, unknown=value)
+        return Counter(count.counter, number(first), number(last), number(step))
 
-    def _put(self, signal: str, value: Value) -> None:
-        if isinstance(value, Unknown):
-            self.machine.log.assume(
-                f"{value.what}, to which IO[{signal}] is set, is taken for 0", value.key
-            )
-        self.machine.switch(signal, 0.0 if isinstance(value, Unknown) else number(value))
-
-    def port(self, name: str) -> Value | None:
-        """What an input or output with a name of its own is."""
-        found = self.scope.ios.get(name) or self.module_scope.ios.get(name)
-        if found is None:
-            return None
-        return self.machine.outputs.get(name) or self.machine.unknown(
-            f"{name}, IO[{found[1]}]", name
+    def read_state(self) -> object:
+        """The values of all names."""
+        machine = self.machine
+        tables: tuple[Mapping[Any, Value], ...] = (
+            self.scope.names,
+            self.module_scope.names,
+            machine.globals,
+            machine.outputs,
         )
+        return [dict(zip(table, map(comparable, table.values()), strict=True)) for table in tables]
 
-    def write_port(self, name: str, value: Value) -> bool:
-        """Sets such an output; whether there is one."""
-        if name not in self.scope.ios and name not in self.module_scope.ios:
-            return False
-        self.machine.outputs[name] = value
-        self._put(name, value)
+    def count_instructions(self) -> int:
+        """The number of instructions so far."""
+        return len(self.machine.body)
+
+    def assume(
+        self, choice: Choice, step: Step, unknown: Unknown | None = None, length: int = 0
+    ) -> bool:
+        """Tells a choice of the engine."""
+        del length
+        if choice is Choice.LOOP_ENDLESS:
+            self.log.fact("goes round for ever", f"from line {step.line}: shown once")
+            return True
+        unknown = unknown or Unknown("")
+        if isinstance(step, Branch) and step.condition.value.kind == "call":
+            unknown = Unknown(str(step.condition.value.said))
+        self.log.choose(_CHOICES[choice].format(what=unknown.what, line=step.line), unknown.key)
         return True
 
-    def learn(self, node: Node, value: Value) -> None:
-        """Takes a variable or an input for what a program has waited for."""
-        said = str(node.said)
-        if node.kind == "index" and said == "io":
-            at = evaluate(self, node.parts[0])
-            if not isinstance(at, Unknown):
-                self.learned[index(number(at))] = value
-        elif node.kind == "name" and said.startswith("io") and said[2:].isdecimal():
-            self.learned[int(said[2:9])] = value
-        elif (
-            node.kind == "index"
-            or said in self.scope.names
-            or said in self.module_scope.names
-            or is_stored(said)
-        ):
-            assign(self, node, value)
-
-    def told_by_user(self, node: Node) -> str:
-        """What of a condition the user has said himself."""
-        if node.kind == "index" and node.parts and node.parts[0].kind == "number":
-            key = f"{node.said}[{node.parts[0].said:g}]"
-            return key if self.machine.given(key) is not None else ""
-        if node.kind == "name" and self.machine.given(str(node.said)) is not None:
-            return str(node.said)
-        return next((found for part in node.parts if (found := self.told_by_user(part))), "")
-
-    # What the text does not have.
-
-    def undeclared(self, name: str) -> Value:
-        """A name that nobody has given a value: what the program counts with begins at 0."""
-        if name in self.scope.assigned and self.machine.given(name) is None:
-            self.machine.log.assume(f"{name} begins at 0", name)
-            return 0.0
-        value = self.machine.unknown(name, name)
-        if isinstance(value, Unknown):
-            self.machine.log.assume(f"{name} has no value in the text", name)
-        return value
-
-    def left_out(self, name: str) -> Value:
-        """A procedure that is in no file."""
-        self.machine.trusting = True
-        self.machine.log.leave_out(
-            f"{name} is in no file that is given: left out, with all that it moves and sets"
-        )
-        return Unknown(f"what {name} gives")
+    def report(self, step: Step, error: Exception) -> None:
+        """Tells that a step cannot be carried out."""
+        if isinstance(error, Wrong):
+            self.log.find("refused", str(error))
+        else:
+            self.log.leave_out(f"{error}: left out")
+        if isinstance(step, Act) and step.effect is Effect.MOVES:
+            self.machine.lose_motion()
 
 
 def run_files(files: Mapping[str, str], ask: Ask) -> Executed:

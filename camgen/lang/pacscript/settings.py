@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
-from camgen.lang.pacscript.code import Op
 from camgen.lang.pacscript.evaluate import evaluate, fit
-from camgen.lang.pacscript.running import Running
-from camgen.lang.pacscript.values import Rate, Unknown, Value, Wrong, number
+from camgen.lang.pacscript.expressions import Node
+from camgen.lang.pacscript.state import State
+from camgen.lang.pacscript.values import Rate, Value, Wrong, number
+from camgen.lang.values import Unknown
 from camgen.model.pose import Pose
 
 _LONGEST_DELAY = 2**31 - 1
 
+Nodes = Sequence[Node]
 
-def checked(run: Running, value: Value) -> float:
+
+def checked(run: State, value: Value) -> float:
     """A speed in % that the controller takes."""
     if isinstance(value, Unknown):
         run.machine.log.assume(
@@ -31,10 +35,10 @@ def checked(run: Running, value: Value) -> float:
     return said
 
 
-def take_arm(run: Running, op: Op) -> None:
+def take_arm(run: State, parts: list[Node | None]) -> None:
     """``TakeArm [group] [Keep = 0|1]``."""
     machine = run.machine
-    group, keep = (evaluate(run, node) if node is not None else None for node in op.a)
+    group, keep = (evaluate(run, node) if node is not None else None for node in parts)
     machine.armed = True
     if isinstance(keep, float) and keep == 0:
         machine.internal = 100.0
@@ -44,39 +48,39 @@ def take_arm(run: Running, op: Op) -> None:
         machine.log.fact("arm group", f"{group:g}")
 
 
-def give_arm(run: Running, _op: Op) -> None:
+def give_arm(run: State, _parts: Nodes) -> None:
     """``GiveArm``."""
     run.machine.armed = False
     run.machine.passing = False
 
 
-def motor(run: Running, op: Op) -> None:
+def motor(run: State, parts: Nodes) -> None:
     """``Motor On|Off``."""
-    if not op.a:
+    if not parts:
         raise Wrong("Motor needs On or Off")
-    value = evaluate(run, op.a[0])
+    value = evaluate(run, parts[0])
     if not isinstance(value, Unknown):
         run.machine.motor = bool(number(value))
 
 
-def speed_statement(run: Running, op: Op) -> None:
+def speed_statement(run: State, parts: Nodes) -> None:
     """``Speed``, for motions without their own."""
-    if not op.a:
+    if not parts:
         raise Wrong("Speed needs a number")
-    omit_accelerations(run, op)
-    run.machine.internal = checked(run, evaluate(run, op.a[0]))
+    _omit_accelerations(run, "speed", parts)
+    run.machine.internal = checked(run, evaluate(run, parts[0]))
 
 
-def omit_accelerations(run: Running, op: Op) -> None:
+def _omit_accelerations(run: State, word: str, parts: Nodes) -> None:
     """Notes the accelerations in a statement of a speed."""
-    if len(op.a) > 1:
-        run.machine.log.omit(f"{op.do} with more than one value: accelerations")
+    if len(parts) > 1:
+        run.machine.log.omit(f"{word} with more than one value: accelerations")
 
 
-def external_speed(run: Running, op: Op) -> None:
+def external_speed(run: State, parts: Nodes) -> None:
     """``ExtSpeed`` in percent of the internal one."""
-    value = evaluate(run, op.a[0]) if op.a else 100.0
-    omit_accelerations(run, op)
+    value = evaluate(run, parts[0]) if parts else 100.0
+    _omit_accelerations(run, "extspeed", parts)
     if isinstance(value, Unknown):
         run.machine.log.assume(
             f"{value.what}, the external speed, is taken for 100 %", value.key, 100.0
@@ -92,10 +96,9 @@ def external_speed(run: Running, op: Op) -> None:
     run.machine.log.fact("external speed", f"{said:g} %")
 
 
-def change(run: Running, op: Op) -> None:
-    """``ChangeTool`` and ``ChangeWork``."""
-    kind = op.do.removeprefix("change")
-    value = evaluate(run, op.a[0]) if op.a else 0.0
+def change(run: State, parts: Nodes, kind: str) -> None:
+    """``ChangeTool`` and ``ChangeWork``. kind: tool or work."""
+    value = evaluate(run, parts[0]) if parts else 0.0
     if isinstance(value, Unknown):
         run.machine.log.assume(f"{value.what}, a {kind} number, is taken for the one in force")
         return
@@ -106,20 +109,20 @@ def change(run: Running, op: Op) -> None:
     run.machine.change_frame(kind, at)
 
 
-def define(run: Running, op: Op) -> None:
-    """``Tool n, P(...)`` and ``Work n, P(...)``."""
-    if len(op.a) < 2:
-        raise Wrong(f"{op.do.capitalize()} needs a number and a position")
-    at, pose = evaluate(run, op.a[0]), fit(evaluate(run, op.a[1]), "position")
+def define(run: State, parts: Nodes, kind: str) -> None:
+    """``Tool n, P(...)`` and ``Work n, P(...)``. kind: tool or work."""
+    if len(parts) < 2:
+        raise Wrong(f"{kind.capitalize()} needs a number and a position")
+    at, pose = evaluate(run, parts[0]), fit(evaluate(run, parts[1]), "position")
     if isinstance(at, Unknown) or not isinstance(pose, Pose):
-        run.machine.log.assume(f"a {op.do} frame that the text does not hold")
+        run.machine.log.assume(f"a {kind} frame that the text does not hold")
         return
-    run.machine.define_frame(op.do, int(number(at)), Pose(pose.rotation, pose.origin))
+    run.machine.define_frame(kind, int(number(at)), Pose(pose.rotation, pose.origin))
 
 
-def delay(run: Running, op: Op) -> None:
+def delay(run: State, parts: Nodes) -> None:
     """``Delay`` in ms."""
-    value = evaluate(run, op.a[0]) if op.a else None
+    value = evaluate(run, parts[0]) if parts else None
     if value is None:
         raise Wrong("Delay needs a number")
     if isinstance(value, Unknown):
@@ -131,11 +134,11 @@ def delay(run: Running, op: Op) -> None:
     run.machine.wait(said / 1000)
 
 
-def force_parameter(run: Running, op: Op) -> None:
+def force_parameter(run: State, parts: Nodes) -> None:
     """``ForceParam table, frame, P(fx, fy, fz, ...)``; a table that is on presses so from now on."""
-    if len(op.a) < 3:
+    if len(parts) < 3:
         raise Wrong("ForceParam needs a table, a frame and a force")
-    values: list[Any] = [evaluate(run, node) for node in op.a[:3]]
+    values: list[Any] = [evaluate(run, node) for node in parts[:3]]
     force, machine = fit(values[2], "position"), run.machine
     if isinstance(force, Pose) and not any(isinstance(one, Unknown) for one in values):
         table = int(number(values[0]))
@@ -144,9 +147,9 @@ def force_parameter(run: Running, op: Op) -> None:
             machine.log.leave_out("a force in a frame that the text does not give is left out")
 
 
-def force_control(run: Running, op: Op) -> None:
+def force_control(run: State, parts: Nodes) -> None:
     """``ForceCtrl True, table`` and ``ForceCtrl False``."""
-    values = [evaluate(run, node) for node in op.a]
+    values = [evaluate(run, node) for node in parts]
     machine = run.machine
     if any(isinstance(one, Unknown) for one in values) or not values:
         machine.log.leave_out("force control by values that the text does not hold is left out")
@@ -158,42 +161,39 @@ def force_control(run: Running, op: Op) -> None:
         machine.log.leave_out("a force that the text does not give is left out")
 
 
-def hold(run: Running, _op: Op) -> None:
+def hold(run: State, _parts: Nodes) -> None:
     """``Hold`` and ``Halt``: until the operator starts again."""
     run.machine.stop()
     run.machine.passing = False
 
 
-def settle(run: Running, op: Op) -> None:
-    """``Arrive`` and ``WaitMotion``: what follows is meant to happen on the way."""
-    for node in op.a:
-        evaluate(run, node)
-    if op.do == "arrive":
-        run.machine.log.omit(
-            "Arrive: what follows happens on the way; here it waits for the motion"
-        )
-    else:
-        run.machine.log.fact(
-            "waits", "WaitMotion waits for the motion, as all that follows one does here"
-        )
+def arrive(run: State, parts: Nodes) -> None:
+    """``Arrive``: what follows is meant to happen on the way."""
+    _evaluate_all(run, parts)
+    run.log.omit("Arrive: what follows happens on the way; here it waits for the motion")
     run.machine.passing = False
 
 
-def nothing(run: Running, op: Op) -> None:
-    """Something that moves nothing by itself."""
-    for node in op.a or ():
+def wait_for_motion(run: State, parts: Nodes) -> None:
+    """``WaitMotion``."""
+    _evaluate_all(run, parts)
+    what = "WaitMotion waits for the motion, as all that follows one does here"
+    run.log.fact("waits", what)
+    run.machine.passing = False
+
+
+def cut_short(run: State, parts: Nodes, word: str) -> None:
+    """``Interrupt`` and ``MotionSkip``: motions may be cut short."""
+    _evaluate_all(run, parts)
+    run.log.assume(f"{word}: motions that something may cut short are taken to their end")
+
+
+def _evaluate_all(run: State, parts: Nodes) -> None:
+    for node in parts:
         evaluate(run, node)
 
 
-def interrupt(run: Running, op: Op) -> None:
-    """``Interrupt`` and ``MotionSkip``: motions may be cut short."""
-    nothing(run, op)
-    run.machine.log.assume(
-        f"{op.do.capitalize()}: motions that something may cut short are taken to their end"
-    )
-
-
-def set_home(run: Running, op: Op) -> None:
+def set_home(run: State, parts: Nodes) -> None:
     """``Home p``."""
-    if op.a:
-        run.machine.home = fit(evaluate(run, op.a[0]), "position")
+    if parts:
+        run.machine.home = fit(evaluate(run, parts[0]), "position")

@@ -1,14 +1,28 @@
-"""The grammar of PacScript statements that are neither motions nor a way through the program."""
+"""The statements of PacScript except the flow: grammar, action and effect of each word."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple
 
+from camgen.lang.code import Condition, Effect
+from camgen.lang.pacscript import motions, orders, settings
 from camgen.lang.pacscript.effects import LOST, OMITTED
 from camgen.lang.pacscript.expressions import LEFT_OUT, Node, arguments, parse
-from camgen.lang.pacscript.motion import LINEAR, cut_bracket, read_axes, read_motion
+from camgen.lang.pacscript.motion import LINEAR, Axes, Motion, cut_bracket, read_axes, read_motion
+from camgen.lang.pacscript.orders import (
+    Assignment,
+    Calling,
+    Declaration,
+    Filling,
+    Letting,
+    Port,
+    Remark,
+    Switching,
+    Waiting,
+)
 from camgen.lang.pacscript.values import Unreadable
 from camgen.lang.pacscript.words import RESERVED
 
@@ -26,49 +40,6 @@ _CHANNEL = re.compile(r"#\s*[\w.]+\s*,?\s*", re.IGNORECASE)
 _TYPED = {"defint": "integer", "defsng": "single", "defdbl": "double", "defstr": "string", "defpos": "position",
           "defjnt": "joint", "defvec": "vector", "deftrn": "trans"}  # fmt: skip
 DECLARE = frozenset(("dim", "public", "static", "private", "extern", *_TYPED))
-#: Statements with an ordinary list of values, which are read as they stand.
-_LISTED = frozenset(
-    [
-        "speed",
-        "extspeed",
-        "changetool",
-        "changework",
-        "tool",
-        "work",
-        "delay",
-        "motor",
-        "motionskip",
-        "interrupt",
-        "waitmotion",
-        "arrive",
-        "gohome",
-        "home",
-        "forcectrl",
-        "forceparam",
-        "hold",
-        "halt",
-        "stop",
-        "stopend",
-        "givearm",
-    ]
-)
-_LET = frozenset(
-    [
-        "leta",
-        "letf",
-        "letj",
-        "leto",
-        "letp",
-        "letr",
-        "letrx",
-        "letry",
-        "letrz",
-        "letx",
-        "lety",
-        "letz",
-        "let",
-    ]
-)
 
 
 def find_equals(text: str) -> int:
@@ -81,14 +52,23 @@ def find_equals(text: str) -> int:
     return -1
 
 
-def read_condition(rest: str) -> tuple[Node | None, bool]:
-    """``While|Until condition``, and whether it goes on while that holds."""
+def read_loop_condition(rest: str) -> Condition | None:
+    """``While|Until condition``, None without one."""
     if not rest.strip():
-        return None, True
+        return None
     match = VERB.fullmatch(rest.strip())
     if match is None or match[1].lower() not in ("while", "until"):
         raise Unreadable(f"{rest[:40]} is not understood")
-    return parse(match[2]), match[1].lower() == "while"
+    return make_condition(parse(match[2]), match[1].lower() == "while")
+
+
+def make_condition(node: Node, wanted: bool = True) -> Condition:
+    """The condition of a branch or a loop. wanted: value with which a loop goes on."""
+    is_constant = node.kind == "number" or (node.kind == "name" and node.said in _CONSTANTS)
+    return Condition(node, wanted, is_constant, is_unlikely=node.kind in ("<>", "not"))
+
+
+_CONSTANTS = ("true", "on", "false", "off")
 
 
 def read_case(text: str) -> tuple[str, Node, Node | None]:
@@ -100,37 +80,28 @@ def read_case(text: str) -> tuple[str, Node, Node | None]:
     return "=", parse(text), None
 
 
-def read_call(text: str) -> tuple[Node, tuple[Node, ...]]:
-    """``name a, b`` or ``name(a, b)``: what is called, a name or a member, and its values."""
+def read_call(text: str) -> Calling:
+    """``name a, b`` or ``name(a, b)``."""
     found = _NAME.fullmatch(text)
     if found is None:
         node = parse(text)
         if node.kind in ("member", "call", "name", "element"):
-            return node, ()
+            return Calling(node, ())
         raise Unreadable(f"{text[:60]} is not understood")
     name, rest = parse(found[1]), found[2].strip()
     if rest.startswith("("):
         inside, tail = cut_bracket(rest)
         if not tail:
-            return name, tuple(
-                parse(part) for part in arguments(inside) if part
-            ) if inside.strip() else ()
+            parts = arguments(inside) if inside.strip() else []
+            return Calling(name, tuple(parse(part) for part in parts if part))
         if tail.startswith("."):
-            return parse(f"{found[1]}({inside}){_until_space(tail)}"), ()
-    values = (
-        tuple(LEFT_OUT if part == "" else parse(part) for part in arguments(rest)) if rest else ()
-    )
-    return name, values
+            return Calling(parse(f"{found[1]}({inside}){tail.split(None, 1)[0]}"), ())
+    parts = arguments(rest) if rest else []
+    return Calling(name, tuple(LEFT_OUT if part == "" else parse(part) for part in parts))
 
 
-def _until_space(text: str) -> str:
-    return text.split(None, 1)[0]
-
-
-def read_declarations(
-    word: str, rest: str, pac: bool
-) -> list[tuple[str, str, tuple[Node, ...] | None, Node | None]]:
-    """What ``Dim`` and its like declare: names, types, the tops of arrays, and what they begin with."""
+def read_declarations(word: str, rest: str, pac: bool) -> list[Declaration]:
+    """The variables of ``Dim`` and the other declarations."""
     if word == "extern":
         return []
     found = []
@@ -141,141 +112,176 @@ def read_declarations(
         inside = (match[2] or "")[1:-1]
         tops = tuple(parse(one) for one in arguments(inside) if one) if match[2] else None
         kind = _TYPED.get(word) or (match[3] or _SUFFIXES.get(match[1][-1], "variant")).lower()
-        found.append(
-            (match[1].lower().rstrip("!#%$"), kind, tops, parse(match[4]) if match[4] else None)
-        )
+        value = parse(match[4]) if match[4] else None
+        found.append(Declaration(match[1].lower().rstrip("!#%$"), kind, tops, value))
     return found
 
 
 _SUFFIXES = {"!": "single", "#": "double", "%": "integer", "$": "string"}
 
-Read = tuple[Any, ...] | None
+
+class Order(NamedTuple):
+    """The statement of a word.
+
+    read: returns the operand of `do` from the word and the rest of the text. Unreadable.
+    do: carries it out, called with the state of the run and the operand.
+    """
+
+    read: Callable[[str, str], Any]
+    do: Callable[[Any, Any], object]
+    effect: Effect = Effect.NONE
 
 
-def _read_move(_word: str, rest: str) -> Read:
-    return "move", read_motion(rest, (*LINEAR, "c", "s"))
+def _read_move(_word: str, rest: str) -> Motion:
+    return read_motion(rest, (*LINEAR, "c", "s"))
 
 
-def _read_along(word: str, rest: str) -> Read:
-    return word, read_motion(rest, tuple(LINEAR))
+def _read_along(_word: str, rest: str) -> Motion:
+    return read_motion(rest, tuple(LINEAR))
 
 
-def _read_bare(word: str, rest: str) -> Read:
-    return word, read_motion(rest)
+def _read_bare(_word: str, rest: str) -> Motion:
+    return read_motion(rest)
 
 
-def _read_drive(word: str, rest: str) -> Read:
-    return word, read_axes(rest)
+def _read_drive(_word: str, rest: str) -> Axes:
+    return read_axes(rest)
 
 
-def _read_take(_word: str, rest: str) -> Read:
+def _read_take(_word: str, rest: str) -> list[Node | None]:
     match = _TAKE.fullmatch(rest)
-    return "takearm", [
-        parse(part) if part else None for part in (match.groups() if match else (None, None))
-    ]
+    parts = match.groups() if match else (None, None)
+    return [parse(part) if part else None for part in parts]
 
 
-def _read_switch(word: str, rest: str) -> Read:
+def _read_switch(word: str, rest: str) -> Switching:
     parts = arguments(rest)
     at = find_equals(parts[0])
-    target, value = (
-        (parts[0][:at].strip(), parse(parts[0][at + 1 :])) if at >= 0 else (parts[0], None)
-    )
+    target = parts[0][:at].strip() if at >= 0 else parts[0]
+    value = parse(parts[0][at + 1 :]) if at >= 0 else None
     found = re.fullmatch(r"(io)\s*\[(.*?)\bto\b(.*)\]", target, re.IGNORECASE | re.DOTALL)
-    which = (parse(found[2].strip()), parse(found[3].strip())) if found else (parse(target), None)
-    return (
-        "switch",
-        (which, float(word == "set"), value),
-        parse(parts[1]) if len(parts) > 1 else None,
-    )
+    which = parse(found[2].strip()) if found else parse(target)
+    upto = parse(found[3].strip()) if found else None
+    for part in parts[1:2]:
+        parse(part)
+    return Switching(which, upto, float(word == "set"), value, is_pulse=len(parts) > 1)
 
 
-def _read_wait(_word: str, rest: str) -> Read:
+def _read_wait(_word: str, rest: str) -> Waiting:
     parts = arguments(rest)
     if not parts[0]:
         raise Unreadable("Wait needs a condition")
-    return "wait", parse(parts[0]), [parse(part) for part in parts[1:]]
+    return Waiting(parse(parts[0]), [parse(part) for part in parts[1:]])
 
 
-def _read_listed(word: str, rest: str) -> Read:
-    if word in ("forceparam", "forcectrl"):
-        parts = [part for part in arguments(rest) if find_equals(part) < 0]
-    else:
-        parts = arguments(rest) if rest.strip() else []
-    return word, [parse(part) for part in parts]
+def read_list(_word: str, rest: str) -> list[Node]:
+    """An ordinary list of values."""
+    return [parse(part) for part in arguments(rest)] if rest.strip() else []
 
 
-def _read_let(word: str, rest: str) -> Read:
+def _read_force(_word: str, rest: str) -> list[Node]:
+    return [parse(part) for part in arguments(rest) if find_equals(part) < 0]
+
+
+def _read_let(word: str, rest: str) -> Letting:
+    targets, value = _read_targets(word, rest)
+    return Letting(word[3:], targets[-1], targets[0] if len(targets) > 1 else None, value)
+
+
+def _read_plain_let(word: str, rest: str) -> Assignment:
+    targets, value = _read_targets(word, rest)
+    return Assignment(targets[0], value)
+
+
+def _read_targets(word: str, rest: str) -> tuple[list[Node], Node]:
     at = find_equals(rest)
     if at < 0:
         raise Unreadable(f"{word.capitalize()} needs a name and =")
-    targets, value = [parse(part) for part in arguments(rest[:at])], parse(rest[at + 1 :].strip())
-    if word == "let":
-        return "assign", targets[0], value
-    return "let", (word[3:], targets[-1], targets[0] if len(targets) > 1 else None), value
+    return [parse(part) for part in arguments(rest[:at])], parse(rest[at + 1 :].strip())
 
 
-def _read_defio(_word: str, rest: str) -> Read:
+def _read_defio(_word: str, rest: str) -> Port:
     match = _DEFIO.fullmatch(rest)
     if match is None:
         raise Unreadable("DefIO needs a name, a type and a number")
-    return (
-        "defio",
-        match[1].lower().rstrip("!#%$"),
-        (match[2].lower(), parse(arguments(match[3])[0])),
-    )
+    number = parse(arguments(match[3])[0])
+    return Port(match[1].lower().rstrip("!#%$"), match[2].lower(), number)
 
 
-def _read_run(_word: str, rest: str) -> Read:
-    return "run", *read_call(rest)
+def _read_callee(_word: str, rest: str) -> Calling:
+    return read_call(rest)
 
 
-def _read_callee(_word: str, rest: str) -> Read:
-    return "call", *read_call(rest)
+def _read_input(word: str, rest: str) -> Filling:
+    parts = arguments(_CHANNEL.sub("", rest, count=1))
+    return Filling(word, [parse(part) for part in parts if part])
 
 
-def _read_input(word: str, rest: str) -> Read:
-    return (
-        "input",
-        [parse(part) for part in arguments(_CHANNEL.sub("", rest, count=1)) if part],
-        word,
-    )
-
-
-def _read_in_out(word: str, rest: str) -> Read:
+def _read_in_out(word: str, rest: str) -> Assignment:
     at = find_equals(rest)
     if at < 0:
         raise Unreadable(f"{word.capitalize()} needs =")
-    return "assign", parse(rest[:at].strip()), parse(rest[at + 1 :].strip())
+    return Assignment(parse(rest[:at].strip()), parse(rest[at + 1 :].strip()))
 
 
-def _read_omitted(word: str, rest: str) -> Read:
-    return "omit", f"{word} {rest}".rstrip(), OMITTED[word]
+def _read_omitted(word: str, rest: str) -> Remark:
+    return Remark(f"{word} {rest}".rstrip(), OMITTED[word])
 
 
-def _read_lost(word: str, rest: str) -> Read:
-    return "lose", f"{word} {rest}".rstrip(), LOST[word]
+def _read_lost(word: str, rest: str) -> Remark:
+    return Remark(f"{word} {rest}".rstrip(), LOST[word])
 
 
-READERS: dict[str, Callable[[str, str], Read]] = {
-    "move": _read_move,
-    **dict.fromkeys(("approach", "depart", "draw"), _read_along),
-    **dict.fromkeys(("archmove", "rotate", "rotateh"), _read_bare),
-    **dict.fromkeys(("drive", "drivea"), _read_drive),
-    "takearm": _read_take,
-    **dict.fromkeys(("set", "reset"), _read_switch),
-    "wait": _read_wait,
-    **dict.fromkeys(_LISTED, _read_listed),
-    **dict.fromkeys(OMITTED, _read_omitted),
-    **dict.fromkeys(LOST, _read_lost),
-    **dict.fromkeys(_LET, _read_let),
-    "defio": _read_defio,
-    "run": _read_run,
-    "runbyname": _read_run,
-    "call": _read_callee,
-    "callbyname": _read_callee,
-    **dict.fromkeys(
-        ("input", "lineinput", "com_state", "getpublicvalue", "readbytearray"), _read_input
-    ),
-    **dict.fromkeys(("in", "out"), _read_in_out),
-}
+#: A motion in the usual spelling, an assignment and a call have no word.
+ASSIGN = Order(_read_plain_let, orders.set_variable)
+CALL = Order(_read_callee, orders.call, Effect.ACTS)
+_SWITCH = Order(_read_switch, orders.switch, Effect.ACTS)
+_DRIVE = partial(motions.drive, relative=True)
+_DRIVE_TO = partial(motions.drive, relative=False)
+_INPUTS = ("input", "lineinput", "com_state", "getpublicvalue", "readbytearray")
+_PARTS = ("a", "f", "j", "o", "p", "r", "rx", "ry", "rz", "x", "y", "z")
+ORDERS: dict[str, Order] = {
+    "move": Order(_read_move, motions.move, Effect.MOVES),
+    "approach": Order(_read_along, motions.approach, Effect.MOVES),
+    "depart": Order(_read_along, motions.depart, Effect.MOVES),
+    "draw": Order(_read_along, motions.draw, Effect.MOVES),
+    "archmove": Order(_read_bare, motions.arch, Effect.MOVES),
+    "rotate": Order(_read_bare, motions.rotate, Effect.MOVES),
+    "rotateh": Order(_read_bare, motions.rotate_hand, Effect.MOVES),
+    "drive": Order(_read_drive, _DRIVE, Effect.MOVES),
+    "drivea": Order(_read_drive, _DRIVE_TO, Effect.MOVES),
+    "gohome": Order(read_list, motions.go_home, Effect.MOVES),
+    "home": Order(read_list, settings.set_home),
+    "takearm": Order(_read_take, settings.take_arm),
+    "givearm": Order(read_list, settings.give_arm, Effect.LEAVES),
+    "motor": Order(read_list, settings.motor),
+    "speed": Order(read_list, settings.speed_statement),
+    "extspeed": Order(read_list, settings.external_speed),
+    "changetool": Order(read_list, partial(settings.change, kind="tool")),
+    "changework": Order(read_list, partial(settings.change, kind="work")),
+    "tool": Order(read_list, partial(settings.define, kind="tool")),
+    "work": Order(read_list, partial(settings.define, kind="work")),
+    "delay": Order(read_list, settings.delay, Effect.ACTS),
+    "forceparam": Order(_read_force, settings.force_parameter),
+    "forcectrl": Order(_read_force, settings.force_control),
+    "hold": Order(read_list, settings.hold),
+    "halt": Order(read_list, settings.hold, Effect.LEAVES),
+    "arrive": Order(read_list, settings.arrive),
+    "waitmotion": Order(read_list, settings.wait_for_motion),
+    "interrupt": Order(read_list, partial(settings.cut_short, word="Interrupt")),
+    "motionskip": Order(read_list, partial(settings.cut_short, word="Motionskip")),
+    "set": _SWITCH,
+    "reset": _SWITCH,
+    "wait": Order(_read_wait, orders.wait),
+    "defio": Order(_read_defio, orders.define_port),
+    "run": Order(_read_callee, orders.start_task),
+    "runbyname": Order(_read_callee, orders.start_task),
+    "call": CALL,
+    "callbyname": CALL,
+    "let": ASSIGN,
+    **{f"let{part}": Order(_read_let, orders.let) for part in _PARTS},
+    **dict.fromkeys(_INPUTS, Order(_read_input, orders.fill)),
+    **dict.fromkeys(("in", "out"), Order(_read_in_out, orders.set_variable)),
+    **dict.fromkeys(OMITTED, Order(_read_omitted, orders.omit)),
+    **dict.fromkeys(LOST, Order(_read_lost, orders.lose)),
+}  # fmt: skip

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec import Struct
 
+from camgen.lang.values import Unknown
 from camgen.model.pose import (
     IDENTITY,
     FloatArray,
@@ -45,13 +46,6 @@ class Vector(Struct, frozen=True, gc=False):
     """``V(x, y, z)``, mm."""
 
     values: Vec3
-
-
-class Unknown(Struct, frozen=True, gc=False):
-    """A value that the text does not hold. what: it, in words; key: what the user sets it by, "" where he cannot."""
-
-    what: str
-    key: str = ""
 
 
 class Rate(float):
@@ -230,3 +224,12 @@ _NOUNS: dict[type, str] = {
     Unknown: "a value that the text does not hold",
     tuple: "a list of values",
 }
+
+
+def comparable(value: Value | None) -> object:
+    """Return a value as something that ``==`` compares."""
+    if isinstance(value, Pose):
+        return type(value), value.origin, value.rotation.tobytes()
+    if isinstance(value, Array):
+        return value.tops, {at: comparable(item) for at, item in value.items.items()}
+    return value

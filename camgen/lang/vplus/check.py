@@ -12,7 +12,8 @@ from camgen.lang.log import Log
 from camgen.lang.programs import Ask
 from camgen.model.program import Joints
 
-from .flow import CALLED, GOES, Machine, read_label
+from .code import GOES, read_label
+from .flow import CALLED, Machine
 from .locations import Expression, unknown
 from .statements import ENDS, split, unwrap
 from .text import Impossible, Location, Routine, Statement, Unreadable
@@ -113,7 +114,7 @@ class _Reader(Machine):
         text.finish()
 
     def _one(self, _routine: Routine, _index: int, statement: Statement) -> None:
-        self._is_one_of(0.5, statement)
+        self._is_one_of(0.5, statement.rest)
 
     def _leave(self, routine: Routine, index: int, statement: Statement) -> None:
         if not routine.loops.get(index):

@@ -1,4 +1,4 @@
-"""How the statements of a V+ program follow each other: for the reader and for the stricter read-back alike."""
+"""The order in which the read-back carries out the statements of a V+ program."""
 
 from __future__ import annotations
 

@@ -704,3 +704,26 @@ def test_an_arm_of_four_axes_departs_upwards(scara: float, above: float) -> None
     assert origins(found) == [(400, 0, 0), (400, 0, above), (0, 0, above)]
     key = [one.key for one in found.assumed if "points up" in one.what]
     assert key == ([] if scara else ["__scara_robot__"])
+
+
+# -- blocks in one line ------------------------------------------------------------------------
+
+
+def test_end_if_in_the_line_of_its_if_leaves_the_blocks_around_it_open() -> None:
+    run_once = run("For i = 1 To 2", "If i = 1 Then Set IO[24] : End If", HOME, "Next i")
+    assert not run_once.findings
+    assert [type(item) for item in run_once.body] == [Output, MoveJ, MoveJ]
+
+
+def test_a_loop_that_a_single_line_if_leaves_open_is_refused() -> None:
+    program = run("If IO[8] Then For i = 1 To 2", HOME)
+    assert [(finding.line, finding.what) for finding in program.findings] == [
+        (3, "For has no Next")
+    ]
+    assert [type(item) for item in program.body] == [MoveJ]
+
+
+def test_a_function_in_an_unknown_condition_is_called_once() -> None:
+    tail = f"Function Look\n{HOME}\nLook = IO[8]\nEnd Function"
+    program = run("If Look = 1 Then", "Set IO[24]", "End If", tail=tail)
+    assert [type(item) for item in program.body] == [MoveJ, Output]

@@ -366,3 +366,19 @@ def test_more_behind_an_end_is_odd():
     assert told(execute("IF TRUE THEN", "END l5"), "unusual") == [
         (3, "END stands alone, without l5")
     ]
+
+
+# -- loops that repeat themselves --------------------------------------------------------------
+
+
+def test_one_round_of_a_loop_is_shown_if_it_ends_where_the_robot_stood():
+    program = execute(
+        "MOVE TRANS(2)", "n = 0", "WHILE n < 1 DO", "MOVE TRANS(1)", "MOVE TRANS(2)", "END"
+    )
+    assert places(program) == [2, 1, 2]
+    assert [item.line for item in program.assumed if "repeats itself" in item.what] == [4]
+
+
+def test_exit_leaves_as_many_loops_as_its_expression_says():
+    lines = ["n = 2", "FOR i = 1 TO 3", "FOR j = 1 TO 3", "MOVE TRANS(10*i+j)", "EXIT n", "END"]
+    assert places(execute(*lines, "END")) == [11]

@@ -1,0 +1,106 @@
+"""The state of a PacScript program that runs: names, inputs, outputs, procedures."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+from camgen.lang.pacscript.expressions import Node
+from camgen.lang.pacscript.machine import Machine, Scope
+from camgen.lang.pacscript.source import Module, Procedure
+from camgen.lang.pacscript.values import Value, Wrong, number
+from camgen.lang.values import Unknown
+
+_LAST_SIGNAL = 24063
+
+
+class State(ABC):
+    """The state of a run.
+
+    machine: robot and log.
+    scope: names of the procedure that runs.
+    module_scope: names of its file.
+    stems: files by the name under which programs call them.
+    learned: inputs as a `Wait` has left them, by their number.
+    """
+
+    def __init__(self, machine: Machine) -> None:
+        self.machine = machine
+        self.log = machine.log
+        self.scope = self.module_scope = Scope()
+        self.stems: dict[str, str] = {}
+        self.learned: dict[int, Value] = {}
+
+    # -- procedures ----------------------------------------------------------------------------
+
+    @abstractmethod
+    def read(self, name: str) -> Module:
+        """Return the module of a file that is given."""
+
+    @abstractmethod
+    def find_procedure(self, name: str) -> tuple[Module, Procedure] | None:
+        """Return a procedure of this file, or the start of another one. None without one."""
+
+    @abstractmethod
+    def find_function(self, name: str) -> bool:
+        """Return whether a name without brackets calls a function."""
+
+    @abstractmethod
+    def call(self, procedure: tuple[Module, Procedure], parts: tuple[Node, ...]) -> Value:
+        """Call a procedure and return its value, 0 of a Sub."""
+
+    def leave_out(self, name: str) -> Value:
+        """Leave out a procedure that is in no file."""
+        self.machine.trusting = True
+        self.log.leave_out(
+            f"{name} is in no file that is given: left out, with all that it moves and sets"
+        )
+        return Unknown(f"what {name} gives")
+
+    # -- inputs and outputs --------------------------------------------------------------------
+
+    def signal(self, at: int) -> Value:
+        """Return an input, or an output as the program has set it."""
+        if str(at) in self.machine.outputs:
+            return self.machine.outputs[str(at)]
+        if at in self.learned:
+            return self.learned[at]
+        return self.machine.unknown(f"IO[{at}]", f"io[{at}]")
+
+    def set_signal(self, at: int, value: Value) -> None:
+        """Set an output."""
+        if at > _LAST_SIGNAL:
+            raise Wrong(f"IO[{at}]: the highest is IO[{_LAST_SIGNAL}]")
+        self.machine.outputs[str(at)] = value
+        self._switch(str(at), value)
+
+    def _switch(self, signal: str, value: Value) -> None:
+        if isinstance(value, Unknown):
+            what = f"{value.what}, to which IO[{signal}] is set, is taken for 0"
+            self.log.assume(what, value.key)
+        self.machine.switch(signal, 0.0 if isinstance(value, Unknown) else number(value))
+
+    def port(self, name: str) -> Value | None:
+        """Return the value of an input or output with a name of its own. None for another name."""
+        port = self.scope.ios.get(name) or self.module_scope.ios.get(name)
+        if port is None:
+            return None
+        value = self.machine.outputs.get(name)
+        return value or self.machine.unknown(f"{name}, IO[{port[1]}]", name)
+
+    def write_port(self, name: str, value: Value) -> bool:
+        """Set an output with a name of its own. Return whether there is one."""
+        if name not in self.scope.ios and name not in self.module_scope.ios:
+            return False
+        self.machine.outputs[name] = value
+        self._switch(name, value)
+        return True
+
+    def undeclared(self, name: str) -> Value:
+        """Return the value of a name without one. What the program counts with begins at 0."""
+        if name in self.scope.assigned and self.machine.given(name) is None:
+            self.log.assume(f"{name} begins at 0", name)
+            return 0.0
+        value = self.machine.unknown(name, name)
+        if isinstance(value, Unknown):
+            self.log.assume(f"{name} has no value in the text", name)
+        return value

@@ -1,0 +1,533 @@
+"""The run of steps, with a toy language: its expressions are Python, its variables a dictionary."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from camgen.lang.code import (
+    Act,
+    Call,
+    Compiler,
+    Condition,
+    CountStart,
+    Effect,
+    End,
+    Handle,
+    JumpTable,
+    LoopStart,
+    Raise,
+    Return,
+    Select,
+    Step,
+)
+from camgen.lang.flow import Choice, Counter, Flow, Raised, Rules
+from camgen.lang.log import Log
+from camgen.lang.run import Budget, Ended, Stopped
+from camgen.lang.values import Unknown
+
+
+class Toy:
+    """A language.
+
+    A name that starts with x is unknown. It is guessed to hold if it starts with xt, and not to
+    hold if it starts with xf.
+
+    done: operands of the actions so far.
+    settable: unknown names of which any choice can be made, all without a guess.
+    """
+
+    faults: type[Exception] = ZeroDivisionError
+
+    def __init__(self, limit: float = 10_000, rules: Rules | None = None) -> None:
+        self.log = Log(lambda: self.line)
+        self.line = 0
+        self.names: dict[str, Any] = {}
+        self.done: list[Any] = []
+        self.choices: list[tuple[Choice, int]] = []
+        self.compiler = Compiler()
+        self.settable: set[str] = set()
+        self.flow = Flow(self, Budget(0, limit, "toy_steps"), rules or Rules(depth_limit=3))
+
+    def begin(self, step: Step) -> None:
+        self.line = step.line
+
+    def evaluate(self, expression: str) -> Any:
+        if expression[0] != "x":
+            return eval(expression, {}, self.names)
+        return Unknown(expression, guess={"t": True, "f": False}.get(expression[1:2]))
+
+    def to_number(self, value: float) -> float:
+        return float(value)
+
+    def matches(self, value: object, tests: list[object]) -> bool:
+        return value in tests
+
+    def open_count(self, count: str) -> Counter:
+        name, first, last, step = count.split()
+        if "x" in (first, last, step):
+            return Counter(name, 1.0, unknown=Unknown("x"))
+        return Counter(name, float(first), float(last), float(step))
+
+    def assign(self, target: str, value: float) -> None:
+        self.names[target] = value
+
+    def read_state(self) -> object:
+        return dict(self.names)
+
+    def count_instructions(self) -> int:
+        return len(self.done)
+
+    def assume(
+        self, choice: Choice, step: Step, unknown: Unknown | None = None, length: int = 0
+    ) -> bool:
+        del self.done[length or len(self.done) :]
+        if unknown is not None and unknown.guess is not None:
+            wanted = choice in (Choice.BRANCH_ENTERED, Choice.LOOP_ENDED)
+            if choice is not Choice.LOOP_LIMITED and unknown.guess != wanted:
+                return unknown.what in self.settable
+        self.choices.append((choice, step.line))
+        return True
+
+    def report(self, step: Step, error: Exception) -> None:
+        self.log.find("refused", f"{error}", line=step.line)
+
+    # A program of the toy.
+
+    def do(self, code: str, effect: Effect = Effect.NONE) -> None:
+        """Add an action: a Python statement, or "done" if it only is carried out."""
+        self.compiler.line += 1
+        self.compiler.add(Act(self.compiler.line, do=Toy.act, operand=code, effect=effect))
+
+    def act(self, code: str) -> None:
+        self.done.append(code)
+        if "=" in code:
+            exec(code, {}, self.names)
+
+    def run(self) -> Toy:
+        """Run the routine to its end."""
+        try:
+            self.flow.run(self.compiler.finish())
+        except Ended:
+            self.done.append("ended")
+        return self
+
+
+def open_branch(toy: Toy, condition: Condition) -> None:
+    toy.compiler.line += 1
+    toy.compiler.open_branch("if", condition)
+
+
+def add_alternative(toy: Toy) -> None:
+    toy.compiler.line += 1
+    toy.compiler.add_alternative(toy.compiler.blocks[-1])
+
+
+def close(toy: Toy) -> None:
+    toy.compiler.line += 1
+    toy.compiler.close(toy.compiler.blocks.pop())
+
+
+def open_loop(toy: Toy, condition: str = "") -> None:
+    toy.compiler.line += 1
+    start = LoopStart(toy.compiler.line, condition=Condition(condition) if condition else None)
+    toy.compiler.open("do", start)
+
+
+def close_loop(toy: Toy, condition: Condition | None = None) -> None:
+    toy.compiler.line += 1
+    toy.compiler.close_loop(toy.compiler.blocks.pop(), condition)
+
+
+# -- branches ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("condition", "done"), [("1 < 2", ["a", "c"]), ("1 > 2", ["b", "c"])])
+def test_a_known_condition_chooses_its_branch(condition: str, done: list[str]) -> None:
+    toy = Toy()
+    open_branch(toy, Condition(condition))
+    toy.do("a")
+    add_alternative(toy)
+    toy.do("b")
+    close(toy)
+    toy.do("c")
+    assert toy.run().done == done
+    assert not toy.choices
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "is_unlikely", "done"),
+    [
+        (Effect.MOVES, Effect.NONE, False, "a"),
+        (Effect.NONE, Effect.MOVES, False, "b"),
+        (Effect.NONE, Effect.NONE, False, "a"),
+        (Effect.NONE, Effect.NONE, True, "b"),
+        (Effect.LEAVES, Effect.NONE, False, "b"),
+        (Effect.NONE, Effect.LEAVES, True, "a"),
+        (Effect.LEAVES, Effect.LEAVES, False, "a"),
+    ],
+)
+def test_an_unknown_condition_enters_the_branch_that_stays_and_acts(
+    first: Effect, second: Effect, is_unlikely: bool, done: str
+) -> None:
+    toy = Toy()
+    open_branch(toy, Condition("x", is_unlikely=is_unlikely))
+    toy.do("a", first)
+    add_alternative(toy)
+    toy.do("b", second)
+    close(toy)
+    assert toy.run().done == [done]
+    choice = Choice.BRANCH_ENTERED if done == "a" else Choice.BRANCH_PASSED
+    assert toy.choices == [(choice, 1)]
+
+
+@pytest.mark.parametrize(
+    ("value", "done"), [("1", ["a"]), ("3", ["b"]), ("9", ["c"]), ("x", ["b"])]
+)
+def test_a_value_selects_its_case_and_an_unknown_one_a_case_that_acts(
+    value: str, done: list[str]
+) -> None:
+    toy = Toy()
+    block = toy.compiler.open("select", Select(1, value=value, cases=[]))
+    for tests, action in (([1], "a"), ([2, 3], "b"), (None, "c")):
+        toy.compiler.end_case(block)
+        toy.compiler.add_case(block, tests)
+        toy.do(action, Effect.MOVES if action == "b" else Effect.NONE)
+    close(toy)
+    assert toy.run().done == done
+    assert toy.choices == ([(Choice.FIRST_CASE, 1)] if value == "x" else [])
+
+
+# -- loops -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("count", "rounds"),
+    [("i 1 3 1", 3), ("i 3 1 -1", 3), ("i 2 1 1", 0), ("i 0 1 0.25", 5), ("i 1 x 1", 1)],
+)
+def test_a_counted_loop_runs_for_each_value(count: str, rounds: int) -> None:
+    toy = Toy()
+    block = toy.compiler.open("for", CountStart(1, count=count))
+    toy.do("done")
+    toy.compiler.blocks.pop()
+    toy.compiler.close_count(block)
+    assert toy.run().done == ["done"] * rounds
+    assert toy.choices == ([(Choice.LOOP_RUN_ONCE, 1)] if "x" in count else [])
+
+
+@pytest.mark.parametrize("is_behind", [False, True])
+def test_a_loop_runs_while_its_condition_holds(is_behind: bool) -> None:
+    toy = Toy()
+    toy.do("n = 0")
+    open_loop(toy, "" if is_behind else "n < 3")
+    toy.do("n = n + 1")
+    close_loop(toy, Condition("n >= 3", wanted=False) if is_behind else None)
+    assert toy.run().done == ["n = 0"] + ["n = n + 1"] * 3
+
+
+@pytest.mark.parametrize(
+    ("effect", "choice"),
+    [(Effect.MOVES, Choice.LOOP_RUN_ONCE), (Effect.NONE, Choice.LOOP_ENDED)],
+)
+def test_a_loop_with_an_unknown_condition_runs_once_if_it_acts(
+    effect: Effect, choice: Choice
+) -> None:
+    toy = Toy()
+    open_loop(toy, "x")
+    toy.do("a", effect)
+    close_loop(toy)
+    toy.do("b")
+    assert toy.run().done == (["a", "b"] if effect is Effect.MOVES else ["b"])
+    assert toy.choices == [(choice, 1)]
+
+
+def test_a_loop_whose_condition_never_changes_is_left() -> None:
+    toy = Toy()
+    open_loop(toy, "1 < 2")
+    toy.do("a")
+    close_loop(toy)
+    toy.do("b")
+    assert toy.run().done[-1] == "b"
+    assert toy.choices == [(Choice.LOOP_REPEATS, 1)]
+
+
+@pytest.mark.parametrize("condition", [None, Condition("1 < 2", is_constant=True)])
+def test_a_loop_without_an_exit_ends_the_program_after_one_round(
+    condition: Condition | None,
+) -> None:
+    toy = Toy()
+    open_loop(toy)
+    toy.do("n = 0")
+    close_loop(toy, condition)
+    toy.do("b")
+    assert toy.run().done == ["n = 0", "ended"]
+    assert toy.choices == [(Choice.LOOP_ENDLESS, 1)]
+
+
+def test_a_loop_is_left_where_an_unknown_branch_could_have_left_it() -> None:
+    """The longer one of two such branches is run."""
+    toy = Toy()
+    open_loop(toy)
+    for actions in (["a"], ["b", "c"]):
+        open_branch(toy, Condition("x"))
+        for action in actions:
+            toy.do(action)
+        toy.compiler.exit(["do"])
+        close(toy)
+    toy.do("d")
+    close_loop(toy)
+    toy.do("e")
+    assert toy.run().done == ["d", "b", "c", "e"]
+    assert toy.choices[-1] == (Choice.LOOP_LEFT, 1)
+
+
+def test_a_jump_back_is_a_loop() -> None:
+    toy = Toy()
+    toy.do("n = 0")
+    toy.compiler.mark("again")
+    toy.do("n = n + 1")
+    open_branch(toy, Condition("n < 4"))
+    toy.compiler.jump("again")
+    close(toy)
+    assert toy.run().names == {"n": 4}
+
+
+# -- guessed conditions ------------------------------------------------------------------------
+
+GUESSING = Rules(depth_limit=3, rounds=2, skips_blocks=True)
+
+
+@pytest.mark.parametrize(
+    ("condition", "effect", "settable", "done"),
+    [
+        ("xt", Effect.NONE, False, ["a", "b"]),
+        ("xf", Effect.MOVES, False, ["b"]),
+        ("xt", Effect.LEAVES, False, ["a", "b"]),
+        ("xt", Effect.LEAVES, True, ["b"]),
+    ],
+)
+def test_a_guess_counts_unless_the_branch_leaves_and_need_not(
+    condition: str, effect: Effect, settable: bool, done: list[str]
+) -> None:
+    toy = Toy(rules=GUESSING)
+    toy.settable = {condition} if settable else set()
+    open_branch(toy, Condition(condition))
+    toy.do("a", effect)
+    close(toy)
+    toy.do("b")
+    assert toy.run().done == done
+
+
+@pytest.mark.parametrize(
+    ("condition", "is_behind", "settable", "rounds"),
+    [
+        ("xt", False, False, 2),
+        ("xf", False, False, 0),
+        ("xt", True, False, 1),
+        ("xf", True, False, 2),
+        ("xf", True, True, 1),
+    ],
+)
+def test_a_loop_that_is_guessed_to_go_on_has_its_rounds(
+    condition: str, is_behind: bool, settable: bool, rounds: int
+) -> None:
+    """A condition at the end of the loop ends it if it holds."""
+    toy = Toy(rules=GUESSING)
+    toy.settable = {condition} if settable else set()
+    open_loop(toy, "" if is_behind else condition)
+    toy.do("a")
+    close_loop(toy, Condition(condition, wanted=False) if is_behind else None)
+    toy.do("b")
+    assert toy.run().done == ["a"] * rounds + ["b"]
+
+
+@pytest.mark.parametrize("has_condition", [False, True])
+def test_a_program_with_guesses_goes_on_after_a_loop_that_repeats_itself(
+    has_condition: bool,
+) -> None:
+    """The program has one round."""
+    toy = Toy(rules=GUESSING)
+    open_loop(toy, "1 < 2" if has_condition else "")
+    toy.do("a")
+    close_loop(toy)
+    toy.do("b")
+    assert toy.run().done == ["a", "b"]
+    assert toy.choices == [(Choice.LOOP_REPEATS, 1)]
+
+
+def test_a_block_whose_first_step_cannot_be_carried_out_is_passed() -> None:
+    for rules, done in ((GUESSING, ["b"]), (None, ["a", "b"])):
+        toy = Toy(rules=rules)
+        open_branch(toy, Condition("1 / 0"))
+        toy.do("a")
+        close(toy)
+        toy.do("b")
+        assert toy.run().done == done
+
+
+@pytest.mark.parametrize("is_behind", [False, True])
+def test_a_loop_that_is_entered_again_is_watched_anew(is_behind: bool) -> None:
+    """Both calls leave the same states after the rounds of the loop."""
+    toy = Toy()
+    for _ in range(2):
+        toy.compiler.add(Call(1, label="sub"))
+    toy.compiler.add(End(2))
+    toy.compiler.mark("sub")
+    toy.do("n = 0")
+    open_loop(toy, "" if is_behind else "n < 1")
+    toy.do("n = n + 1")
+    close_loop(toy, Condition("n >= 2", wanted=False) if is_behind else None)
+    toy.compiler.add(Return(3, is_to_call=True))
+    rounds = 2 if is_behind else 1
+    assert toy.run().done == (["n = 0"] + ["n = n + 1"] * rounds) * 2 + ["ended"]
+    assert not toy.choices
+
+
+@pytest.mark.parametrize("condition", ["n < 9", ""])
+def test_a_loop_that_an_exit_leaves_is_watched_anew(condition: str) -> None:
+    toy = Toy()
+    for _ in range(2):
+        toy.compiler.add(Call(1, label="sub"))
+    toy.compiler.add(End(2))
+    toy.compiler.mark("sub")
+    toy.do("n = 0")
+    open_loop(toy, condition)
+    open_branch(toy, Condition("n == 1"))
+    toy.compiler.exit(["do"])
+    close(toy)
+    toy.do("n = n + 1")
+    close_loop(toy)
+    toy.compiler.add(Return(3, is_to_call=True))
+    assert toy.run().done == ["n = 0", "n = n + 1"] * 2 + ["ended"]
+    assert not toy.choices
+
+
+def test_a_jump_that_repeats_itself_is_found_each_time_that_it_is_reached() -> None:
+    toy = Toy(limit=200, rules=GUESSING)
+    block = toy.compiler.open("for", CountStart(1, count="i 1 20 1"))
+    toy.compiler.mark("again")
+    toy.do("a")
+    toy.compiler.jump("again")
+    toy.compiler.blocks.pop()
+    toy.compiler.close_count(block)
+    assert toy.run().names == {"i": 21}
+    assert toy.choices == [(Choice.LOOP_REPEATS, 1)] * 20
+
+
+def test_a_jump_into_a_counted_loop_that_has_ended_counts_no_more() -> None:
+    toy = Toy()
+    toy.do("n = 0")
+    block = toy.compiler.open("for", CountStart(1, count="i 1 2 1"))
+    toy.compiler.mark("inside")
+    toy.do("n = n + 1")
+    toy.compiler.blocks.pop()
+    toy.compiler.close_count(block)
+    open_branch(toy, Condition("n < 5"))
+    toy.compiler.jump("inside")
+    close(toy)
+    assert toy.run().names == {"n": 5, "i": 3}
+
+
+# -- jumps, calls and errors -------------------------------------------------------------------
+
+
+def test_a_missing_label_stops_the_run() -> None:
+    toy = Toy()
+    toy.compiler.jump("nowhere")
+    with pytest.raises(Stopped, match="there is no label nowhere"):
+        toy.run()
+
+
+def test_a_call_of_a_label_comes_back() -> None:
+    toy = Toy()
+    toy.compiler.add(Call(1, label="sub"))
+    toy.compiler.add(Call(2, label="missing"))
+    toy.do("a")
+    toy.compiler.add(End(3))
+    toy.compiler.mark("sub")
+    toy.do("b")
+    toy.compiler.add(Return(4, is_to_call=True))
+    assert toy.run().done == ["b", "a", "ended"]
+    assert [finding.what for finding in toy.log.list_findings()] == ["there is no label missing"]
+
+
+def test_a_label_that_calls_itself_stops_the_run() -> None:
+    toy = Toy()
+    toy.compiler.mark("sub")
+    toy.compiler.add(Call(1, label="sub"))
+    with pytest.raises(Stopped):
+        toy.run()
+
+
+@pytest.mark.parametrize(
+    ("value", "done"), [("1", ["b"]), ("2", ["c"]), ("3", ["a"]), ("0", ["a"]), ("x", ["b"])]
+)
+def test_a_number_chooses_its_label(value: str, done: list[str]) -> None:
+    toy = Toy()
+    labels = ["one", "two", "missing"]
+    toy.compiler.add(JumpTable(1, value=value, labels=labels, is_call=False))
+    for label, action in (("", "a"), ("one", "b"), ("two", "c")):
+        toy.compiler.mark(label)
+        toy.do(action)
+        toy.compiler.add(Return(2))
+    assert toy.run().done == done
+
+
+def test_an_error_runs_the_handler_and_ends_the_program_without_one() -> None:
+    toy = Toy()
+    toy.compiler.add(Handle(1, label="handler"))
+    toy.compiler.add(Raise(2))
+    toy.do("a")
+    toy.compiler.mark("handler")
+    toy.compiler.add(Handle(3, label=""))
+    toy.do("b")
+    toy.compiler.add(Raise(4))
+    with pytest.raises(Raised):
+        toy.run()
+    assert toy.done == ["b"]
+
+
+def test_a_step_that_cannot_be_carried_out_is_reported_and_passed() -> None:
+    toy = Toy()
+    toy.do("n = 1 / 0")
+    toy.do("b")
+    assert toy.run().done == ["n = 1 / 0", "b"]
+    assert [finding.line for finding in toy.log.list_findings()] == [1]
+
+
+# -- limits ------------------------------------------------------------------------------------
+
+
+def test_the_budget_counts_each_step() -> None:
+    for limit, is_enough in ((2, True), (1, False)):
+        toy = Toy(limit)
+        toy.do("a")
+        toy.do("b")
+        if is_enough:
+            toy.run()
+        else:
+            with pytest.raises(Stopped, match=r"toy_steps"):
+                toy.run()
+        assert len(toy.done) == limit
+
+
+def test_routines_that_call_each_other_are_too_deep() -> None:
+    toy = Toy()
+    depth = 0
+
+    def call(toy: Toy, _operand: object) -> None:
+        nonlocal depth
+        toy.flow.check_depth("too deep")
+        depth += 1
+        toy.flow.run(code)
+
+    toy.compiler.add(Act(1, do=call))
+    code = toy.compiler.finish()
+    with pytest.raises(Stopped, match="too deep"):
+        toy.flow.run(code)
+    assert depth == 3
+    depth = 0
+    with pytest.raises(Stopped, match="too deep"):
+        toy.flow.run(code)
+    assert depth == 3
