@@ -19,7 +19,13 @@ from camgen.check.photo import Inspection, inspect_photo, list_rework, registrat
 from camgen.check.photo.expected import expect
 from camgen.check.photo.kinds import BURR_HEIGHT
 from camgen.check.photo.registration import Fit
-from camgen.check.photo.rework import insist_on_pose, is_clear, is_in_the_way, plan_passes
+from camgen.check.photo.rework import (
+    insist_on_pose,
+    is_clear,
+    is_in_the_way,
+    plan_passes,
+    stays_down,
+)
 from camgen.cli import main
 from camgen.model.errors import InputError, JobError, NoSafeProgram
 from camgen.model.job import ImageTable, Job, OperationTable, ProcessTable, ToolTable
@@ -27,7 +33,7 @@ from camgen.model.pose import Pose
 from camgen.model.program import MoveJ, MoveL
 from camgen.read.files import Files
 from camgen.read.image import read_outlines
-from camgen.read.job_file import load
+from camgen.read.job_file import from_mapping, load
 from tests.support.part_photos import MIDDLE, PIXEL, PLATE, bumped, drawing, photo, write_dxf
 
 #: What the job of such a picture says.
@@ -468,6 +474,24 @@ def test_a_part_of_many_sides_is_worked_only_where_it_lies_as_drawn() -> None:
     for turn, shift in ((0.2, (0.0, 0.0)), (0.0, (4.0, 4.0))):
         with pytest.raises(NoSafeProgram, match="may be on another one"):
             insist_on_pose("photo.png", Fit(turn, shift, 1.0, 0.0, 0.2, sides), square)
+
+
+@pytest.mark.parametrize(
+    ("force", "tool", "is_down"),
+    [
+        (0.0, {}, True),
+        (2.0, {}, False),
+        (0.0, {"orient": "follow"}, False),
+        # An arm turns these between the paths, which `process.stay_down` excludes.
+        (0.0, {"symmetric": True}, False),
+        (0.0, {"turn": [-10.0, 10.0]}, False),
+    ],
+)
+def test_what_is_lifted_between_the_passes(
+    force: float, tool: dict[str, object], is_down: bool
+) -> None:
+    job = from_mapping({"process": {"force": force}, "tool": tool})
+    assert stays_down(job) == is_down
 
 
 @pytest.mark.usefixtures("few_turns", "desk")

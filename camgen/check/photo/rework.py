@@ -180,9 +180,11 @@ def plan_burr(
 def stays_down(job: Job) -> bool:
     """Whether the tool stays at working height between the passes over a burr.
 
-    A tool under force is lifted after each pass, and so is one that turns with the contour.
+    A tool under force is lifted after each pass, and so is one that is turned about its axis.
     """
-    return not job.process.force and job.tool.orient == "fixed"
+    tool = job.tool
+    is_turned = tool.orient != "fixed" or tool.symmetric or tool.turn is not None
+    return not (job.process.force or is_turned)
 
 
 def is_in_the_way(stretch: FloatArray, loose: shapely.Geometry, job: Job) -> bool:
