@@ -197,19 +197,14 @@ def test_passes_and_feed_follow_the_height(height: float, passes: int, feed: flo
 
 
 def contact_of_burr(width: float, height: float, gone: float, tool: float) -> float:
-    """The distance from the middle of a round burr, cut down to ``gone``, at which a tool meets it.
+    """The distance from the middle of a round burr, lower by ``gone``, at which a tool meets it.
 
     The circle of the burr has its middle below the line. Two circles that touch have their middles
-    as far apart as their radii together, and touch on the line between them. If that place is gone,
-    the tool meets the upper end of the chord that is left. All values are mm.
+    as far apart as their radii together. All values are mm.
     """
     radius = (width**2 / 4 + height**2) / (2 * height)
-    below, above = radius - height, tool
-    touch = (below + above) * radius / (radius + tool) - below
-    if touch >= gone:
-        return math.sqrt((radius + tool) ** 2 - (below + above) ** 2)
-    chord = math.sqrt(radius**2 - (below + gone) ** 2)
-    return chord + math.sqrt(tool**2 - (tool - gone) ** 2)
+    below = radius - (height - gone)
+    return math.sqrt((radius + tool) ** 2 - (below + tool) ** 2)
 
 
 @pytest.mark.usefixtures("few_turns")

@@ -5,8 +5,8 @@ off is as one over the feed. A burr gets as many whole passes as its height has 
 feed at which they take all of it off. That feed is never above the feed of the job, and more than
 half of it.
 
-A burr is a bump: each pass runs only where the burr is higher than what the passes before it took
-off. So the later ones are shorter, and they do not work the part beside the burr.
+A burr is a bump: each pass runs only where the burr is higher than the passes before it took off.
+So the later ones are shorter, and they do not work the part beside the burr.
 """
 
 from __future__ import annotations
@@ -113,10 +113,8 @@ def cut_stretches(
     stretches: list[FloatArray] = []
     for done in range(passes):
         gone = max(burr.height * done / passes - SURE, 0.0)
-        shape = burr.shape
-        if gone:
-            shape = shapely.difference(shape, shapely.buffer(line, gone, quad_segs=_CHORDS))
-        begin, length = _find_contact(line, centres, shape, radius)
+        rest = _wear(burr.shape, line, gone) if gone else burr.shape
+        begin, length = _find_contact(line, centres, rest, radius)
         margin = later if done else BESIDE
         reach = min(length + 2 * margin, line.length)
         stretch = _along(ring, line, (begin - margin) % line.length, reach)
@@ -129,6 +127,16 @@ def cut_stretches(
 def _length(points: FloatArray) -> float:
     """The length of a polyline (N, 2)."""
     return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+
+
+def _wear(shape: shapely.Geometry, line: shapely.Geometry, gone: float) -> shapely.Geometry:
+    """The rest of a burr from which passes took off ``gone`` mm everywhere: lower, and shorter."""
+    high = shapely.difference(shape, shapely.buffer(line, gone, quad_segs=_CHORDS))
+    places = shapely.get_coordinates(high)
+    at = shapely.line_locate_point(line, shapely.points(places))
+    feet = shapely.get_coordinates(shapely.line_interpolate_point(line, at))
+    heights = np.maximum(np.linalg.norm(places - feet, axis=1), gone)[:, None]
+    return shapely.set_coordinates(high, feet + (places - feet) * (1 - gone / heights))
 
 
 def _find_contact(
