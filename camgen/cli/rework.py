@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from camgen.check.photo import Inspection, Rework
-from camgen.check.photo.rework import LEAD, WITHOUT_FORCE
+from camgen.check.photo.rework import LEAD, WITHOUT_FORCE, stays_down
 from camgen.cli.job_text import write_table
-from camgen.model.job import Job, OperationTable
+from camgen.model.job import Job
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted, harmless, short
 from camgen.model.toml import toml
@@ -72,30 +72,36 @@ def write_job(inspection: Inspection, works: Sequence[Rework], job: Job, target:
     ]
     for table in _TABLES:
         lines += write_table(table, getattr(job, table), target.parent, _LEFT_OUT)
-    lines += ["", "[operation]", *_operation(job.operation)]
+    lines += ["", "[operation]", *_operation(job)]
     if job.post:
         lines += ["", "[post]", *(f"{key} = {toml(value)}" for key, value in job.post.items())]
     for work in works:
-        lines += _rows(work)
+        lines += _rows(work, stays_down(job))
     return "\n".join([*lines, ""]).encode()
 
 
-def _operation(operation: OperationTable) -> list[str]:
+def _operation(job: Job) -> list[str]:
     settings: dict[str, object] = {"kind": "follow", "side": "right"}
-    settings |= {key: getattr(operation, key) for key in _KEPT}
-    for key in ("lead_in", "lead_out"):
-        settings[key] = settings[key] or LEAD
+    settings |= {key: getattr(job.operation, key) for key in _KEPT}
+    if job.process.force:
+        for key in ("lead_in", "lead_out"):
+            settings[key] = settings[key] or LEAD
     return [f"{key} = {toml(value)}" for key, value in settings.items()]
 
 
-def _rows(work: Rework) -> Iterator[str]:
-    """An operation for each pass, at the whole depth."""
+def _rows(work: Rework, stays: bool) -> Iterator[str]:
+    """An operation for each pass, at the whole depth.
+
+    stays: whether later passes are reached at working height.
+    """
     x, y = work.burr.place
     size = f"{work.burr.height:.2f} mm high, {work.burr.length:.2f} mm long"
     at = f"at {x:.2f} {y:.2f} of {harmless(work.burr.contour)}"
     yield ""
     yield f"# burr {work.number}: {size}, {at}: {counted(work.passes, 'pass', 'passes')}"
-    for layer in name_layers(work):
+    for number, layer in enumerate(name_layers(work)):
         yield "[[operations]]"
         yield f"layers = [{toml(layer)}]"
         yield f"feed = {short(work.feed, 3)}"
+        if stays and number:
+            yield "stay_down = true"

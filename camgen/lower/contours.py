@@ -158,18 +158,40 @@ def turn_on(job: Job, cell: Cell) -> list[Instruction]:
     return []
 
 
-def run_paths(draft: Draft, tour: Tour, cell: Cell, job: Job, before: int = 0) -> None:
-    """The paths of ``tour``, each from above its start to above its end, behind what is in ``draft``.
+class TourEnds(Struct, frozen=True, eq=False):
+    """How the tool comes to the paths of a tour, and how it leaves them.
 
-    before: how many paths of the program come before them.
+    link: (K, 3) mm, points on which it comes at working height; None: it comes from above.
+    stays: whether it stays at working height after the last path.
     """
+
+    link: FloatArray | None = None
+    stays: bool = False
+
+
+def run_paths(
+    draft: Draft,
+    tour: Tour,
+    cell: Cell,
+    job: Job,
+    before: int = 0,
+    ends: TourEnds | None = None,
+) -> None:
+    """Adds the paths of ``tour`` to ``draft``, each from above its start to above its end.
+
+    before: number of paths of the program that come before them.
+    ends: way to the first path and from the last one; None: from above and upwards.
+    """
+    ends = ends or TourEnds()
     _insist_on_size(tour, job.limits.motions)
     _insist_on_height(cell, job)
+    if ends.link is not None:
+        tour = replace(tour, down=tour.down | {0})
     runs = make_runs(tour, job, _winds(job, cell), before)
     columns = _open_draft(draft, runs, tour, cell, job, before)
-    columns.enter()
+    columns.enter(ends.link)
     columns.work()
-    columns.leave()
+    columns.leave(ends.stays)
     if isinstance(tour, ArmTour):
         draft.add(*_go(tour.back, tour.back_paces, before + len(tour.paths) - 1))
 
@@ -275,14 +297,22 @@ class _RunDraft(Struct, frozen=True, eq=False):
     ways: dict[int, list[MoveJ]]
     rapid: type[MoveJ | MoveL]
 
-    def enter(self) -> None:
-        """From the end of each run to the start of the next. A process that starts in the air is on."""
+    def enter(self, link: FloatArray | None) -> None:
+        """From the end of each run to the start of the next; a process in the air is on.
+
+        link: see `TourEnds`.
+        """
         rows, process, first = self.rows, self.job.process, self.rows.first
         contact, speed = rows.position[first], process.travel_speed
         apart = ~_same(rows.position[np.roll(rows.last, 1)], contact)
         free = ~(self.linked | self.down)
         remarks = [Comment(f"path {run.path.id} layer {run.path.layer}") for run in self.runs]
         self.draft.put(first, remarks)
+        if link is not None:
+            at = np.repeat(first[:1], len(link))
+            targets = self._targets(link, self.orientations.ends[at])
+            self.draft.put(at, self._moves(at, targets, np.full(len(at), speed)))
+            apart[0] = True
         self._travel(MoveL, first, self.down & apart, contact, speed)
         self._come(free)
         low = free & ~_same(self.above_start, self.near)
@@ -324,10 +354,13 @@ class _RunDraft(Struct, frozen=True, eq=False):
         moved = straight & ~_same(left, above)
         self._travel(self.rapid, rows.first, moved, above, process.travel_speed, zone)
 
-    def leave(self) -> None:
-        """Up to the travel height, unless the next run starts where a run ends; there a spindle is off."""
+    def leave(self, stays: bool) -> None:
+        """Up to the travel height, unless the next run starts where a run ends; then process off.
+
+        stays: see `TourEnds`.
+        """
         process, up, last = self.job.process, self.above_end, self.rows.last
-        leaving = ~np.append((self.linked | self.down)[1:], False)
+        leaving = ~np.append((self.linked | self.down)[1:], stays)
         here = self._points(last, self.lifted[last], self.rows.position)
         off = in_air(self.job) and bool(signal(process))
         zone = np.zeros(len(last))

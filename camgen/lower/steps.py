@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from itertools import dropwhile
+from itertools import dropwhile, pairwise
 
 from msgspec.structs import replace
 
-from camgen.lower.contours import finish, run_paths, turn_on
+from camgen.lower.contours import TourEnds, finish, run_paths, turn_on
 from camgen.lower.draft import Draft
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError, NoSafeProgram
@@ -48,7 +48,11 @@ def lower_steps(tour: JobTour, cell: Cell, job: Job, name: str, header: tuple[st
     # One tool that has no number is in the spindle already.
     first = tour.steps[0].tool
     changes = first.number > 0 or any(step.tool != first for step in tour.steps)
-    for step, number, part in zip(tour.steps, tour.numbers, tour.tours, strict=True):
+    links = (*tour.links, None)
+    tour_ends = [TourEnds(link, after is not None) for link, after in pairwise(links)]
+    for step, number, part, ends in zip(
+        tour.steps, tour.numbers, tour.tours, tour_ends, strict=True
+    ):
         if not part.paths:
             continue
         own = job_of(job, step)
@@ -63,7 +67,7 @@ def lower_steps(tour: JobTour, cell: Cell, job: Job, name: str, header: tuple[st
         if other or step.process.spindle != spindle or not spindle:
             draft.add(*turn_on(own, cell))
         tool, spindle = step.tool, step.process.spindle
-        run_paths(draft, part, cell, own, before)
+        run_paths(draft, part, cell, own, before, ends)
         before += len(part.paths)
     draft.add(*_rest(spindle), MoveJ(cell.home, job.process.travel_speed))
     framed = replace(cell, flange_from_tool=frame_of(job_of(job, tour.steps[0]), cell))

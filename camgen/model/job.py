@@ -154,7 +154,8 @@ class ImageTable(Table, frozen=True):
         Meta(
             description="what is built in spite of a doubt. outside: a part beside the points or "
             "corners that gave the work plane, without camera.file. specks: small things beside "
-            "the part, as parts. edges: outlines without an edge in the grey picture"
+            "the part, as parts. edges: outlines without an edge in the grey picture, or "
+            "of a shadow alone"
         ),
     ] = []
 

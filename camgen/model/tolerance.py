@@ -23,3 +23,6 @@ ZONES = (5.0, 1.0, 0.3)
 #: mm: smallest distance before a corner at which its rounding begins. Only motions beside an arc
 #: of a small radius have it; RAPID declares it as a zone.
 SMALLEST_ZONE = 0.1
+#: Distance from a contour, beyond the tool's radius, at which the tool returns beside it, mm: a
+#: burr that still stands there is 3 mm high at most, see `camgen.check.photo.kinds`.
+BESIDE_WORKED_MM = 3.0

@@ -13,7 +13,7 @@ from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.part import Note
 from camgen.model.path import ToolPath, Tour
-from camgen.model.pose import Pose
+from camgen.model.pose import FloatArray, Pose
 from camgen.order.tours import ArmTour, EdgeTour, JobTour, ReplayTour
 from camgen.plan import MAY_END, EdgePlan, JobPlan, Plan, ReplayPlan, Watch, ignore_stages
 from camgen.robots.workcell import Workcell
@@ -108,7 +108,25 @@ def _order_steps(plan: JobPlan, job: Job, cell: Cell | None, watch: Watch, ways:
         steps=plan.steps,
         numbers=plan.numbers,
         tours=tuple(tours),
+        links=_link_steps(plan, tours, job),
     )
+
+
+def _link_steps(plan: JobPlan, tours: Sequence[Tour], job: Job) -> tuple[FloatArray | None, ...]:
+    """The ways at working height from operation to operation, see `JobTour`."""
+    from camgen.order.stay_down import lead_beside  # noqa: PLC0415
+    from camgen.plan.steps import job_of  # noqa: PLC0415 (shapely is loaded only by what needs it)
+
+    links: list[FloatArray | None] = [None] * len(tours)
+    for number in range(1, len(tours)):
+        pair = tours[number - 1 : number + 1]
+        before, step = plan.steps[number - 1 : number + 1]
+        same = before.tool == step.tool and before.process.spindle == step.process.spindle
+        # The joints of an arm lead from above a path to above the next one.
+        if same and all(tour.paths and not isinstance(tour, ArmTour) for tour in pair):
+            left, met = pair[0].paths[-1], pair[1].paths[0]
+            links[number] = lead_beside(left, met, plan.plans[number].part, job_of(job, step))
+    return tuple(links)
 
 
 def _note_later(plan: JobPlan, paths: Sequence[ToolPath], job: Job) -> list[Note]:

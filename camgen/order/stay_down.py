@@ -5,6 +5,9 @@ its distance from every line and arc that was drawn is no less than the tool's r
 every fixture beside the tool's edge no less than that and ``cell.margin``.
 Both ends are beside contours that were followed, hence outside the material; a way from there that
 comes near no contour stays outside. Nothing is proven of stock around the part.
+
+Between two operations with one tool the way leads beside the contour just worked: away from it,
+back along it, and to it again.
 """
 
 from __future__ import annotations
@@ -20,9 +23,9 @@ from camgen.model.job import Job
 from camgen.model.part import Note, Part
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import FloatArray
-from camgen.model.tolerance import SAME_POINT_MM
+from camgen.model.tolerance import BESIDE_WORKED_MM, SAME_POINT_MM
 
-__all__ = ["CLEARANCE_SLACK_MM", "stay_down"]
+__all__ = ["CLEARANCE_SLACK_MM", "lead_beside", "stay_down"]
 
 #: By how much (mm) a link or a lead may be nearer than the tool's radius: a path keeps its distance within this.
 CLEARANCE_SLACK_MM = 0.005
@@ -36,31 +39,81 @@ def stay_down(tour: Tour, part: Part, job: Job) -> tuple[Tour, tuple[Note, ...]]
     """
     if not job.process.stay_down or len(tour.paths) < 2:
         return tour, ()
-    fixtures = job.cell.fixtures or []
-    boxes = np.array([box for box in fixtures if isinstance(box, list)], dtype=np.float64).reshape(
-        -1, 6
-    )
-    fair = _plain(tour.paths, job)
-    start = np.array([path.position[-1] for path in tour.paths[:-1]])
-    end = np.array([path.position[0] for path in tour.paths[1:]])
-    depth = np.array([path.depths[0] for path in tour.paths])
-    low = start[:, 2] - depth[:-1]
-    level = np.abs(low - (end[:, 2] - depth[1:])) < SAME_POINT_MM
-    asked = np.flatnonzero(fair[:-1] & fair[1:] & level)
-    if len(boxes) < len(fixtures):
-        asked = asked[:0]
-    radius = job.tool.diameter / 2 - CLEARANCE_SLACK_MM
-    links = make(start[asked, :2], end[asked, :2], np.zeros(len(asked)), asked)
-    clear = gaps(links, from_contours(part.contours), radius) >= radius
-    clear &= _past(links, low[asked], boxes, radius + job.cell.margin)
-    down = frozenset((asked[clear] + 1).tolist())
+    level = np.flatnonzero(_are_level(tour.paths, job))
+    if not _are_boxes(job):
+        level = level[:0]
+    start = np.array([path.position[-1, :2] for path in tour.paths[:-1]])
+    end = np.array([path.position[0, :2] for path in tour.paths[1:]])
+    low = np.array([_low(path) for path in tour.paths[:-1]])
+    links = make(start[level], end[level], np.zeros(len(level)), level)
+    clear = _are_clear(links, low[level], part, job)
+    down = frozenset((level[clear] + 1).tolist())
     why = "these ways keep the tool's radius from all that is drawn and from fixtures; of stock nothing is known"
-    if len(boxes) < len(fixtures):
+    if not _are_boxes(job):
         why = "fixtures other than boxes are not looked at here: every way is lifted over them"
     note = Note(
         "assumed" if down else "warning", f"lifts saved: {len(down)} of {len(tour.paths) - 1}", why
     )
     return replace(tour, down=down), (note,)
+
+
+def lead_beside(before: ToolPath, path: ToolPath, part: Part, job: Job) -> FloatArray | None:
+    """Two points (2, 3), mm, on the way from the path before to ``path`` at working height.
+
+    The tool leaves the contour by `BESIDE_WORKED_MM`, returns beside it, and goes to the start of
+    ``path``. On its return it keeps that distance from all that is drawn, so that it does not touch
+    a burr that still stands there. None: the tool is lifted.
+
+    job: settings of the operation of ``path``.
+    """
+    if not (job.process.stay_down and job.operation.entry == "plunge" and _are_boxes(job)):
+        return None
+    if not _are_level([before, path], job).all():
+        return None
+    left, met = before.position[-1], path.position[0]
+    out = left - BESIDE_WORKED_MM * before.force_direction[-1, 1]
+    back = met - BESIDE_WORKED_MM * path.force_direction[1, 0]
+    points = np.array([left, out, back, met])
+    points[:, 2] = _low(path)
+    links = make(points[:-1, :2], points[1:, :2], np.zeros(3), np.arange(3))
+    low = points[:-1, 2]
+    middle = links.take(np.array([1]))
+    is_clear = _are_clear(links, low, part, job).all()
+    is_clear &= _are_clear(middle, low[:1], part, job, BESIDE_WORKED_MM).all()
+    return points[1:3] if is_clear else None
+
+
+def _are_level(paths: Sequence[ToolPath], job: Job) -> BoolArray:
+    """(P - 1,) whether each path and the next one may be linked at their one height."""
+    fair = _plain(paths, job)
+    left = np.array([_low(path) for path in paths])
+    met = np.array([path.position[0, 2] - path.depths[0] for path in paths])
+    return np.asarray(fair[:-1] & fair[1:] & (np.abs(left[:-1] - met[1:]) < SAME_POINT_MM))
+
+
+def _low(path: ToolPath) -> float:
+    """The height at which a path ends, mm."""
+    return float(path.position[-1, 2] - path.depths[0])
+
+
+def _are_boxes(job: Job) -> bool:
+    """Whether all fixtures of a job are boxes."""
+    return all(isinstance(box, list) for box in job.cell.fixtures or [])
+
+
+def _are_clear(
+    links: Segments, low: FloatArray, part: Part, job: Job, more: float = 0.0
+) -> BoolArray:
+    """(L,) whether the tool on links at the heights ``low`` (L,) is clear of part and fixtures.
+
+    more: distance from the part beyond the tool's radius, mm.
+    """
+    radius = job.tool.diameter / 2 - CLEARANCE_SLACK_MM
+    reach = radius + more
+    boxes = [box for box in job.cell.fixtures or [] if isinstance(box, list)]
+    table = np.array(boxes, dtype=np.float64).reshape(-1, 6)
+    clear = gaps(links, from_contours(part.contours), reach) >= reach
+    return np.asarray(clear & _past(links, low, table, radius + job.cell.margin))
 
 
 def _plain(paths: Sequence[ToolPath], job: Job) -> BoolArray:

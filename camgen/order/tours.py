@@ -54,8 +54,12 @@ class ReplayTour(Tour, frozen=True, eq=False, kw_only=True):
 class JobTour(Tour, frozen=True, eq=False, kw_only=True):
     """Several operations one after the other. numbers: their places in ``Job.operations``. tours: of each, whose paths,
     one after the other, are the paths.
+
+    links: points (K, 3), mm, for each operation, on which the tool comes to its first path at
+        working height, from the operation before. None: the tool is lifted.
     """
 
     steps: tuple[Step, ...]
     numbers: tuple[int, ...]
     tours: tuple[Tour, ...]
+    links: tuple[FloatArray | None, ...]

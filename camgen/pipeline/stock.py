@@ -164,7 +164,8 @@ def cuts_of(tour: Tour, request: Request, stated: Sequence[StatedProgram]) -> It
     # A robot travels on straight lines: what runs as fast as it travels is none that cuts, where no cut is as fast.
     # With process.stay_down there is no stock beside the part that it could run through.
     process = job.process
-    slower = process.feed * process.max_feed_factor < process.travel_speed and not process.stay_down
+    stays = any(step.process.stay_down for step in job.operations) or process.stay_down
+    slower = process.feed * process.max_feed_factor < process.travel_speed and not stays
     travel = process.travel_speed if slower and not isinstance(home, Pose) else float("inf")
     for text in stated:
         own = _own_step(text.program, step_of)

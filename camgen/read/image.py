@@ -145,12 +145,22 @@ def _outline(source: Source, job: Job, files: Files) -> tuple[Part, Sequence[Out
 
 
 def _insist_on_edges(name: str, borders: Sequence[Outline], job: Job) -> None:
-    """Raises NoSafeProgram if the picture shows no edge along an outline.
+    """Raises NoSafeProgram if an outline has no edge in the picture, or all are of shadows alone.
 
     The job may accept such outlines.
     """
+    if "edges" in job.image.accept:
+        return
+    if borders and all(outline.is_shadow for outline in borders):
+        what = "shows a shadow alone: all outlines are sharp on one side and soft on the other, "
+        what += "and as wide everywhere; part and bench hardly differ"
+        remedy = (
+            "put the part on a bench of another tone, light it from all sides, give "
+            'image.background, or set image.accept = ["edges"]'
+        )
+        raise NoSafeProgram(name, what, remedy=remedy)
     count = sum(not outline.has_edge for outline in borders)
-    if count and "edges" not in job.image.accept:
+    if count:
         what = f"shows no edge along {count} of {counted(len(borders), 'outline')} of the part"
         remedy = (
             "light the part evenly, choose another image.mask, give image.background, or set "

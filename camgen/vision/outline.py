@@ -225,6 +225,13 @@ _FEWEST = 8
 #: An edge is soft if its steepest step is smaller than this share of that of the sharp edges. This
 #: share of soft edges is a warning.
 _SOFT, _LEAST_SOFT = 0.55, 0.1
+#: Outlines are those of a shadow alone if this share of their soft edges faces one way, and of
+#: their sharp edges the other way. The middle half of the lengths across them in this direction
+#: differs by this share of the median at most: a part that is moved by one vector covers as much
+#: everywhere beside its former place. Across a disc the lengths differ by 0.16 of their median.
+_FACING, _EVEN = 0.9, 0.1
+#: Edges that face a direction have a normal within 45 deg of it.
+_FACES = np.cos(np.pi / 4)
 
 
 class Outline(Struct, frozen=True, eq=False):
@@ -235,6 +242,8 @@ class Outline(Struct, frozen=True, eq=False):
     hole: the border of a hole. sigma: noise of a point across the border, px, as far as its neighbours do not share it:
     in a rectified view interpolation ties them, and they share as much again. blur: standard deviation of the blur
     across the edge, px. has_edge: whether the grey picture shows an edge there.
+
+    is_shadow: whether all borders together are those of a shadow without its part.
     """
 
     points: FloatArray
@@ -243,6 +252,19 @@ class Outline(Struct, frozen=True, eq=False):
     sigma: float
     blur: float
     has_edge: bool = True
+    is_shadow: bool = False
+
+
+class _EdgeWidths(Struct, frozen=True, eq=False):
+    """The widths of the edges at N border pixels. No row is both soft and sharp.
+
+    outward: (N,) complex unit vectors out of the part.
+    soft, sharp: (N,) whether an edge is much wider than the sharp ones, or as sharp as they.
+    """
+
+    outward: ComplexArray
+    soft: BoolArray
+    sharp: BoolArray
 
 
 def outlines(
@@ -261,7 +283,9 @@ def outlines(
         return (), (Note("skipped", "no part in the mask", "choose another mask"),)
     edge = fit_edge(grey, mask_pixels, loops, chain)
     plain = _without_edge(loops, edge)
-    notes = list(_note_soft(grey, mask_pixels, loops, chain))
+    widths = _measure_widths(grey, mask_pixels, loops, chain)
+    is_shadow = _is_shadow_alone(mask_pixels, chain, widths)
+    notes = list(_note_soft(widths))
     if plain.any():
         edge = _mix(loops, edge, _edge_of_mask(mask_pixels, loops, chain), plain)
         why = "the grey picture shows no edge there; their noise is about a tenth of a pixel"
@@ -274,6 +298,7 @@ def outlines(
             bool(hole),
             float(blur),
             not bare,
+            is_shadow,
         )
         for rows, hole, blur, bare in zip(
             _order(loops, edge.halfway), holes, edge.blur, plain, strict=True
@@ -325,10 +350,10 @@ def _without_edge(loops: Rings, edge: MaskEdge) -> NDArray[np.bool_]:
     )
 
 
-def _note_soft(
+def _measure_widths(
     grey: Pixels | Float32, mask: Pixels, loops: Rings, chain: ComplexArray
-) -> tuple[Note, ...]:
-    """The note on stretches where the edge is much wider than elsewhere: shadows, or motion."""
+) -> _EdgeWidths:
+    """The widths of the edges beside all borders, by their steepest step."""
     outward = 1j * directions(loops, chain)
     upright = np.abs(outward.imag) > np.abs(outward.real)
     axis = np.where(upright, 1j * np.sign(outward.imag), np.sign(outward.real))
@@ -336,16 +361,62 @@ def _note_soft(
     steepest = loops.around(profiles, _WINDOW)
     share = steepest.max(axis=1) / np.maximum(steepest.sum(axis=1), 1e-6)
     # Another edge within the profile would count as width.
-    alone = _weights(mask, chain, axis).all(axis=1)
+    alone = np.asarray(_weights(mask, chain, axis).all(axis=1))
     if not alone.any():
+        return _EdgeWidths(outward, alone, alone)
+    is_soft: BoolArray = share < _SOFT * np.percentile(share[alone], 90)
+    return _EdgeWidths(outward, alone & is_soft, alone & ~is_soft)
+
+
+def _note_soft(widths: _EdgeWidths) -> tuple[Note, ...]:
+    """The note on stretches where the edge is much wider than elsewhere: shadows, or motion."""
+    measured = widths.soft | widths.sharp
+    if not measured.any():
         return ()
-    soft = share[alone] < _SOFT * np.percentile(share[alone], 90)
-    part = float(np.mean(soft))
+    part = float(np.mean(widths.soft[measured]))
     if part < _LEAST_SOFT:
         return ()
     what = f"{100 * part:.0f} % of the outlines are soft, the rest is sharp"
     why = "a shadow is soft on the side of the bench; a camera that moves blurs along its motion"
     return (Note("warning", what, f"{why}; look at the preview"),)
+
+
+def _is_shadow_alone(mask: Pixels, chain: ComplexArray, widths: _EdgeWidths) -> bool:
+    """Whether the borders are those of a shadow without its part.
+
+    The part beside it has the tone of the bench. Its own edge, towards the lamp, is sharp, and the
+    far edge of the shadow is soft. A part with its shadow has sharp edges on all sides, or is not
+    as wide everywhere as the vector by which the lamp moves its outline.
+    """
+    soft, sharp = widths.soft, widths.sharp
+    if not (soft.any() and sharp.any()) or np.mean(soft[soft | sharp]) < _LEAST_SOFT:
+        return False
+    lamp_ray = complex(widths.outward[soft].mean() - widths.outward[sharp].mean())
+    lamp_ray /= max(abs(lamp_ray), 1e-9)
+    ahead = (widths.outward * np.conj(lamp_ray)).real
+    if np.mean(ahead[soft] > 0) < _FACING or np.mean(ahead[sharp] < 0) < _FACING:
+        return False
+    lengths = np.sort(_measure_across(mask, chain[soft & (ahead > _FACES)], lamp_ray))
+    if not len(lengths):
+        return False
+    quarter = len(lengths) // 4
+    low, middle, high = lengths[[quarter, len(lengths) // 2, -1 - quarter]].tolist()
+    return bool(high - low <= _EVEN * middle)
+
+
+def _measure_across(mask: Pixels, points: ComplexArray, lamp_ray: complex) -> IntArray:
+    """(N,) px from border pixels to the other border, against ``lamp_ray``."""
+    height, width = mask.shape
+    steps = np.arange(1, height + width)
+    lengths = np.zeros(len(points), np.intp)
+    for row, point in enumerate(points.tolist()):
+        places = point - lamp_ray * steps
+        columns, rows = np.rint(places.real).astype(np.intp), np.rint(places.imag).astype(np.intp)
+        inside = (columns >= 0) & (rows >= 0) & (columns < width) & (rows < height)
+        covered = inside.copy()
+        covered[inside] = mask[rows[inside], columns[inside]] > 0
+        lengths[row] = int(covered.argmin())
+    return lengths
 
 
 def _edge_of_mask(mask: Pixels, loops: Rings, chain: ComplexArray) -> MaskEdge:
@@ -384,12 +455,18 @@ def _order(loops: Rings, points: ComplexArray) -> list[IntArray]:
 
 
 def _outline(
-    halfway: ComplexArray, shift: ComplexArray, hole: bool, blur: float, has_edge: bool
+    halfway: ComplexArray,
+    shift: ComplexArray,
+    hole: bool,
+    blur: float,
+    has_edge: bool,
+    is_shadow: bool,
 ) -> Outline | None:
     if len(halfway) < _FEWEST:
         return None
     sigma = max(_noise(halfway), _LEAST_SIGMA if has_edge else _MASK_SIGMA)
-    return Outline(_pairs(halfway + shift), _pairs(halfway), hole, sigma, blur, has_edge)
+    points = _pairs(halfway + shift)
+    return Outline(points, _pairs(halfway), hole, sigma, blur, has_edge, is_shadow)
 
 
 def _pairs(points: ComplexArray) -> FloatArray:

@@ -14,16 +14,26 @@ import shapely
 
 from bench.render.parts import bracket
 from bench.render.shapes import Loop, box, circle, hole, rounded
+from camgen import build
 from camgen.check.photo import Inspection, inspect_photo, list_rework, registration
 from camgen.check.photo.expected import expect
+from camgen.check.photo.kinds import BURR_HEIGHT
 from camgen.check.photo.registration import Fit
-from camgen.check.photo.rework import insist_on_pose, is_clear, is_in_the_way, plan_passes
+from camgen.check.photo.rework import (
+    insist_on_pose,
+    is_clear,
+    is_in_the_way,
+    plan_passes,
+    stays_down,
+)
 from camgen.cli import main
 from camgen.model.errors import InputError, JobError, NoSafeProgram
 from camgen.model.job import ImageTable, Job, OperationTable, ProcessTable, ToolTable
+from camgen.model.pose import Pose
+from camgen.model.program import MoveJ, MoveL
 from camgen.read.files import Files
 from camgen.read.image import read_outlines
-from camgen.read.job_file import load
+from camgen.read.job_file import from_mapping, load
 from tests.support.part_photos import MIDDLE, PIXEL, PLATE, bumped, drawing, photo, write_dxf
 
 #: What the job of such a picture says.
@@ -186,35 +196,48 @@ def test_passes_and_feed_follow_the_height(height: float, passes: int, feed: flo
     assert plan_passes(height, 0.2, 20.0) == (passes, pytest.approx(feed))
 
 
+def contact_of_burr(width: float, height: float, gone: float, tool: float) -> float:
+    """The distance from the middle of a round burr, lower by ``gone``, at which a tool meets it.
+
+    The circle of the burr has its middle below the line. Two circles that touch have their middles
+    as far apart as their radii together. All values are mm.
+    """
+    radius = (width**2 / 4 + height**2) / (2 * height)
+    below = radius - (height - gone)
+    return math.sqrt((radius + tool) ** 2 - (below + tool) ** 2)
+
+
 @pytest.mark.usefixtures("few_turns")
 def test_the_stretch_of_a_burr_is_local(tmp_path: Path) -> None:
     found = look(tmp_path, (bumped(PLATE[0], 0, 10, 5, 0.8), PLATE[1]))
     job = Job(process=ProcessTable(feed=6.0), tool=ToolTable(diameter=6.0))
     (work,), _ = list_rework(found, job, 0.3)
-    # The foot is from -20 to -15 on y = -20. A circle of radius 3 whose lowest point is on the
-    # line is 0.8 mm above it at 2.04 mm: sqrt(3^2 - 2.2^2). And 1 mm of room.
-    assert work.stretches[0][0] == pytest.approx((-20 - 3.04, -20), abs=0.3)
-    assert work.stretches[0][-1] == pytest.approx((-15 + 3.04, -20), abs=0.3)
+    # The foot is from -20 to -15 on y = -20. A tool beside the line meets the burr where the two
+    # circles touch. And 1 mm of room.
+    reach = contact_of_burr(5, 0.8, 0.0, 3.0) + 1
+    assert work.stretches[0][0] == pytest.approx((-17.5 - reach, -20), abs=0.15)
+    assert work.stretches[0][-1] == pytest.approx((-17.5 + reach, -20), abs=0.15)
     assert is_clear(work.stretches[0], found.expected.region, 3.0)
 
 
 @pytest.mark.usefixtures("few_turns")
 def test_later_passes_over_a_burr_are_shorter(tmp_path: Path) -> None:
-    """An arc with a chord of 5 mm and 0.8 mm high, four passes: the rest of it has shorter chords.
+    """An arc with a chord of 5 mm and 0.8 mm high, four passes: the tool meets less and less of it.
 
-    Beside a rest of height h a circle of radius 3 has the room sqrt(9 - (3 - h)^2), and 1 mm.
+    Without force the later passes begin 0.35 mm beside it, with force all of them 1 mm.
     """
     inspection = look(tmp_path, (bumped(PLATE[0], 0, 10, 5, 0.8), PLATE[1]))
-    job = Job(process=ProcessTable(feed=6.0), tool=ToolTable(diameter=6.0))
-    (work,), _ = list_rework(inspection, job, 0.19)
-    lengths = [float(np.ptp(stretch[:, 0])) for stretch in work.stretches]
-    assert work.passes == 4
-    radius = (2.5**2 + 0.8**2) / 1.6
-    for number, length in enumerate(lengths):
-        left = 0.8 - max(0.2 * number - 0.05, 0.0)
-        chord = 2 * math.sqrt(radius**2 - (radius - left) ** 2)
-        room = math.sqrt(9 - (3 - left) ** 2) + 1
-        assert length == pytest.approx(chord + 2 * room, abs=0.5)
+    for force, later in ((0.0, 0.35), (5.0, 1.0)):
+        process = ProcessTable(feed=6.0, force=force)
+        job = Job(process=process, tool=ToolTable(diameter=6.0))
+        (work,), _ = list_rework(inspection, job, 0.19)
+        lengths = [float(np.ptp(stretch[:, 0])) for stretch in work.stretches]
+        assert work.passes == 4
+        for number, length in enumerate(lengths):
+            gone = max(0.2 * number - 0.05, 0.0)
+            margin = later if number else 1.0
+            reach = contact_of_burr(5, 0.8, gone, 3.0) + margin
+            assert length == pytest.approx(2 * reach, abs=0.3), number
 
 
 @pytest.mark.usefixtures("few_turns")
@@ -229,10 +252,10 @@ def test_no_burr_is_worked_on_a_part_with_a_wrong_dimension(tmp_path: Path) -> N
 
 
 def test_a_loose_thing_in_the_way_of_the_tool() -> None:
-    # The tool of 6 mm sweeps 6 mm beside the stretch, and its leads reach 2 mm farther.
+    # The tool of 6 mm sweeps 6 mm beside the stretch, and returns 3 mm farther out.
     stretch, job = np.array([[0.0, 0.0], [10.0, 0.0]]), Job(tool=ToolTable(diameter=6.0))
-    assert is_in_the_way(stretch, shapely.box(2, -9, 4, -7.9), job)
-    assert not is_in_the_way(stretch, shapely.box(2, -9, 4, -8.1), job)
+    assert is_in_the_way(stretch, shapely.box(2, -10, 4, -8.9), job)
+    assert not is_in_the_way(stretch, shapely.box(2, -10, 4, -9.1), job)
     assert not is_in_the_way(stretch, shapely.union_all([]), job)
 
 
@@ -396,6 +419,8 @@ def test_the_job_of_a_rework_holds_all_it_needs(
     assert (job.process.force, job.process.spindle, job.process.stay_down) == (2.0, 9000.0, False)
     assert [step.operation.depth for step in job.operations] == [1.5, 1.5]
     assert [step.tool.number for step in job.operations] == [7, 7]
+    # The run-in and the run-out of a rework, on which the force builds up.
+    assert {step.operation.lead_in for step in job.operations} == {2.0}
     assert "process.force is 0" not in (desk / "out" / "again.toml").read_text()
     (fixture,) = job.cell.fixtures or ()
     assert Path(str(fixture)).resolve() == desk / "cells" / "clamp.stl"
@@ -412,6 +437,30 @@ def test_a_rework_without_force_is_a_warning(
     assert whole in (desk / "again.toml").read_text()
 
 
+@pytest.mark.usefixtures("few_turns")
+def test_the_passes_over_a_burr_without_force_have_one_way_down(
+    desk: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The tool goes back 3 mm beside the contour, at the depth of the passes."""
+    words = ["inspect", "photo.png", "--against", "plate.dxf", "--removal", "0.2"]
+    assert main([*words, "--rework", "again.toml"]) == 0
+    capsys.readouterr()
+    job = load(desk / "again.toml")
+    passes = len(job.operations)
+    assert passes > 2
+    assert [step.process.stay_down for step in job.operations] == [False] + [True] * (passes - 1)
+    result = build(desk / "again.dxf", post="gcode", job=job)
+    moves = [item for item in result.program.body if isinstance(item, (MoveJ, MoveL))]
+    ends = np.array([move.target.origin for move in moves if isinstance(move.target, Pose)])
+    low = ends[:, 2] <= 0
+    assert np.flatnonzero(np.diff(low.astype(int))).size == 2  # down once, and up once
+    line, radius = ends[low][0, 1], job.tool.radius
+    distance = np.abs(ends[low][:, 1] - line)
+    # Each return has two places beside the contour, as far from it as the highest burr.
+    assert np.allclose(distance[distance > radius / 10], BURR_HEIGHT)
+    assert (distance > radius / 10).sum() == 2 * (passes - 1)
+
+
 def test_a_part_of_many_sides_is_worked_only_where_it_lies_as_drawn() -> None:
     square = shapely.box(-20, -20, 20, 20)
     sides = tuple(Fit(turn, (0.0, 0.0), 1.0, 0.0) for turn in (-np.pi / 2, np.pi / 2, np.pi))
@@ -420,6 +469,24 @@ def test_a_part_of_many_sides_is_worked_only_where_it_lies_as_drawn() -> None:
     for turn, shift in ((0.2, (0.0, 0.0)), (0.0, (4.0, 4.0))):
         with pytest.raises(NoSafeProgram, match="may be on another one"):
             insist_on_pose("photo.png", Fit(turn, shift, 1.0, 0.0, 0.2, sides), square)
+
+
+@pytest.mark.parametrize(
+    ("force", "tool", "is_down"),
+    [
+        (0.0, {}, True),
+        (2.0, {}, False),
+        (0.0, {"orient": "follow"}, False),
+        # An arm turns these between the paths, which `process.stay_down` excludes.
+        (0.0, {"symmetric": True}, False),
+        (0.0, {"turn": [-10.0, 10.0]}, False),
+    ],
+)
+def test_what_is_lifted_between_the_passes(
+    force: float, tool: dict[str, object], is_down: bool
+) -> None:
+    job = from_mapping({"process": {"force": force}, "tool": tool})
+    assert stays_down(job) == is_down
 
 
 @pytest.mark.usefixtures("few_turns", "desk")

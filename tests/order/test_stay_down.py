@@ -205,3 +205,56 @@ def test_no_way_is_taken_down_that_comes_near_a_block() -> None:
         assert (index in led.down) == (room >= 1.5 - 0.005) or abs(room - 1.5) < step + 0.01
         if index in led.down:
             assert room >= 1.5 - 0.006
+
+
+#: A block, and two stretches of its lower side for two operations, the second within the first.
+BLOCK = [(0, 0), (40, 0), (40, 20), (0, 20)]
+STRETCHES = {"a": [(10, 0), (30, 0)], "b": [(12, 0), (28, 0)]}
+
+
+@pytest.mark.parametrize(
+    ("why", "below", "table", "row", "is_lifted"),
+    [
+        ("clear", -20.0, {}, {}, False),
+        # The tool of 4 mm returns 3 mm off the block, and its far edge is 7 mm off. A burr of 3 mm
+        # may stand on the other block.
+        ("another block", -9.9, {}, {}, True),
+        ("another block, farther", -10.1, {}, {}, False),
+        ("a clamp", -20.0, {"cell": {"fixtures": [[15, -9.5, -5, 25, -8, 10]]}}, {}, True),
+        ("a clamp, farther", -20, {"cell": {"fixtures": [[15, -11, -5, 25, -9.1, 10]]}}, {}, False),
+        ("another speed", -20.0, {}, {"spindle": 5000.0}, True),
+        ("another depth", -20.0, {}, {"depth": 1.2}, True),
+        ("force", -20.0, {"post": {"force": "ignore"}}, {"force": 5.0}, True),
+        ("a ramp", -20.0, {}, {"entry": "ramp"}, True),
+        ("not asked for", -20.0, {}, {"stay_down": False}, True),
+    ],
+)  # fmt: skip
+def test_the_way_to_the_next_operation_leads_beside_the_contour(
+    tmp_path, why: str, below: float, table: dict, row: dict, is_lifted: bool
+) -> None:
+    import ezdxf  # noqa: PLC0415
+
+    document = ezdxf.new("R2010", units=4)
+    outlines = [BLOCK, [(0, below - 5), (40, below - 5), (40, below), (0, below)]]
+    for points in outlines:
+        document.modelspace().add_lwpolyline(points, close=True, dxfattribs={"layer": "part"})
+    for layer, points in STRETCHES.items():
+        document.modelspace().add_lwpolyline(points, dxfattribs={"layer": layer})
+    document.saveas(tmp_path / "part.dxf")
+    job = {
+        "tool": {"diameter": 4.0, "center_cutting": True},
+        "process": {"spindle": 9000.0},
+        "operation": {"depth": 1.0, "side": "right"},
+        "operations": [{"layers": ["a"]}, {"layers": ["b"], "stay_down": True} | row],
+        **table,
+    }
+    result = build(tmp_path / "part.dxf", post="gcode", job=job)
+    moves = [item for item in result.program.body if isinstance(item, (MoveJ, MoveL))]
+    ends = np.array([move.target.origin for move in moves if isinstance(move.target, Pose)])
+    low = ends[ends[:, 2] < 0]
+    assert lifts(result) == 1 + is_lifted, why
+    if not is_lifted:
+        # In, along the first stretch, out, back, in, and along the second one.
+        places = np.array([(30, -2), (10, -2), (10, -5), (28, -5), (28, -2), (12, -2)])
+        mirrored = places * (-1, 1) + (40, 0)
+        assert any(np.allclose(low[:, :2], expected) for expected in (places, mirrored))

@@ -343,6 +343,23 @@ def test_an_outline_without_an_edge_is_no_program(tmp_path: Path) -> None:
     assert any("taken from the mask alone" in note.what for note in part.notes)
 
 
+def test_a_shadow_without_its_part_is_no_program(tmp_path: Path) -> None:
+    """A plate in the tone of its bench, and a lamp that moves its outline by 2 mm."""
+    plate = np.zeros((300, 400), np.float32)
+    plate[60:220, 80:300] = 1
+    shadow = cv2.GaussianBlur(np.roll(plate, (20, 20), axis=(0, 1)), (0, 0), 6)
+    grey = cv2.GaussianBlur(np.where(plate > 0, 245, 247 - 70 * shadow), (0, 0), 0.8)
+    grey += np.random.default_rng(7).normal(0, 0.8, grey.shape)
+    written(tmp_path / "part.png", np.rint(grey).astype(np.uint8))
+    files = Files()
+    table: dict[str, object] = {"mm_per_px": 0.1}
+    with pytest.raises(NoSafeProgram, match="shows a shadow alone"):
+        read(files.read(tmp_path / "part.png"), from_mapping({"image": table}), files)
+    accepts = {"image": {**table, "accept": ["edges"]}}
+    part = read(files.read(tmp_path / "part.png"), from_mapping(accepts), files)
+    assert any("outlines are soft" in note.what for note in part.notes)
+
+
 def test_inspect_says_what_is_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     square(tmp_path / "square.png", 0.1)
     assert main(["inspect", str(tmp_path / "square.png"), "--set", "image.mm_per_px=0.1"]) == 0

@@ -235,3 +235,49 @@ def test_a_picture_is_left_as_it_was() -> None:
         == cv2.countNonZero(cv2.absdiff(mask, before[1]))
         == 0
     )
+
+
+#: A plate of the bench's tone with a corner cut out and a round hole.
+PALE = np.zeros((180, 240), np.uint8)
+cv2.rectangle(PALE, (30, 30), (190, 140), 1, -1)
+cv2.rectangle(PALE, (110, 30), (190, 70), 0, -1)
+cv2.circle(PALE, (70, 70), 22, 0, -1)
+
+
+def cast_shadow(tone: float, shift: tuple[float, float], softness: float) -> np.ndarray:
+    """A picture of `PALE` in a tone on a bench of 246, with a shadow that is ``shift`` px off."""
+    matrix = np.array([[1.0, 0.0, shift[0]], [0.0, 1.0, shift[1]]])
+    moved = cv2.warpAffine(PALE.astype(np.float32), matrix, PALE.shape[::-1])
+    moved = cv2.GaussianBlur(moved, (0, 0), softness)
+    grey = np.where(PALE > 0, tone, 246 - 70 * moved)
+    return np.rint(cv2.GaussianBlur(grey, (0, 0), 0.7)).astype(np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("tone", "shift", "softness", "is_shadow"),
+    [
+        (246, (12, 12), 5.0, True),
+        (246, (14, 8), 4.0, True),
+        (246, (-9, 13), 4.0, True),
+        # The edge of the shadow is as sharp as that of the part: nothing shows where it ends.
+        (246, (12, 12), 0.5, False),
+        # A part that is as dark as its shadow, and one that is darker.
+        (180, (12, 12), 5.0, False),
+        (100, (12, 12), 5.0, False),
+    ],
+)
+def test_the_shadow_of_a_part_in_the_tone_of_the_bench(
+    tone: float, shift: tuple[float, float], softness: float, is_shadow: bool
+) -> None:
+    grey = cast_shadow(tone, shift, softness)
+    loops, _ = outlines(grey, np.where(grey < 212, 255, 0).astype(np.uint8))
+    assert len(loops) >= 1
+    assert {loop.is_shadow for loop in loops} == {is_shadow}
+
+
+def test_a_disc_that_is_soft_on_one_half_is_no_shadow() -> None:
+    sharp = picture(disc(50).placed(0, 70 + 70j), 140, 140, 0.7)
+    soft = cv2.GaussianBlur(sharp, (0, 0), 3.5)
+    sharp[:, 70:] = soft[:, 70:]
+    (loop,) = outlines(sharp, mask_of(sharp))[0]
+    assert not loop.is_shadow

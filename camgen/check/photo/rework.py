@@ -5,8 +5,8 @@ off is as one over the feed. A burr gets as many whole passes as its height has 
 feed at which they take all of it off. That feed is never above the feed of the job, and more than
 half of it.
 
-A burr is a bump: each pass runs only where the burr is higher than what the passes before it took
-off. So the later ones are shorter, and they do not work the part beside the burr.
+A burr is a bump: each pass runs only where the burr is higher than the passes before it took off.
+So the later ones are shorter, and they do not work the part beside the burr.
 """
 
 from __future__ import annotations
@@ -23,19 +23,23 @@ from camgen.check.photo.registration import Fit
 from camgen.model.errors import JobError, NoSafeProgram
 from camgen.model.job import Job
 from camgen.model.pose import FloatArray
+from camgen.model.tolerance import BESIDE_WORKED_MM
 
 #: Most passes over a burr. A pass of less than a twentieth of the highest burr, 3 mm, is about as
 #: small as the error of a height, 0.05 mm: it is not known then how many passes there must be.
 MOST_PASSES = 20
-#: Between the foot of a burr and the place where the tool meets the contour, mm: the error of its
-#: ends, which the blur of the photo hides.
+#: Between the places where the tool meets a burr and where it comes down, mm: the error of the ends
+#: of a burr, 0.33 mm on the photos of `bench.photo.burrs`, and the room to come down beside it.
 BESIDE = 1.0
+#: That distance for a pass which is reached at working height, over ground already worked, mm: the
+#: error of the ends alone.
+NEXT_TO = 0.35
 #: A pass also runs where the burr is lower than the removed height by this, mm: the error of its
 #: height.
 SURE = 0.05
 #: A pass has the stretch of the one before it unless it is shorter by this, mm.
 SHORTER = 0.2
-#: Length of run-in and run-out, mm, if the job has none.
+#: Length of run-in and run-out, mm, if the job has none: the force builds up on them.
 LEAD = 2.0
 #: A photo has the frame of the drawing if the part is turned by less, rad, and moved by less, mm,
 #: than a part that is clamped again by hand.
@@ -95,22 +99,25 @@ def plan_passes(height: float, removal: float, feed: float) -> tuple[int, float]
 
 
 def cut_stretches(
-    burr: Difference, expected: Expected, radius: float, passes: int
+    burr: Difference, expected: Expected, radius: float, passes: int, later: float = BESIDE
 ) -> tuple[FloatArray, ...]:
     """The stretches (N, 2) of contour on which the passes of a tool of ``radius`` mm work ``burr``.
 
-    The material is on their left. They reach beyond the burr, as high as it still is, by the room
-    that the tool needs beside it, and `BESIDE`. A stretch is no longer than its contour.
+    The material is on their left. They reach from the place where the tool meets the rest of the
+    burr to the place where it leaves it, and `BESIDE` beyond. A stretch is at most its contour.
+    later: length beyond, mm, of the passes after the first one.
     """
     ring = _material_left(expected.rings[expected.names.index(burr.contour)], expected.region)
     line = shapely.LineString(np.concatenate([ring, ring[:1]]))
+    centres = _offset(line, radius)
     stretches: list[FloatArray] = []
     for done in range(passes):
         gone = max(burr.height * done / passes - SURE, 0.0)
-        shape = burr.shape
-        if gone:
-            shape = shapely.difference(shape, shapely.buffer(line, gone, quad_segs=_CHORDS))
-        stretch = _cut_stretch(ring, line, shape, burr.height - gone, radius)
+        rest = _wear(burr.shape, line, gone) if gone else burr.shape
+        begin, length = _find_contact(line, centres, rest, radius)
+        margin = later if done else BESIDE
+        reach = min(length + 2 * margin, line.length)
+        stretch = _along(ring, line, (begin - margin) % line.length, reach)
         if stretches and _length(stretches[-1]) - _length(stretch) < SHORTER:
             stretch = stretches[-1]
         stretches.append(stretch)
@@ -122,25 +129,39 @@ def _length(points: FloatArray) -> float:
     return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 
-def _cut_stretch(
-    ring: FloatArray, line: shapely.Geometry, shape: shapely.Geometry, height: float, radius: float
-) -> FloatArray:
-    """The stretch (N, 2) of ``line``, the closed ``ring``, beside a shape of this height, mm."""
-    rows = shapely.points(shapely.get_coordinates(shape))
-    at = np.sort(shapely.line_locate_point(line, rows))
+def _wear(shape: shapely.Geometry, line: shapely.Geometry, gone: float) -> shapely.Geometry:
+    """The rest of a burr from which passes took off ``gone`` mm everywhere: lower, and shorter."""
+    high = shapely.difference(shape, shapely.buffer(line, gone, quad_segs=_CHORDS))
+    places = shapely.get_coordinates(high)
+    at = shapely.line_locate_point(line, shapely.points(places))
+    feet = shapely.get_coordinates(shapely.line_interpolate_point(line, at))
+    heights = np.maximum(np.linalg.norm(places - feet, axis=1), gone)[:, None]
+    return shapely.set_coordinates(high, feet + (places - feet) * (1 - gone / heights))
+
+
+def _find_contact(
+    line: shapely.Geometry, centres: shapely.Geometry, shape: shapely.Geometry, radius: float
+) -> tuple[float, float]:
+    """The place at which a tool of ``radius`` mm meets a shape, and the length of the contact.
+
+    Both are mm along the closed ``line``. centres: the path of the tool's centre.
+    """
+    meeting = shapely.intersection(centres, shapely.buffer(shape, radius, quad_segs=_CHORDS))
+    points = [shapely.get_coordinates(each) for each in (shape, meeting)]
+    at = np.sort(shapely.line_locate_point(line, shapely.points(np.concatenate(points))))
     gaps = np.append(np.diff(at), at[0] + line.length - at[-1])
     start = float(at[(int(gaps.argmax()) + 1) % len(at)])
-    height = min(height, radius)
-    room = math.sqrt(height * (2 * radius - height)) + BESIDE
-    begin, length = start - room, line.length - float(gaps.max()) + 2 * room
-    return _along(ring, line, begin % line.length, min(length, line.length))
+    return start, line.length - float(gaps.max())
+
+
+def _offset(line: shapely.Geometry, radius: float) -> shapely.Geometry:
+    """The path of the centre of a tool of ``radius`` mm on the right of ``line``."""
+    return shapely.offset_curve(line, -radius, quad_segs=_CHORDS, join_style="round")
 
 
 def is_clear(stretch: FloatArray, region: shapely.Geometry, radius: float) -> bool:
     """Whether a tool of ``radius`` mm on the right of ``stretch`` keeps clear of the drawn part."""
-    path = shapely.offset_curve(
-        shapely.LineString(stretch), -radius, quad_segs=_CHORDS, join_style="round"
-    )
+    path = _offset(shapely.LineString(stretch), radius)
     swept = shapely.buffer(path, radius - _SLACK, quad_segs=_CHORDS)
     return not path.is_empty and shapely.intersection(swept, region).area < _NOTHING
 
@@ -157,15 +178,27 @@ def plan_burr(
         least = burr.height / MOST_PASSES
         remedy = f"take a tool, a force or a feed that takes off {least:.2g} mm a pass or more"
         raise JobError("--removal", what, f"{MOST_PASSES} at most", remedy)
-    stretches = cut_stretches(burr, expected, job.tool.radius, passes)
+    later = NEXT_TO if stays_down(job) else BESIDE
+    stretches = cut_stretches(burr, expected, job.tool.radius, passes, later)
     if not is_clear(stretches[0], expected.region, job.tool.radius):
         return NotReworked(number, f"a {job.tool.diameter:g} mm tool does not fit beside it")
     return Rework(number, burr, feed, stretches)
 
 
+def stays_down(job: Job) -> bool:
+    """Whether the tool stays at working height between the passes over a burr.
+
+    A tool under force is lifted after each pass, and so is one that is turned about its axis.
+    """
+    tool = job.tool
+    is_turned = tool.orient != "fixed" or tool.symmetric or tool.turn is not None
+    return not (job.process.force or is_turned)
+
+
 def is_in_the_way(stretch: FloatArray, loose: shapely.Geometry, job: Job) -> bool:
-    """Whether the tool, with run-in and run-out, may touch a loose thing on its way."""
-    reach = job.tool.diameter + max(job.operation.lead_in, job.operation.lead_out, LEAD)
+    """Whether the tool may touch a loose thing: on run-in, run-out, or its return."""
+    width = max(job.operation.lead_in, job.operation.lead_out, LEAD, BESIDE_WORKED_MM)
+    reach = job.tool.diameter + width
     return bool(shapely.distance(shapely.LineString(stretch), loose) < reach)
 
 

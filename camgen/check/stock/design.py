@@ -18,6 +18,7 @@ from camgen.geometry.segments import BoolArray, IntArray, Segments, bounds, flat
 from camgen.model.job import Job, StockTable
 from camgen.model.part import Contour, Part
 from camgen.model.pose import FloatArray
+from camgen.model.tolerance import BESIDE_WORKED_MM
 from camgen.plan.recover import recover
 
 #: A contour is a circle when it leaves one by at most this, mm, or this share of its radius, as for drilling.
@@ -210,6 +211,8 @@ class _Draft(Struct):
     tabbed: list[Tabbed] = []
     waste: set[int] = set()
     recesses: list[Recess] = []
+    #: Distance beside a contour at which the tool goes back to the next operation, mm.
+    aside: float = 0.0
 
     def allow(self, cells: Iterable[int], depth: float) -> None:
         for cell in cells:
@@ -229,6 +232,8 @@ def design(tasks: Sequence[Task], stock: StockTable, untaken: Any = None) -> Des
     cells = divide(tuple(contour for contour in own if contour.id not in across))
     outline = _outline(contours, stock)
     draft = _Draft(cells, np.zeros(len(cells) + 1), outline, stock.thickness)
+    if any(task.job.process.stay_down for task in tasks):
+        draft.aside = BESIDE_WORKED_MM
     for number, task in enumerate(tasks):
         kind = _kind(task)
         make = _BY_KIND.get(kind)
@@ -451,7 +456,7 @@ def _list_slugs(cells: Cells, job: Job, inner: Sequence[int]) -> list[Tabbed]:
 def _follow_one_side(draft: _Draft, task: Task, worked: Sequence[Contour]) -> None:
     operation, radius = task.job.operation, task.job.tool.radius
     side = 1 if operation.side == "left" else -1
-    far = radius + max(operation.lead_in, operation.lead_out) + operation.finish
+    far = radius + max(operation.lead_in, operation.lead_out, draft.aside) + operation.finish
     _note_waste(draft, task, worked)
     for contour in worked:
         segments = from_contours([contour])
