@@ -16,6 +16,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.geometry.ragged import owners
+from camgen.model.job import ProcessTable
 from camgen.model.part import BoolArray, Line
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import SAME_POINT_MM
@@ -33,6 +34,7 @@ from camgen.motion.setup import (
     OrientationFreedom,
     SampledMotion,
     Setup,
+    feed_at_tip,
     flange_poses,
 )
 from camgen.robots.kinematics.continuity import Choice, follow
@@ -49,6 +51,8 @@ _PRICE = SHORTEST_MM / 2
 _STATION_TURN, _JUMP = math.radians(10), math.radians(45)
 #: An edge has no more stretches than these; on a longer edge the stations are farther apart.
 _MOST_STRETCHES = 400
+#: Share of a time by which a joint may be late.
+_SAME_TIME = 1e-6
 #: A joint that is not farther beyond its limit, rad or mm, is on it.
 _ON_LIMIT = 1e-9
 #: Number of moves that may fail in a stretch before no chain runs through it.
@@ -224,13 +228,13 @@ class Coverage(Struct, frozen=True, eq=False):
     setup: arm, work and tool.
     space: free space, with the test of whole motions.
     freedom: orientations that the tool may have.
-    feed: speed of the tool along the edge, mm/s.
+    process: feed along the edge.
     """
 
     setup: Setup
     space: FreeSpace
     freedom: OrientationFreedom
-    feed: float
+    process: ProcessTable
 
     def find_pieces(
         self,
@@ -287,9 +291,11 @@ class Coverage(Struct, frozen=True, eq=False):
         parts = _divide_evenly(path)
         stations = divide(path, parts)
         states = make_states(setup, stations, choice, _JUMP)
-        transitions = steps(setup.robot, states, _JUMP)
+        transitions = steps(replace(setup.robot, speeds=setup.robot.fastest), states, _JUMP)
         turning = CHANGE * (np.arange(len(states.moves)) > 0)[:, None, None]
-        slowest = (stations.length / self.feed)[:, None, None, None]
+        along_edge = (lengths / parts)[owners(parts)]
+        feed = feed_at_tip(stations.length / along_edge, self.process)
+        slowest = (stations.length / feed)[:, None, None, None]
         in_time = np.where(transitions.time - turning <= slowest, transitions.time, math.inf)
         too_fast = _have_any(transitions.time) & ~_have_any(in_time)
         transitions = replace(transitions, time=in_time)
@@ -360,7 +366,16 @@ class Coverage(Struct, frozen=True, eq=False):
         if isinstance(hit, Blockage):
             failed = int(np.searchsorted(proved.at, hit.at, "right")) - 1
             return min(failed, stretches - 1)
-        return piece.thin_out(ladder, proved)
+        late = self._find_too_fast(ladder, piece)
+        return int(late[0]) if len(late) else piece.thin_out(ladder, proved)
+
+    def _find_too_fast(self, ladder: _Ladder, piece: _Piece) -> Index:
+        """The stretches of a piece that take a joint longer than the tool at the piece's feed."""
+        length = piece.knots.way.length
+        along_edge = float(ladder.lengths.sum()) - sum(piece.trimmed)
+        feed = feed_at_tip(length.sum() / along_edge, self.process)
+        moved = np.abs(np.diff(piece.chain.joints, axis=0)) / self.setup.robot.fastest
+        return np.flatnonzero(moved.max(axis=1) > (1 + _SAME_TIME) * length / feed)
 
     def _extend(
         self, ladder: _Ladder, chain: CoverChain, choice: Grid, end: int, free: float

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+from msgspec.structs import replace
 
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError
@@ -39,7 +40,9 @@ def order_edges(plan: EdgePlan, job: Job, cell: Cell | None, watch: Watch) -> Ed
     home = home_of(cell.arm, cell, plan.where.scene)
     watch("linking")
     best, lifted = job.tour.method == "best", job.process.force > 0
-    place, process = RouteCell(setup, room_of(plan.where, setup), home), job.process
+    process, where = job.process, plan.where
+    strict = None if where.strict is None else room_of(replace(where, work=where.strict), setup)
+    place = RouteCell(setup, room_of(where, setup), home, where.rims, strict)
     options = RouteOptions(
         link_speeds(process, cell.pace, pressed=lifted), best, lifted, plan.barred
     )

@@ -62,11 +62,26 @@ class RouteCell(Struct, frozen=True, eq=False):
     setup: the arm, and the collision test of joint values.
     free_space: the safety level, and the collision test of motions.
     home: (J,) joint values from which the route starts and to which it returns.
+    rims: ids of the lines whose own rim may enter the tip of the tool, as ``free_space`` allows.
+    strict: ``free_space`` for all other lines; None without rims.
     """
 
     setup: Setup
     free_space: FreeSpace
     home: FloatArray
+    rims: frozenset[str] = frozenset()
+    strict: FreeSpace | None = None
+
+    @property
+    def spaces(self) -> tuple[FreeSpace, ...]:
+        """The free spaces of all motions."""
+        return (self.free_space,) if self.strict is None else (self.free_space, self.strict)
+
+    def space_of(self, *motions: EdgeMotion) -> FreeSpace:
+        """The free space of ways out of some motions, and of links between them."""
+        if self.strict is None or any(motion.line in self.rims for motion in motions):
+            return self.free_space
+        return self.strict
 
 
 class RouteOptions(Struct, frozen=True):
@@ -238,13 +253,12 @@ def _left(
     kept: list[EdgeMotion] = []
     outs: list[Retraction] = []
     dropped: list[UnreachableEdge] = []
-    ends = [end for motion in motions for end in _ends(motion)]
-    found = retractions(detours.cell.setup, detours.cell.free_space, ends, speeds)
-    for motion, *both in zip(motions, found[::2], found[1::2], strict=True):
+    for motion, both in zip(motions, _retract(detours.cell, motions, speeds), strict=True):
         texts = [one for one in both if isinstance(one, str)]
         pair = both
         if len(texts) == 2:
-            pair = [_search_out(detours, end, speeds) or texts[0] for end in _ends(motion)]
+            space = detours.cell.space_of(motion)
+            pair = [_search_out(detours, space, end, speeds) or texts[0] for end in _ends(motion)]
         if isinstance(pair[0], str) and isinstance(pair[1], str):
             dropped.append(
                 UnreachableEdge(motion.id, "collision", f"no way back from it: {texts[0]}", _REMEDY)
@@ -260,16 +274,30 @@ def _left(
     return kept, outs, dropped
 
 
+def _retract(
+    cell: RouteCell, motions: Sequence[EdgeMotion], speeds: LinkSpeeds
+) -> list[list[Retraction | str]]:
+    """The ways out of both ends of each motion, or why there is none."""
+    found: list[list[Retraction | str]] = [[] for _ in motions]
+    for space in cell.spaces:
+        own = [k for k, motion in enumerate(motions) if cell.space_of(motion) is space]
+        ends = [end for k in own for end in _ends(motions[k])]
+        ways = retractions(cell.setup, space, ends, speeds) if own else []
+        for k, *both in zip(own, ways[::2], ways[1::2], strict=True):
+            found[k] = both
+    return found
+
+
 def _ends(motion: EdgeMotion) -> tuple[tuple[PosePath, FloatArray], tuple[PosePath, FloatArray]]:
     """Where the motion begins and where it ends, each with its joints."""
     return (_row(motion.way, 0), motion.joints[0]), (_row(motion.way, -1), motion.joints[-1])
 
 
 def _search_out(
-    detours: _Detours, end: tuple[PosePath, FloatArray], speeds: LinkSpeeds
+    detours: _Detours, space: FreeSpace, end: tuple[PosePath, FloatArray], speeds: LinkSpeeds
 ) -> Retraction | None:
     """A way out of one end and home that is no way of RFA's: back a little, and from there as a search finds it."""
-    out = shorter(detours.cell.setup, detours.cell.free_space, *end, speeds)
+    out = shorter(detours.cell.setup, space, *end, speeds)
     via = None if out is None else detours.lead_home(out.joints[-1])
     return None if out is None or via is None else replace(out, via=via)
 
@@ -305,9 +333,8 @@ def _make_problem(
             first, second = (slice(2 * number[name], 2 * number[name] + 2) for name in pair)
             direct[first, second] = direct[second, first] = math.inf
     near = np.argwhere(np.triu(np.isfinite(direct)))
-    for (a, b), seen in zip(
-        near.tolist(), _look(cell.free_space, [joints[pair] for pair in near]), strict=True
-    ):
+    looks = [(joints[[a, b]], (motions[a // 2], motions[b // 2])) for a, b in near.tolist()]
+    for (a, b), seen in zip(near.tolist(), _look(cell, looks), strict=True):
         if seen != "clear":
             direct[a, b] = direct[b, a] = math.inf if seen == "blocked" else direct[a, b] + _NEAR
     ends = links.MotionEnds(joints, safe, out, free, direct, through, speed)
@@ -322,21 +349,26 @@ def _make_problem(
     )
 
 
+_Verdict = Literal["blocked", "near", "clear"]
+
+
 def _look(
-    room: FreeSpace, several: Sequence[FloatArray]
-) -> list[Literal["blocked", "near", "clear"]]:
-    """What comes of motions of the joints from row to row (2, J): near are those that come nearer than the margin, and
-    nearer than their ends are.
+    cell: RouteCell, several: Sequence[tuple[FloatArray, tuple[EdgeMotion, ...]]]
+) -> list[_Verdict]:
+    """The verdicts on joint motions: near are those that come nearer than the margin, and nearer
+    than their ends are.
+
+    several: for each its two rows of joint values (2, J), and the motions that it links.
     """
-    found: list[Literal["blocked", "near", "clear"]] = []
-    for rows, kept in zip(
-        several, room.look([SampledMotion(rows) for rows in several]), strict=True
-    ):
-        if isinstance(kept, Blockage):
-            found.append("blocked")
-        else:
-            near = kept < room.margin and kept < room.gaps(rows).min() - _AS_NEAR_MM
-            found.append("near" if near else "clear")
+    found: list[_Verdict] = ["clear"] * len(several)
+    for space in cell.spaces:
+        own = [k for k, (_, motions) in enumerate(several) if cell.space_of(*motions) is space]
+        looks = space.look([SampledMotion(several[k][0]) for k in own])
+        for k, kept in zip(own, looks, strict=True):
+            if isinstance(kept, Blockage):
+                found[k] = "blocked"
+            elif kept < space.margin and kept < space.gaps(several[k][0]).min() - _AS_NEAR_MM:
+                found[k] = "near"
     return found
 
 
@@ -438,12 +470,16 @@ def _collides(problem: _RouteProblem, order: matrix.Order, first: IntArray) -> b
 
 def _test(problem: _RouteProblem, pairs: set[tuple[int, int]]) -> bool:
     """Test the free motions ``pairs`` of ends, -1 for home, that are not known yet. Does one collide or come near?"""
-    tested, safe = problem.tested, problem.ends.safe
+    tested, safe, motions = problem.tested, problem.ends.safe, problem.motions
     new = [pair for pair in sorted(pairs) if not (tested.clear[pair] or tested.blocked[pair])]
-    seen = _look(
-        problem.cell.free_space,
-        [np.stack([safe[a], problem.cell.home if b < 0 else safe[b]]) for a, b in new],
-    )
+    looks = [
+        (
+            np.stack([safe[a], problem.cell.home if b < 0 else safe[b]]),
+            tuple(motions[end // 2] for end in (a, b) if end >= 0),
+        )
+        for a, b in new
+    ]
+    seen = _look(problem.cell, looks)
     for (a, b), what in zip(new, seen, strict=True):
         table = tested.blocked if what == "blocked" else tested.clear
         table[a, b] = table[b, a] = True
