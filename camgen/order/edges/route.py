@@ -78,7 +78,7 @@ class RouteCell(Struct, frozen=True, eq=False):
         return (self.free_space,) if self.strict is None else (self.free_space, self.strict)
 
     def space_of(self, *motions: EdgeMotion) -> FreeSpace:
-        """The free space of ways out of some motions, and of links between them."""
+        """The free space of the retractions and links of some motions."""
         if self.strict is None or any(motion.line in self.rims for motion in motions):
             return self.free_space
         return self.strict
@@ -277,13 +277,15 @@ def _left(
 def _retract(
     cell: RouteCell, motions: Sequence[EdgeMotion], speeds: LinkSpeeds
 ) -> list[list[Retraction | str]]:
-    """The ways out of both ends of each motion, or why there is none."""
+    """The retractions of both ends of each motion, or the reasons against them."""
     found: list[list[Retraction | str]] = [[] for _ in motions]
     for space in cell.spaces:
-        own = [k for k, motion in enumerate(motions) if cell.space_of(motion) is space]
-        ends = [end for k in own for end in _ends(motions[k])]
-        ways = retractions(cell.setup, space, ends, speeds) if own else []
-        for k, *both in zip(own, ways[::2], ways[1::2], strict=True):
+        chosen = [k for k, motion in enumerate(motions) if cell.space_of(motion) is space]
+        ends: list[tuple[PosePath, FloatArray]] = []
+        for k in chosen:
+            ends += _ends(motions[k])
+        results = retractions(cell.setup, space, ends, speeds) if chosen else []
+        for k, *both in zip(chosen, results[::2], results[1::2], strict=True):
             found[k] = both
     return found
 
@@ -358,13 +360,13 @@ def _look(
     """The verdicts on joint motions: near are those that come nearer than the margin, and nearer
     than their ends are.
 
-    several: for each its two rows of joint values (2, J), and the motions that it links.
+    several: two rows of joint values (2, J) of each, and the motions that it links.
     """
     found: list[_Verdict] = ["clear"] * len(several)
     for space in cell.spaces:
-        own = [k for k, (_, motions) in enumerate(several) if cell.space_of(*motions) is space]
-        looks = space.look([SampledMotion(several[k][0]) for k in own])
-        for k, kept in zip(own, looks, strict=True):
+        chosen = [k for k, (_, linked) in enumerate(several) if cell.space_of(*linked) is space]
+        looks = space.look([SampledMotion(several[k][0]) for k in chosen])
+        for k, kept in zip(chosen, looks, strict=True):
             if isinstance(kept, Blockage):
                 found[k] = "blocked"
             elif kept < space.margin and kept < space.gaps(several[k][0]).min() - _AS_NEAR_MM:
