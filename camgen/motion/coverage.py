@@ -355,8 +355,8 @@ class Coverage(Struct, frozen=True, eq=False):
     def _prove(self, name: str, ladder: _Ladder, piece: _Piece, choice: Grid) -> EdgeMotion | int:
         """The motion of a piece, or the stretch of the piece in which it fails."""
         tilt, stretches = self.freedom.tilt, len(piece.segments)
-        # The lowest turns are the first choice; between two stations they may be beyond a limit.
-        for chain in (_turn_back(self.setup.robot, piece.chain), piece.chain):
+        # Between two stations the turns next to home may be beyond a limit.
+        for chain in (_turn_to_home(self.setup.robot, piece.chain), piece.chain):
             proved = prove(self.setup, name, piece.knots, choice, chain, tilt)
             if isinstance(proved, EdgeMotion) or proved[1]:
                 break
@@ -442,11 +442,13 @@ def _close(ladder: _Ladder, chain: CoverChain, stretch: int, failures: Index) ->
     ladder.states.open[row, move, orientation, chain.branch] = False
 
 
-def _turn_back(robot: Robot, chain: PoseChain) -> PoseChain:
-    """A chain by as many whole turns lower as keep its joints within their limits."""
-    room = chain.joints.min(axis=0) - robot.limits[:, 0] + _ON_LIMIT
-    whole = np.clip(room // math.tau, 0, 2 * turns(robot).max(axis=0))
-    return replace(chain, joints=chain.joints - math.tau * whole)
+def _turn_to_home(robot: Robot, chain: PoseChain) -> PoseChain:
+    """A chain by the whole turns that bring it next to home within the limits of its joints."""
+    low, high = chain.joints.min(axis=0), chain.joints.max(axis=0)
+    least = np.ceil((robot.limits[:, 0] - _ON_LIMIT - low) / math.tau)
+    greatest = (robot.limits[:, 1] + _ON_LIMIT - high) // math.tau
+    whole = np.clip(np.rint((robot.home - (low + high) / 2) / math.tau), least, greatest)
+    return replace(chain, joints=chain.joints + math.tau * whole * turns(robot).any(axis=0))
 
 
 def _choose_start(chains: list[CoverChain], last: int) -> int:

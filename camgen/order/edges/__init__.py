@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -117,13 +118,17 @@ def _note_links(made: Route, noun: str) -> list[Note]:
     what = (
         f"links: {free} with approach from free space, {direct} direct, "
         f"{counted(kinds.count('shared edge'), noun)} run idle; "
-        f"{short(made.seconds, 1)} s, nearest neighbour {short(made.nearest, 1)} s"
+        f"{short(made.seconds, 1)} s, nearest neighbour {_tell_time(made.nearest)}"
     )
     notes = [Note("assumed", what)]
     if made.searched:
         ways = f"the way home from {counted(made.searched, noun)} was found by search"
         notes.append(Note("assumed", ways, "what leads up from there collides"))
     return notes
+
+
+def _tell_time(seconds: float) -> str:
+    return f"{short(seconds, 1)} s" if math.isfinite(seconds) else "has no free way"
 
 
 def _travel(made: Route, setup: Setup, home: FloatArray) -> float:
