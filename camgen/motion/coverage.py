@@ -24,7 +24,14 @@ from camgen.motion.pose_chains import CHANGE, PoseChain, States, Steps, steps
 from camgen.motion.pose_covers import CoverChain, find_cover
 from camgen.motion.pose_paths import Index, PosePath, counts, cut, divide, join, rows
 from camgen.motion.reach import widest_grid
-from camgen.motion.search import Grid, Knots, check_states, make_states, prove, thin_out
+from camgen.motion.search import (
+    Grid,
+    Knots,
+    check_states,
+    make_states,
+    prove,
+    thin_out,
+)
 from camgen.motion.setup import (
     JUMP,
     MARGIN,
@@ -49,6 +56,11 @@ _STATION_MM = SHORTEST_MM
 _PRICE = SHORTEST_MM / 2
 #: Greatest turn of the tool, and of a joint, between two stations, rad.
 _STATION_TURN, _JUMP = math.radians(10), math.radians(45)
+#: The same turn where most motions are too fast for a joint, rad: a step of the roll from station
+#: to station keeps the tool from turning with the rim of a small hole.
+_WIDE_TURN = math.radians(30)
+#: Share of the motions between stations from which on these are most.
+_MANY = 0.5
 #: An edge has no more stretches than these; on a longer edge the stations are farther apart.
 _MOST_STRETCHES = 400
 #: Share of a time by which a joint may be late.
@@ -72,6 +84,7 @@ class _Ladder(Struct, frozen=True, eq=False):
     states, transitions: states at the stations, and steps between them.
     checked: (K,) stations of whose states those that are not free are closed.
     too_fast: (K - 1,) stretches along which every motion would need a joint that is faster.
+    late: share of the motions between stations that would need one.
     """
 
     path: PosePath
@@ -83,6 +96,7 @@ class _Ladder(Struct, frozen=True, eq=False):
     transitions: Steps
     checked: BoolArray
     too_fast: BoolArray
+    late: float
 
     def find_chains(self, setup: Setup) -> list[CoverChain]:
         """The best cover of the edge by states that are free.
@@ -216,10 +230,16 @@ class Pieces(Struct, frozen=True, eq=False):
 
     motions: the pieces, or the motion along the whole edge, which is not called a piece.
     too_fast: length of the edge along which a joint would have to be faster than it can be, mm.
+    late: share of the motions between stations that would need a faster joint.
     """
 
     motions: tuple[EdgeMotion, ...] = ()
     too_fast: float = 0.0
+    late: float = 0.0
+
+    def measure(self, line: Line) -> float:
+        """Length of an edge along its motions, mm."""
+        return sum(line.length - sum(motion.trimmed) for motion in self.motions)
 
 
 class Coverage(Struct, frozen=True, eq=False):
@@ -250,23 +270,33 @@ class Coverage(Struct, frozen=True, eq=False):
         folded: segments of the path that no piece may run along.
         """
         # Without a closed form the joint values at a station depend on those before it.
-        setup = self.setup
-        if setup.robot.arm is None:
+        if self.setup.robot.arm is None:
             return Pieces()
-        choice = widest_grid(self.freedom, path)
         if folded is None:
             folded = np.zeros(len(lengths), dtype=np.bool_)
-        ladder = self._make_ladder(path, lengths, folded, choice)
+        result = self._find(line, path, lengths, folded, _STATION_TURN)
+        missing = line.length - result.measure(line)
+        if missing < SHORTEST_MM or result.late < _MANY:
+            return result
+        wide = self._find(line, path, lengths, folded, _WIDE_TURN)
+        return wide if wide.measure(line) > result.measure(line) + SAME_POINT_MM else result
+
+    def _find(
+        self, line: Line, path: PosePath, lengths: FloatArray, folded: BoolArray, turn: float
+    ) -> Pieces:
+        """``find_pieces`` with stations between which the tool turns by at most ``turn`` rad."""
+        setup, choice = self.setup, widest_grid(self.freedom, path)
+        ladder = self._make_ladder(path, lengths, folded, choice, turn)
         shift = 0.0
         if line.closed:
             start = _choose_start(ladder.find_chains(setup), len(ladder.stations) - 1)
             shift = ladder.measure(start, lengths)
         if shift > 0:
-            ladder = self._make_ladder(*_begin_at(ladder, start), choice)
+            ladder = self._make_ladder(*_begin_at(ladder, start), choice, turn)
         whole = float(lengths.sum())
         motions = self._prove_all(line.id, ladder, choice)
         if len(motions) == 1 and not shift and max(motions[0].trimmed) < SAME_POINT_MM:
-            return Pieces((replace(motions[0], trimmed=(0.0, 0.0)),))
+            return Pieces((replace(motions[0], trimmed=(0.0, 0.0)),), late=ladder.late)
         long = [motion for motion in motions if whole - sum(motion.trimmed) >= SHORTEST_MM]
         pieces = [
             replace(
@@ -278,17 +308,22 @@ class Coverage(Struct, frozen=True, eq=False):
             for number, motion in enumerate(long, 1)
         ]
         stretches = (ladder.lengths / ladder.parts)[owners(ladder.parts)]
-        return Pieces(tuple(pieces), float(stretches[ladder.too_fast].sum()))
+        return Pieces(tuple(pieces), float(stretches[ladder.too_fast].sum()), ladder.late)
 
     def count_stations(self, path: PosePath) -> int:
         """The number of stations along a pose path."""
-        return int(_divide_evenly(path).sum()) + 1
+        return int(_divide_evenly(path, _STATION_TURN).sum()) + 1
 
     def _make_ladder(
-        self, path: PosePath, lengths: FloatArray, folded: BoolArray, choice: Grid
+        self,
+        path: PosePath,
+        lengths: FloatArray,
+        folded: BoolArray,
+        choice: Grid,
+        turn: float,
     ) -> _Ladder:
         setup = self.setup
-        parts = _divide_evenly(path)
+        parts = _divide_evenly(path, turn)
         stations = divide(path, parts)
         states = make_states(setup, stations, choice, _JUMP)
         transitions = steps(replace(setup.robot, speeds=setup.robot.fastest), states, _JUMP)
@@ -298,11 +333,22 @@ class Coverage(Struct, frozen=True, eq=False):
         slowest = (stations.length / feed)[:, None, None, None]
         in_time = np.where(transitions.time - turning <= slowest, transitions.time, math.inf)
         too_fast = _have_any(transitions.time) & ~_have_any(in_time)
+        possible = int(np.isfinite(transitions.time).sum())
+        late = 1 - int(np.isfinite(in_time).sum()) / max(possible, 1)
         transitions = replace(transitions, time=in_time)
         states.open[folded[owners(parts)]] = False
         checked = np.zeros(len(stations), dtype=np.bool_)
         return _Ladder(
-            path, lengths, folded, parts, stations, states, transitions, checked, too_fast
+            path,
+            lengths,
+            folded,
+            parts,
+            stations,
+            states,
+            transitions,
+            checked,
+            too_fast,
+            late,
         )
 
     def _prove_all(self, name: str, ladder: _Ladder, choice: Grid) -> list[EdgeMotion]:
@@ -415,10 +461,13 @@ def _have_any(time: FloatArray) -> BoolArray:
     return np.asarray(np.isfinite(time).reshape(len(time), -1).any(axis=1))
 
 
-def _divide_evenly(path: PosePath) -> Index:
-    """The number of stretches between stations in each segment of a pose path."""
+def _divide_evenly(path: PosePath, turn: float) -> Index:
+    """The number of stretches between stations in each segment of a pose path.
+
+    turn: greatest turn of the tool between two stations, rad.
+    """
     step = max(_STATION_MM, float(path.length.sum()) / _MOST_STRETCHES)
-    return counts(path, step, _STATION_TURN)
+    return counts(path, step, turn)
 
 
 def _are_free(setup: Setup, joints: FloatArray) -> BoolArray:

@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from camgen.model.job import ProcessTable
 from camgen.model.part import BoolArray, Edge
 from camgen.model.pose import FloatArray, frozen
-from camgen.motion import search
+from camgen.motion import coverage, search
 from camgen.motion.coverage import SHORTEST_MM, Coverage
 from camgen.motion.setup import (
     Blockage,
@@ -98,11 +98,11 @@ def test_no_piece_runs_along_a_folded_segment() -> None:
     lengths = measure_line(RIM, path)
     none = np.zeros(3)
     space = FreeSpace(0.0, none, none, 0.0, 0.0, lambda motions: [9.0] * len(motions), all_clear)
-    coverage = Coverage(CELL, space, FREE, ProcessTable())
+    search_of_pieces = Coverage(CELL, space, FREE, ProcessTable())
     quarter = RIM.length / 4
     for segment in range(4):
         folded = np.arange(4) == segment
-        (piece,) = coverage.find_pieces(RIM, path, lengths, folded).motions
+        (piece,) = search_of_pieces.find_pieces(RIM, path, lengths, folded).motions
         judged(CELL, piece)
         ((start, end),) = stretches(RIM, (piece,))
         assert end - start == pytest.approx(3 * quarter)
@@ -204,6 +204,18 @@ def test_no_joint_is_asked_to_be_faster_than_it_can(edge: Edge, feed: float) -> 
         assert (moved.max(axis=1) <= seconds * 1.05 + 1e-9).all()
         # The joints would be too slow in the bore if the tip itself ran at the feed.
         assert (moved.max(axis=1) > piece.looks.length / feed).any() == (edge is BORE)
+
+
+def test_the_tool_need_not_turn_with_the_rim_of_a_small_hole(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """At 60 mm/s a joint is too slow for the turn of a rim of 5 mm, unless the roll counters it."""
+    hole = rim((60, 60, 50), 5, outer=False)
+    _, whole = cover(hole, lambda at: at[:, 0] < -1e9, feed=60.0)
+    assert [piece.trimmed for piece in whole] == [(0.0, 0.0)]
+    monkeypatch.setattr(coverage, "_WIDE_TURN", coverage._STATION_TURN)
+    _, pieces = cover(hole, lambda at: at[:, 0] < -1e9, feed=60.0)
+    assert sum(hole.length - sum(piece.trimmed) for piece in pieces) < hole.length / 2
 
 
 def test_an_arm_without_a_closed_form_has_no_pieces() -> None:
