@@ -464,7 +464,7 @@ def _have_any(time: FloatArray) -> BoolArray:
 def _divide_evenly(path: PosePath, turn: float) -> Index:
     """The number of stretches between stations in each segment of a pose path.
 
-    turn: greatest turn of the tool between two stations, rad.
+    turn: largest turn of the tool between two stations, rad.
     """
     step = max(_STATION_MM, float(path.length.sum()) / _MOST_STRETCHES)
     return counts(path, step, turn)
