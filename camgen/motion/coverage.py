@@ -63,6 +63,8 @@ _WIDE_TURN = math.radians(30)
 _MANY = 0.5
 #: An edge has no more stretches than these; on a longer edge the stations are farther apart.
 _MOST_STRETCHES = 400
+#: Joint values that differ less are the same, rad or mm.
+_SAME_JOINTS = 1e-6
 #: Share of a time by which a joint may be late.
 _SAME_TIME = 1e-6
 #: A joint that is not farther beyond its limit, rad or mm, is on it.
@@ -112,6 +114,39 @@ class _Ladder(Struct, frozen=True, eq=False):
             if not len(new):
                 return chains
             self._check(setup, new)
+
+    def roll(self, start: int, path: PosePath, lengths: FloatArray, folded: BoolArray) -> _Ladder:
+        """The graph of a closed edge that begins at the station ``start``.
+
+        The joints have the same values at the first and the last station.
+
+        path, lengths, folded: result of ``_begin_at``.
+        """
+        segment, share = self.locate(start)
+        parts = np.roll(self.parts, -segment)
+        if share > 0:
+            before = round(share * int(parts[0]))
+            parts = np.concatenate([[parts[0] - before], parts[1:], [before]])
+        stations = np.concatenate([np.arange(start, len(self.stations)), np.arange(1, start + 1)])
+        stretches = np.roll(np.arange(len(self.too_fast)), -start)
+        states, transitions = self.states, self.transitions
+        return _Ladder(
+            path,
+            lengths,
+            folded,
+            parts,
+            divide(path, parts),
+            replace(
+                states,
+                joints=states.joints[stations],
+                usable=states.usable[stations],
+                open=states.open[stretches],
+            ),
+            Steps(transitions.time[stretches], transitions.before[stretches]),
+            self.checked[stations],
+            self.too_fast[stretches],
+            self.late,
+        )
 
     def find_lone_states(self, chains: Sequence[CoverChain], setup: Setup) -> list[CoverChain]:
         """Chains of one station each, from the stations beside all ``chains`` that can be stood at.
@@ -292,7 +327,10 @@ class Coverage(Struct, frozen=True, eq=False):
             start = _choose_start(ladder.find_chains(setup), len(ladder.stations) - 1)
             shift = ladder.measure(start, lengths)
         if shift > 0:
-            ladder = self._make_ladder(*_begin_at(ladder, start), choice, turn)
+            begun = _begin_at(ladder, start)
+            first, last = ladder.states.joints[[0, -1]]
+            same = np.allclose(first, last, rtol=0.0, atol=_SAME_JOINTS, equal_nan=True)
+            ladder = ladder.roll(start, *begun) if same else self._make_ladder(*begun, choice, turn)
         whole = float(lengths.sum())
         motions = self._prove_all(line.id, ladder, choice)
         if len(motions) == 1 and not shift and max(motions[0].trimmed) < SAME_POINT_MM:
