@@ -144,6 +144,23 @@ def test_pieces_of_a_closed_edge_do_not_overlap() -> None:
         assert quarter - 1.2 <= high - low <= quarter
 
 
+@pytest.mark.parametrize("edge", [RIM, BORE], ids=["boss", "bore"])
+def test_the_graph_of_a_closed_edge_is_the_same_from_its_new_start(
+    edge: Edge, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def wall(at: FloatArray) -> FloatArray:
+        return np.asarray(at[:, 0] > 58)
+
+    _, turned = cover(edge, wall)
+    monkeypatch.setattr(coverage, "_SAME_JOINTS", -1.0)
+    _, made_again = cover(edge, wall)
+    assert stretches(edge, turned) == [
+        pytest.approx(stretch) for stretch in stretches(edge, made_again)
+    ]
+    for piece, other in zip(turned, made_again, strict=True):
+        assert piece.dense == pytest.approx(other.dense, abs=1e-6)
+
+
 def test_another_orientation_leads_past_what_only_the_nominal_one_meets() -> None:
     """A wall that the axis of the tool meets where it is not leant by 5 deg at least."""
     nominal = poses(TOP, OFFSET).rotation[0, :, 2]
