@@ -227,6 +227,21 @@ def test_strict_makes_an_error_of_it(box: Path, monkeypatch: pytest.MonkeyPatch)
         camgen.build(box, post="rapid", job={"input": {"select": "e7-e8"}}, strict=True)
 
 
+@pytest.mark.parametrize("ends", [{"way": True}, {"at_end": True}], ids=["link", "end of it"])
+def test_a_link_that_is_blocked_for_once_costs_no_edge(
+    box: Path, monkeypatch: pytest.MonkeyPatch, ends: dict[str, bool]
+) -> None:
+    """The tool leaves the part on it then."""
+
+    def blocked(program: Any) -> tuple[Loss, ...]:
+        return (Loss(find_whole(program), "collision", "tool against part", **ends),)
+
+    asked = stop(monkeypatch, 1, blocked)
+    result = camgen.build(box, post="rapid")
+    assert len(asked) == 2
+    assert {path.id for path in result.tour.paths} == {path.id for path in asked[0].paths}
+
+
 def test_without_an_edge_left_there_is_no_program(
     box: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
