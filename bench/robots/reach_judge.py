@@ -9,8 +9,21 @@ those beyond a limit or within 2 deg of a straight wrist, and tests the others w
 ``plain_loop``. A station is reached if one posture is free. The columns "with the margin" count
 stations at which one posture keeps ``cell.margin`` too, as pieces of edges do. Nothing of camgen's
 planner is used. A stretch of reached stations is an upper limit of what can be worked: one posture
-need not lead to the next, and the judge knows no speeds. At a small feed the joints are fast enough
-for camgen too.
+need not lead to the next, and no joint has a speed.
+
+The columns "at the feed" count what the judge can run by itself. Its rule, which was committed
+before its first run:
+
+- A station counts if its point is the nearest of the edge to the tip. In a hole that is narrower
+  than the offset the tip is beyond the axis and nearer to the opposite rim: the tool would work
+  that rim, at a smaller offset, and run against the feed. To enter the hole is not to work it.
+- All postures of a station count that are free and keep the margin.
+- Two postures of neighbouring stations are linked if no joint turns, by the shorter turn, by more
+  than at its maximum speed within the time of the contact. That is the length of the edge by the
+  feed, or the way of the tip by `process.max_feed_factor` times the feed if that is longer.
+- The longest chain of links is a stretch if it is longer than 5 mm. It is taken out with its
+  stations, and the longest chain of the rest is next. Limits of whole turns, and collisions
+  between stations, do not count: the judge is an upper limit in both.
 """
 
 from __future__ import annotations
@@ -22,6 +35,7 @@ import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,7 +47,7 @@ from bench.robots.rfa import loop
 from bench.support.runner import Table
 from camgen.model.errors import NoSafeProgram
 from camgen.model.job import ProcessTable
-from camgen.model.part import Edge, Part
+from camgen.model.part import BoolArray, Edge, Part
 from camgen.model.pose import FloatArray, pose_from_values
 from camgen.pipeline import Result
 from camgen.robots.catalogue import robot
@@ -44,10 +58,38 @@ from camgen.robots.models import Robot
 STEP, LISTED = 2.0, 5.0
 #: Gaps that differ less count as equal, mm.
 SAME_MM = 0.01
+#: mm by which another point of an edge must be nearer to the tip than the offset. The tip of a bore
+#: that is just wide enough is nearly as far from all of its rim.
+NEARER_MM = 0.05
+#: Parts of half of an arc; height of a straight arc, as a share of its chord.
+HALF, STRAIGHT_SHARE = 32, 1e-9
 #: Random orientations at a station, and the seed of their draw.
 DRAWN, SEED = 150, 43
 #: rad: postures nearer to a straight wrist are not counted.
 STRAIGHT = math.radians(2)
+
+
+class Station(NamedTuple):
+    """A station of an edge.
+
+    place: distance from the start of the edge, mm.
+    point: (3,) its position, mm.
+    outward: (3,) unit direction from the edge to the tip.
+    along: (3,) direction of the edge.
+    """
+
+    place: float
+    point: FloatArray
+    outward: FloatArray
+    along: FloatArray
+
+    def find_tip(self, offset: float) -> FloatArray:
+        """Position of the tip, mm."""
+        return np.asarray(self.point + offset * self.outward)
+
+
+#: Stretches of an edge: start and length, mm.
+Chains = Iterator[tuple[float, float]]
 
 
 class Judge:
@@ -67,28 +109,70 @@ class Judge:
         self.loop: Loop = loop(result, result.part.solid)
         self.offset = job.operation.offset
         self.margin = job.cell.margin
+        self.process = job.process
         self.base_from_work = pose_from_values(job.cell.base_from_work)
         self.tool_from_flange = pose_from_values(job.cell.flange_from_tool).inverse()
         self.turns = _draw_turns(math.radians(job.tool.axis_tilt))
 
-    def measure_gap(self, point: FloatArray, outward: FloatArray, along: FloatArray) -> float:
-        """The most that a posture with the tip beside a point of an edge keeps from anything, mm.
+    def find_free(self, station: Station) -> tuple[FloatArray, FloatArray]:
+        """The free joint values (K, 6) of a station, and what each keeps from anything, mm (K,).
 
-        At most the margin of the job; -1 if no posture is free.
-
-        outward: unit direction from the edge to the tip.
-        along: direction of the edge.
+        Distances are measured up to the margin of the job.
         """
-        joints = self._find_joints(
-            point + self.offset * outward, _frame(outward, along) @ self.turns
-        )
-        largest = -1.0
-        for row in joints:
-            if self.loop.first(row) is None:
-                largest = max(largest, self.loop.gap(row, self.margin))
-            if largest >= self.margin:
-                break
-        return largest
+        rotations = _frame(station.outward, station.along) @ self.turns
+        joints = self._find_joints(station.find_tip(self.offset), rotations)
+        free = joints[[self.loop.first(row) is None for row in joints]]
+        return free, np.array([self.loop.gap(row, self.margin) for row in free])
+
+    def find_chains(self, stations: Sequence[Station], postures: Sequence[FloatArray]) -> Chains:
+        """The stretches that can be run at the feed: first station and length, mm.
+
+        postures: (K, 6) joint values of each station; none for one that does not count.
+        """
+        left = list(postures)
+        while True:
+            chain = self._find_longest(stations, left)
+            if (
+                not chain
+                or (long := stations[chain[-1]].place - stations[chain[0]].place) <= LISTED
+            ):
+                return
+            yield stations[chain[0]].place, long
+            for number in chain:
+                left[number] = left[number][:0]
+
+    def _find_longest(
+        self, stations: Sequence[Station], postures: Sequence[FloatArray]
+    ) -> list[int]:
+        """The stations of the longest chain of linked postures."""
+        lengths: list[int] = []
+        before = np.zeros(0, dtype=np.int64)
+        for number, joints in enumerate(postures):
+            count = np.ones(len(joints), dtype=np.int64)
+            if number and len(joints) and len(before):
+                linked = self._are_linked(
+                    stations[number - 1 : number + 1], postures[number - 1], joints
+                )
+                count = np.maximum(count, (linked * (before + 1)[:, None]).max(axis=0))
+            lengths.append(int(count.max(initial=0)))
+            before = count
+        if not lengths:
+            return []
+        last = int(np.argmax(lengths))
+        return list(range(last - lengths[last] + 1, last + 1))
+
+    def _are_linked(
+        self, pair: Sequence[Station], first: FloatArray, second: FloatArray
+    ) -> BoolArray:
+        """Whether each posture (K, 6) of a station leads to each (L, 6) of the next one."""
+        long = pair[1].place - pair[0].place
+        if long > 1.5 * STEP:
+            return np.zeros((len(first), len(second)), dtype=np.bool_)
+        tips = [station.find_tip(self.offset) for station in pair]
+        tip_path = float(np.linalg.norm(tips[1] - tips[0]))
+        seconds = max(long, tip_path / self.process.max_feed_factor) / self.process.feed
+        turned = np.abs((second - first[:, None] + math.pi) % math.tau - math.pi)
+        return np.asarray((turned <= self.robot.fastest * seconds).all(axis=2))
 
     def _find_joints(self, tip: FloatArray, rotations: FloatArray) -> FloatArray:
         """All joint values (K, 6) for a position of the tip and orientations, work frame."""
@@ -124,22 +208,54 @@ def _frame(outward: FloatArray, along: FloatArray) -> FloatArray:
     return np.column_stack([np.cross(y, -outward), y, -outward])
 
 
-def list_stations(edge: Edge) -> Iterator[tuple[float, FloatArray, FloatArray, FloatArray]]:
-    """The stations of an edge: distance from its start, point, and directions outward and along."""
-    points = np.empty((2 * len(edge.points) - 1, 3))
-    points[::2], points[1::2] = edge.points, edge.via
-    normals = np.empty((len(points), 3))
-    normals[::2], normals[1::2] = edge.normals.sum(axis=1), edge.via_normals.sum(axis=1)
-    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+def list_stations(edge: Edge, step: float = STEP) -> Iterator[Station]:
+    """The stations of an edge, one every ``step`` mm."""
+    points = [edge.points[:1]]
+    normals = [edge.normals[:1].sum(axis=1)]
+    spans = edge.points[:-1], edge.via, edge.points[1:]
+    sides = edge.normals[:-1], edge.via_normals, edge.normals[1:]
+    for ends, faces in zip(zip(*spans, strict=True), zip(*sides, strict=True), strict=True):
+        points.append(_bend(*ends))
+        first, middle, last = (face.sum(axis=0) for face in faces)
+        shares = np.linspace(0, 2, 2 * HALF + 1)[1:, None]
+        before = first + shares * (middle - first)
+        after = middle + (shares - 1) * (last - middle)
+        normals.append(np.where(shares <= 1, before, after))
+    line, outwards = np.concatenate(points), np.concatenate(normals)
+    steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
     at = np.append(0.0, np.cumsum(steps)) * edge.length / steps.sum()
-    for place in np.arange(0.0, edge.length, STEP):
+    for place in np.arange(0.0, edge.length, step):
         k = int(np.clip(np.searchsorted(at, place, "right") - 1, 0, len(at) - 2))
         share = (place - at[k]) / (at[k + 1] - at[k])
-        outward = (1 - share) * normals[k] + share * normals[k + 1]
+        outward = (1 - share) * outwards[k] + share * outwards[k + 1]
         size = float(np.linalg.norm(outward))
         if size > 1e-3:
-            point = (1 - share) * points[k] + share * points[k + 1]
-            yield float(place), point, outward / size, points[k + 1] - points[k]
+            point = (1 - share) * line[k] + share * line[k + 1]
+            yield Station(float(place), point, outward / size, line[k + 1] - line[k])
+
+
+def _bend(first: FloatArray, middle: FloatArray, last: FloatArray) -> FloatArray:
+    """Points (2 HALF, 3) of the arc through three points, without the first."""
+    a, b = middle - first, last - first
+    normal = np.cross(a, b)
+    square = float(normal @ normal)
+    shares = np.linspace(0, 2, 2 * HALF + 1)[1:, None]
+    if square < (STRAIGHT_SHARE * float(b @ b)) ** 2:
+        return np.asarray(first + shares / 2 * b)
+    # The centre of the circle through three points.
+    toward = np.cross((a @ a) * b - (b @ b) * a, normal) / (2 * square)
+    radial = -toward
+    size = float(np.linalg.norm(radial))
+    x, y = radial / size, np.cross(normal, radial) / (math.sqrt(square) * size)
+    turn = float(np.arctan2((b - toward) @ y, (b - toward) @ x)) % math.tau
+    angle = shares / 2 * turn
+    return np.asarray(first + toward + size * (np.cos(angle) * x + np.sin(angle) * y))
+
+
+def is_nearest(rim: FloatArray, station: Station, offset: float) -> bool:
+    """Whether no point of an edge, (N, 3), is nearer to the tip than that of the station."""
+    tip = station.find_tip(offset)
+    return bool(np.linalg.norm(rim - tip, axis=1).min() >= offset - NEARER_MM)
 
 
 def worked(result: Result) -> dict[str, list[tuple[float, float]]]:
@@ -158,27 +274,46 @@ def worked(result: Result) -> dict[str, list[tuple[float, float]]]:
 Stretch = tuple[str, float, float]
 
 
-def find_missed(part: Part, result: Result) -> tuple[int, list[Stretch], list[Stretch]]:
-    """The number of stations that were judged, and the reached stretches that are not worked.
+class Missed(NamedTuple):
+    """The stretches of edges that the judge reaches and camgen leaves out.
 
-    A stretch is an edge, its start and its length, mm. The last list is of those with the margin.
+    free: stretches of stations that are reached.
+    roomy: stretches of stations that are reached with the margin.
+    chains: stretches that can be run at the feed with the margin.
     """
+
+    free: list[Stretch]
+    roomy: list[Stretch]
+    chains: list[Stretch]
+
+
+def find_missed(part: Part, result: Result) -> tuple[int, Missed]:
+    """The number of stations that were judged, and the stretches that are not worked."""
     reach_judge, done = Judge(result), worked(result)
-    count = 0
-    free: list[Stretch] = []
-    roomy: list[Stretch] = []
+    count, missed = 0, Missed([], [], [])
     for edge in (edge for edge in part.solid.edges if edge.convex):
-        gaps: dict[float, float] = {}
-        for place, point, outward, along in list_stations(edge):
-            pieces = done.get(edge.id, [])
-            if any(low - STEP / 2 <= place <= high + STEP / 2 for low, high in pieces):
-                continue
-            count += 1
-            gaps[place] = reach_judge.measure_gap(point, outward, along)
-        free += _find_stretches(edge.id, [place for place, gap in gaps.items() if gap >= 0])
-        with_margin = [place for place, gap in gaps.items() if gap >= reach_judge.margin - SAME_MM]
-        roomy += _find_stretches(edge.id, with_margin)
-    return count, free, roomy
+        stations: list[Station] = []
+        for station in list_stations(edge):
+            bounds = [(low - STEP / 2, high + STEP / 2) for low, high in done.get(edge.id, [])]
+            if not any(low <= station.place <= high for low, high in bounds):
+                stations.append(station)
+        count += len(stations)
+        rim = np.array([station.point for station in list_stations(edge, STEP / 10)])
+        free: list[float] = []
+        roomy: list[float] = []
+        postures: list[FloatArray] = []
+        for station in stations:
+            joints, gaps = reach_judge.find_free(station)
+            keeping = joints[gaps >= reach_judge.margin - SAME_MM]
+            free += [station.place] * bool(len(joints))
+            roomy += [station.place] * bool(len(keeping))
+            nearest = is_nearest(rim, station, reach_judge.offset)
+            postures.append(keeping if nearest else keeping[:0])
+        missed.free.extend(_find_stretches(edge.id, free))
+        missed.roomy.extend(_find_stretches(edge.id, roomy))
+        chains = sorted(reach_judge.find_chains(stations, postures))
+        missed.chains.extend((edge.id, *chain) for chain in chains)
+    return count, missed
 
 
 def _find_stretches(name: str, places: Sequence[float]) -> Iterator[Stretch]:
@@ -191,8 +326,9 @@ def _find_stretches(name: str, places: Sequence[float]) -> Iterator[Stretch]:
 def main(parts: Sequence[str], feed: float) -> int:
     print(machine(), f"{feed:g} mm/s")
     table = Table(
-        "part | stations judged | stretches over 5 mm | mm {:,.0f} | with the margin "
-        "| mm {:,.0f} | longest, mm {:.0f} | where"
+        "part | stations judged | stretches over 5 mm | mm {:,.0f} | with the margin | mm {:,.0f} "
+        "| longest, mm {:.0f} | at the feed | mm {:,.0f} | with the margin, where "
+        "| at the feed, where"
     )
     with tempfile.TemporaryDirectory() as folder:
         for name, part in list_parts(Path(folder), parts):
@@ -202,12 +338,22 @@ def main(parts: Sequence[str], feed: float) -> int:
             except NoSafeProgram as error:
                 table.add(name, str(error))
                 continue
-            count, free, roomy = find_missed(part, result)
-            lengths = [sum(length for *_, length in free), sum(length for *_, length in roomy)]
-            longest = max((length for *_, length in roomy), default=0.0)
-            where = ", ".join(f"{edge} at {at:.0f}: {length:.0f}" for edge, at, length in roomy)
-            table.add(name, count, len(free), lengths[0], len(roomy), lengths[1], longest, where)
+            count, missed = find_missed(part, result)
+            longest = max((length for *_, length in missed.roomy), default=0.0)
+            groups = missed.free, missed.roomy, missed.chains
+            free, roomy, chains = ((len(group), _measure(group)) for group in groups)
+            where = _name(missed.roomy), _name(missed.chains)
+            table.add(name, count, *free, *roomy, longest, *chains, *where)
     return 0
+
+
+def _measure(group: Sequence[Stretch]) -> float:
+    """The length of some stretches together, mm."""
+    return sum(length for *_, length in group)
+
+
+def _name(group: Sequence[Stretch]) -> str:
+    return ", ".join(f"{edge} at {start:.0f}: {length:.0f}" for edge, start, length in group)
 
 
 if __name__ == "__main__":

@@ -259,7 +259,8 @@ def _block(
         if not losses:
             what = f"{robot.name} collides on {program.place_of(index)} {where}: {collision.text}"
             error = file, what, f"instruction {index}", _remedy(collision, robot)
-        losses.append(Loss(path, "collision", f"collision, {bodies}, {where}{link}", is_link))
+        why, at_end = f"collision, {bodies}, {where}{link}", bool(link) and not is_link
+        losses.append(Loss(path, "collision", why, is_link, at_end))
     return Blocked(*error, join_losses(losses))
 
 

@@ -68,14 +68,19 @@ class Refused(NoSafeProgram):
 
 
 class Loss(NamedTuple):
-    """A path that cannot be run. path: its place among the program's, -1: none of them. why: with the place. way: it is
-    the way from the path before it, or home from the last one, that is blocked; the path itself may be free.
+    """A path that cannot be run.
+
+    path: its number in the program, -1 if it is on no path.
+    why: the reason with its position.
+    way: whether the link to it is blocked, or the one home; the path itself may be free.
+    at_end: whether the end of that link is blocked, at which the path begins.
     """
 
     path: int
     kind: Literal["collision", "jump"]
     why: str
     way: bool = False
+    at_end: bool = False
 
 
 class Blocked(NoSafeProgram):

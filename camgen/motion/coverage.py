@@ -16,6 +16,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.geometry.ragged import owners
+from camgen.model.job import ProcessTable
 from camgen.model.part import BoolArray, Line
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import SAME_POINT_MM
@@ -23,7 +24,14 @@ from camgen.motion.pose_chains import CHANGE, PoseChain, States, Steps, steps
 from camgen.motion.pose_covers import CoverChain, find_cover
 from camgen.motion.pose_paths import Index, PosePath, counts, cut, divide, join, rows
 from camgen.motion.reach import widest_grid
-from camgen.motion.search import Grid, Knots, check_states, make_states, prove, thin_out
+from camgen.motion.search import (
+    Grid,
+    Knots,
+    check_states,
+    make_states,
+    prove,
+    thin_out,
+)
 from camgen.motion.setup import (
     JUMP,
     MARGIN,
@@ -33,6 +41,7 @@ from camgen.motion.setup import (
     OrientationFreedom,
     SampledMotion,
     Setup,
+    feed_at_tip,
     flange_poses,
 )
 from camgen.robots.kinematics.continuity import Choice, follow
@@ -47,8 +56,17 @@ _STATION_MM = SHORTEST_MM
 _PRICE = SHORTEST_MM / 2
 #: Greatest turn of the tool, and of a joint, between two stations, rad.
 _STATION_TURN, _JUMP = math.radians(10), math.radians(45)
+#: The same turn where most motions are too fast for a joint, rad: a step of the roll from station
+#: to station keeps the tool from turning with the rim of a small hole.
+_WIDE_TURN = math.radians(30)
+#: Share of the motions between stations from which on these are most.
+_MANY = 0.5
 #: An edge has no more stretches than these; on a longer edge the stations are farther apart.
 _MOST_STRETCHES = 400
+#: Joint values that differ less are the same, rad or mm.
+_SAME_JOINTS = 1e-6
+#: Share of a time by which a joint may be late.
+_SAME_TIME = 1e-6
 #: A joint that is not farther beyond its limit, rad or mm, is on it.
 _ON_LIMIT = 1e-9
 #: Number of moves that may fail in a stretch before no chain runs through it.
@@ -68,6 +86,7 @@ class _Ladder(Struct, frozen=True, eq=False):
     states, transitions: states at the stations, and steps between them.
     checked: (K,) stations of whose states those that are not free are closed.
     too_fast: (K - 1,) stretches along which every motion would need a joint that is faster.
+    late: share of the motions between stations that would need one.
     """
 
     path: PosePath
@@ -79,6 +98,7 @@ class _Ladder(Struct, frozen=True, eq=False):
     transitions: Steps
     checked: BoolArray
     too_fast: BoolArray
+    late: float
 
     def find_chains(self, setup: Setup) -> list[CoverChain]:
         """The best cover of the edge by states that are free.
@@ -94,6 +114,39 @@ class _Ladder(Struct, frozen=True, eq=False):
             if not len(new):
                 return chains
             self._check(setup, new)
+
+    def roll(self, start: int, path: PosePath, lengths: FloatArray, folded: BoolArray) -> _Ladder:
+        """The graph of a closed edge that begins at the station ``start``.
+
+        The joints have the same values at the first and the last station.
+
+        path, lengths, folded: result of ``_begin_at``.
+        """
+        segment, share = self.locate(start)
+        parts = np.roll(self.parts, -segment)
+        if share > 0:
+            before = round(share * int(parts[0]))
+            parts = np.concatenate([[parts[0] - before], parts[1:], [before]])
+        stations = np.concatenate([np.arange(start, len(self.stations)), np.arange(1, start + 1)])
+        stretches = np.roll(np.arange(len(self.too_fast)), -start)
+        states, transitions = self.states, self.transitions
+        return _Ladder(
+            path,
+            lengths,
+            folded,
+            parts,
+            divide(path, parts),
+            replace(
+                states,
+                joints=states.joints[stations],
+                usable=states.usable[stations],
+                open=states.open[stretches],
+            ),
+            Steps(transitions.time[stretches], transitions.before[stretches]),
+            self.checked[stations],
+            self.too_fast[stretches],
+            self.late,
+        )
 
     def find_lone_states(self, chains: Sequence[CoverChain], setup: Setup) -> list[CoverChain]:
         """Chains of one station each, from the stations beside all ``chains`` that can be stood at.
@@ -212,10 +265,16 @@ class Pieces(Struct, frozen=True, eq=False):
 
     motions: the pieces, or the motion along the whole edge, which is not called a piece.
     too_fast: length of the edge along which a joint would have to be faster than it can be, mm.
+    late: share of the motions between stations that would need a faster joint.
     """
 
     motions: tuple[EdgeMotion, ...] = ()
     too_fast: float = 0.0
+    late: float = 0.0
+
+    def measure(self, line: Line) -> float:
+        """Length of an edge along its motions, mm."""
+        return sum(line.length - sum(motion.trimmed) for motion in self.motions)
 
 
 class Coverage(Struct, frozen=True, eq=False):
@@ -224,13 +283,13 @@ class Coverage(Struct, frozen=True, eq=False):
     setup: arm, work and tool.
     space: free space, with the test of whole motions.
     freedom: orientations that the tool may have.
-    feed: speed of the tool along the edge, mm/s.
+    process: feed along the edge.
     """
 
     setup: Setup
     space: FreeSpace
     freedom: OrientationFreedom
-    feed: float
+    process: ProcessTable
 
     def find_pieces(
         self,
@@ -246,23 +305,36 @@ class Coverage(Struct, frozen=True, eq=False):
         folded: segments of the path that no piece may run along.
         """
         # Without a closed form the joint values at a station depend on those before it.
-        setup = self.setup
-        if setup.robot.arm is None:
+        if self.setup.robot.arm is None:
             return Pieces()
-        choice = widest_grid(self.freedom, path)
         if folded is None:
             folded = np.zeros(len(lengths), dtype=np.bool_)
-        ladder = self._make_ladder(path, lengths, folded, choice)
+        result = self._find(line, path, lengths, folded, _STATION_TURN)
+        missing = line.length - result.measure(line)
+        if missing < SHORTEST_MM or result.late < _MANY:
+            return result
+        wide = self._find(line, path, lengths, folded, _WIDE_TURN)
+        return wide if wide.measure(line) > result.measure(line) + SAME_POINT_MM else result
+
+    def _find(
+        self, line: Line, path: PosePath, lengths: FloatArray, folded: BoolArray, turn: float
+    ) -> Pieces:
+        """``find_pieces`` with stations between which the tool turns by at most ``turn`` rad."""
+        setup, choice = self.setup, widest_grid(self.freedom, path)
+        ladder = self._make_ladder(path, lengths, folded, choice, turn)
         shift = 0.0
         if line.closed:
             start = _choose_start(ladder.find_chains(setup), len(ladder.stations) - 1)
             shift = ladder.measure(start, lengths)
         if shift > 0:
-            ladder = self._make_ladder(*_begin_at(ladder, start), choice)
+            begun = _begin_at(ladder, start)
+            first, last = ladder.states.joints[[0, -1]]
+            same = np.allclose(first, last, rtol=0.0, atol=_SAME_JOINTS, equal_nan=True)
+            ladder = ladder.roll(start, *begun) if same else self._make_ladder(*begun, choice, turn)
         whole = float(lengths.sum())
         motions = self._prove_all(line.id, ladder, choice)
         if len(motions) == 1 and not shift and max(motions[0].trimmed) < SAME_POINT_MM:
-            return Pieces((replace(motions[0], trimmed=(0.0, 0.0)),))
+            return Pieces((replace(motions[0], trimmed=(0.0, 0.0)),), late=ladder.late)
         long = [motion for motion in motions if whole - sum(motion.trimmed) >= SHORTEST_MM]
         pieces = [
             replace(
@@ -274,29 +346,47 @@ class Coverage(Struct, frozen=True, eq=False):
             for number, motion in enumerate(long, 1)
         ]
         stretches = (ladder.lengths / ladder.parts)[owners(ladder.parts)]
-        return Pieces(tuple(pieces), float(stretches[ladder.too_fast].sum()))
+        return Pieces(tuple(pieces), float(stretches[ladder.too_fast].sum()), ladder.late)
 
     def count_stations(self, path: PosePath) -> int:
         """The number of stations along a pose path."""
-        return int(_divide_evenly(path).sum()) + 1
+        return int(_divide_evenly(path, _STATION_TURN).sum()) + 1
 
     def _make_ladder(
-        self, path: PosePath, lengths: FloatArray, folded: BoolArray, choice: Grid
+        self,
+        path: PosePath,
+        lengths: FloatArray,
+        folded: BoolArray,
+        choice: Grid,
+        turn: float,
     ) -> _Ladder:
         setup = self.setup
-        parts = _divide_evenly(path)
+        parts = _divide_evenly(path, turn)
         stations = divide(path, parts)
         states = make_states(setup, stations, choice, _JUMP)
-        transitions = steps(setup.robot, states, _JUMP)
+        transitions = steps(replace(setup.robot, speeds=setup.robot.fastest), states, _JUMP)
         turning = CHANGE * (np.arange(len(states.moves)) > 0)[:, None, None]
-        slowest = (stations.length / self.feed)[:, None, None, None]
+        along_edge = (lengths / parts)[owners(parts)]
+        feed = feed_at_tip(stations.length / along_edge, self.process)
+        slowest = (stations.length / feed)[:, None, None, None]
         in_time = np.where(transitions.time - turning <= slowest, transitions.time, math.inf)
         too_fast = _have_any(transitions.time) & ~_have_any(in_time)
+        possible = int(np.isfinite(transitions.time).sum())
+        late = 1 - int(np.isfinite(in_time).sum()) / max(possible, 1)
         transitions = replace(transitions, time=in_time)
         states.open[folded[owners(parts)]] = False
         checked = np.zeros(len(stations), dtype=np.bool_)
         return _Ladder(
-            path, lengths, folded, parts, stations, states, transitions, checked, too_fast
+            path,
+            lengths,
+            folded,
+            parts,
+            stations,
+            states,
+            transitions,
+            checked,
+            too_fast,
+            late,
         )
 
     def _prove_all(self, name: str, ladder: _Ladder, choice: Grid) -> list[EdgeMotion]:
@@ -349,8 +439,8 @@ class Coverage(Struct, frozen=True, eq=False):
     def _prove(self, name: str, ladder: _Ladder, piece: _Piece, choice: Grid) -> EdgeMotion | int:
         """The motion of a piece, or the stretch of the piece in which it fails."""
         tilt, stretches = self.freedom.tilt, len(piece.segments)
-        # The lowest turns are the first choice; between two stations they may be beyond a limit.
-        for chain in (_turn_back(self.setup.robot, piece.chain), piece.chain):
+        # Between two stations the turns next to home may be beyond a limit.
+        for chain in (_turn_to_home(self.setup.robot, piece.chain), piece.chain):
             proved = prove(self.setup, name, piece.knots, choice, chain, tilt)
             if isinstance(proved, EdgeMotion) or proved[1]:
                 break
@@ -360,7 +450,16 @@ class Coverage(Struct, frozen=True, eq=False):
         if isinstance(hit, Blockage):
             failed = int(np.searchsorted(proved.at, hit.at, "right")) - 1
             return min(failed, stretches - 1)
-        return piece.thin_out(ladder, proved)
+        late = self._find_too_fast(ladder, piece)
+        return int(late[0]) if len(late) else piece.thin_out(ladder, proved)
+
+    def _find_too_fast(self, ladder: _Ladder, piece: _Piece) -> Index:
+        """The stretches of a piece that take a joint longer than the tool at the piece's feed."""
+        length = piece.knots.way.length
+        along_edge = float(ladder.lengths.sum()) - sum(piece.trimmed)
+        feed = feed_at_tip(length.sum() / along_edge, self.process)
+        moved = np.abs(np.diff(piece.chain.joints, axis=0)) / self.setup.robot.fastest
+        return np.flatnonzero(moved.max(axis=1) > (1 + _SAME_TIME) * length / feed)
 
     def _extend(
         self, ladder: _Ladder, chain: CoverChain, choice: Grid, end: int, free: float
@@ -400,10 +499,13 @@ def _have_any(time: FloatArray) -> BoolArray:
     return np.asarray(np.isfinite(time).reshape(len(time), -1).any(axis=1))
 
 
-def _divide_evenly(path: PosePath) -> Index:
-    """The number of stretches between stations in each segment of a pose path."""
+def _divide_evenly(path: PosePath, turn: float) -> Index:
+    """The number of stretches between stations in each segment of a pose path.
+
+    turn: largest turn of the tool between two stations, rad.
+    """
     step = max(_STATION_MM, float(path.length.sum()) / _MOST_STRETCHES)
-    return counts(path, step, _STATION_TURN)
+    return counts(path, step, turn)
 
 
 def _are_free(setup: Setup, joints: FloatArray) -> BoolArray:
@@ -427,11 +529,13 @@ def _close(ladder: _Ladder, chain: CoverChain, stretch: int, failures: Index) ->
     ladder.states.open[row, move, orientation, chain.branch] = False
 
 
-def _turn_back(robot: Robot, chain: PoseChain) -> PoseChain:
-    """A chain by as many whole turns lower as keep its joints within their limits."""
-    room = chain.joints.min(axis=0) - robot.limits[:, 0] + _ON_LIMIT
-    whole = np.clip(room // math.tau, 0, 2 * turns(robot).max(axis=0))
-    return replace(chain, joints=chain.joints - math.tau * whole)
+def _turn_to_home(robot: Robot, chain: PoseChain) -> PoseChain:
+    """A chain by the whole turns that bring it next to home within the limits of its joints."""
+    low, high = chain.joints.min(axis=0), chain.joints.max(axis=0)
+    least = np.ceil((robot.limits[:, 0] - _ON_LIMIT - low) / math.tau)
+    greatest = (robot.limits[:, 1] + _ON_LIMIT - high) // math.tau
+    whole = np.clip(np.rint((robot.home - (low + high) / 2) / math.tau), least, greatest)
+    return replace(chain, joints=chain.joints + math.tau * whole * turns(robot).any(axis=0))
 
 
 def _choose_start(chains: list[CoverChain], last: int) -> int:

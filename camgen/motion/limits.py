@@ -112,6 +112,7 @@ class LinkSpeeds(Struct, frozen=True):
     acceleration: acceleration of the TCP, mm/s2.
     pressed: whether an edge is left and approached with a force.
     point: maximum speed of all points of arm, holder and tool, mm/s; infinite without a limit.
+    ramp: time in which a joint comes to full speed, s.
     """
 
     part: float
@@ -120,6 +121,16 @@ class LinkSpeeds(Struct, frozen=True):
     acceleration: float = 5000.0
     pressed: bool = False
     point: float = math.inf
+    ramp: float = 0.2
+
+    def time_joints(self, robot: Robot, moved: FloatArray) -> FloatArray:
+        """(...) durations of joint motions from rest to rest, s; moved: (..., J) rad or mm."""
+        gains = robot.fastest / self.ramp if robot.accelerations is None else robot.accelerations
+        return np.asarray(from_rest(np.abs(moved), robot.fastest, gains).max(axis=-1))
+
+    def time_tool(self, length: FloatArray | float, speed: FloatArray | float) -> FloatArray:
+        """(...) durations of motions of the TCP from rest to rest, s; length: mm; speed: mm/s."""
+        return from_rest(np.asarray(length), speed, self.acceleration)
 
 
 def link_speeds(process: ProcessTable, dynamics: Dynamics, *, pressed: bool = False) -> LinkSpeeds:
@@ -132,9 +143,10 @@ def link_speeds(process: ProcessTable, dynamics: Dynamics, *, pressed: bool = Fa
     """
     part, acceleration = process.travel_speed, dynamics.acceleration
     if process.travel:
-        return LinkSpeeds(part, process.travel, 0.0, acceleration, pressed)
+        return LinkSpeeds(part, process.travel, 0.0, acceleration, pressed, ramp=dynamics.ramp)
     free = min(dynamics.fastest, REDUCED_SPEED)
-    return LinkSpeeds(part, free, dynamics.most, acceleration, pressed, limit_points(process))
+    points = limit_points(process)
+    return LinkSpeeds(part, free, dynamics.most, acceleration, pressed, points, dynamics.ramp)
 
 
 def limit_points(process: ProcessTable) -> float:

@@ -202,7 +202,12 @@ def feed_of(motion: EdgeMotion, length: float, process: ProcessTable) -> float:
 
     length: length of the edge, mm.
     """
-    return process.feed * min(feed_factor(motion, length), process.max_feed_factor)
+    return float(feed_at_tip(feed_factor(motion, length), process))
+
+
+def feed_at_tip(factor: FloatArray | float, process: ProcessTable) -> FloatArray:
+    """Feed of the TCP, mm/s, for lengths of its path divided by those of the edge."""
+    return np.asarray(process.feed * np.minimum(factor, process.max_feed_factor))
 
 
 def feed_factor(motion: EdgeMotion, length: float) -> float:

@@ -367,7 +367,7 @@ def _bar_links(plan: EdgePlan, tour: Tour, error: Blocked) -> frozenset[frozense
     A blocked link costs its edge only if the tool has left the part on it.
     """
     names = [path.id for path in tour.paths]
-    numbers = [loss.path for loss in error.lost if loss.way and loss.path >= 0]
+    numbers = [loss.path for loss in error.lost if (loss.way or loss.at_end) and loss.path >= 0]
     pairs = [names[k - 1 : k + 1] for k in numbers if k > 0]
     pairs += [names[k : k + 2] for k in numbers if k + 1 < len(names)]
     return plan.barred | set(map(frozenset, pairs))

@@ -184,8 +184,14 @@ def stop(
     return asked
 
 
-def second(_: Any) -> tuple[Loss, ...]:
-    return (Loss(1, "collision", "collision, link 5 against part, at 1 2 3 mm"),)
+def find_whole(program: Any) -> int:
+    """The number of the first path but one along a whole edge."""
+    return next(k for k, path in enumerate(program.paths) if k and path.id in path.contours)
+
+
+def second(program: Any) -> tuple[Loss, ...]:
+    why = "collision, link 5 against part, at 1 2 3 mm"
+    return (Loss(find_whole(program), "collision", why),)
 
 
 def every(program: Any) -> tuple[Loss, ...]:
@@ -205,7 +211,7 @@ def test_what_the_check_finds_costs_its_edge_and_no_more(
 ) -> None:
     asked = stop(monkeypatch, 1, second)
     result = camgen.build(box, post="rapid")
-    gone = asked[0].paths[1].id
+    gone = asked[0].paths[find_whole(asked[0])].id
     assert {one.id for one in result.tour.paths} == {one.id for one in asked[0].paths} - {gone}
     (note,) = [note for note in result.notes if note.ids == (gone,)]
     assert note.kind == "skipped"
@@ -219,6 +225,22 @@ def test_strict_makes_an_error_of_it(box: Path, monkeypatch: pytest.MonkeyPatch)
     stop(monkeypatch, 1, second)
     with pytest.raises(NoSafeProgram, match="--strict"):
         camgen.build(box, post="rapid", job={"input": {"select": "e7-e8"}}, strict=True)
+
+
+@pytest.mark.parametrize("ends", [{"way": True}, {"at_end": True}], ids=["link", "end of it"])
+def test_a_link_that_is_blocked_for_once_costs_no_edge(
+    box: Path, monkeypatch: pytest.MonkeyPatch, ends: dict[str, bool]
+) -> None:
+    """The tool leaves the part on it then."""
+
+    def blocked(program: Any) -> tuple[Loss, ...]:
+        return (Loss(find_whole(program), "collision", "tool against part", **ends),)
+
+    programs_checked = stop(monkeypatch, 1, blocked)
+    result = camgen.build(box, post="rapid")
+    first, second_one = programs_checked
+    assert {path.id for path in first.paths} == {path.id for path in second_one.paths}
+    assert len(result.tour.paths) == len(first.paths)
 
 
 def test_without_an_edge_left_there_is_no_program(

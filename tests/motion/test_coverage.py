@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from camgen.model.job import ProcessTable
 from camgen.model.part import BoolArray, Edge
 from camgen.model.pose import FloatArray, frozen
-from camgen.motion import search
+from camgen.motion import coverage, search
 from camgen.motion.coverage import SHORTEST_MM, Coverage
 from camgen.motion.setup import (
     Blockage,
@@ -30,6 +31,7 @@ from tests.support.edge_shapes import rim, straight
 OFFSET = 5.0
 FREE = OrientationFreedom(math.radians(15), roll=True)
 RIM = rim((60, 60, 50), 50, outer=True)
+BORE = rim((60, 60, 50), 6, outer=False)
 Blocked = Callable[[FloatArray], FloatArray]
 
 
@@ -49,7 +51,9 @@ def cover(
     none = np.zeros(3)
     space = FreeSpace(0.0, none, none, 0.0, 0.0, look, lambda joints: np.zeros(len(joints)))
     path = poses(edge, OFFSET)
-    result = Coverage(cell, space, freedom, feed).find_pieces(edge, path, measure_line(edge, path))
+    result = Coverage(cell, space, freedom, ProcessTable(feed=feed)).find_pieces(
+        edge, path, measure_line(edge, path)
+    )
     return cell, result.motions
 
 
@@ -81,7 +85,9 @@ def test_the_length_is_measured_along_which_the_joints_are_too_slow(
     none = np.zeros(3)
     space = FreeSpace(0.0, none, none, 0.0, 0.0, lambda motions: [9.0] * len(motions), all_clear)
     path = poses(RIM, OFFSET)
-    result = Coverage(CELL, space, FREE, feed).find_pieces(RIM, path, measure_line(RIM, path))
+    result = Coverage(CELL, space, FREE, ProcessTable(feed=feed)).find_pieces(
+        RIM, path, measure_line(RIM, path)
+    )
     assert result.too_fast == pytest.approx(share * RIM.length)
     assert bool(result.motions) is (share == 0.0)
 
@@ -92,11 +98,11 @@ def test_no_piece_runs_along_a_folded_segment() -> None:
     lengths = measure_line(RIM, path)
     none = np.zeros(3)
     space = FreeSpace(0.0, none, none, 0.0, 0.0, lambda motions: [9.0] * len(motions), all_clear)
-    coverage = Coverage(CELL, space, FREE, 20.0)
+    search_of_pieces = Coverage(CELL, space, FREE, ProcessTable())
     quarter = RIM.length / 4
     for segment in range(4):
         folded = np.arange(4) == segment
-        (piece,) = coverage.find_pieces(RIM, path, lengths, folded).motions
+        (piece,) = search_of_pieces.find_pieces(RIM, path, lengths, folded).motions
         judged(CELL, piece)
         ((start, end),) = stretches(RIM, (piece,))
         assert end - start == pytest.approx(3 * quarter)
@@ -138,6 +144,23 @@ def test_pieces_of_a_closed_edge_do_not_overlap() -> None:
         assert quarter - 1.2 <= high - low <= quarter
 
 
+@pytest.mark.parametrize("edge", [RIM, BORE], ids=["boss", "bore"])
+def test_the_graph_of_a_closed_edge_is_the_same_from_its_new_start(
+    edge: Edge, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def wall(at: FloatArray) -> FloatArray:
+        return np.asarray(at[:, 0] > 58)
+
+    _, turned = cover(edge, wall)
+    monkeypatch.setattr(coverage, "_SAME_JOINTS", -1.0)
+    _, made_again = cover(edge, wall)
+    assert stretches(edge, turned) == [
+        pytest.approx(stretch) for stretch in stretches(edge, made_again)
+    ]
+    for piece, other in zip(turned, made_again, strict=True):
+        assert piece.dense == pytest.approx(other.dense, abs=1e-6)
+
+
 def test_another_orientation_leads_past_what_only_the_nominal_one_meets() -> None:
     """A wall that the axis of the tool meets where it is not leant by 5 deg at least."""
     nominal = poses(TOP, OFFSET).rotation[0, :, 2]
@@ -152,10 +175,12 @@ def test_another_orientation_leads_past_what_only_the_nominal_one_meets() -> Non
     space = FreeSpace(0.0, none, none, 0.0, 0.0, lambda motions: [9.0] * len(motions), all_clear)
     path = poses(TOP, OFFSET)
     lengths = measure_line(TOP, path)
-    (piece,) = Coverage(cell, space, FREE, 20.0).find_pieces(TOP, path, lengths).motions
+    (piece,) = Coverage(cell, space, FREE, ProcessTable()).find_pieces(TOP, path, lengths).motions
     assert piece.trimmed == (0.0, pytest.approx(0.0, abs=1e-9))
     judged(cell, piece)
-    stiff = Coverage(cell, space, OrientationFreedom(), 20.0).find_pieces(TOP, path, lengths)
+    stiff = Coverage(cell, space, OrientationFreedom(), ProcessTable()).find_pieces(
+        TOP, path, lengths
+    )
     assert len(stiff.motions) == 2
 
 
@@ -184,22 +209,40 @@ def test_whole_turns_that_no_joint_comes_to_change_no_piece(
     assert calls
 
 
-def test_no_joint_is_asked_to_be_faster_than_it_can() -> None:
-    """At the feed every stretch of a piece takes each joint as long as it needs at least."""
-    feed = 400.0
-    cell, pieces = cover(RIM, lambda at: at[:, 0] < 30, feed=feed)
+@pytest.mark.parametrize(("edge", "feed"), [(RIM, 400.0), (BORE, 60.0)], ids=["boss", "bore"])
+def test_no_joint_is_asked_to_be_faster_than_it_can(edge: Edge, feed: float) -> None:
+    """Each stretch takes as long as the contact needs along the edge, not the tip on its circle."""
+    cell, pieces = cover(edge, lambda at: at[:, 0] < edge.points[:, 0].min() + 6, feed=feed)
     assert pieces
     for piece in pieces:
-        moved = np.abs(np.diff(piece.dense, axis=0))
-        seconds = piece.looks.length / feed
-        assert (moved <= cell.robot.speeds * seconds[:, None] * 1.05 + 1e-9).all()
+        moved = np.abs(np.diff(piece.dense, axis=0)) / cell.robot.speeds
+        tip = piece.looks.length.sum()
+        seconds = piece.looks.length / tip * (edge.length - sum(piece.trimmed)) / feed
+        assert (moved.max(axis=1) <= seconds * 1.05 + 1e-9).all()
+        # The joints would be too slow in the bore if the tip itself ran at the feed.
+        assert (moved.max(axis=1) > piece.looks.length / feed).any() == (edge is BORE)
+
+
+def test_the_tool_need_not_turn_with_the_rim_of_a_small_hole(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """At 60 mm/s a joint is too slow for the turn of a rim of 5 mm, unless the roll counters it."""
+    hole = rim((60, 60, 50), 5, outer=False)
+    _, whole = cover(hole, lambda at: at[:, 0] < -1e9, feed=60.0)
+    assert [piece.trimmed for piece in whole] == [(0.0, 0.0)]
+    monkeypatch.setattr(coverage, "_WIDE_TURN", coverage._STATION_TURN)
+    _, pieces = cover(hole, lambda at: at[:, 0] < -1e9, feed=60.0)
+    assert sum(hole.length - sum(piece.trimmed) for piece in pieces) < hole.length / 2
 
 
 def test_an_arm_without_a_closed_form_has_no_pieces() -> None:
     path = poses(TOP, OFFSET)
     space = FreeSpace(0.0, path.position[0], path.position[0], 0.0, 0.0, list, all_clear)
     bare = replace(CELL, robot=replace(CELL.robot, arm=None))
-    assert Coverage(bare, space, FREE, 20.0).find_pieces(TOP, path, path.length).motions == ()
+    assert (
+        Coverage(bare, space, FREE, ProcessTable()).find_pieces(TOP, path, path.length).motions
+        == ()
+    )
 
 
 def test_lengths_are_those_of_the_edge_not_of_the_way_beside_it() -> None:

@@ -24,13 +24,14 @@ Clear = Callable[[FloatArray], BoolArray]
 
 def clear_of(scene: Scene, near: float = 0.0) -> Clear:
     """Which joint values come no nearer than ``near`` mm. Most of those that do are near a box: meshes come last."""
-    meshed = {int(pair) for target in scene.targets for pair in target.of_strike}
+    meshed = sorted({int(pair) for target in scene.targets for pair in target.of_strike})
     boxed = narrow(scene, [k for k in range(len(scene.pairs)) if k not in meshed])
+    at_mesh = narrow(scene, meshed)
 
     def clear(joints: FloatArray) -> BoolArray:
         good: BoolArray = np.asarray(hits(boxed, joints, near=near) < 0)
         if meshed and good.any():
-            good[good] = hits(scene, joints[good], near=near) < 0
+            good[good] = hits(at_mesh, joints[good], near=near) < 0
         return good
 
     return clear

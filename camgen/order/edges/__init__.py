@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+from msgspec.structs import replace
 
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError
@@ -39,7 +41,9 @@ def order_edges(plan: EdgePlan, job: Job, cell: Cell | None, watch: Watch) -> Ed
     home = home_of(cell.arm, cell, plan.where.scene)
     watch("linking")
     best, lifted = job.tour.method == "best", job.process.force > 0
-    place, process = RouteCell(setup, room_of(plan.where, setup), home), job.process
+    process, where = job.process, plan.where
+    strict = None if where.strict is None else room_of(replace(where, work=where.strict), setup)
+    place = RouteCell(setup, room_of(where, setup), home, where.rims, strict)
     options = RouteOptions(
         link_speeds(process, cell.pace, pressed=lifted), best, lifted, plan.barred
     )
@@ -114,13 +118,17 @@ def _note_links(made: Route, noun: str) -> list[Note]:
     what = (
         f"links: {free} with approach from free space, {direct} direct, "
         f"{counted(kinds.count('shared edge'), noun)} run idle; "
-        f"{short(made.seconds, 1)} s, nearest neighbour {short(made.nearest, 1)} s"
+        f"{short(made.seconds, 1)} s, nearest neighbour {_tell_time(made.nearest)}"
     )
     notes = [Note("assumed", what)]
     if made.searched:
         ways = f"the way home from {counted(made.searched, noun)} was found by search"
         notes.append(Note("assumed", ways, "what leads up from there collides"))
     return notes
+
+
+def _tell_time(seconds: float) -> str:
+    return f"{short(seconds, 1)} s" if math.isfinite(seconds) else "has no free way"
 
 
 def _travel(made: Route, setup: Setup, home: FloatArray) -> float:

@@ -22,10 +22,11 @@ from camgen.motion.pose_paths import PosePath, join
 from camgen.motion.setup import EdgeMotion, Setup
 from camgen.order.edges.retract import Retraction
 from camgen.robots.kinematics.forward import flange
-from camgen.robots.models import Robot
 
 #: Largest number of motions for which links along several edges are searched: that takes n^3.
 MANY = 150
+#: Places of a joint motion at which the way of the tool is measured.
+_LOOKS = 5
 #: Links by retraction, free motion and approach, the second by way of the home position.
 FREE, BY_HOME = -1, -2
 
@@ -85,17 +86,27 @@ class MotionEnds(Struct, frozen=True, eq=False):
     speed: float
 
 
-def seconds(robot: Robot, a: FloatArray, b: FloatArray, speed: float) -> FloatArray:
-    """Seconds (...) from ``a`` to ``b`` (..., J) of the slowest joint, or of the flange.
+def seconds(
+    setup: Setup, a: FloatArray, b: FloatArray, speeds: LinkSpeeds, *, at_part: bool = False
+) -> FloatArray:
+    """Seconds (...) of the joint motion from ``a`` to ``b`` (..., J), from rest to rest.
 
-    speed: largest speed of the flange, mm/s.
+    The slowest joint counts, and the TCP and the flange at `_LOOKS` places of the motion. At the
+    part the flange does not count.
     """
-    joints = (np.abs(b - a) / robot.fastest).max(axis=-1)
-    places = [
-        flange(robot, x.reshape(-1, x.shape[-1]))[1].reshape(*x.shape[:-1], 3) for x in (a, b)
-    ]
-    ways = np.linalg.norm(places[1] - places[0], axis=-1)
-    return np.asarray(np.maximum(joints, ways / speed))
+    joints = speeds.time_joints(setup.robot, b - a)
+    tool = np.asarray(setup.flange_from_tool.origin)
+    lengths = np.zeros((2, *joints.shape))
+    before = None
+    for share in np.linspace(0.0, 1.0, _LOOKS):
+        rows = (1 - share) * a + share * b if 0 < share < 1 else (a, b)[int(share)]
+        rotations, origins = flange(setup.robot, rows.reshape(-1, rows.shape[-1]))
+        places = np.stack([origins, origins + rotations @ tool]).reshape(2, *rows.shape[:-1], 3)
+        if before is not None:
+            lengths += np.linalg.norm(places - before, axis=-1)
+        before = places
+    length = lengths[1] if at_part else lengths.max(axis=0)
+    return np.maximum(joints, speeds.time_tool(length, speeds.part if at_part else speeds.free))
 
 
 def distinct(vertices: FloatArray, near: float) -> BoolArray:

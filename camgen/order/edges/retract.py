@@ -56,10 +56,11 @@ class Retraction(Struct, frozen=True, eq=False):
     name: str
     via: FloatArray
 
-    @property
-    def seconds(self) -> float:
-        """What it takes at its speed."""
-        return float((self.way.length / self.speed).sum())
+    def time(self, speeds: LinkSpeeds) -> float:
+        """Its duration from rest to rest without a stop, s."""
+        length = float(self.way.length.sum())
+        mean = length / float((self.way.length / self.speed).sum())
+        return float(speeds.time_tool(length, mean))
 
 
 def retractions(

@@ -1,10 +1,13 @@
-"""One tour over all processing motions, from and back to home, with every link on it proved (RFA paper, III.C).
+"""One tour over all processing motions, from and back to home (RFA paper, III.C).
 
-Only motions in free space that the tour takes are tested: one that collides is taken out and the tour found again.
+Every link of the tour is proved. Only the free motions that the tour takes are tested: a motion
+that collides is taken out, and the tour is found again. At last the whole turns of the joints are
+chosen along the tour (``turns``).
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import count, pairwise
@@ -31,9 +34,9 @@ from camgen.motion.setup import (
 from camgen.order.edges import links
 from camgen.order.edges.detour import find_detour
 from camgen.order.edges.retract import Retraction, retractions, shorter
+from camgen.order.edges.turns import find_cheapest, list_turns, turn_motion, turn_retraction
 from camgen.order.solver import matrix
 from camgen.plan import ignore_stages
-from camgen.robots.models import Robot
 
 #: Ends of edges nearer than this are one vertex, mm.
 _VERTEX = 0.01
@@ -42,6 +45,10 @@ _VERTEX = 0.01
 _ROUNDS, _AGAIN = 30, 5
 #: After so often motions to which the way home collides are left out too: the others can always be reached by it.
 _PASSES = 10
+#: Places of a joint motion that are tested before all of it.
+_FIRST_PLACES = 11
+#: Rounds of tests for other whole turns of the joints.
+_TURN_ROUNDS = 6
 #: Share of the usual search while links still turn out to collide, and then.
 _QUICK, _FULL = 0.05, 0.3
 #: s added to a link that comes nearer than the margin: more than any tour takes, so that it is taken only where
@@ -62,11 +69,26 @@ class RouteCell(Struct, frozen=True, eq=False):
     setup: the arm, and the collision test of joint values.
     free_space: the safety level, and the collision test of motions.
     home: (J,) joint values from which the route starts and to which it returns.
+    rims: ids of the lines whose own rim may enter the tip of the tool, as ``free_space`` allows.
+    strict: ``free_space`` for all other lines; None without rims.
     """
 
     setup: Setup
     free_space: FreeSpace
     home: FloatArray
+    rims: frozenset[str] = frozenset()
+    strict: FreeSpace | None = None
+
+    @property
+    def spaces(self) -> tuple[FreeSpace, ...]:
+        """The free spaces of all motions."""
+        return (self.free_space,) if self.strict is None else (self.free_space, self.strict)
+
+    def space_of(self, *motions: EdgeMotion) -> FreeSpace:
+        """The free space of the retractions and links of some motions."""
+        if self.strict is None or any(motion.line in self.rims for motion in motions):
+            return self.free_space
+        return self.strict
 
 
 class RouteOptions(Struct, frozen=True):
@@ -182,6 +204,7 @@ def route(
         candidate = _order(problem, options.best, _AGAIN if attempt else _ROUNDS, tell)
         lost = _find_lost(problem, candidate, attempt >= _PASSES)
         if not lost:
+            problem, candidate = _choose_turns(problem, candidate, options.speeds)
             legs, back = _pace(cell, *_legs(problem, candidate), options.speeds)
             return Route(
                 legs,
@@ -192,7 +215,11 @@ def route(
                 _count_searched(problem),
             )
         if turned := _find_one_sided(problem, lost):
-            problem = _turn_back(problem, turned, options.speeds.part)
+            problem = _turn_back(problem, turned, options.speeds)
+            continue
+        if turned_motions := _turn_lost(detours, problem, lost):
+            lines = [by_id[motion.line] for motion in problem.motions]
+            problem = _make_problem(cell, *turned_motions, lines, options)
             continue
         tell(f"{counted(len(problem.motions), 'edge')}, ways round what stands between")
         opened = _search_homes(detours, problem, lost)
@@ -216,11 +243,13 @@ class _Detours(Struct, eq=False):
     cell: the place.
     fruitless: number of searches that found no detour.
     done: ids of the motions from whose ends a detour was searched.
+    turned: ids of the motions whose whole turns were tried.
     """
 
     cell: RouteCell
     fruitless: int = 0
     done: set[str] = field(default_factory=set)
+    turned: set[str] = field(default_factory=set)
 
     def lead_home(self, joints: FloatArray) -> FloatArray | None:
         """By way of which joint values (K, J) the joints go home from ``joints`` (J,); None where no way is found."""
@@ -238,13 +267,12 @@ def _left(
     kept: list[EdgeMotion] = []
     outs: list[Retraction] = []
     dropped: list[UnreachableEdge] = []
-    ends = [end for motion in motions for end in _ends(motion)]
-    found = retractions(detours.cell.setup, detours.cell.free_space, ends, speeds)
-    for motion, *both in zip(motions, found[::2], found[1::2], strict=True):
+    for motion, both in zip(motions, _retract(detours.cell, motions, speeds), strict=True):
         texts = [one for one in both if isinstance(one, str)]
         pair = both
         if len(texts) == 2:
-            pair = [_search_out(detours, end, speeds) or texts[0] for end in _ends(motion)]
+            space = detours.cell.space_of(motion)
+            pair = [_search_out(detours, space, end, speeds) or texts[0] for end in _ends(motion)]
         if isinstance(pair[0], str) and isinstance(pair[1], str):
             dropped.append(
                 UnreachableEdge(motion.id, "collision", f"no way back from it: {texts[0]}", _REMEDY)
@@ -260,16 +288,32 @@ def _left(
     return kept, outs, dropped
 
 
+def _retract(
+    cell: RouteCell, motions: Sequence[EdgeMotion], speeds: LinkSpeeds
+) -> list[list[Retraction | str]]:
+    """The retractions of both ends of each motion, or the reasons against them."""
+    found: list[list[Retraction | str]] = [[] for _ in motions]
+    for space in cell.spaces:
+        chosen = [k for k, motion in enumerate(motions) if cell.space_of(motion) is space]
+        ends: list[tuple[PosePath, FloatArray]] = []
+        for k in chosen:
+            ends += _ends(motions[k])
+        results = retractions(cell.setup, space, ends, speeds) if chosen else []
+        for k, *both in zip(chosen, results[::2], results[1::2], strict=True):
+            found[k] = both
+    return found
+
+
 def _ends(motion: EdgeMotion) -> tuple[tuple[PosePath, FloatArray], tuple[PosePath, FloatArray]]:
     """Where the motion begins and where it ends, each with its joints."""
     return (_row(motion.way, 0), motion.joints[0]), (_row(motion.way, -1), motion.joints[-1])
 
 
 def _search_out(
-    detours: _Detours, end: tuple[PosePath, FloatArray], speeds: LinkSpeeds
+    detours: _Detours, space: FreeSpace, end: tuple[PosePath, FloatArray], speeds: LinkSpeeds
 ) -> Retraction | None:
     """A way out of one end and home that is no way of RFA's: back a little, and from there as a search finds it."""
-    out = shorter(detours.cell.setup, detours.cell.free_space, *end, speeds)
+    out = shorter(detours.cell.setup, space, *end, speeds)
     via = None if out is None else detours.lead_home(out.joints[-1])
     return None if out is None or via is None else replace(out, via=via)
 
@@ -286,17 +330,18 @@ def _make_problem(
     options: RouteOptions,
 ) -> _RouteProblem:
     """The problem with the times of all links, the direct ones tested."""
-    robot, home = cell.setup.robot, cell.home
+    setup, home = cell.setup, cell.home
     speed = options.speeds.part
     joints = np.concatenate([motion.joints[[0, -1]] for motion in motions])
     safe = np.stack([out.joints[-1] for out in outs])
-    out = np.array([out.seconds for out in outs])
-    through = np.array([motion.way.length.sum() for motion in motions]) / speed
-    free = links.seconds(robot, safe[:, None], safe[None], options.speeds.free)
+    out = np.array([out.time(options.speeds) for out in outs])
+    lengths = np.array([motion.way.length.sum() for motion in motions])
+    through = options.speeds.time_tool(lengths, speed)
+    free = links.seconds(setup, safe[:, None], safe[None], options.speeds)
     vertices = np.concatenate(
         [_vertices(motion, edge) for motion, edge in zip(motions, edges, strict=True)]
     )
-    direct = links.seconds(robot, joints[:, None], joints[None], speed)
+    direct = links.seconds(setup, joints[:, None], joints[None], options.speeds, at_part=True)
     direct[options.lifted | ~links.distinct(vertices, _VERTEX)] = math.inf
     direct[direct >= free + out[:, None] + out[None]] = math.inf
     number = {motion.id: k for k, motion in enumerate(motions)}
@@ -305,39 +350,53 @@ def _make_problem(
             first, second = (slice(2 * number[name], 2 * number[name] + 2) for name in pair)
             direct[first, second] = direct[second, first] = math.inf
     near = np.argwhere(np.triu(np.isfinite(direct)))
-    for (a, b), seen in zip(
-        near.tolist(), _look(cell.free_space, [joints[pair] for pair in near]), strict=True
-    ):
+    looks = [(joints[[a, b]], (motions[a // 2], motions[b // 2])) for a, b in near.tolist()]
+    for (a, b), seen in zip(near.tolist(), _look(cell, looks), strict=True):
         if seen != "clear":
             direct[a, b] = direct[b, a] = math.inf if seen == "blocked" else direct[a, b] + _NEAR
     ends = links.MotionEnds(joints, safe, out, free, direct, through, speed)
-    to_home = links.seconds(robot, safe, home[None], options.speeds.free)
+    to_home = links.seconds(setup, safe, home[None], options.speeds)
     size = (len(joints) + 1,) * 2
     tested = _TestedLinks(*(np.zeros(size, dtype=bool) for _ in range(3)))
     for end in (k for k, one in enumerate(outs) if len(one.via)):
-        to_home[end] = _time_home(robot, outs[end], home, options.speeds)
+        to_home[end] = _time_home(setup, outs[end], home, options.speeds)
         tested.clear[end, -1] = tested.clear[-1, end] = True
     return _RouteProblem(
         cell, tuple(motions), tuple(outs), ends, links.along(ends), to_home, tested
     )
 
 
+_Verdict = Literal["blocked", "near", "clear"]
+
+
 def _look(
-    room: FreeSpace, several: Sequence[FloatArray]
-) -> list[Literal["blocked", "near", "clear"]]:
-    """What comes of motions of the joints from row to row (2, J): near are those that come nearer than the margin, and
-    nearer than their ends are.
+    cell: RouteCell, several: Sequence[tuple[FloatArray, tuple[EdgeMotion, ...]]]
+) -> list[_Verdict]:
+    """The verdicts on joint motions: near are those that come nearer than the margin, and nearer
+    than their ends are.
+
+    several: two rows of joint values (2, J) of each, and the motions that it links.
     """
-    found: list[Literal["blocked", "near", "clear"]] = []
-    for rows, kept in zip(
-        several, room.look([SampledMotion(rows) for rows in several]), strict=True
-    ):
-        if isinstance(kept, Blockage):
-            found.append("blocked")
-        else:
-            near = kept < room.margin and kept < room.gaps(rows).min() - _AS_NEAR_MM
-            found.append("near" if near else "clear")
-    return found
+    if not several:
+        return []
+    shares = np.linspace(0.0, 1.0, _FIRST_PLACES)[:, None]
+    places = np.stack([(1 - shares) * rows[0] + shares * rows[1] for rows, _ in several])
+    free = np.asarray(cell.setup.clear(places.reshape(-1, places.shape[-1])))
+    all_free = np.asarray(free.reshape(places.shape[:2]).all(axis=1))
+    verdicts: list[_Verdict] = ["clear" if is_free else "blocked" for is_free in all_free.tolist()]
+    for space in cell.spaces:
+        chosen = [
+            k
+            for k, (_, linked) in enumerate(several)
+            if verdicts[k] == "clear" and cell.space_of(*linked) is space
+        ]
+        looks = space.look([SampledMotion(several[k][0]) for k in chosen])
+        for k, kept in zip(chosen, looks, strict=True):
+            if isinstance(kept, Blockage):
+                verdicts[k] = "blocked"
+            elif kept < space.margin and kept < space.gaps(several[k][0]).min() - _AS_NEAR_MM:
+                verdicts[k] = "near"
+    return verdicts
 
 
 def _without(problem: _RouteProblem, lost: set[int]) -> _RouteProblem:
@@ -438,12 +497,16 @@ def _collides(problem: _RouteProblem, order: matrix.Order, first: IntArray) -> b
 
 def _test(problem: _RouteProblem, pairs: set[tuple[int, int]]) -> bool:
     """Test the free motions ``pairs`` of ends, -1 for home, that are not known yet. Does one collide or come near?"""
-    tested, safe = problem.tested, problem.ends.safe
+    tested, safe, motions = problem.tested, problem.ends.safe, problem.motions
     new = [pair for pair in sorted(pairs) if not (tested.clear[pair] or tested.blocked[pair])]
-    seen = _look(
-        problem.cell.free_space,
-        [np.stack([safe[a], problem.cell.home if b < 0 else safe[b]]) for a, b in new],
-    )
+    looks = [
+        (
+            np.stack([safe[a], problem.cell.home if b < 0 else safe[b]]),
+            tuple(motions[end // 2] for end in (a, b) if end >= 0),
+        )
+        for a, b in new
+    ]
+    seen = _look(problem.cell, looks)
     for (a, b), what in zip(new, seen, strict=True):
         table = tested.blocked if what == "blocked" else tested.clear
         table[a, b] = table[b, a] = True
@@ -476,10 +539,10 @@ def _find_lost(problem: _RouteProblem, candidate: _TourCandidate, strictly: bool
     return lost | {end // 2 for end in np.flatnonzero(away).tolist()} if strictly else lost
 
 
-def _time_home(robot: Robot, out: Retraction, home: FloatArray, speeds: LinkSpeeds) -> float:
+def _time_home(setup: Setup, out: Retraction, home: FloatArray, speeds: LinkSpeeds) -> float:
     """Seconds from the end of a way out to home."""
     way = np.concatenate([out.joints[-1:], out.via, home[None]])
-    return float(links.seconds(robot, way[:-1], way[1:], speeds.free).sum())
+    return float(links.seconds(setup, way[:-1], way[1:], speeds).sum())
 
 
 def _search_homes(
@@ -507,7 +570,7 @@ def _open(
     out, to_home, tested = list(problem.out), problem.to_home.copy(), problem.tested
     for end, via in opened.items():
         out[end] = replace(out[end], via=via)
-        to_home[end] = _time_home(problem.cell.setup.robot, out[end], problem.cell.home, speeds)
+        to_home[end] = _time_home(problem.cell.setup, out[end], problem.cell.home, speeds)
         tested.clear[end, -1] = tested.clear[-1, end] = True
         tested.blocked[end, -1] = tested.blocked[-1, end] = False
         tested.near[end, -1] = tested.near[-1, end] = False
@@ -522,6 +585,212 @@ def _count_searched(problem: _RouteProblem) -> int:
     )
 
 
+def _turn_lost(
+    detours: _Detours, problem: _RouteProblem, lost: Iterable[int]
+) -> tuple[list[EdgeMotion], list[Retraction]] | None:
+    """All motions and retractions, those of ``lost`` moved by whole turns that lead home.
+
+    None if no turns do.
+    """
+    cell, motions, outs = problem.cell, list(problem.motions), list(problem.out)
+    turned = False
+    for number in sorted(lost):
+        motion, both = motions[number], outs[2 * number : 2 * number + 2]
+        if motion.id in detours.turned or any(len(out.via) for out in both):
+            continue
+        detours.turned.add(motion.id)
+        joints = np.concatenate([motion.dense, both[0].dense, both[1].dense])
+        table = list_turns(cell.setup.robot, joints, cell.home)[1:]
+        looks = []
+        for whole, out in itertools.product(table, both):
+            looks.append((np.stack([out.joints[-1] + math.tau * whole, cell.home]), (motion,)))
+        verdicts = _look(cell, looks)
+        if "clear" in verdicts:
+            whole = table[verdicts.index("clear") // 2]
+            motions[number] = turn_motion(motion, whole)
+            outs[2 * number : 2 * number + 2] = [turn_retraction(out, whole) for out in both]
+            turned = True
+    return (motions, outs) if turned else None
+
+
+class _Block(Struct, frozen=True, eq=False):
+    """Motions of a tour between which the tool stays at the part: they turn together.
+
+    enter, leave: ends at which it begins and ends.
+    motions: numbers of the motions.
+    turns: (T, J) whole turns to choose from; the first row is zero.
+    """
+
+    enter: int
+    leave: int
+    motions: tuple[int, ...]
+    turns: IntArray
+
+
+def _list_blocks(problem: _RouteProblem, candidate: _TourCandidate) -> list[_Block]:
+    """The blocks of a tour. Those that need a run along another edge keep their turns."""
+    cell, first, states = problem.cell, candidate.first, _states(candidate.order)
+    groups, fixed = [[states[0]]], set()
+    for before, state in pairwise(states):
+        end, goal = before[1], state[0]
+        if first[end, goal] < 0:
+            groups.append([state])
+            continue
+        groups[-1].append(state)
+        while end != goal:
+            following = int(first[end, goal])
+            if following == end ^ 1:
+                fixed |= {end // 2, state[0] // 2}
+            end = following
+    blocks = []
+    for group in groups:
+        enter, leave = group[0][0], group[-1][1]
+        motions = tuple(end // 2 for end, _ in group)
+        outs = [problem.out[enter], problem.out[leave]]
+        joints = [out.dense for out in outs] + [problem.motions[k].dense for k in motions]
+        table = list_turns(cell.setup.robot, np.concatenate(joints), cell.home)
+        if not fixed.isdisjoint(motions) or any(len(out.via) for out in outs):
+            table = table[:1]
+        blocks.append(_Block(enter, leave, motions, table))
+    return blocks
+
+
+class _TurnTimes(Struct, frozen=True, eq=False):
+    """Times of the joint motions between two stops of a tour, in all turns of both.
+
+    A stop is an end of a motion; -1 is home.
+
+    rows: (T, J) joint values of each stop in free space.
+    seconds: (T, U) times of the motions from a stop to another, inf if they collide.
+    tested: (T, U) whether each was tested.
+    """
+
+    rows: dict[int, FloatArray]
+    seconds: dict[tuple[int, int], FloatArray] = field(default_factory=dict)
+    tested: dict[tuple[int, int], BoolArray] = field(default_factory=dict)
+
+    def add(self, problem: _RouteProblem, pair: tuple[int, int], speeds: LinkSpeeds) -> None:
+        """Adds a pair of stops, with the results that are known without turns."""
+        first, second = (self.rows[stop] for stop in pair)
+        seconds = links.seconds(problem.cell.setup, first[:, None], second[None], speeds)
+        tested = np.zeros(seconds.shape, dtype=np.bool_)
+        known = problem.tested
+        tested[0, 0] = known.clear[pair] or known.blocked[pair]
+        seconds[0, 0] += _NEAR * known.near[pair]
+        if known.blocked[pair]:
+            seconds[0, 0] = math.inf
+        self.seconds[pair], self.tested[pair] = _in_ticks(seconds), tested
+
+    def by_home(self, pair: tuple[int, int]) -> FloatArray:
+        """(T, U) times between two stops by way of home."""
+        first, second = (self.seconds[stop, -1][:, 0] for stop in pair)
+        return np.asarray(first[:, None] + second)
+
+    def between(self, pair: tuple[int, int]) -> FloatArray:
+        """(T, U) times between two stops on the faster of both ways."""
+        direct = self.seconds[pair]
+        return direct if -1 in pair else np.minimum(direct, self.by_home(pair))
+
+    def motions(self, pair: tuple[int, int], turn: tuple[int, int]) -> list[_Turned]:
+        """The joint motions of that way, with the turns of both ends."""
+        if -1 in pair or self.seconds[pair][turn] <= self.by_home(pair)[turn]:
+            return [(pair, turn)]
+        return [((stop, -1), (number, 0)) for stop, number in zip(pair, turn, strict=True)]
+
+    def test(self, problem: _RouteProblem, motions: Sequence[_Turned]) -> None:
+        """Tests joint motions."""
+        looks = []
+        for pair, turn in motions:
+            rows = np.stack([self.rows[stop][k] for stop, k in zip(pair, turn, strict=True)])
+            linked = tuple(problem.motions[stop // 2] for stop in pair if stop >= 0)
+            looks.append((rows, linked))
+        for (pair, turn), verdict in zip(motions, _look(problem.cell, looks), strict=True):
+            self.tested[pair][turn] = True
+            self.seconds[pair][turn] += {"clear": 0.0, "near": _NEAR, "blocked": math.inf}[verdict]
+
+    def block_untested(self) -> None:
+        """Counts motions that were not tested as blocked."""
+        for pair, tested in self.tested.items():
+            self.seconds[pair][~tested] = math.inf
+
+
+#: Two stops, and the numbers of their turns.
+_Turned = tuple[tuple[int, int], tuple[int, int]]
+
+
+def _choose_turns(
+    problem: _RouteProblem, candidate: _TourCandidate, speeds: LinkSpeeds
+) -> tuple[_RouteProblem, _TourCandidate]:
+    """The problem and the tour with the whole turns of its motions that take least time."""
+    blocks = _list_blocks(problem, candidate)
+    if all(len(block.turns) == 1 for block in blocks):
+        return problem, candidate
+    rows = {-1: problem.cell.home[None]}
+    for block in blocks:
+        for end in (block.enter, block.leave):
+            rows[end] = problem.ends.safe[end] + math.tau * block.turns
+    times = _TurnTimes(rows)
+    inner = [(a.leave, b.enter) for a, b in pairwise(blocks)]
+    pairs = [(blocks[0].enter, -1), *inner, (blocks[-1].leave, -1)]
+    for pair in {*pairs, *((end, -1) for end in rows if end >= 0)}:
+        times.add(problem, pair, speeds)
+    chosen, motions, saved = _find_turns(problem, times, pairs)
+    if not any(chosen):
+        return problem, candidate
+    first = candidate.first.copy()
+    for pair in inner:
+        first[pair] = links.FREE if pair in motions else links.BY_HOME
+    turned = _turn(problem, blocks, chosen)
+    return turned, replace(candidate, first=first, seconds=candidate.seconds - saved)
+
+
+def _find_turns(
+    problem: _RouteProblem, times: _TurnTimes, pairs: Sequence[tuple[int, int]]
+) -> tuple[list[int], set[tuple[int, int]], float]:
+    """The numbers of the turns with the least time, with all motions between them tested.
+
+    Returns them, the stops between which the joints move, and the time that is saved, s. After
+    `_TURN_ROUNDS` rounds motions that were not tested count as blocked.
+
+    pairs: ends of the links, in order.
+    """
+    for attempt in count():
+        if attempt == _TURN_ROUNDS:
+            times.block_untested()
+        tables = [times.between(pair) for pair in pairs]
+        chosen, seconds = find_cheapest(tables[0][:, 0], tables[1:-1], tables[-1][:, 0])
+        used = [(chosen[0], 0), *pairwise(chosen), (chosen[-1], 0)]
+        motions: list[_Turned] = []
+        for pair, turn in zip(pairs, used, strict=True):
+            motions += times.motions(pair, turn)
+        new = [(pair, turn) for pair, turn in motions if not times.tested[pair][turn]]
+        if not new:
+            before = sum(float(table[0, 0]) for table in tables)
+            return chosen, {pair for pair, _ in motions}, _bare(before) - _bare(seconds)
+        times.test(problem, new)
+    raise AssertionError("the motions of the tour itself are tested")
+
+
+def _turn(problem: _RouteProblem, blocks: Sequence[_Block], chosen: Sequence[int]) -> _RouteProblem:
+    """The problem with the blocks in the turns of these numbers."""
+    motions, outs, ends = list(problem.motions), list(problem.out), problem.ends
+    joints, safe = ends.joints.copy(), ends.safe.copy()
+    for block, number in zip(blocks, chosen, strict=True):
+        whole = block.turns[number]
+        for k in block.motions:
+            motions[k] = turn_motion(motions[k], whole)
+            joints[2 * k : 2 * k + 2] += math.tau * whole
+        for end in {block.enter, block.leave} if whole.any() else ():
+            outs[end] = turn_retraction(outs[end], whole)
+            safe[end] += math.tau * whole
+    return replace(
+        problem,
+        motions=tuple(motions),
+        out=tuple(outs),
+        ends=replace(ends, joints=joints, safe=safe),
+    )
+
+
 def _find_one_sided(problem: _RouteProblem, motions: Iterable[int]) -> list[int]:
     """The ends of some motions from which the way home collides while that from the other end does not."""
     _test_home(problem)
@@ -530,12 +799,12 @@ def _find_one_sided(problem: _RouteProblem, motions: Iterable[int]) -> list[int]
     return [end for end in ends if away[end] and not away[end ^ 1]]
 
 
-def _turn_back(problem: _RouteProblem, turned: Sequence[int], speed: float) -> _RouteProblem:
+def _turn_back(problem: _RouteProblem, turned: Sequence[int], speeds: LinkSpeeds) -> _RouteProblem:
     """Out of each of the ends ``turned`` the way leads back along its motion and then as from the other end."""
     ends, tested, out = problem.ends, problem.tested, list(problem.out)
     here, there = np.array(turned), np.array(turned) ^ 1
     for end in turned:
-        out[end] = links.by_way_of(problem.motions[end // 2], end % 2, out[end ^ 1], speed)
+        out[end] = links.by_way_of(problem.motions[end // 2], end % 2, out[end ^ 1], speeds.part)
     safe, seconds, free, to_home = (
         ends.safe.copy(),
         ends.out.copy(),
@@ -543,7 +812,7 @@ def _turn_back(problem: _RouteProblem, turned: Sequence[int], speed: float) -> _
         problem.to_home.copy(),
     )
     safe[here], to_home[here] = safe[there], to_home[there]
-    seconds[here] = [out[end].seconds for end in turned]
+    seconds[here] = [out[end].time(speeds) for end in turned]
     for table in (free, tested.blocked, tested.clear, tested.near):
         table[here], table[:, here] = table[there], table[:, there]
         table[here[:, None], here] = table[there[:, None], there]

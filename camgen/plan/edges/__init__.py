@@ -118,7 +118,7 @@ def plan_ways(part: Part, job: Job, cell: Workcell, watch: Watch, task: LineTask
         setup = setup_of(cell.arm, cell, where)
         space = room_of(where, setup)
         results = _clear_between(reach_ways(group, setup, freedom, tell), space)
-        coverage = Coverage(setup, space, freedom, job.process.feed)
+        coverage = Coverage(setup, space, freedom, job.process)
         pieces |= search.find(group, results, coverage)
         reached |= {line.id: result for (line, _), result in zip(group, results, strict=True)}
     whole = [reached[name] for name in lines]

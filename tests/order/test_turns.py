@@ -1,0 +1,81 @@
+"""Whole turns along a route, against all choices and against the route without a choice."""
+
+import importlib
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from camgen.motion.limits import LinkSpeeds
+from camgen.motion.setup import EdgeMotion
+from camgen.order.edges.route import Route, RouteCell, RouteOptions, route
+from camgen.order.edges.turns import MOST_TURNS, find_cheapest, list_turns, turn_motion
+from camgen.read.solid import mesh
+from camgen.robots.kinematics.joint_limits import within
+from tests.order.test_rfa import ARM, PARTS, cell, no_turns
+from tests.support.files import source
+
+ROUTE = importlib.import_module("camgen.order.edges.route")
+#: The joints alone decide how long a link takes.
+FAST = LinkSpeeds(100.0, 5000.0, 0.0)
+LAST = np.array([0, 0, 0, 0, 0, 1])
+
+
+def turned() -> list[EdgeMotion]:
+    """The motions of rfa1 with the last joint as many turns lower as it can be."""
+    motions = []
+    for motion in cell("rfa1")[2]:
+        lower = turn_motion(motion, -LAST)
+        motions.append(lower if within(ARM, lower.dense).all() else motion)
+    return motions
+
+
+def link(motions: list[EdgeMotion]) -> Route:
+    setup, room, _ = cell("rfa1")
+    edges = mesh.read(source(PARTS / "rfa1.stl")).edges
+    return route(RouteCell(setup, room, ARM.home), motions, edges, RouteOptions(FAST, best=True))
+
+
+def test_the_cheapest_turns_are_those_of_all_choices() -> None:
+    draw = np.random.default_rng(5)
+    sizes = (3, 2, 4)
+    first, last = draw.random(sizes[0]), draw.random(sizes[-1])
+    between = [draw.random(pair) for pair in itertools.pairwise(sizes)]
+    chosen, seconds = find_cheapest(first, between, last)
+    times = {}
+    for choice in itertools.product(*map(range, sizes)):
+        inner = [
+            table[pair] for table, pair in zip(between, itertools.pairwise(choice), strict=True)
+        ]
+        times[choice] = first[choice[0]] + sum(inner) + last[choice[-1]]
+    assert tuple(chosen) == min(times, key=times.__getitem__)
+    assert seconds == pytest.approx(min(times.values()))
+
+
+def test_turns_stay_within_the_limits_and_begin_with_none() -> None:
+    lowest = min(turned(), key=lambda motion: float(motion.dense[:, 5].min()))
+    table = list_turns(ARM, lowest.dense, ARM.home)
+    assert 2 <= len(table) <= MOST_TURNS
+    assert not table[0].any()
+    assert len(np.unique(table, axis=0)) == len(table)
+    assert within(ARM, lowest.dense + math.tau * table[:, None]).all()
+    # The nearest turn to home is the first that is tried.
+    assert np.abs(lowest.dense[:, 5] + math.tau * table[1, 5]).max() < math.pi * 1.5
+
+
+def test_motions_are_run_in_the_turns_that_take_least_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The last joint is a whole turn farther from home than it need be, in two of three motions."""
+    motions = [motion for motion in turned() if motion.id in {"e7", "e8", "e14"}]
+    assert sum(motion.dense[:, 5].min() < -math.pi for motion in motions) == 2
+    chosen = link(motions)
+    monkeypatch.setattr(ROUTE, "list_turns", no_turns)
+    kept = link(motions)
+    assert chosen.seconds < kept.seconds - 0.1
+    by_id = {motion.id: motion for motion in motions}
+    for leg in chosen.legs:
+        motion = by_id[leg.motion.id]
+        run = leg.motion.joints[::-1] if leg.motion.backwards else leg.motion.joints
+        whole = (run - motion.joints) / math.tau
+        assert whole == pytest.approx(np.rint(whole[:1]) * np.ones((len(run), 1)), abs=1e-9)
+        assert within(ARM, leg.motion.dense).all()
