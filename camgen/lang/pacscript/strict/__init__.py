@@ -102,10 +102,9 @@ def _units(options: Mapping[str, object]) -> tuple[float, ...]:
 
 def _finish(machine: Machine) -> None:
     """Adds findings for the state at the end of the program."""
-    items = zip(machine.body, machine.lines, strict=True)
-    motion_lines = [line for item, line in items if isinstance(item, _MOTIONS)]
-    if machine.passing and motion_lines:
-        machine.log.find("refused", "the last motion passes its target", line=motion_lines[-1])
+    if machine.passing:
+        line = _last_motion(machine)
+        machine.log.find("refused", "the last motion passes its target", line=line)
     if machine.table is not None:
         machine.fault("force control is on at the end")
     if machine.armed:
@@ -114,7 +113,12 @@ def _finish(machine: Machine) -> None:
     machine.judge_end()
 
 
-_MOTIONS = (MoveJ, MoveL, MoveC)
+def _last_motion(machine: Machine) -> int:
+    """The line of the last motion, 0 if the program has none."""
+    for item, line in zip(reversed(machine.body), reversed(machine.lines), strict=True):
+        if isinstance(item, MoveJ | MoveL | MoveC):
+            return line
+    return 0
 
 
 class _Run:

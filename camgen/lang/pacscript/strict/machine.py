@@ -196,14 +196,14 @@ class Machine:
     def _turn_into(self, item: MoveJ | MoveL | MoveC) -> None:
         """Updates the figure. A line and an arc must end in the figure in which they start."""
         figure = item.posture.figure if item.posture else None
-        is_path = figure is not None and not isinstance(item, MoveJ)
-        if is_path and self.figure not in (None, figure):
+        is_joint_motion = isinstance(item, MoveJ)
+        if figure is not None and not is_joint_motion and self.figure not in (None, figure):
             what = f"from figure {self.figure} to {figure} along"
             if isinstance(item, MoveC):
                 self.fault(f"{what} an arc")
             else:
                 self.remark(f"{what} a line")
-        keeps = isinstance(item, MoveJ) and isinstance(item.target, Pose) and figure is None
+        keeps = is_joint_motion and figure is None and isinstance(item.target, Pose)
         self.figure = self.figure if keeps else figure
 
     def emit_still(self, item: Output | Wait | Force) -> None:

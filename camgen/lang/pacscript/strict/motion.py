@@ -240,15 +240,21 @@ def go(
         machine.emit_motion(MoveJ(target, limit, blend, posture=posture, share=share), passing)
     elif isinstance(target, Joints):
         raise Unreadable("a straight line to joints is not evaluated")
-    else:
-        start, turn = machine.current_pose, 0.0
-        if not isinstance(speed, Mps) and start is not None and start.origin == target.origin:
-            # A reorientation, even if it is smaller than a printed digit. It has no speed in mm/s.
-            mm_s, turn = machine.joint_speed(speed)[0], machine.turning(speed)
-        else:
-            mm_s = machine.mm_per_second(speed)
-        item = MoveL(target, mm_s, blend, *machine.pressing(), posture=posture, turn=turn)
+    elif isinstance(speed, Mps) or not _is_still(machine, target):
+        mm_s = machine.mm_per_second(speed)
+        item = MoveL(target, mm_s, blend, *machine.pressing(), posture=posture)
         machine.emit_motion(item, passing)
+    else:
+        # A reorientation, even if it is smaller than a printed digit. It has no speed in mm/s.
+        limit, turn = machine.joint_speed(speed)[0], machine.turning(speed)
+        item = MoveL(target, limit, blend, *machine.pressing(), posture=posture, turn=turn)
+        machine.emit_motion(item, passing)
+
+
+def _is_still(machine: Machine, target: Pose) -> bool:
+    """Whether the TCP keeps its position on the way to a target."""
+    start = machine.current_pose
+    return start is not None and start.origin == target.origin
 
 
 def _arc(machine: Machine, targets: list[str], speed: float | Mps, at_once: bool) -> None:
