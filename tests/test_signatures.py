@@ -18,7 +18,6 @@ EXCEPTIONS = {
     ("camgen/lang/gcode/compensation.py", "move"): READER,
     ("camgen/lang/gcode/turning.py", "_pass"): READER,
     ("camgen/lang/pacscript/motions.py", "_turn"): READER,
-    ("camgen/lang/vplus/strict/__init__.py", "__init__"): READER,
 }
 
 
