@@ -14,7 +14,6 @@ EXCEPTIONS = {
     ("camgen/robots/kinematics/continuity.py", "follow"): "the path and its limits, as `why` has",
     ("camgen/lang/gcode/turning.py", "_pass"): READER,
     ("camgen/lang/pacscript/motions.py", "_turn"): READER,
-    ("camgen/lang/vplus/strict/__init__.py", "__init__"): READER,
 }
 
 

@@ -42,9 +42,9 @@ def said(reading: Executed) -> list[object]:
 def both(text: str, grbl: bool = False, **options: object) -> Executed:
     """The reading, which is the same either way, to the last bit; by column from the second line in a row on."""
     read = read_grbl if grbl else readback.read
-    with patch.object(readback, "FEW", 2):
+    with patch.object(readback, "SHORTEST_RUN", 2):
         by_column = read({"a.ngc": text}, options)
-    with patch.object(readback, "FEW", 10**9):
+    with patch.object(readback, "SHORTEST_RUN", 10**9):
         line_by_line = read({"a.ngc": text}, options)
     assert said(by_column) == said(line_by_line)
     return by_column
@@ -63,7 +63,7 @@ def test_odd_lines_among_them_too(lines: list[str], grbl: bool) -> None:
 @pytest.mark.parametrize("size", [3, 5])
 def test_wherever_the_text_is_cut(size: int) -> None:
     chance = random.Random(size)
-    with patch.object(gcode_runs, "_SOME", size):
+    with patch.object(gcode_runs, "_CHUNK_LINES", size):
         for _ in range(20):
             rows = [
                 chance.choice(["G1 X{} Y1 F100", "G0 Z{}", "M64 P0", "(x)", "G1 Y{}", "G4 P1"])

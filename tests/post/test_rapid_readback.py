@@ -14,7 +14,7 @@ from camgen.lang.log import Log
 from camgen.lang.programs import Executed
 from camgen.lang.rapid.plain import read_plain
 from camgen.lang.rapid.strict import read, read_with
-from camgen.lang.rapid.strict.rows import Run, Spellings, _read_places
+from camgen.lang.rapid.strict.rows import Run, Spellings, read_positions
 from camgen.lang.rapid.strict.syntax import Call, Inline, Written, calls_of, parse
 from camgen.model.pose import TOOL_DOWN, Pose, translation
 from camgen.model.program import (
@@ -261,8 +261,8 @@ def test_a_routine_that_is_never_called_is_read_but_not_run() -> None:
     st.text("0123456789.,-", max_size=12),
 ), min_size=1, max_size=4))  # fmt: skip
 def test_positions_are_what_float_says(texts: list[str]) -> None:
-    points, sound = _read_places(texts)
-    for text, point, one in zip(texts, points.tolist(), sound.tolist(), strict=True):
+    points, is_usual = read_positions(texts)
+    for text, point, one in zip(texts, points.tolist(), is_usual.tolist(), strict=True):
         if one:
             assert point == [float(word) for word in text.split(",")]
         else:

@@ -21,7 +21,7 @@ def test_numbers_are_what_float_says(texts: list[str]) -> None:
     for rows in (texts, *([text] for text in texts)):
         chunk = cut(Lines(["".join(f"G1 X{text}\n" for text in rows)]), 0, lambda *_: None)
         usual_spelling = all(re.fullmatch(DECIMAL, text) for text in rows)
-        assert chunk.moves.tolist() == [usual_spelling] * len(rows)
+        assert chunk.is_motion.tolist() == [usual_spelling] * len(rows)
         if usual_spelling:
             values = [value.hex() for value in chunk.words[:, 0].tolist()]
             assert values == [float(text).hex() for text in rows]
@@ -54,10 +54,10 @@ def check_lines(texts: list[str]) -> None:
     chunk = cut(Lines(["\n".join(texts) + "\n"]), 0, lambda *one: said.append(one))
     by_column = all(WORDS.fullmatch(text) for text in texts if text[:1] == "G" and len(text) <= 70)
     moves = [by_column and re.fullmatch(MOTION, text) is not None for text in texts]
-    assert chunk.moves.tolist() == moves
+    assert chunk.is_motion.tolist() == moves
     # An output that the machine has not is another line.
     read = [move or re.fullmatch(REMARK, text) for move, text in zip(moves, texts, strict=True)]
-    assert chunk.other.tolist() == [not row for row in read]
+    assert chunk.is_other.tolist() == [not row for row in read]
     assert set(said) == {
         (one[1], one[2]) for text in texts if (one := re.fullmatch("M6([45]) P([0-9]{1,2})", text))
     }

@@ -1,6 +1,7 @@
-"""Reads a GRBL 1.1 program back: text -> instructions, faults by line.
+"""Reads a GRBL 1.1 program of a post back: text -> instructions, findings by line.
 
-Written from the firmware's parser, its modal groups and its list of errors: what it answers with an error is a fault.
+It is written from the parser of the firmware, its modal groups and its list of errors. A line that
+the firmware answers with an error is refused.
 """
 
 from __future__ import annotations
@@ -11,10 +12,11 @@ from collections.abc import Mapping, Sequence
 from msgspec.structs import replace
 
 from camgen.lang.gcode.arcs import Limits
+from camgen.lang.post_options import read_number
 from camgen.lang.programs import Executed
 from camgen.model.program import Instruction, Output
 
-from .strict import Expect, Rules, lines_of, list_written, number, run, signals, spiral
+from .strict import Expect, Rules, lines_of, list_written, run, signals, spiral
 
 _CODES = """
     G0 G1 G2 G3 G4 G17 G18 G19 G20 G21 G40 G49 G53 G54 G55 G56 G57 G58 G59 G61 G80 G90 G91 G91.1 G94
@@ -28,48 +30,51 @@ GRBL = Rules(
     forbidden=re.compile(r"[!~?]|[^\t -~]"),
     linuxcnc=False,
     arcs=Limits(spiral=(0.005, 0.5, 0.005), shorter=0.0, least_radius=1e-6, turns=False),
-    most_tool=255,
-    most_line=10_000_000,
+    max_tool=255,
+    max_line_number=10_000_000,
 )
 
 
 def read(files: Mapping[str, str], options: Mapping[str, object]) -> Executed:
-    """What a GRBL program says. options: of the post; left out, its defaults (docs/posts/grbl.md)."""
+    """Reads a GRBL program back.
+
+    options: options of the post. Missing ones have the defaults of docs/posts/grbl.md.
+    Raises JobError if an option has the wrong type.
+    """
     names = signals(options, {"process": "M3"})
-    power = number(options, "power", 1000.0)
-    reading = list_written(
-        run(
-            lines_of(files),
-            GRBL,
-            Expect(
-                work=str(options.get("work", "G54")),
-                names=names,
-                lift=options.get("lift", False) is True,
-                spiral=spiral(options),
-            ),
-        )
+    power = read_number(options, "power", 1000.0)
+    expect = Expect(
+        work=str(options.get("work", "G54")),
+        names=names,
+        lift=options.get("lift", False) is True,
+        spiral=spiral(options),
     )
+    reading = list_written(run(lines_of(files), GRBL, expect))
     return replace(reading, body=_rename_spindle(reading.body, names, power))
 
 
 def _rename_spindle(
     body: Sequence[Instruction], names: Mapping[str, str], power: float
 ) -> Sequence[Instruction]:
-    """``body`` with the spindle line under the name of the signal that is on it.
+    """`body` with the spindle output under the name of the signal that uses it.
 
-    One line serves a spindle or a signal, not both in one program. It is the signal if nothing else than its word and
-    its power occurs; a single other value makes it a spindle throughout, which then differs from what was planned.
+    A program uses this output for a spindle or for a signal, not for both. It is the signal if its
+    value is always 0 or `power` with the sign of its code. A single other value makes it a spindle
+    throughout. The body then differs from the plan.
     """
-    values = {
-        item.value for item in body if isinstance(item, Output) and item.signal == "spindle"
-    } - {0.0}
+    spindle = [item for item in body if isinstance(item, Output) and item.signal == "spindle"]
+    values = {output.value for output in spindle} - {0.0}
     sign = -1.0 if any(value < 0 for value in values) else 1.0
-    signal = names.get("M4" if sign < 0 else "M3") if values else names.get("M3", names.get("M4"))
+    if values:
+        signal = names.get("M4" if sign < 0 else "M3")
+    else:
+        signal = names.get("M3", names.get("M4"))
     if signal is None or any(abs(value - sign * power) > 1e-6 for value in values):
         return body
-    return tuple(
-        Output(signal, 1.0 if item.value else 0.0)
-        if isinstance(item, Output) and item.signal == "spindle"
-        else item
-        for item in body
-    )
+    renamed: list[Instruction] = []
+    for item in body:
+        if isinstance(item, Output) and item.signal == "spindle":
+            renamed.append(Output(signal, 1.0 if item.value else 0.0))
+        else:
+            renamed.append(item)
+    return tuple(renamed)

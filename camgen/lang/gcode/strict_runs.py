@@ -1,7 +1,7 @@
-"""Lines of our own G-code by column: motions as posts print them, with the remarks and outputs between them.
+"""Lines of G-code of a post by column: motions, comments and outputs in the spelling of posts.
 
-What they do is what ``camgen.lang.gcode.motion.read_plain`` makes of them line by line, and what the machine does with
-the outputs; where a line asks for more than numbers, that is left to these two.
+The result equals that of `camgen.lang.gcode.motion.read_plain` and of the machine, line by line.
+Lines in another spelling, and motions that need more than their numbers, are left to these two.
 """
 
 from __future__ import annotations
@@ -26,54 +26,56 @@ from camgen.model.program import Indices, Mask, MoveC, MoveJ, MoveL, Output
 Codes = NDArray[np.uint8]
 
 _END, _BLANK = ord("\n"), ord(" ")
-#: The greatest code of a motion.
-_MOST_CODE = 3
+#: Largest code of a motion.
+_LAST_CODE = 3
 #: An output.
 _SWITCH = re.compile(r"M6([45]) P([0-9]{1,2})")
-#: So many lines are looked at together; fewer than so many in a row are read one by one.
-_SOME, FEW = 8192, 32
+#: Number of lines that are read together. They stay in the cache of the processor.
+_CHUNK_LINES = 8192
+#: Number of lines in a sequence below which reading line by line is faster.
+SHORTEST_RUN = 32
 _AXES = "XYZIJ"
 #: A number as in JSON, whose reader has no sign for -0. Larger ones are judged line by line.
 _UNSIGNED = r"(?:0|[1-9][0-9]{0,5})(?:\.[0-9]+)?"
 _LARGER = 1e6
 DECIMAL = rf"(?:-(?!0(?!\.)))?{_UNSIGNED}"
-#: One motion as posts print it: in capitals, in this order, a blank between the words, far from the limit of a line.
+#: One motion as posts print it: in capitals, in this order, a blank between the words, and much
+#: shorter than the limit of a line.
 MOTION = (
     r"(?!.{71})G([0-3])"
     + "".join(f"(?: {letter}({DECIMAL}))?" for letter in _AXES)
     + f"(?: F({_UNSIGNED}))?"
 )
 _SIGNED_ZERO = re.compile(rb"-0(?!\.)")
-#: Turns letters with numbers and blanks between them into numbers with commas between them.
+#: Translation of words with blanks between them to numbers with commas between them.
 _SIGNS = {code: code for code in b"0123456789.-"} | dict.fromkeys(b" \n", ord(","))
 _SIGNS |= dict.fromkeys(string.ascii_uppercase.encode(), ord(" "))
 _TO_NUMBERS = bytes(_SIGNS.get(code, ord("?")) for code in range(256))
-#: A comment as posts print it: without a comma none is an order.
+#: A comment as posts print it. A comment without a comma has no effect on the machine.
 REMARK = r"\((?!.{71})[A-Za-z0-9 _.+\-=/:#@*]*\)"
 _REMARK = re.compile(REMARK)
-#: The most characters of a motion, and of a comment behind its bracket.
+#: Maximum number of characters of a motion, and of a comment after its opening bracket.
 _LONGEST = 70
-#: The place of each letter among the words of a motion, -1 where it is none of them.
-_PLACES = np.full(256, -1, np.int8)
-_PLACES[np.frombuffer(f"{_AXES}F".encode(), np.uint8)] = np.arange(len(_AXES) + 1)
+#: Column of each letter among the words of a motion, -1 for other letters.
+_COLUMNS = np.full(256, -1, np.int8)
+_COLUMNS[np.frombuffer(f"{_AXES}F".encode(), np.uint8)] = np.arange(len(_AXES) + 1)
 _FEED = len(_AXES)
 
 
 def _codes_of(text: str) -> Codes:
-    """The characters of a text, one byte each; a question mark for one that is not ASCII."""
+    """The characters of a text as bytes (N,). Characters that are not ASCII are question marks."""
     return np.frombuffer(text.encode("ascii", "replace"), np.uint8)
 
 
 class Lines(Sequence[str]):
-    """The lines of texts one after the other, without their ends; each is made when it is asked for."""
+    """The lines of texts in order, without their ends. Each is made when it is needed."""
 
     def __init__(self, texts: Sequence[str]) -> None:
-        # Of one text, as a program is, there is no second copy.
-        self._text = (
-            texts[0]
-            if len(texts) == 1
-            else "".join(text.removesuffix("\n") + "\n" for text in texts)
-        )
+        # A program is usually one text, which is not copied.
+        if len(texts) == 1:
+            self._text = texts[0]
+        else:
+            self._text = "".join(text.removesuffix("\n") + "\n" for text in texts)
         ends = np.flatnonzero(_codes_of(self._text) == _END)
         if texts and not self._text.endswith("\n"):
             ends = np.append(ends, len(self._text))
@@ -95,73 +97,75 @@ class Lines(Sequence[str]):
         return self.text(place, place + 1)
 
     def text(self, low: int, high: int) -> str:
-        """The lines from ``low`` to before ``high``, of which there is one at least, with LF between them."""
+        """The lines from index `low` to before `high` with LF between them, at least one line."""
         return self._text[int(self._ends[low - 1]) + 1 if low else 0 : int(self._ends[high - 1])]
 
 
 class Chunk(Struct, eq=False):
-    """Lines from ``first`` on by column (N,). other: what is none of those that are read here. moves: motions. digit:
-    of G. words: (N, 6) X, Y, Z, I, J, F as they are written, NaN where they are not. outputs: by line from 0. usable:
-    whether all its motions so far needed no more than their numbers.
+    """N lines by column.
+
+    first: index of the first line, from 0.
+    is_other: (N,) whether a line is not a motion, comment or output in the usual spelling.
+    is_motion: (N,) whether a line is a motion.
+    digit: (N,) digit of G of a motion.
+    words: (N, 6) X, Y, Z, I, J, F as written, NaN for missing words.
+    outputs: output by line, from 0.
+    usable: whether all motions so far needed no more than their numbers.
     """
 
     first: int
-    other: Mask
-    moves: Mask
+    is_other: Mask
+    is_motion: Mask
     digit: NDArray[np.int8]
     words: FloatArray
     outputs: Mapping[int, Output]
     usable: bool = True
 
     def holds(self, line: int) -> bool:
-        """Whether a line, from 0, is among them."""
-        return 0 <= line - self.first < len(self.other)
+        """Whether the chunk has a line, from 0."""
+        return 0 <= line - self.first < len(self.is_other)
 
     def end(self, line: int) -> int:
-        """The line from ``line`` on that is another, or behind them all."""
-        return line + int(np.append(self.other[line - self.first :], True).argmax())
+        """The first line from `line` on that is of another kind, or the line after the chunk."""
+        return line + int(np.append(self.is_other[line - self.first :], True).argmax())
 
 
 def cut(lines: Lines, first: int, switch: Callable[[str, str], Output | None]) -> Chunk:
-    """So many lines from ``first`` (from 0) on, or as many as there are.
+    """Reads the lines of one chunk.
 
-    switch: the output that M64 or M65 sets, by the last digit of the code and its number; None for one that is none.
+    first: index of the first line, from 0.
+    switch: returns the output that M64 or M65 sets, by the last digit of the code and the number of
+        the output, or None if there is no such output.
     """
-    last = min(first + _SOME, len(lines))
-    codes = _codes_of(lines.text(first, last) + "\n0")  # one more than is looked at
+    last = min(first + _CHUNK_LINES, len(lines))
+    codes = _codes_of(lines.text(first, last) + "\n0")  # one more than is read
     ends = np.flatnonzero(codes == _END)
     begins = np.append(0, ends[:-1] + 1)
-    moves, digit, words = _read_motions(codes, begins, ends)
-    others, outputs = _read_others(codes, begins, ends, switch)
-    other = ~moves
-    other[others] = False
-    return Chunk(
-        first,
-        other,
-        moves,
-        digit,
-        words,
-        {first + line: output for line, output in outputs.items()},
-    )
+    is_motion, digit, words = _read_motions(codes, begins, ends)
+    usual, outputs = _read_others(codes, begins, ends, switch)
+    is_other = ~is_motion
+    is_other[usual] = False
+    output_at = {first + line: output for line, output in outputs.items()}
+    return Chunk(first, is_other, is_motion, digit, words, output_at)
 
 
 def _read_motions(
     codes: Codes, begins: Indices, ends: Indices
 ) -> tuple[Mask, NDArray[np.int8], FloatArray]:
-    """(N,) which lines are like ``MOTION``; of these the digits of G, and the words (N, 6) as in ``Chunk``."""
-    moves, digit = np.zeros(len(ends), np.bool_), np.zeros(len(ends), np.int8)
+    """`is_motion`, `digit` and `words` of a `Chunk` with N lines."""
+    is_motion, digit = np.zeros(len(ends), np.bool_), np.zeros(len(ends), np.int8)
     words = np.full((len(ends), len(_AXES) + 1), np.nan)
-    maybe = (codes[begins] == ord("G")) & (ends - begins <= _LONGEST)
-    read = _read_words(codes[:-1][np.repeat(maybe, ends - begins + 1)])
-    if read is not None:
-        moves[maybe], digit[maybe], words[maybe] = read
-    return moves, digit, words
+    candidates = (codes[begins] == ord("G")) & (ends - begins <= _LONGEST)
+    columns = _read_words(codes[:-1][np.repeat(candidates, ends - begins + 1)])
+    if columns is not None:
+        is_motion[candidates], digit[candidates], words[candidates] = columns
+    return is_motion, digit, words
 
 
 def _read_words(codes: Codes) -> tuple[Mask, NDArray[np.int8], FloatArray] | None:
-    """As ``_read_motions``, for whole lines; None if one of them has more than letters and numbers.
+    """`is_motion`, `digit` and `words` of lines that begin with G.
 
-    The lines are then read one by one.
+    Returns None if a line has more than letters and numbers. All lines are then read one by one.
     """
     stops = np.flatnonzero((codes == _BLANK) | (codes == _END))
     starts = np.append(0, stops[:-1] + 1)
@@ -173,44 +177,48 @@ def _read_words(codes: Codes) -> tuple[Mask, NDArray[np.int8], FloatArray] | Non
         return None
     if text.count(b" ") != len(stops) or (codes[starts] <= ord("9")).any():
         return None
-    last = codes[stops] == _END
-    head = np.append(True, last[:-1])
-    line = np.cumsum(head) - 1
-    place = _PLACES[codes[starts]]
-    sound = place > np.where(head, -1, np.append(-1, place[:-1]))
-    sound[1:] |= head[:-1] & (place[1:] >= 0)
-    sound &= (place != _FEED) | (codes[starts + 1] != ord("-"))
-    digit = (codes[starts + 1] - ord("0"))[head]
-    sound[head] = (
-        (codes[starts] == ord("G"))[head] & (digit <= _MOST_CODE) & ((stops - starts)[head] == 2)
-    )
-    moves = np.bincount(line[~sound], minlength=len(digit)) == 0
-    said = ~head & moves[line]
+    is_last = codes[stops] == _END
+    is_first = np.append(True, is_last[:-1])
+    line = np.cumsum(is_first) - 1
+    column = _COLUMNS[codes[starts]]
+    # Words must be in the order of their columns. The first word is the code.
+    is_valid = column > np.where(is_first, -1, np.append(-1, column[:-1]))
+    is_valid[1:] |= is_first[:-1] & (column[1:] >= 0)
+    is_valid &= (column != _FEED) | (codes[starts + 1] != ord("-"))
+    digit = (codes[starts + 1] - ord("0"))[is_first]
+    is_code = (codes[starts] == ord("G"))[is_first] & ((stops - starts)[is_first] == 2)
+    is_valid[is_first] = is_code & (digit <= _LAST_CODE)
+    is_motion = np.bincount(line[~is_valid], minlength=len(digit)) == 0
+    is_word = ~is_first & is_motion[line]
     words = np.full((len(digit), len(_AXES) + 1), np.nan)
-    words[line[said], place[said]] = values[said]
-    return moves, np.where(moves, digit, 0).astype(np.int8), words
+    words[line[is_word], column[is_word]] = values[is_word]
+    return is_motion, np.where(is_motion, digit, 0).astype(np.int8), words
 
 
 def _read_others(
     codes: Codes, begins: Indices, ends: Indices, switch: Callable[[str, str], Output | None]
 ) -> tuple[Indices, dict[int, Output]]:
-    """The lines that are like ``REMARK`` or set an output, and the outputs by line."""
+    """Rows of the lines that are comments in the usual spelling or outputs, and outputs by row."""
 
     def decode(text: str) -> Output | bool | None:
-        output = _SWITCH.fullmatch(text)
-        return switch(output[1], output[2]) if output else bool(_REMARK.fullmatch(text))
+        match = _SWITCH.fullmatch(text)
+        return switch(match[1], match[2]) if match else bool(_REMARK.fullmatch(text))
 
     rows = np.flatnonzero((codes[begins] != ord("G")) & (ends - begins <= _LONGEST + 1))
     text, spans = codes.tobytes().decode(), zip(begins[rows], ends[rows], strict=True)
     effects, _ = read_words([text[begin:end] for begin, end in spans], decode)
-    read = dict(zip(rows.tolist(), effects, strict=True))
-    outputs = {row: effect for row, effect in read.items() if isinstance(effect, Output)}
-    return np.array([row for row, effect in read.items() if effect], np.intp), outputs
+    effect_of = dict(zip(rows.tolist(), effects, strict=True))
+    outputs = {row: effect for row, effect in effect_of.items() if isinstance(effect, Output)}
+    return np.array([row for row, effect in effect_of.items() if effect], np.intp), outputs
 
 
-class Settled(Struct, frozen=True, eq=False):
-    """The state of a machine in mm, absolute in the XY plane, whose motions say all that they need. at: mm. feed:
-    mm/s. blend: of motions at feed.
+class MotionState(Struct, frozen=True, eq=False):
+    """The state before a sequence: mm, absolute coordinates, arcs in the XY plane.
+
+    at: position, mm.
+    feed: feed, mm/s.
+    blend: blend of motions at feed.
+    limits: tolerances of arcs.
     """
 
     at: tuple[float, float, float]
@@ -219,9 +227,16 @@ class Settled(Struct, frozen=True, eq=False):
     limits: Limits
 
 
-class Done(Struct, frozen=True, eq=False):
-    """What lines do. line: behind them, from 0. body: instructions, lines: of each, from 1. at, feed: after them.
-    motion: the last motion code. cut: whether any was at feed.
+class Effect(Struct, frozen=True, eq=False):
+    """The effect of a sequence of lines.
+
+    line: index of the line after the sequence, from 0.
+    body: N instructions.
+    lines: (N,) line of each instruction, from 1.
+    at: position after the sequence, mm.
+    feed: feed after the sequence, mm/s.
+    motion: last motion code.
+    cut: whether a motion was at feed.
     """
 
     line: int
@@ -233,46 +248,46 @@ class Done(Struct, frozen=True, eq=False):
     cut: bool
 
 
-def perform(chunk: Chunk, state: Settled, low: int, high: int) -> Done | None:
-    """What the lines from ``low`` to before ``high`` of the chunk do, none of them another, up to a motion that needs
-    more than its numbers; None where that is the first one.
+def perform(chunk: Chunk, state: MotionState, low: int, high: int) -> Effect | None:
+    """Runs the lines from `low` to before `high` of a chunk, which are all in the usual spelling.
+
+    The run ends before the first motion that needs more than its numbers. Returns None if this is
+    the first motion.
     """
-    here = slice(low - chunk.first, high - chunk.first)
-    rows = np.flatnonzero(chunk.moves[here]) + here.start
+    span = slice(low - chunk.first, high - chunk.first)
+    rows = np.flatnonzero(chunk.is_motion[span]) + span.start
     words, digit = chunk.words[rows], chunk.digit[rows]
-    ends = np.column_stack([_held(words[:, k], state.at[k]) for k in range(3)])
-    feed = _held(words[:, _FEED] / 60.0, state.feed)
+    ends = np.column_stack([_fill(words[:, k], state.at[k]) for k in range(3)])
+    feed = _fill(words[:, _FEED] / 60.0, state.feed)
     starts = np.concatenate([[state.at], ends[:-1]])
-    centred = ~np.isnan(words[:, 3:5])
-    arc = digit >= 2
-    sound = (
-        ~np.isnan(words[:, :3]).all(axis=1)
-        & ((digit == 0) | (feed > 0))
-        & (arc == centred.any(axis=1))
+    has_centre = ~np.isnan(words[:, 3:5]).all(axis=1)
+    has_target = ~np.isnan(words[:, :3]).all(axis=1)
+    is_arc = digit >= 2
+    is_valid = has_target & ((digit == 0) | (feed > 0)) & (is_arc == has_centre)
+    arcs = np.flatnonzero(is_arc & is_valid)
+    centres = np.nan_to_num(words[arcs, 3:5])
+    vias, is_accepted = _find_vias(
+        starts[arcs], ends[arcs], centres, digit[arcs] == 3, state.limits
     )
-    arcs = np.flatnonzero(arc & sound)
-    vias, good = _pass_through(
-        starts[arcs], ends[arcs], np.nan_to_num(words[arcs, 3:5]), digit[arcs] == 3, state.limits
-    )
-    sound[arcs[~good]] = False
-    stop = int(np.append(sound, False).argmin())
+    is_valid[arcs[~is_accepted]] = False
+    stop = int(np.append(is_valid, False).argmin())
     if stop == 0:
         return None
     end = int(rows[stop]) + chunk.first if stop < len(rows) else high
     vias = vias[: int(np.searchsorted(arcs, stop))]
     rows, digit, ends, feed = rows[:stop], digit[:stop], ends[:stop], feed[:stop]
     outputs = {line: output for line, output in chunk.outputs.items() if low <= line < end}
-    places = np.concatenate([rows + chunk.first, np.fromiter(outputs, np.intp, len(outputs))])
-    order = np.argsort(places, kind="stable")
+    lines = np.concatenate([rows + chunk.first, np.fromiter(outputs, np.intp, len(outputs))])
+    order = np.argsort(lines, kind="stable")
     kinds = np.array([NUMBER[MoveJ], NUMBER[MoveL], NUMBER[MoveC], NUMBER[MoveC]], np.int8)[digit]
     kind = np.append(kinds, np.full(len(outputs), NUMBER[Output], np.int8))[order]
-    rapid = digit == 0
+    is_rapid = digit == 0
     packed = Packed(
         kind=kind,
         end=ends,
         rotation=np.zeros(stop, np.int32),
-        speed=np.where(rapid, RAPID, feed),
-        blend=np.where(rapid, 0.0, state.blend),
+        speed=np.where(is_rapid, RAPID, feed),
+        blend=np.where(is_rapid, 0.0, state.blend),
         path=np.full(stop, -1),
         work=np.zeros(stop, np.bool_),
         via=vias,
@@ -280,45 +295,55 @@ def perform(chunk: Chunk, state: Settled, low: int, high: int) -> Done | None:
         kept=kind == NUMBER[Output],
     )
     x, y, z = ends[-1].tolist()
-    return Done(
+    return Effect(
         line=end,
         body=Body(packed, [TOOL_DOWN], list(outputs.values())),
-        lines=(places[order] + 1).astype(np.int64),
+        lines=(lines[order] + 1).astype(np.int64),
         at=(x, y, z),
         feed=float(feed[-1]),
         motion=f"G{digit[-1]}",
-        cut=not rapid.all(),
+        cut=not is_rapid.all(),
     )
 
 
-def _held(values: FloatArray, before: float) -> FloatArray:
-    """(N,): each value, the last one before it where it is not said (NaN), or the one ``before`` all."""
+def _fill(values: FloatArray, before: float) -> FloatArray:
+    """Replaces each NaN in `values` (N,) by the last number before it, or by `before`."""
     last = np.maximum.accumulate(np.where(np.isnan(values), 0, np.arange(1, len(values) + 1)))
     return np.append(before, values)[last]
 
 
-def _pass_through(
+def _find_vias(
     start: FloatArray, end: FloatArray, centre: FloatArray, left: Mask, limits: Limits
 ) -> tuple[FloatArray, Mask]:
-    """The points half-way along arcs as ``camgen.lang.gcode.arcs.divide`` finds them, to the last bit, and which arcs
-    are level, no more than half a circle, and taken by the controller. centre: (N, 2) from the start.
+    """The via points of N arcs (N, 3), mm, and which arcs may run by column.
+
+    Such an arc is level, at most half a circle, and within the tolerances of the controller. The
+    via points equal those of `camgen.lang.gcode.arcs.divide` to the last bit.
+    start, end: (N, 3) mm.
+    centre: (N, 2) from the start, mm.
+    left: (N,) whether the arc is counterclockwise.
     """
-    a, b = (start[:, k] + centre[:, k] for k in range(2))
-    from_centre = [(point[:, 0] - a, point[:, 1] - b) for point in (start, end)]
+    centre_x, centre_y = (start[:, k] + centre[:, k] for k in range(2))
+    from_centre = [(point[:, 0] - centre_x, point[:, 1] - centre_y) for point in (start, end)]
     radii = np.stack([_each(math.hypot, *arm) for arm in from_centre])
     begin, finish = (_each(math.atan2, arm[1], arm[0]) for arm in from_centre)
-    turn = np.where(left, finish - begin, begin - finish) % (2 * math.pi)
-    turn = np.where(turn < NO_ANGLE, turn + 2 * math.pi, turn)
-    least, most, _ = limits.spiral
-    differ, widest = np.abs(radii[0] - radii[1]), radii.max(axis=0)
+    sweep = np.where(left, finish - begin, begin - finish) % (2 * math.pi)
+    sweep = np.where(sweep < NO_ANGLE, sweep + 2 * math.pi, sweep)
+    always_accepted, limit, _ = limits.spiral
+    difference, larger = np.abs(radii[0] - radii[1]), radii.max(axis=0)
     with np.errstate(divide="ignore"):
-        half = turn - np.minimum(OVER_MM / widest, OVER_RAD) <= math.pi
-    good = half & (radii.min(axis=0) >= limits.least_radius) & (start[:, 2] == end[:, 2])
-    good &= (differ <= most) & ((differ <= least) | (differ <= 0.001 * widest))
-    angle, radius = begin + np.where(left, turn, -turn) / 2, (radii[0] + radii[1]) / 2
-    across = a + radius * _each(math.cos, angle), b + radius * _each(math.sin, angle)
-    return np.column_stack([*across, start[:, 2]]), good
+        is_half = sweep - np.minimum(OVER_MM / larger, OVER_RAD) <= math.pi
+    is_small = (difference <= always_accepted) | (difference <= 0.001 * larger)
+    is_level = start[:, 2] == end[:, 2]
+    has_radius = radii.min(axis=0) >= limits.least_radius
+    is_accepted = is_half & is_level & has_radius & is_small & (difference <= limit)
+    angle, radius = begin + np.where(left, sweep, -sweep) / 2, (radii[0] + radii[1]) / 2
+    via_x = centre_x + radius * _each(math.cos, angle)
+    via_y = centre_y + radius * _each(math.sin, angle)
+    return np.column_stack([via_x, via_y, start[:, 2]]), is_accepted
 
 
-def _each(function: Callable[..., float], *values: FloatArray) -> FloatArray:
-    return np.fromiter(map(function, *(one.tolist() for one in values)), np.float64, len(values[0]))
+def _each(function: Callable[..., float], *arrays: FloatArray) -> FloatArray:
+    """The values of a scalar function, which differ from those of numpy in the last bit."""
+    numbers = [values.tolist() for values in arrays]
+    return np.fromiter(map(function, *numbers), np.float64, len(numbers[0]))

@@ -1,6 +1,7 @@
-"""Reads DENSO PacScript back: an interpreter of the motion part of the language, written from its manual.
+"""Reads a DENSO PacScript program of a post back: text -> instructions, findings by line.
 
-What it does not evaluate (conditions, loops, free curves, extended axes) is a fault of that line, never a guess. The
+The interpreter of the motion part of the language is written from its manual. It refuses a line
+that it does not evaluate (conditions, loops, free curves, extended axes) and guesses nothing. The
 facts and their sources are listed in docs/posts/pacscript.md.
 """
 
@@ -11,24 +12,27 @@ from collections.abc import Callable, Mapping
 
 from camgen.lang.pacscript.plain import Plain
 from camgen.lang.pacscript.words import name_fault
+from camgen.lang.post_options import read_positive, read_signals
 from camgen.lang.programs import Executed, Frames
 from camgen.model.pose import Pose
 from camgen.model.program import MoveC, MoveJ, MoveL, Output, Wait
 from camgen.model.text import counted
 
 from . import force, motion
-from .asked import read_asked
 from .conditions import carry_out_if
+from .expected import read_expected
 from .machine import UNITS, Machine
 from .motion import carry_out
 from .spelling import find_unusual
 from .text import Procedure, SourceText, Statement, read_source
 from .values import Unreadable, Value, arguments, evaluate, index, number
 
-#: Calls may nest so deep; so many statements are carried out before the program counts as endless.
+#: Maximum depth of calls, and number of statements beyond which a program counts as endless.
 _CALLS, _STEPS = 20, 2_000_000
-#: The highest number of a tool or a work frame (manual 1943); of an IO (manual 5512); the longest delay, ms.
-_MOST_FRAMES, _MOST_IO, _LONGEST_DELAY = 63, 24063, 2**31 - 1
+#: Largest number of a tool or work frame (manual 1943) and of an IO (manual 5512).
+_LAST_FRAME, _LAST_IO = 63, 24063
+#: Longest delay, ms.
+_LONGEST_DELAY = 2**31 - 1
 _SIGNALS = {"process": 24}
 _VERB = re.compile(r"([a-z]\w*)\s*(.*)", re.IGNORECASE | re.ASCII | re.DOTALL)
 _ASSIGNMENT = re.compile(
@@ -47,27 +51,34 @@ _BLOCKS = {"if": "end if", "for": "next", "do": "loop", "select": "end select"}
 _WITHOUT_EFFECT = frozenset({"printdbg", "printmsg"})
 _NOT_EVALUATED = frozenset(
     {
-        "archmove", "arrive", "clrpathpoint", "addpathpoint", "loadpathpoint", "cpmode", "drive", "drivea", "eralw",
-        "exit", "forcechangetable", "forcesensor", "forcesensorpayload", "forcewaitcondition", "goto", "grvctrl",
-        "grvoffset", "halt", "highpathaccuracy", "hold", "interrupt", "let", "letx", "lety", "letz", "motionskip",
-        "motiontimeout", "on", "payload", "rotate", "rotateh", "run", "singularavoid", "speedmode", "suspend", "wait",
-        "waitmotion", "zforce", "curlmt",
+        "archmove", "arrive", "clrpathpoint", "addpathpoint", "loadpathpoint", "cpmode", "drive",
+        "drivea", "eralw", "exit", "forcechangetable", "forcesensor", "forcesensorpayload",
+        "forcewaitcondition", "goto", "grvctrl", "grvoffset", "halt", "highpathaccuracy", "hold",
+        "interrupt", "let", "letx", "lety", "letz", "motionskip", "motiontimeout", "on", "payload",
+        "rotate", "rotateh", "run", "singularavoid", "speedmode", "suspend", "wait", "waitmotion",
+        "zforce", "curlmt",
     }
 )  # fmt: skip
 
 
 def read(files: Mapping[str, str], options: Mapping[str, object]) -> Executed:
-    """What the program does. Options: rated, rated_turn, mps, signals, force_on, force_change,
-    force_off; and those of ``Asked``, which it should obey.
+    """Runs a program.
 
-    A blend of ``@P`` is given as 1 mm, as its radius is the controller's. Speeds in percent are of ``rated``. Where mps
-    does not name a unit, both are tried, and must give the same speeds.
+    options: options of the post. rated, rated_turn, mps, signals, force_on, force_change and
+        force_off give what the text does not state. The text must agree with those of `Expected`.
+
+    A blend of `@P` is 1 mm, as its radius is up to the controller. Speeds in percent refer to
+    `rated`. If `mps` does not name a unit, both units must result in the same speeds.
+    Raises JobError if an option has the wrong type.
     """
     templates = force.templates(options)
-    rated, turning = (
-        _positive(options, key, default) for key, default in (("rated", 0.0), ("rated_turn", 500.0))
+    machine = Machine(
+        rated=read_positive(options, "rated", 0.0),
+        signals=read_signals(options, _SIGNALS),
+        rated_turn=read_positive(options, "rated_turn", 500.0),
+        units=_units(options),
+        expected=read_expected(options),
     )
-    machine = Machine(rated, _names(options), turning, _units(options), read_asked(options))
     source = read_source(files, machine.log, short=not force.may_say(templates, "Move"))
     if main := source.procedures.get("main"):
         run = _Run(machine, source, templates)
@@ -83,34 +94,17 @@ def read(files: Mapping[str, str], options: Mapping[str, object]) -> Executed:
     )
 
 
-def _positive(options: Mapping[str, object], key: str, default: float) -> float:
-    value = options.get(key, default)
-    return float(value) if isinstance(value, (int, float)) and value > 0 else default
-
-
 def _units(options: Mapping[str, object]) -> tuple[float, ...]:
-    """mm/s that ``Mps(1)`` may be."""
+    """The possible speeds of `Mps(1)`, mm/s."""
     mps = options.get("mps", "ask")
     return (UNITS[mps],) if isinstance(mps, str) and mps in UNITS else tuple(UNITS.values())
 
 
-def _names(options: Mapping[str, object]) -> dict[int, str]:
-    """The signal of an IO number."""
-    given = options.get("signals", _SIGNALS)
-    return (
-        {v: str(k) for k, v in given.items() if isinstance(v, int)}
-        if isinstance(given, Mapping)
-        else {}
-    )
-
-
 def _finish(machine: Machine) -> None:
-    last = next(
-        (i for i in reversed(range(len(machine.body))) if isinstance(machine.body[i], _MOTIONS)),
-        None,
-    )
-    if machine.passing and last is not None:
-        machine.log.find("refused", "the last motion passes its target", line=machine.lines[last])
+    """Adds findings for the state at the end of the program."""
+    if machine.passing:
+        line = _last_motion(machine)
+        machine.log.find("refused", "the last motion passes its target", line=line)
     if machine.table is not None:
         machine.fault("force control is on at the end")
     if machine.armed:
@@ -119,24 +113,32 @@ def _finish(machine: Machine) -> None:
     machine.judge_end()
 
 
-_MOTIONS = (MoveJ, MoveL, MoveC)
+def _last_motion(machine: Machine) -> int:
+    """The line of the last motion, 0 if the program has none."""
+    for item, line in zip(reversed(machine.body), reversed(machine.lines), strict=True):
+        if isinstance(item, MoveJ | MoveL | MoveC):
+            return line
+    return 0
 
 
 class _Run:
-    """One pass through a source."""
+    """The run of a program.
+
+    steps: number of statements that were run.
+    called: line of the procedure that was called last.
+    ended: whether calls were nested too deep. The run then ends, as it would never end by itself.
+    """
 
     def __init__(
         self, machine: Machine, source: SourceText, templates: list[force.Template]
     ) -> None:
         self.machine, self.source, self.templates = machine, source, templates
         self.steps = 0
-        #: Line of the procedure that was called last.
         self.called = 0
-        #: Procedures have called each other too deep: what follows would be run over and over.
         self.ended = False
 
     def procedure(self, procedure: Procedure) -> None:
-        """Carries out the statements of a procedure to its end or ``Exit Sub``."""
+        """Runs the statements of a procedure to its end or `Exit Sub`."""
         statements, at = procedure.statements, 0
         while at < len(statements) and not self.ended:
             statement = statements[at]
@@ -156,10 +158,10 @@ class _Run:
             carry_out(self.machine, item)
         except Unreadable as error:
             self.machine.fault(str(error))
-            self.machine.here = None
+            self.machine.current_pose = None
 
     def _step(self, statements: list[Statement], at: int, text: str) -> int:
-        """Carries out one statement; returns by how many statements to go on."""
+        """Runs a statement. Returns the number of statements up to the next one."""
         machine = self.machine
         try:
             if self.templates and (
@@ -187,12 +189,15 @@ class _Run:
                 _otherwise(machine, text, verb)
         except Unreadable as error:
             machine.fault(str(error))
-            machine.here = None
+            machine.current_pose = None
         return 1
 
     def _skip(self, statements: list[Statement], at: int, text: str, verb: str) -> int:
-        """Names a block that is not evaluated and passes it by: what it does depends on the running machine."""
-        self.machine.here = None
+        """Refuses a block that is not evaluated and skips it. Its effect depends on the machine.
+
+        Returns the number of statements up to the next one.
+        """
+        self.machine.current_pose = None
         if verb == "if" and not text.endswith("then"):
             self.machine.fault("If is not evaluated")
             return 1
@@ -230,22 +235,19 @@ class _Run:
             machine.remark("procedures are called in another order than they are written")
         self.called = called.line
         machine.enter(called.parameters, values)
-        here = machine.line
+        line = machine.line
         self.procedure(called)
         machine.leave()
-        machine.line = here
+        machine.line = line
 
 
 def _otherwise(machine: Machine, text: str, verb: str) -> None:
-    """An assignment, or what is not known."""
+    """Runs an assignment. Raises Unreadable for another statement."""
     assignment = _ASSIGNMENT.fullmatch(text)
     if assignment is None or verb == "io":
-        known = verb in _NOT_EVALUATED
-        raise Unreadable(
-            f"{text.split(maxsplit=1)[0]} is not evaluated"
-            if known
-            else f"unknown statement {text[:60]}"
-        )
+        if verb in _NOT_EVALUATED:
+            raise Unreadable(f"{text.split(maxsplit=1)[0]} is not evaluated")
+        raise Unreadable(f"unknown statement {text[:60]}")
     letter, position, name, expression = assignment.groups()
     if name and (what := name_fault(name)):
         raise Unreadable(what)
@@ -275,7 +277,7 @@ def _declare(machine: Machine, rest: str) -> None:
 
 
 def _take_arm(machine: Machine, rest: str) -> None:
-    """``TakeArm [group] [Keep = 0|1]``."""
+    """Runs `TakeArm [group] [Keep = 0|1]`."""
     if machine.armed:
         machine.remark("the arm is taken twice")
     if machine.questions:
@@ -291,7 +293,8 @@ def _take_arm(machine: Machine, rest: str) -> None:
     if keep:
         machine.remark("TakeArm without Keep = 0, so that what the last program has set may hold")
     else:
-        # Believed to set the internal speed to 100 % and both frames to 0; programs of the post do not rely on it.
+        # It is believed to set the internal speed to 100 % and both frames to 0. Programs of the
+        # post do not rely on this.
         machine.internal = 100.0
         if machine.moved and any(machine.numbers.values()):
             machine.fault("TakeArm Keep = 0 after the first motion: the frames may change")
@@ -320,17 +323,17 @@ def _change(kind: str) -> Callable[[Machine, str], None]:
         chosen = _frame_number(machine, rest, kind, 0)
         if machine.moved and chosen != machine.numbers[kind]:
             machine.fault(f"the {kind} frame changes after the first motion")
-            machine.here = None
+            machine.current_pose = None
         machine.numbers[kind], machine.settled = chosen, False
 
     return handler
 
 
 def _frame_number(machine: Machine, text: str, kind: str, least: int) -> int:
-    """The number of a frame; 0 is the controller's own, the flange or the base."""
+    """The number of a frame. 0 is that of the controller, the flange or the base."""
     chosen = index(number(text, machine.lookup))
-    if not least <= chosen <= _MOST_FRAMES:
-        raise Unreadable(f"{kind} {chosen}; there are {least} to {_MOST_FRAMES}")
+    if not least <= chosen <= _LAST_FRAME:
+        raise Unreadable(f"{kind} {chosen}; there are {least} to {_LAST_FRAME}")
     return chosen
 
 
@@ -341,10 +344,9 @@ def _define(kind: str) -> Callable[[Machine, str], None]:
         if not isinstance(frame, Pose):
             raise Unreadable(f"{kind.capitalize()} needs a number and a position")
         chosen = _frame_number(machine, parts[0], kind, 1 if kind == "tool" else 0)
-        if not machine.wanted.define:
-            machine.remark(
-                f"{kind} {chosen} is written to the controller, though post.define does not ask for it"
-            )
+        if not machine.expected.define:
+            reason = "though post.define does not ask for it"
+            machine.remark(f"{kind} {chosen} is written to the controller, {reason}")
         if machine.moved and chosen == machine.numbers[kind]:
             machine.fault(f"the {kind} frame changes after the first motion")
         machine.frames[(kind, chosen)] = frame
@@ -358,8 +360,8 @@ def _switch(value: float) -> Callable[[Machine, str], None]:
         if match is None:
             raise Unreadable(f"an output of {rest or 'nothing'} is not evaluated")
         io = index(number(match[1], machine.lookup))
-        if io > _MOST_IO:
-            raise Unreadable(f"IO[{io}]; the highest is IO[{_MOST_IO}]")
+        if io > _LAST_IO:
+            raise Unreadable(f"IO[{io}]; the highest is IO[{_LAST_IO}]")
         machine.emit_still(Output(machine.signals.get(io, f"IO[{io}]"), value))
 
     return handler
@@ -368,9 +370,8 @@ def _switch(value: float) -> Callable[[Machine, str], None]:
 def _delay(machine: Machine, rest: str) -> None:
     milliseconds = number(rest, machine.lookup)
     if not 0 <= milliseconds <= _LONGEST_DELAY:
-        raise Unreadable(
-            "a negative delay" if milliseconds < 0 else "a delay longer than a controller holds"
-        )
+        too_long = "a delay longer than a controller holds"
+        raise Unreadable("a negative delay" if milliseconds < 0 else too_long)
     if milliseconds != int(milliseconds):
         machine.remark(f"a delay of {milliseconds:g} ms, no whole number; seconds are not meant")
     machine.emit_still(Wait(milliseconds / 1000))

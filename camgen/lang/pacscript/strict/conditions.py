@@ -1,7 +1,7 @@
-"""Conditions that the text alone decides: those that compare ``Mps`` with a percentage, for each unit it may have.
+"""Conditions that compare `Mps` with a percentage, for each unit that it may have.
 
-``Mps`` gives the percentage of the arm's greatest speed. What that is in mm/s depends on the arm, so that a comparison
-is only decided where it comes out the same for every arm.
+`Mps` converts a speed to a percentage of the maximum speed of the arm. This speed in mm/s depends
+on the arm. A comparison is decided only if it has the same result for every arm.
 """
 
 from __future__ import annotations
@@ -16,10 +16,11 @@ from .machine import Machine
 from .text import Statement
 from .values import Either, Mps, Unreadable, evaluate, join, spread
 
-#: mm/s at 100 % of the slowest and of the fastest arm; and the least internal speed, %, to which a controller may raise
-#: what is below.
-_SLOWEST, _FASTEST, _LEAST = 500.0, 20_000.0, 0.1
-#: The questions of the post, each by its statements: in which unit ``Mps`` is, and whether it is a percentage at all.
+#: Speeds at 100 % of the slowest and of the fastest arm, mm/s.
+_SLOWEST, _FASTEST = 500.0, 20_000.0
+#: Minimum internal speed, %. A controller may raise lower speeds to it.
+_MIN_PERCENT = 0.1
+#: Statements of the two questions of the post: the unit of `Mps`, and whether it is a percentage.
 _QUESTIONS = (
     ("if mps(0.1) > 0.2 then", "unit = 0.001", "end if"),
     ("if mps(100 * unit) < 0.5 or mps(100 * unit) > 20 then", "givearm", "exit sub", "end if"),
@@ -32,35 +33,37 @@ _ASSIGNMENT = re.compile(r"([a-z]\w*)\s*=\s*([^=].*)", re.IGNORECASE | re.ASCII)
 
 
 def carry_out_if(machine: Machine, statements: list[Statement], at: int) -> int | None:
-    """Carries out a block ``If ... Then`` on ``Mps``; by how many statements to go on, None for another condition.
+    """Runs a block `If ... Then` with `Mps` in its condition.
 
-    In its branches names may be given values, which then depend on the unit. Other statements may only stand in a
-    branch that is not gone into.
+    A branch may assign values to names. These then depend on the unit. It may have other statements
+    only if no unit takes it.
+    Returns the number of statements of the block, None if it is not such a block.
     """
-    found = _IF.fullmatch(_text(statements[at]))
-    if found is None or "mps" not in found[1].lower():
+    condition = _IF.fullmatch(_text(statements[at]))
+    if condition is None or "mps" not in condition[1].lower():
         return None
     branches, count = _branches(statements, at)
     if count == 0:
         return None
-    machine.asked = True
+    machine.compares_mps = True
     try:
         _hold_question(machine, statements[at : at + count])
-        truth = _decide(machine, found[1])
-        for branch, taken in zip(branches, (truth, [not one for one in truth]), strict=True):
+        truth = _decide(machine, condition[1])
+        negation = [not value for value in truth]
+        for branch, taken in zip(branches, (truth, negation), strict=True):
             for statement in branch if any(taken) else ():
                 machine.line = statement.line if isinstance(statement, Plain) else statement[0]
                 _assign(machine, _text(statement), taken)
     except Unreadable as error:
         machine.fault(str(error))
-        machine.here = None
+        machine.current_pose = None
     return count
 
 
 def _hold_question(machine: Machine, statements: list[Statement]) -> None:
-    """Notes which question of the post is asked, and a remark on any other one.
+    """Adds the question of the post that a block asks. Any other block is a finding.
 
-    A branch that no arm takes is not carried out, so it has to be the one of the post.
+    A branch that no arm takes is not run, so that it has to be that of the post.
     """
     words = [_words(_text(statement)) for statement in statements]
     if words not in _known_questions():
@@ -79,7 +82,7 @@ def _words(text: str) -> list[str]:
 
 @cache
 def _known_questions() -> list[list[list[str]]]:
-    return [[_words(text) for text in question] for question in _QUESTIONS]
+    return [list(map(_words, question)) for question in _QUESTIONS]
 
 
 def _text(statement: Statement) -> str:
@@ -89,7 +92,10 @@ def _text(statement: Statement) -> str:
 def _branches(
     statements: list[Statement], at: int
 ) -> tuple[tuple[list[Statement], list[Statement]], int]:
-    """What stands before and after ``Else`` and how many statements the whole is; 0 for a block of another kind."""
+    """The statements before and after `Else`, and the number of statements of the block.
+
+    The number is 0 for a block of another kind.
+    """
     then: list[Statement] = []
     other: list[Statement] = []
     branch, depth = then, 0
@@ -110,7 +116,7 @@ def _branches(
 
 
 def _assign(machine: Machine, text: str, taken: list[bool]) -> None:
-    """A value for a name, by the units for which this branch is gone into."""
+    """Runs an assignment for the units that take this branch."""
     assignment = _ASSIGNMENT.fullmatch(text)
     if assignment is None:
         raise Unreadable("where Mps decides, only names can be given a value")
@@ -118,7 +124,8 @@ def _assign(machine: Machine, text: str, taken: list[bool]) -> None:
     value = evaluate(assignment[2], machine.lookup)
     if not all(taken):
         new, old = spread(value, machine.lookup(name), Either((0.0,) * len(taken)))[:2]
-        value = join([a if go else b for a, b, go in zip(new, old, taken, strict=True)])
+        by_unit = zip(new, old, taken, strict=True)
+        value = join([after if is_taken else before for after, before, is_taken in by_unit])
     machine.name(name, value)
 
 
@@ -127,12 +134,13 @@ def _decide(machine: Machine, condition: str) -> list[bool]:
     joints = [word.lower() for word in _WORDS.findall(condition)]
     if len(set(joints)) > 1:
         raise Unreadable("And beside Or is not evaluated")
-    single = [_compare(machine, part) for part in _WORDS.split(_bare(condition))]
-    return [(all if joints[:1] == ["and"] else any)(values) for values in zip(*single, strict=True)]
+    comparisons = [_compare(machine, part) for part in _WORDS.split(_bare(condition))]
+    combine = all if joints[:1] == ["and"] else any
+    return [combine(values) for values in zip(*comparisons, strict=True)]
 
 
 def _bare(text: str) -> str:
-    """``text`` without a pair of brackets around all of it."""
+    """`text` without a pair of brackets around all of it."""
     text = text.strip()
     inner = text[1:-1]
     lowest = depth = 0
@@ -143,12 +151,13 @@ def _bare(text: str) -> str:
 
 
 def _compare(machine: Machine, text: str) -> list[bool]:
-    """Whether ``Mps(...) < n`` or ``Mps(...) > n``, by unit."""
-    found = _COMPARISON.fullmatch(_bare(text))
-    if found is None:
+    """The result of `Mps(...) < n` or `Mps(...) > n`, by unit."""
+    comparison = _COMPARISON.fullmatch(_bare(text))
+    if comparison is None:
         raise Unreadable(f"{text.strip()[:60]} is not evaluated")
-    left, right = (evaluate(side.strip(), machine.lookup) for side in (found[1], found[3]))
-    greater = found[2] == ">"
+    left = evaluate(comparison[1].strip(), machine.lookup)
+    right = evaluate(comparison[3].strip(), machine.lookup)
+    greater = comparison[2] == ">"
     if isinstance(right, Mps):
         left, right, greater = right, left, not greater
     if not isinstance(left, Mps) or not isinstance(right, float):
@@ -157,12 +166,16 @@ def _compare(machine: Machine, text: str) -> list[bool]:
 
 
 def _holds(mm_s: float, greater: bool, percent: float) -> bool:
-    """Whether a speed is above, else below so many percent of an arm's greatest one, the same for all arms."""
+    """Whether a speed is above (`greater`) or below a percentage of the maximum speed of an arm.
+
+    Raises Unreadable if this depends on the arm.
+    """
     low, high = 100 * mm_s / _FASTEST, 100 * mm_s / _SLOWEST
-    high = max(high, min(_LEAST, 100 * mm_s))
-    least, most = (low > percent, high > percent) if greater else (high < percent, low < percent)
-    if least != most:
-        raise Unreadable(
-            f"whether {mm_s:g} mm/s is {'over' if greater else 'under'} {percent:g} % depends on the arm"
-        )
-    return least
+    high = max(high, min(_MIN_PERCENT, 100 * mm_s))
+    if greater:
+        side, results = "over", {low > percent, high > percent}
+    else:
+        side, results = "under", {low < percent, high < percent}
+    if len(results) > 1:
+        raise Unreadable(f"whether {mm_s:g} mm/s is {side} {percent:g} % depends on the arm")
+    return results.pop()

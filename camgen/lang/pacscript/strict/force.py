@@ -1,4 +1,4 @@
-"""Force control: ``ForceParam`` as the manual has it (5176), ``ForceCtrl`` as it is believed to be, or a template."""
+"""Force control: `ForceParam` (RC8 manual 5176), `ForceCtrl` as it is believed to be, templates."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import re
 import string
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
@@ -21,19 +22,20 @@ from .values import Unreadable, arguments, evaluate, index, number
 
 _NUMBER = r"([-+]?\d+(?:\.\d+)?)"
 _KINDS = ("on", "change", "off")
-#: The frame of a force that is the work frame; and how many force tables there are (RC8 manual 5176).
+#: Number of the work frame of a force, and number of force tables (RC8 manual 5176).
 _WORK, _TABLES = 2, 10
 
 
 def parameter(machine: Machine, rest: str) -> None:
-    """``ForceParam table, frame, P(fx, fy, fz, ...)``: a force in N, here only in the work frame (frame 2)."""
+    """Runs `ForceParam table, frame, P(fx, fy, fz, ...)`.
+
+    The force is in N. Only forces in the work frame (frame 2) are read.
+    """
     parts = arguments(rest)
-    if len(parts) != 3:
-        raise Unreadable(
-            "ForceParam with options is not evaluated"
-            if len(parts) > 3
-            else "ForceParam needs 3 values"
-        )
+    if len(parts) > 3:
+        raise Unreadable("ForceParam with options is not evaluated")
+    if len(parts) < 3:
+        raise Unreadable("ForceParam needs 3 values")
     table, frame = (index(number(part, machine.lookup)) for part in parts[:2])
     force = evaluate(parts[2], machine.lookup)
     if not isinstance(force, Pose):
@@ -48,7 +50,7 @@ def parameter(machine: Machine, rest: str) -> None:
 
 
 def _set_force(machine: Machine, table: int, force: Vec3) -> None:
-    """Writes a force table, N in the work frame. Remarks on a force of it that was never on."""
+    """Writes a force table, N in the work frame. A force of it that was never on is a finding."""
     machine.forces[table] = force
     _note_unused(machine, table)
     if machine.table != table:
@@ -56,7 +58,7 @@ def _set_force(machine: Machine, table: int, force: Vec3) -> None:
 
 
 def _note_unused(machine: Machine, *tables: int) -> None:
-    """Remarks on forces of tables that were set and never on."""
+    """Adds findings for forces of tables that were set and never on."""
     for table in tables:
         line = machine.unused_forces.pop(table, 0)
         if line:
@@ -64,12 +66,12 @@ def _note_unused(machine: Machine, *tables: int) -> None:
 
 
 def finish(machine: Machine) -> None:
-    """Remarks on forces that are set and never on."""
+    """Adds findings for all forces that were set and never on."""
     _note_unused(machine, *machine.unused_forces)
 
 
 def control(machine: Machine, rest: str) -> None:
-    """``ForceCtrl True, table`` and ``ForceCtrl False``."""
+    """Runs `ForceCtrl True, table` or `ForceCtrl False`."""
     values = [number(part, machine.lookup) for part in arguments(rest)]
     if not values[0]:
         _off(machine)
@@ -99,8 +101,12 @@ def _off(machine: Machine) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Template:
-    """The lines of one option: a pattern per line, the places in it in order, and the sign that it starts with, empty
-    for a number.
+    """The N lines of an option.
+
+    kind: "on", "change" or "off".
+    patterns: pattern of each line.
+    places: names of the places of each line, in order.
+    starts: first character of each line, empty if it is a number.
     """
 
     kind: str
@@ -110,20 +116,25 @@ class Template:
 
 
 def templates(options: Mapping[str, object]) -> list[Template]:
-    """The force templates that the options give, those of more lines first."""
-    found = [_template(kind, options.get(f"force_{kind}")) for kind in _KINDS]
-    return sorted((t for t in found if t is not None), key=lambda t: -len(t.patterns))
+    """The force templates of the options, longer ones first."""
+    templates: list[Template] = []
+    for kind in _KINDS:
+        template = _template(kind, options.get(f"force_{kind}"))
+        if template is not None:
+            templates.append(template)
+    return sorted(templates, key=lambda template: -len(template.patterns))
 
 
 def may_say(known: list[Template], word: str) -> bool:
-    """Whether a line of a template may be one that starts with ``word``."""
-    return any(_may_start(start, word) for template in known for start in template.starts)
+    """Whether a line of a template may start with `word`."""
+    starts = chain.from_iterable(template.starts for template in known)
+    return any(_may_start(start, word) for start in starts)
 
 
 def apply_template(
     machine: Machine, known: list[Template], statements: list[Statement], at: int
 ) -> int:
-    """How many statements from ``at`` on are force lines of a template; they are carried out."""
+    """Runs the force lines of a template from `at` on. Returns their number, 0 without any."""
     for template in known:
         values = _match(template, statements[at : at + len(template.patterns)])
         if values is not None:
@@ -148,7 +159,7 @@ def _carry_out(machine: Machine, kind: str, values: dict[str, float]) -> None:
 
 
 def _read_table(number_of_table: float) -> int:
-    """The table of a force line. Unreadable for a fraction."""
+    """The table of a force line. Raises Unreadable for a fraction."""
     if number_of_table != int(number_of_table):
         raise Unreadable(f"the force table {number_of_table:g} is not a whole number")
     return int(number_of_table)
@@ -160,16 +171,20 @@ def _template(kind: str, lines: object) -> Template | None:
     try:
         read = [_line(text) for text in map(without_comment, lines) if text]
     except ValueError:
-        return None  # Braces that do not match: no post writes by such a template.
-    places = {place for _, names, _ in read for place in names}
-    if not read or (kind != "off" and not {"x", "y", "z"} <= places):
+        return None  # The braces do not match. No post accepts such a template.
+    if not read:
         return None
-    patterns, names, starts = zip(*read, strict=True)
-    return Template(kind, patterns, names, starts)
+    patterns, places, starts = zip(*read, strict=True)
+    if kind != "off" and not {"x", "y", "z"} <= set(chain.from_iterable(places)):
+        return None
+    return Template(kind, patterns, places, starts)
 
 
 def _line(text: str) -> tuple[re.Pattern[str], tuple[str, ...], str]:
-    """The pattern of a template's line, the places in it, and the sign that it starts with, empty for a number."""
+    """The pattern of a line of a template, the names of its places, and its first character.
+
+    The character is empty if the line starts with a number.
+    """
     pattern, names, start = "", [], ""
     for literal, name, _, _ in string.Formatter().parse(text):
         bare = _bare(literal)
@@ -182,7 +197,10 @@ def _line(text: str) -> tuple[re.Pattern[str], tuple[str, ...], str]:
 
 
 def _may_start(start: str, text: str) -> bool:
-    """Whether ``text`` may be a line that starts with the sign ``start``; all that is not ASCII may be."""
+    """Whether `text` may be a line with the first character `start`.
+
+    This is always so if one of them is not ASCII.
+    """
     first = text.lstrip()[:1]
     if not start:
         return first in ("+", "-") or first.isdecimal()
@@ -196,7 +214,7 @@ def _match(template: Template, statements: list[Statement]) -> dict[str, float] 
     for statement, pattern, names, start in zip(
         statements, template.patterns, template.places, template.starts, strict=True
     ):
-        # There are no plain motions where a template may be one.
+        # Motions are not read as `Plain` if a template may look like one.
         if isinstance(statement, Plain) or not _may_start(start, statement[1]):
             return None
         match = pattern.fullmatch(_bare(statement[1]))

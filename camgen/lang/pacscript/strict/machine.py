@@ -1,4 +1,4 @@
-"""What the controller knows while a PacScript program runs, and what the program has said so far."""
+"""State of the controller while a PacScript program runs, and the settings of the program."""
 
 from __future__ import annotations
 
@@ -11,64 +11,88 @@ from camgen.lang.programs import Level
 from camgen.model.pose import Pose, Vec3
 from camgen.model.program import Force, Instruction, MoveC, MoveJ, MoveL, Output, Wait
 
-from .asked import Asked, judge_internal, judge_mark, judge_settings, read_asked
+from .expected import Expected, judge_internal, judge_mark, judge_settings, read_expected
 from .values import Either, Mps, Unreadable, Value, evaluate, speed
 from .words import TYPES
 
-#: What 100 % is taken for when the options do not say it (a fault tells, but of joint motions), mm/s.
+#: Speed at 100 % if the options do not give it, mm/s. It is refused, except for joint motions.
 _RATED = 1000.0
-#: The blend of a pass mark, mm; how near ``@P`` and ``@C`` pass their target is the controller's choice.
+#: Blend of a pass mark, mm. The controller chooses how near `@P` and `@C` pass their target.
 _BLENDS = {"@0": 0.0, "@E": 0.0, "@P": 1.0, "@C": 1.0}
-#: mm/s that ``Mps(1)`` is, by the unit that the controller reads; the first one is taken where a text leaves it open.
+#: Speed of `Mps(1)` by the unit of the controller, mm/s. The first one is used for an open unit.
 UNITS = {"mm/s": 1.0, "m/s": 1000.0}
-#: Indices of the questions in which unit ``Mps`` is, and whether it is a percentage at all.
+#: Indices of the questions for the unit of `Mps`, and whether it is a percentage.
 _QUESTIONS = [0, 1]
-#: Two speeds are the same within so much of them: single precision.
+#: Maximum relative difference of two equal speeds: single precision.
 _SAME = 1e-6
 
 
 @dataclass(slots=True)
 class Machine:
-    """State of the interpreter. ``here`` is the commanded pose, None where the text does not give it."""
+    """State of the interpreter.
+
+    rated: speed at 100 %, mm/s, 0 if the options do not give it.
+    signals: name of a signal by number of its IO.
+    rated_turn: speed of a reorientation at 100 %, deg/s.
+    units: possible speeds of `Mps(1)`, mm/s: one if the unit is known, else all of `UNITS`.
+    expected: options that the text must agree with.
+    line: line of the statement that runs.
+    armed: whether the program has the arm.
+    given: whether the arm was given back.
+    motor: whether the motor is on.
+    moved: whether the program has moved.
+    settled: whether nothing was set since the settings were last compared with the options.
+    stated_external: ExtSpeed of the text, %, 0 without one.
+    acceleration: acceleration and deceleration, %. Empty before them and after `Speed`.
+    stated_internal: Speed of the text, % or by `Mps`, None without one.
+    uses_internal: whether a motion runs at the internal speed.
+    blends: blends of the pass marks so far, mm.
+    figure: figure of the arm, None if the text does not state it.
+    compares_mps: whether the text compares `Mps` with a percentage.
+    questions: indices of the questions of the post that the text has asked before its first motion.
+    only_off: whether all instructions so far switch an output or a force off. Posts write these
+        before the questions.
+    unused_forces: lines of `ForceParam` by table, for forces that are not on yet.
+    passing: whether the last motion passes its target. The next statement may then run early.
+    current_pose: last commanded pose, None if the text does not give it.
+    internal: internal speed, % or by `Mps`.
+    external: external speed, %.
+    numbers: numbers of the tool and work frame.
+    frames: poses of frames by kind and number.
+    forces: force by table, N.
+    table: table of the force that is on, None without one.
+    scopes: values of variables by name, for each running procedure.
+    types: types of declared variables by name, for each running procedure.
+    arrays: values of array elements, by letter and index.
+    body: N instructions.
+    lines: (N,) line of each instruction.
+    log: findings.
+    speeds: cache of speeds by text, for the present values of the variables.
+    """
 
     rated: float
     signals: Mapping[int, str]
-    #: deg/s of a turn on the spot at 100 %.
     rated_turn: float = 500.0
-    #: mm/s that ``Mps(1)`` may be: one value where the unit is known, else all of ``UNITS``.
     units: tuple[float, ...] = tuple(UNITS.values())
-    #: What the options ask of the text.
-    wanted: Asked = field(default_factory=lambda: read_asked({}))
+    expected: Expected = field(default_factory=lambda: read_expected({}))
     line: int = 0
     armed: bool = False
-    #: The arm was given back.
     given: bool = False
     motor: bool = True
     moved: bool = False
-    #: Nothing was set since the settings were last held against the options.
     settled: bool = False
-    #: ExtSpeed as the text says it, 0: not at all; acceleration and deceleration, all in %,
-    #: empty before them and after ``Speed``.
     stated_external: float = 0.0
     acceleration: tuple[float, ...] = ()
-    #: The internal speed as the text says it, None: not at all; whether a motion runs at it.
     stated_internal: float | Mps | None = None
-    leans: bool = False
-    #: The pass marks so far and their blends, mm.
+    uses_internal: bool = False
     blends: dict[str, float] = field(default_factory=dict)
-    #: The figure of the arm, where the text tells it.
     figure: int | None = None
-    #: The text compares ``Mps`` with a percentage.
-    asked: bool = False
-    #: Indices of the questions of the post that the text has asked before its first motion.
+    compares_mps: bool = False
     questions: list[int] = field(default_factory=list)
-    #: All instructions so far put an output or a force off. Posts write these before the questions.
     only_off: bool = True
-    #: Lines of ``ForceParam`` by table, whose force is not on yet.
     unused_forces: dict[int, int] = field(default_factory=dict)
-    #: The last motion passes its target: what follows may happen before the arm is there.
     passing: bool = False
-    here: Pose | None = None
+    current_pose: Pose | None = None
     internal: float | Mps = 100.0
     external: float = 100.0
     numbers: dict[str, int] = field(default_factory=lambda: {"tool": 0, "work": 0})
@@ -76,81 +100,75 @@ class Machine:
     forces: dict[int, Vec3] = field(default_factory=dict)
     table: int | None = None
     scopes: list[dict[str, Value]] = field(default_factory=lambda: [{}])
-    #: For each scope the types of the names that are declared in it.
     types: list[dict[str, str]] = field(default_factory=lambda: [{}])
     arrays: dict[tuple[str, int], Value] = field(default_factory=dict)
     body: list[Instruction] = field(default_factory=list)
     lines: list[int] = field(default_factory=list)
     log: Log = field(init=False)
-    #: Speeds that have been worked out with the present values of the names, by their text.
     speeds: dict[str, float | Mps] = field(default_factory=dict)
     _open_unit: bool = False
-    #: A speed by ``Mps`` and its mm/s: most motions have the one of the motion before.
+    #: Last speed by `Mps` and its value in mm/s. Most motions have the speed of the one before.
     _last: tuple[Mps | None, float] = (None, 0.0)
 
     def __post_init__(self) -> None:
         self.log = Log(lambda: self.line)
 
     def fault(self, what: str) -> None:
-        """Notes a fault of the current line; what it quotes is cut short."""
+        """Adds a refusal of the current line. Long quotations are shortened."""
         self.log.find("refused", what[:160])
 
     def remark(self, what: str) -> None:
-        """Notes once what a controller takes and a program of ours does not say."""
+        """Adds an unusual finding once."""
         self.log.find("unusual", what, once=what)
 
     def judge_settings(self) -> None:
-        """Holds what has been set against the options."""
+        """Adds findings for settings that are not those of the options."""
         self.settled = True
         for what in judge_settings(
-            self.wanted, self.numbers, self.stated_external, self.acceleration
+            self.expected, self.numbers, self.stated_external, self.acceleration
         ):
             self.remark(what)
 
     def judge_end(self) -> None:
-        """Holds what is left behind against the options."""
-        if self.moved and not self.settled:
+        """Adds findings for settings at the end that are not those of the options."""
+        if not self.moved:
+            return
+        if not self.settled:
             self.judge_settings()
-        if (
-            self.moved
-            and not self.leans
-            and (what := judge_internal(self.wanted, self.stated_internal))
-        ):
+        what = "" if self.uses_internal else judge_internal(self.expected, self.stated_internal)
+        if what:
             self.remark(what)
 
     def check_questions(self) -> None:
-        """A remark on a speed by ``unit`` before the text has asked for it and guarded it."""
+        """Adds a finding for a speed by `unit` before both questions of the post."""
         if self.questions != _QUESTIONS:
-            self.remark(
+            what = (
                 "a speed that depends on the unit of Mps, and the questions of the post for it are"
-                " not asked before"
             )
+            self.remark(f"{what} not asked before")
 
-    def lean(self) -> float | Mps:
-        """The internal speed, for a motion without its own."""
-        self.leans = True
+    def internal_speed(self) -> float | Mps:
+        """The internal speed, for a motion without a speed of its own."""
+        self.uses_internal = True
         return self.internal
 
     def blend(self, mark: str) -> float:
-        """The blend in mm that a pass mark stands for."""
-        known = self.blends.get(mark)
-        if known is None:
-            known = self.blends[mark] = _BLENDS[mark] if mark in _BLENDS else float(mark[1:])
-            if what := judge_mark(self.wanted, mark):
+        """The blend of a pass mark, mm."""
+        blend = self.blends.get(mark)
+        if blend is None:
+            blend = self.blends[mark] = _BLENDS[mark] if mark in _BLENDS else float(mark[1:])
+            if what := judge_mark(self.expected, mark):
                 self.remark(what)
-        return known
+        return blend
 
     def lookup(self, key: str | tuple[str, int]) -> Value:
-        """The value of a variable that the text has set."""
-        found = self.arrays.get(key) if isinstance(key, tuple) else self.scopes[-1].get(key)
-        if found is None:
-            name = (
-                f"{key[0].upper()}[{key[1]}] is not set in the text"
-                if isinstance(key, tuple)
-                else f"unknown name {key}"
-            )
-            raise Unreadable(name)
-        return found
+        """The value of a variable. Raises Unreadable if the text has not set it."""
+        value = self.arrays.get(key) if isinstance(key, tuple) else self.scopes[-1].get(key)
+        if value is None:
+            if isinstance(key, tuple):
+                raise Unreadable(f"{key[0].upper()}[{key[1]}] is not set in the text")
+            raise Unreadable(f"unknown name {key}")
+        return value
 
     def emit(self, item: Instruction) -> None:
         """Adds an instruction of the current line."""
@@ -158,7 +176,10 @@ class Machine:
         self.lines.append(self.line)
 
     def emit_motion(self, item: MoveJ | MoveL | MoveC, passing: bool) -> None:
-        """Adds a motion; the arm must be owned and the first one joint-interpolated."""
+        """Adds a motion.
+
+        It is refused without the arm or with the motor off. The first one must be a joint motion.
+        """
         if not self.armed:
             self.fault("a motion without TakeArm")
         if not self.moved and not isinstance(item, MoveJ):
@@ -169,61 +190,57 @@ class Machine:
             self.judge_settings()
         self._turn_into(item)
         self.moved, self.passing = True, passing
-        self.here = item.target if isinstance(item.target, Pose) else None
+        self.current_pose = item.target if isinstance(item.target, Pose) else None
         self.emit(item)
 
     def _turn_into(self, item: MoveJ | MoveL | MoveC) -> None:
-        """Takes on the figure of a motion's target. A line and an arc end in the one in which they start."""
-        said = item.posture.figure if item.posture else None
-        if said is not None and not isinstance(item, MoveJ) and self.figure not in (None, said):
-            what = f"from figure {self.figure} to {said} along"
+        """Updates the figure. A line and an arc must end in the figure in which they start."""
+        figure = item.posture.figure if item.posture else None
+        is_joint_motion = isinstance(item, MoveJ)
+        if figure is not None and not is_joint_motion and self.figure not in (None, figure):
+            what = f"from figure {self.figure} to {figure} along"
             if isinstance(item, MoveC):
                 self.fault(f"{what} an arc")
             else:
                 self.remark(f"{what} a line")
-        keeps = isinstance(item, MoveJ) and isinstance(item.target, Pose) and said is None
-        self.figure = self.figure if keeps else said
+        keeps = is_joint_motion and figure is None and isinstance(item.target, Pose)
+        self.figure = self.figure if keeps else figure
 
     def emit_still(self, item: Output | Wait | Force) -> None:
-        """Adds something that must not happen before the arm has arrived."""
+        """Adds an instruction that must not run before the arm has arrived."""
+        name = _STILL[type(item)]
         if self.passing:
-            self.fault(
-                f"{_STILL[type(item)]} after a motion that passes its target: it may come too early"
-            )
+            self.fault(f"{name} after a motion that passes its target: it may come too early")
             self.passing = False
         self.only_off = self.only_off and not self.moved and _is_off(item)
         if self.questions and self.only_off:
             self.remark("an output or a force is put off after Mps is asked, not before")
         if not self.armed:
-            self.remark(
-                f"{_STILL[type(item)]} {'after GiveArm' if self.given else 'before TakeArm'}"
-            )
+            self.remark(f"{name} {'after GiveArm' if self.given else 'before TakeArm'}")
         self.emit(item)
 
     def pressing(self) -> tuple[float, Vec3]:
-        """Newtons and direction of the force that is on, 0 and zero when none is."""
+        """Newtons and direction of the force that is on. All are 0 without one."""
         x, y, z = (0.0, 0.0, 0.0) if self.table is None else self.forces[self.table]
         newtons = math.hypot(x, y, z)
-        return (
-            (newtons, (x / newtons, y / newtons, z / newtons))
-            if newtons
-            else (0.0, (0.0, 0.0, 0.0))
-        )
+        if not newtons:
+            return 0.0, (0.0, 0.0, 0.0)
+        return newtons, (x / newtons, y / newtons, z / newtons)
 
     def speed_of(self, text: str) -> float | Mps:
-        """The speed that ``text`` says with the present values of the names."""
-        known = self.speeds.get(text)
-        if known is None:
-            known = self.speeds[text] = speed(evaluate(text, self.lookup))
-        return known
+        """The speed of an expression, for the present values of the variables."""
+        value = self.speeds.get(text)
+        if value is None:
+            value = self.speeds[text] = speed(evaluate(text, self.lookup))
+        return value
 
     def mm_per_second(self, value: float | Mps) -> float:
-        """An internal speed times the external one (manual: both are multiplied)."""
+        """The product of an internal speed and the external speed, mm/s (manual)."""
         if isinstance(value, Mps):
-            if isinstance(value.said, Either):
+            if isinstance(value.number, Either):
                 self.check_questions()
             if value is not self._last[0]:
-                self._last = value, self._one(self.by_unit(value))
+                self._last = value, self._choose_speed(self.by_unit(value))
             return self._last[1] * self.external / 100
         if not self.rated:
             self.fault(f"a speed in percent, taken of {_RATED:g} mm/s; give the option rated")
@@ -231,9 +248,10 @@ class Machine:
         return value / 100 * self.rated * self.external / 100
 
     def joint_speed(self, value: float | Mps) -> tuple[float, float]:
-        """The speed of a joint motion, mm/s, and its share of the joints' greatest speeds, 0 for one by ``Mps``.
+        """The speed of a joint motion, mm/s, and its fraction of the maximum joint speeds.
 
-        Percent are of the joints' speeds, so that the first one is only known where ``rated`` says it.
+        The fraction is 0 for a speed by `Mps`. Percentages refer to the joint speeds, so that the
+        speed in mm/s is known only if the options give `rated`.
         """
         if isinstance(value, Mps):
             return self.mm_per_second(value), 0.0
@@ -241,29 +259,34 @@ class Machine:
         return share * (self.rated or _RATED), share
 
     def turning(self, value: float) -> float:
-        """The speed of a turn on the spot by its internal speed in %, rad/s."""
+        """The speed of a reorientation, rad/s, by its internal speed, %."""
         return math.radians(value / 100 * self.external / 100 * self.rated_turn)
 
     def by_unit(self, value: Mps) -> list[float]:
-        """mm/s for each of ``units``."""
-        said = (
-            value.said.values if isinstance(value.said, Either) else (value.said,) * len(self.units)
-        )
-        return [number * unit for number, unit in zip(said, self.units, strict=True)]
+        """The speed for each of `units`, mm/s."""
+        if isinstance(value.number, Either):
+            numbers = value.number.values
+        else:
+            numbers = (value.number,) * len(self.units)
+        return [number * unit for number, unit in zip(numbers, self.units, strict=True)]
 
-    def _one(self, speeds: list[float]) -> float:
-        """A speed in mm/s. One that depends on the unit of ``Mps`` is told once: a fault where the text has asked."""
-        least, most = min(speeds), max(speeds)
-        if most - least > _SAME * most and not self._open_unit:
+    def _choose_speed(self, speeds: list[float]) -> float:
+        """The speed for the first unit, mm/s.
+
+        A speed that depends on the unit of `Mps` is a finding once. It is refused if the text
+        compares `Mps` with a percentage.
+        """
+        slowest, fastest = min(speeds), max(speeds)
+        if fastest - slowest > _SAME * fastest and not self._open_unit:
             self._open_unit = True
-            level: Level = "refused" if self.asked else "unusual"
+            level: Level = "refused" if self.compares_mps else "unusual"
             numbers = " or ".join(f"{speed:g}" for speed in speeds)
-            what = f"{numbers} mm/s, as the controller reads Mps in mm/s or in m/s; give the option mps"
-            self.log.find(level, what)
+            reason = "as the controller reads Mps in mm/s or in m/s; give the option mps"
+            self.log.find(level, f"{numbers} mm/s, {reason}")
         return speeds[0]
 
     def enter(self, types: Mapping[str, str], values: list[Value]) -> None:
-        """Begins a procedure with the values of its parameters."""
+        """Starts a procedure with the values of its parameters."""
         self.scopes.append({})
         self.types.append(dict(types))
         for name, value in zip(types, values, strict=True):
@@ -284,7 +307,7 @@ class Machine:
         self.types[-1][name] = kind
 
     def name(self, key: str | tuple[str, int], value: Value) -> None:
-        """Gives a variable its value. Unreadable where its type does not hold it."""
+        """Sets a variable. Raises Unreadable if its type cannot hold the value."""
         self.speeds.clear()
         if isinstance(key, tuple):
             self.arrays[key] = value
@@ -296,7 +319,7 @@ class Machine:
 
 
 def _is_off(item: Output | Wait | Force) -> bool:
-    """Whether an instruction puts an output or a force off."""
+    """Whether an instruction switches an output or a force off."""
     if isinstance(item, Output):
         return item.value == 0
     return isinstance(item, Force) and item.newtons == 0

@@ -1,4 +1,4 @@
-"""Motion statements: ``Move``, ``Approach``, ``Depart``, ``Draw``, and the speeds (PacScript reference, motion)."""
+"""Motion statements `Move`, `Approach`, `Depart` and `Draw`, and speeds (PacScript reference)."""
 
 from __future__ import annotations
 
@@ -29,7 +29,10 @@ _NAMED = re.compile(r"\* [A-Za-z]")
 
 
 def move(machine: Machine, rest: str) -> None:
-    """``Move P|L, [@mark] target, ... [, options]`` or ``Move C, via, [@mark] target [, options]``."""
+    """Runs a `Move` statement.
+
+    It is `Move P|L, [@mark] target, ... [, options]` or `Move C, via, [@mark] target [, options]`.
+    """
     parts = arguments(rest)
     kind = parts[0].lower()
     if kind != "c" and kind not in LINEAR:
@@ -42,16 +45,20 @@ def move(machine: Machine, rest: str) -> None:
         raise Unreadable("a motion without a target")
     for text in targets:
         mark, expression = split_mark(text)
-        go(machine, LINEAR[kind], _place(machine, expression), machine.blend(mark), speed, at_once)
+        go(machine, LINEAR[kind], _target(machine, expression), machine.blend(mark), speed, at_once)
 
 
 def _read_mark(text: str) -> str:
-    """The mark before the target of a motion. Unreadable where ``move`` would find a fault."""
+    """The mark before the target of a motion. Raises Unreadable if `move` would refuse it."""
     return split_mark(f"{text}P()")[0]
 
 
 def _read_speed(text: str) -> float | Mps | str | None:
-    """The own speed of a motion: its text where that holds a name, None where it has none. Unreadable as for a mark."""
+    """The speed of a motion.
+
+    It is a text if it contains a name, and None if the motion does not have a speed of its own.
+    Raises Unreadable if `move` would refuse it.
+    """
     for part in arguments(text)[1:]:
         option = OPTION.fullmatch(part)
         if option is None:
@@ -63,66 +70,63 @@ def _read_speed(text: str) -> float | Mps | str | None:
 
 
 def nothing(key: str | tuple[str, int]) -> Value:
-    """The values of a text without names."""
+    """Raises Unreadable. It is the lookup of variables for an expression without names."""
     raise Unreadable(f"{key} is not asked for")
 
 
 def approach(machine: Machine, rest: str) -> None:
-    """``Approach P|L, reference, [@mark] length``: back from the reference along its tool z."""
+    """Runs `Approach P|L, reference, [@mark] length`.
+
+    The target is the reference moved back by the length along its tool z.
+    """
     parts = arguments(rest)
     linear = _interpolation(parts)
     (reference, length), speed, at_once = _exactly(machine, parts[1:], 2)
-    pose = _place(machine, reference)
+    pose = _target(machine, reference)
     mark, expression = split_mark(length)
     if isinstance(pose, Joints):
         raise Unreadable("an approach to joints is not evaluated")
-    go(
-        machine,
-        linear,
-        _back(pose, number(expression, machine.lookup)),
-        machine.blend(mark),
-        speed,
-        at_once,
-    )
+    target = _back(pose, number(expression, machine.lookup))
+    go(machine, linear, target, machine.blend(mark), speed, at_once)
 
 
 def depart(machine: Machine, rest: str) -> None:
-    """``Depart P|L, [@mark] length``: back from here along the tool z."""
+    """Runs `Depart P|L, [@mark] length`.
+
+    The target is the current pose moved back by the length along its tool z.
+    """
     parts = arguments(rest)
     linear = _interpolation(parts)
     (length,), speed, at_once = _exactly(machine, parts[1:], 1)
     mark, expression = split_mark(length)
-    go(
-        machine,
-        linear,
-        _back(_here(machine), number(expression, machine.lookup)),
-        machine.blend(mark),
-        speed,
-        at_once,
-    )
+    target = _back(_require_pose(machine), number(expression, machine.lookup))
+    go(machine, linear, target, machine.blend(mark), speed, at_once)
 
 
 def draw(machine: Machine, rest: str) -> None:
-    """``Draw P|L, [@mark] V(dx, dy, dz)``: by a vector in the work frame, the orientation kept."""
+    """Runs `Draw P|L, [@mark] V(dx, dy, dz)`.
+
+    It moves by a vector in the work frame and keeps the orientation.
+    """
     parts = arguments(rest)
     linear = _interpolation(parts)
-    (way,), speed, at_once = _exactly(machine, parts[1:], 1)
-    mark, expression = split_mark(way)
-    value, here = evaluate(expression, machine.lookup), _here(machine)
-    if not isinstance(value, Vector):
+    (argument,), speed, at_once = _exactly(machine, parts[1:], 1)
+    mark, expression = split_mark(argument)
+    vector, start = evaluate(expression, machine.lookup), _require_pose(machine)
+    if not isinstance(vector, Vector):
         raise Unreadable("Draw needs a vector")
-    x, y, z = (a + b for a, b in zip(here.origin, value.values, strict=True))
-    go(machine, linear, Pose(here.rotation, (x, y, z)), machine.blend(mark), speed, at_once)
+    x, y, z = (a + b for a, b in zip(start.origin, vector.values, strict=True))
+    go(machine, linear, Pose(start.rotation, (x, y, z)), machine.blend(mark), speed, at_once)
 
 
 def speed_statement(machine: Machine, rest: str) -> None:
-    """``Speed`` in percent or by ``Mps``: for motions without their own."""
+    """Runs `Speed`, in percent or by `Mps`, for motions without a speed of their own."""
     machine.internal = machine.stated_internal = checked_speed(evaluate(rest, machine.lookup))
     machine.acceleration, machine.settled = (), False  # Speed changes it (reference, Speed).
 
 
 def external_speed(machine: Machine, rest: str) -> None:
-    """``ExtSpeed`` in percent of the internal one."""
+    """Runs `ExtSpeed`, in percent of the internal speed."""
     values = [number(part, machine.lookup) for part in arguments(rest)]
     if not 0 < values[0] <= 100:
         raise Unreadable(f"an external speed of {values[0]:g} %")
@@ -133,20 +137,20 @@ def external_speed(machine: Machine, rest: str) -> None:
 
 
 def acceleration(machine: Machine, rest: str) -> None:
-    """``Accel`` in percent, of the deceleration too where it has two values."""
+    """Runs `Accel`, in percent. A second value is the deceleration."""
     values = _percent(machine, rest)
     machine.acceleration = (*values, *(machine.acceleration or ())[1:])[:2]
     machine.settled = False
 
 
 def deceleration(machine: Machine, rest: str) -> None:
-    """``Decel`` in percent."""
+    """Runs `Decel`, in percent."""
     machine.acceleration = (*(machine.acceleration or ())[:1], *_percent(machine, rest)[:1])
     machine.settled = False
 
 
 def _percent(machine: Machine, rest: str) -> list[float]:
-    """Accelerations in percent."""
+    """One or two accelerations, %. Raises Unreadable if they are out of range."""
     values = [number(part, machine.lookup) for part in arguments(rest)]
     for value in values:
         if not 0.0001 <= value <= 100:
@@ -157,7 +161,10 @@ def _percent(machine: Machine, rest: str) -> list[float]:
 
 
 def _options(machine: Machine, parts: list[str]) -> tuple[list[str], float | Mps, bool]:
-    """The parts that are no options, the speed, and whether ``Next`` runs on before the arm arrives."""
+    """The arguments of a motion, its speed, and whether it has `Next`.
+
+    With `Next` the next statement runs before the arm arrives.
+    """
     targets: list[str] = []
     speed: Value | None = None
     at_once = False
@@ -167,9 +174,8 @@ def _options(machine: Machine, parts: list[str]) -> tuple[list[str], float | Mps
             if option[1].lower() in ("speed", "s"):
                 speed = value
             elif option[1].lower() in ("accel", "decel"):
-                machine.remark(
-                    f"a motion with an {option[1].capitalize()} of its own, which no option asks for"
-                )
+                name = option[1].capitalize()
+                machine.remark(f"a motion with an {name} of its own, which no option asks for")
             else:
                 raise Unreadable(f"the option {option[1]} of a motion is not evaluated")
         elif part.lower() == "next":
@@ -178,7 +184,7 @@ def _options(machine: Machine, parts: list[str]) -> tuple[list[str], float | Mps
             raise Unreadable("extended axes are not evaluated")
         else:
             targets.append(part)
-    return targets, machine.lean() if speed is None else checked_speed(speed), at_once
+    return targets, machine.internal_speed() if speed is None else checked_speed(speed), at_once
 
 
 def _exactly(machine: Machine, parts: list[str], count: int) -> tuple[list[str], float | Mps, bool]:
@@ -194,17 +200,18 @@ def _interpolation(parts: list[str]) -> bool:
     return LINEAR[parts[0].lower()]
 
 
-def _place(machine: Machine, expression: str) -> Pose | Joints:
+def _target(machine: Machine, expression: str) -> Pose | Joints:
     value = evaluate(expression, machine.lookup)
     if not isinstance(value, (Pose, Joints)):
         raise Unreadable(f"{expression} is no place to move to")
     return value
 
 
-def _here(machine: Machine) -> Pose:
-    if machine.here is None:
+def _require_pose(machine: Machine) -> Pose:
+    """The current pose. Raises Unreadable if the text does not give it."""
+    if machine.current_pose is None:
         raise Unreadable("a motion from a place that the text does not give")
-    return machine.here
+    return machine.current_pose
 
 
 def _back(pose: Pose, length: float) -> Pose:
@@ -219,7 +226,11 @@ def go(
     speed: float | Mps,
     at_once: bool,
 ) -> None:
-    """Moves to ``target``. at_once: what follows does not wait for the arm."""
+    """Adds a motion to `target`. Raises Unreadable for a line to joint values.
+
+    blend: blend radius, mm.
+    at_once: whether the next statement does not wait for the arm.
+    """
     passing = blend > 0 or at_once
     posture = _posture(target)
     if isinstance(target, Figured):
@@ -229,28 +240,28 @@ def go(
         machine.emit_motion(MoveJ(target, limit, blend, posture=posture, share=share), passing)
     elif isinstance(target, Joints):
         raise Unreadable("a straight line to joints is not evaluated")
-    elif (
-        not isinstance(speed, Mps)
-        and machine.here is not None
-        and machine.here.origin == target.origin
-    ):
-        # A turn on the spot, though it may be less than a printed digit. Its speed in mm/s says nothing.
-        limit, turn = machine.joint_speed(speed)[0], machine.turning(speed)
-        machine.emit_motion(
-            MoveL(target, limit, blend, *machine.pressing(), posture=posture, turn=turn), passing
-        )
-    else:
+    elif isinstance(speed, Mps) or not _is_still(machine, target):
         mm_s = machine.mm_per_second(speed)
-        machine.emit_motion(
-            MoveL(target, mm_s, blend, *machine.pressing(), posture=posture), passing
-        )
+        item = MoveL(target, mm_s, blend, *machine.pressing(), posture=posture)
+        machine.emit_motion(item, passing)
+    else:
+        # A reorientation, even if it is smaller than a printed digit. It has no speed in mm/s.
+        limit, turn = machine.joint_speed(speed)[0], machine.turning(speed)
+        item = MoveL(target, limit, blend, *machine.pressing(), posture=posture, turn=turn)
+        machine.emit_motion(item, passing)
+
+
+def _is_still(machine: Machine, target: Pose) -> bool:
+    """Whether the TCP keeps its position on the way to a target."""
+    start = machine.current_pose
+    return start is not None and start.origin == target.origin
 
 
 def _arc(machine: Machine, targets: list[str], speed: float | Mps, at_once: bool) -> None:
     if len(targets) != 2:
         raise Unreadable(f"Move C has {counted(len(targets), 'point')} instead of two")
     mark, expression = split_mark(targets[1])
-    via, end = _place(machine, targets[0]), _place(machine, expression)
+    via, end = _target(machine, targets[0]), _target(machine, expression)
     if isinstance(via, Joints) or isinstance(end, Joints):
         raise Unreadable("an arc through joints is not evaluated")
     arc(machine, via, end, machine.blend(mark), speed, at_once)
@@ -259,22 +270,28 @@ def _arc(machine: Machine, targets: list[str], speed: float | Mps, at_once: bool
 def arc(
     machine: Machine, via: Pose, end: Pose, blend: float, speed: float | Mps, at_once: bool
 ) -> None:
-    """Moves through ``via`` to ``end``."""
-    if machine.here is None:
+    """Adds an arc through `via` to `end`.
+
+    blend: blend radius, mm.
+    at_once: whether the next statement does not wait for the arm.
+    """
+    if machine.current_pose is None:
         machine.fault("an arc from a place that the text does not give")
-    elif shape := _shape(machine.here.origin, via.origin, end.origin):
+    elif shape := _shape(machine.current_pose.origin, via.origin, end.origin):
         machine.fault(shape)
     _compare_figures(machine, via, end)
     posture = _posture(end)
     via, end = (Pose(place.rotation, place.origin) for place in (via, end))
     mm_s = machine.mm_per_second(speed)
-    machine.emit_motion(
-        MoveC(via, end, mm_s, blend, *machine.pressing(), posture=posture), blend > 0 or at_once
-    )
+    item = MoveC(via, end, mm_s, blend, *machine.pressing(), posture=posture)
+    machine.emit_motion(item, blend > 0 or at_once)
 
 
 def _compare_figures(machine: Machine, via: Pose, end: Pose) -> None:
-    """The reference asks for one figure at the ends of an arc; what the one of the via point does, it does not say."""
+    """Adds findings if the via point and the end of an arc have different figures.
+
+    The reference asks for the same figure at both ends. It does not define that of the via point.
+    """
     if isinstance(via, Figured) and isinstance(end, Figured):
         if via.figure != end.figure:
             machine.fault("the points of the arc have different figures")
@@ -290,12 +307,15 @@ def _read_figure(figure: int) -> Posture:
 
 
 def _posture(place: Pose | Joints) -> Posture | None:
-    """The figure of a position, if it has one."""
+    """The figure of a position, None without one."""
     return _read_figure(place.figure) if isinstance(place, Figured) else None
 
 
 def _shape(start: Vec3, via: Vec3, end: Vec3) -> str:
-    """What is wrong with an arc through three points. The angle at ``via`` is half the arc that it does not lie on."""
+    """The fault of an arc through three points, empty without one.
+
+    The angle at the via point is half the arc on the other side of the chord.
+    """
     x, y, z = via
     ax, ay, az = start[0] - x, start[1] - y, start[2] - z
     bx, by, bz = end[0] - x, end[1] - y, end[2] - z
@@ -313,8 +333,8 @@ MOTIONS = motions(_read_mark, _read_speed)
 
 
 def carry_out(machine: Machine, item: Plain) -> None:
-    """Does what ``move`` does with the same line."""
-    speed = machine.lean() if item.speed is None else item.speed
+    """Runs a motion in the usual spelling with the result of `move`."""
+    speed = machine.internal_speed() if item.speed is None else item.speed
     if isinstance(speed, str):
         speed = machine.speed_of(speed)
     blend = machine.blend(item.mark)

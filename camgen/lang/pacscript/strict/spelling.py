@@ -1,11 +1,12 @@
-"""What no program of the post spells so, and no public text says how a controller takes."""
+"""Spellings that no program of a post has and whose effect no public text defines."""
 
 from __future__ import annotations
 
 import re
 
 _QUOTED = re.compile(r'"[^"]*"')
-#: RC8 manual 456 has numbers left out of a position, not how; published programs have positions without their ``P``.
+#: Unusual spellings. RC8 manual 456 allows to omit numbers of a position without an example.
+#: Published programs have positions without their `P`.
 _UNUSUAL = (
     (re.compile(r"[(\[,]\s*(?=,)|,\s*(?=[)\]])"), "a value is left out between commas"),
     (re.compile(r"(?<!\w)\(\s*[-+]?[\d.]+\s*\)"), "a bracket stands around a single number"),
@@ -18,6 +19,6 @@ _UNUSUAL = (
 
 
 def find_unusual(text: str) -> list[str]:
-    """What is unusual about the spelling of a statement."""
+    """The findings for unusual spellings in a statement."""
     bare = _QUOTED.sub("", text)
     return [what for pattern, what in _UNUSUAL if pattern.search(bare)]

@@ -1,4 +1,4 @@
-"""PacScript source as procedures: comments, macros, ``Sub`` and ``Function`` (RC8 manual 5225, 449)."""
+"""PacScript source as procedures: comments, macros, `Sub` and `Function` (RC8 manual 5225, 449)."""
 
 from __future__ import annotations
 
@@ -28,13 +28,18 @@ from .words import TYPES
 
 _OPENING = re.compile(r"(sub|function)\s+(\w+)\s*(?:\(([^()]*)\))?\s*(?:as\s+\w+)?", re.IGNORECASE)
 
-#: A statement: its line counted through all files, and its text without comment, macros replaced.
+#: A statement: its line, counted through all files, and its text without comment and macros.
 Statement = tuple[int, str] | Plain
 
 
 @dataclass(frozen=True, slots=True)
 class Procedure:
-    """A Sub or Function. line: of its declaration; parameters: their types by name, lower case."""
+    """A Sub or Function.
+
+    line: line of its declaration.
+    parameters: types of the parameters by name, in lower case.
+    statements: statements of the procedure.
+    """
 
     line: int
     parameters: Mapping[str, str]
@@ -50,9 +55,10 @@ class SourceText:
 
 
 def read_source(files: Mapping[str, str], log: Log, short: bool) -> SourceText:
-    """All files in order. ``Main`` of a file after the first is known by the file's name, as ``Call`` calls it.
+    """Reads all files in order.
 
-    short: motions in the usual spelling become ``Plain``.
+    `Main` of a file after the first has the name of the file, by which `Call` calls it.
+    short: whether motions in the usual spelling become `Plain`.
     """
     source = SourceText(log)
     line = 0
@@ -66,30 +72,35 @@ def read_source(files: Mapping[str, str], log: Log, short: bool) -> SourceText:
 
 @dataclass(slots=True)
 class _Macros:
-    """``#Define`` names in lower case with their text, and what finds them."""
+    """The macros of `#Define`.
+
+    texts: texts by name in lower case.
+    pattern: pattern of the names, None without macros.
+    """
 
     texts: dict[str, str] = field(default_factory=dict)
     pattern: re.Pattern[str] | None = None
 
 
 def _read_file(pieces: Iterable[Run | str], before: int, main: str, source: SourceText) -> int:
-    """Reads a file, ``before`` lines after the start; returns the number of its last line."""
+    """Reads a file. Returns the number of its last line.
+
+    before: number of lines of the files before it.
+    main: name of its procedure `Main`.
+    """
     macros = _Macros()
     current: Procedure | None = None
     number, first, begun = before, 0, ""
     for piece in pieces:
         if isinstance(piece, str):
             text = piece
-        elif (
-            current is None
-            or begun
-            or (macros.pattern and macros.pattern.search(piece.source.text))
-        ):
-            text = piece.source.text
         else:
-            current.statements.extend(plain(piece, number + 1))
-            number += len(piece)
-            continue
+            text = piece.source.text
+            has_macro = macros.pattern and macros.pattern.search(text)
+            if current is not None and not begun and not has_macro:
+                current.statements.extend(plain(piece, number + 1))
+                number += len(piece)
+                continue
         for row in LINE.findall(text):
             number += 1
             text = begun + _read_row(row.removesuffix("\n"), number, source)
@@ -126,7 +137,7 @@ def _read_statement(
     main: str,
     source: SourceText,
 ) -> Procedure | None:
-    """Files a statement of one line or several; returns the procedure that the next one belongs to."""
+    """Adds a statement of one or more lines. Returns the procedure of the next statement."""
     if text.startswith("#"):
         _directive(text, number, macros, source)
         return current
@@ -138,7 +149,7 @@ def _read_statement(
 def _statement(
     text: str, number: int, current: Procedure | None, main: str, source: SourceText
 ) -> Procedure | None:
-    """Files a statement; returns the procedure that the next one belongs to."""
+    """Adds a statement. Returns the procedure of the next statement."""
     if CLOSING.fullmatch(text):
         if current is None:
             source.log.find("refused", f"{text} closes nothing", line=number)
@@ -173,7 +184,7 @@ def _expand(text: str, number: int, macros: _Macros, source: SourceText) -> str:
 
 
 def _check_names(source: SourceText, number: int, *names: str) -> None:
-    """Notes names that the language does not take."""
+    """Adds findings for names that the language does not accept."""
     for name in names:
         if what := name_fault(name):
             source.log.find("refused", what, line=number)
@@ -191,9 +202,8 @@ def _open(opening: re.Match[str], number: int, main: str, source: SourceText) ->
         }
     _check_names(source, number, *(() if given == "main" else (opening[2],)), *parameters)
     if name == "main" and parameters:
-        source.log.find(
-            "refused", "Main has parameters, and nobody calls it with values", line=number
-        )
+        what = "Main has parameters, and nobody calls it with values"
+        source.log.find("refused", what, line=number)
     procedure = Procedure(number, parameters, [])
     if name in source.procedures:
         source.log.find("refused", f"a second procedure {opening[2]}", line=number)

@@ -1,4 +1,4 @@
-"""What a declared type of PacScript can hold of the values that the read-back knows (RC8 manual 450)."""
+"""Types of PacScript variables, as tests of the values that they can hold (RC8 manual 450)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,10 @@ from .values import Either, Mps, Value, Vector
 
 def _is_whole(value: Value) -> bool:
     numbers = value.values if isinstance(value, Either) else (value,)
-    return all(isinstance(one, float) and math.isfinite(one) and one == int(one) for one in numbers)
+    for number in numbers:
+        if not isinstance(number, float) or not math.isfinite(number) or number != int(number):
+            return False
+    return True
 
 
 def _is_number(value: Value) -> bool:
@@ -24,7 +27,7 @@ def _is_position(value: Value) -> bool:
     return isinstance(value, Pose)
 
 
-#: What a variable of each type holds as it is, lower case; a string holds nothing that is evaluated.
+#: Test of the values of each type, by its name in lower case. Values of strings are not evaluated.
 TYPES: dict[str, Callable[[Value], bool]] = {
     **dict.fromkeys(("integer", "byte", "bit"), _is_whole),
     **dict.fromkeys(("single", "double"), _is_number),

@@ -1,7 +1,8 @@
-"""Reads ABB RAPID modules back: what the text makes the robot do, and what cannot be right in it.
+"""Reads ABB RAPID modules of a post back: text -> instructions, findings by line.
 
-A subset is read: straight-line programs of declarations, PROCs without parameters, motions, outputs, waits and
-pressing. Everything else is a fault that names it. Written from the RAPID manuals, not from the post.
+A subset of the language is read: declarations, PROCs without parameters, motions, outputs, waits
+and pressing, without branches. Everything else is refused by name. The module is written from the
+RAPID manuals, not from the post.
 """
 
 from __future__ import annotations
@@ -17,11 +18,11 @@ from camgen.lang.rapid.types import PREDEFINED, RESIDENT, Value
 from camgen.lang.rapid.words import INSTALLED
 from camgen.model.program import Force, Output
 
-from .asked import read_asked
 from .data import Scope
+from .expected import read_expected
 from .rows import Run, Spellings
 from .runs import perform
-from .state import Known, State
+from .state import PostSettings, State
 from .statements import (
     DEACTIVATIONS,
     MOTIONS,
@@ -46,40 +47,54 @@ from .syntax import (
     parse,
 )
 
-#: Names that the text may not give again.
+#: Names of the system, which a program may not declare.
 _SYSTEM = (INSTALLED | PREDEFINED.keys() | MOTIONS.keys() | STATEMENTS.keys()) - RESIDENT
 
-# RAPID modules put together: who sees which name, and what is declared twice or cannot be.
+# The modules of a program: scopes of names, and faults of declarations.
 
 
 @dataclass
 class Linked:
-    """The modules of a program, put together: who sees which name."""
+    """The modules of a program with the scopes of their names. All keys are in lower case.
+
+    longest_name: maximum number of characters of a name.
+    log: findings.
+    data: global data by name.
+    routines: global routines by name.
+    modules: all modules.
+    names: names of the modules.
+    scopes: data that each routine sees.
+    local_routines: local routines, by name, that each routine sees.
+    values: values of declarations.
+    errors: errors of declarations without a value.
+    ran: routines in the order in which they were first run.
+    handling: routines that ERROR handlers call.
+    """
 
     longest_name: int
     log: Log = field(default_factory=Log)
-    data: dict[str, Data] = field(default_factory=dict)  # what is global, by name in lower case
+    data: dict[str, Data] = field(default_factory=dict)
     routines: dict[str, Routine] = field(default_factory=dict)
     modules: list[Module] = field(default_factory=list)
-    names: set[str] = field(default_factory=set)  # of the modules, in lower case
+    names: set[str] = field(default_factory=set)
     scopes: dict[Routine, Scope] = field(default_factory=dict)
-    home: dict[Routine, dict[str, Routine]] = field(
-        default_factory=dict
-    )  # the local routines a routine sees
-    worth: dict[Data, Value] = field(default_factory=dict)
-    failed: dict[Data, Wrong] = field(default_factory=dict)
-    ran: dict[Routine, None] = field(
-        default_factory=dict
-    )  # in the order in which they were first run
-    handling: set[Routine] = field(default_factory=set)  # called by ERROR handlers
+    local_routines: dict[Routine, dict[str, Routine]] = field(default_factory=dict)
+    values: dict[Data, Value] = field(default_factory=dict)
+    errors: dict[Data, Wrong] = field(default_factory=dict)
+    ran: dict[Routine, None] = field(default_factory=dict)
+    handling: set[Routine] = field(default_factory=set)
 
     def add(self, module: Module) -> None:
-        """Enters a module; its names must be legal, and new where they are seen."""
+        """Adds a module. Names that are not legal, or not new in their scope, are findings."""
         key = module.name.lower()
         if key in self.names:
-            self.fault(module.line, f"a second module {module.name}")
+            self.log.find("refused", f"a second module {module.name}", line=module.line)
         elif key in self.data or key in self.routines:
-            self.fault(module.line, f"the module {module.name} has the name of something global")
+            self.log.find(
+                "refused",
+                f"the module {module.name} has the name of something global",
+                line=module.line,
+            )
         self.modules.append(module)
         self.names.add(key)
         self.legal(module.name, module.line)
@@ -91,7 +106,7 @@ class Linked:
         self.routines |= {r.name.lower(): r for r in module.routines if not r.local}
 
     def _are_new(self, members: Sequence[Data | Routine]) -> bool:
-        """Whether all members of a module have names that nothing is wrong with, looked at together."""
+        """Whether all members of a module have legal and new names. Tests all names together."""
         keys = {item.name.lower() for item in members}
         taken = (_SYSTEM, RESIDENT, self.names, self.data.keys(), self.routines.keys())
         short = max((len(item.name) for item in members), default=0) <= self.longest_name
@@ -100,7 +115,7 @@ class Linked:
         )
 
     def _enter_each(self, members: Sequence[Data | Routine]) -> None:
-        """Notes what is wrong with the names of members of a module."""
+        """Adds a finding for each name of a member of a module that is not legal or not new."""
         names: set[str] = set()
         for item in members:
             key = item.name.lower()
@@ -108,66 +123,70 @@ class Linked:
             if not item.local:
                 self.new(item.name, item.line)
             if key in names or (not item.local and (key in self.data or key in self.routines)):
-                self.fault(item.line, f"{item.name} is declared twice")
+                self.log.find("refused", f"{item.name} is declared twice", line=item.line)
             if not item.local and key in self.names:
-                self.fault(item.line, f"{item.name} is global and has the name of a module")
+                self.log.find(
+                    "refused", f"{item.name} is global and has the name of a module", line=item.line
+                )
             names.add(key)
 
     def legal(self, name: str, line: int) -> None:
-        """Notes a name that is too long or taken by the system."""
+        """Adds a finding for a name that is too long or predefined."""
         if len(name) > self.longest_name:
-            self.fault(line, f"{name[:40]} is longer than {self.longest_name} characters")
+            self.log.find(
+                "refused", f"{name[:40]} is longer than {self.longest_name} characters", line=line
+            )
         if name.lower() in _SYSTEM:
-            self.fault(line, f"{name} is predefined")
+            self.log.find("refused", f"{name} is predefined", line=line)
 
     def new(self, name: str, line: int) -> None:
-        """Notes a global name that a module of the controller has."""
+        """Adds a finding for a global name that a module of the controller declares."""
         if name.lower() in RESIDENT:
-            self.fault(line, f"{name} is the name of a system module or of what one declares")
-
-    def fault(self, line: int, what: str) -> None:
-        """Notes a fault."""
-        self.log.find("refused", what, line=line)
+            self.log.find(
+                "refused",
+                f"{name} is the name of a system module or of what one declares",
+                line=line,
+            )
 
     def check(self) -> None:
-        """Values every declaration, so that one that is wrong is reported even when nothing uses it."""
+        """Evaluates every declaration, so that unused ones with an error are findings too."""
         for module in self.modules:
             local = {d.name.lower(): d for d in module.data if d.local}
             routines = {r.name.lower(): r for r in module.routines if r.local}
             shared = self.scope(local, self.data)
             self.value_all(shared, module.data)
-            # Routines without data of their own see the same, so that what one motion says is bound once for all.
+            # Routines without data share a scope. The arguments of a motion are bound once in it.
             self.scopes |= dict.fromkeys(module.routines, shared)
-            self.home |= dict.fromkeys(module.routines, routines)
+            self.local_routines |= dict.fromkeys(module.routines, routines)
             for routine in module.routines:
                 if routine.data:
                     for data in routine.data:
                         self.legal(data.name, data.line)
-                    own = {d.name.lower(): d for d in routine.data}
-                    self.scopes[routine] = self.scope(own, local, self.data)
+                    routine_data = {data.name.lower(): data for data in routine.data}
+                    self.scopes[routine] = self.scope(routine_data, local, self.data)
                     self.value_all(self.scopes[routine], routine.data)
 
     def scope(self, *levels: Mapping[str, Data]) -> Scope:
-        """A scope that shares what is known of declarations."""
-        return Scope(levels, self.worth, self.failed)
+        """A scope that shares the values and errors of declarations with all others."""
+        return Scope(levels, self.values, self.errors)
 
     def value_all(self, scope: Scope, data: tuple[Data, ...]) -> None:
-        """Notes what is wrong with the values of declarations."""
+        """Adds a finding for each declaration whose value has an error."""
         for item in data:
             try:
                 if item.value is not None:
-                    scope.worth_of(item)
+                    scope.value_of(item)
             except Wrong as wrong:
                 self.log.find("refused", wrong.what, line=wrong.line)
 
     def list_unused(self, needed: Iterable[str]) -> Iterator[Data | Routine]:
         """Routines and data of modules that neither main nor an ERROR handler uses.
 
-        needed: names of data that may be unused
+        needed: names of data that may be unused.
         """
         names = {name.lower() for name in needed}
         for scope in self.scopes.values():
-            names |= {name.lower() for name, _ in scope.seen}
+            names |= {name.lower() for name, _ in scope.named_values}
         for module in self.modules:
             yield from (item for item in module.data if item.name.lower() not in names)
             for routine in module.routines:
@@ -175,32 +194,38 @@ class Linked:
                     yield routine
 
     def find(self, caller: Routine, name: str) -> Routine | None:
-        """The PROC that ``name`` means in ``caller``."""
-        return self.home[caller].get(name) or self.routines.get(name)
+        """The PROC with a name in the scope of `caller`, None without one."""
+        return self.local_routines[caller].get(name) or self.routines.get(name)
 
 
 #: The signals of a cell whose options name none.
 _SIGNALS: Mapping[str, object] = {"process": "doProcess"}
 #: Longest name on IRC5 and later, and on S4.
 _NAME, _NAME_S4 = 32, 16
-#: More statements than any controller holds: a text whose routines call each other without end.
+#: Maximum number of statements that are run. No controller holds so large a program: beyond it,
+#: routines call each other without end.
 _MOST_STATEMENTS = 2_000_000
 _DEEPEST_CALL = 40
 
 
 def read(files: Mapping[str, str], options: Mapping[str, object]) -> Executed:
-    """What the modules say when ``main`` is run once. Never raises for a text.
+    """Runs `main` of the modules once. It raises nothing for any text.
 
-    files: modules by file name; lines are counted through all of them in order. options: those of ``[post]`` that
-    the text cannot say: signals, declare, force_load, force_sign, s4; and those of ``Asked``, which it should obey.
+    files: modules by file name. Lines are counted through all of them in order.
+    options: options of the post. signals, declare, force_load, force_sign and s4 give what the text
+        does not state. The text must agree with those of `Expected`.
+    Raises JobError if an option has the wrong type.
     """
     return read_with(files, options, plain=True)
 
 
 def read_with(files: Mapping[str, str], options: Mapping[str, object], *, plain: bool) -> Executed:
-    """As ``read``; without ``plain`` every statement is read by the general rules alone, which says the same."""
-    known = _is_known(options)
-    program = Linked(known.longest_name)
+    """Reads modules like `read`.
+
+    plain: whether statements in the usual spelling are read by column. The result is the same.
+    """
+    settings = _read_settings(options)
+    program = Linked(settings.longest_name)
     line = 1
     spellings = Spellings(Written)
     for text in files.values():
@@ -210,15 +235,15 @@ def read_with(files: Mapping[str, str], options: Mapping[str, object], *, plain:
             program.add(module)
         line += ends + (not lines.endswith("\n"))
     program.check()
-    state = _run(program, known, line - 1)
+    state = _run(program, settings, line - 1)
     frame = {kind: pose for kind, (_, pose) in state.frames.items()}
     frames = Frames(base_from_work=frame.get("work"), flange_from_tool=frame.get("tool"))
     return Executed(state.body.body(), state.lines, (frames,), findings=program.log.list_findings())
 
 
-def _run(program: Linked, known: Known, last_line: int) -> State:
-    """Runs ``main``, and notes what is still on or moving at its end."""
-    state = State(known, program.scope(), program.log)
+def _run(program: Linked, settings: PostSettings, last_line: int) -> State:
+    """Runs `main`. A motion or a force that does not end with it is a finding."""
+    state = State(settings, program.scope(), program.log)
     main = program.routines.get("main")
     if main is None:
         state.log.find("refused", "there is no PROC main", line=max(last_line, 1))
@@ -228,7 +253,7 @@ def _run(program: Linked, known: Known, last_line: int) -> State:
     state.stopped("the end")
     check_settings(state, main.line)
     _check_handlers(program, state, main)
-    for item in program.list_unused(known.asked.names.values()):
+    for item in program.list_unused(settings.expected.names.values()):
         state.remark(item.line, f"{item.name[:40]} is declared and never used")
     if state.pressing is not None:
         state.log.find("refused", "FCPressEnd is missing at the end", line=last_line)
@@ -236,7 +261,7 @@ def _run(program: Linked, known: Known, last_line: int) -> State:
 
 
 def _run_routine(program: Linked, state: State, routine: Routine, depth: int) -> None:
-    """Runs a routine with what it calls, statement by statement."""
+    """Runs a routine and the routines that it calls."""
     scope = program.scopes[routine]
     program.ran[routine] = None
     for part in cast(Sequence[Call | Inline | Run], routine.body):
@@ -261,13 +286,8 @@ def _run_routine(program: Linked, state: State, routine: Routine, depth: int) ->
                 perform(state)
                 inline(state, item)
             else:
-                _run_call(
-                    program,
-                    state,
-                    routine,
-                    item.call() if isinstance(item, Inline) else item,
-                    depth,
-                )
+                call = item.call() if isinstance(item, Inline) else item
+                _run_call(program, state, routine, call, depth)
         except Wrong as wrong:
             state.log.find("refused", wrong.what, line=wrong.line)
 
@@ -284,22 +304,23 @@ def _run_call(program: Linked, state: State, routine: Routine, call: Call, depth
 
 
 def _find_called(program: Linked, routine: Routine, call: Call, depth: int) -> Routine:
-    """The PROC that a statement calls."""
-    found = program.find(routine, call.name)
-    if found is None:
+    """The PROC that a statement calls. Raises Wrong if it cannot be called."""
+    called = program.find(routine, call.name)
+    if called is None:
         raise Wrong(call.line, f"the statement {call.name[:40]} is not read")
     if call.args or call.options:
         raise Wrong(call.line, f"{call.name[:40]} is called with arguments")
     if depth >= _DEEPEST_CALL:
         raise Wrong(call.line, f"{call.name[:40]} is called too deeply")
-    return found
+    return called
 
 
-# ERROR handlers: what they leave on. An error in a routine without one, or with RAISE in it, comes to that of main.
+# ERROR handlers, and the outputs that they leave on. The handler of main handles the errors of
+# routines without a handler or with RAISE in it.
 
 
 def _check_handlers(program: Linked, state: State, main: Routine) -> None:
-    """Notes what is wrong with the handlers of the program, and the outputs that it uses and that one leaves on."""
+    """Adds findings for faults of the ERROR handlers and for outputs that a handler leaves on."""
     used = dict.fromkeys(item.signal for item in state.body.objects if isinstance(item, Output))
     _find_missing_handlers(program, state, main, used)
     for routine in program.scopes:
@@ -310,15 +331,13 @@ def _check_handlers(program: Linked, state: State, main: Routine) -> None:
             off, end = _handle(program, state, routine, routine.handler, 0)
             line = routine.handler[-1].line if routine.handler else routine.line
             if not end:
-                raise Wrong(
-                    line,
-                    f"the ERROR handler of {routine.name} goes on behind the error; end it with RAISE",
-                )
-            left = sorted(used.keys() - off.keys()) if end == "exit" or routine is main else []
-            if left:
-                raise Wrong(
-                    line, f"the ERROR handler of {routine.name} leaves {', '.join(left)[:60]} on"
-                )
+                what = "goes on behind the error; end it with RAISE"
+                raise Wrong(line, f"the ERROR handler of {routine.name} {what}")
+            is_last = end == "exit" or routine is main
+            signals_on = sorted(used.keys() - off.keys()) if is_last else []
+            if signals_on:
+                names = ", ".join(signals_on)[:60]
+                raise Wrong(line, f"the ERROR handler of {routine.name} leaves {names} on")
             if routine is main:
                 _judge_main_handler(state, line, [*used, DEACT_WHERE_ON], off, end)
         except Wrong as wrong:
@@ -326,14 +345,15 @@ def _check_handlers(program: Linked, state: State, main: Routine) -> None:
 
 
 def _check_form(state: State, routine: Routine, main: Routine) -> None:
-    """Remarks on a handler that does more than those of posts.
+    """Adds a finding for a handler that does more than those of posts.
 
     In main it calls routines, ends force control and ends. In another routine it is RAISE alone.
     """
     for item in calls_of(routine.handler or ()):
+        name = item.shape.name if isinstance(item, Inline) else item.name
         if routine is not main:
             what = f"the ERROR handler of {routine.name} does more than RAISE"
-        elif item.shape.name in SWITCHES if isinstance(item, Inline) else item.name in SWITCHES:
+        elif name in SWITCHES:
             what = "the ERROR handler of main switches an output itself, not in a routine"
         else:
             continue
@@ -342,23 +362,23 @@ def _check_form(state: State, routine: Routine, main: Routine) -> None:
 
 
 def _hands_on(handler: Sequence[Statement]) -> bool:
-    """Whether an ERROR handler is RAISE alone, with which the error comes to that of main."""
+    """Whether an ERROR handler is RAISE alone, so that the handler of main gets the error."""
     return len(handler) == 1 and isinstance(handler[0], Call) and handler[0].name == "raise"
 
 
 def _judge_main_handler(
     state: State, line: int, order: list[str], off: dict[str, None], end: str
 ) -> None:
-    """Notes where the handler of main leaves force control on, has another order, or ends otherwise than options ask.
+    """Adds findings if the handler of main differs from the handler that the options ask for.
 
-    order: in which the program names its outputs; the force is last, so that nothing runs without it.
+    order: outputs in the order in which the program uses them, then the force.
+    off: outputs that the handler switches off, in order.
+    end: last word of the handler.
     """
     if [name for name in off if name in order] != [name for name in order if name in off]:
-        state.remark(
-            line,
-            "the ERROR handler of main switches off in another order than posts do, force control last",
-        )
-    wanted = state.known.asked.on_error
+        what = "switches off in another order than posts do, force control last"
+        state.remark(line, f"the ERROR handler of main {what}")
+    wanted = state.settings.expected.on_error
     if DEACT_WHERE_ON not in off and any(isinstance(item, Force) for item in state.body.objects):
         state.remark(line, "the ERROR handler of main leaves force control on")
     if end != wanted:
@@ -371,9 +391,9 @@ def _judge_main_handler(
 def _find_missing_handlers(
     program: Linked, state: State, main: Routine, used: Mapping[str, None]
 ) -> None:
-    """Notes routines without an ERROR handler where the options ask for one: main's, then those that hand errors on."""
-    drops = used or any(isinstance(item, Force) for item in state.body.objects)
-    if state.known.asked.on_error == "none" or not drops:
+    """Adds findings for missing ERROR handlers: of main, or of routines that pass errors to it."""
+    is_needed = used or any(isinstance(item, Force) for item in state.body.objects)
+    if state.settings.expected.on_error == "none" or not is_needed:
         return
     if main.handler is None:
         state.remark(main.line, "main has no ERROR handler, which post.on_error asks for")
@@ -388,9 +408,11 @@ def _find_missing_handlers(
 def _handle(
     program: Linked, state: State, routine: Routine, body: Sequence[Statement], depth: int
 ) -> tuple[dict[str, None], str]:
-    """The outputs that ``body``, of a handler or of what it calls, switches off, and the word that it ends with.
+    """The outputs that a handler switches off, in order, and the word that it ends with.
 
-    They are in order. The outputs have ``DEACT_WHERE_ON`` among them where it ends force control.
+    `DEACT_WHERE_ON` is among the outputs if the handler ends force control.
+    body: statements of the handler or of a routine that it calls.
+    Raises Wrong for a statement that a handler may not have.
     """
     off: dict[str, None] = {}
     for item in calls_of(body):
@@ -401,10 +423,10 @@ def _handle(
                 raise Wrong(call.line, f"statements after {call.name.upper()}")
             return off, call.name
         if call.name in SWITCHES:
-            one = switch(state, call)
-            if one.value:
+            output = switch(state, call)
+            if output.value:
                 raise Wrong(call.line, "an ERROR handler that switches something on")
-            off[one.signal] = None
+            off[output.signal] = None
         elif call.name in DEACTIVATIONS:
             check_deactivation(state, call)
             off[DEACT_WHERE_ON] = None
@@ -417,17 +439,15 @@ def _handle(
     return off, ""
 
 
-def _is_known(options: Mapping[str, object]) -> Known:
-    given = options.get("signals", _SIGNALS)
-    signals = (
-        {str(name).lower(): str(key) for key, name in given.items()}
-        if isinstance(given, Mapping)
-        else {}
-    )
-    return Known(
+def _read_settings(options: Mapping[str, object]) -> PostSettings:
+    table = options.get("signals", _SIGNALS)
+    signals: dict[str, str] = {}
+    if isinstance(table, Mapping):
+        signals = {str(name).lower(): str(key) for key, name in table.items()}
+    return PostSettings(
         signals=signals,
         external=options.get("declare", True) is False,
         sign=-1 if options.get("force_sign", 1) == -1 else 1,
         longest_name=_NAME_S4 if options.get("s4", False) is True else _NAME,
-        asked=read_asked(options),
+        expected=read_expected(options),
     )

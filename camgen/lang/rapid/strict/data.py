@@ -1,6 +1,7 @@
-"""RAPID data of our own programs: what a name or an aggregate is worth.
+"""Values of names and aggregates in RAPID programs of a post.
 
-Shapes: RAPID system data types manual; predefined data: its chapters speeddata and zonedata. mm, deg, mm/s, kg.
+The types are those of the RAPID system data types manual, the predefined data those of its chapters
+speeddata and zonedata. Units: mm, deg, mm/s, kg.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from camgen.model.text import counted
 
 from .syntax import Call, Data, Expr, Point, Ref, Wrong
 
-#: Declared by the system, their values depend on the robot: known, but not read.
+#: Data of the system whose values depend on the robot. They are not read.
 _OF_THE_ROBOT = {"vmax": "speeddata", "load0": "loaddata"}
 #: Longest chain of constants that are defined by each other.
 _CHAIN = 50
@@ -33,37 +34,39 @@ _CHAIN = 50
 
 @dataclass(eq=False)
 class Scope:
-    """The data that a routine sees: its own, then its module's, then what is global. Names in lower case.
+    """The data that a routine sees.
 
-    worth and failed hold what declarations are worth, or why they are worth nothing; all scopes share them.
+    levels: data of the routine, of its module, and global data, by name in lower case.
+    values: values of declarations. All scopes share them.
+    errors: errors of declarations without a value. All scopes share them.
+    pending: declarations that are being evaluated.
+    named_values: values of names that were used, by name and type.
     """
 
     levels: tuple[Mapping[str, Data], ...]
-    worth: dict[Data, Value]
-    failed: dict[Data, Wrong]
+    values: dict[Data, Value]
+    errors: dict[Data, Wrong]
     pending: list[Data] = field(default_factory=list)
-    seen: dict[tuple[str, str], Value] = field(
-        default_factory=dict
-    )  # by name and type: what names are worth
+    named_values: dict[tuple[str, str], Value] = field(default_factory=dict)
 
     def find(self, name: str) -> Data | None:
-        """The declaration that ``name`` means."""
+        """The declaration of a name, None without one."""
         key = name.lower()
         return next((level[key] for level in self.levels if key in level), None)
 
     def known(self, expr: Expr | None) -> bool:
-        """Whether ``expr`` is a name that is declared or predefined."""
+        """Whether an expression is a name that is declared or predefined."""
         if not isinstance(expr, Ref):
             return False
         return self.find(expr.name) is not None or expr.name.lower() in PREDEFINED
 
     def value(self, expr: Expr | None, want: str, line: int) -> Value:
-        """What ``expr`` is worth as data of the type ``want``. Wrong names what does not fit."""
+        """The value of an expression of the type `want`. Raises Wrong if it is of another type."""
         if isinstance(expr, Ref):
             key = expr.name, want
-            if key not in self.seen:
-                self.seen[key] = self._named(expr.name, want, line)
-            return self.seen[key]
+            if key not in self.named_values:
+                self.named_values[key] = self._named(expr.name, want, line)
+            return self.named_values[key]
         if isinstance(expr, Call):
             return self._function(expr, want)
         if isinstance(expr, Point):
@@ -98,27 +101,27 @@ class Scope:
         if data is not None:
             if data.type != want:
                 raise Wrong(line, f"{name} is {data.type}, not {want}")
-            return self.worth_of(data)
+            return self.value_of(data)
         if name.lower() in _OF_THE_ROBOT:
             raise Wrong(line, f"{name} depends on the robot and is not read")
-        found, value = PREDEFINED.get(name.lower(), ("", 0.0))
-        if not found:
+        data_type, value = PREDEFINED.get(name.lower(), ("", 0.0))
+        if not data_type:
             raise Wrong(line, f"{name[:40]} is not declared")
-        if found != want:
-            raise Wrong(line, f"{name} is {found}, not {want}")
+        if data_type != want:
+            raise Wrong(line, f"{name} is {data_type}, not {want}")
         return value
 
-    def worth_of(self, data: Data) -> Value:
-        """The initial value of a declaration."""
-        if data in self.failed:
-            raise self.failed[data]
-        if data not in self.worth:
+    def value_of(self, data: Data) -> Value:
+        """The initial value of a declaration. Raises Wrong if it has none."""
+        if data in self.errors:
+            raise self.errors[data]
+        if data not in self.values:
             try:
-                self.worth[data] = self._initial(data)
+                self.values[data] = self._initial(data)
             except Wrong as wrong:
-                self.failed[data] = wrong
+                self.errors[data] = wrong
                 raise
-        return self.worth[data]
+        return self.values[data]
 
     def _initial(self, data: Data) -> Value:
         if data.type not in TYPES and data.type not in LITERAL:
@@ -145,7 +148,7 @@ class Scope:
 
 
 def numbers(value: Value) -> tuple[float, ...]:
-    """A value whose shape has been checked to be all num."""
+    """A value whose type was checked to be numbers only."""
     return cast(tuple[float, ...], value)
 
 
@@ -177,7 +180,7 @@ def _reltool(line: int, point: tuple[Value, ...], shift: Vec3, turns: Mapping[st
 
 
 def _check_record(kind: str, value: Value, line: int) -> None:
-    """Raises Wrong for a record whose numbers cannot be right."""
+    """Raises Wrong for a record whose numbers are not valid."""
     check = _CHECKS.get(kind)
     what = check(numbers(value)) if check else ""
     if what:
@@ -186,20 +189,18 @@ def _check_record(kind: str, value: Value, line: int) -> None:
 
 @lru_cache(maxsize=1000)
 def _posture_fault(parts: tuple[tuple[float, ...], ...]) -> str:
-    """What is wrong with the configuration or the external axes of a robtarget."""
+    """The fault of the configuration or the external axes of a robtarget, empty without one."""
     conf, external = parts
     return _quarters(conf) or _external(external)
 
 
 def orient_fault(q: tuple[float, ...]) -> str:
-    """What is wrong with a quaternion."""
+    """The fault of a quaternion, empty without one."""
     w, x, y, z = q
-    off = abs(w * w + x * x + y * y + z * z - 1)
-    return (
-        f"a quaternion is not normalised (its square differs from 1 by {off:.2g})"
-        if off > 1e-5
-        else ""
-    )
+    deviation = abs(w * w + x * x + y * y + z * z - 1)
+    if deviation <= 1e-5:
+        return ""
+    return f"a quaternion is not normalised (its square differs from 1 by {deviation:.2g})"
 
 
 def _external(axes: tuple[float, ...]) -> str:
@@ -219,5 +220,9 @@ def _zone(zone: tuple[float, ...]) -> str:
 
 
 _CHECKS: dict[str, Callable[[tuple[float, ...]], str]] = {
-    "orient": orient_fault, "extjoint": _external, "confdata": _quarters, "speeddata": _speed, "zonedata": _zone,
-}  # fmt: skip
+    "orient": orient_fault,
+    "extjoint": _external,
+    "confdata": _quarters,
+    "speeddata": _speed,
+    "zonedata": _zone,
+}

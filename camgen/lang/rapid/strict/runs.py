@@ -1,4 +1,4 @@
-"""What a RAPID program does in runs of statements: by column where all is as usual, else statement by statement."""
+"""Runs sequences of RAPID statements: by column if all are usual, else one by one."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ _KINDS = {"movej": NUMBER[MoveJ], "movel": NUMBER[MoveL], "movec": NUMBER[MoveC]
 
 
 def perform(state: State) -> None:
-    """Does what waits to be done, run after run."""
+    """Runs the statements that wait."""
     waiting, state.waiting = state.waiting, []
     scope = state.scope
-    for _, group in groupby(waiting, key=lambda one: (id(one.rows), id(one.scope))):
+    for _, group in groupby(waiting, key=lambda item: (id(item.rows), id(item.scope))):
         runs = list(group)
         rows, state.scope = runs[0].rows, runs[0].scope
         first = np.array([run.first for run in runs], np.intp)
@@ -35,19 +35,19 @@ def perform(state: State) -> None:
     state.scope = scope
 
 
-def _perform_rows(state: State, rows: Rows, some: Indices) -> None:
-    """The statements ``some`` of a file, in order."""
+def _perform_rows(state: State, rows: Rows, indices: Indices) -> None:
+    """Runs statements of a file in order."""
     done = 0
-    # From where the arm stands at joint values the way is not known.
-    while done < len(some) and state.here is None:
-        _one(state, rows, int(some[done]))
+    # The path of a motion that starts at joint values is unknown.
+    while done < len(indices) and state.current_pose is None:
+        _run_row(state, rows, int(indices[done]))
         done += 1
-    if done < len(some) and not _together(state, rows, some[done:]):
-        for row in some[done:].tolist():
-            _one(state, rows, row)
+    if done < len(indices) and not _run_columns(state, rows, indices[done:]):
+        for row in indices[done:].tolist():
+            _run_row(state, rows, row)
 
 
-def _one(state: State, rows: Rows, row: int) -> None:
+def _run_row(state: State, rows: Rows, row: int) -> None:
     statement = rows.statement(row)
     try:
         if isinstance(statement, Inline):
@@ -59,8 +59,12 @@ def _one(state: State, rows: Rows, row: int) -> None:
 
 
 class _Effects(Struct, frozen=True, eq=False):
-    """What the shapes of a file do, by their numbers: kind, as in ``body.NUMBER``; speed, blend: of motions, mm/s and
-    mm. outputs: of those that switch.
+    """Effects of the S shapes of a file.
+
+    kind: (S,) kinds of instructions, numbers of `camgen.model.body`.
+    speed: (S,) speeds of motions, mm/s.
+    blend: (S,) blend radii of motions, mm.
+    outputs: outputs by number of the shape.
     """
 
     kind: Indices
@@ -69,18 +73,18 @@ class _Effects(Struct, frozen=True, eq=False):
     outputs: dict[int, Output]
 
 
-def _together(state: State, rows: Rows, some: Indices) -> bool:
-    """Does all of ``some`` at once, unless there is anything about them that is not as usual."""
-    columns = rows.columns.take(some)
-    effects = _find_effects(state, rows, some, columns)
-    if effects is None or state.pressing is not None or state.here is None:
+def _run_columns(state: State, rows: Rows, indices: Indices) -> bool:
+    """Runs statements by column. Returns False, and runs none, if one of them is not usual."""
+    columns = rows.columns.take(indices)
+    effects = _find_effects(state, rows, indices, columns)
+    if effects is None or state.pressing is not None or state.current_pose is None:
         return False
     kind, blend = effects.kind[columns.shape], effects.blend[columns.shape]
     moves, arcs = kind != NUMBER[Output], kind == NUMBER[MoveC]
     before = np.append(bool(state.blending), (blend > 0)[:-1])
     point = columns.point[moves]
     ends, vias = rows.points[point], rows.points[columns.point[arcs] - 1]
-    starts = np.concatenate([[state.here.origin], ends[:-1]])
+    starts = np.concatenate([[state.current_pose.origin], ends[:-1]])
     turned = {
         number: state.turned(rows.spellings.turns[number])
         for number in each_once(rows.turn).tolist()
@@ -88,19 +92,19 @@ def _together(state: State, rows: Rows, some: Indices) -> bool:
     table = [rotation for rotation in turned.values() if rotation is not None]
     if (before & ~moves).any() or len(table) < len(turned):
         return False
-    where = np.zeros(len(rows.spellings.turns), np.int32)
-    where[list(turned)] = np.arange(len(turned))
-    rotation = where[rows.turn[point]]
-    lines = kind[moves] == NUMBER[MoveL]
-    curved = kind[moves] == NUMBER[MoveC]
-    still = (starts == ends).all(axis=1)
-    if (still & lines).any() or not _are_arcs(starts[curved], vias, ends[curved]):
+    index_of = np.zeros(len(rows.spellings.turns), np.int32)
+    index_of[list(turned)] = np.arange(len(turned))
+    rotation = index_of[rows.turn[point]]
+    is_line = kind[moves] == NUMBER[MoveL]
+    is_arc = kind[moves] == NUMBER[MoveC]
+    is_still = (starts == ends).all(axis=1)
+    if (is_still & is_line).any() or not _are_arcs(starts[is_arc], vias, ends[is_arc]):
         return False
-    here = Pose(table[rotation[-1]], to_vec3(ends[-1]))
-    poses = [Pose(one, here.origin) for one in table]
-    turned_lines = [(poses[a], poses[b]) for a, b in _turns(rotation, lines)]
-    if lines[0]:
-        turned_lines.append((state.here, poses[rotation[0]]))
+    last_pose = Pose(table[rotation[-1]], to_vec3(ends[-1]))
+    poses = [Pose(matrix, last_pose.origin) for matrix in table]
+    turned_lines = [(poses[a], poses[b]) for a, b in _turns(rotation, is_line)]
+    if is_line[0]:
+        turned_lines.append((state.current_pose, poses[rotation[0]]))
     if any(is_half_turn(start, end) for start, end in turned_lines):
         return False
     state.body.extend_body(
@@ -114,7 +118,7 @@ def _together(state: State, rows: Rows, some: Indices) -> bool:
                 path=np.broadcast_to(np.intp(-1), len(point)),
                 work=np.broadcast_to(np.bool_(False), len(point)),
                 via=vias,
-                via_rotation=where[rows.turn[columns.point[arcs] - 1]],
+                via_rotation=index_of[rows.turn[columns.point[arcs] - 1]],
                 kept=~moves,
             ),
             table,
@@ -122,24 +126,26 @@ def _together(state: State, rows: Rows, some: Indices) -> bool:
         )
     )
     state.lines.frombytes(columns.line.astype(np.int64).tobytes())
-    state.here, state.settled = here, False
-    state.note_way(ends)
+    state.current_pose, state.settled = last_pose, False
+    state.note_target(ends)
     state.blending = int(columns.line[-1]) if blend[-1] > 0 else 0
     return True
 
 
-def _find_effects(state: State, rows: Rows, some: Indices, columns: Columns) -> _Effects | None:
-    """What each shape among ``some`` does, each looked at where it comes first; None where one is not as usual."""
+def _find_effects(state: State, rows: Rows, indices: Indices, columns: Columns) -> _Effects | None:
+    """The effects of the shapes of statements. Each shape is read at its first statement.
+
+    Returns None if a shape is not usual.
+    """
     shapes = rows.spellings.shapes
     kind = np.full(len(shapes), NUMBER[Output])
     speed, blend = np.zeros(len(shapes)), np.zeros(len(shapes))
     outputs: dict[int, Output] = {}
     numbers, first = np.unique(columns.shape, return_index=True)
     bounds: list[tuple[int, Bound]] = []
-    for number, row in sorted(
-        zip(numbers.tolist(), first.tolist(), strict=True), key=lambda one: one[1]
-    ):
-        statement = rows.statement(int(some[row]))
+    for k in np.argsort(first).tolist():
+        number = int(numbers[k])
+        statement = rows.statement(int(indices[first[k]]))
         try:
             if not isinstance(statement, Inline):
                 outputs[number] = switch(state, statement)
@@ -157,13 +163,13 @@ def _find_effects(state: State, rows: Rows, some: Indices, columns: Columns) -> 
 
 
 def _are_arcs(starts: FloatArray, vias: FloatArray, ends: FloatArray) -> bool:
-    """Whether there is nothing to say of any of the arcs."""
+    """Whether none of the arcs has a fault or remark."""
     doubtful = np.flatnonzero(~judge_arcs(starts, vias, ends))
     points = (side[doubtful].tolist() for side in (starts, vias, ends))
     return all(judge_arc(*map(tuple, arc)) == ("", "") for arc in zip(*points, strict=True))
 
 
 def _turns(rotation: Indices, lines: Mask) -> Iterator[tuple[int, int]]:
-    """The rotations at the ends of straight motions that turn the tool, each pair once."""
+    """The rotations at both ends of linear motions that turn the tool, each pair once."""
     rows = np.flatnonzero(lines[1:] & (rotation[1:] != rotation[:-1]))
     yield from dict.fromkeys(zip(rotation[rows].tolist(), rotation[rows + 1].tolist(), strict=True))

@@ -1,4 +1,4 @@
-"""RAPID statements that do not move: signals, waits, supervision, the force sensor."""
+"""RAPID statements of a post: signals, waits, supervision, the force sensor, and motions."""
 
 from __future__ import annotations
 
@@ -32,7 +32,8 @@ from camgen.model.program import (
 )
 from camgen.model.text import counted
 
-from .asked import (
+from .data import numbers
+from .expected import (
     judge_acceleration,
     judge_calibration,
     judge_external_speed,
@@ -41,16 +42,18 @@ from .asked import (
     judge_pressing,
     judge_singularity,
 )
-from .data import numbers
 from .state import Bound, State
 from .syntax import DEACT_WHERE_ON, Call, Expr, Inline, Ref, Wrong
 
 _SUPERVISION = {"confj": "ConfJ", "confl": "ConfL"}
-#: The signal that is an analog output; all others are digital (docs/posts/rapid.md, options).
+#: The signal of an analog output. All others are digital (docs/posts/rapid.md, options).
 _ANALOG = "spindle"
-#: rad/s that the tool turns at in every speed of RAPID's own; and mm that a motion travels for sure.
-_ON_THE_WAY, _SAME_TURN, _TRAVELS = math.radians(500.0), 1e-9, 0.01
-#: Farther than this from the surface, mm, the tool was in the air: 1 mm (docs/posts/rapid.md), and its printed digits.
+#: Speed of reorientation of all predefined speeds, rad/s, and the difference of two equal ones.
+_USUAL_TURN, _SAME_TURN = math.radians(500.0), 1e-9
+#: Length above which a motion travels, mm: more than its printed digits lose.
+_TRAVELS = 0.01
+#: Distance from the surface above which the tool is in the air, mm: 1 mm (docs/posts/rapid.md) and
+#: its printed digits.
 _AIR = 1.01
 
 
@@ -61,16 +64,21 @@ def _signal(state: State, call: Call) -> str:
     if not call.args or not isinstance(call.args[0], Ref):
         raise Wrong(call.line, f"{call.name} needs the name of a signal")
     name = call.args[0].name
-    if len(name) > state.known.longest_name:
-        raise Wrong(call.line, f"{name[:40]} is longer than {state.known.longest_name} characters")
-    return state.known.signals.get(name.lower(), name)
+    if len(name) > state.settings.longest_name:
+        raise Wrong(
+            call.line, f"{name[:40]} is longer than {state.settings.longest_name} characters"
+        )
+    return state.settings.signals.get(name.lower(), name)
 
 
 def switch(state: State, call: Call) -> Output:
-    """What SetDO, SetAO (a signal and its value), Set or Reset (a signal) do."""
+    """The output of SetDO or SetAO (a signal and its value), Set or Reset (a signal).
+
+    Raises Wrong for arguments that do not fit the signal.
+    """
     signal = _signal(state, call)
     analog = signal == _ANALOG
-    if analog != (call.name == "setao") and (analog or signal in state.known.signals.values()):
+    if analog != (call.name == "setao") and (analog or signal in state.settings.signals.values()):
         raise Wrong(
             call.line,
             f"{call.name} of {signal}, which is {'an analog' if analog else 'a digital'} output",
@@ -89,7 +97,7 @@ def switch(state: State, call: Call) -> Output:
 
 
 def switch_signal(state: State, call: Call) -> None:
-    """SetDO, SetAO, Set, Reset."""
+    """Runs SetDO, SetAO, Set or Reset."""
     item = switch(state, call)
     state.stopped(call.name)
     state.settled = False
@@ -97,7 +105,10 @@ def switch_signal(state: State, call: Call) -> None:
 
 
 def _wait(state: State, call: Call) -> None:
-    """WaitTime. With InPos it waits for standstill first: a wait of 0 s then adds nothing to the stop before it."""
+    """Runs WaitTime.
+
+    With InPos it waits for standstill first. A wait of 0 s then adds nothing to the stop before it.
+    """
     switches = [name for name, _ in call.options]
     if switches not in ([], ["inpos"]) or any(value is not None for _, value in call.options):
         raise Wrong(call.line, f"\\{switches[0][:40]} of waittime is not read")
@@ -113,7 +124,7 @@ def _wait(state: State, call: Call) -> None:
 
 
 def _stop(state: State, call: Call) -> None:
-    """Stop: until the operator goes on."""
+    """Runs Stop, which waits for the operator."""
     if call.args or call.options:
         raise Wrong(call.line, "stop is read without arguments")
     state.stopped("stop")
@@ -122,22 +133,20 @@ def _stop(state: State, call: Call) -> None:
 
 
 def _configuration(state: State, call: Call) -> None:
-    """ConfL, ConfJ: switch the supervision of the posture, which no instruction holds."""
+    """Runs ConfL or ConfJ. The supervision of the posture is not part of an instruction."""
     if call.args or call.options not in ((("on", None),), (("off", None),)):
         raise Wrong(call.line, f"{call.name} needs \\On or \\Off")
     on = call.options[0][0] == "on"
     if state.moved and state.supervised.get(call.name, (None, 0))[0] != on:
         state.remark(call.line, f"{_SUPERVISION[call.name]} changes after the first motion")
     state.supervised[call.name] = on, call.line
-    if on and state.known.asked.conf != "auto":
-        state.remark(
-            call.line,
-            f"{_SUPERVISION[call.name]} is on, though post.conf is {state.known.asked.conf}",
-        )
+    if on and state.settings.expected.conf != "auto":
+        conf = state.settings.expected.conf
+        state.remark(call.line, f"{_SUPERVISION[call.name]} is on, though post.conf is {conf}")
 
 
 def _singularity(state: State, call: Call) -> None:
-    """SingArea: what the arm does near a singularity, which no instruction holds."""
+    """Runs SingArea. The behaviour near a singularity is not part of an instruction."""
     if call.args or call.options not in ((("wrist", None),), (("off", None),)):
         raise Wrong(call.line, "singarea needs \\Wrist or \\Off")
     state.singularity = call.options[0][0]
@@ -146,7 +155,7 @@ def _singularity(state: State, call: Call) -> None:
 
 
 def _acceleration(state: State, call: Call) -> None:
-    """AccSet: acceleration and ramp in %, which no instruction holds."""
+    """Runs AccSet. Acceleration and ramp, in %, are not part of an instruction."""
     if len(call.args) != 2 or call.options:
         raise Wrong(call.line, "accset needs acceleration and ramp")
     values = tuple(cast(float, state.scope.value(value, "num", call.line)) for value in call.args)
@@ -158,27 +167,26 @@ def _acceleration(state: State, call: Call) -> None:
 
 
 def _calibrate(state: State, call: Call) -> None:
-    """FCCalib: sets the force sensor to zero, with the load of the tool."""
+    """Runs FCCalib, which sets the force sensor to zero with the load of the tool."""
     if len(call.args) != 1 or call.options:
         raise Wrong(call.line, "fccalib needs one loaddata")
-    load, asked = call.args[0], state.known.asked
-    said: str | Value = load.name.lower() if isinstance(load, Ref) else ""
-    if said != asked.calibration.lower() or state.scope.known(load):
-        value = state.scope.value(load, "loaddata", call.line)
-        said = said or value
+    argument, expected = call.args[0], state.settings.expected
+    load: str | Value = argument.name.lower() if isinstance(argument, Ref) else ""
+    if load != expected.calibration.lower() or state.scope.known(argument):
+        value = state.scope.value(argument, "loaddata", call.line)
+        load = load or value
     if state.pressing is not None:
         raise Wrong(call.line, "fccalib while pressing")
-    state.remark(call.line, judge_calibration(asked, said))
+    state.remark(call.line, judge_calibration(expected, load))
     if not state.settled:
-        state.remark(
-            call.line, "FCCalib without WaitTime\\InPos right before it: the arm may still swing"
-        )
+        what = "FCCalib without WaitTime\\InPos right before it: the arm may still swing"
+        state.remark(call.line, what)
     state.calibrated, state.settled = True, False
     state.stopped(call.name)
 
 
 def _deactivate(state: State, call: Call) -> None:
-    """FCDeact: force control is off."""
+    """Runs FCDeact, which ends force control."""
     check_deactivation(state, call)
     if state.pressing is not None:
         raise Wrong(call.line, "fcdeact while pressing, before FCPressEnd")
@@ -187,7 +195,10 @@ def _deactivate(state: State, call: Call) -> None:
 
 
 def check_deactivation(state: State, call: Call) -> None:
-    """FCDeact has no arguments; where it is not asked whether force control is on, that it is may not be sure."""
+    """Checks FCDeact. It is unusual without a test whether force control is on.
+
+    Raises Wrong if it has arguments.
+    """
     if call.args or call.options:
         raise Wrong(call.line, "fcdeact has no arguments")
     if call.name != DEACT_WHERE_ON:
@@ -196,20 +207,27 @@ def check_deactivation(state: State, call: Call) -> None:
 
 
 SWITCHES = ("setdo", "setao", "set", "reset")
-#: How force control is put off, whether it was on or not, and where it is on.
+#: The end of force control, always and with a test whether force control is on.
 DEACTIVATIONS = ("fcdeact", DEACT_WHERE_ON)
 STATEMENTS: dict[str, Callable[[State, Call], None]] = {
-    **dict.fromkeys(SWITCHES, switch_signal), "waittime": _wait,
+    **dict.fromkeys(SWITCHES, switch_signal),
+    "waittime": _wait,
     "stop": _stop,
-    "confl": _configuration, "confj": _configuration, "fccalib": _calibrate,
-    **dict.fromkeys(DEACTIVATIONS, _deactivate), "singarea": _singularity, "accset": _acceleration,
-}  # fmt: skip
+    "confl": _configuration,
+    "confj": _configuration,
+    "fccalib": _calibrate,
+    **dict.fromkeys(DEACTIVATIONS, _deactivate),
+    "singarea": _singularity,
+    "accset": _acceleration,
+}
 
 
-# RAPID motions as instructions (RAPID reference manual: MoveAbsJ, MoveJ, MoveL, MoveC; Machining FC: FCPress...).
+# RAPID motions as instructions (RAPID reference manual: MoveAbsJ, MoveJ, MoveL, MoveC; manual of
+# Machining FC: FCPress...).
 
 _MOVE = {"wobj": "wobjdata", "v": "num", "z": "num"}
-#: Positional arguments of each motion, in order, and its optional ones. A type "" is a switch.
+#: Positional arguments of each motion in order, and types of its optional arguments. A type "" is
+#: a switch.
 MOTIONS: dict[str, tuple[tuple[str, ...], dict[str, str]]] = {
     "moveabsj": (("joints", "speed", "zone", "tool"), _MOVE),
     "movej": (("to", "speed", "zone", "tool"), _MOVE),
@@ -225,16 +243,16 @@ MOTIONS: dict[str, tuple[tuple[str, ...], dict[str, str]]] = {
     "fcpressend": (("to", "speed", "tool"), {"wobj": "wobjdata"}),
 }
 _TYPES = {
-    "to": "robtarget", "via": "robtarget", "joints": "jointtarget", "speed": "speeddata", "zone": "zonedata",
-    "tool": "tooldata", "force": "num", "threshold": "num",
+    "to": "robtarget", "via": "robtarget", "joints": "jointtarget", "speed": "speeddata",
+    "zone": "zonedata", "tool": "tooldata", "force": "num", "threshold": "num",
 }  # fmt: skip
 _WORLD = Ref("wobj0")
 _PRESSING = frozenset(name for name in MOTIONS if name.startswith("fc"))
 
 
 def motion(state: State, call: Call) -> Bound:
-    """One motion statement, and what it says beside its points. Wrong when it cannot be read."""
-    bound = _say(state, call)
+    """Runs a motion. Returns the motion without its points. Raises Wrong if it cannot be read."""
+    bound = _read_bound(state, call)
     values = bound.values
     if call.name == "moveabsj":
         axes = numbers(cast(tuple[Value, ...], values["joints"])[0])
@@ -248,8 +266,8 @@ def motion(state: State, call: Call) -> Bound:
     return bound
 
 
-def _say(state: State, call: Call) -> Bound:
-    """What a motion statement says beside its points."""
+def _read_bound(state: State, call: Call) -> Bound:
+    """Reads a motion without its points."""
     values = _bind(state, call)
     speed = cast(float, values["v"] if "v" in values else numbers(values["speed"])[0])
     turn = math.radians(numbers(values["speed"])[1])
@@ -260,36 +278,44 @@ def _say(state: State, call: Call) -> Bound:
 
 
 def find_bound(state: State, move: Inline) -> Bound:
-    """What a motion to points written out says beside them. Wrong when it cannot be read."""
+    """Reads a motion without its points, or takes it from the cache.
+
+    Raises Wrong if it cannot be read.
+    """
     key = state.scope, move.shape
     bound = state.bound.get(key)
     if bound is None:
-        bound = _say(state, move.call())
+        bound = _read_bound(state, move.call())
         if ("via" in bound.values) == (move.via is not None):
             state.bound[key] = bound
     return bound
 
 
 def is_usual(bound: Bound, move: Inline) -> bool:
-    """Whether a motion moves to its point and does nothing else: it does not press, has no posture, and all its points
-    are written out.
+    """Whether a motion only moves to its point.
+
+    It does not press, has no posture and the usual speed of reorientation, and all its points are
+    written out.
     """
-    plain = bound.name in ("movej", "movel", "movec") and bound.posture is None
+    is_free = bound.name in ("movej", "movel", "movec") and bound.posture is None
     return (
-        plain
+        is_free
         and ("via" in bound.values) == (move.via is not None)
-        and abs(bound.turn - _ON_THE_WAY) <= _SAME_TURN
+        and abs(bound.turn - _USUAL_TURN) <= _SAME_TURN
     )
 
 
 def _check_postures(state: State, line: int, values: Mapping[str, Value]) -> None:
-    """Notes configurations that no arm has. That of a circle point is not used; ours have that of the end."""
-    said = [_confdata(values[name]) for name in ("via", "to") if name in values]
-    for one in said:
-        if what := posture_fault(one):
+    """Checks the configurations of a motion. Raises Wrong for one that no arm has.
+
+    The controller does not use the configuration of a circle point. Posts write that of the end.
+    """
+    configurations = [_confdata(values[name]) for name in ("via", "to") if name in values]
+    for configuration in configurations:
+        if what := posture_fault(configuration):
             raise Wrong(line, what)
-        state.remark(line, posture_remark(one))
-    if said and said[0] != said[-1]:
+        state.remark(line, posture_remark(configuration))
+    if configurations and configurations[0] != configurations[-1]:
         state.remark(line, "the circle point of an arc has another configuration than its end")
 
 
@@ -299,53 +325,52 @@ def _confdata(target: Value) -> tuple[int, int, int, int]:
 
 
 def inline(state: State, move: Inline) -> None:
-    """A motion to points written out. What it says beside them is looked up where the routine has said it before."""
+    """Runs a motion to points that are written out. The rest of the motion is cached."""
     key = state.scope, move.shape
     bound = state.bound.get(key)
-    through = None if move.via is None else state.turned(move.via_turn)
+    via_rotation = None if move.via is None else state.turned(move.via_turn)
     rotation = state.turned(move.turn)
-    if bound is None or rotation is None or (through is None and move.via is not None):
+    if bound is None or rotation is None or (via_rotation is None and move.via is not None):
         bound = motion(state, move.call())
         if ("via" in bound.values) == (move.via is not None):  # else one of the points has a name
             state.bound[key] = bound
         return
-    via = None if move.via is None or through is None else Pose(through, move.via)
+    via = None if move.via is None or via_rotation is None else Pose(via_rotation, move.via)
     _move(state, move.line, bound, via, Pose(rotation, move.to))
 
 
 def _move(state: State, line: int, bound: Bound, via: Pose | None, target: Pose | Joints) -> None:
-    """Moves through ``via``, if that is given, to ``target``."""
+    """Adds a motion through `via`, if there is one, to `target`."""
     if not state.moved and bound.name != "moveabsj":
         state.log.find("unusual", f"the first motion is {bound.name}, not MoveAbsJ", line=line)
     state.moved = True
     if isinstance(target, Pose):
         check_supervision(state, line, bound)
-    if isinstance(target, Pose) and state.here is not None:
-        _check_way(state, line, bound, state.here, via, target)
+    if isinstance(target, Pose) and state.current_pose is not None:
+        _check_motion(state, line, bound, state.current_pose, via, target)
     if bound.name in _PRESSING and isinstance(target, Pose):
         _press(state, line, bound, via, target)
     else:
         if state.pressing is not None:
             state.log.find("refused", f"{bound.name} while pressing, before FCPressEnd", line=line)
         state.add(_free(bound, via, target, _turn(state, bound, target)), line)
-    state.here = target if isinstance(target, Pose) else None
-    state.note_way(target)
+    state.current_pose = target if isinstance(target, Pose) else None
+    state.note_target(target)
     state.settled = False
     state.blending = line if bound.blend > 0 else 0
 
 
 def _turn(state: State, bound: Bound, target: Pose | Joints) -> float:
-    """The speed of turning, rad/s, of a motion whose TCP stays where it is, however little of a turn the digits of the
-    text show, and of a joint motion that has its own; 0 where it travels.
+    """The speed of reorientation of a motion, rad/s; 0 if the motion travels.
+
+    A linear motion to the position of the TCP is a reorientation, even if the printed digits show
+    no rotation. A joint motion has this speed if it is not the usual one.
     """
-    here = state.here
+    start = state.current_pose
     if isinstance(target, Joints) or bound.name == "movej":
-        return bound.turn if abs(bound.turn - _ON_THE_WAY) > _SAME_TURN else 0.0
-    return (
-        bound.turn
-        if isinstance(target, Pose) and here is not None and here.origin == target.origin
-        else 0.0
-    )
+        return bound.turn if abs(bound.turn - _USUAL_TURN) > _SAME_TURN else 0.0
+    is_still = start is not None and start.origin == target.origin
+    return bound.turn if is_still else 0.0
 
 
 def _free(bound: Bound, via: Pose | None, target: Pose | Joints, turn: float) -> Motion:
@@ -358,15 +383,18 @@ def _free(bound: Bound, via: Pose | None, target: Pose | Joints, turn: float) ->
 
 
 def _posture(values: Mapping[str, Value]) -> Posture | None:
-    """What the configuration of the target says."""
+    """The configuration of the target, None if it is all zeros."""
     if "to" not in values:
         return None
-    said = _confdata(values["to"])
-    return Posture(said) if any(said) else None
+    configuration = _confdata(values["to"])
+    return Posture(configuration) if any(configuration) else None
 
 
 def _bind(state: State, call: Call) -> dict[str, Value]:
-    """The arguments of a motion by name, their types checked; notes tool and work object."""
+    """The values of the arguments of a motion by name. Sets the tool and the work object.
+
+    Raises Wrong for an argument that is missing, unknown or of another type.
+    """
     positional, optional = MOTIONS[call.name]
     if len(call.args) != len(positional):
         raise Wrong(call.line, f"{call.name} has {len(positional)} arguments, not {len(call.args)}")
@@ -395,7 +423,10 @@ def _bind(state: State, call: Call) -> dict[str, Value]:
 
 
 def _frame_argument(state: State, kind: str, data_type: str, expr: Expr | None, line: int) -> None:
-    """Checks the tool or the work object of a motion, which must be a whole persistent (manual, tooldata)."""
+    """Sets the tool or the work object of a motion.
+
+    Raises Wrong unless it is a whole persistent (manual, tooldata).
+    """
     if isinstance(expr, Ref) and state.frame_of.get(kind) == (expr.name, state.scope):
         return
     if not isinstance(expr, Ref):
@@ -404,72 +435,64 @@ def _frame_argument(state: State, kind: str, data_type: str, expr: Expr | None, 
     if data is not None and data.storage != "pers":
         raise Wrong(line, f"{expr.name} must be PERS, not {data.storage.upper()}")
     if data is not None and not data.local:
-        state.remark(data.line, judge_persistent(state.known.asked, data.name, data.task))
-    unknown = state.known.external and not state.scope.known(expr)
+        state.remark(data.line, judge_persistent(state.settings.expected, data.name, data.task))
+    unknown = state.settings.external and not state.scope.known(expr)
     value = None if unknown else state.scope.value(expr, data_type, line)
-    state.remark(line, judge_name(state.known.asked, kind, expr.name, unknown))
+    state.remark(line, judge_name(state.settings.expected, kind, expr.name, unknown))
     state.frame(kind, expr, value, line)
     state.frame_of[kind] = (expr.name, state.scope)
 
 
 def check_supervision(state: State, line: int, bound: Bound) -> None:
-    """Notes a neutral configuration where supervision, on by default (manual, ConfL), may stop the arm for it."""
+    """Adds a finding for a configuration that does not fit the supervision, once per kind.
+
+    Supervision is on by default (manual, ConfL) and may stop the arm at a configuration of zeros.
+    """
     word, stated = "confj" if bound.name == "movej" else "confl", bound.posture is not None
     if (word, stated) in state.postures:
         return
     state.postures.add((word, stated))
     if not stated and word not in state.supervised:
         state.remark(line, f"a configuration of zeros, and {_SUPERVISION[word]} is not off")
-    if stated and state.known.asked.conf == "off":
+    if stated and state.settings.expected.conf == "off":
         state.remark(line, "a configuration, though post.conf is off")
 
 
 def check_settings(state: State, line: int) -> None:
-    """Notes at the end what the settings of the program are not."""
-    asked = state.known.asked
-    for word, (on, at) in state.supervised.items():
-        if (
-            not on
-            and asked.conf == "auto"
-            and (word, True) in state.postures
-            and (word, False) not in state.postures
-        ):
-            state.remark(
-                at,
-                f"{_SUPERVISION[word]} is off, though each of its motions states a configuration",
-            )
-    state.remark(line, judge_singularity(asked, state.singularity))
-    state.remark(line, judge_acceleration(asked, state.acceleration))
+    """Adds findings, at the end of the program, for settings that are not those of the options."""
+    expected = state.settings.expected
+    for word, (is_on, supervision_line) in state.supervised.items():
+        all_stated = (word, True) in state.postures and (word, False) not in state.postures
+        if not is_on and expected.conf == "auto" and all_stated:
+            what = "is off, though each of its motions states a configuration"
+            state.remark(supervision_line, f"{_SUPERVISION[word]} {what}")
+    state.remark(line, judge_singularity(expected, state.singularity))
+    state.remark(line, judge_acceleration(expected, state.acceleration))
 
 
-def _check_way(
+def _check_motion(
     state: State, line: int, bound: Bound, start: Pose, via: Pose | None, target: Pose
 ) -> None:
-    """Notes what is wrong with the way of a motion, or open."""
+    """Adds findings for the path of a linear or circular motion that is not valid or ambiguous."""
     if bound.name == "movej":
-        pass  # Its joints tell how it turns.
-    elif via is None:
+        return
+    if via is None:
         if is_half_turn(start, target):
-            state.remark(
-                line, "the tool turns by 180 deg in one straight motion; its sense is open"
-            )
+            what = "the tool turns by 180 deg in one straight motion; its sense is open"
+            state.remark(line, what)
     else:
         fault, remark = judge_arc(start.origin, via.origin, target.origin)
         if fault:
             state.log.find("refused", fault, line=line)
         state.remark(line, remark)
-    if (
-        bound.name != "movej"
-        and abs(bound.turn - _ON_THE_WAY) > _SAME_TURN
-        and math.dist(start.origin, target.origin) > _TRAVELS
-    ):
-        state.remark(
-            line, f"a speed of {math.degrees(bound.turn):g} deg/s limits a motion that travels"
-        )
+    travels = math.dist(start.origin, target.origin) > _TRAVELS
+    if travels and abs(bound.turn - _USUAL_TURN) > _SAME_TURN:
+        speed = f"{math.degrees(bound.turn):g} deg/s"
+        state.remark(line, f"a speed of {speed} limits a motion that travels")
 
 
 def _blend(values: Mapping[str, Value]) -> float:
-    if "zone" not in values:  # FCPressEnd has none: it ends the contact
+    if "zone" not in values:  # FCPressEnd, which ends the contact
         return 0.0
     zone = cast(tuple[float, ...], values["zone"])
     if zone[0]:
@@ -478,7 +501,7 @@ def _blend(values: Mapping[str, Value]) -> float:
 
 
 def _press(state: State, line: int, bound: Bound, via: Pose | None, target: Pose) -> None:
-    """A motion that begins pressing, presses or ends it."""
+    """Adds a motion that starts, keeps or ends the contact. Raises Wrong if it cannot be run."""
     name, speed, blend = bound.name, bound.speed, bound.blend
     if name == "fcpress1lstart":
         force = _begin_pressing(state, line, bound.values)
@@ -487,15 +510,13 @@ def _press(state: State, line: int, bound: Bound, via: Pose | None, target: Pose
     elif name == "fcpressend":
         state.stopped(name)
         state.pressing, state.calibrated = None, False
-        state.way.clear()
+        state.free_targets.clear()
         state.add(Force(0.0), line)
-        state.add(
-            MoveL(target, speed, blend, posture=bound.posture, turn=_turn(state, bound, target)),
-            line,
-        )
+        turn = _turn(state, bound, target)
+        state.add(MoveL(target, speed, blend, posture=bound.posture, turn=turn), line)
         return
     else:
-        force = cast(float, bound.values["force"]) * state.known.sign * state.pressing[1]
+        force = cast(float, bound.values["force"]) * state.settings.sign * state.pressing[1]
         if force <= 0:
             raise Wrong(line, f"{name} does not press in the direction of FCPress1LStart")
     assert state.pressing is not None
@@ -508,47 +529,51 @@ def _press(state: State, line: int, bound: Bound, via: Pose | None, target: Pose
 
 
 def _begin_pressing(state: State, line: int, values: Mapping[str, Value]) -> float:
-    """Adds the Force that FCPress1LStart implies: along a tool axis at the point where it starts."""
-    given = [
-        (axis, cast(float, values[name]))
-        for axis, name in enumerate(("fx", "fy", "fz"))
-        if name in values
-    ]
-    if len(given) != 1 or given[0][1] == 0:
+    """Adds the force of FCPress1LStart along a tool axis at its start. Returns it, N.
+
+    Raises Wrong if its arguments are not valid.
+    """
+    names = [name for name in ("fx", "fy", "fz") if name in values]
+    force = cast(float, values[names[0]]) if len(names) == 1 else 0.0
+    if force == 0:
         raise Wrong(line, "FCPress1LStart needs a force along one axis of the tool")
-    if state.pressing is not None or state.here is None:
-        raise Wrong(
-            line, "FCPress1LStart " + ("twice" if state.pressing else "from an unknown pose")
-        )
+    if state.pressing is not None or state.current_pose is None:
+        reason = "twice" if state.pressing else "from an unknown pose"
+        raise Wrong(line, f"FCPress1LStart {reason}")
     if not 0 <= cast(float, values["threshold"]) <= 100:
         raise Wrong(line, "the threshold of FCPress1LStart is 0 to 100 %")
-    for what in judge_pressing(state.known.asked, values):
+    for what in judge_pressing(state.settings.expected, values):
         state.remark(line, what)
-    axis, force = given[0]
+    axis = ("fx", "fy", "fz").index(names[0])
     state.stopped("fcpress1lstart")
-    state.pressing = (axis, state.known.sign if force > 0 else -state.known.sign)
-    if (
-        state.known.asked.calibration
-        and not state.calibrated
-        and _was_in_the_air(state, state.here, state.pressing)
-    ):
+    state.pressing = (axis, state.settings.sign if force > 0 else -state.settings.sign)
+    needs_calibration = state.settings.expected.calibration and not state.calibrated
+    if needs_calibration and _was_in_the_air(state, state.current_pose, state.pressing):
         state.remark(line, "no FCCalib before pressing, though post.force_load asks for it")
     state.pressed = True
-    state.add(Force(abs(force), _direction(state.here, state.pressing)), line)
+    state.add(Force(abs(force), _direction(state.current_pose, state.pressing)), line)
     return abs(force)
 
 
 def _was_in_the_air(state: State, start: Pose, pressing: tuple[int, int]) -> bool:
-    """Whether the tool could be calibrated since the last section, if there was one: it was above ``start``, where the
-    next one begins, or at joint values. Between sections on one surface it stays down.
+    """Whether the sensor could be calibrated since the last section with force.
+
+    The tool was above the start of the next section, or at joint values. Between sections on one
+    surface it stays down.
+    start: start of the next section.
+    pressing: tool axis and direction of its force.
     """
     if not state.pressed:
         return True
-    away = np.stack([start.rotation[:, 2], _direction(start, pressing)])
-    posed = [target for target in state.way if not isinstance(target, Joints)]
-    places = [target.origin if isinstance(target, Pose) else target for target in posed]
-    above = np.subtract(start.origin, np.vstack(places)) @ away.T if places else np.zeros(1)
-    return len(posed) < len(state.way) or float(above.max()) > _AIR
+    towards_part = np.stack([start.rotation[:, 2], _direction(start, pressing)])
+    poses = [target for target in state.free_targets if not isinstance(target, Joints)]
+    if len(poses) < len(state.free_targets):
+        return True
+    if not poses:
+        return False
+    positions = [pose.origin if isinstance(pose, Pose) else pose for pose in poses]
+    heights = np.subtract(start.origin, np.vstack(positions)) @ towards_part.T
+    return float(heights.max()) > _AIR
 
 
 def _direction(at: Pose, pressing: tuple[int, int]) -> Vec3:

@@ -1,7 +1,7 @@
-"""The part of RAPID that programs of ours use: the grammar of the language with what else it has turned down.
+"""The part of RAPID that programs of a post use. The parser refuses the rest of the grammar.
 
-What is read: declarations, PROCs without parameters, calls of instructions, values that are written out. Everything
-else is a fault that names it.
+It reads declarations, PROCs without parameters, calls of instructions, and values that are written
+out. Everything else is refused by name.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ from .rows import Cut, Run, Spellings
 _OPENS = frozenset(("if", "for", "while", "test"))
 _CLOSES = frozenset(("endif", "endfor", "endwhile", "endtest"))
 _CONTINUES = _CLOSES | frozenset(("else", "elseif", "case", "default", "then", "do"))
-#: Words with which a statement begins that is read in ERROR handlers alone.
+#: First words of statements that are read in ERROR handlers alone.
 _HANDLES = frozenset(("if", "raise", "exit"))
-#: The name of the statement ``IF FCIsForceMode() FCDeact;``, one that no routine has.
+#: Name of the statement `IF FCIsForceMode() FCDeact;`. No routine can have it.
 DEACT_WHERE_ON = "if fcdeact"
-#: The only IF that is read outside of them.
+#: The only IF that is read outside of ERROR handlers.
 _ASKS = re.compile(r"if\s+FCIsForceMode\b", re.IGNORECASE)
 
-#: A PROC in the usual spelling up to its first statement, and from behind its last one on.
+#: A PROC in the usual spelling up to its first statement, and after its last statement.
 _BEGIN = re.compile(r"PROC ([A-Za-z][A-Za-z0-9_]*)\(\)\n(?: *![^\n]*\n)* *")
 _END = re.compile(r"(\n *ERROR\n *RAISE;)?\n *ENDPROC\b")
 
@@ -56,9 +56,11 @@ class Written(Calls):
 def parse(
     text: str, first_line: int, spellings: Spellings | None, log: Log
 ) -> tuple[list[Module], int]:
-    """The modules of one file whose first line has the number ``first_line``, and how many line ends it has.
+    """Parses the modules of a file. Returns them and the number of its line ends.
 
-    spellings: of statements that are read at once, in runs; None: each is read by the general rules.
+    first_line: number of the first line.
+    spellings: spellings of statements that are read by column. None: the general rules read all.
+    log: log for findings.
     """
     parser = _Parser(text, first_line, spellings)
     modules = parser.modules()
@@ -70,7 +72,7 @@ def parse(
 
 
 def calls_of(block: Sequence[Statement | Run]) -> Iterator[Call | Inline]:
-    """The statements of a routine that was read here, one by one: there are no others."""
+    """The statements of a routine, one by one."""
     for item in cast(Sequence[Any], block):
         if isinstance(item, Run):
             yield from map(item.rows.statement, range(item.first, item.last))
@@ -89,35 +91,38 @@ class _Parser(Parser):
         start = banner(text)
         super().__init__(text, first_line, spellings is not None)
         self.cut = None if spellings is None else Cut(text, first_line, spellings)
-        #: Compound statements that are open. Each of them is a fault already.
+        #: Number of open compound statements. Each of them is a finding already.
         self.compounds = 0
-        found = [one.strip() for one in text[:start].strip().split("\n")]
-        if start and found != BANNER_LINES:
+        lines = [line.strip() for line in text[:start].strip().split("\n")]
+        if start and lines != BANNER_LINES:
             self.notes.append(
                 Note(first_line, f"a banner other than {' / '.join(BANNER_LINES)}", odd=True)
             )
         self.outside = start
 
-    # -- modules -------------------------------------------------------------------------------------------------
+    # -- modules
 
     def modules(self) -> list[Module]:
-        """All modules, and remarks on comments outside of them."""
-        found = super().modules()
+        """Parses all modules. Comments outside of them are findings."""
+        modules = super().modules()
         self.remark_comment()
-        return found
+        return modules
 
     def module(self) -> Module:
-        """A module, and a remark on a comment before it."""
+        """Parses a module. A comment before it is a finding."""
         self.remark_comment()
         return super().module()
 
     def close_module(self) -> None:
-        """Takes ENDMODULE."""
+        """Parses ENDMODULE."""
         self.outside = self.token[3] + len("endmodule")
         self.take()
 
     def remark_comment(self) -> None:
-        """Notes a comment between modules: it is an element of a list inside of one (RAPID kernel manual, comments)."""
+        """Adds a finding for a comment between modules.
+
+        A comment is an element of a list inside of a module (RAPID kernel manual, comments).
+        """
         end = self.token[3] if self.token[0] != "end" else len(self.text)
         comment = self.text.find("!", self.outside, end)
         if comment >= 0:
@@ -125,27 +130,27 @@ class _Parser(Parser):
             what = "a comment outside of a module, where the kernel manual has none"
             self.notes.append(Note(line, what, odd=True))
 
-    def judge_attribute(self, line: int, text: str, found: list[str]) -> None:
-        """Attributes of a module say nothing here."""
+    def judge_attribute(self, line: int, text: str, attributes: list[str]) -> None:
+        """Ignores the attributes of a module."""
 
     def record(self) -> Any:
-        """RECORD is not read."""
+        """Refuses RECORD."""
         self.no_member()
 
     def alias(self) -> Any:
-        """ALIAS is not read."""
+        """Refuses ALIAS."""
         self.no_member()
 
     def placeholder(self) -> None:
-        """Placeholders are not read."""
+        """Refuses placeholders."""
         self.no_member()
 
     def late_data(self, line: int, word: str) -> None:
-        """A declaration behind a routine is a fault in a program of ours."""
+        """Adds a finding for a declaration after a routine."""
         self.notes.append(Note(line, f"{word.upper()} after the first routine of the module"))
 
     def dimensions(self, line: int, name: str) -> tuple[Expr, ...]:
-        """Arrays are not read."""
+        """Refuses arrays."""
         raise Wrong(line, f"the array {name} is not read")
 
     def skip_past(self, word: str) -> None:
@@ -156,38 +161,41 @@ class _Parser(Parser):
             self.take()
 
     def member(self, data: list[Data], routines: list[Routine], records: list[Any]) -> None:
-        """One declaration of a module."""
-        found = self.usual_routines() if self.cut is not None and self.word() == "proc" else []
-        if found:
-            routines += found
+        """Parses a declaration of a module."""
+        is_proc = self.cut is not None and self.word() == "proc"
+        usual = self.usual_routines() if is_proc else []
+        if usual:
+            routines += usual
         else:
             super().member(data, routines, records)
 
     def usual_routines(self) -> list[Routine]:
-        """PROCs one after the other, each one run of statements in the usual spelling, with a handler that hands the
-        error on or none.
+        """Parses consecutive PROCs in the usual spelling, if there are any.
+
+        Each has only statements that are read by column, and no handler or one that is RAISE alone.
         """
         _, _, line, start = self.token
         begin = _BEGIN.match(self.text, start)
         if self.cut is None or begin is None or begin[1].lower() in RESERVED:
             return []
         routines: list[Routine] = []
-        name, found = begin[1], self.cut.run(begin.end())
-        while found is not None and (parted := self.cut.parted(found)) is not None:
+        name, statements = begin[1], self.cut.run(begin.end())
+        while statements is not None and (parted := self.cut.parted(statements)) is not None:
             routines.append(_usual(line, name, parted.run, parted.handles, parted.last))
-            start, line, name, found = parted.start, parted.line, parted.name, parted.found
-        if found is not None and (end := _END.match(self.text, found.end)):
-            last = found.line + end[0].count("\n")
-            routines.append(_usual(line, name, found.run, bool(end[1]), last))
+            start, line = parted.start, parted.line
+            name, statements = parted.name, parted.statements
+        if statements is not None and (end := _END.match(self.text, statements.end)):
+            last = statements.line + end[0].count("\n")
+            routines.append(_usual(line, name, statements.run, bool(end[1]), last))
             start, line = end.end(), last
         if routines:
             self.jump(start, line)
         return routines
 
-    # -- routines ------------------------------------------------------------------------------------------------
+    # -- routines
 
     def routine(self, line: int, local: bool, kind: str) -> Routine:
-        """A PROC; others are not read."""
+        """Parses a PROC. Raises Wrong for other kinds of routines."""
         if kind != "proc":
             self.skip_past(f"end{kind}")
             raise Wrong(line, f"{kind.upper()} is not read")
@@ -197,40 +205,40 @@ class _Parser(Parser):
         return super().routine(line, local, kind)
 
     def parameters(self, line: int, name: str) -> tuple[Parameter, ...]:
-        """Parameters are not read."""
+        """Raises Wrong if a PROC has parameters."""
         if not self.accept(")"):
             self.skip_past("endproc")
             raise Wrong(line, f"PROC {name} has parameters, which are not read")
         return ()
 
     def clause(self) -> str:
-        """ERROR."""
+        """Parses ERROR."""
         return self.take()[1].lower()
 
     def enclosed(self, body: list[Statement], clause: str) -> None:
-        """A statement, or what ends force control or a handler."""
-        if (clause and self.word() in _HANDLES) or (
-            not clause and self.word() == "if" and _ASKS.match(self.text, self.token[3])
-        ):
+        """Parses a statement, or the end of force control or of a handler."""
+        if clause:
+            is_end = self.word() in _HANDLES
+        else:
+            is_end = self.word() == "if" and bool(_ASKS.match(self.text, self.token[3]))
+        if is_end:
             body.append(self.handling())
         elif clause or not self.run(body):
             self.statement(body)
 
     def run(self, body: list[Any]) -> bool:
-        """Reads a run of statements at once, where there is one."""
-        found = (
-            self.cut.run(self.token[3])
-            if self.cut is not None and self.token[0] in ("name", "move")
-            else None
-        )
-        if found is None:
+        """Reads a sequence of statements by column. Returns whether there was one."""
+        if self.cut is None or self.token[0] not in ("name", "move"):
             return False
-        body.append(found.run)
-        self.jump(found.end, found.line)
+        statements = self.cut.run(self.token[3])
+        if statements is None:
+            return False
+        body.append(statements.run)
+        self.jump(statements.end, statements.line)
         return True
 
     def handling(self) -> Call:
-        """The end of force control where it is on, and what only an ERROR handler may say here: RAISE, EXIT."""
+        """Parses the conditional end of force control, or RAISE or EXIT of an ERROR handler."""
         _, text, line, _ = self.take()
         if text.lower() == "if":
             for mark in ("fcisforcemode", "(", ")", "fcdeact"):
@@ -240,10 +248,10 @@ class _Parser(Parser):
         self.expect(";")
         return Call(line, DEACT_WHERE_ON if text.lower() == "if" else text.lower())
 
-    # -- statements ----------------------------------------------------------------------------------------------
+    # -- statements
 
     def unnamed(self, _body: list[Statement]) -> None:
-        """What begins with no word is no statement."""
+        """Parses a token that begins no statement. Raises Wrong unless it is a semicolon."""
         token = self.take()
         if token[1] != ";":
             raise Wrong(token[2], f"a statement expected, found {show_token(token)}")
@@ -252,13 +260,14 @@ class _Parser(Parser):
         )
 
     def named_statement(self) -> Statement:
-        """A call."""
+        """Parses a call."""
         return self.statement_call()
 
     def control(self, _body: list[Statement]) -> None:
-        """Reports a control statement and skips its head; the statements inside it are read.
+        """Adds a finding for a control statement and skips its head.
 
-        A word that continues or closes a compound statement is reported too, unless one is open.
+        The statements inside it are read. A word that continues or closes a compound statement is a
+        finding too, unless one is open.
         """
         word, line = self.word(), self.token[2]
         if word not in _CONTINUES:
@@ -282,6 +291,6 @@ def _usual(line: int, name: str, run: Run, handles: bool, last: int) -> Routine:
 
 
 __all__ = [
-    "DEACT_WHERE_ON", "Call", "Data", "Expr", "Inline", "Module", "Point", "Ref", "Routine", "Shape", "Wrong",
-    "calls_of", "parse",
+    "DEACT_WHERE_ON", "Call", "Data", "Expr", "Inline", "Module", "Point", "Ref", "Routine",
+    "Shape", "Wrong", "calls_of", "parse",
 ]  # fmt: skip

@@ -1,7 +1,7 @@
-"""Read-back for Adept V+: what a ``.v2`` text says, found by carrying it out. Written from the manuals.
+"""Reads an Adept V+ program of a post back: text -> instructions, findings by line.
 
-The one program that no other calls is run from its first to its last line. Programs that cannot be followed (tests,
-jumps, arguments) are not guessed at: every such line is a fault.
+The interpreter is written from the manuals. It runs the program that no other calls from its first
+to its last line. Lines that cannot be followed (tests, jumps, arguments) are refused, not guessed.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from camgen.lang.log import Log
+from camgen.lang.post_options import read_positive, read_signals
 from camgen.lang.programs import Executed, Frames
 from camgen.lang.vplus.locations import Expression
 from camgen.lang.vplus.names import canonical
@@ -26,7 +27,6 @@ from camgen.lang.vplus.text import (
     NULL,
     Frame,
     Location,
-    Report,
     Routine,
     Statement,
     Stretch,
@@ -39,25 +39,24 @@ from camgen.model.pose import Pose
 from camgen.model.program import Columns, Instruction, MoveJ, MoveL, splice
 
 from .datafile import read_data
-from .robot import POSTURES, RobotState, same
+from .robot import POSTURES, RobotState, Settings, same
 from .scara import check_scara
 
-# V+ programs carried out, line by line. For the read-back ``vplus``.
-
-#: Loops may add so many instructions to those that stand in the text.
+#: Maximum number of instructions that loops may add to those of the text.
 _LOOPED = 100_000
 _CALLS = 20
 _CALL = re.compile(r"([A-Za-z][A-Za-z0-9._]*)\s*\(\s*(.*?)\s*\)")
 _OTHERS = frozenset(
-    """ABORT ANY CALIBRATE CASE CLOSEI CPOFF CPON DECOMPOSE DO DURATION ELSE EXECUTE EXIT FCLOSE FOPEN FOPENR GOTO HALT
-    HERE IF MC OPENI PARAMETER REACT REACTI READ RESET RETURNE STOP TIMER UNTIL VALUE WAIT WHILE WRITE
+    """ABORT ANY CALIBRATE CASE CLOSEI CPOFF CPON DECOMPOSE DO DURATION ELSE EXECUTE EXIT FCLOSE
+    FOPEN FOPENR GOTO HALT HERE IF MC OPENI PARAMETER REACT REACTI READ RESET RETURNE STOP TIMER
+    UNTIL VALUE WAIT WHILE WRITE
     """.split()  # noqa: SIM905 (a table)
 )
-#: Words of instructions, beside those of ``camgen.lang.vplus.names``, that name no program.
+#: Words of instructions that cannot name a program, besides those of `camgen.lang.vplus.names`.
 _ARGUMENTS = frozenset(
     {"CP", "EVENT", "IPS", "MMPS", "MONITOR", "PPOINT", "PROGRAM", "REAL", "ROBOT", "WORLD"}
 )
-#: After these, and after a motion that cannot be read, nobody knows where the robot is.
+#: Motions. The position is unknown after one that cannot be read, and after other motions.
 _MOTIONS = frozenset({"APPRO", "APPROS", "DEPART", "DEPARTS", "MOVE", "MOVES"})
 _OTHER_MOTIONS = frozenset({"ALIGN", "ALTER", "CLOSE", "DRIVE", "MOVEST", "MOVET", "OPEN", "READY"})
 
@@ -72,31 +71,22 @@ class _Loop:
 
 
 class _Exhausted(Exception):
-    """More instructions than any program needs."""
+    """Raised if a program runs more instructions than any program needs."""
 
 
 class Machine(RobotState):
-    """The controller: the robot and the programs that it runs. The other arguments as those of ``RobotState``."""
+    """The controller: the robot and the programs that it runs."""
 
-    def __init__(
-        self,
-        programs: Mapping[str, Routine],
-        report: Report,
-        remark: Report,
-        rated: float,
-        signals: Mapping[int, str],
-        known: frozenset[str],
-        accel: tuple[int, float],
-    ) -> None:
-        super().__init__(report, remark, rated, signals, known, accel)
+    def __init__(self, programs: Mapping[str, Routine], log: Log, settings: Settings) -> None:
+        super().__init__(log, settings)
         self._programs = programs
-        self._budget = _LOOPED + sum(
-            map(_length, (s for p in programs.values() for s in p.statements))
-        )
+        self._budget = _LOOPED
+        for routine in programs.values():
+            self._budget += sum(map(_length, routine.statements))
         self._line = 0
 
     def run(self, routine: Routine) -> None:
-        """Carries out ``routine`` and what it calls. What cannot be, is reported."""
+        """Runs a routine and those that it calls. Adds findings for what cannot be run."""
         try:
             self._run(routine)
             self.finish(self._line)
@@ -124,7 +114,7 @@ class Machine(RobotState):
         self.move(statement)
 
     def _spend(self, line: int) -> None:
-        """The budget pays for the instruction in ``line``."""
+        """Takes the instruction of a line from the budget. Raises _Exhausted at its end."""
         self._line = line
         self._budget -= 1
         if self._budget < 0:
@@ -136,7 +126,7 @@ class Machine(RobotState):
             self.lost()
 
     def _next(self, routine: Routine, loops: list[_Loop], index: int, statement: Statement) -> int:
-        """Carries out one instruction; the index of the one after it."""
+        """Runs an instruction. Returns the index of the next one."""
         self._spend(statement.line)
         word = statement.word
         if word == "RETURN":
@@ -192,7 +182,7 @@ class Machine(RobotState):
         return loop.start + 1
 
     def _refuse(self, word: str) -> None:
-        """Raises Unreadable for what is not evaluated."""
+        """Raises Unreadable for a word that is not evaluated."""
         if word in _OTHER_MOTIONS:
             self.lost()
         if word in _OTHERS | _OTHER_MOTIONS:
@@ -200,7 +190,7 @@ class Machine(RobotState):
         raise Unreadable(f"unknown statement {word[:40]}")
 
     def call(self, statement: Statement) -> None:
-        """``CALL name()``."""
+        """Runs `CALL name()`."""
         match = _CALL.fullmatch(statement.rest)
         if match is None:
             raise Unreadable("CALL wants name()")
@@ -215,17 +205,15 @@ class Machine(RobotState):
         self._line = statement.line
 
     def declares(self, statement: Statement) -> None:
-        """``AUTO``, ``LOCAL`` and ``GLOBAL``."""
+        """Runs `AUTO`, `LOCAL` or `GLOBAL`."""
         self.declare(statement.rest, statement.word != "GLOBAL")
         if statement.word != "AUTO":
-            self.remark(
-                statement.line,
-                f"{statement.word}: its variables outlive the program, those of AUTO do not",
-            )
+            what = "its variables outlive the program, those of AUTO do not"
+            self.remark(statement.line, f"{statement.word}: {what}")
 
 
 def _line_at(routine: Routine, index: int) -> int:
-    """Line of a statement by its index; of the program where the index is behind the last one."""
+    """The line of a statement, or of the routine if the index is after the last statement."""
     if index < len(routine.statements):
         return routine.statements[index].line
     return routine.line
@@ -235,38 +223,88 @@ def _length(statement: Statement | Stretch) -> int:
     return len(statement.poses) if isinstance(statement, Stretch) else 1
 
 
-#: Not kept by the machine: it would then be in a circle with itself, and stay when nobody needs it any more.
+#: Methods by the word of their instruction. They are not bound to a machine, which would then refer
+#: to itself and stay in memory.
 _DOES: dict[str, Callable[[Machine, Statement], None]] = {
-    "=": Machine.let, "ACCEL": Machine.accel, "APPRO": Machine.appro, "APPROS": Machine.appro,
-    "ATTACH": Machine.attach, "AUTO": Machine.declares, "BASE": Machine.base, "BREAK": Machine.brake,
-    "CALL": Machine.call, "DELAY": Machine.delay, "DEPART": Machine.depart, "DEPARTS": Machine.depart,
-    "DETACH": Machine.detach, "DISABLE": Machine.switch, "ENABLE": Machine.switch, "GLOBAL": Machine.declares,
-    "LOCAL": Machine.declares, "MOVE": Machine.move, "MOVES": Machine.move, "PAUSE": Machine.stop,
-    "SELECT": Machine.select, "SET": Machine.set, "SIGNAL": Machine.signal, "SPEED": Machine.speed,
-    "TOOL": Machine.set_tool, "WAIT.EVENT": Machine.wait_event,
-    **dict.fromkeys(POSTURES, Machine.configure),
+    "=": Machine.let,
+    "ACCEL": Machine.accel,
+    "ATTACH": Machine.attach,
+    "BASE": Machine.base,
+    "BREAK": Machine.brake,
+    "CALL": Machine.call,
+    "DELAY": Machine.delay,
+    "DETACH": Machine.detach,
+    "PAUSE": Machine.stop,
+    "SELECT": Machine.select,
+    "SET": Machine.set,
+    "SIGNAL": Machine.signal,
+    "SPEED": Machine.speed,
+    "TOOL": Machine.set_tool,
+    "WAIT.EVENT": Machine.wait_event,
+    **dict.fromkeys(("APPRO", "APPROS"), Machine.appro),
+    **dict.fromkeys(("AUTO", "GLOBAL", "LOCAL"), Machine.declares),
     **dict.fromkeys(("COARSE", "FINE", "NULL", "NONULL"), Machine.settle),
-}  # fmt: skip
+    **dict.fromkeys(("DEPART", "DEPARTS"), Machine.depart),
+    **dict.fromkeys(("DISABLE", "ENABLE"), Machine.switch),
+    **dict.fromkeys(("MOVE", "MOVES"), Machine.move),
+    **dict.fromkeys(POSTURES, Machine.configure),
+}
 
 
-#: How far the printed digits may move a turn on the spot, mm: 0.1 with one decimal, and its double.
+#: Maximum change of position of a reorientation, mm: twice the 0.1 of one printed decimal.
 _SPOT = 0.2
-#: The defaults of the post's options that give numbers their meaning (docs/posts/vplus.md).
+#: Defaults of options (docs/posts/vplus.md): mm/s and deg/s at 100 %, numbers of outputs,
+#: names of the tool and the work frame.
 _RATED, _RATED_TURN, _SIGNALS, _TOOL, _WORK = 7500.0, 1200.0, {"process": 33}, "cg.tool", "cg.work"
-#: The options that name the tool and the work frame, with their defaults.
-_FRAMES = (("tool", _TOOL), ("work", _WORK))
 
 
 def read(files: Mapping[str, str], options: Mapping[str, object]) -> Executed:
-    """What the files say. options: ``rated``, ``rated_turn``, ``signals``; ``declare = false`` with ``tool``, ``work``.
+    """Runs a program.
 
-    A target ``frame:..`` is given in that frame when all targets name the same one, which then is ``work``; else all
-    are given in the base, and ``work`` is the identity. A motion before BREAK stops (blend 0), another blends by 1 mm.
-    ``points = "file"``: a reader and its data file, in this order.
+    files: programs by file name. With `points = "file"` a reader and its data file, in this order.
+    options: options of the post. They give what the text does not state.
+
+    A target `frame:..` is in that frame if all targets name the same one, which is then the work
+    frame. Else all targets are in the base, and the work frame is the identity. A motion before
+    BREAK stops (blend 0), others have a blend of 1 mm.
     """
     if options.get("points") == "file":
         return read_data(files, options, read)
     log = Log()
+    settings = _read_settings(options)
+    machine = _run(files, settings, log)
+    _check_frames(machine)
+    if machine.axes == 4:
+        check_scara(machine)
+    work, body, lines = _translate(machine)
+    if not any(machine.frames):  # no target has a frame
+        work = machine.stated.get(settings.work)
+    body = tuple(body)
+    _check_turning(machine, body, lines)
+    body = _with_turns(body, machine.turning, settings.rated_turn)
+    frames = Frames(base_from_work=work, flange_from_tool=machine.tool)
+    return Executed(body, tuple(lines), (frames,), findings=log.list_findings())
+
+
+def _read_settings(options: Mapping[str, object]) -> Settings:
+    tool = canonical(str(options.get("tool", _TOOL)))
+    work = canonical(str(options.get("work", _WORK)))
+    posture = options.get("posture", ())
+    return Settings(
+        rated=read_positive(options, "rated", _RATED),
+        rated_turn=read_positive(options, "rated_turn", _RATED_TURN),
+        signals=read_signals(options, _SIGNALS),
+        tool=tool,
+        work=work,
+        undeclared=frozenset() if options.get("declare", True) else frozenset((tool, work)),
+        profile=int(read_positive(options, "profile", 0)),
+        acceleration=read_positive(options, "accel", 100.0),
+        posture=frozenset(map(str, posture)) if isinstance(posture, list | tuple) else frozenset(),
+    )
+
+
+def _run(files: Mapping[str, str], settings: Settings, log: Log) -> Machine:
+    """The machine after it has run the files."""
 
     def report(line: int, what: str) -> None:
         log.find("refused", what, line=line)
@@ -274,71 +312,36 @@ def read(files: Mapping[str, str], options: Mapping[str, object]) -> Executed:
     def remark(line: int, what: str) -> None:
         log.find("unusual", what, line=line)
 
-    machine = _run(files, options, report, remark)
-    _check_given(machine, options, remark)
-    if machine.axes == 4:
-        check_scara(machine)
-    work, body, lines = _translate(machine, report)
-    if not any(machine.frames):  # no target says what it is given in
-        work = machine.stated.get(canonical(str(options.get("work", _WORK))))
-    _check_turning(tuple(body), lines, machine.turning, remark)
-    body = _with_turns(tuple(body), machine.turning, _number(options, "rated_turn", _RATED_TURN))
-    frames = Frames(base_from_work=work, flange_from_tool=machine.tool)
-    return Executed(body, tuple(lines), (frames,), findings=log.list_findings())
-
-
-def _run(
-    files: Mapping[str, str], options: Mapping[str, object], report: Report, remark: Report
-) -> Machine:
-    """The machine after it has run what the files say."""
-    found = routines(files, report, remark)
     programs: dict[str, Routine] = {}
-    for routine in found:
+    for routine in routines(files, report, remark):
         programs.setdefault(canonical(routine.name), routine)
-    rated, signals, known = (
-        _number(options, "rated", _RATED),
-        _signal_names(options),
-        _list_known(options),
-    )
-    accel = int(_number(options, "profile", 0)), _number(options, "accel", 100.0)
-    machine = Machine(programs, report, remark, rated, signals, known, accel)
-    machine.names = frozenset(_list_frames(options))
-    posture = options.get("posture", ())
-    machine.asked = (
-        frozenset(map(str, posture)) if isinstance(posture, (list, tuple)) else frozenset()
-    )
-    for start in _start(list(programs.values()), report, remark):
+    machine = Machine(programs, log, settings)
+    start = _find_start(list(programs.values()), log)
+    if start is not None:
         machine.run(start)
     return machine
-
-
-def _number(options: Mapping[str, object], key: str, default: float) -> float:
-    value = options.get(key, default)
-    return float(value) if isinstance(value, (int, float)) and value > 0 else default
 
 
 def _with_turns(
     body: Sequence[Instruction], turning: Sequence[tuple[int, float]], rated: float
 ) -> Sequence[Instruction]:
-    """``body`` with the speed of its turns on the spot. turning: % of ``rated`` deg/s, from which place on."""
+    """`body` with the speed of its reorientations.
+
+    turning: index of an instruction and rotational speed from it on, %.
+    rated: rotational speed at 100 %, deg/s.
+    """
     columns = Columns(body)
-    places = columns.at[columns.turned].tolist()
     begins = [begin for begin, _ in turning]
-    rates = [turning[bisect_right(begins, place) - 1][1] for place in places]
-    changed = {
-        place: (replace(body[place], turn=math.radians(rate / 100 * rated)),)
-        for place, rate in zip(places, rates, strict=True)
-    }
+    changed: dict[int, tuple[Instruction, ...]] = {}
+    for index in columns.at[columns.turned].tolist():
+        percent = turning[bisect_right(begins, index) - 1][1]
+        changed[index] = (replace(body[index], turn=math.radians(percent / 100 * rated)),)
     return splice(body, changed) if changed else body
 
 
-def _check_turning(
-    body: tuple[Instruction, ...],
-    lines: Sequence[int],
-    turning: Sequence[tuple[int, float]],
-    remark: Report,
-) -> None:
-    """Remarks on a rotational speed below 100 % where the tool does not turn on the spot: it may slow the path."""
+def _check_turning(machine: Machine, body: tuple[Instruction, ...], lines: Sequence[int]) -> None:
+    """Adds findings for linear motions at a rotational speed below 100 %, which may slow them."""
+    turning = machine.turning
     if all(rate >= 100 for _, rate in turning):
         return
     columns = Columns(body)
@@ -351,67 +354,48 @@ def _check_turning(
         first = bisect_left(straight, begin)
         if rate < 100 and first < len(straight) and straight[first] < end:
             what = f"a straight motion at {rate:g} % rotational speed"
-            remark(
-                lines[straight[first]],
-                f"{what}: where the tool turns, it may be slower than its SPEED",
-            )
+            reason = "where the tool turns, it may be slower than its SPEED"
+            machine.remark(lines[straight[first]], f"{what}: {reason}")
 
 
-def _signal_names(options: Mapping[str, object]) -> dict[int, str]:
-    table = options.get("signals", _SIGNALS)
-    return (
-        {n: str(name) for name, n in table.items() if isinstance(n, int)}
-        if isinstance(table, Mapping)
-        else {}
-    )
-
-
-def _list_known(options: Mapping[str, object]) -> frozenset[str]:
-    """Locations that the text need not define."""
-    return frozenset() if options.get("declare", True) else frozenset(_list_frames(options))
-
-
-def _list_frames(options: Mapping[str, object]) -> tuple[str, str]:
-    """The names of the tool and of the work frame, as V+ keeps them."""
-    tool, work = (str(options.get(key, name)) for key, name in _FRAMES)
-    return canonical(tool), canonical(work)
-
-
-def _check_given(machine: Machine, options: Mapping[str, object], remark: Report) -> None:
-    """Remarks on a tool or a work frame of the controller that is not the one that the options name."""
-    tool, work = _list_frames(options)
+def _check_frames(machine: Machine) -> None:
+    """Adds findings for a tool or work frame of the controller that the options do not name."""
+    tool, work = machine.settings.tool, machine.settings.work
     if machine.tool_name not in ("", tool):
-        remark(1, f"the tool is {machine.tool_name}, not {tool} as post.tool has it")
+        machine.remark(1, f"the tool is {machine.tool_name}, not {tool} as post.tool has it")
     for line, frame in zip(machine.lines, machine.frames, strict=True):
         if frame is not None and frame.external not in ("", work):
-            remark(line, f"a target in {frame.external}, not in {work} as post.work has it")
+            what = f"a target in {frame.external}, not in {work} as post.work has it"
+            machine.remark(line, what)
 
 
-def _start(found: list[Routine], report: Report, remark: Report) -> list[Routine]:
-    """The program that no other calls; several: the first."""
+def _find_start(programs: list[Routine], log: Log) -> Routine | None:
+    """The first program that no other calls, None if there are no programs."""
     called = set()
-    for routine in found:
+    for routine in programs:
         for statement in routine.statements:
             if not isinstance(statement, Stretch) and statement.word == "CALL":
                 called.add(canonical(statement.rest.partition("(")[0].strip()))
-    roots = [r for r in found if canonical(r.name) not in called] or found[:1]
-    if roots and roots[0] is not found[0]:
-        remark(roots[0].line, f"{roots[0].name} calls the others and is not the first program")
+    uncalled = [routine for routine in programs if canonical(routine.name) not in called]
+    roots = uncalled or programs[:1]
+    if roots and roots[0] is not programs[0]:
+        what = f"{roots[0].name} calls the others and is not the first program"
+        log.find("unusual", what, line=roots[0].line)
     for other in roots[1:]:
-        report(other.line, f"program {other.name} is called by no other and not evaluated")
-    for routine in found:
+        what = f"program {other.name} is called by no other and not evaluated"
+        log.find("refused", what, line=other.line)
+    for routine in programs:
         if routine.name.upper() in _ARGUMENTS:
-            report(routine.line, f"{routine.name} is a word of V+, not the name of a program")
+            what = f"{routine.name} is a word of V+, not the name of a program"
+            log.find("refused", what, line=routine.line)
     if not roots:
-        report(1, "there is no .PROGRAM")
-    return roots[:1]
+        log.find("refused", "there is no .PROGRAM", line=1)
+    return roots[0] if roots else None
 
 
-def _translate(
-    robot: RobotState, report: Report
-) -> tuple[Pose | None, Sequence[Instruction], Sequence[int]]:
-    """The common frame, the instructions with poses in it, and their lines."""
-    # Most frames are the same object as the one before.
+def _translate(robot: RobotState) -> tuple[Pose | None, Sequence[Instruction], Sequence[int]]:
+    """The common frame, the instructions with targets in it, and their lines."""
+    # Most frames are the same object as the frame before.
     given = [frame for frame, _ in groupby(robot.frames) if frame is not None]
     common = _common(given)
     if common is not None:
@@ -424,7 +408,7 @@ def _translate(
         try:
             body.append(_in_base(item, frame))
         except Unreadable as error:
-            report(line, f"the frames of the targets differ, and {error}")
+            robot.report(line, f"the frames of the targets differ, and {error}")
             continue
         lines.append(line)
     return NULL, body, lines
@@ -437,7 +421,7 @@ def _in_base(item: Instruction, frame: Frame | None) -> Instruction:
 
 
 def _common(given: list[Frame]) -> Frame | None:
-    """One of the frames if all are the same, else nothing; nothing, too, if that is the base."""
+    """The first frame if all are equal. None if they differ or are the base."""
     if not given:
         return None
     first = given[0]

@@ -1,8 +1,8 @@
-"""A V+ program whose motions stand in a data file: the program must be the known reader, and the data are carried out
-as it would. For the read-back ``vplus`` with ``points = "file"``.
+"""Reads a V+ program with a data file of motions (`points = "file"`) back.
 
-Written from docs/posts/vplus.md. The reader is compared word by word with ``_HEAD`` and ``_READER``. The records are
-then written out as the lines of a plain program, which the read-back of plain programs judges.
+The module is written from docs/posts/vplus.md. The program is compared word by word with `_HEAD`
+and `_READER`. The records of the data file are then converted to the lines of a plain program,
+which the read-back of plain programs judges.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ SET <tool> = TRANS(<tool.pose>)
 TOOL <tool>
 SET <work> = TRANS(<work.pose>)
 """
-#: Lines of the head that are only there where the program states tool and work frame.
+#: Lines of the head that only a program has that declares tool and work frame.
 _DECLARED = (1, 8, 10)
 _READER = """\
 ATTACH (cg.lun, 4) "DISK"
@@ -131,10 +131,11 @@ STOP
 _TOKEN = re.compile(
     r'"[^"]*"|\d+(?:\.\d+)?|[.$#]?[A-Za-z][A-Za-z0-9._]*|<[a-z]+(?:\.pose)?>|<>|<=|==|\S'
 )
+_SWITCHED_OFF = re.compile(r"SIGNAL - (\d+)", re.IGNORECASE)
 _SLOT = re.compile(r"<([a-z]+)(\.pose)?>")
 _REAL = r"(?:- )?\d+(?:\.\d+)?"
 _POSE = rf"{_REAL}(?: , {_REAL}){{5}}"
-#: What may stand in a slot: a name, whole numbers, a file.
+#: Pattern of the text of a slot: a name, whole numbers, a file.
 _FILLS = {
     "name": r"[A-Za-z][A-Za-z0-9._]*",
     "file": r'"[^"]+"',
@@ -146,23 +147,37 @@ _FIRST = re.compile(r"1,(0|[1-9]\d*),(0|[1-9]\d*),(0|[1-9]\d*)")
 _RECORD = re.compile(r"(?:-?[1-9]\d{0,6}|0)(?:,(?:-?[1-9]\d{0,6}|0)){8}")
 _LARGEST, _SHIFT, _PRIME, _FACTOR = 2**23 - 1, 2**23, 65521, 31
 _SIGNAL = 7
+#: Count of numbers that a record uses, by its kind.
+_USED = {1: 6, 2: 6, 3: 5, 4: 6, 5: 2, 6: 4, 7: 1, 8: 2}
+#: Positions of numbers that are the fraction of another one, and their limits, by kind.
+_FRACTIONS = {3: slice(4, 5), 5: slice(1, None, 2), 6: slice(1, None, 2), 8: slice(1, None, 2)}
+_FRACTION_LIMITS = {3: 100, 8: 1000}
 _WORDS = ("LEFTY", "RIGHTY", "ABOVE", "BELOW", "FLIP", "NOFLIP", "SINGLE", "MULTIPLE")
 
 
 class _Wrong(Exception):
-    """The text is not what it has to be: the line (1-based through both files), and why."""
+    """Raised with the line, from 1 through both files, and the reason if a text is not valid."""
 
 
 class _Statement(NamedTuple):
-    """A line without its comment. words: with a blank between each two."""
+    """A line without its comment.
+
+    line: line, from 1.
+    words: words of the line with blanks between them.
+    """
 
     line: int
     words: str
 
 
 class _Program(NamedTuple):
-    """What the slots hold. head: the lines in front of the reader, as they stand. off: the outputs that are put off
-    after an error. file_line: of FOPENR. lines: how many the program has.
+    """The program that reads a data file.
+
+    slots: texts of the slots by name.
+    head: lines before the reader, as written.
+    off: outputs that are switched off after an error.
+    file_line: line of FOPENR.
+    lines: number of lines.
     """
 
     slots: Mapping[str, str]
@@ -176,30 +191,32 @@ Plain = Callable[[Mapping[str, str], Mapping[str, object]], Executed]
 
 
 def read_data(files: Mapping[str, str], options: Mapping[str, object], plain: Plain) -> Executed:
-    """What the reader and its data say. plain: reads a program of V+ without a data file."""
+    """Reads a program and its data file back.
+
+    plain: reads a V+ program without a data file back.
+    """
     try:
         program = _match(next(iter(files.values()), ""), options)
         name = program.slots["file"].strip('"')
         if list(files)[1:] != [name]:
             given = ", ".join(list(files)[1:]) or "no data file"
-            raise _Wrong(
-                program.file_line, f"the program reads {name}: give it that file, not {given}"
-            )
-        text, where = _write_out(program, files[name], str(options.get("work", "cg.work")))
+            what = f"the program reads {name}: give it that file, not {given}"
+            raise _Wrong(program.file_line, what)
+        text, origins = _write_out(program, files[name], str(options.get("work", "cg.work")))
     except _Wrong as wrong:
         line, what = wrong.args
         return Executed((), (), findings=(Finding("refused", line, what),))
     executed = plain({name: text}, {**options, "points": "program"})
-    findings = tuple(
-        replace(finding, line=where[min(finding.line, len(where)) - 1])
-        for finding in executed.findings
-    )
-    lines = tuple(where[line - 1] for line in executed.lines)
-    return replace(executed, lines=lines, findings=findings)
+    findings = []
+    for finding in executed.findings:
+        line = min(finding.line, len(origins))
+        findings.append(replace(finding, line=origins[line - 1]))
+    lines = tuple(origins[line - 1] for line in executed.lines)
+    return replace(executed, lines=lines, findings=tuple(findings))
 
 
 def _statements(text: str) -> list[_Statement]:
-    found = []
+    statements = []
     for number, raw in enumerate(text.split("\n"), start=1):
         if re.search(r"[^\t -~]", raw):
             raise _Wrong(number, "a character that is not printable ASCII")
@@ -209,47 +226,53 @@ def _statements(text: str) -> list[_Statement]:
             raise _Wrong(number, "a string that does not end")
         words = _TOKEN.findall(code[0] if code else "")
         if words:
-            found.append(_Statement(number, " ".join(words)))
-    return found
+            statements.append(_Statement(number, " ".join(words)))
+    return statements
 
 
 def _match(text: str, options: Mapping[str, object]) -> _Program:
-    """The program against the reader, word by word."""
-    said = _statements(text)
+    """Compares a program with the reader, word by word. Raises _Wrong at a difference."""
+    statements = _statements(text)
     lines = text.count("\n") + (not text.endswith("\n"))
     wanted = _wanted(options)
     slots: dict[str, str] = {}
     off: list[int] = []
-    file_line, place = 1, 0
+    file_line, index = 1, 0
     for pattern in wanted:
         if pattern is None:
-            while place < len(said) and (
-                signal := re.fullmatch(r"SIGNAL - (\d+)", said[place].words, re.IGNORECASE)
-            ):
+            while index < len(statements):
+                signal = _SWITCHED_OFF.fullmatch(statements[index].words)
+                if signal is None:
+                    break
                 off.append(int(signal[1]))
-                place += 1
+                index += 1
             continue
-        here = said[place] if place < len(said) else _Statement(lines, "")
-        found = pattern.fullmatch(here.words)
-        if not found or any(
-            slots.setdefault(key, value) != value for key, value in found.groupdict().items()
-        ):
-            raise _Wrong(
-                here.line, f"not the reader of a data file: {here.words[:60] or 'nothing'}"
-            )
-        file_line = here.line if "file" in found.groupdict() else file_line
-        place += 1
-    if place < len(said):
-        raise _Wrong(said[place].line, f"{said[place].words[:60]} behind the reader of a data file")
+        statement = statements[index] if index < len(statements) else _Statement(lines, "")
+        match = pattern.fullmatch(statement.words)
+        if not match or not _fill_slots(slots, match.groupdict()):
+            words = statement.words[:60] or "nothing"
+            raise _Wrong(statement.line, f"not the reader of a data file: {words}")
+        file_line = statement.line if "file" in match.groupdict() else file_line
+        index += 1
+    if index < len(statements):
+        statement = statements[index]
+        what = f"{statement.words[:60]} behind the reader of a data file"
+        raise _Wrong(statement.line, what)
     raw = text.split("\n")
-    # The variables of the reader are not in the program without it.
-    head = raw[: next(s.line for s in said if s.words.upper().startswith("ATTACH ( CG")) - 1]
+    # The plain program does not have the variables of the reader.
+    reader_lines = [s.line for s in statements if s.words.upper().startswith("ATTACH ( CG")]
+    head = raw[: reader_lines[0] - 1]
     head = ["" if re.match(r"\s*AUTO\s+REAL\b", line, re.IGNORECASE) else line for line in head]
     return _Program(slots, head, tuple(off), file_line, lines)
 
 
+def _fill_slots(slots: dict[str, str], texts: Mapping[str, str]) -> bool:
+    """Adds texts to the slots. Returns False if a slot has another text already."""
+    return all(slots.setdefault(name, text) == text for name, text in texts.items())
+
+
 def _wanted(options: Mapping[str, object]) -> list[re.Pattern[str] | None]:
-    """The lines of the program as patterns; None stands for its outputs."""
+    """The lines of the program as patterns, None for its outputs."""
     fills = dict(_FILLS)
     for key, usual in (("tool", "cg.tool"), ("work", "cg.work")):
         fills[key] = re.escape(str(options.get(key, usual)))
@@ -263,7 +286,7 @@ def _wanted(options: Mapping[str, object]) -> list[re.Pattern[str] | None]:
 
 
 def _pattern(line: str, fills: Mapping[str, str]) -> re.Pattern[str]:
-    """A line of the reader; case counts in strings only."""
+    """The pattern of a line of the reader. Only strings are case-sensitive."""
     parts = []
     for word in _TOKEN.findall(line):
         slot = _SLOT.fullmatch(word)
@@ -281,43 +304,41 @@ def _pattern(line: str, fills: Mapping[str, str]) -> re.Pattern[str]:
 
 
 def _write_out(program: _Program, data: str, work: str) -> tuple[str, list[int]]:
-    """The plain program, and for each of its lines the line it comes from."""
+    """The plain program, and the line of origin of each of its lines. Raises _Wrong."""
     first, *records = data.split("\n")
     if not records or records.pop():
         raise _Wrong(program.lines + data.count("\n") + 1, "the data end within a line")
     head = _FIRST.fullmatch(first)
-    asked = tuple(program.slots[key] for key in ("one", "two", "count"))
-    if head is None or head.groups() != asked:
-        raise _Wrong(
-            program.lines + 1, f"the data of another program: {first[:40]}, not 1,{','.join(asked)}"
-        )
-    if len(records) != int(asked[2]):
+    expected = tuple(program.slots[key] for key in ("one", "two", "count"))
+    if head is None or head.groups() != expected:
+        what = f"the data of another program: {first[:40]}, not 1,{','.join(expected)}"
+        raise _Wrong(program.lines + 1, what)
+    if len(records) != int(expected[2]):
         last = program.lines + 1 + len(records)
-        raise _Wrong(last, f"the program reads {asked[2]} records, here are {len(records)}")
+        raise _Wrong(last, f"the program reads {expected[2]} records, here are {len(records)}")
     lines = list(program.head)
-    where = list(range(1, len(lines) + 1))
-    total, outputs = int(asked[0]) % _PRIME, set()
+    origins = list(range(1, len(lines) + 1))
+    total, outputs = int(expected[0]) % _PRIME, set()
     for number, record in enumerate(records, start=program.lines + 2):
         values, total = _take(record, total, number)
         if values[0] == _SIGNAL:
             outputs.add(abs(values[2]))
         try:
-            said = _say(values, work)
+            record_lines = _format_record(values, work)
         except ValueError as error:
             raise _Wrong(number, f"{error}: {record}") from None
-        lines += said
-        where += [number] * len(said)
+        lines += record_lines
+        origins += [number] * len(record_lines)
     if program.off != tuple(sorted(outputs)):
-        raise _Wrong(
-            program.file_line,
-            "the outputs that are put off after an error are not those of the data",
-        )
+        what = "the outputs that are put off after an error are not those of the data"
+        raise _Wrong(program.file_line, what)
     end = ["DETACH ()", "RETURN", ".END"]
-    return "\n".join((*lines, *end)) + "\n", where + [program.lines + len(records) + 1] * len(end)
+    origins += [program.lines + len(records) + 1] * len(end)
+    return "\n".join((*lines, *end)) + "\n", origins
 
 
 def _take(record: str, total: int, line: int) -> tuple[list[int], int]:
-    """The numbers of a record and the check up to it."""
+    """The numbers of a record, and the check sum up to it. Raises _Wrong if they do not agree."""
     if not _RECORD.fullmatch(record):
         raise _Wrong(line, f"not a record of nine whole numbers: {record[:60]}")
     *values, check = map(int, record.split(","))
@@ -330,33 +351,33 @@ def _take(record: str, total: int, line: int) -> tuple[list[int], int]:
     return values, total
 
 
-def _say(values: Sequence[int], work: str) -> list[str]:
-    """A record as lines of a program. ValueError for what no post writes."""
+def _format_record(values: Sequence[int], work: str) -> list[str]:
+    """The lines of a program for a record. Raises ValueError for one that no post writes."""
     kind, stop, *rest = values
-    used = {1: 6, 2: 6, 3: 5, 4: 6, 5: 2, 6: 4, 7: 1, 8: 2}.get(kind, 0)
+    used = _USED.get(kind, 0)
     if kind not in (*range(1, 9), *range(11, 19)) or any(rest[used:]):
         raise ValueError("no such record")
     if stop not in (0, 1) or (stop and kind > 4):
         raise ValueError("a stop that is none")
     if kind >= 11:
         return [_WORDS[kind - 11]]
-    parts = rest[4:5] if kind == 3 else rest[1::2] if kind in (5, 6, 8) else []
-    most = {3: 100, 8: 1000}.get(kind, 10000)
-    if any(not 0 <= part < most for part in parts):
+    fractions = rest[_FRACTIONS[kind]] if kind in _FRACTIONS else []
+    limit = _FRACTION_LIMITS.get(kind, 10_000)
+    if any(not 0 <= fraction < limit for fraction in fractions):
         raise ValueError("a fraction that is none")
     return [_KINDS[kind](rest, work), *(["BREAK"] if stop else [])]
 
 
 def _real(value: int, digits: int) -> str:
-    """``value`` 10^-digits, as a V+ program says it."""
+    """`value` 10^-digits in the spelling of V+."""
     text = f"{abs(value):0{digits + 1}d}"
     return f"{'-' if value < 0 else ''}{text[:-digits]}.{text[-digits:]}"
 
 
 def _pose(v: Sequence[int], work: str) -> str:
-    return (
-        f"{work}:TRANS({','.join([*(_real(x, 3) for x in v[:3]), *(_real(a, 4) for a in v[3:])])})"
-    )
+    numbers = [_real(coordinate, 3) for coordinate in v[:3]]
+    numbers += [_real(angle, 4) for angle in v[3:]]
+    return f"{work}:TRANS({','.join(numbers)})"
 
 
 def _point(*values: str) -> str:

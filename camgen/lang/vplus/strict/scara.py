@@ -1,6 +1,7 @@
-"""What an arm of four axes cannot take: a tool that is tilted, postures of an elbow or a wrist. For ``vplus``.
+"""Checks for an arm of four axes: no tilt of the tool, no postures of an elbow or a wrist.
 
-Source: docs/posts/vplus.md; joints 1, 2 and 4 of a SCARA turn about the base's z, joint 3 slides along it.
+Joints 1, 2 and 4 of a SCARA rotate about z of the base, and joint 3 moves along it
+(docs/posts/vplus.md).
 """
 
 from __future__ import annotations
@@ -12,26 +13,26 @@ from camgen.model.program import Joints, MoveJ, MoveL
 
 from .robot import RobotState
 
-#: Deg. Three orientations of four printed digits make up a flange, each within 1e-4 deg.
+#: Maximum tilt of a flange, deg. It has three printed orientations, each within 1e-4 deg.
 _UPRIGHT = 1e-3
 
 
 def check_scara(robot: RobotState) -> None:
-    """Reports what stands in the text for an arm of more axes; of tilts those in frames that the text gives."""
+    """Refuses postures and tilts that only arms of more axes have.
+
+    Tilts are tested in frames that the text defines.
+    """
     for line, word in robot.bent.items():
         robot.report(line, f"{word}: an arm of four axes has no such posture")
     if robot.tool is None:
         return
     flange = robot.tool.rotation[2]
-    #: By the arrays, of which most motions share theirs.
+    #: Tilts by the ids of the two rotation matrices, which most motions share.
     tilts: dict[tuple[int, int], float] = {}
     for item, line, frame in zip(robot.body, robot.lines, robot.frames, strict=True):
-        if (
-            frame is None
-            or frame.external
-            or not isinstance(item, MoveJ | MoveL)
-            or isinstance(item.target, Joints)
-        ):
+        if frame is None or frame.external:
+            continue
+        if not isinstance(item, MoveJ | MoveL) or isinstance(item.target, Joints):
             continue
         key = id(item.target.rotation), id(frame.pose)
         if key not in tilts:
@@ -42,9 +43,11 @@ def check_scara(robot: RobotState) -> None:
 
 
 def _tilt(target: Pose, frame: Pose, flange: FloatArray) -> float:
-    """Deg between the z of the flange and straight down. flange: the bottom row of flange_from_tool.
+    """The angle between z of the flange and straight down, deg.
 
-    R_flange = R_frame R_target R_tool'; its last column is R_frame R_target R_tool' e_z, and R_tool' e_z is that row.
+    The rotation of the flange is R_frame R_target R_tool', and z is its last column. R_tool' e_z is
+    the last row of R_tool.
+    flange: last row of flange_from_tool.
     """
     x, y, z = (frame.rotation @ target.rotation @ flange).tolist()
     return math.degrees(math.atan2(math.hypot(x, y), -z))
