@@ -65,6 +65,7 @@ COPIES = {
 NOT_RUN = {
     "tcp://host:8786": "needs a cluster, see tests/batch/test_batch_dask.py",
     "--post krl": "needs the example post installed, see tests/docs/test_writing_a_post.py",
+    "verify bracket.src": "needs it too, see tests/docs/test_writing_a_post.py",
     "slot.xy": "needs the example reader installed, see tests/read/test_example_reader.py",
     "place rfa1.stl": "a search of half a minute, which is run on part.stl, a part of few edges",
     "--job place-2.toml": "needs the files of camgen place, see tests/cli/test_place.py",
