@@ -140,6 +140,7 @@ SMOKES = [
         {"gouge mm": (0, 0.005), "left unexplained mm2": (0, 0.01), "built": (1, 1), "miss a goal": (0, 0)},
     ),
     Smoke("languages.choose {here}/none", (7,), {"programs": (0, 0)}),
+    Smoke("languages.strict_runs 200", (6,), {"lines": (2000, 9000)}),
     Smoke("languages.public {here}/none gcode", (1,), {"programs": (60, 60), "tracebacks": (0, 0)}),
     # They fork, as above.
     Smoke(

@@ -198,7 +198,7 @@ def find_radius(m: Foreign, code: str, number: float | None) -> float:
     if name in m.radii:
         return m.radii[name]
     if number == 0 and m.dialect.increments:
-        # D0 is no offset.
+        # D0 removes the offset.
         return 0.0
     if key in m.given:
         return (

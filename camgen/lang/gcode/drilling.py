@@ -39,7 +39,7 @@ def drill(m: Machine, words: dict[str, float]) -> None:
     """Adds the holes of a line, and removes its words. Raises LineError."""
     normal = _NORMAL[m.plane]
     depth = AXES[normal]
-    count = _hold(m, (depth, "R", *_NEEDS.get(m.motion, ())), words)
+    count = _keep_words(m, (depth, "R", *_NEEDS.get(m.motion, ())), words)
     m.insist_on_feed(m.motion)
     if m.feed_mode == "G93":
         raise LineError(f"{m.motion} with {m.feed_mode}: a cycle has a feed per minute here")
@@ -49,8 +49,10 @@ def drill(m: Machine, words: dict[str, float]) -> None:
     _holes(m, normal, take_axes(m, words), count)
 
 
-def _hold(m: Machine, needed: tuple[str, ...], words: dict[str, float]) -> int:
-    """Removes the modal words of a cycle. Returns the number of holes. Raises LineError.
+def _keep_words(m: Machine, needed: tuple[str, ...], words: dict[str, float]) -> int:
+    """Keeps the modal words of a cycle and removes them from words. Returns the number of holes.
+
+    Raises LineError.
 
     needed: letters that the cycle must have.
     """
@@ -59,7 +61,7 @@ def _hold(m: Machine, needed: tuple[str, ...], words: dict[str, float]) -> int:
             m.sticky[letter] = words.pop(letter) * (m.pause if letter == "P" else m.scale)
     count = words.pop("L", 1.0)
     if count < m.fewest_holes or count != int(count):
-        raise LineError(f"L{count:g} is no number of holes")
+        raise LineError(f"L{count:g} is not a number of holes")
     if count > m.bounds.gcode_pieces:
         limit = tell(m.bounds.gcode_pieces)
         raise LineError(

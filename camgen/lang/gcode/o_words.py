@@ -51,7 +51,7 @@ class Blocks(Struct):
     at: O-words by line, from 0.
     subs: line of each sub by its label.
     numbers: lines of programs and blocks by their numbers, such as "o100" and "n20".
-    main: line behind the first of several files, 0 for one file.
+    main: first line after the first of several files, 0 for one file.
     """
 
     at: dict[int, Block]
