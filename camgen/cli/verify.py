@@ -196,14 +196,14 @@ def _compare(asked: _Asked, says: Voice) -> int:
     rows = _rows(motions, _lines(texts))
     state = read_state(texts)
     rows.append(("digest", tell_state(state)))
-    told = _tell_findings(executed.findings, place)
+    listing = _format_findings(executed.findings, place)
 
     def say(more: Sequence[Row] = (), also: str = "") -> None:
         if arguments.json:
-            found = [_as_data(finding, place) for finding in executed.findings]
-            says.data({"sums": motions, "told": dict([*rows, *more]), "faults": found})
+            faults = [_as_data(finding, place) for finding in executed.findings]
+            says.data({"sums": motions, "told": dict([*rows, *more]), "faults": faults})
         else:
-            says.out(table([*rows, *more]) + told + also)
+            says.out(table([*rows, *more]) + listing + also)
 
     serious = [fault for fault in executed.findings if plan or fault.level != "unusual"]
     if serious:
@@ -412,7 +412,7 @@ def _rows(motions: Motions, lines: int) -> list[tuple[str, str]]:
     return rows
 
 
-def _tell_findings(findings: Sequence[Finding], place: Callable[[int], str]) -> str:
+def _format_findings(findings: Sequence[Finding], place: Callable[[int], str]) -> str:
     """A line for each finding of a strict run. An unusual statement is a fault only against a plan."""
     lines = []
     for finding in findings:

@@ -668,7 +668,7 @@ FOREIGN = "a word that camgen does not write; the program is read as LinuxCNC ru
         ("F100 G2 X0 I1 P1.5", "P1.5 is no number of turns"),
         (
             "F100 G2 X0 I1 P99999",
-            "an arc of more than 20,000 pieces cannot be meant (limits.gcode_pieces)",
+            "an arc of more than 20,000 pieces is refused (limits.gcode_pieces)",
         ),
         ("G90.1 F100 G2 X2 I1", "an absolute centre (G90.1) needs both its words"),
     ],

@@ -110,8 +110,8 @@ CASES = {
     "gcode_steps": Case(
         "a.nc", GCODE, 5, "the program has not ended after 5 steps in loops and calls"
     ),
-    "gcode_motions": Case("a.nc", GCODE.replace(b"9]", b"99]"), 5, "instructions cannot be meant"),
-    "gcode_pieces": Case("a.nc", PECKS, 5, "G83 with more than 5 pecks cannot be meant"),
+    "gcode_motions": Case("a.nc", GCODE.replace(b"9]", b"99]"), 5, "instructions are refused"),
+    "gcode_pieces": Case("a.nc", PECKS, 5, "G83 with more than 5 pecks is refused"),
     "rapid_steps": Case(
         "a.mod", RAPID, 5, "the program has not ended after 5 steps in loops and calls"
     ),
@@ -177,7 +177,7 @@ def test_a_limit_that_is_lowered_refuses(limit: str, here: Path, capsys: Capture
 def test_repeats_of_old_programs(data: bytes, here: Path, capsys: Captured) -> None:
     (here / "a.nc").write_bytes(data)
     words = ["build", "a.nc", "--post", "gcode"]
-    assert "cannot be meant (limits.gcode_pieces)" in refused(
+    assert "refused (limits.gcode_pieces)" in refused(
         [*words, "--set", "limits.gcode_pieces=5"], capsys
     )
     assert main(words) == 0

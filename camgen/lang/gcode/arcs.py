@@ -111,12 +111,12 @@ def divide(arc: Arc, limits: Limits, inch: bool) -> list[Piece]:
         _check_radii(radii, inch, limits)
     angle = math.atan2(begin[1], begin[0])
     sweep = _sweep(arc.code, angle, math.atan2(finish[1], finish[0]), words.pop("P", 1.0), limits)
-    over = min(OVER_MM / max(radii), OVER_RAD)
+    margin = min(OVER_MM / max(radii), OVER_RAD)
     if start[normal] != end[normal]:
         return _cut_helix(arc, _Circle((a, b), radii, angle, sweep), limits)
-    if abs(sweep) - over > math.pi:
+    if abs(sweep) - margin > math.pi:
         circle = _Circle((a, b), radii, angle, sweep)
-        return _cut_circle(arc, circle, (abs(sweep) - over) / math.pi, limits)
+        return _cut_circle(arc, circle, (abs(sweep) - margin) / math.pi, limits)
     radius, middle = (radii[0] + radii[1]) / 2, angle + sweep / 2
     via = [start[normal]] * 3
     via[first], via[second] = a + radius * math.cos(middle), b + radius * math.sin(middle)
@@ -222,6 +222,6 @@ def _count(number: float, limit: float) -> int:
     """The number of pieces. Raises LineError if there are too many."""
     if number > limit:
         raise LineError(
-            f"an arc of more than {tell(limit)} pieces cannot be meant (limits.gcode_pieces)"
+            f"an arc of more than {tell(limit)} pieces is refused (limits.gcode_pieces)"
         )
     return max(1, math.ceil(number))

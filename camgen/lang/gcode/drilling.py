@@ -64,9 +64,7 @@ def _keep_words(m: Machine, needed: tuple[str, ...], words: dict[str, float]) ->
         raise LineError(f"L{count:g} is not a number of holes")
     if count > m.bounds.gcode_pieces:
         limit = tell(m.bounds.gcode_pieces)
-        raise LineError(
-            f"L{count:g}: more than {limit} holes cannot be meant (limits.gcode_pieces)"
-        )
+        raise LineError(f"L{count:g}: more than {limit} holes are refused (limits.gcode_pieces)")
     for letter in needed:
         if letter not in m.sticky:
             raise LineError(f"{m.motion} without {letter}")
@@ -200,9 +198,7 @@ def _peck(m: Machine, hole: _Hole) -> None:
     count = math.ceil((hole.retract - hole.bottom) / step - 1e-9)
     if count > m.bounds.gcode_pieces:
         limit = tell(m.bounds.gcode_pieces)
-        raise LineError(
-            f"{m.motion} with more than {limit} pecks cannot be meant (limits.gcode_pieces)"
-        )
+        raise LineError(f"{m.motion} with more than {limit} pecks is refused (limits.gcode_pieces)")
     for peck in range(1, count):
         reached = hole.retract - peck * step
         _in(m, hole.axis, reached)

@@ -319,7 +319,7 @@ class Machine:
         """Raises Stopped if the program has more instructions than the limit allows."""
         if len(self.body) >= self.most:
             raise Stopped(
-                f"more than {tell(self.most)} instructions cannot be meant (limits.gcode_motions)"
+                f"more than {tell(self.most)} instructions are refused (limits.gcode_motions)"
             )
 
     def note(self, kind: NoteKind, what: str, why: str = "") -> None:
