@@ -166,6 +166,8 @@ def beside_a_board(folder: Path, k: float) -> Path:
 
 
 BESIDE: dict[str, Any] = {"region": [145.0, 5.0, 215.0, 90.0]}
+#: An outline with hard edges is exact to this, mm, a tenth of a pixel, wherever the part is placed.
+OUTLINE_MM = 0.01
 
 
 @pytest.mark.parametrize("k", [0.0, -0.02])
@@ -177,7 +179,9 @@ def test_a_board_shows_the_lens_of_a_part_beside_it(k: float, tmp_path: Path) ->
     (placed,) = notes_with(result, "the part is placed to within")
     bound = float(placed.what.split()[-2])
     assert bound < 0.5
-    assert np.abs(np.array(box(result)) - (160, 20, 200, 60)).max() < min(bound, 0.1)
+    error = np.abs(np.array(box(result)) - (160, 20, 200, 60)).max()
+    # The bound is of the place. By the last bits of the corners it is 0.001 mm on some processors.
+    assert error < max(min(bound, 0.1), OUTLINE_MM)
     assert bool(notes_with(result, "without a calibrated lens")) == (bound > 0.1)
 
 
