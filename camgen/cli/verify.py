@@ -13,6 +13,7 @@ from camgen.batch.writing import check_targets, write_all
 from camgen.check.report import Motions, sum_up
 from camgen.cli.header import find_part, name_source, read_header
 from camgen.cli.judge import (
+    add_harm,
     as_data,
     ask_of,
     check_page,
@@ -143,7 +144,7 @@ def _judge(asked: _Asked, says: Voice) -> int:
         check_page(arguments.report)
         check_targets([Path(arguments.report)], [*paths, *map(Path, arguments.points)])
     says.stage("running")
-    executed = language.run(texts, ask)
+    executed = add_harm(language.run(texts, ask), texts)
     says.clear()
     if len(texts) > 1:
         executed = name_files(executed, place)
