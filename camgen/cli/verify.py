@@ -110,7 +110,16 @@ def run(arguments: Namespace, says: Voice) -> int:
     other is judged by its language. The header of ours names the post if its job and its part are
     unchanged.
     """
+    if arguments.summary:
+        from camgen.cli.verify_many import run as run_many  # noqa: PLC0415 (only for many programs)
+
+        return run_many(arguments, says)
+    if arguments.sarif:
+        raise JobError("--sarif", "is for --summary", remedy="add --summary, or use --json")
     paths = [Path(name) for name in arguments.programs]
+    folder = next((path for path in paths if path.is_dir()), None)
+    if folder is not None:
+        raise InputError(str(folder), "is a folder", remedy="add --summary, or name the files")
     files = Files()
     drawing = Path(arguments.part) if arguments.part else None
     texts = read_texts(paths, files)
