@@ -327,18 +327,20 @@ def _find_idle(trace: Trace, process: Process, among: Mask) -> list[int]:
 
 def _find_deep_paths(trace: Trace, process: Process) -> Marks:
     """Yield the begin of a path that is deeper as a whole than all others, which are alike."""
-    first, lows = [], []
-    for period in range(process.count):
-        path = np.flatnonzero((process.period == period) & ~trace.is_joint)
-        if len(path) and np.isfinite(trace.end[path, 2]).all():
-            first.append(int(path[0]))
-            lows.append(float(trace.end[path, 2].min()))
+    motions = np.flatnonzero(process.is_on & ~trace.is_joint)
+    if not len(motions):
+        return
+    first = np.flatnonzero(np.diff(process.period[motions], prepend=-1))
+    # The lowest place is NaN if one is not known.
+    lows = np.minimum.reduceat(trace.end[motions, 2], first)
+    first, lows = first[np.isfinite(lows)], lows[np.isfinite(lows)]
     if len(lows) < _LEAST:
         return
-    deepest, *others = sorted(lows)
-    if deepest < others[0] - _DEEPER and others[-1] - others[0] < _SAME_HEIGHT:
-        depth = short(others[0] - deepest, 2)
-        yield first[lows.index(deepest)], f"a path {depth} mm deeper than all others"
+    deepest = int(lows.argmin())
+    others = np.delete(lows, deepest)
+    if lows[deepest] < others.min() - _DEEPER and np.ptp(others) < _SAME_HEIGHT:
+        depth = short(float(others.min() - lows[deepest]), 2)
+        yield int(motions[first[deepest]]), f"a path {depth} mm deeper than all others"
 
 
 def _find_stops(trace: Trace, process: Process) -> Marks:
@@ -408,6 +410,8 @@ def _ends_of_arcs(trace: Trace) -> tuple[Indices, FloatArray, FloatArray]:
 
     A run may have divided an arc of one line into several. They count as one.
     """
+    if not trace.is_arc.any():
+        return np.empty(0, np.intp), np.empty(0), np.empty(0)
     angles = np.append(_junctions_from_above(trace), np.nan)
     same = trace.is_arc[1:] & trace.is_arc[:-1] & (trace.line[1:] == trace.line[:-1])
     first = np.flatnonzero(trace.is_arc & ~np.concatenate([[False], same]))
