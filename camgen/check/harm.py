@@ -117,7 +117,7 @@ class Process(Struct, frozen=True, eq=False):
 def find_harm(executed: Executed) -> tuple[Finding, ...]:
     """Return what may do harm in the motion of a run, by line, each line once.
 
-    Lines that have a finding of their language are left to it.
+    A line with a finding of its language has another one only if that is worse.
     """
     columns = Columns(executed.body)
     if not len(columns.at):
@@ -135,11 +135,15 @@ def find_harm(executed: Executed) -> tuple[Finding, ...]:
         for motion, what in check_motion(trace):
             findings.append(Finding(level, int(trace.line[motion]), what))
     findings.sort(key=lambda finding: (finding.line, LEVELS.index(finding.level)))
-    known = {finding.line for finding in executed.findings}
+    known: dict[int, int] = {}
+    for finding in executed.findings:
+        level_number = LEVELS.index(finding.level)
+        known[finding.line] = min(level_number, known.get(finding.line, level_number))
     worst: list[Finding] = []
     for finding in findings:
-        if finding.line not in known:
-            known.add(finding.line)
+        level_number = LEVELS.index(finding.level)
+        if level_number < known.get(finding.line, len(LEVELS)):
+            known[finding.line] = level_number
             worst.append(finding)
     return tuple(worst)
 
@@ -464,6 +468,16 @@ def _find_single(trace: Trace, values: Indices) -> list[int]:
     return motions
 
 
+def _find_odd_frames_on(trace: Trace, process: Process) -> Marks:
+    """Yield such a motion while the output is on."""
+    yield from (mark for mark in _find_odd_frames(trace) if process.is_on[mark[0]])
+
+
+def _find_odd_turns_on(trace: Trace, process: Process) -> Marks:
+    """Yield such a turn while the output is on."""
+    yield from (mark for mark in _find_odd_turns(trace) if process.is_on[mark[0]])
+
+
 def _find_odd_speeds(trace: Trace) -> Marks:
     """Yield runs of a speed that is far from the speeds before and after, along one path."""
     path = np.flatnonzero(~trace.is_joint)
@@ -545,6 +559,8 @@ _PROCESS_CHECKS: tuple[tuple[Level, Callable[[Trace, Process], Marks]], ...] = (
     ("dangerous", _find_travel_on),
     ("dangerous", _find_deep_motions),
     ("dangerous", _find_low_travel),
+    ("dangerous", _find_odd_frames_on),
+    ("dangerous", _find_odd_turns_on),
     ("unusual", _find_idle_work),
     ("unusual", _find_deep_paths),
     ("unusual", _find_stops),

@@ -145,7 +145,7 @@ SLIPS: dict[str, tuple[Callable[[], list[Instruction]], str, int, str]] = {
         lambda: change(
             NEXT_SIDE, MoveL(pose(55, 15, rotation=DOWN @ rotation_about(2, 1.0)), FEED, 1.0)
         ),
-        "unusual",
+        "dangerous",
         NEXT_SIDE,
         "turns by 57.3 deg in this place alone",
     ),
@@ -189,18 +189,22 @@ def test_the_sense_of_an_arc_alone_is_named() -> None:
     assert [line for _, line, _ in harm_of(SLIPS["the sense of an arc"][0]())] == [ARC + 1]
 
 
-def test_a_motion_in_another_frame() -> None:
+@pytest.mark.parametrize(("place", "level"), [(NEXT_SIDE, "dangerous"), (ABOVE, "unusual")])
+def test_a_motion_in_another_frame(place: int, level: str) -> None:
+    """It is dangerous while the output is on."""
     frame = [0] * len(sound())
-    frame[NEXT_SIDE] = 1
-    ((level, line, what),) = harm_of(sound(), tuple(frame))
-    assert (level, line) == ("unusual", NEXT_SIDE + 1)
+    frame[place] = 1
+    ((found_level, line, what),) = harm_of(sound(), tuple(frame))
+    assert (found_level, line) == (level, place + 1)
     assert "another tool or in another frame" in what
 
 
-def test_a_line_with_a_finding_of_its_language_is_left_to_it() -> None:
+def test_a_line_with_a_finding_of_its_language_has_another_one_only_if_it_is_worse() -> None:
     body = change(PLUNGED, MoveL(pose(40, 0, -5), PLUNGE))
-    known = Finding("unusual", PLUNGED + 1, "known")
+    known = Finding("dangerous", PLUNGED + 1, "known")
     assert harm_of(body, findings=(known,)) == []
+    ((level, line, _),) = harm_of(body, findings=(Finding("unusual", PLUNGED + 1, "known"),))
+    assert (level, line) == ("dangerous", PLUNGED + 1)
 
 
 def test_what_a_program_does_often_is_meant() -> None:
