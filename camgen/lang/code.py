@@ -166,15 +166,30 @@ class Return(Step, kw_only=True, gc=False):
     is_to_call: bool = False
 
 
-class Raise(Step, gc=False):
-    """Raises an error of the program."""
+class Raise(Step, kw_only=True, gc=False):
+    """Raises an error of the program.
+
+    is_again: whether it is the error that the handler has taken.
+    """
+
+    is_again: bool = False
+
+
+class Resume(Step, kw_only=True, gc=False):
+    """Ends an error handler.
+
+    is_again: whether the step that raised the error runs again. Else the one after it runs.
+    """
+
+    is_again: bool
 
 
 class End(Step, gc=False):
     """Ends the program."""
 
 
-_LEAVING = (Return, Raise, End)
+_LEAVING = (Return, Raise, Resume, End)
+_LOOPS_AND_CASES = (LoopStart, CountStart, Select)
 
 
 def leaves(step: Step) -> bool:
@@ -213,8 +228,16 @@ class Code(Struct):
         return self.acting[span.stop] > self.acting[span.start]
 
     def leaves(self, span: range) -> bool:
-        """Return whether the last step of a span leaves it for good."""
-        return len(span) > 0 and leaves(self.steps[span[-1]])
+        """Return whether a span leaves for good, by a step outside of its inner blocks."""
+        at = span.start
+        while at < span.stop:
+            step = self.steps[at]
+            if leaves(step):
+                return True
+            after = step.end if isinstance(step, Branch) else step.to
+            is_block = isinstance(step, (Branch, *_LOOPS_AND_CASES))
+            at = after if is_block and after > at else at + 1
+        return False
 
     def is_endless(self, loop: range) -> bool:
         """Return whether no step of a loop before its last one may leave it."""
@@ -306,7 +329,8 @@ class Compiler:
 
     def end_case(self, block: Block) -> None:
         """End the case before this line, if a block has one already."""
-        if len(self.steps) > block.start + 1:
+        assert isinstance(block.first, Select)
+        if block.first.cases:
             block.leaving.append(self.add(Jump(self.line)))
 
     def add_case(self, block: Block, tests: Any) -> None:
