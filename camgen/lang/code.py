@@ -188,7 +188,7 @@ class End(Step, gc=False):
     """Ends the program."""
 
 
-_LEAVING = (Return, Raise, Resume, End)
+_LEAVING = (Return, Raise, End)
 _LOOPS_AND_CASES = (LoopStart, CountStart, Select)
 
 
@@ -203,7 +203,7 @@ def leaves(step: Step) -> bool:
 
 def _can_leave(step: Step, loop: range) -> bool:
     """Return whether a step of a loop may leave it."""
-    if leaves(step) and not isinstance(step, Jump):
+    if isinstance(step, Resume) or (leaves(step) and not isinstance(step, Jump)):
         return True
     is_unconditional = isinstance(step, LoopStart) and step.condition is None
     return step.to >= 0 and step.to not in loop and not is_unconditional
@@ -252,6 +252,20 @@ class Code(Struct):
         assert isinstance(branch, Branch)
         has_alternative = branch.end > branch.to
         return range(at + 1, branch.to - has_alternative), range(branch.to, branch.end)
+
+    def list_alternatives(self, at: int) -> list[range]:
+        """Return the steps of each alternative to the branch at `at`, an empty one if it has none.
+
+        An alternative with a condition of its own comes before those to it.
+        """
+        blocks = []
+        _, alternative = self.list_branches(at)
+        while alternative and isinstance(first := self.steps[alternative.start], Branch):
+            if first.end != alternative.stop:
+                break
+            block, alternative = self.list_branches(alternative.start)
+            blocks.append(block)
+        return [*blocks, alternative]
 
 
 class Block(Struct, eq=False, gc=False):

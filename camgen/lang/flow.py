@@ -6,9 +6,10 @@ What a program asks for may be unknown, such as an input. Then one branch is cho
   without a condition, the loop is left that way after one round.
 - Otherwise the guess of the language counts, if it has one. A loop is then run for a number of
   rounds, unless its end can be assumed.
-- Otherwise the branch that acts is entered. A loop that acts is run once, another loop not at all.
-- Of several cases, the first one that acts and does not leave is entered, or else the first one
-  that does not leave.
+- Otherwise the branch that acts is entered. A loop that acts and does not leave for good is run
+  once, another loop not at all.
+- Of several cases that do not leave, the first one that acts is entered, or else the first one
+  that has steps.
 
 An error of the program continues at the handler of the routine, or of the one that called it. A
 handler may end with the step that raised the error, or with the one after it.
@@ -283,21 +284,23 @@ class Flow:
         branch, alternative = code.list_branches(at)
         if unknown.guess is not None:
             return unknown.guess and not (step.is_leaving and not alternative)
-        if step.is_leaving != code.leaves(alternative):
+        others = code.list_alternatives(at)
+        staying = [block for block in others if not code.leaves(block)]
+        if step.is_leaving == bool(staying):
             frame.exits[at] = branch if step.is_leaving else alternative
             return not step.is_leaving
-        is_idle = code.acts(alternative) and not code.acts(branch)
+        is_idle = any(map(code.acts, staying or others)) and not code.acts(branch)
         return not is_idle and not step.condition.is_unlikely
 
     def _select(self, frame: CallFrame, _at: int, step: Select) -> int:
         value = self._language.evaluate(step.value)
         unknown = value if isinstance(value, Unknown) else None
-        for case in step.cases if unknown is None else ():
+        is_known = unknown is None
+        for case in step.cases if is_known else ():
             matches = case.tests is None or self._language.matches(value, case.tests)
             if isinstance(matches, Unknown):
-                unknown = matches
-                break
-            if matches:
+                unknown = unknown or matches
+            elif matches and (case.tests is not None or unknown is None):
                 return case.to
         if unknown is None:
             return step.to
@@ -308,11 +311,13 @@ class Flow:
     def _choose_case(self, code: Code, step: Select) -> int:
         """Return the index of the case of an unknown value."""
         starts = [case.to for case in step.cases]
-        ends = [*starts[1:], step.to]
+        # The last step of a case leads behind the block.
+        ends = [*(start - 1 for start in starts[1:]), step.to]
         cases = [range(start, end) for start, end in zip(starts, ends, strict=False)]
         staying = [number for number, case in enumerate(cases) if not code.leaves(case)]
         acting = [number for number in staying if code.acts(cases[number])]
-        return next(iter(acting or staying), 0)
+        filled = [number for number in staying if cases[number]]
+        return next(iter(acting or filled or staying), 0)
 
     # -- jumps ---------------------------------------------------------------------------------
 
@@ -404,10 +409,11 @@ class Flow:
         """Return whether a loop is entered whose condition is unknown."""
         frame.undecided.add(at)
         if unknown.guess is None:
-            acts = frame.code.acts(range(at, step.to))
-            choice = Choice.LOOP_RUN_ONCE if acts else Choice.LOOP_ENDED
+            body = range(at + 1, step.to - 1)
+            is_entered = frame.code.acts(body) and not frame.code.leaves(body)
+            choice = Choice.LOOP_RUN_ONCE if is_entered else Choice.LOOP_ENDED
             self._language.assume(choice, step, unknown)
-            return acts
+            return is_entered
         return unknown.guess and self._has_round(frame, at, step, unknown)
 
     def _has_round(self, frame: CallFrame, at: int, step: Step, unknown: Unknown) -> bool:

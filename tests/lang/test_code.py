@@ -118,7 +118,7 @@ def test_labels_are_found_ahead_and_the_first_of_two_counts() -> None:
     [
         (Return(1), True),
         (Raise(1), True),
-        (Resume(1, is_again=True), True),
+        (Resume(1, is_again=True), False),
         (End(1), True),
         (Jump(1, 5), False),
         (Jump(1, 5, label="a"), True),

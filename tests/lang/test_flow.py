@@ -200,9 +200,9 @@ def test_a_value_selects_its_case_and_an_unknown_one_a_case_that_acts(
     assert toy.choices == ([(Choice.FIRST_CASE, 1)] if value == "x" else [])
 
 
-@pytest.mark.parametrize(("value", "done"), [("1", ["a"]), ("9", ["c"])])
+@pytest.mark.parametrize(("value", "done"), [("1", ["a"]), ("9", ["c"]), ("5", ["c"])])
 def test_an_unknown_case_leaves_the_choice_open(value: str, done: list[str]) -> None:
-    """The case before it counts if it is selected. No case acts, and the first two leave."""
+    """Another case counts if it is selected. No case acts, and the first two leave."""
     toy = Toy()
     block = toy.compiler.open("select", Select(1, value=value, cases=[]))
     for tests, action in (([1], "a"), (["x"], "b"), ([9], "c")):
@@ -211,7 +211,7 @@ def test_an_unknown_case_leaves_the_choice_open(value: str, done: list[str]) -> 
         toy.do(action, Effect.LEAVES if action != "c" else Effect.NONE)
     close(toy)
     assert toy.run().done == done
-    assert toy.choices == ([(Choice.FIRST_CASE, 1)] if value == "9" else [])
+    assert toy.choices == ([(Choice.FIRST_CASE, 1)] if value == "5" else [])
 
 
 # -- loops -------------------------------------------------------------------------------------
@@ -255,6 +255,33 @@ def test_a_loop_with_an_unknown_condition_runs_once_if_it_acts(
     toy.do("b")
     assert toy.run().done == (["a", "b"] if effect is Effect.MOVES else ["b"])
     assert toy.choices == [(choice, 1)]
+
+
+def test_a_loop_with_an_unknown_condition_is_passed_if_it_leaves_for_good() -> None:
+    toy = Toy()
+    open_loop(toy, "x")
+    toy.do("a", Effect.MOVES)
+    toy.compiler.add(Return(2))
+    close_loop(toy)
+    toy.do("b")
+    assert toy.run().done == ["b"]
+    assert toy.choices == [(Choice.LOOP_ENDED, 1)]
+
+
+def test_an_unknown_condition_is_compared_with_each_alternative() -> None:
+    """The first alternative acts and leaves. The last one does neither, so that nothing acts."""
+    toy = Toy()
+    open_branch(toy, Condition("x"))
+    toy.do("a")
+    add_alternative(toy)
+    toy.compiler.add_condition(toy.compiler.blocks[-1], Condition("1 < 2"))
+    toy.do("b", Effect.MOVES)
+    toy.compiler.add(Return(2))
+    add_alternative(toy)
+    toy.do("c")
+    close(toy)
+    assert toy.run().done == ["a"]
+    assert toy.choices == [(Choice.BRANCH_ENTERED, 1)]
 
 
 def test_a_loop_whose_condition_never_changes_is_left() -> None:

@@ -62,6 +62,8 @@ def _log_case(machine: Machine, step: Select, unknown: Unknown, number: int) -> 
     value = machine.value(tests[0])
     if type(value) is float:
         case, key, given = f"{value:g}", unknown.key, value
+    elif isinstance(value, Unknown):
+        case, key, given = describe(value), "", 0.0
     else:
         case, key, given = ascii(value)[:40], "", 0.0
     machine.log.assume(f"a TEST asks {describe(unknown)}: the case {case} is taken", key, given)

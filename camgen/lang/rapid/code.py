@@ -40,6 +40,7 @@ from .tree import (
     While,
     Word,
 )
+from .values import Value, Variable
 
 #: Instructions after which the rest of a block is not meant to run.
 _BREAKS = frozenset(
@@ -63,6 +64,17 @@ class Question(Struct, frozen=True, gc=False):
 
     value: Expr
     word: str
+
+
+class LoopVariable(Struct, gc=False):
+    """The variable of a FOR that runs. An assignment to it in the loop changes no round.
+
+    variable: variable that the loop sees.
+    value: value of this round.
+    """
+
+    variable: Variable
+    value: Value
 
 
 class CountRange(Struct, frozen=True):
@@ -191,7 +203,8 @@ class _Translator(Compiler):
 
     def _if(self, item: If) -> None:
         (first, body), *others = item.branches
-        block = self.open_branch("if", Condition(Question(first, "IF")))
+        is_idle = not body and bool(others or item.otherwise)
+        block = self.open_branch("if", Condition(Question(first, "IF"), is_unlikely=is_idle))
         self._read(body)
         for condition, other in others:
             self.line = item.line

@@ -18,7 +18,7 @@ from camgen.lang.values import Unknown
 from camgen.model.instructions import Output
 
 from .choices import log_choice
-from .code import CountRange, Question, moves
+from .code import CountRange, LoopVariable, Question, moves
 from .functions import call_function, name_of
 from .instructions import EFFECTS, CycleEnded
 from .interrupts import come, connect, judge_trap
@@ -191,11 +191,11 @@ class Runner:
         """A step begins."""
         self.machine.line = step.line
 
-    def evaluate(self, expression: Question | Variable | Expr) -> Value:
+    def evaluate(self, expression: Question | LoopVariable | Expr) -> Value:
         """The value of a condition, of the variable of a FOR, or of a TEST."""
         if isinstance(expression, Question):
             return self.machine.truth(expression.value, expression.word)
-        if isinstance(expression, Variable):
+        if isinstance(expression, LoopVariable):
             return expression.value
         value = self.machine.value(expression)
         return find_unknown(value) or value
@@ -213,7 +213,7 @@ class Runner:
         machine.scope.drop_counters(count.around)
         first, last = machine.number(count.first), machine.number(count.last)
         step = 1.0 if count.step is None else machine.number(count.step)
-        variable = machine.scope.add_counter(count.name)
+        variable = LoopVariable(machine.scope.add_counter(count.name), first)
         for value in (first, last, step):
             if isinstance(value, Unknown):
                 return Counter(variable, first if type(first) is float else 1.0, unknown=value)
@@ -224,9 +224,9 @@ class Runner:
             return Counter(variable, first, -math.inf)
         return Counter(variable, first, last, step)
 
-    def assign(self, target: Variable, value: float) -> None:
+    def assign(self, target: LoopVariable, value: float) -> None:
         """Set the variable of a FOR."""
-        target.value = value
+        target.value = target.variable.value = value
 
     def count_instructions(self) -> int:
         """The number of instructions so far."""

@@ -441,6 +441,10 @@ def test_a_loop_is_left_where_an_input_could_end_it(loop: str) -> None:
         ("GOTO x;\nIF TRUE THEN\nx:\nENDIF\nx:\nWaitTime 1;", [1]),
         ("TEST n\nCASE 0:\nCASE 1:\nWaitTime 1;\nENDTEST\nWaitTime 2;", [2]),
         ("n:=3;\nFOR i FROM 1 TO 2 STEP 0 DO\nWaitTime 1;\nENDFOR\nWaitTime n;", [3]),
+        # An assignment to the variable of a FOR changes no round.
+        ("FOR i FROM 1 TO 3 DO\nWaitTime i;\ni:=7;\nENDFOR", [1, 2, 3]),
+        # A handler runs once for an error, however deep the blocks are.
+        ("IF TRUE THEN\nIF TRUE THEN\nRAISE 7;\nENDIF\nENDIF\nERROR\nWaitTime 1;\nRETURN;", [1]),
     ],
 )  # fmt: skip
 def test_control_across_blocks(body: str, seconds: list[float]) -> None:
