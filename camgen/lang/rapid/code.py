@@ -28,6 +28,7 @@ from .tokens import Wrong
 from .tree import (
     Block,
     Calling,
+    Empty,
     Expr,
     For,
     Goto,
@@ -196,6 +197,9 @@ class _Translator(Compiler):
         self._has_motion |= not self._is_handler
         self.add(Act(item.line, do=self._do, operand=item, effect=Effect.MOVES))
 
+    def _empty(self, item: Empty) -> None:
+        self._refuse(f"{item.text}: a place that is not filled in; the controller stops there")
+
     def _refuse(self, what: str) -> None:
         self.add(Act(self.line, do=refuse, operand=what))
 
@@ -306,6 +310,7 @@ def _do_nothing(_run: Any, _operand: object) -> None:
 _TRANSLATE: Mapping[type[Any], Callable[[_Translator, Any], None]] = {
     Calling: _Translator._call,
     Inline: _Translator._inline,
+    Empty: _Translator._empty,
     If: _Translator._if,
     For: _Translator._for,
     While: _Translator._while,

@@ -22,7 +22,7 @@ from .code import CountRange, LoopVariable, Question, moves
 from .functions import call_function, name_of
 from .instructions import EFFECTS, CycleEnded
 from .interrupts import come, connect, judge_trap
-from .machine import Frame, Home, Machine
+from .machine import Frame, Machine
 from .motions import form_of, inline, move
 from .tokens import Wrong
 from .tree import (
@@ -31,7 +31,6 @@ from .tree import (
     Component,
     Connect,
     Element,
-    Empty,
     Expr,
     Inline,
     Late,
@@ -306,7 +305,7 @@ def _call_by_name(runner: Runner, name: Value, call: Calling) -> None:
     module, _, plain = name.strip().lower().rpartition(":")
     home = next((one for one in machine.homes.values() if one.name.lower() == module), None)
     if home is not None and plain in home.routines:
-        _run_in(runner, home, home.routines[plain], call)
+        runner.call(home.routines[plain], call)
         return
     if (module and home is None) or (
         machine.routine(plain) is None and plain not in EFFECTS and form_of(plain) is None
@@ -314,12 +313,6 @@ def _call_by_name(runner: Runner, name: Value, call: Calling) -> None:
         machine.log.leave_out(f"{plain[:40]} is in none of the files: it is left out")
         return
     _run_call(runner, Calling(call.line, plain, call.args, call.options))
-
-
-def _run_in(runner: Runner, home: Home, routine: Routine, call: Calling) -> None:
-    """A routine that is local to a module which its name says."""
-    assert runner.machine.homes[routine] is home
-    runner.call(routine, call)
 
 
 def _run_late(runner: Runner, item: Late) -> None:
@@ -342,16 +335,6 @@ def _run_word(runner: Runner, item: Word) -> None:
     raise Raised(item.line)
 
 
-def _run_connect(runner: Runner, item: Connect) -> None:
-    connect(runner.machine, item)
-
-
-def _run_empty(_runner: Runner, item: Empty) -> None:
-    raise Wrong(
-        item.line, f"{item.text}: a place that is not filled in; the controller stops there"
-    )
-
-
 def _run_inline(runner: Runner, item: Inline) -> None:
     machine = runner.machine
     if form_of(item.shape.name) is None or machine.routine(item.shape.name) is not None:
@@ -365,9 +348,8 @@ _RUN: dict[type, Callable[[Runner, Any], None]] = {
     Calling: _run_call,
     Assign: _run_assign,
     Word: _run_word,
-    Connect: _run_connect,
+    Connect: lambda runner, item: connect(runner.machine, item),
     Late: _run_late,
-    Empty: _run_empty,
 }
 
 
