@@ -17,8 +17,8 @@ from camgen.lang.gcode.beam import Beam
 from camgen.lang.gcode.compensation import OffsetPath, Segment
 from camgen.lang.gcode.dialects import LINUXCNC, LOSSES, Dialect
 from camgen.lang.gcode.drilling import CYCLES
-from camgen.lang.gcode.machine import ARCS, AXES, RAPID, Machine, feed, stop
-from camgen.lang.gcode.macros import ARGUMENTS, assign, find_ends, jump
+from camgen.lang.gcode.machine import ARCS, AXES, RAPID, Grammar, Leap, Machine, feed, stop
+from camgen.lang.gcode.macros import ARGUMENTS, assign
 from camgen.lang.gcode.rotation import Rotation
 from camgen.lang.gcode.words import (
     COMMENT,
@@ -28,6 +28,7 @@ from camgen.lang.gcode.words import (
     Parameters,
     UnknownWord,
     bare,
+    drop_comments,
     without_number,
 )
 from camgen.lang.log import Log
@@ -140,8 +141,6 @@ class Foreign(Machine):
     saved: list[tuple[object, ...]] = field(default_factory=list)
     side: int = 0
     path: OffsetPath | None = None
-    loops: dict[int, int] = field(default_factory=dict)
-    ends: dict[int, list[int]] | None = None
     left_path: bool = False
     halted: int = 0
     height: float = 0.0
@@ -155,7 +154,7 @@ class Foreign(Machine):
     going_on: tuple[float, float] | None = None
     suspended: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     rotation: Rotation | None = None
-    modal: tuple[str, float, int, Mapping[int, float] | None] | None = None
+    modal: Leap | None = None
     modal_depth: int = 0
     moving: bool = False
     cycle: tuple[str, str, dict[str, float]] | None = None
@@ -221,9 +220,10 @@ class Foreign(Machine):
         """A motion that needs another spindle state is refused."""
         self.log.find("refused", what)
 
-    def numbers_programs(self) -> bool:
-        """Return whether the dialect has numbers of programs: all but GRBL."""
-        return self.dialect.open or self.dialect.flow
+    def read_grammar(self, o_words: bool) -> Grammar:
+        """The words that change the flow. All dialects but GRBL have numbers of programs."""
+        dialect = self.dialect
+        return Grammar(o_words, dialect.open or dialect.flow, dialect.increments, dialect.nested)
 
     def miss(self, what: str) -> None:
         """A subroutine in another file is left out."""
@@ -259,7 +259,7 @@ class Foreign(Machine):
         ):
             return ""
         if dialect.nested or dialect.name == "grbl":
-            text = _drop_comments(raw, dialect.nested)
+            text = drop_comments(raw, dialect.nested)
             text = _as_printers_read(text) if dialect.extruder else text
             return without_number(text.translate(_BLANKS).lower().lstrip("/").removesuffix("%"))
         if _LOGS.match(raw):
@@ -330,17 +330,6 @@ class Foreign(Machine):
         if not dialect.open:
             raise LineError(f"{code} is not a code of {dialect.name}")
         return f"unknown {code}"
-
-    def branch(
-        self, raw: str, at: int, lines: Sequence[str], known: Parameters
-    ) -> int | str | None:
-        """The line to which a macro of Fanuc jumps, None without a jump."""
-        if not self.dialect.increments:
-            return None
-        text = self.bare(raw)
-        if self.ends is None and text.startswith("while"):
-            self.ends = find_ends(lines)
-        return jump(text, at, self.ends or {}, known, self.loops)
 
     def take(self, codes: Mapping[str, str], words: Mapping[str, float]) -> None:  # noqa: ARG002
         """Adds a loss for each code whose effect no other machine has."""
@@ -832,25 +821,3 @@ def _as_printers_read(text: str) -> str:
     """A line without its checksum and texts in quotes; a letter without a number is a flag."""
     text = _QUOTED.sub("0", text.partition("*")[0])
     return _FLAG.sub(r"\1 0", _TEXTS.sub(r"\1", text))
-
-
-def _drop_comments(raw: str, nested: bool) -> str:
-    """The line without comments. A comment may have no end.
-
-    nested: whether comments nest. Else the first closing parenthesis ends one, as in GRBL.
-    """
-    head = raw.partition(";")[0]
-    raw = raw if "(" in head else head
-    kept, depth = [], 0
-    for letter in raw:
-        if letter == "(":
-            depth = depth + 1 if nested else 1
-        elif letter == ")":
-            if not depth and not nested:
-                kept.append(letter)
-            depth = max(0, depth - 1)
-        elif letter == ";" and not depth:
-            break
-        elif not depth:
-            kept.append(letter)
-    return "".join(kept)

@@ -8,6 +8,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
+from msgspec import Struct
+
 from camgen.lang.gcode.arcs import LINUXCNC, Limits, Piece
 from camgen.lang.gcode.words import (
     Line,
@@ -47,8 +49,25 @@ PLAIN = re.compile(
 )
 
 
+#: M97, M98, M99, G65 or GOTO, the number of a program or line, the number of runs, and arguments.
+Leap = tuple[str, float, int, Mapping[int, float] | None]
 #: Reads plain lines, as `motion.read_plain`.
 PlainReader = Callable[["Machine", Sequence[str], int, int], int]
+
+
+class Grammar(Struct, frozen=True):
+    """The words that change the flow.
+
+    o_words: whether O-words do, as in LinuxCNC. Else they are numbers of programs.
+    numbers: whether an O-word may be the number of a program.
+    macros: whether macros of Fanuc do.
+    nested: whether comments may nest.
+    """
+
+    o_words: bool = True
+    numbers: bool = True
+    macros: bool = False
+    nested: bool = False
 
 
 @dataclass(slots=True)
@@ -84,10 +103,10 @@ class Machine:
     level, sticky: start of the cycles in a row, and their modal words.
     opened: whether a per cent sign has come.
     lifted: whether G53 has moved the machine.
-    leap: M97, M98 or M99 of the line, its number, its count and its arguments.
+    leap: the call or the jump of the line.
     inside: returns the number of subroutines that run.
-    run_lines: runs the lines of a profile, from 0.
-    find_lines: finds these lines by the numbers of their first and last block.
+    run_lines: runs the steps of a profile.
+    find_lines: finds these steps by the numbers of their first and last block.
     spun: radius and angle of the line, in polar coordinates.
     pause: seconds in a dwell of P1.
     fewest_holes: number of holes of a line without L.
@@ -136,10 +155,10 @@ class Machine:
     opened: bool = False
     ended: bool = False
     lifted: bool = False
-    leap: tuple[str, float, int, Mapping[int, float] | None] | None = None
+    leap: Leap | None = None
     inside: Callable[[], int] = lambda: 0
-    run_lines: Callable[[int, int], None] = lambda _first, _last: None
-    find_lines: Callable[[float | None, float], tuple[int, int]] = lambda _first, _last: (0, -1)
+    run_lines: Callable[[range], None] = lambda _steps: None
+    find_lines: Callable[[float | None, float], range] = lambda _first, _last: range(0)
     spun: tuple[float, float] | None = None
     pause: float = 1.0
     fewest_holes: int = 1
@@ -267,9 +286,9 @@ class Machine:
         centre: centre of an arc in its plane.
         """
 
-    def numbers_programs(self) -> bool:
-        """Return whether an O-word may be the number of a program."""
-        return True
+    def read_grammar(self, o_words: bool) -> Grammar:
+        """The words that change the flow. o_words: whether O-words do."""
+        return Grammar(o_words)
 
     def miss(self, what: str) -> None:
         """Is called for a subroutine that is in no file. Raises LineError."""
@@ -278,19 +297,6 @@ class Machine:
     def takes(self, key: int) -> bool:  # noqa: ARG002 (for overrides)
         """Return whether a line may set this parameter of the machine."""
         return False
-
-    def branch(
-        self,
-        raw: str,  # noqa: ARG002
-        at: int,  # noqa: ARG002
-        lines: Sequence[str],  # noqa: ARG002
-        known: Parameters,  # noqa: ARG002
-    ) -> int | str | None:
-        """The index, or the number such as n10, of the line to which a macro jumps.
-
-        None if the line is not a macro. Raises LineError.
-        """
-        return None
 
     def finish(self) -> None:
         """Is called at the end of the program."""

@@ -24,9 +24,10 @@ from dataclasses import dataclass, field
 from msgspec.structs import replace
 
 from camgen.lang.gcode import arcs
-from camgen.lang.gcode.interpreter import interpret_plain, play
+from camgen.lang.gcode.code import compile_lines
+from camgen.lang.gcode.interpreter import Interpreter, has_speed
 from camgen.lang.gcode.machine import AXES, HANDLERS, Machine, PlainReader
-from camgen.lang.gcode.o_words import Blocks
+from camgen.lang.gcode.run import perform_program
 from camgen.lang.gcode.words import (
     COMMENT,
     LineError,
@@ -40,6 +41,7 @@ from camgen.lang.gcode.words import (
 from camgen.lang.log import Log
 from camgen.lang.post_options import read_number
 from camgen.lang.programs import Executed
+from camgen.lang.recorded import ProgramRun
 from camgen.lang.run import Stopped
 from camgen.model.errors import JobError
 from camgen.model.part import NoteKind
@@ -79,7 +81,7 @@ _PLAIN, _REMARK = re.compile(MOTION), re.compile(REMARK)
 
 
 @dataclass(frozen=True, slots=True)
-class Rules:
+class Controller:
     """The rules of a controller.
 
     name: name of the controller, for messages.
@@ -110,7 +112,7 @@ _CODES = """
     G61 G61.1 G64 G80 G81 G82 G83 G90 G90.1 G91 G91.1 G94 G97 G98 G99
     M0 M1 M2 M3 M4 M5 M6 M7 M8 M9 M30 M62 M63 M64 M65 M67 M68
 """
-LINUXCNC = Rules(
+LINUXCNC = Controller(
     name="LinuxCNC",
     codes=frozenset(_CODES.split()),
     limit=252,
@@ -169,7 +171,7 @@ class Strict(Machine):
     unusual: codes of modes that no post sets. Each is a finding once.
     """
 
-    rules: Rules
+    rules: Controller
     expect: Expect
     others: str = ""
     plain: re.Pattern[str] = _PLAIN
@@ -406,7 +408,7 @@ class Strict(Machine):
         Machine.settle(self, code, words, cycle)
 
 
-def _words(text: str, rules: Rules) -> str:
+def _words(text: str, rules: Controller) -> str:
     """A line in small letters without its number.
 
     Raises LineError if the number is out of range or if anything but words follows.
@@ -737,12 +739,12 @@ _HANDLERS: dict[str, Callable[[Strict, str, dict[str, float]], None]] = {
 }
 
 
-def run(lines: Sequence[str], rules: Rules, expect: Expect) -> Strict:
+def run(lines: Sequence[str], rules: Controller, expect: Expect) -> Strict:
     """The machine after a run of the lines. It raises nothing for any text."""
     exact = replace(rules.arcs, spiral=(expect.spiral,) * 3)
     machine = Strict(limits=rules.arcs, exact=exact, rules=rules, expect=expect)
     try:
-        play(machine, lines, Blocks({}, {}))
+        Interpreter(machine, lines, compile_lines(len(lines))).run()
     except Stopped as stopped:
         machine.log.find("refused", str(stopped))
     _read_rest(machine, lines)
@@ -830,7 +832,7 @@ def _read_foreign(lines: Sequence[str], machine: Strict) -> Executed | None:
     machine: the strict machine after it has run the lines.
     Returns None if the interpreter stops at the first of these words.
     """
-    program = interpret_plain(lines)
+    program = _interpret_plain(lines)
     if program.stopped and program.unread and program.stopped[0] <= machine.unknown_line:
         return None
     what = "a word that camgen does not write; the program is read as LinuxCNC runs it"
@@ -845,6 +847,23 @@ def _read_foreign(lines: Sequence[str], machine: Strict) -> Executed | None:
         log.find("refused", "the program has no end (M2 or M30)", line=len(lines))
     body = rename(program.body, machine.expect.names)
     return Executed(body, program.lines, findings=log.list_findings())
+
+
+def _interpret_plain(lines: Sequence[str]) -> ProgramRun:
+    """The effect of a program without the codes that only `Foreign` runs. Never raises."""
+    m = Machine(on_off=not has_speed(lines))
+    stopped = perform_program(m, lines)
+    return ProgramRun(
+        tuple(m.body),
+        tuple(m.lines),
+        m.notes(),
+        m.held,
+        m.entry,
+        stopped[:2] if stopped else None,
+        bool(stopped and stopped[2]),
+        m.ended,
+        "mm" if m.scale == 1.0 else "inch",
+    )
 
 
 def rename(body: Iterable[Instruction], names: Mapping[str, str]) -> tuple[Instruction, ...]:

@@ -326,6 +326,28 @@ def without_comments(raw: str) -> str:
     return raw
 
 
+def drop_comments(raw: str, nested: bool) -> str:
+    """Return the line without comments. A comment may have no end.
+
+    nested: whether comments nest. Else the first closing parenthesis ends one, as in GRBL.
+    """
+    head = raw.partition(";")[0]
+    raw = raw if "(" in head else head
+    kept, depth = [], 0
+    for letter in raw:
+        if letter == "(":
+            depth = depth + 1 if nested else 1
+        elif letter == ")":
+            if not depth and not nested:
+                kept.append(letter)
+            depth = max(0, depth - 1)
+        elif letter == ";" and not depth:
+            break
+        elif not depth:
+            kept.append(letter)
+    return "".join(kept)
+
+
 def without_number(text: str) -> str:
     """A line in lower case without its number, N10. Raises LineError."""
     if not text.startswith("n"):
