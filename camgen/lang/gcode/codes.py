@@ -9,8 +9,16 @@ from functools import partial
 
 from camgen.lang.gcode.arcs import Arc, divide
 from camgen.lang.gcode.compensation import OffsetPath, Segment, place
-from camgen.lang.gcode.foreign import Foreign, Handler
-from camgen.lang.gcode.machine import AXES, HANDLERS, RAPID, set_offsets, take_axes, work_offset
+from camgen.lang.gcode.foreign import Foreign
+from camgen.lang.gcode.machine import (
+    AXES,
+    HANDLERS,
+    RAPID,
+    Handler,
+    set_offsets,
+    take_axes,
+    work_offset,
+)
 from camgen.lang.gcode.milling import MILLING
 from camgen.lang.gcode.motion import target
 from camgen.lang.gcode.turning import turn

@@ -17,7 +17,17 @@ from camgen.lang.gcode.beam import Beam
 from camgen.lang.gcode.compensation import OffsetPath, Segment
 from camgen.lang.gcode.dialects import LINUXCNC, LOSSES, Dialect
 from camgen.lang.gcode.drilling import CYCLES
-from camgen.lang.gcode.machine import ARCS, AXES, RAPID, Grammar, Leap, Machine, feed, stop
+from camgen.lang.gcode.machine import (
+    ARCS,
+    AXES,
+    RAPID,
+    Grammar,
+    Handler,
+    Leap,
+    Machine,
+    feed,
+    switch_off,
+)
 from camgen.lang.gcode.macros import ARGUMENTS, assign
 from camgen.lang.gcode.rotation import Rotation
 from camgen.lang.gcode.words import (
@@ -31,10 +41,9 @@ from camgen.lang.gcode.words import (
     drop_comments,
     without_number,
 )
-from camgen.lang.log import Log
 from camgen.model.part import NoteKind
 from camgen.model.pose import TOOL_DOWN, Pose, Vec3
-from camgen.model.program import Instruction, MoveL, Output, Stop, Wait
+from camgen.model.program import Instruction, MoveL, Output, Wait
 
 #: Feed, mm/min, of a machine with a default feed, before the first F.
 FEED = 600.0
@@ -83,8 +92,6 @@ _SHIFTS = frozenset(["G52", "G92", *(f"G{n}" for n in range(54, 60))])
 #: Codes that use the axis words of a line for themselves.
 _TAKE_AXES = frozenset(["G10", "G28", "G30", "G52", "G92"])
 
-Handler = Callable[["Foreign", str, dict[str, float]], None]
-
 
 @dataclass(slots=True, kw_only=True)
 class Foreign(Machine):
@@ -92,9 +99,7 @@ class Foreign(Machine):
 
     dialect: the dialect of its controller.
     given: values from the user, by name.
-    handlers: handlers of the codes, by modal group.
     traced: handlers of motions other than lines, arcs and holes, by code.
-    log: findings, assumptions, losses and facts of the run.
     raw: the line as it is written.
     homes: places that the program stores (G28.1), by code and axis.
     adrift: numbers of the axes whose position no text states.
@@ -126,9 +131,7 @@ class Foreign(Machine):
 
     dialect: Dialect = LINUXCNC
     given: Mapping[str, float] = field(default_factory=dict)
-    handlers: Mapping[str, Handler] = field(default_factory=dict)
     traced: Mapping[str, Handler] = field(default_factory=dict)
-    log: Log = field(init=False)
     raw: str = ""
     homes: dict[str, float] = field(default_factory=dict)
     adrift: set[int] = field(default_factory=set)
@@ -163,9 +166,6 @@ class Foreign(Machine):
     beam: Beam | None = None
     varies_power: bool = False
     has_heights: bool = True
-
-    def __post_init__(self) -> None:
-        self.log = Log(lambda: self.line)
 
     # The log of the run.
 
@@ -220,10 +220,11 @@ class Foreign(Machine):
         """A motion that needs another spindle state is refused."""
         self.log.find("refused", what)
 
-    def read_grammar(self, o_words: bool) -> Grammar:
+    def read_grammar(self) -> Grammar:
         """The words that change the flow. All dialects but GRBL have numbers of programs."""
         dialect = self.dialect
-        return Grammar(o_words, dialect.open or dialect.flow, dialect.increments, dialect.nested)
+        numbers = dialect.open or dialect.flow
+        return Grammar(dialect.flow, numbers, dialect.increments, dialect.nested)
 
     def miss(self, what: str) -> None:
         """A subroutine in another file is left out."""
@@ -762,10 +763,6 @@ class Foreign(Machine):
         ends = self.body.body().packed.end
         return max(float(np.nanmax(ends[:, 2])) if len(ends) else self.at[2], self.at[2])
 
-    def obey(self, group: str, code: str, words: dict[str, float]) -> None:
-        """Runs a code with the handler of its group."""
-        self.handlers[group](self, code, words)
-
     def lift(self, motion: str, words: dict[str, float]) -> None:
         """G53: machine coordinates."""
         if (
@@ -779,15 +776,6 @@ class Foreign(Machine):
         else:
             self.handlers["machine coordinates"](self, motion, words)
 
-    def stop(self, code: str) -> None:
-        """Adds the stop of M0, M60 and M1, or ends the program."""
-        if code in ("M0", "M60"):
-            self.add(Stop())
-        elif code == "M1":
-            self.add(Stop(optional=True))
-        else:
-            stop(self, code)
-
     def finish(self) -> None:
         """Switches all outputs off. Without M2 or M30 they are named as left on."""
         if self.path is not None:
@@ -795,7 +783,7 @@ class Foreign(Machine):
         if not self.ended:
             on = [] if self.spindle == "M5" else ["the spindle"]
             self.left_on[:] = on + ["a coolant"] * bool(self.coolants)
-        Machine.finish(self)
+        switch_off(self)
 
     def value(self, name: str) -> float | None:
         """The value of a parameter of the machine, assumed if the program does not determine it."""

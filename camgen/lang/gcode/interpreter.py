@@ -15,7 +15,6 @@ from camgen.lang.gcode.machine import HANDLERS, Leap, Machine, speed_and_tool
 from camgen.lang.gcode.macros import read_goto, set_then, test_branch, test_loop
 from camgen.lang.gcode.motion import move, read_plain
 from camgen.lang.gcode.words import COMMENT, Line, LineError, Parameters, value_at
-from camgen.lang.log import Log
 from camgen.lang.run import Budget, Ended, Stopped
 from camgen.lang.values import Unknown
 
@@ -76,7 +75,7 @@ class Interpreter:
 
     def __init__(self, machine: Machine, lines: Sequence[str], code: Code) -> None:
         self.machine = machine
-        self.log = Log(lambda: machine.line)
+        self.log = machine.log
         self.depth = 0
         self._lines, self._code = lines, code
         self._known = Parameters(machine.value, machine.takes)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 from itertools import accumulate
 
@@ -15,14 +15,12 @@ from camgen.lang.gcode.codes import CODES, find_radius
 from camgen.lang.gcode.dialects import DIALECTS, Dialect, find_other, recognise
 from camgen.lang.gcode.foreign import Foreign
 from camgen.lang.gcode.interpreter import Interpreter, has_speed
-from camgen.lang.gcode.machine import Machine
 from camgen.lang.gcode.traced import TRACED
-from camgen.lang.gcode.words import COMMENT, LineError, UnknownWord
+from camgen.lang.gcode.words import COMMENT, LineError
 from camgen.lang.programs import Ask, Executed, Frames
 from camgen.lang.run import Stopped
 from camgen.model.program import Output
 
-_NO_FILES: dict[str, int] = {}
 #: Words that lead to a height: Z, W as an increment of it, and places that the machine stores.
 _HEIGHT = re.compile(r"[zZwW]|\bG[ \t]*0*(?:28|30|53)\b", re.IGNORECASE)
 
@@ -68,8 +66,17 @@ def play(
     other = find_other(text)
     if other is not None and not ask.dialect:
         return m, (other[0], f"a program of {other[1]}: its language is not read")
-    stopped = perform_program(m, lines, dialect.flow, starts)
-    return m, stopped[:2] if stopped else None
+    try:
+        code = compile_program(lines, m.read_grammar(), starts)
+    except LineError as error:
+        what, line = error.args
+        return m, (line, what)
+    try:
+        Interpreter(m, lines, code).run()
+        m.finish()
+    except (LineError, Stopped) as error:
+        return m, (m.line, str(error))
+    return m, None
 
 
 def _set_beam(m: Foreign, text: str) -> None:
@@ -77,32 +84,6 @@ def _set_beam(m: Foreign, text: str) -> None:
     is_on = m.given.get("laser", float(sets_laser_mode(text)))
     if m.dialect.name == "grbl" and is_on:
         m.beam = Beam("process" if m.on_off else "spindle")
-
-
-def perform_program(
-    m: Machine, lines: Sequence[str], o_words: bool = True, files: Mapping[str, int] = _NO_FILES
-) -> tuple[int, str, bool] | None:
-    """Runs a program to its end.
-
-    Returns None, or the line and the reason of a stop, and whether the reason is an unknown code.
-
-    o_words: whether O-words change the flow.
-    files: first line of each file, from 0, by name.
-    """
-    grammar = m.read_grammar(o_words)
-    try:
-        code = compile_program(lines, grammar, files)
-    except LineError as error:
-        what, line = error.args
-        return line, what, False
-    try:
-        Interpreter(m, lines, code).run()
-        m.finish()
-    except LineError as error:
-        return m.line, str(error), isinstance(error, UnknownWord)
-    except Stopped as stopped:
-        return m.line, str(stopped), False
-    return None
 
 
 def run(files: Mapping[str, str], ask: Ask, usual: Dialect | None = None) -> Executed:

@@ -25,15 +25,15 @@ from msgspec.structs import replace
 
 from camgen.lang.gcode import arcs
 from camgen.lang.gcode.code import compile_lines
-from camgen.lang.gcode.interpreter import Interpreter, has_speed
+from camgen.lang.gcode.interpreter import Interpreter
 from camgen.lang.gcode.machine import AXES, HANDLERS, Machine, PlainReader
-from camgen.lang.gcode.run import perform_program
 from camgen.lang.gcode.words import (
     COMMENT,
+    GROUP,
     LineError,
     Parameters,
     UnknownWord,
-    not_read,
+    tell_unread,
     without_comments,
     without_number,
     words_of,
@@ -41,11 +41,10 @@ from camgen.lang.gcode.words import (
 from camgen.lang.log import Log
 from camgen.lang.post_options import read_number
 from camgen.lang.programs import Executed
-from camgen.lang.recorded import ProgramRun
 from camgen.lang.run import Stopped
 from camgen.model.errors import JobError
 from camgen.model.part import NoteKind
-from camgen.model.program import Force, Instruction, Output, Stop, ToolChange
+from camgen.model.program import Force, Instruction, Output, ToolChange
 from camgen.model.text import counted
 
 from .strict_runs import MOTION, REMARK, SHORTEST_RUN, Chunk, Lines, MotionState, cut, perform
@@ -77,6 +76,14 @@ _LIFT = ("G53", "G0")
 _ONE_GROUP = {"motion": ("cycle off", "motion"), "coolant": ("mist", "flood", "coolant off")}
 _COOLANTS = {"M7": "mist", "M8": "flood"}
 
+#: Codes that end the reading. With other codes that no post writes, a program is run as one of
+#: another author.
+_UNREAD_CODES = """
+    G5 G5.1 G5.2 G5.3 G7 G28 G28.1 G30 G30.1 G33 G33.1 G38.2 G38.3 G38.4 G38.5 G41 G41.1 G42 G42.1
+    G43.1 G43.2 G52 G74 G76 G84 G87 G88 G92.3 G96 M0 M19 M50 M51 M52 M53 M60 M61 M66 M70 M71 M72 M73
+    M97 M98 M99
+"""
+_UNREAD = frozenset(_UNREAD_CODES.split())
 _PLAIN, _REMARK = re.compile(MOTION), re.compile(REMARK)
 
 
@@ -154,7 +161,6 @@ class Strict(Machine):
 
     rules: rules of the controller.
     expect: text that follows from the options of the post.
-    log: findings.
     has_text: whether a line so far was not blank.
     stated_groups: modal groups of the codes so far.
     has_moved: whether a motion was read.
@@ -176,7 +182,6 @@ class Strict(Machine):
     others: str = ""
     plain: re.Pattern[str] = _PLAIN
     blend: float = 0.0
-    log: Log = field(init=False)
     has_text: bool = False
     stated_groups: set[str] = field(default_factory=set)
     has_moved: bool = False
@@ -191,9 +196,6 @@ class Strict(Machine):
     idle_words: dict[str, tuple[int, str]] = field(default_factory=dict)
     chunk: Chunk | None = None
     unusual: set[str] = field(default_factory=set)
-
-    def __post_init__(self) -> None:
-        self.log = Log(lambda: self.line)
 
     def note(self, kind: NoteKind, what: str, why: str = "") -> None:
         """Adds a finding for an assumption or omission of the interpreter."""
@@ -290,6 +292,12 @@ class Strict(Machine):
             "unusual", f"a slash before a line, which {self.rules.name} ignores and no post writes"
         )
 
+    def group(self, code: str) -> str:
+        """The modal group of a code. Raises LineError."""
+        if code not in GROUP:
+            raise LineError(tell_unread(code, "not a code that is known"))
+        return GROUP[code]
+
     def take(self, codes: Mapping[str, str], words: Mapping[str, float]) -> None:
         """Checks the codes and words of a line.
 
@@ -298,7 +306,8 @@ class Strict(Machine):
         """
         for code in codes.values():
             if code not in self.rules.codes:
-                raise not_read(code, f"not a code of {self.rules.name}")
+                what = tell_unread(code, f"not a code of {self.rules.name}")
+                raise LineError(what) if code in _UNREAD else UnknownWord(what)
         for name, groups in _ONE_GROUP.items():
             both = [codes[group] for group in groups if group in codes]
             if len(both) > 1:
@@ -344,10 +353,6 @@ class Strict(Machine):
             line, what = self.idle_words.pop(letter)
             self.log.find("unusual", what, line=line)
 
-    def obey(self, group: str, code: str, words: dict[str, float]) -> None:
-        """Runs a code, and compares it with the options of the post."""
-        _HANDLERS[group](self, code, words)
-
     def switch(self, signal: str, value: float) -> None:
         """Sets an output under the name of its signal, or the force."""
         channel, scale = self.expect.force or (-1, 1.0)
@@ -367,13 +372,6 @@ class Strict(Machine):
             return
         self.is_pressing, self.force, self.next_force = newtons > 0, newtons, None
         self.add(Force(newtons))
-
-    def stop(self, code: str) -> None:
-        """Adds a stop for M0 and M1, which wait for the operator."""
-        if code in ("M0", "M1"):
-            self.add(Stop(optional=code == "M1"))
-        else:
-            Machine.stop(self, code)
 
     def is_settled(self) -> bool:
         """Whether the machine is settled and neither an output nor a force waits for a motion."""
@@ -742,7 +740,7 @@ _HANDLERS: dict[str, Callable[[Strict, str, dict[str, float]], None]] = {
 def run(lines: Sequence[str], rules: Controller, expect: Expect) -> Strict:
     """The machine after a run of the lines. It raises nothing for any text."""
     exact = replace(rules.arcs, spiral=(expect.spiral,) * 3)
-    machine = Strict(limits=rules.arcs, exact=exact, rules=rules, expect=expect)
+    machine = Strict(limits=rules.arcs, exact=exact, rules=rules, expect=expect, handlers=_HANDLERS)
     try:
         Interpreter(machine, lines, compile_lines(len(lines))).run()
     except Stopped as stopped:
@@ -782,7 +780,7 @@ def _read_rest(machine: Strict, lines: Sequence[str]) -> None:
         try:
             text = machine.bare(lines[index])
             if text not in ("", "%"):
-                machine.take(*words_of(text, parameters))
+                machine.take(*words_of(text, parameters, machine.group))
                 machine.log.find("unusual", "a line after the end of the program")
         except LineError as error:
             machine.refuse(error)
@@ -830,10 +828,12 @@ def _read_foreign(lines: Sequence[str], machine: Strict) -> Executed | None:
 
     The words are a finding, so that a program of a post with such words never passes.
     machine: the strict machine after it has run the lines.
-    Returns None if the interpreter stops at the first of these words.
+    Returns None if this run stops before the first of these words.
     """
-    program = _interpret_plain(lines)
-    if program.stopped and program.unread and program.stopped[0] <= machine.unknown_line:
+    from camgen.lang.gcode.replayed import interpret  # noqa: PLC0415 (only for words of others)
+
+    program = interpret(lines)
+    if program.stopped and program.stopped[0] < machine.unknown_line:
         return None
     what = "a word that camgen does not write; the program is read as LinuxCNC runs it"
     log = Log()
@@ -847,23 +847,6 @@ def _read_foreign(lines: Sequence[str], machine: Strict) -> Executed | None:
         log.find("refused", "the program has no end (M2 or M30)", line=len(lines))
     body = rename(program.body, machine.expect.names)
     return Executed(body, program.lines, findings=log.list_findings())
-
-
-def _interpret_plain(lines: Sequence[str]) -> ProgramRun:
-    """The effect of a program without the codes that only `Foreign` runs. Never raises."""
-    m = Machine(on_off=not has_speed(lines))
-    stopped = perform_program(m, lines)
-    return ProgramRun(
-        tuple(m.body),
-        tuple(m.lines),
-        m.notes(),
-        m.held,
-        m.entry,
-        stopped[:2] if stopped else None,
-        bool(stopped and stopped[2]),
-        m.ended,
-        "mm" if m.scale == 1.0 else "inch",
-    )
 
 
 def rename(body: Iterable[Instruction], names: Mapping[str, str]) -> tuple[Instruction, ...]:

@@ -362,7 +362,7 @@ def group_of(code: str) -> str:
     """The modal group of a code. Raises UnknownWord for a code without a group."""
     group = GROUP.get(code)
     if group is None:
-        raise not_read(code, "not a code that is known")
+        raise UnknownWord(tell_unread(code, "not a code that is known"))
     return group
 
 
@@ -413,12 +413,12 @@ def _code(codes: dict[str, str], code: str, group_of: Callable[[str], str]) -> N
     codes[group] = code
 
 
-def not_read(code: str, otherwise: str) -> UnknownWord:
-    """The error for a code that is not read.
+def tell_unread(code: str, otherwise: str) -> str:
+    """The finding for a code that is not read.
 
     otherwise: reason for a code that the table does not have.
     """
-    return UnknownWord(f"{code} is not read: {_WHY.get(code, otherwise)}")
+    return f"{code} is not read: {_WHY.get(code, otherwise)}"
 
 
 @lru_cache(maxsize=1024)
