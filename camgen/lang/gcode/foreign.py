@@ -662,12 +662,12 @@ class Foreign(Machine):
             self.at[:] = end
             self.follow(start, self.here(), None)
             return
-        if self.dialect.extruder and self.feed > 0 and self.begun:
+        if self.dialect.extruder and self.feed > 0 and self.has_position:
             self.at[:] = end
             self.add(MoveL(Pose(TOOL_DOWN, self.here()), self.feed))
             return
         self._insist_on_dark_rapids()
-        if not (self.has_heights or self.begun or self.known[2]):
+        if not (self.has_heights or self.has_position or self.known[2]):
             # The whole program runs at one height.
             self.known[2], self.entry = True, RAPID
             self.note("assumed", "the program begins at Z0", "it does not say where")
@@ -739,7 +739,7 @@ class Foreign(Machine):
 
     def switch(self, signal: str, value: float) -> None:
         """Switches an output. A switch at an unknown height is a loss."""
-        is_placeless = self.held > 0 and not self.begun
+        is_placeless = self.held > 0 and not self.has_position
         if is_placeless and not value and self._was_on(signal):
             self.log.lose(f"{signal} is on and off again where Z is not known; {_NO_HEIGHT}")
         Machine.switch(self, signal, value)
@@ -766,7 +766,7 @@ class Foreign(Machine):
     def lift(self, motion: str, words: dict[str, float]) -> None:
         """G53: machine coordinates."""
         if (
-            not self.begun
+            not self.has_position
             and motion == "G0"
             and words.get("Z") == 0
             and not self.given

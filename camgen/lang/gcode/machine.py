@@ -82,7 +82,7 @@ class Machine:
     body, lines: instructions so far, and the line of each.
     at: position.
     known: whether the program has stated the position of each axis.
-    begun: whether the program has an instruction with a position.
+    has_position: whether the program has an instruction with a position.
     held: number of rapid motions before that.
     entry: feed at which an assumed start is reached, 0 without one.
     shift: absolute coordinates minus those of the program.
@@ -120,7 +120,7 @@ class Machine:
     lines: array[int] = field(default_factory=partial(array, "q"))
     at: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     known: list[bool] = field(default_factory=lambda: [False, False, False])
-    begun: bool = False
+    has_position: bool = False
     held: int = 0
     entry: float = 0.0
     shift: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
@@ -290,7 +290,10 @@ class Machine:
     def is_settled(self) -> bool:
         """Return whether the words of a line alone determine its effect."""
         usual = (
-            self.begun and self.unit is not None and self.plane == "G17" and self.feed_mode == "G94"
+            self.has_position
+            and self.unit is not None
+            and self.plane == "G17"
+            and self.feed_mode == "G94"
         )
         unusual = self.ended or self.incremental or self.absolute_centre or self.sticky
         return usual and not unusual and self.length == self.length_at_z
@@ -325,15 +328,15 @@ class Machine:
         self.at[:] = end
         for axis in axes:
             self.known[axis] = True
-        if self.begun or all(self.known):
-            self.begun = True
+        if self.has_position or all(self.known):
+            self.has_position = True
             self.add(MoveJ(Pose(TOOL_DOWN, self.here()), RAPID))
         else:
             self.held += 1
 
     def start(self) -> None:
         """Is called before a motion at feed: the program begins at 0 in each axis without a position."""
-        if self.begun:
+        if self.has_position:
             return
         unknown = [name for name, known in zip(AXES, self.known, strict=True) if not known]
         if unknown:
@@ -344,7 +347,7 @@ class Machine:
             )
             self.entry = self.feed or RAPID
         self.known[:] = [True, True, True]
-        self.begun = True
+        self.has_position = True
         self.add(MoveJ(Pose(TOOL_DOWN, self.here()), RAPID))
 
     def here(self) -> Vec3:
@@ -398,7 +401,7 @@ class Machine:
         if code in ARCS:
             raise LineError(f"{code} without an end point or centre")
         # LinuxCNC moves to the place where the tool stands.
-        self.held += code in ("G0", "G1") and not self.begun
+        self.held += code in ("G0", "G1") and not self.has_position
 
     def value(self, name: str) -> float | None:
         """The value of a parameter of the machine by number or name, None if it is not known."""
@@ -582,7 +585,12 @@ def lift(m: Machine, motion: str, words: dict[str, float]) -> None:
     """
     if m.incremental:
         raise LineError("G53 among increments (G91)")
-    if m.begun or motion != "G0" or any(axis in words for axis in "XY") or words.pop("Z", 1.0) != 0:
+    if (
+        m.has_position
+        or motion != "G0"
+        or any(axis in words for axis in "XY")
+        or words.pop("Z", 1.0) != 0
+    ):
         raise LineError(tell_unread("G53", "not known"))
     m.lifted, m.known[2], m.at[2] = True, False, 0.0
 

@@ -356,7 +356,7 @@ class Strict(Machine):
     def switch(self, signal: str, value: float) -> None:
         """Sets an output under the name of its signal, or the force."""
         channel, scale = self.expect.force or (-1, 1.0)
-        if self.lifted and not self.begun:
+        if self.lifted and not self.has_position:
             self.log.find(
                 "unusual", "an output is switched when the machine has moved already (G53)"
             )
@@ -508,7 +508,7 @@ def _check_position(machine: Strict, named: Sequence[str]) -> None:
     The usual order of a post is Z up first, then X and Y together.
     named: axes of the motion.
     """
-    if machine.begun:
+    if machine.has_position:
         return
     what = ""
     if machine.incremental or machine.motion != "G0":
@@ -531,7 +531,7 @@ def _check_position(machine: Strict, named: Sequence[str]) -> None:
     if what:
         machine.log.find("unusual", f"{what}; read as from 0")
         machine.known[:] = [True, True, True]
-        machine.begun = True
+        machine.has_position = True
 
 
 def _check_spiral(machine: Strict, words: Mapping[str, float]) -> None:
@@ -565,7 +565,7 @@ def _check_cycle(machine: Strict, words: Mapping[str, float]) -> None:
     Raises UnknownWord for another cycle.
     """
     is_usual = (
-        machine.begun
+        machine.has_position
         and machine.unit == 1.0
         and machine.plane == "G17"
         and machine.to_start is True
@@ -604,7 +604,7 @@ def _change(machine: Strict, code: str, words: dict[str, float]) -> None:  # noq
     if not machine.expect.tool:
         _change_among(machine)
         return
-    if machine.begun:
+    if machine.has_position:
         raise LineError("a tool change after the first motion is not read")
     if machine.is_changed:
         machine.log.find("unusual", "M6 a second time")
@@ -627,7 +627,7 @@ def _change_among(machine: Strict) -> None:
         machine.log.find("unusual", f"tool {machine.due_tool} is changed to and never used")
     machine.add(ToolChange(machine.tool))
     machine.due_tool, machine.length_code = machine.tool, ""
-    machine.begun = machine.lifted = False
+    machine.has_position = machine.lifted = False
     machine.known[:] = [False, False, False]
 
 
@@ -685,7 +685,7 @@ def _length(machine: Strict, code: str, words: dict[str, float]) -> None:
         machine.log.find(
             "unusual", "G49 lowers the next height by a tool length that is on; G53 G0 Z0 first"
         )
-    if machine.begun and code != machine.length_code:
+    if machine.has_position and code != machine.length_code:
         raise LineError(f"{code} after the first motion shifts the origin")
     machine.length = machine.length_code = code
 
@@ -750,7 +750,7 @@ def run(lines: Sequence[str], rules: Controller, expect: Expect) -> Strict:
         machine.note_idle(letter)
     if not machine.ended:
         machine.log.find("refused", "the program has no end (M2 or M30)")
-    if any(machine.known) and not machine.begun:
+    if any(machine.known) and not machine.has_position:
         machine.log.find("refused", "the program ends before the position is known in all axes")
     if machine.output_line:
         what = "an output that waits for the next motion (M62, M63, M67), and none follows"
