@@ -151,7 +151,7 @@ def row(path: Path) -> tuple[str, str]:
         line, why = (refused or [stopped])[0]
         more = f"; rs274: {theirs}" if theirs else ""
         return ("refused both" if theirs else "refused"), f"line {line}: {why}{more}"
-    run = ProgramRun(tuple(m.body), tuple(m.lines), (), m.held, m.entry, None, False, True, "mm")
+    run = ProgramRun(tuple(m.body), tuple(m.lines), (), m.held, m.entry, None, True, "mm")
     found = against(run, judge)
     told = f"{found.moves} motions, largest difference {found.deviation:.4f} mm, {seconds:.2f} s"
     if theirs:

@@ -45,7 +45,8 @@ class Step(Struct, gc=False):
 class Act(Step, kw_only=True, gc=False):
     """A statement that the language carries out by itself.
 
-    do: called with the language and the operand.
+    do: called with the language and the operand. A step that it returns runs next, such as a
+        jump whose label is known only then.
     """
 
     do: Callable[[Any, Any], object]
@@ -276,6 +277,7 @@ class Block(Struct, eq=False, gc=False):
     line: line of its first statement.
     first: its first step.
     leaving: jumps to its end.
+    ending: jumps to its last step, which ends a round of a loop.
     branches: its branches.
     pending: its last branch without an alternative yet, None after the last alternative.
     """
@@ -285,6 +287,7 @@ class Block(Struct, eq=False, gc=False):
     line: int
     first: Step
     leaving: list[Jump]
+    ending: list[Jump] = []
     branches: list[Branch] = []
     pending: Branch | None = None
 
@@ -354,11 +357,13 @@ class Compiler:
 
     def close_loop(self, block: Block, condition: Condition | None = None) -> None:
         """Close a block whose first step is a `LoopStart`."""
+        self._end_rounds(block)
         self.add(LoopEnd(self.line, block.start, condition=condition))
         self.close(block)
 
     def close_count(self, block: Block) -> None:
         """Close a block whose first step is a `CountStart`."""
+        self._end_rounds(block)
         self.add(CountEnd(self.line, block.start))
         self.close(block)
 
@@ -376,11 +381,24 @@ class Compiler:
 
     def exit(self, kinds: Collection[str]) -> bool:
         """Leave the innermost block of some kinds. Return whether there is one."""
-        for block in reversed(self.blocks):
-            if block.kind in kinds:
-                block.leaving.append(self.add(Jump(self.line, is_exit=True)))
-                return True
-        return False
+        block = self._find_block(kinds)
+        if block is not None:
+            block.leaving.append(self.add(Jump(self.line, is_exit=True)))
+        return block is not None
+
+    def end_round(self, kinds: Collection[str]) -> bool:
+        """End a round of the innermost loop of some kinds. Return whether there is one."""
+        block = self._find_block(kinds)
+        if block is not None:
+            block.ending.append(self.add(Jump(self.line, is_exit=True)))
+        return block is not None
+
+    def _find_block(self, kinds: Collection[str]) -> Block | None:
+        return next((block for block in reversed(self.blocks) if block.kind in kinds), None)
+
+    def _end_rounds(self, block: Block) -> None:
+        for jump in block.ending:
+            jump.to = len(self.steps)
 
     def jump(self, label: str) -> None:
         """Add a jump to a label."""

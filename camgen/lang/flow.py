@@ -222,18 +222,24 @@ class Flow:
         if self._depth > self._rules.depth_limit:
             raise Stopped(reason)
 
-    def run(self, code: Code) -> None:
-        """Run a routine to its end. Ended and Stopped end the program, Raised is an error of it."""
+    def run(self, code: Code, start: int = 0, within: range | None = None) -> None:
+        """Run a routine to its end. Ended and Stopped end the program, Raised is an error of it.
+
+        start: index of the first step. A routine may begin inside the steps of another one.
+        within: indices of the steps. The run ends when the next step is another one.
+        """
+        if within is None:
+            within = range(len(code.steps))
         self._depth += 1
         try:
-            self._run(CallFrame(code))
+            self._run(CallFrame(code), start, within)
         finally:
             self._depth -= 1
 
-    def _run(self, frame: CallFrame) -> None:
-        steps, at = frame.code.steps, 0
+    def _run(self, frame: CallFrame, at: int, within: range) -> None:
+        steps = frame.code.steps
         begin, spend, faults = self._language.begin, self._budget.spend, self._language.faults
-        while at < len(steps):
+        while at in within:
             step = steps[at]
             begin(step)
             spend(step.cost)
@@ -254,8 +260,10 @@ class Flow:
             return at + 1
         return step.end if isinstance(step, Branch) else step.to
 
-    def _act(self, _frame: CallFrame, at: int, step: Act) -> int:
-        step.do(self._language, step.operand)
+    def _act(self, frame: CallFrame, at: int, step: Act) -> int:
+        after = step.do(self._language, step.operand)
+        if isinstance(after, Step):
+            return _RUN[type(after)](self, frame, at, after)
         return at + 1
 
     # -- branches ------------------------------------------------------------------------------

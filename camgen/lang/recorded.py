@@ -16,9 +16,9 @@ class ProgramRun(Struct, frozen=True, eq=False):
     body: motions with the tool straight down, rapid ones as MoveJ, those that may round their corner with a blend of 1;
     outputs and waits. lines: of each, 1-based. remarks: what was assumed or left out, with its first line. held: rapid
     motions at the start whose position is not known in all axes, not in the body. entry: mm/s at which an assumed start
-    is reached, 0 where the text says it. stopped: the line and the reason where it cannot be read on. unread: whether
-    that is a code which is not known. ended: whether the text says so (M2, M30, a second per cent sign). units: "mm" or
-    "inch". whole: it is a robot's, and brings its ways from path to path.
+    is reached, 0 where the text says it. stopped: the line and the reason where it cannot be read on.
+    ended: whether the text says so (M2, M30, a second per cent sign). units: "mm" or "inch".
+    whole: it is a robot's, and brings its ways from path to path.
     """
 
     body: tuple[Instruction, ...]
@@ -27,7 +27,6 @@ class ProgramRun(Struct, frozen=True, eq=False):
     held: int
     entry: float
     stopped: tuple[int, str] | None
-    unread: bool
     ended: bool
     units: str
     whole: bool = False

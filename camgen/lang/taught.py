@@ -98,9 +98,7 @@ def read_files(
     _refuse_losses(executed, name, place)
     told = in_one_frame(executed, name, job.tolerance.chord)
     body = rename_outputs(told.body, job.input.signals, name)
-    run = ProgramRun(
-        body, told.lines, (), 0, 0.0, None, unread=False, ended=True, units="mm", whole=True
-    )
+    run = ProgramRun(body, told.lines, (), 0, 0.0, None, ended=True, units="mm", whole=True)
     notes = (*_note(executed, place), *told.notes)
     named = sources[0].stem, name, "mm", ()
     return Taught(*named, notes=notes, run=run, language=language, frames=told.frames)

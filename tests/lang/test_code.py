@@ -87,6 +87,20 @@ def test_loops_lead_back_to_their_start_and_behind_their_end() -> None:
     assert list_targets(compiler) == [6, 5, 6, 5, 1, 0]
 
 
+def test_a_round_ends_at_the_end_of_its_loop() -> None:
+    compiler = Compiler()
+    outer = compiler.open("while", LoopStart(0, condition=Condition("a")))
+    inner = compiler.open("do", LoopStart(0))
+    assert compiler.end_round(["while"])
+    assert compiler.end_round(["do", "while"])
+    assert not compiler.end_round(["for"])
+    compiler.blocks.pop()
+    compiler.close_loop(inner)
+    compiler.close_loop(outer)
+    steps = compiler.finish().steps
+    assert [step.to for step in steps] == [6, 5, 5, 4, 1, 0]
+
+
 def test_each_case_leads_behind_the_block() -> None:
     compiler = Compiler()
     block = compiler.open("select", Select(1, value="a", cases=[]))

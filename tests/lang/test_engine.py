@@ -12,8 +12,6 @@ from tests.support.syntax import list_nodes
 
 ENGINE = Path(__file__).parents[2] / "camgen" / "lang"
 LANGUAGES = ("gcode", "pacscript", "rapid", "vplus")
-#: Languages whose routines are steps of the engine, which runs them.
-ON_THE_ENGINE = ("pacscript", "rapid", "vplus")
 #: Modules of the engine. What they define, no language defines.
 MODULES = ("log", "run")
 FLOW_MODULES = ("code", "flow", "values")
@@ -67,7 +65,7 @@ def test_a_language_defines_nothing_of_the_engine(language: str) -> None:
         assert not list_calls(path) & ENTRIES, path
 
 
-@pytest.mark.parametrize("language", ON_THE_ENGINE)
+@pytest.mark.parametrize("language", LANGUAGES)
 def test_a_language_on_the_engine_has_no_flow_of_its_own(language: str) -> None:
     engine = list_engine(*MODULES, *FLOW_MODULES)
     assert {"Step", "Compiler", "Flow", "CallFrame", "Counter", "Raised", "Unknown"} <= engine

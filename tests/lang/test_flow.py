@@ -15,6 +15,7 @@ from camgen.lang.code import (
     Effect,
     End,
     Handle,
+    Jump,
     JumpTable,
     LoopStart,
     Raise,
@@ -644,3 +645,27 @@ def test_routines_that_call_each_other_are_too_deep() -> None:
     with pytest.raises(Stopped, match="too deep"):
         toy.flow.run(code)
     assert depth == 3
+
+
+def test_an_action_may_name_the_step_that_runs_in_its_place() -> None:
+    toy = Toy()
+    toy.do("a")
+    toy.compiler.add(Act(2, do=lambda _toy, at: Jump(2, at), operand=3))
+    toy.do("passed over")
+    toy.do("b")
+    toy.compiler.add(Act(5, do=lambda _toy, _operand: Return(5)))
+    toy.do("after the end")
+    assert toy.run().done == ["a", "b"]
+
+
+def test_a_routine_may_begin_inside_the_steps_of_another_and_end_before_their_end() -> None:
+    toy = Toy()
+    for name in "abcde":
+        toy.do(name)
+    code = toy.compiler.finish()
+    toy.flow.run(code, 3)
+    assert toy.done == ["d", "e"]
+    toy.flow.run(code, 1, range(1, 3))
+    assert toy.done == ["d", "e", "b", "c"]
+    toy.flow.run(code, 1, range(0))
+    assert toy.done == ["d", "e", "b", "c"]

@@ -382,6 +382,27 @@ def test_macros_of_fanuc(lines, expected):
     assert ends(run(*lines, dialect="fanuc")) == expected
 
 
+def test_the_end_of_a_macro_and_its_jumps_belong_to_its_program():
+    """GOTO from a main program to a line of another file ends it. M99 P returns to a line."""
+    sub = {"900.nc": "G1 X1\nM99 P20\nN30 G1 X9\nM30"}
+    lines = ("M98 P900", "G1 X7", "N20 G1 X2")
+    assert ends(run(*lines, dialect="fanuc", files=sub)) == [(1, 0, 5), (2, 0, 5)]
+    executed = run("G1 X1", "GOTO 30", "G1 X7", dialect="fanuc", files=sub)
+    assert [item.target.origin[0] for item in executed.body if isinstance(item, MoveL)] == [1.0]
+
+
+def test_a_deleted_macro_does_nothing():
+    lines = ("#1=0", "/IF[#1 EQ 0]GOTO 20", "G1 X1", "N20 G1 X2")
+    assert ends(run(*lines, dialect="fanuc")) == [(2, 0, 5)]
+    executed = run_gcode({"a.nc": "\n".join([*LEAD, *lines])}, Ask("fanuc", {"block_delete": 1.0}))
+    assert ends(executed) == [(1, 0, 5), (2, 0, 5)]
+
+
+def test_the_condition_of_an_elseif_is_refused_in_its_own_line():
+    executed = run("o1 if [0]", "G1 X1", "o1 elseif [#<a>]", "G1 X2", "o1 endif")
+    assert told(executed, "refused") == [(6, "#<a> is used before it is set")]
+
+
 def test_a_subroutine_whose_number_is_worked_out():
     subs = ("o101 sub", "G1 X1", "o101 endsub", "o102 sub", "G1 X2", "o102 endsub")
     found = run(*subs, "#3=2", "o[100+#3] call", "o[#3-1+100] call", "o[7] call")

@@ -150,7 +150,7 @@ def differ(lines):
     refused = [one.what for one in found.findings if one.level == "refused"]
     if refused or judge.error:
         return "" if refused and judge.error else f"here {refused}, there {judge.error!r}"
-    run = ProgramRun(tuple(found.body), found.lines, (), 0, 0.0, None, False, True, "mm")
+    run = ProgramRun(tuple(found.body), found.lines, (), 0, 0.0, None, True, "mm")
     return against(run, judge).fault
 
 

@@ -607,7 +607,7 @@ FOREIGN = "a word that camgen does not write; the program is read as LinuxCNC ru
         ("F9 G81 X1 Z-1 R2", FOREIGN),
         (
             "G10 L2 P1 X0",
-            "G10 L2 moves G54 after a motion in it: where it was is known to the machine alone; nothing "
+            "G10 L2 moves G54 in X from 0; where it was, mm, is known to the machine alone; nothing "
             "from here on is read",
         ),
         ("G28", "G28 is not read: goes to a position that the machine stores"),

@@ -9,8 +9,16 @@ from functools import partial
 
 from camgen.lang.gcode.arcs import Arc, divide
 from camgen.lang.gcode.compensation import OffsetPath, Segment, place
-from camgen.lang.gcode.foreign import Foreign, Handler
-from camgen.lang.gcode.machine import AXES, HANDLERS, RAPID, set_offsets, take_axes, work_offset
+from camgen.lang.gcode.foreign import Foreign
+from camgen.lang.gcode.machine import (
+    AXES,
+    HANDLERS,
+    RAPID,
+    Handler,
+    set_offsets,
+    take_axes,
+    work_offset,
+)
 from camgen.lang.gcode.milling import MILLING
 from camgen.lang.gcode.motion import target
 from camgen.lang.gcode.turning import turn
@@ -342,7 +350,7 @@ def _home(m: Foreign, code: str, words: dict[str, float]) -> None:
         pass
     elif m.incremental and not all(m.known[k] for k in named):
         take_axes(m, words)
-        m.held += not m.begun
+        m.held += not m.has_position
     else:
         m.rapid(target(m, words), () if m.incremental else named)
     go_away(m, name, code, named, m.homes)
@@ -385,7 +393,7 @@ def go_away(
             m.known[k] = True
             m.adrift.discard(k)
             told.append(k)
-        elif not m.begun or not m.known[k]:
+        elif not m.has_position or not m.known[k]:
             m.known[k], m.lifted = False, m.lifted or k == 2
             m.assume(
                 f"{code}: {AXES[k]} goes to a position that the machine stores; it is shown from the next word on",
@@ -407,7 +415,7 @@ def go_away(
                 0.0,
             )
             m.adrift.add(k)
-    if not (m.begun or all(m.known)):
+    if not (m.has_position or all(m.known)):
         m.held += bool(told) and name != "machine"  # the G0 beside G53 counts by itself
         return
     if not told:

@@ -17,8 +17,18 @@ from camgen.lang.gcode.beam import Beam
 from camgen.lang.gcode.compensation import OffsetPath, Segment
 from camgen.lang.gcode.dialects import LINUXCNC, LOSSES, Dialect
 from camgen.lang.gcode.drilling import CYCLES
-from camgen.lang.gcode.machine import ARCS, AXES, RAPID, Machine, feed, stop
-from camgen.lang.gcode.macros import ARGUMENTS, assign, find_ends, jump
+from camgen.lang.gcode.machine import (
+    ARCS,
+    AXES,
+    RAPID,
+    Grammar,
+    Handler,
+    Leap,
+    Machine,
+    feed,
+    switch_off,
+)
+from camgen.lang.gcode.macros import ARGUMENTS, assign
 from camgen.lang.gcode.rotation import Rotation
 from camgen.lang.gcode.words import (
     COMMENT,
@@ -28,12 +38,12 @@ from camgen.lang.gcode.words import (
     Parameters,
     UnknownWord,
     bare,
+    drop_comments,
     without_number,
 )
-from camgen.lang.log import Log
 from camgen.model.part import NoteKind
 from camgen.model.pose import TOOL_DOWN, Pose, Vec3
-from camgen.model.program import Instruction, MoveL, Output, Stop, Wait
+from camgen.model.program import Instruction, MoveL, Output, Wait
 
 #: Feed, mm/min, of a machine with a default feed, before the first F.
 FEED = 600.0
@@ -82,8 +92,6 @@ _SHIFTS = frozenset(["G52", "G92", *(f"G{n}" for n in range(54, 60))])
 #: Codes that use the axis words of a line for themselves.
 _TAKE_AXES = frozenset(["G10", "G28", "G30", "G52", "G92"])
 
-Handler = Callable[["Foreign", str, dict[str, float]], None]
-
 
 @dataclass(slots=True, kw_only=True)
 class Foreign(Machine):
@@ -91,9 +99,7 @@ class Foreign(Machine):
 
     dialect: the dialect of its controller.
     given: values from the user, by name.
-    handlers: handlers of the codes, by modal group.
     traced: handlers of motions other than lines, arcs and holes, by code.
-    log: findings, assumptions, losses and facts of the run.
     raw: the line as it is written.
     homes: places that the program stores (G28.1), by code and axis.
     adrift: numbers of the axes whose position no text states.
@@ -125,9 +131,7 @@ class Foreign(Machine):
 
     dialect: Dialect = LINUXCNC
     given: Mapping[str, float] = field(default_factory=dict)
-    handlers: Mapping[str, Handler] = field(default_factory=dict)
     traced: Mapping[str, Handler] = field(default_factory=dict)
-    log: Log = field(init=False)
     raw: str = ""
     homes: dict[str, float] = field(default_factory=dict)
     adrift: set[int] = field(default_factory=set)
@@ -140,8 +144,6 @@ class Foreign(Machine):
     saved: list[tuple[object, ...]] = field(default_factory=list)
     side: int = 0
     path: OffsetPath | None = None
-    loops: dict[int, int] = field(default_factory=dict)
-    ends: dict[int, list[int]] | None = None
     left_path: bool = False
     halted: int = 0
     height: float = 0.0
@@ -155,7 +157,7 @@ class Foreign(Machine):
     going_on: tuple[float, float] | None = None
     suspended: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     rotation: Rotation | None = None
-    modal: tuple[str, float, int, Mapping[int, float] | None] | None = None
+    modal: Leap | None = None
     modal_depth: int = 0
     moving: bool = False
     cycle: tuple[str, str, dict[str, float]] | None = None
@@ -164,9 +166,6 @@ class Foreign(Machine):
     beam: Beam | None = None
     varies_power: bool = False
     has_heights: bool = True
-
-    def __post_init__(self) -> None:
-        self.log = Log(lambda: self.line)
 
     # The log of the run.
 
@@ -221,9 +220,11 @@ class Foreign(Machine):
         """A motion that needs another spindle state is refused."""
         self.log.find("refused", what)
 
-    def numbers_programs(self) -> bool:
-        """Return whether the dialect has numbers of programs: all but GRBL."""
-        return self.dialect.open or self.dialect.flow
+    def read_grammar(self) -> Grammar:
+        """The words that change the flow. All dialects but GRBL have numbers of programs."""
+        dialect = self.dialect
+        numbers = dialect.open or dialect.flow
+        return Grammar(dialect.flow, numbers, dialect.increments, dialect.nested)
 
     def miss(self, what: str) -> None:
         """A subroutine in another file is left out."""
@@ -259,7 +260,7 @@ class Foreign(Machine):
         ):
             return ""
         if dialect.nested or dialect.name == "grbl":
-            text = _drop_comments(raw, dialect.nested)
+            text = drop_comments(raw, dialect.nested)
             text = _as_printers_read(text) if dialect.extruder else text
             return without_number(text.translate(_BLANKS).lower().lstrip("/").removesuffix("%"))
         if _LOGS.match(raw):
@@ -330,17 +331,6 @@ class Foreign(Machine):
         if not dialect.open:
             raise LineError(f"{code} is not a code of {dialect.name}")
         return f"unknown {code}"
-
-    def branch(
-        self, raw: str, at: int, lines: Sequence[str], known: Parameters
-    ) -> int | str | None:
-        """The line to which a macro of Fanuc jumps, None without a jump."""
-        if not self.dialect.increments:
-            return None
-        text = self.bare(raw)
-        if self.ends is None and text.startswith("while"):
-            self.ends = find_ends(lines)
-        return jump(text, at, self.ends or {}, known, self.loops)
 
     def take(self, codes: Mapping[str, str], words: Mapping[str, float]) -> None:  # noqa: ARG002
         """Adds a loss for each code whose effect no other machine has."""
@@ -672,12 +662,12 @@ class Foreign(Machine):
             self.at[:] = end
             self.follow(start, self.here(), None)
             return
-        if self.dialect.extruder and self.feed > 0 and self.begun:
+        if self.dialect.extruder and self.feed > 0 and self.has_position:
             self.at[:] = end
             self.add(MoveL(Pose(TOOL_DOWN, self.here()), self.feed))
             return
         self._insist_on_dark_rapids()
-        if not (self.has_heights or self.begun or self.known[2]):
+        if not (self.has_heights or self.has_position or self.known[2]):
             # The whole program runs at one height.
             self.known[2], self.entry = True, RAPID
             self.note("assumed", "the program begins at Z0", "it does not say where")
@@ -749,7 +739,7 @@ class Foreign(Machine):
 
     def switch(self, signal: str, value: float) -> None:
         """Switches an output. A switch at an unknown height is a loss."""
-        is_placeless = self.held > 0 and not self.begun
+        is_placeless = self.held > 0 and not self.has_position
         if is_placeless and not value and self._was_on(signal):
             self.log.lose(f"{signal} is on and off again where Z is not known; {_NO_HEIGHT}")
         Machine.switch(self, signal, value)
@@ -773,14 +763,10 @@ class Foreign(Machine):
         ends = self.body.body().packed.end
         return max(float(np.nanmax(ends[:, 2])) if len(ends) else self.at[2], self.at[2])
 
-    def obey(self, group: str, code: str, words: dict[str, float]) -> None:
-        """Runs a code with the handler of its group."""
-        self.handlers[group](self, code, words)
-
     def lift(self, motion: str, words: dict[str, float]) -> None:
         """G53: machine coordinates."""
         if (
-            not self.begun
+            not self.has_position
             and motion == "G0"
             and words.get("Z") == 0
             and not self.given
@@ -790,15 +776,6 @@ class Foreign(Machine):
         else:
             self.handlers["machine coordinates"](self, motion, words)
 
-    def stop(self, code: str) -> None:
-        """Adds the stop of M0, M60 and M1, or ends the program."""
-        if code in ("M0", "M60"):
-            self.add(Stop())
-        elif code == "M1":
-            self.add(Stop(optional=True))
-        else:
-            stop(self, code)
-
     def finish(self) -> None:
         """Switches all outputs off. Without M2 or M30 they are named as left on."""
         if self.path is not None:
@@ -806,7 +783,7 @@ class Foreign(Machine):
         if not self.ended:
             on = [] if self.spindle == "M5" else ["the spindle"]
             self.left_on[:] = on + ["a coolant"] * bool(self.coolants)
-        Machine.finish(self)
+        switch_off(self)
 
     def value(self, name: str) -> float | None:
         """The value of a parameter of the machine, assumed if the program does not determine it."""
@@ -832,25 +809,3 @@ def _as_printers_read(text: str) -> str:
     """A line without its checksum and texts in quotes; a letter without a number is a flag."""
     text = _QUOTED.sub("0", text.partition("*")[0])
     return _FLAG.sub(r"\1 0", _TEXTS.sub(r"\1", text))
-
-
-def _drop_comments(raw: str, nested: bool) -> str:
-    """The line without comments. A comment may have no end.
-
-    nested: whether comments nest. Else the first closing parenthesis ends one, as in GRBL.
-    """
-    head = raw.partition(";")[0]
-    raw = raw if "(" in head else head
-    kept, depth = [], 0
-    for letter in raw:
-        if letter == "(":
-            depth = depth + 1 if nested else 1
-        elif letter == ")":
-            if not depth and not nested:
-                kept.append(letter)
-            depth = max(0, depth - 1)
-        elif letter == ";" and not depth:
-            break
-        elif not depth:
-            kept.append(letter)
-    return "".join(kept)

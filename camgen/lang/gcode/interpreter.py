@@ -1,68 +1,28 @@
-"""Runs the lines of a G-code program in the order of its flow."""
+"""Runs a G-code program: its lines on a machine, and its flow on the engine."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from functools import lru_cache, partial
+from contextlib import suppress
+from functools import lru_cache
 
-from camgen.lang.gcode.arcs import LINUXCNC
-from camgen.lang.gcode.machine import HANDLERS, Machine, speed_and_tool
+from msgspec import Struct
+
+from camgen.lang.code import Code, End, Jump, Return, Step
+from camgen.lang.flow import Choice, Counter, Flow, Rules
+from camgen.lang.gcode.machine import HANDLERS, Leap, Machine, speed_and_tool
+from camgen.lang.gcode.macros import read_goto, set_then, test_branch, test_loop
 from camgen.lang.gcode.motion import move, read_plain
-from camgen.lang.gcode.o_words import NO_FILES, Blocks, Flow, list_blocks
-from camgen.lang.gcode.words import COMMENT, Line, LineError, Parameters, UnknownWord
-from camgen.lang.recorded import ProgramRun
-from camgen.lang.run import Budget, Stopped
-from camgen.model.limits import Limits as Bounds
+from camgen.lang.gcode.words import COMMENT, Line, LineError, Parameters, value_at
+from camgen.lang.run import Budget, Ended, Stopped
+from camgen.lang.values import Unknown
 
-_BOUNDS = Bounds()
 #: Number of different lines whose words are kept.
 _KEPT_LINES = 200
-#: Number of lines in loops of a profile of a lathe.
-_PROFILE = 10_000
+#: Depth of calls, and number of arguments, as in LinuxCNC.
+_DEPTH, _MOST_ARGUMENTS = 10, 30
 _SPEED = re.compile(r"[sS][ \t]*[-+.0-9\[#]")
-
-
-def interpret_plain(lines: Sequence[str]) -> ProgramRun:
-    """The effect of a program without the codes that only `Foreign` runs. Never raises."""
-    m = Machine(LINUXCNC, _BOUNDS, not has_speed(lines))
-    stopped = perform(m, lines)
-    return ProgramRun(
-        tuple(m.body),
-        tuple(m.lines),
-        m.notes(),
-        m.held,
-        m.entry,
-        stopped[:2] if stopped else None,
-        bool(stopped and stopped[2]),
-        m.ended,
-        "mm" if m.scale == 1.0 else "inch",
-    )
-
-
-def perform(
-    m: Machine, lines: Sequence[str], flow: bool = True, files: Mapping[str, int] = NO_FILES
-) -> tuple[int, str, bool] | None:
-    """Runs a program to its end.
-
-    Returns None, or the line and the reason of a stop, and whether the reason is an unknown code.
-
-    flow: whether O-words change the flow.
-    files: first line of each file, from 0, by name.
-    """
-    try:
-        blocks = list_blocks(lines, flow, files, m.numbers_programs())
-    except LineError as error:
-        what, line = error.args
-        return line, what, False
-    try:
-        play(m, lines, blocks)
-        m.finish()
-    except LineError as error:
-        return m.line, str(error), isinstance(error, UnknownWord)
-    except Stopped as stopped:
-        return m.line, str(stopped), False
-    return None
 
 
 def has_speed(lines: Sequence[str]) -> bool:
@@ -70,76 +30,349 @@ def has_speed(lines: Sequence[str]) -> bool:
     return any(("S" in raw or "s" in raw) and _SPEED.search(COMMENT.sub("", raw)) for raw in lines)
 
 
-def play(m: Machine, lines: Sequence[str], blocks: Blocks) -> None:
-    """Runs the lines up to the end of the program.
+class OWord(Struct, frozen=True):
+    """One O-word.
 
-    Raises LineError for a wrong line, unless the machine goes on after it (`Machine.refuse`).
+    label: number, name in < >, or expression in [ ] of its number.
+    word: keyword, such as "if", empty for the number of a program.
+    rest: text after the keyword.
     """
-    flow = Flow(blocks, Parameters(m.value, m.takes), absent=m.miss)
-    remembered: dict[str, Line] = {}
-    m.inside, m.find_lines = flow.depth, flow.find_profile
-    m.run_lines = partial(_run_lines, m, lines, flow, remembered)
-    at, budget = 0, Budget(len(lines), m.bounds.gcode_steps, "gcode_steps")
-    m.most = len(lines) + m.bounds.gcode_motions
-    end = blocks.main or len(lines)
-    while at < len(lines) and not m.ended:
-        if at >= end and not flow.calls:
-            return
-        if m.is_settled():
-            after = m.read_plain(lines, at, end if at < end else len(lines), read_plain)
-            budget.left -= after - at
-            at = m.line = after
-            if at == len(lines) or (at == end and not flow.calls):
-                return
-        m.line = at + 1
-        try:
-            budget.spend()
-            m.insist_on_size()
-            at = _step(m, lines, at, flow, remembered)
-        except LineError as error:
-            m.refuse(error)
+
+    label: str
+    word: str
+    rest: str
+
+
+class Macro(Struct):
+    """A line of a Fanuc macro.
+
+    raw: the line as it is written.
+    word: if, goto, while, do or end.
+    number: number of its loop, empty without one.
+    rest: text after the condition, which the last evaluation has found.
+    """
+
+    raw: str
+    word: str
+    number: str = ""
+    rest: str = ""
+
+
+class RoundCount(Struct):
+    """The variable of a repeat, which no line of the program can see."""
+
+    value: float = 0.0
+
+
+class Interpreter:
+    """The run of a program.
+
+    machine: the machine that the lines move.
+    depth: number of subroutines that run.
+    """
+
+    faults: type[Exception] = LineError
+
+    def __init__(self, machine: Machine, lines: Sequence[str], code: Code) -> None:
+        self.machine = machine
+        self.log = machine.log
+        self.depth = 0
+        self._lines, self._code = lines, code
+        self._known = Parameters(machine.value, machine.takes)
+        self._remembered: dict[str, Line] = {}
+        self._budget = Budget(len(lines), machine.bounds.gcode_steps, "gcode_steps")
+        # No condition is unknown, so that no number of rounds is guessed.
+        self._flow = Flow(self, self._budget, Rules(_DEPTH, rounds=1))
+        #: Label of the line to which the subroutine that ends goes back, empty for its call.
+        self._back = ""
+        #: Numbers of the loops of Fanuc that were entered.
+        self._entered: set[str] = set()
+        self._is_profile = False
+        machine.most = len(lines) + machine.bounds.gcode_motions
+        machine.inside = lambda: self.depth
+        machine.find_lines, machine.run_lines = self._find_profile, self._run_profile
+
+    def run(self) -> None:
+        """Runs the program to its end.
+
+        Raises LineError for a wrong line, unless the machine goes on after it (`Machine.refuse`).
+        """
+        with suppress(Ended):
+            self._flow.run(self._code)
+
+    # -- lines ---------------------------------------------------------------------------------
+
+    def run_lines(self, span: range) -> Step | None:
+        """Runs lines, from 0. Returns the step that follows from the last one."""
+        m, lines = self.machine, self._lines
+        at = span.start
+        while at < span.stop:
+            if m.is_settled():
+                after = m.read_plain(lines, at, span.stop, read_plain)
+                self._budget.left -= after - at
+                at = m.line = after
+                if at == span.stop:
+                    break
+            m.line, step = at + 1, None
+            try:
+                self._budget.spend()
+                m.insist_on_size()
+                step = self._run_line(lines[at])
+            except LineError as error:
+                self._refuse(error)
+            if m.ended:
+                return End(m.line)
+            if step is not None:
+                return step
             at += 1
+        return None
 
+    def _run_line(self, raw: str) -> Step | None:
+        """Runs a line. Returns the step that follows from it. Raises LineError."""
+        m = self.machine
+        line = self._remembered.get(raw)
+        if line is None:
+            text = m.bare(raw)
+            if "%" in raw and raw.strip() == "%":
+                m.ended, m.opened = m.opened, True
+                return None
+            line = m.words(text, self._known)
+            m.take(*line)
+            # Many lines repeat. A line with parameters has other values each time.
+            if "#" not in text and len(self._remembered) < _KEPT_LINES:
+                self._remembered[raw] = line
+        m.leap = None
+        _execute(m, line[0].copy(), line[1].copy())
+        return self._leap(m.leap) if m.leap else None
 
-def _run_lines(
-    m: Machine, lines: Sequence[str], flow: Flow, remembered: dict[str, Line], first: int, last: int
-) -> None:
-    """Runs the lines from `first` to `last`, from 0. Raises LineError."""
-    at, left = first, last - first + 1 + _PROFILE
-    while first <= at <= last and not m.ended:
-        m.line, left = at + 1, left - 1
-        if left < 0:
-            raise LineError(f"a profile of more than {_PROFILE} lines in loops")
-        at = _step(m, lines, at, flow, remembered)
+    def _refuse(self, error: LineError) -> None:
+        if self._is_profile:
+            raise error
+        self.machine.refuse(error)
 
+    # -- profiles of lathes --------------------------------------------------------------------
 
-def _step(
-    m: Machine, lines: Sequence[str], at: int, flow: Flow, remembered: dict[str, Line]
-) -> int:
-    """Runs line `at`, from 0. Returns the next line. Raises LineError."""
-    raw = lines[at]
-    block = flow.blocks.at.get(at)
-    if block is not None:
-        if not block.word and block.rest:
-            raise LineError(f"cannot read {block.rest[:12]!r} after o{block.label}")
-        return flow.after(at, block)
-    target = m.branch(raw, at, lines, flow.known)
-    if target is not None:
-        return target if isinstance(target, int) else flow.find_number(target)
-    line = remembered.get(raw)
-    if line is None:
-        text = m.bare(raw)
-        if "%" in raw and raw.strip() == "%":
-            m.ended, m.opened = m.opened, True
-            return at + 1
-        line = m.words(text, flow.known)
-        m.take(*line)
-        # Many lines repeat. A line with parameters has other values each time.
-        if "#" not in text and len(remembered) < _KEPT_LINES:
-            remembered[raw] = line
-    m.leap = None
-    _execute(m, line[0].copy(), line[1].copy())
-    return flow.leap(at, *m.leap) if m.leap else at + 1
+    def _find_profile(self, first: float | None, last: float) -> range:
+        """The steps of a profile. Raises LineError.
+
+        first, last: numbers of its blocks. Without `first`, `last` is the label of a subroutine.
+        """
+        if first is not None:
+            start = self._find_step(f"n{first:.0f}")
+            return range(start, self._find_next(self._find_step(f"n{last:.0f}")))
+        labels = self._code.labels
+        if f"sub {last:.0f}" not in labels:
+            raise LineError(f"O{last:.0f} is not in this file: the profile of the cycle")
+        return range(labels[f"sub {last:.0f}"], labels[f"endsub {last:.0f}"])
+
+    def _run_profile(self, steps: range) -> None:
+        """Runs the steps of a profile. Raises LineError for a wrong line."""
+        before, self._is_profile = self._is_profile, True
+        try:
+            with suppress(Ended):
+                self._flow.run(self._code, steps.start, steps)
+        finally:
+            self._is_profile = before
+
+    # -- jumps and calls -----------------------------------------------------------------------
+
+    def _find_step(self, label: str) -> int:
+        """The step of the line with a number. Raises LineError."""
+        if label not in self._code.labels:
+            raise LineError(f"a jump to {label.upper()}, which no line has")
+        return self._code.labels[label]
+
+    def _find_next(self, at: int) -> int:
+        """The first step of the line after that of a step."""
+        steps = self._code.steps
+        return next(k for k in range(at, len(steps) + 1) if steps[k].line > steps[at].line)
+
+    def _jump(self, at: int) -> Step:
+        """Go to a step. The main program is the first file."""
+        end = self._code.labels.get("end of main", at)
+        return Jump(self.machine.line, at) if self.depth or at <= end else End(self.machine.line)
+
+    def _leap(self, leap: Leap) -> Step | None:
+        """The step after M97, M98, M99, G65 or a profile. Raises LineError."""
+        code, number, times, arguments = leap
+        if code == "M99":
+            return self._end_subprogram(number)
+        if code == "GOTO":
+            return self._jump(self._find_next(self._find_step(f"n{number:.0f}")))
+        start = self._code.labels.get(f"{'n' if code == 'M97' else 'o'}{number:.0f}")
+        if start is None:
+            self.machine.miss(f"{code} P{number:g}: the subprogram is not in this file")
+            return None
+        self._check_depth(f"{code} P{number:g}")
+        return self._enter(start, times, arguments)
+
+    def _end_subprogram(self, number: float) -> Step:
+        """M99.
+
+        number: number of the line that runs next, 0 for the line after the call.
+        """
+        if not self.depth:
+            raise LineError("M99 outside a subprogram that was called")
+        self._back = f"n{number:.0f}" if number else ""
+        return Return(self.machine.line)
+
+    def _check_depth(self, call: str) -> None:
+        """Raises LineError for one more call that is too deep. The run goes on after it."""
+        try:
+            self._flow.check_depth(f"{call}: more than {_DEPTH} subroutines in each other")
+        except Stopped as stopped:
+            raise LineError(str(stopped)) from stopped
+
+    def _enter(self, start: int, times: int, arguments: Mapping[int, float] | None) -> Step | None:
+        """Runs a subroutine some times. Returns the step after the call, None for the next one.
+
+        arguments: its parameters, None if it has those of the caller.
+        """
+        known = self._known
+        before = known.arguments, known.named
+        if arguments is not None:
+            known.arguments, known.named = dict(arguments), {}
+        self.depth += 1
+        try:
+            for _ in range(times):
+                self._flow.run(self._code, start)
+        finally:
+            self.depth -= 1
+            known.arguments, known.named = before
+        label, self._back = self._back, ""
+        return self._jump(self._find_step(label)) if label else None
+
+    def call(self, o_word: OWord) -> Step | None:
+        """Calls the subroutine of an O-word. Raises LineError."""
+        values, label = self._read_values(o_word, _MOST_ARGUMENTS), o_word.label
+        if label.startswith("["):  # o[#1+100] call
+            label = f"{value_at(label, 0, self._known)[0]:.0f}"
+        start = self._code.labels.get(f"sub {label}")
+        if start is None:
+            self.machine.miss(f"o{label} call: the subroutine is not in this file")
+            return None
+        self._check_depth(f"o{label} call")
+        return self._enter(start, 1, dict(enumerate(values, 1)))
+
+    def come_back(self, o_word: OWord) -> Step:
+        """Leaves a subroutine with a value. Raises LineError."""
+        values = self._read_values(o_word, 2)
+        if not self.depth:
+            raise LineError(f"o{o_word.label} {o_word.word} outside a subroutine that was called")
+        self._known.shared["_value"] = values[0] if values else 0.0
+        self._known.shared["_value_returned"] = float(bool(values))
+        return Return(self.machine.line)
+
+    def _read_values(self, o_word: OWord, count: int) -> list[float]:
+        """The expressions in brackets after an O-word. Raises LineError."""
+        at, text = 0, o_word.rest
+        values: list[float] = []
+        while text[at : at + 1] == "[" and len(values) < count:
+            value, at = value_at(text, at, self._known)
+            values.append(value)
+        name = f"o{o_word.label} {o_word.word}"
+        if at < len(text):
+            raise LineError(f"cannot read {text[at : at + 12]!r} after {name}")
+        if count == 1 and not values:
+            raise LineError(f"{name} without its condition or number")
+        return values
+
+    def refuse(self, o_word: OWord) -> None:
+        """Refuses the text after the number of a program."""
+        raise LineError(f"cannot read {o_word.rest[:12]!r} after o{o_word.label}")
+
+    def end_main(self, _operand: object) -> Step | None:
+        """The end of the first of several files ends the program, but not a subroutine."""
+        return None if self.depth else End(self.machine.line)
+
+    # -- macros --------------------------------------------------------------------------------
+
+    def _test_macro(self, macro: Macro) -> bool:
+        """Whether the condition of a macro holds. Raises LineError.
+
+        That of END holds, and that of a loop without WHILE.
+        """
+        text, macro.rest = self.machine.bare(macro.raw), ""
+        if not text:
+            # A deleted line does nothing. The lines after a WHILE run.
+            return macro.word in ("while", "do")
+        if macro.word == "if":
+            holds, macro.rest = test_branch(text, self._known)
+        elif macro.word == "end":
+            holds = macro.number in self._entered
+            if not holds:
+                raise LineError(f"{text[:8].upper()} has no WHILE or DO before it")
+        else:
+            holds = test_loop(text, self._known)
+            if holds:
+                self._entered.add(macro.number)
+        return holds
+
+    def test_alone(self, macro: Macro) -> None:
+        """A loop without END, or END without a loop. Raises LineError if it should lead to one."""
+        if not self._test_macro(macro) and macro.word != "end":
+            raise LineError(f"WHILE DO{macro.number} has no END{macro.number}")
+
+    def go(self, macro: Macro) -> Step | None:
+        """GOTO. Raises LineError."""
+        text = self.machine.bare(macro.raw)
+        return self._jump(self._find_step(read_goto(text, self._known))) if text else None
+
+    def go_on(self, macro: Macro) -> Step | None:
+        """GOTO or THEN after a condition. Raises LineError."""
+        if macro.rest.startswith("then"):
+            set_then(macro.rest[4:], self._known)
+            return None
+        return self._jump(self._find_step(read_goto(macro.rest, self._known)))
+
+    # -- answers to the engine (`camgen.lang.flow.Language`) -----------------------------------
+
+    def begin(self, step: Step) -> None:
+        """A step begins."""
+        self.machine.line = step.line
+
+    def evaluate(self, expression: OWord | Macro | RoundCount) -> float:
+        """The value of a condition, or of the variable of a repeat."""
+        if isinstance(expression, RoundCount):
+            return expression.value
+        if isinstance(expression, OWord):
+            return self._read_values(expression, 1)[0]
+        return self._test_macro(expression)
+
+    to_number = staticmethod(float)
+
+    def matches(self, value: float, tests: object) -> bool:
+        """G-code has no cases."""
+        raise NotImplementedError
+
+    def open_count(self, count: OWord) -> Counter:
+        """The rounds of a repeat."""
+        return Counter(RoundCount(), 1.0, float(int(self._read_values(count, 1)[0])))
+
+    def assign(self, target: RoundCount, value: float) -> None:
+        """Set the variable of a repeat."""
+        target.value = value
+
+    def count_instructions(self) -> int:
+        """The number of instructions so far."""
+        return len(self.machine.body)
+
+    def read_state(self) -> None:
+        """No state: a loop that stands still never ends, and the run stops at its limit.
+
+        Nothing outside of a G-code program changes its parameters, so nothing ends such a loop.
+        """
+
+    def assume(
+        self, choice: Choice, step: Step, unknown: Unknown | None = None, length: int = 0
+    ) -> bool:
+        """No choice: each value of G-code is known, or assumed where it is read."""
+        raise NotImplementedError
+
+    def report(self, _step: Step, error: Exception) -> None:
+        """Refuse a word of the flow. The run goes on after it, unless the machine stops."""
+        assert isinstance(error, LineError)
+        self._refuse(error)
 
 
 @lru_cache(maxsize=1000)

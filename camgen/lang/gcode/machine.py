@@ -7,34 +7,29 @@ from array import array
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from typing import Any
+
+from msgspec import Struct
 
 from camgen.lang.gcode.arcs import LINUXCNC, Limits, Piece
 from camgen.lang.gcode.words import (
     Line,
     LineError,
     Parameters,
-    bare,
-    group_of,
-    not_read,
+    tell_unread,
     words_of,
 )
+from camgen.lang.log import Log
 from camgen.lang.run import Stopped
 from camgen.model.limits import Limits as Bounds
 from camgen.model.limits import tell
-from camgen.model.part import Note, NoteKind
+from camgen.model.part import NoteKind
 from camgen.model.pose import TOOL_DOWN, Pose, Vec3
-from camgen.model.program import Instruction, MoveC, MoveJ, MoveL, Output, Packing, Wait
+from camgen.model.program import Instruction, MoveC, MoveJ, MoveL, Output, Packing, Stop, Wait
 
 #: Speed of G0, mm/s. No text states it, and a motion needs a positive speed.
 RAPID = 100.0
 _BOUNDS = Bounds()
-#: Codes that only `foreign.Foreign` runs.
-_WIDER = frozenset(
-    ["G5", "G5.1", "G5.2", "G5.3", "G7", "G28", "G28.1", "G30", "G30.1", "G33", "G33.1", "G38.2", "G38.3", "G38.4",
-     "G38.5", "G41", "G41.1", "G42", "G42.1", "G43.1", "G43.2", "G52", "G74", "G76", "G84", "G87", "G88", "G92.3",
-     "G96", "M0", "M19", "M50", "M51", "M52", "M53", "M60", "M61", "M66", "M70", "M71", "M72", "M73", "M97", "M98",
-     "M99"]
-)  # fmt: skip
 AXES = "XYZ"
 ARCS = ("G2", "G3")
 
@@ -47,8 +42,27 @@ PLAIN = re.compile(
 )
 
 
+#: M97, M98, M99, G65 or GOTO, the number of a program or line, the number of runs, and arguments.
+Leap = tuple[str, float, int, Mapping[int, float] | None]
+#: Runs a code other than a motion. It is called with the machine, the code and the words.
+Handler = Callable[[Any, str, dict[str, float]], None]
 #: Reads plain lines, as `motion.read_plain`.
 PlainReader = Callable[["Machine", Sequence[str], int, int], int]
+
+
+class Grammar(Struct, frozen=True):
+    """The words that change the flow.
+
+    o_words: whether O-words do, as in LinuxCNC. Else they are numbers of programs.
+    numbers: whether an O-word may be the number of a program.
+    macros: whether macros of Fanuc do.
+    nested: whether comments may nest.
+    """
+
+    o_words: bool = True
+    numbers: bool = True
+    macros: bool = False
+    nested: bool = False
 
 
 @dataclass(slots=True)
@@ -66,10 +80,9 @@ class Machine:
     most: maximum number of instructions.
     line: number of the line that is read, from 1.
     body, lines: instructions so far, and the line of each.
-    noted: first line of each note.
     at: position.
     known: whether the program has stated the position of each axis.
-    begun: whether the program has an instruction with a position.
+    has_position: whether the program has an instruction with a position.
     held: number of rapid motions before that.
     entry: feed at which an assumed start is reached, 0 without one.
     shift: absolute coordinates minus those of the program.
@@ -84,13 +97,15 @@ class Machine:
     level, sticky: start of the cycles in a row, and their modal words.
     opened: whether a per cent sign has come.
     lifted: whether G53 has moved the machine.
-    leap: M97, M98 or M99 of the line, its number, its count and its arguments.
+    leap: the call or the jump of the line.
     inside: returns the number of subroutines that run.
-    run_lines: runs the lines of a profile, from 0.
-    find_lines: finds these lines by the numbers of their first and last block.
+    run_lines: runs the steps of a profile.
+    find_lines: finds these steps by the numbers of their first and last block.
     spun: radius and angle of the line, in polar coordinates.
     pause: seconds in a dwell of P1.
     fewest_holes: number of holes of a line without L.
+    handlers: handlers of the codes, by modal group.
+    log: findings, assumptions, losses and facts of the run.
     exact: limits of arcs in plain motions, by the digits of the program; None: `limits`.
     """
 
@@ -103,10 +118,9 @@ class Machine:
     line: int = 0
     body: Packing = field(default_factory=Packing)
     lines: array[int] = field(default_factory=partial(array, "q"))
-    noted: dict[tuple[NoteKind, str, str], int] = field(default_factory=dict)
     at: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     known: list[bool] = field(default_factory=lambda: [False, False, False])
-    begun: bool = False
+    has_position: bool = False
     held: int = 0
     entry: float = 0.0
     shift: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
@@ -136,25 +150,23 @@ class Machine:
     opened: bool = False
     ended: bool = False
     lifted: bool = False
-    leap: tuple[str, float, int, Mapping[int, float] | None] | None = None
+    leap: Leap | None = None
     inside: Callable[[], int] = lambda: 0
-    run_lines: Callable[[int, int], None] = lambda _first, _last: None
-    find_lines: Callable[[float | None, float], tuple[int, int]] = lambda _first, _last: (0, -1)
+    run_lines: Callable[[range], None] = lambda _steps: None
+    find_lines: Callable[[float | None, float], range] = lambda _first, _last: range(0)
     spun: tuple[float, float] | None = None
     pause: float = 1.0
     fewest_holes: int = 1
     exact: Limits | None = None
+    handlers: Mapping[str, Handler] = field(default_factory=dict)
+    log: Log = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.log = Log(lambda: self.line)
 
     def bare(self, raw: str) -> str:
-        """The words of a line (`words.bare`). Raises LineError."""
-        text = bare(raw)
-        if raw.lstrip().startswith("/"):
-            self.note(
-                "assumed",
-                "lines with / are run",
-                "whether they are depends on a switch of the operator",
-            )
-        return text
+        """The words of a line, without comments and blanks, in lower case. Raises LineError."""
+        raise NotImplementedError
 
     def words(self, text: str, known: Parameters) -> Line:
         """The codes by group and the words of a bare line. Raises LineError."""
@@ -162,13 +174,10 @@ class Machine:
 
     def group(self, code: str) -> str:
         """The modal group of a code. Raises LineError."""
-        return group_of(code)
+        raise NotImplementedError
 
-    def take(self, codes: Mapping[str, str], words: Mapping[str, float]) -> None:  # noqa: ARG002 (for overrides)
+    def take(self, codes: Mapping[str, str], words: Mapping[str, float]) -> None:
         """Examines the words of a line before they act. Raises LineError."""
-        for code in codes.values():
-            if code in _WIDER:
-                raise not_read(code, "")
 
     def begin(self, codes: dict[str, str], words: dict[str, float]) -> None:
         """Removes the words of a line that belong to no modal group. Raises LineError."""
@@ -194,8 +203,11 @@ class Machine:
         lift(self, motion, words)
 
     def stop(self, code: str) -> None:
-        """The codes that stop. Raises LineError."""
-        stop(self, code)
+        """Adds the stop of M0, M60 and M1, or ends the program."""
+        if code in ("M0", "M1", "M60"):
+            self.add(Stop(optional=code == "M1"))
+        else:
+            self.ended = True
 
     def set_feed(self, words: dict[str, float], codes: dict[str, str]) -> None:
         """Sets feed mode and feed. Raises LineError."""
@@ -221,11 +233,11 @@ class Machine:
 
     def obey(self, group: str, code: str, words: dict[str, float]) -> None:
         """Runs a code other than a motion, and removes the words that it uses. Raises LineError."""
-        HANDLERS[group](self, code, words)
+        self.handlers[group](self, code, words)
 
     def refuse(self, error: LineError) -> None:
-        """Is called for a wrong line. Raises the error, so that the run stops."""
-        raise error
+        """Is called for a wrong line. It raises the error if the run stops."""
+        raise NotImplementedError
 
     def without_mode(self) -> None:
         """Is called for axis words without a modal motion code. Raises LineError."""
@@ -267,10 +279,6 @@ class Machine:
         centre: centre of an arc in its plane.
         """
 
-    def numbers_programs(self) -> bool:
-        """Return whether an O-word may be the number of a program."""
-        return True
-
     def miss(self, what: str) -> None:
         """Is called for a subroutine that is in no file. Raises LineError."""
         raise LineError(what)
@@ -279,27 +287,13 @@ class Machine:
         """Return whether a line may set this parameter of the machine."""
         return False
 
-    def branch(
-        self,
-        raw: str,  # noqa: ARG002
-        at: int,  # noqa: ARG002
-        lines: Sequence[str],  # noqa: ARG002
-        known: Parameters,  # noqa: ARG002
-    ) -> int | str | None:
-        """The index, or the number such as n10, of the line to which a macro jumps.
-
-        None if the line is not a macro. Raises LineError.
-        """
-        return None
-
-    def finish(self) -> None:
-        """Is called at the end of the program."""
-        switch_off(self)
-
     def is_settled(self) -> bool:
         """Return whether the words of a line alone determine its effect."""
         usual = (
-            self.begun and self.unit is not None and self.plane == "G17" and self.feed_mode == "G94"
+            self.has_position
+            and self.unit is not None
+            and self.plane == "G17"
+            and self.feed_mode == "G94"
         )
         unusual = self.ended or self.incremental or self.absolute_centre or self.sticky
         return usual and not unusual and self.length == self.length_at_z
@@ -323,8 +317,8 @@ class Machine:
             )
 
     def note(self, kind: NoteKind, what: str, why: str = "") -> None:
-        """Adds a note with its first line."""
-        self.noted.setdefault((kind, what, why), self.line)
+        """Adds a note to the log, with its reason."""
+        raise NotImplementedError
 
     def rapid(self, end: Sequence[float], axes: Sequence[int] = ()) -> None:
         """Adds a rapid motion, once the position of all axes is known.
@@ -334,15 +328,15 @@ class Machine:
         self.at[:] = end
         for axis in axes:
             self.known[axis] = True
-        if self.begun or all(self.known):
-            self.begun = True
+        if self.has_position or all(self.known):
+            self.has_position = True
             self.add(MoveJ(Pose(TOOL_DOWN, self.here()), RAPID))
         else:
             self.held += 1
 
     def start(self) -> None:
         """Is called before a motion at feed: the program begins at 0 in each axis without a position."""
-        if self.begun:
+        if self.has_position:
             return
         unknown = [name for name, known in zip(AXES, self.known, strict=True) if not known]
         if unknown:
@@ -353,7 +347,7 @@ class Machine:
             )
             self.entry = self.feed or RAPID
         self.known[:] = [True, True, True]
-        self.begun = True
+        self.has_position = True
         self.add(MoveJ(Pose(TOOL_DOWN, self.here()), RAPID))
 
     def here(self) -> Vec3:
@@ -407,11 +401,7 @@ class Machine:
         if code in ARCS:
             raise LineError(f"{code} without an end point or centre")
         # LinuxCNC moves to the place where the tool stands.
-        self.held += code in ("G0", "G1") and not self.begun
-
-    def notes(self) -> tuple[tuple[int, Note], ...]:
-        """The notes, each with its first line."""
-        return tuple((line, Note(*what)) for what, line in self.noted.items())
+        self.held += code in ("G0", "G1") and not self.has_position
 
     def value(self, name: str) -> float | None:
         """The value of a parameter of the machine by number or name, None if it is not known."""
@@ -595,8 +585,13 @@ def lift(m: Machine, motion: str, words: dict[str, float]) -> None:
     """
     if m.incremental:
         raise LineError("G53 among increments (G91)")
-    if m.begun or motion != "G0" or any(axis in words for axis in "XY") or words.pop("Z", 1.0) != 0:
-        raise not_read("G53", "goes to machine coordinates, which are not known here")
+    if (
+        m.has_position
+        or motion != "G0"
+        or any(axis in words for axis in "XY")
+        or words.pop("Z", 1.0) != 0
+    ):
+        raise LineError(tell_unread("G53", "not known"))
     m.lifted, m.known[2], m.at[2] = True, False, 0.0
 
 
@@ -612,23 +607,6 @@ def _outputs(m: Machine, code: str, words: dict[str, float]) -> None:
         raise LineError(f"{code} without its value (Q)")
     else:
         m.switch(f"aout{int(index)}", words.pop("Q"))
-
-
-def _change(m: Machine, code: str, words: dict[str, float]) -> None:  # noqa: ARG001
-    if m.tool is None:
-        raise LineError("M6 without a tool (T)")
-    if m.changed_to is not None and m.tool != m.changed_to and m.cut:
-        raise LineError(f"M6 changes to tool T{m.tool}: a program has one tool here")
-    if m.cut and m.changed_to is None:
-        raise LineError(
-            f"M6 changes to tool T{m.tool} after the first cut: a program has one tool here"
-        )
-    m.changed_to = m.tool
-    m.note(
-        "assumed",
-        f"tool T{m.tool} is the tool of the job",
-        "its length and diameter are in no program",
-    )
 
 
 def _spindle(m: Machine, code: str, words: dict[str, float]) -> None:  # noqa: ARG001
@@ -683,13 +661,6 @@ def _plane(m: Machine, code: str, words: dict[str, float]) -> None:  # noqa: ARG
     m.plane = code
 
 
-def _length(m: Machine, code: str, words: dict[str, float]) -> None:
-    if code == "G43":
-        words.pop("H", None)
-        m.note("assumed", "the length of the tool (G43) is that of the job", "z is that of its tip")
-    m.length = code
-
-
 def _path(m: Machine, code: str, words: dict[str, float]) -> None:
     m.blend = 1.0 if code == "G64" else 0.0
     if code == "G64":
@@ -715,14 +686,6 @@ def _level(m: Machine, code: str, words: dict[str, float]) -> None:  # noqa: ARG
     m.to_start = code == "G98"
 
 
-def stop(m: Machine, code: str) -> None:
-    """M1, M2 and M30."""
-    if code == "M1":
-        m.note("skipped", "M1 stops where the operator wants it", "a program here runs through")
-    else:
-        m.ended = True
-
-
 def switch_off(m: Machine) -> None:
     """Switches spindle and coolant off at the end of a program (LinuxCNC manual, M2)."""
     if m.spindle != "M5":
@@ -732,10 +695,11 @@ def switch_off(m: Machine) -> None:
         m.switch(_COOLANTS[word], 0.0)
 
 
-#: The function of each modal group, in the order in which the groups act.
+#: The function of each modal group, in the order in which the groups act. A tool change and the
+#: length of a tool differ between programs of a post and others.
 HANDLERS: dict[str, Callable[[Machine, str, dict[str, float]], None]] = {
     "outputs": _outputs,
-    "tool change": _change,
+    "tool change": _nothing,
     "spindle": _spindle,
     "mist": _coolant,
     "flood": _coolant,
@@ -748,7 +712,7 @@ HANDLERS: dict[str, Callable[[Machine, str, dict[str, float]], None]] = {
     "units": _units,
     "cutter compensation": _nothing,
     "lathe radius": _nothing,
-    "length offset": _length,
+    "length offset": _nothing,
     "work offset": work_offset,
     "path": _path,
     "distance": _distance,

@@ -1,17 +1,14 @@
-"""Fanuc's macros: IF, GOTO, THEN, WHILE, DO and END, ``#1=#2+1``, and the arguments of G65 (operator's manual, custom
-macro).
+"""Fanuc's macros: IF, GOTO, THEN, WHILE, DO, ``#1=#2+1``, and the arguments of G65.
+
+Source: operator's manual, custom macro.
 """
 
 from __future__ import annotations
 
 import re
-from bisect import bisect_right
-from collections.abc import Mapping, Sequence
 
-from camgen.lang.gcode.words import LineError, Parameters, UnknownWord, key_at, value_at, words_of
+from camgen.lang.gcode.words import Parameters, UnknownWord, key_at, value_at, words_of
 
-_BEGINS = ("if", "goto", "while", "end", "do")
-_END = re.compile(r"[ \t]*(?:[nN][0-9]+)?[ \t]*[eE][nN][dD][ \t]*([0-9]{1,6})")
 _DO = re.compile(r"do([0-9]+)")
 #: The parameters of the arguments of G65.
 ARGUMENTS = dict(
@@ -19,65 +16,43 @@ ARGUMENTS = dict(
 )
 
 
-def find_ends(lines: Sequence[str]) -> dict[int, list[int]]:
-    """The lines (from 0) with END, by its number."""
-    found: dict[int, list[int]] = {}
-    for k, line in enumerate(lines):
-        end = _END.match(line)
-        if end:
-            found.setdefault(int(end[1]), []).append(k)
-    return found
-
-
-def jump(
-    text: str, at: int, ends: Mapping[int, Sequence[int]], known: Parameters, loops: dict[int, int]
-) -> int | str | None:
-    """Where a line leads that is a macro's: the place (from 0) of the next one, or the number of a line, n10. None: it
-    is none. text: bare. ends: see ``find_ends``. loops: where the loops began that run, by number. Raises LineError.
-    """
-    if not text.startswith(_BEGINS):
-        return None
-    if text.startswith("goto"):
-        return _number(text, 4, known)
-    if text.startswith("if"):
-        return _branch(text, at, known)
-    if text.startswith("end"):
-        number = int(text[3:]) if text[3:].isdigit() else -1
-        if number not in loops:
-            raise LineError(f"{text[:8].upper()} has no WHILE or DO before it")
-        return loops[number]
-    holds, place = (1.0, 0) if text.startswith("do") else value_at(text, 5, known)
-    loop = _DO.fullmatch(text, place)
-    if loop is None:
-        raise UnknownWord(f"cannot read {text[place : place + 12]!r} after WHILE")
-    number = int(loop[1])
-    if holds:
-        loops[number] = at
-        return at + 1
-    places = ends.get(number, ())
-    k = bisect_right(places, at)
-    if k < len(places):
-        return places[k] + 1
-    raise LineError(f"WHILE DO{number} has no END{number}")
-
-
-def _branch(text: str, at: int, known: Parameters) -> int | str:
-    holds, place = value_at(text, 2, known)
-    rest = text[place:]
-    if rest.startswith("goto"):
-        return _number(rest, 4, known) if holds else at + 1
-    if not rest.startswith("then"):
+def test_branch(text: str, known: Parameters) -> tuple[bool, str]:
+    """Whether the condition of IF holds, and the text after it. text: bare. Raises LineError."""
+    holds, at = value_at(text, 2, known)
+    rest = text[at:]
+    if not rest.startswith(("goto", "then")):
         raise UnknownWord(f"cannot read {rest[:12]!r} after IF")
-    if holds and not assign(rest[4:], known):
-        codes, words = words_of(rest[4:], known)
+    return bool(holds), rest
+
+
+def test_loop(text: str, known: Parameters) -> bool:
+    """Whether the condition of WHILE holds; it does after DO alone. text: bare. Raises LineError."""
+    holds, at = (1.0, 0) if text.startswith("do") else value_at(text, 5, known)
+    if not _DO.fullmatch(text, at):
+        raise UnknownWord(f"cannot read {text[at : at + 12]!r} after WHILE")
+    return bool(holds)
+
+
+def set_then(text: str, known: Parameters) -> None:
+    """Sets the parameters after THEN. Raises LineError."""
+    if not assign(text, known):
+        codes, words = words_of(text, known)
         if codes or words:
-            raise UnknownWord(f"cannot read {rest[4:16]!r} after THEN")
-    return at + 1
+            raise UnknownWord(f"cannot read {text[:12]!r} after THEN")
+
+
+def read_goto(text: str, known: Parameters) -> str:
+    """The label of the line to which GOTO leads, n20. Raises LineError."""
+    value, end = value_at(text, 4, known)
+    if end < len(text):
+        raise UnknownWord(f"cannot read {text[end : end + 12]!r} after GOTO")
+    return f"n{value:.0f}"
 
 
 def assign(text: str, known: Parameters) -> bool:
-    """Sets the parameter of a line that does nothing else, ``#1=#2+1``: no brackets are needed there. False for any
-    other line. text: bare. Raises LineError for a value that there is none of.
+    """Sets the parameter of a line that does nothing else, ``#1=#2+1``. It needs no brackets.
+
+    Returns False for any other line. text: bare. Raises LineError for a value that does not exist.
     """
     if not text.startswith("#"):
         return False
@@ -89,10 +64,3 @@ def assign(text: str, known: Parameters) -> bool:
         return False
     known.put(key, value)
     return True
-
-
-def _number(text: str, place: int, known: Parameters) -> str:
-    value, end = value_at(text, place, known)
-    if end < len(text):
-        raise UnknownWord(f"cannot read {text[end : end + 12]!r} after GOTO")
-    return f"n{value:.0f}"

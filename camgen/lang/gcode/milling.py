@@ -10,8 +10,8 @@ import math
 
 from camgen.lang.gcode.arcs import Arc, divide
 from camgen.lang.gcode.drilling import speed_of
-from camgen.lang.gcode.foreign import Foreign, Handler
-from camgen.lang.gcode.machine import AXES
+from camgen.lang.gcode.foreign import Foreign
+from camgen.lang.gcode.machine import AXES, Handler
 from camgen.lang.gcode.macros import ARGUMENTS
 from camgen.lang.gcode.motion import target
 from camgen.lang.gcode.rotation import Rotation

@@ -63,7 +63,6 @@ def replay(
         m.held,
         m.entry,
         reasons[0] if reasons else None,
-        unread=False,
         ended=m.ended,
         units="mm" if m.scale == 1.0 else "inch",
     )

@@ -10,13 +10,15 @@ from itertools import accumulate
 from msgspec.structs import replace
 
 from camgen.lang.gcode.beam import Beam, sets_laser_mode
+from camgen.lang.gcode.code import compile_program
 from camgen.lang.gcode.codes import CODES, find_radius
 from camgen.lang.gcode.dialects import DIALECTS, Dialect, find_other, recognise
 from camgen.lang.gcode.foreign import Foreign
-from camgen.lang.gcode.interpreter import has_speed, perform
+from camgen.lang.gcode.interpreter import Interpreter, has_speed
 from camgen.lang.gcode.traced import TRACED
-from camgen.lang.gcode.words import COMMENT
+from camgen.lang.gcode.words import COMMENT, LineError
 from camgen.lang.programs import Ask, Executed, Frames
+from camgen.lang.run import Stopped
 from camgen.model.program import Output
 
 #: Words that lead to a height: Z, W as an increment of it, and places that the machine stores.
@@ -64,8 +66,17 @@ def play(
     other = find_other(text)
     if other is not None and not ask.dialect:
         return m, (other[0], f"a program of {other[1]}: its language is not read")
-    stopped = perform(m, lines, dialect.flow, starts)
-    return m, stopped[:2] if stopped else None
+    try:
+        code = compile_program(lines, m.read_grammar(), starts)
+    except LineError as error:
+        what, line = error.args
+        return m, (line, what)
+    try:
+        Interpreter(m, lines, code).run()
+        m.finish()
+    except (LineError, Stopped) as error:
+        return m, (m.line, str(error))
+    return m, None
 
 
 def _set_beam(m: Foreign, text: str) -> None:

@@ -24,15 +24,16 @@ from dataclasses import dataclass, field
 from msgspec.structs import replace
 
 from camgen.lang.gcode import arcs
-from camgen.lang.gcode.interpreter import interpret_plain, play
+from camgen.lang.gcode.code import compile_lines
+from camgen.lang.gcode.interpreter import Interpreter
 from camgen.lang.gcode.machine import AXES, HANDLERS, Machine, PlainReader
-from camgen.lang.gcode.o_words import Blocks
 from camgen.lang.gcode.words import (
     COMMENT,
+    GROUP,
     LineError,
     Parameters,
     UnknownWord,
-    not_read,
+    tell_unread,
     without_comments,
     without_number,
     words_of,
@@ -43,7 +44,7 @@ from camgen.lang.programs import Executed
 from camgen.lang.run import Stopped
 from camgen.model.errors import JobError
 from camgen.model.part import NoteKind
-from camgen.model.program import Force, Instruction, Output, Stop, ToolChange
+from camgen.model.program import Force, Instruction, Output, ToolChange
 from camgen.model.text import counted
 
 from .strict_runs import MOTION, REMARK, SHORTEST_RUN, Chunk, Lines, MotionState, cut, perform
@@ -75,11 +76,19 @@ _LIFT = ("G53", "G0")
 _ONE_GROUP = {"motion": ("cycle off", "motion"), "coolant": ("mist", "flood", "coolant off")}
 _COOLANTS = {"M7": "mist", "M8": "flood"}
 
+#: Codes that end the reading. With other codes that no post writes, a program is run as one of
+#: another author.
+_UNREAD_CODES = """
+    G5 G5.1 G5.2 G5.3 G7 G28 G28.1 G30 G30.1 G33 G33.1 G38.2 G38.3 G38.4 G38.5 G41 G41.1 G42 G42.1
+    G43.1 G43.2 G52 G74 G76 G84 G87 G88 G92.3 G96 M0 M19 M50 M51 M52 M53 M60 M61 M66 M70 M71 M72 M73
+    M97 M98 M99
+"""
+_UNREAD = frozenset(_UNREAD_CODES.split())
 _PLAIN, _REMARK = re.compile(MOTION), re.compile(REMARK)
 
 
 @dataclass(frozen=True, slots=True)
-class Rules:
+class Controller:
     """The rules of a controller.
 
     name: name of the controller, for messages.
@@ -110,7 +119,7 @@ _CODES = """
     G61 G61.1 G64 G80 G81 G82 G83 G90 G90.1 G91 G91.1 G94 G97 G98 G99
     M0 M1 M2 M3 M4 M5 M6 M7 M8 M9 M30 M62 M63 M64 M65 M67 M68
 """
-LINUXCNC = Rules(
+LINUXCNC = Controller(
     name="LinuxCNC",
     codes=frozenset(_CODES.split()),
     limit=252,
@@ -152,7 +161,6 @@ class Strict(Machine):
 
     rules: rules of the controller.
     expect: text that follows from the options of the post.
-    log: findings.
     has_text: whether a line so far was not blank.
     stated_groups: modal groups of the codes so far.
     has_moved: whether a motion was read.
@@ -169,12 +177,11 @@ class Strict(Machine):
     unusual: codes of modes that no post sets. Each is a finding once.
     """
 
-    rules: Rules
+    rules: Controller
     expect: Expect
     others: str = ""
     plain: re.Pattern[str] = _PLAIN
     blend: float = 0.0
-    log: Log = field(init=False)
     has_text: bool = False
     stated_groups: set[str] = field(default_factory=set)
     has_moved: bool = False
@@ -189,9 +196,6 @@ class Strict(Machine):
     idle_words: dict[str, tuple[int, str]] = field(default_factory=dict)
     chunk: Chunk | None = None
     unusual: set[str] = field(default_factory=set)
-
-    def __post_init__(self) -> None:
-        self.log = Log(lambda: self.line)
 
     def note(self, kind: NoteKind, what: str, why: str = "") -> None:
         """Adds a finding for an assumption or omission of the interpreter."""
@@ -288,6 +292,12 @@ class Strict(Machine):
             "unusual", f"a slash before a line, which {self.rules.name} ignores and no post writes"
         )
 
+    def group(self, code: str) -> str:
+        """The modal group of a code. Raises LineError."""
+        if code not in GROUP:
+            raise LineError(tell_unread(code, "not a code that is known"))
+        return GROUP[code]
+
     def take(self, codes: Mapping[str, str], words: Mapping[str, float]) -> None:
         """Checks the codes and words of a line.
 
@@ -296,7 +306,8 @@ class Strict(Machine):
         """
         for code in codes.values():
             if code not in self.rules.codes:
-                raise not_read(code, f"not a code of {self.rules.name}")
+                what = tell_unread(code, f"not a code of {self.rules.name}")
+                raise LineError(what) if code in _UNREAD else UnknownWord(what)
         for name, groups in _ONE_GROUP.items():
             both = [codes[group] for group in groups if group in codes]
             if len(both) > 1:
@@ -342,14 +353,10 @@ class Strict(Machine):
             line, what = self.idle_words.pop(letter)
             self.log.find("unusual", what, line=line)
 
-    def obey(self, group: str, code: str, words: dict[str, float]) -> None:
-        """Runs a code, and compares it with the options of the post."""
-        _HANDLERS[group](self, code, words)
-
     def switch(self, signal: str, value: float) -> None:
         """Sets an output under the name of its signal, or the force."""
         channel, scale = self.expect.force or (-1, 1.0)
-        if self.lifted and not self.begun:
+        if self.lifted and not self.has_position:
             self.log.find(
                 "unusual", "an output is switched when the machine has moved already (G53)"
             )
@@ -365,13 +372,6 @@ class Strict(Machine):
             return
         self.is_pressing, self.force, self.next_force = newtons > 0, newtons, None
         self.add(Force(newtons))
-
-    def stop(self, code: str) -> None:
-        """Adds a stop for M0 and M1, which wait for the operator."""
-        if code in ("M0", "M1"):
-            self.add(Stop(optional=code == "M1"))
-        else:
-            Machine.stop(self, code)
 
     def is_settled(self) -> bool:
         """Whether the machine is settled and neither an output nor a force waits for a motion."""
@@ -406,7 +406,7 @@ class Strict(Machine):
         Machine.settle(self, code, words, cycle)
 
 
-def _words(text: str, rules: Rules) -> str:
+def _words(text: str, rules: Controller) -> str:
     """A line in small letters without its number.
 
     Raises LineError if the number is out of range or if anything but words follows.
@@ -508,7 +508,7 @@ def _check_position(machine: Strict, named: Sequence[str]) -> None:
     The usual order of a post is Z up first, then X and Y together.
     named: axes of the motion.
     """
-    if machine.begun:
+    if machine.has_position:
         return
     what = ""
     if machine.incremental or machine.motion != "G0":
@@ -531,7 +531,7 @@ def _check_position(machine: Strict, named: Sequence[str]) -> None:
     if what:
         machine.log.find("unusual", f"{what}; read as from 0")
         machine.known[:] = [True, True, True]
-        machine.begun = True
+        machine.has_position = True
 
 
 def _check_spiral(machine: Strict, words: Mapping[str, float]) -> None:
@@ -565,7 +565,7 @@ def _check_cycle(machine: Strict, words: Mapping[str, float]) -> None:
     Raises UnknownWord for another cycle.
     """
     is_usual = (
-        machine.begun
+        machine.has_position
         and machine.unit == 1.0
         and machine.plane == "G17"
         and machine.to_start is True
@@ -604,7 +604,7 @@ def _change(machine: Strict, code: str, words: dict[str, float]) -> None:  # noq
     if not machine.expect.tool:
         _change_among(machine)
         return
-    if machine.begun:
+    if machine.has_position:
         raise LineError("a tool change after the first motion is not read")
     if machine.is_changed:
         machine.log.find("unusual", "M6 a second time")
@@ -627,7 +627,7 @@ def _change_among(machine: Strict) -> None:
         machine.log.find("unusual", f"tool {machine.due_tool} is changed to and never used")
     machine.add(ToolChange(machine.tool))
     machine.due_tool, machine.length_code = machine.tool, ""
-    machine.begun = machine.lifted = False
+    machine.has_position = machine.lifted = False
     machine.known[:] = [False, False, False]
 
 
@@ -685,7 +685,7 @@ def _length(machine: Strict, code: str, words: dict[str, float]) -> None:
         machine.log.find(
             "unusual", "G49 lowers the next height by a tool length that is on; G53 G0 Z0 first"
         )
-    if machine.begun and code != machine.length_code:
+    if machine.has_position and code != machine.length_code:
         raise LineError(f"{code} after the first motion shifts the origin")
     machine.length = machine.length_code = code
 
@@ -737,12 +737,12 @@ _HANDLERS: dict[str, Callable[[Strict, str, dict[str, float]], None]] = {
 }
 
 
-def run(lines: Sequence[str], rules: Rules, expect: Expect) -> Strict:
+def run(lines: Sequence[str], rules: Controller, expect: Expect) -> Strict:
     """The machine after a run of the lines. It raises nothing for any text."""
     exact = replace(rules.arcs, spiral=(expect.spiral,) * 3)
-    machine = Strict(limits=rules.arcs, exact=exact, rules=rules, expect=expect)
+    machine = Strict(limits=rules.arcs, exact=exact, rules=rules, expect=expect, handlers=_HANDLERS)
     try:
-        play(machine, lines, Blocks({}, {}))
+        Interpreter(machine, lines, compile_lines(len(lines))).run()
     except Stopped as stopped:
         machine.log.find("refused", str(stopped))
     _read_rest(machine, lines)
@@ -750,7 +750,7 @@ def run(lines: Sequence[str], rules: Rules, expect: Expect) -> Strict:
         machine.note_idle(letter)
     if not machine.ended:
         machine.log.find("refused", "the program has no end (M2 or M30)")
-    if any(machine.known) and not machine.begun:
+    if any(machine.known) and not machine.has_position:
         machine.log.find("refused", "the program ends before the position is known in all axes")
     if machine.output_line:
         what = "an output that waits for the next motion (M62, M63, M67), and none follows"
@@ -780,7 +780,7 @@ def _read_rest(machine: Strict, lines: Sequence[str]) -> None:
         try:
             text = machine.bare(lines[index])
             if text not in ("", "%"):
-                machine.take(*words_of(text, parameters))
+                machine.take(*words_of(text, parameters, machine.group))
                 machine.log.find("unusual", "a line after the end of the program")
         except LineError as error:
             machine.refuse(error)
@@ -828,10 +828,12 @@ def _read_foreign(lines: Sequence[str], machine: Strict) -> Executed | None:
 
     The words are a finding, so that a program of a post with such words never passes.
     machine: the strict machine after it has run the lines.
-    Returns None if the interpreter stops at the first of these words.
+    Returns None if this run stops before the first of these words.
     """
-    program = interpret_plain(lines)
-    if program.stopped and program.unread and program.stopped[0] <= machine.unknown_line:
+    from camgen.lang.gcode.replayed import interpret  # noqa: PLC0415 (only for words of others)
+
+    program = interpret(lines)
+    if program.stopped and program.stopped[0] < machine.unknown_line:
         return None
     what = "a word that camgen does not write; the program is read as LinuxCNC runs it"
     log = Log()

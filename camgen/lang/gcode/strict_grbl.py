@@ -16,13 +16,13 @@ from camgen.lang.post_options import read_number
 from camgen.lang.programs import Executed
 from camgen.model.program import Instruction, Output
 
-from .strict import Expect, Rules, lines_of, list_written, run, signals, spiral
+from .strict import Controller, Expect, lines_of, list_written, run, signals, spiral
 
 _CODES = """
     G0 G1 G2 G3 G4 G17 G18 G19 G20 G21 G40 G49 G53 G54 G55 G56 G57 G58 G59 G61 G80 G90 G91 G91.1 G94
     M0 M2 M3 M4 M5 M7 M8 M9 M30
 """
-GRBL = Rules(
+GRBL = Controller(
     name="GRBL",
     codes=frozenset(_CODES.split()),
     limit=79,

@@ -227,7 +227,7 @@ class MotionState(Struct, frozen=True, eq=False):
     limits: Limits
 
 
-class Effect(Struct, frozen=True, eq=False):
+class RunEffect(Struct, frozen=True, eq=False):
     """The effect of a sequence of lines.
 
     line: index of the line after the sequence, from 0.
@@ -248,7 +248,7 @@ class Effect(Struct, frozen=True, eq=False):
     cut: bool
 
 
-def perform(chunk: Chunk, state: MotionState, low: int, high: int) -> Effect | None:
+def perform(chunk: Chunk, state: MotionState, low: int, high: int) -> RunEffect | None:
     """Runs the lines from `low` to before `high` of a chunk, which are all in the usual spelling.
 
     The run ends before the first motion that needs more than its numbers. Returns None if this is
@@ -295,7 +295,7 @@ def perform(chunk: Chunk, state: MotionState, low: int, high: int) -> Effect | N
         kept=kind == NUMBER[Output],
     )
     x, y, z = ends[-1].tolist()
-    return Effect(
+    return RunEffect(
         line=end,
         body=Body(packed, [TOOL_DOWN], list(outputs.values())),
         lines=(lines[order] + 1).astype(np.int64),

@@ -6,7 +6,8 @@ import math
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 
-from camgen.lang.gcode.foreign import Foreign, Handler
+from camgen.lang.gcode.foreign import Foreign
+from camgen.lang.gcode.machine import Handler
 from camgen.lang.gcode.motion import target
 from camgen.lang.gcode.words import LineError
 from camgen.model.pose import Vec3

@@ -51,16 +51,16 @@ def turn(m: Foreign, code: str, words: dict[str, float]) -> None:
         return
     if "Q" not in words:
         raise LineError(f"{code} without its profile (Q)")
-    first, last = m.find_lines(words["P"] if fanuc else None, words["Q"])
+    steps = m.find_lines(words["P"] if fanuc else None, words["Q"])
     m.start()
     path = _leave_path(m, code)
     begin = _begin_of(m, words, fanuc)
     if list(begin) != m.at:
         m.rapid(begin, (0, 1, 2))
     if code == "G70":
-        _finish(m, words, first, last, begin, fanuc)
+        _finish(m, words, steps, begin, fanuc)
     else:
-        _remove(m, code, words, first, last, begin)
+        _remove(m, code, words, steps, begin)
     if path is not None:
         path.tip = complex(m.at[path.axes[0]], m.at[path.axes[1]])
         m.path = path
@@ -81,13 +81,11 @@ def _leave_path(m: Foreign, code: str) -> OffsetPath | None:
     return path
 
 
-def _remove(
-    m: Foreign, code: str, words: dict[str, float], first: int, last: int, begin: Vec3
-) -> None:
+def _remove(m: Foreign, code: str, words: dict[str, float], steps: range, begin: Vec3) -> None:
     """G71 and G72."""
     fanuc = m.dialect.diameter
     m.insist_on_feed(code)
-    profile = _record(m, first, last)
+    profile = _record(m, steps)
     if not profile:
         raise LineError(f"{code}: the profile moves nothing")
     m.assume(
@@ -126,12 +124,12 @@ def _words_of(m: Foreign, code: str, words: dict[str, float], fanuc: bool) -> _R
     return _Roughing(across, cut, back, shift, True)
 
 
-def _record(m: Foreign, first: int, last: int) -> list[Item]:
-    """The motions of the lines from ``first`` to ``last`` (from 0), which are not run now."""
+def _record(m: Foreign, steps: range) -> list[Item]:
+    """The motions of the steps of a profile, which are not run now."""
     kept = m.body, m.lines, list(m.at), m.motion, m.feed, m.line, m.incremental, m.side
     m.body, m.lines = Packing(), array("q")
     try:
-        m.run_lines(first, last)
+        m.run_lines(steps)
         _flush(m)
         return [item for item in m.body if isinstance(item, MoveJ | MoveL | MoveC)]
     finally:
@@ -144,19 +142,17 @@ def _flush(m: Foreign) -> None:
         m.path.flush()
 
 
-def _finish(
-    m: Foreign, words: dict[str, float], first: int, last: int, begin: Vec3, fanuc: bool
-) -> None:
+def _finish(m: Foreign, words: dict[str, float], steps: range, begin: Vec3, fanuc: bool) -> None:
     """G70: the profile as it stands, and of Fanuc back to where the cycle began. LinuxCNC: P times, from D to E off."""
     if fanuc:
-        m.run_lines(first, last)
+        m.run_lines(steps)
         m.leap = None
         if list(begin) != m.at:
             m.rapid(begin, (0, 1, 2))
         return
     times = min(max(int(words.get("P", 1.0)), 1), 100)
     start, end = (words.get(letter, 0.0) * m.scale for letter in "DE")
-    profile = _record(m, first, last)
+    profile = _record(m, steps)
     if start or end:
         m.assume("G70 with D or E: the profile is moved along X by as much", "", 0.0)
     for k in range(times):

@@ -326,6 +326,28 @@ def without_comments(raw: str) -> str:
     return raw
 
 
+def drop_comments(raw: str, nested: bool) -> str:
+    """Return the line without comments. A comment may have no end.
+
+    nested: whether comments nest. Else the first closing parenthesis ends one, as in GRBL.
+    """
+    head = raw.partition(";")[0]
+    raw = raw if "(" in head else head
+    kept, depth = [], 0
+    for letter in raw:
+        if letter == "(":
+            depth = depth + 1 if nested else 1
+        elif letter == ")":
+            if not depth and not nested:
+                kept.append(letter)
+            depth = max(0, depth - 1)
+        elif letter == ";" and not depth:
+            break
+        elif not depth:
+            kept.append(letter)
+    return "".join(kept)
+
+
 def without_number(text: str) -> str:
     """A line in lower case without its number, N10. Raises LineError."""
     if not text.startswith("n"):
@@ -340,7 +362,7 @@ def group_of(code: str) -> str:
     """The modal group of a code. Raises UnknownWord for a code without a group."""
     group = GROUP.get(code)
     if group is None:
-        raise not_read(code, "not a code that is known")
+        raise UnknownWord(tell_unread(code, "not a code that is known"))
     return group
 
 
@@ -391,12 +413,12 @@ def _code(codes: dict[str, str], code: str, group_of: Callable[[str], str]) -> N
     codes[group] = code
 
 
-def not_read(code: str, otherwise: str) -> UnknownWord:
-    """The error for a code that is not read.
+def tell_unread(code: str, otherwise: str) -> str:
+    """The finding for a code that is not read.
 
     otherwise: reason for a code that the table does not have.
     """
-    return UnknownWord(f"{code} is not read: {_WHY.get(code, otherwise)}")
+    return f"{code} is not read: {_WHY.get(code, otherwise)}"
 
 
 @lru_cache(maxsize=1024)

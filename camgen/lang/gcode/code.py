@@ -1,0 +1,282 @@
+"""A G-code program as the steps of the engine: O-words of LinuxCNC and macros of Fanuc.
+
+Lines without a word of the flow are one step, which the interpreter runs in order.
+
+Labels of the steps: "sub 100" and "sub <name>" for the first step of a subroutine, "endsub 100" for
+its end, "o100" for the program of a number, "n20" for the line of a number, "end of main" for the
+end of the first of several files.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+
+from camgen.lang.code import (
+    Act,
+    Block,
+    Code,
+    Compiler,
+    Condition,
+    CountStart,
+    End,
+    Jump,
+    LoopStart,
+    Step,
+)
+from camgen.lang.gcode.interpreter import Interpreter, Macro, OWord
+from camgen.lang.gcode.machine import Grammar
+from camgen.lang.gcode.words import LineError, bare, drop_comments
+
+_START = re.compile(r"[ \t]*/?[ \t]*(?:[nN][ \t]*[0-9.]+)?[ \t]*[oO]")
+_PROGRAM = re.compile(
+    r"[ \t%]*(?:[nN][ \t]*[0-9.]+)?[ \t]*[oO][ \t]*([0-9]{1,9})(?![0-9])(?![ \t]*[a-zA-Z])"
+)
+_NUMBERED = re.compile(r"[ \t]*/?[ \t]*[nN][ \t]*([0-9]{1,9})(?![0-9.])")
+_FILE = re.compile(r"[oO]?([0-9]{1,9})(?:\.[A-Za-z]+)?")
+_O_WORD = re.compile(
+    r"o(?:<([^<>]*)>|([0-9]+)|(\[.*\])(?=call))"
+    r"(sub|endsub|call|return|if|elseif|else|endif|while|endwhile|do|repeat|endrepeat|break"
+    r"|continue)?(.*)"
+)
+#: Words that go to the number of a line: GOTO, M97, M99 P, G70 to G72, codes from an expression.
+_GOES = re.compile(r"g\s*o\s*t\s*o|m[\s+0]*9\s*[79]|g[\s+0]*7\s*[0-2]|[gm]\s*[-\[#]", re.IGNORECASE)
+_MACRO = re.compile(r"(?:n[0-9]+(?:\.[0-9]*)?)?(if|goto|while|end|do)(.*)")
+_LOOP = re.compile(r".*do([0-9]+)")
+_BLANKS = str.maketrans("", "", " \t\r\f\v")
+_LOOPS = ("while", "do", "repeat")
+
+
+def compile_lines(count: int) -> Code:
+    """Return the steps of a program without words of the flow. count: number of its lines."""
+    return Code(
+        [Act(1, cost=0, do=Interpreter.run_lines, operand=range(count)), End(count, cost=0)], {}
+    )
+
+
+def compile_program(lines: Sequence[str], grammar: Grammar, files: Mapping[str, int]) -> Code:
+    """Return the steps of a program.
+
+    files: first line of each file, from 0, by name.
+    Raises LineError with the line, from 1, as its second argument.
+    """
+    return _Program(lines, grammar, files).code
+
+
+class _Program(Compiler):
+    """The steps of a program while its lines are read in order.
+
+    code: the steps after all lines.
+    """
+
+    def __init__(self, lines: Sequence[str], grammar: Grammar, files: Mapping[str, int]) -> None:
+        super().__init__()
+        self._grammar = grammar
+        self._start = 0
+        starts = sorted(files.values())
+        main_end = starts[1] if len(starts) > 1 else -1
+        first_steps = {}
+        has_jumps = _GOES.search("\n".join(lines)) is not None
+        for number, raw in enumerate(lines):
+            self.line = number + 1
+            if number in starts:
+                self._end_lines(number)
+                if number == main_end:
+                    self.mark("end of main")
+                    self.add(Act(number, cost=0, do=Interpreter.end_main))
+                first_steps[number] = len(self.steps)
+            if ("o" in raw or "O" in raw) and _START.match(raw):
+                self._read_o_line(number, raw)
+            elif has_jumps:
+                # Each line may be the target of a jump, or the last one of a profile.
+                self._end_lines(number)
+                if numbered := _NUMBERED.match(raw):
+                    self.mark(f"n{int(numbered[1])}")
+            if grammar.macros and (macro := self._find_macro(raw)):
+                self._end_lines(number)
+                self._read_macro(macro[2], Macro(raw, macro[1]))
+                self._start = number + 1
+        self._end_lines(len(lines))
+        self._close_rest()
+        for name, start in files.items():
+            if digits := _FILE.fullmatch(name):
+                self.labels.setdefault(f"o{int(digits[1])}", first_steps.get(start, 0))
+        self.line = len(lines)
+        self.add(End(self.line, cost=0))
+        self.code: Code = self.finish()
+
+    def _end_lines(self, number: int) -> None:
+        """Add the step of the lines before a line, from 0."""
+        if number > self._start:
+            lines = range(self._start, number)
+            self.add(Act(self._start + 1, cost=0, do=Interpreter.run_lines, operand=lines))
+        self._start = number
+
+    def _close_rest(self) -> None:
+        """Replace the starts of Fanuc's loops without END. Raises LineError for other blocks."""
+        if self.blocks and self._grammar.o_words:
+            block = self.blocks[-1]
+            raise LineError(f"{block.kind} has no end", block.line)
+        for block in self.blocks:
+            assert isinstance(block.first, LoopStart)
+            assert block.first.condition is not None
+            macro = block.first.condition.value
+            self.steps[block.start] = Act(block.line, do=Interpreter.test_alone, operand=macro)
+
+    # -- O-words -------------------------------------------------------------------------------
+
+    def _read_o_line(self, number: int, raw: str) -> None:
+        """A line that begins with O. It may be the number of a program, alone or with a title."""
+        grammar = self._grammar
+        if grammar.o_words or grammar.numbers:
+            self._end_lines(number)
+            self._start = number + 1
+        if grammar.o_words:
+            try:
+                self._read_o_word(raw)
+            except LineError as wrong:
+                raise LineError(str(wrong), self.line) from wrong
+        if program := _PROGRAM.match(raw):
+            self.mark(f"o{int(program[1])}")
+
+    def _read_o_word(self, raw: str) -> None:
+        text = bare(raw)
+        match = _O_WORD.fullmatch(text)
+        if not match:
+            raise LineError(f"cannot read the O-word {text[:16]!r}")
+        name, digits, expression, word, rest = match.groups()
+        label = expression
+        if not label:
+            label = f"<{name}>" if name is not None else str(int(digits))
+        o_word = OWord(label, word or "", rest)
+        if word:
+            _O_WORDS[word](self, o_word)
+        elif rest:
+            self.add(Act(self.line, do=Interpreter.refuse, operand=o_word))
+
+    def _open(self, o_word: OWord, first: Step) -> None:
+        self.open(f"o{o_word.label} {o_word.word}", first)
+
+    def _get_block(self, o_word: OWord, opener: str) -> Block:
+        """The innermost block, which an O-word continues or ends. Raises LineError."""
+        top = self.blocks[-1] if self.blocks else None
+        if top is None or top.kind != f"o{o_word.label} {opener}":
+            inside = f"; {top.kind} is open" if top else ""
+            raise LineError(f"o{o_word.label} {o_word.word} has no {opener} before it{inside}")
+        return top
+
+    def _close(self, o_word: OWord, opener: str) -> Block:
+        block = self._get_block(o_word, opener)
+        self.blocks.pop()
+        return block
+
+    def _sub(self, o_word: OWord) -> None:
+        self._open(o_word, Jump(self.line))
+        if not self.mark(f"sub {o_word.label}"):
+            raise LineError(f"o{o_word.label} sub is there twice")
+
+    def _endsub(self, o_word: OWord) -> None:
+        block = self._close(o_word, "sub")
+        self.mark(f"endsub {o_word.label}")
+        self._return(o_word)
+        self.close(block)
+
+    def _return(self, o_word: OWord) -> None:
+        self.add(Act(self.line, do=Interpreter.come_back, operand=o_word))
+
+    def _call(self, o_word: OWord) -> None:
+        self.add(Act(self.line, do=Interpreter.call, operand=o_word))
+
+    def _if(self, o_word: OWord) -> None:
+        self.open_branch(f"o{o_word.label} if", Condition(o_word))
+
+    def _elseif(self, o_word: OWord) -> None:
+        block = self._get_block(o_word, "if")
+        self.add_alternative(block)
+        self.add_condition(block, Condition(o_word))
+
+    def _else(self, o_word: OWord) -> None:
+        self.add_alternative(self._get_block(o_word, "if"))
+
+    def _endif(self, o_word: OWord) -> None:
+        self.close(self._close(o_word, "if"))
+
+    def _while(self, o_word: OWord) -> None:
+        top = self.blocks[-1] if self.blocks else None
+        if top is not None and top.kind == f"o{o_word.label} do":
+            self.close_loop(self.blocks.pop(), Condition(o_word))
+        else:
+            self._open(o_word, LoopStart(self.line, condition=Condition(o_word)))
+
+    def _endwhile(self, o_word: OWord) -> None:
+        self.close_loop(self._close(o_word, "while"))
+
+    def _do(self, o_word: OWord) -> None:
+        self._open(o_word, LoopStart(self.line))
+
+    def _open_repeat(self, o_word: OWord) -> None:
+        self._open(o_word, CountStart(self.line, count=o_word))
+
+    def _endrepeat(self, o_word: OWord) -> None:
+        self.close_count(self._close(o_word, "repeat"))
+
+    def _leave_round(self, o_word: OWord) -> None:
+        """Break and continue."""
+        leave = self.exit if o_word.word == "break" else self.end_round
+        if not leave([f"o{o_word.label} {word}" for word in _LOOPS]):
+            raise LineError(f"o{o_word.label} {o_word.word} stands in no such loop")
+
+    # -- macros --------------------------------------------------------------------------------
+
+    def _find_macro(self, raw: str) -> re.Match[str] | None:
+        """The word and the rest of a line of a macro, without blanks, in lower case."""
+        text = drop_comments(raw, self._grammar.nested).translate(_BLANKS).lower()
+        return _MACRO.match(text.lstrip("/"))
+
+    def _read_macro(self, rest: str, macro: Macro) -> None:
+        """A line of a macro. Its condition and its numbers are read when it runs."""
+        word = macro.word
+        if word == "goto":
+            self.add(Act(self.line, do=Interpreter.go, operand=macro))
+        elif word == "if":
+            block = self.open_branch(word, Condition(macro))
+            self.add(Act(self.line, cost=0, do=Interpreter.go_on, operand=macro))
+            self.blocks.pop()
+            self.close(block)
+        elif word == "end":
+            self._end_loop(rest, macro)
+        elif loop := _LOOP.fullmatch(word + rest):
+            macro.number = loop[1].lstrip("0") or "0"
+            condition = Condition(macro)
+            self.open(f"DO {macro.number}", LoopStart(self.line, condition=condition))
+        else:
+            self.add(Act(self.line, do=Interpreter.test_alone, operand=macro))
+
+    def _end_loop(self, rest: str, macro: Macro) -> None:
+        """END: the end of the innermost loop of its number."""
+        macro.number = (rest.lstrip("0") or "0") if rest.isdigit() else ""
+        for block in reversed(self.blocks):
+            if block.kind == f"DO {macro.number}":
+                self.blocks.remove(block)
+                self.close_loop(block, Condition(macro))
+                return
+        self.add(Act(self.line, do=Interpreter.test_alone, operand=macro))
+
+
+_O_WORDS: dict[str, Callable[[_Program, OWord], None]] = {
+    "sub": _Program._sub,
+    "endsub": _Program._endsub,
+    "return": _Program._return,
+    "call": _Program._call,
+    "if": _Program._if,
+    "elseif": _Program._elseif,
+    "else": _Program._else,
+    "endif": _Program._endif,
+    "while": _Program._while,
+    "endwhile": _Program._endwhile,
+    "do": _Program._do,
+    "repeat": _Program._open_repeat,
+    "endrepeat": _Program._endrepeat,
+    "break": _Program._leave_round,
+    "continue": _Program._leave_round,
+}
