@@ -154,12 +154,16 @@ def _close(
     if margin <= 0:
         return {}
     moving = {body.name for body in (*robot.links, *tool)}
+    pairs = [k for k, pair in enumerate(scene.pairs) if moving.issuperset(pair)]
+    home = robot.home[None]
+    # Nearly always all of them are farther apart.
+    if float(clearance(narrow(scene, pairs), home, margin)[0]) >= margin:
+        return {}
     distances: dict[tuple[str, str], float] = {}
-    for k, pair in enumerate(scene.pairs):
-        if moving.issuperset(pair):
-            distance = float(clearance(narrow(scene, [k]), robot.home[None], margin)[0])
-            if distance < margin:
-                distances[pair] = distance
+    for k in pairs:
+        distance = float(clearance(narrow(scene, [k]), home, margin)[0])
+        if distance < margin:
+            distances[scene.pairs[k]] = distance
     return distances
 
 
@@ -197,6 +201,8 @@ def _overlaps(robot: Robot, tool: tuple[Link, ...]) -> tuple[tuple[str, str], ..
 
 def _meeting(tested: Scene, joints: FloatArray) -> list[int]:
     """The numbers of pairs that meet at any of the joint values (N, J)."""
+    if (hits(tested, joints) < 0).all():
+        return []
     pairs = range(len(tested.pairs))
     return [k for k in pairs if (hits(narrow(tested, [k]), joints) >= 0).any()]
 

@@ -14,10 +14,11 @@ from camgen.collision.motion import MotionCheck, measure_apart, motions
 from camgen.collision.scene import Scene, name_pair
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError, NoSafeProgram
+from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.program import Joints
 from camgen.motion.joint_paths import APART, JointPath, follow_all
-from camgen.motion.setup import Blockage, FreeSpace, SampledMotion, Setup, all_clear
+from camgen.motion.setup import Blockage, FreeSpace, SampledMotion, Setup
 from camgen.robots.kinematics.joint_limits import within
 from camgen.robots.kinematics.reasons import tell_limit
 from camgen.robots.models import Robot
@@ -56,15 +57,22 @@ def home_of(robot: Robot, cell: Cell, scene: Scene) -> FloatArray:
 def setup_of(robot: Robot, cell: Cell, where: Surroundings) -> Setup:
     """The set-up of a cell for motions along edges: arm, frames and collision tests."""
     scene = where.scene
-    scenes, margin_scenes = split_off_meshes(scene), split_off_meshes(where.apart)
+    clear = partial(are_clear, split_off_meshes(scene))
+    work_scenes, margin_scenes = split_off_meshes(where.work), split_off_meshes(where.apart)
+
+    def keep_margin(joints: FloatArray) -> BoolArray:
+        kept = are_clear(work_scenes, joints)
+        kept[kept] = are_clear(margin_scenes, joints[kept], near=where.margin)
+        return kept
+
     return Setup(
         robot,
         cell.base_from_work,
         cell.flange_from_tool,
-        partial(are_clear, scenes),
+        clear,
         lambda joints: name_pair(scene, int(hits(scene, joints[None])[0])),
         partial(measure_apart, scene),
-        partial(are_clear, margin_scenes, near=where.margin) if where.margin > 0 else all_clear,
+        keep_margin if where.margin > 0 else clear,
     )
 
 

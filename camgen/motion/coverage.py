@@ -27,7 +27,6 @@ from camgen.motion.reach import widest_grid
 from camgen.motion.search import (
     Grid,
     Knots,
-    check_states,
     make_states,
     prove,
     thin_out,
@@ -106,14 +105,19 @@ class _Ladder(Struct, frozen=True, eq=False):
         All states of a station are checked if a chain is not free there.
         """
         while True:
-            chains = find_cover(self.states, self.transitions, self.stations.length, _PRICE)
-            met = np.zeros(len(self.checked), dtype=np.bool_)
+            chains = find_cover(self.states, self.transitions, self.along_edge, _PRICE)
+            new = np.zeros_like(self.checked)
             for chain in chains:
-                met[chain.first : chain.last + 1] |= ~_are_free(setup, chain.joints)
-            new = np.flatnonzero(met & ~self.checked)
-            if not len(new):
+                new[chain.first : chain.last + 1] |= ~setup.roomy(chain.joints)
+            new &= ~self.checked
+            if not new.any():
                 return chains
             self._check(setup, new)
+
+    @property
+    def along_edge(self) -> FloatArray:
+        """(K - 1,) length of the edge along each stretch, mm."""
+        return np.asarray((self.lengths / self.parts)[owners(self.parts)])
 
     def roll(self, start: int, path: PosePath, lengths: FloatArray, folded: BoolArray) -> _Ladder:
         """The graph of a closed edge that begins at the station ``start``.
@@ -157,8 +161,7 @@ class _Ladder(Struct, frozen=True, eq=False):
         for chain in chains:
             taken[max(chain.first - 1, 0) : chain.last + 2] = True
         taken |= ~self.states.usable.any(axis=(1, 2, 3))
-        if not taken.all():
-            self._check(setup, np.flatnonzero(~self.checked & ~taken))
+        self._check(setup, ~self.checked & ~taken)
         lone = []
         for station in np.flatnonzero(~taken).tolist():
             usable = self.states.usable[station]
@@ -172,14 +175,12 @@ class _Ladder(Struct, frozen=True, eq=False):
                 lone.append(CoverChain(station, chosen, none, int(branch), joints[None]))
         return lone
 
-    def _check(self, setup: Setup, stations: Index) -> None:
-        if not self.states.usable[stations].any():
-            return
-        check_states(setup, self.states, stations.tolist())
-        joints = self.states.joints[stations]
-        free = np.array(self.states.usable[stations].any(axis=-1))
-        free[free] = setup.roomy(joints[free])
-        self.states.usable[stations] &= free[..., None]
+    def _check(self, setup: Setup, stations: BoolArray) -> None:
+        """Closes the states of some stations (K,) that are not free."""
+        tested = self.states.usable.any(axis=-1) & stations[:, None, None]
+        if tested.any():
+            free = setup.roomy(self.states.joints[tested])
+            self.states.usable[tested] &= free[:, None]
         self.checked[stations] = True
 
     def locate(self, station: float) -> tuple[int, float]:
@@ -258,6 +259,28 @@ class _Piece(Struct, frozen=True, eq=False):
         kept = np.flatnonzero(np.concatenate([[True], needed, [True]]))
         thin = join([cut(ladder.path, *pair) for pair in pairwise(self.marks[kept].tolist())])
         return replace(thin_out(motion, kept, thin), trimmed=self.trimmed)
+
+
+class _Lengthened(Struct, frozen=True, eq=False):
+    """A proven motion.
+
+    motion: the motion of a chain and of its extensions.
+    beyond: share of the stretch after the chain that it uses.
+    """
+
+    motion: EdgeMotion
+    beyond: float
+
+
+class _Failure(Struct, frozen=True, eq=False):
+    """A chain without a motion, and the number of its stretch that fails."""
+
+    chain: CoverChain
+    stretch: int
+
+
+#: First station, branch and orientations of a chain, and the parts by which it may be longer.
+_ChainKey = tuple[int, int, bytes, tuple[int, int]]
 
 
 class Pieces(Struct, frozen=True, eq=False):
@@ -345,8 +368,7 @@ class Coverage(Struct, frozen=True, eq=False):
             )
             for number, motion in enumerate(long, 1)
         ]
-        stretches = (ladder.lengths / ladder.parts)[owners(ladder.parts)]
-        return Pieces(tuple(pieces), float(stretches[ladder.too_fast].sum()), ladder.late)
+        return Pieces(tuple(pieces), float(ladder.along_edge[ladder.too_fast].sum()), ladder.late)
 
     def count_stations(self, path: PosePath) -> int:
         """The number of stations along a pose path."""
@@ -392,51 +414,89 @@ class Coverage(Struct, frozen=True, eq=False):
     def _prove_all(self, name: str, ladder: _Ladder, choice: Grid) -> list[EdgeMotion]:
         """The motions of the best cover all of whose chains stand the examination."""
         failures = np.zeros(len(ladder.stations) - 1, dtype=np.int64)
-        known: set[tuple[int, int, bytes]] = set()
+        known: dict[_ChainKey, _Lengthened] = {}
         while True:
             chains = ladder.find_chains(self.setup)
-            for chain in chains:
-                key = chain.first, chain.branch, chain.orientation.tobytes()
-                if key in known:
-                    continue
-                none = _Extension(0.0, chain.joints[:0])
-                piece = _Piece.of(ladder, chain, none, none)
-                proved = self._prove(name, ladder, piece, choice)
-                if not isinstance(proved, EdgeMotion):
-                    _close(ladder, chain, proved, failures)
-                    break
-                known.add(key)
-            else:
-                lone = ladder.find_lone_states(chains, self.setup)
+            lengthened = self._lengthen_all(name, ladder, chains, choice, known)
+            if isinstance(lengthened, _Failure):
+                _close(ladder, lengthened, failures)
+                continue
+            if lone := ladder.find_lone_states(chains, self.setup):
                 chains = sorted([*chains, *lone], key=lambda chain: chain.first)
-                return self._lengthen(name, ladder, chains, choice)
+                lengthened = self._lengthen_all(name, ladder, chains, choice, known)
+                assert not isinstance(lengthened, _Failure)
+            return lengthened
 
-    def _lengthen(
-        self, name: str, ladder: _Ladder, chains: list[CoverChain], choice: Grid
-    ) -> list[EdgeMotion]:
-        """The motions of proven chains, each as far beyond its ends as it can be run."""
+    def _lengthen_all(
+        self,
+        name: str,
+        ladder: _Ladder,
+        chains: list[CoverChain],
+        choice: Grid,
+        known: dict[_ChainKey, _Lengthened],
+    ) -> list[EdgeMotion] | _Failure:
+        """The motions of chains, each as far beyond its ends as it can be run.
+
+        The first chain without a motion is returned instead, unless it is a single station: that is
+        left out.
+
+        known: motions that were proven before, which grow.
+        """
         motions: list[EdgeMotion] = []
         free = 0.0
         for number, chain in enumerate(chains):
-            none = _Extension(0.0, chain.joints[:0])
             following = chains[number + 1].first if number + 1 < len(chains) else math.inf
-            before = after = none
-            if free < chain.first:
-                before = self._extend(ladder, chain, choice, 0, chain.first - free)
-            if chain.last < following:
-                after = self._extend(ladder, chain, choice, -1, 1.0)
-            for ends in ((before, after), (none, none)):
-                if not len(chain.moves) and not sum(end.share for end in ends):
-                    break
-                piece = _Piece.of(ladder, chain, *ends)
-                proved = self._prove(name, ladder, piece, choice)
-                if isinstance(proved, EdgeMotion):
-                    motions.append(proved)
-                    free = chain.last + ends[1].share
-                    break
+            parts = min(int((chain.first - free) * _PARTS_BEYOND), _PARTS_BEYOND - 1)
+            room = parts, (_PARTS_BEYOND - 1) * (chain.last < following)
+            key = chain.first, chain.branch, chain.orientation.tobytes(), room
+            if key not in known:
+                proved = self._lengthen(name, ladder, chain, choice, room)
+                if proved is None:
+                    continue
+                if isinstance(proved, _Failure):
+                    return proved
+                known[key] = proved
+            motions.append(known[key].motion)
+            free = chain.last + known[key].beyond
         return motions
 
-    def _prove(self, name: str, ladder: _Ladder, piece: _Piece, choice: Grid) -> EdgeMotion | int:
+    def _lengthen(
+        self,
+        name: str,
+        ladder: _Ladder,
+        chain: CoverChain,
+        choice: Grid,
+        room: tuple[int, int],
+    ) -> _Lengthened | _Failure | None:
+        """The motion of a chain as far beyond its ends as it can be run, or as it is.
+
+        None for a single station beyond which nothing can be run.
+
+        room: parts of the stretches before and after the chain that may be used.
+        """
+        none = _Extension(0.0, chain.joints[:0])
+        before, after = (
+            self._extend(ladder, chain, choice, end, parts)
+            for end, parts in zip((0, -1), room, strict=True)
+        )
+        failed = 0
+        for ends in ((before, after), (none, none)):
+            if not len(chain.moves) and not sum(end.share for end in ends):
+                return None
+            piece = _Piece.of(ladder, chain, *ends)
+            proved = self._prove(name, piece, choice)
+            if isinstance(proved, EdgeMotion):
+                late = self._find_too_fast(ladder, piece)
+                if not len(late):
+                    return _Lengthened(piece.thin_out(ladder, proved), ends[1].share)
+                failed = int(late[0])
+            else:
+                failed = proved - len(ends[0].joints)
+                if 0 <= failed < len(chain.moves):
+                    break
+        return _Failure(chain, failed) if len(chain.moves) else None
+
+    def _prove(self, name: str, piece: _Piece, choice: Grid) -> EdgeMotion | int:
         """The motion of a piece, or the stretch of the piece in which it fails."""
         tilt, stretches = self.freedom.tilt, len(piece.segments)
         # Between two stations the turns next to home may be beyond a limit.
@@ -450,8 +510,7 @@ class Coverage(Struct, frozen=True, eq=False):
         if isinstance(hit, Blockage):
             failed = int(np.searchsorted(proved.at, hit.at, "right")) - 1
             return min(failed, stretches - 1)
-        late = self._find_too_fast(ladder, piece)
-        return int(late[0]) if len(late) else piece.thin_out(ladder, proved)
+        return proved
 
     def _find_too_fast(self, ladder: _Ladder, piece: _Piece) -> Index:
         """The stretches of a piece that take a joint longer than the tool at the piece's feed."""
@@ -462,12 +521,12 @@ class Coverage(Struct, frozen=True, eq=False):
         return np.flatnonzero(moved.max(axis=1) > (1 + _SAME_TIME) * length / feed)
 
     def _extend(
-        self, ladder: _Ladder, chain: CoverChain, choice: Grid, end: int, free: float
+        self, ladder: _Ladder, chain: CoverChain, choice: Grid, end: int, parts: int
     ) -> _Extension:
         """The extension of a chain beyond an end, in the orientation that it has there.
 
         end: 0 for its start, -1 for its end.
-        free: share of the stretch beyond the end that may be used.
+        parts: largest number of parts of the stretch beyond the end that may be used.
         """
         none = _Extension(0.0, chain.joints[:0])
         row, beyond = (chain.first, -1) if end == 0 else (chain.last, 1)
@@ -480,17 +539,16 @@ class Coverage(Struct, frozen=True, eq=False):
         turned = looks.rotation @ choice.nominal_from_tool[chain.orientation[end]]
         goals = [goal[::beyond] for goal in flange_poses(self.setup, looks.position, turned)]
         start = chain.joints[end]
-        good = min(_PARTS_BEYOND - 1, int(free * _PARTS_BEYOND))
-        while good > 0:
-            rotations, origins = (goal[: good + 1] for goal in goals)
+        while parts > 0:
+            rotations, origins = (goal[: parts + 1] for goal in goals)
             followed = follow(self.setup.robot, rotations, origins, start, MARGIN, JUMP)
             if not isinstance(followed, Choice):
-                good = min(good, followed.row) - 1
+                parts = min(parts, followed.row) - 1
                 continue
-            hits = np.flatnonzero(~_are_free(self.setup, followed.joints))
+            hits = np.flatnonzero(~self.setup.roomy(followed.joints))
             if not len(hits):
-                return _Extension(good / _PARTS_BEYOND, followed.joints[-1:])
-            good = int(hits[0]) - 1
+                return _Extension(parts / _PARTS_BEYOND, followed.joints[-1:])
+            parts = int(hits[0]) - 1
         return none
 
 
@@ -508,18 +566,12 @@ def _divide_evenly(path: PosePath, turn: float) -> Index:
     return counts(path, step, turn)
 
 
-def _are_free(setup: Setup, joints: FloatArray) -> BoolArray:
-    """Which joint values (N, J) collide with nothing and keep the margin."""
-    free = setup.clear(joints)
-    free[free] = setup.roomy(joints[free])
-    return free
-
-
-def _close(ladder: _Ladder, chain: CoverChain, stretch: int, failures: Index) -> None:
-    """Closes the move of a chain in one of its stretches, or after some failures every move.
+def _close(ladder: _Ladder, failure: _Failure, failures: Index) -> None:
+    """Closes the move of a chain in the stretch where it fails, or after some failures every move.
 
     failures: number of failures in each stretch of the edge; it is counted on.
     """
+    chain, stretch = failure.chain, failure.stretch
     row = chain.first + stretch
     failures[row] += 1
     if failures[row] > _FAILURES:

@@ -144,7 +144,7 @@ def _prefer(
     """``found`` where it keeps the margin, else what of ``grids`` keeps it, else ``found`` again."""
     if setup.roomy(found.dense).all():
         return found
-    roomy = replace(setup, clear=lambda joints: setup.clear(joints) & setup.roomy(joints))
+    roomy = replace(setup, clear=setup.roomy)
     for choice in grids:
         other = search(roomy, found.id, way, choice, freedom.tilt)
         if isinstance(other, EdgeMotion):

@@ -13,7 +13,7 @@ from msgspec.structs import replace
 from camgen.geometry.rotations import from_vectors, turns_about_z
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray, frozen
-from camgen.motion.pose_chains import PoseChain, States, cheapest, steps
+from camgen.motion.pose_chains import PoseChain, States, Steps, cheapest, steps
 from camgen.motion.pose_paths import Index, PosePath, counts, divide, rows
 from camgen.motion.rolls import rolls_of
 from camgen.motion.setup import (
@@ -162,21 +162,37 @@ def search(setup: Setup, edge: str, way: PosePath, grid: Grid, most: float) -> E
     checked: set[int] = set()
     collision = ""
     for _ in range(_TRIES):
-        chain = cheapest(setup.robot, states, ways, setup.robot.home)
+        chain, met = _choose_clear(setup, states, ways, checked)
+        collision = met or collision
         if chain is None:
             break
         proved = prove(setup, edge, knots, grid, chain, most)
         if isinstance(proved, EdgeMotion):
             return thin_out(proved, *_few(knots, chain))
-        stretch, collision = proved[0], proved[1] or collision
-        new = {stretch, stretch + 1} - checked if proved[1] else set()
-        if new:
-            check_states(setup, states, sorted(new))
-        checked |= new
-        if not new:
-            move, orientation = int(chain.moves[stretch]), int(chain.orientation[stretch + 1])
-            states.open[stretch, move, orientation, chain.branch] = False
+        stretch, met = proved
+        collision = met or collision
+        move, orientation = int(chain.moves[stretch]), int(chain.orientation[stretch + 1])
+        states.open[stretch, move, orientation, chain.branch] = False
     return collision
+
+
+def _choose_clear(
+    setup: Setup, states: States, transitions: Steps, checked: set[int]
+) -> tuple[PoseChain | None, str]:
+    """The cheapest chain whose states are clear, and what the last one before it collided with.
+
+    checked: rows of whose states those that collide are closed, which grow.
+    """
+    collision = ""
+    while (chain := cheapest(setup.robot, states, transitions, setup.robot.home)) is not None:
+        met = np.flatnonzero(~setup.clear(chain.joints)).tolist()
+        new = sorted(set(met) - checked)
+        if not new:
+            break
+        collision = setup.hit(chain.joints[met[0]])
+        check_states(setup, states, new)
+        checked |= set(new)
+    return chain, collision
 
 
 def make_states(

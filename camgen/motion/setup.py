@@ -35,7 +35,7 @@ class Setup(Struct, frozen=True, eq=False):
     hit: names the bodies that collide at joint values (J,), "link 5 with the part".
     apart: the largest distance by which a point of arm and tool moves between two tables of joint
         values (N, J), (N,) mm.
-    roomy: tells whether joint values (N, J) that are clear keep the margin, (N,).
+    roomy: tells whether joint values (N, J) are clear and keep the margin, (N,).
     """
 
     robot: Robot

@@ -47,7 +47,7 @@ def cover(
         hits = [np.flatnonzero(~clear(motion.joints)) for motion in motions]
         return [Blockage("collision", "wall", float(hit[0])) if len(hit) else 9.0 for hit in hits]
 
-    cell = replace(CELL, clear=clear)
+    cell = replace(CELL, clear=clear, roomy=clear)
     none = np.zeros(3)
     space = FreeSpace(0.0, none, none, 0.0, 0.0, look, lambda joints: np.zeros(len(joints)))
     path = poses(edge, OFFSET)
@@ -170,7 +170,7 @@ def test_another_orientation_leads_past_what_only_the_nominal_one_meets() -> Non
         leant = np.degrees(np.arccos(np.clip(frames[:, :3, 2] @ nominal, -1, 1))) > 5
         return np.asarray(leant | (np.abs(frames[:, 0, 3] - 60) > 10))
 
-    cell = replace(CELL, clear=clear)
+    cell = replace(CELL, clear=clear, roomy=clear)
     none = np.zeros(3)
     space = FreeSpace(0.0, none, none, 0.0, 0.0, lambda motions: [9.0] * len(motions), all_clear)
     path = poses(TOP, OFFSET)
@@ -232,7 +232,25 @@ def test_the_tool_need_not_turn_with_the_rim_of_a_small_hole(
     assert [piece.trimmed for piece in whole] == [(0.0, 0.0)]
     monkeypatch.setattr(coverage, "_WIDE_TURN", coverage._STATION_TURN)
     _, pieces = cover(hole, lambda at: at[:, 0] < -1e9, feed=60.0)
-    assert sum(hole.length - sum(piece.trimmed) for piece in pieces) < hole.length / 2
+    worked = sum(hole.length - sum(piece.trimmed) for piece in pieces)
+    assert worked < hole.length - SHORTEST_MM
+
+
+def test_a_piece_counts_by_the_length_of_the_edge_in_a_small_hole() -> None:
+    """6 mm of the rim are free, along which the tip runs 2.5 mm."""
+    hole = rim((60, 60, 50), 6, outer=False)
+    half = SHORTEST_MM / 2 + 0.5
+
+    def wall(at: FloatArray) -> FloatArray:
+        angle = np.arctan2(at[:, 1] - 60, at[:, 0] - 60)
+        return np.abs(np.abs(angle) - math.pi / 2) * 6 > half
+
+    cell, pieces = cover(hole, lambda at: wall(at) | (at[:, 1] < 60), feed=1.0)
+    (piece,) = pieces
+    judged(cell, piece)
+    ((start, end),) = stretches(hole, pieces)
+    assert SHORTEST_MM <= end - start <= 2 * half
+    assert piece.way.length.sum() < SHORTEST_MM / 2
 
 
 def test_an_arm_without_a_closed_form_has_no_pieces() -> None:

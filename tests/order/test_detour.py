@@ -90,7 +90,7 @@ def test_what_is_shut_in_has_no_way_and_the_search_ends(monkeypatch: pytest.Monk
         )
 
     monkeypatch.setattr(detour, "LOOKS", 5000)
-    assert find_detour(replace(setup, clear=shut), room, RIGHT, LEFT) is None
+    assert find_detour(replace(setup, clear=shut, roomy=shut), room, RIGHT, LEFT) is None
     # With the margin and without it, and what is asked together at the end.
     assert 5000 < sum(asked) < 3 * 5000
 

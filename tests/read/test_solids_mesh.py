@@ -6,6 +6,7 @@ import subprocess
 import sys
 from collections import Counter
 from io import BytesIO
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -190,6 +191,39 @@ def test_a_rounded_plate_is_lines_and_arcs(tmp_path: Path) -> None:
             assert edge.length == pytest.approx(
                 28 if abs(np.ptp(edge.points[:, 0])) > 1 else 18, abs=1e-4
             )
+
+
+def test_a_vertex_of_another_face_on_the_rim_of_a_hole_does_not_turn_its_normals(
+    tmp_path: Path,
+) -> None:
+    """36 sides, of which two are divided near one end: 4 deg beside where their faces look."""
+    angles = np.arange(36) * (math.tau / 36)
+    corners = np.column_stack([np.cos(angles), np.sin(angles)])
+    circle: list[Array] = []
+    for k, (corner, following) in enumerate(
+        zip(corners, np.roll(corners, -1, axis=0), strict=True)
+    ):
+        circle.append(corner)
+        if k in (4, 22):
+            circle.append(0.9 * corner + 0.1 * following)
+    flat = np.array(circle)
+    sections = [(3, 0), (3, 5), (10, 5), (10, 0), (3, 0)]
+    rings = [np.column_stack([r * flat, np.full(len(flat), z)]) for r, z in sections]
+    triangles = []
+    for low, high in pairwise(rings):
+        for k in range(len(flat)):
+            after = (k + 1) % len(flat)
+            triangles += [(low[k], high[k], high[after]), (low[k], high[after], low[after])]
+    solid = read(tmp_path, np.array(triangles)[:, ::-1])
+    assert kinds(solid) == {("circle", True): 4}
+    for edge in solid.edges:
+        assert_sound(edge)
+        # Two half circles, as of a mesh without such vertices.
+        assert len(edge.points) == 3
+        radial = edge.points[:, :2] / np.linalg.norm(edge.points[:, :2], axis=1)[:, None]
+        side = 1 if edge.radius > 5 else -1
+        turned = [normal for normal in np.swapaxes(edge.normals, 0, 1) if abs(normal[0, 2]) < 0.5]
+        assert np.allclose(turned[0][:, :2], side * radial, atol=2e-3)
 
 
 def test_the_order_of_faces_does_not_matter(tmp_path: Path) -> None:

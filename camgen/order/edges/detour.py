@@ -94,9 +94,7 @@ def find_detour(setup: Setup, room: FreeSpace, a: FloatArray, b: FloatArray) -> 
     both = np.stack([a, b])
     setups = [setup]
     if setup.roomy(both).all():
-        setups.insert(
-            0, replace(setup, clear=lambda joints: setup.clear(joints) & setup.roomy(joints))
-        )
+        setups.insert(0, replace(setup, clear=setup.roomy))
     sliding = np.array([joint.sliding for joint in setup.robot.joints])
     scale = np.where(sliding, 1.0 / setup.robot.lever, 1.0)
     if not (within(setup.robot, both) & setup.clear(both)).all():

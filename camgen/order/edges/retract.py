@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from itertools import islice
 
 import numpy as np
 from msgspec import Struct
@@ -75,29 +76,30 @@ def retractions(
     found: list[Retraction | str] = ["" for _ in ends]
     most = [-1.0 for _ in ends]
     left = list(range(len(ends)))
+    # Together several ways take little more time than one.
+    count = 1
     while left:
-        led = [(k, named) for k in left if (named := next(ways[k], None)) is not None]
-        ran = _run(setup, [named for _, named in led], [ends[k][1] for k, _ in led], speeds)
-        tried = [(k, way) for (k, _), way in zip(led, ran, strict=True)]
-        said = iter(
-            room.look(
-                [
-                    SampledMotion(way.dense, way.looks)
-                    for _, way in tried
-                    if not isinstance(way, str)
-                ]
-            )
-        )
-        for k, way in tried:
+        owner: list[int] = []
+        named: list[tuple[str, PosePath]] = []
+        for k in left:
+            tried = list(islice(ways[k], count))
+            owner += [k] * len(tried)
+            named += tried
+        ran = _run(setup, named, [ends[k][1] for k in owner], speeds)
+        moved = [way for way in ran if isinstance(way, Retraction)]
+        kept = iter(room.look([SampledMotion(way.dense, way.looks) for way in moved]))
+        for k, way in zip(owner, ran, strict=True):
+            look = next(kept) if isinstance(way, Retraction) else math.nan
+            if most[k] >= wanted[k] - _AS_NEAR_MM:
+                continue
             if isinstance(way, str):
                 found[k] = found[k] or way
-                continue
-            kept = next(said)
-            if isinstance(kept, Blockage):
-                found[k] = found[k] or f"{way.name} {kept.what}"
-            elif kept > most[k]:
-                found[k], most[k] = way, kept
-        left = [k for k, _ in tried if most[k] < wanted[k] - _AS_NEAR_MM]
+            elif isinstance(look, Blockage):
+                found[k] = found[k] or f"{way.name} {look.what}"
+            elif look > most[k]:
+                found[k], most[k] = way, look
+        left = [k for k in dict.fromkeys(owner) if most[k] < wanted[k] - _AS_NEAR_MM]
+        count *= 2
     return [one or "the tool points up" for one in found]
 
 

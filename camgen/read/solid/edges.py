@@ -380,6 +380,11 @@ def _round(
     circle: Circle, points: FloatArray, normals: FloatArray, weight: FloatArray
 ) -> EdgeSpans:
     """Spans of an arc, at most half circles; side by side where the faces do not turn with it."""
+    # A vertex on the chord of its neighbours is another face's, and both its sides are one.
+    kept = _corners(points, _TIGHT * float(np.abs(points).max()))
+    points = points[kept]
+    normals = unit(np.add.reduceat(normals * weight[:, None, None], kept[:-1]))
+    weight = np.add.reduceat(weight, kept[:-1])
     angles = circle.angles(points)
     angles[0], angles[-1] = 0.0, angles[-1] if angles[-1] > 1e-6 else 2 * np.pi
     middles = (angles[1:] + angles[:-1]) / 2
