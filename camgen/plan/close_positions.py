@@ -16,6 +16,8 @@ from camgen.model.tolerance import NONZERO
 #: Positions that are nearer lie in each other's zone, mm: the smallest zone of RAPID, z0, has this
 #: radius (ABB, technical reference manual of RAPID instructions, zonedata).
 CLOSE_MM = 0.3
+#: Digits of distances that count, mm: far fewer than those of a processor, far more than of a text.
+_SAME_DIGITS = 9
 #: A run of fewer short lines is passed at once.
 _MANY = 10
 
@@ -87,7 +89,8 @@ def keep_points(points: FloatArray, tolerance: float) -> BoolArray:
         if high - low < 2:
             continue
         distance = _distance(points[low + 1 : high], points[low], points[high])
-        farthest = int(distance.argmax())
+        # Of places that are equally far the first counts, whatever their last bits are.
+        farthest = int(np.round(distance, _SAME_DIGITS).argmax())
         if distance[farthest] > tolerance:
             middle = low + 1 + farthest
             kept[middle] = True
@@ -98,6 +101,7 @@ def keep_points(points: FloatArray, tolerance: float) -> BoolArray:
 def _distance(points: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
     """(N,) distance of points from a line between two points, mm."""
     chord = end - start
-    square = max(float(chord @ chord), NONZERO)
-    share = np.clip((points - start) @ chord / square, 0.0, 1.0)
+    # BLAS rounds a product by its processor. Sums along an axis are the same everywhere.
+    square = max(float((chord * chord).sum()), NONZERO)
+    share = np.clip(((points - start) * chord).sum(axis=1) / square, 0.0, 1.0)
     return np.asarray(np.linalg.norm(points - start - share[:, None] * chord, axis=1))

@@ -75,3 +75,13 @@ def test_no_point_is_farther_from_the_kept_chain_than_the_tolerance(seed):
         share = np.clip((points[low : high + 1] - points[low]) @ chord / (chord @ chord), 0, 1)
         feet = points[low] + share[:, None] * chord
         assert np.linalg.norm(points[low : high + 1] - feet, axis=1).max() <= 1.0
+
+
+@pytest.mark.parametrize("turn", range(0, 360, 7))
+def test_of_two_points_that_are_equally_far_the_first_is_kept(turn):
+    """Else the last bit of a product decides, which differs between processors."""
+    angle = np.radians(turn)
+    turned = np.array([[np.cos(angle), np.sin(angle), 0], [-np.sin(angle), np.cos(angle), 0]])
+    chain = np.array([[0.0, 0.0], [1.0, 1.0], [2.0, 1.0], [3.0, 0.0]]) @ turned
+    # From the first one kept, (1, 1), the other is 1/sqrt(5) mm off the line to the end.
+    assert keep_points(chain, 0.5).tolist() == [True, True, False, True]
