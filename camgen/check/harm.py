@@ -158,7 +158,10 @@ def trace_motion(executed: Executed, columns: Columns) -> Trace:
     end = columns.ends
     start = np.full_like(end, np.nan)
     start[1:] = end[:-1]
-    start[1:][frames[1:] != frames[:-1]] = np.nan
+    lines = np.asarray(executed.lines)[at]
+    # What the run left out between two motions may have moved the tool.
+    left_out = np.searchsorted(sorted(line for line, _ in executed.lost), lines, side="right")
+    start[1:][(frames[1:] != frames[:-1]) | (left_out[1:] != left_out[:-1])] = np.nan
     leaving = end - start
     arriving = leaving.copy()
     arcs = columns.arcs
@@ -166,7 +169,7 @@ def trace_motion(executed: Executed, columns: Columns) -> Trace:
         leaving[arcs] = _tangent(start[arcs], columns.via, end[arcs])
         arriving[arcs] = -_tangent(end[arcs], columns.via, start[arcs])
     return Trace(
-        line=np.asarray(executed.lines)[at],
+        line=lines,
         place=at,
         is_joint=columns.moves_are(MoveJ),
         is_arc=columns.moves_are(MoveC),

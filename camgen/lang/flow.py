@@ -8,6 +8,8 @@ What a program asks for may be unknown, such as an input. Then one branch is cho
   rounds, unless its end can be assumed.
 - Otherwise the branch that acts is entered. A loop that acts and does not leave for good is run
   once, another loop not at all.
+- If a loop without a count asks for the same value again, the other branch is entered: something
+  outside ends the loop.
 - Of several cases that do not leave, the first one that acts is entered, or else the first one
   that has steps.
 
@@ -53,8 +55,6 @@ from camgen.lang.values import Unknown
 
 #: Calls of labels within a routine that may wait for their return.
 _CALL_LIMIT = 100
-
-
 #: Runs of a step whose error a handler answers by running it again.
 _TRY_LIMIT = 5
 
@@ -189,6 +189,7 @@ class CallFrame(Struct, gc=False):
     rounds: rounds of each loop, by the index of its first step, or of the jump that repeats it.
     undecided: indices of loops that were entered without a known condition.
     exits: branches not taken that leave for good, by the index of their condition.
+    asked: indices of the branches with an unknown condition, each with the unknown value.
     returns: indices of the steps to which calls of labels return.
     handler: index of the step of the error handler, -1 without one.
     error: error that the handler has taken last, None without one.
@@ -201,6 +202,7 @@ class CallFrame(Struct, gc=False):
     rounds: dict[int, LoopRounds] = field(default_factory=dict)
     undecided: set[int] = field(default_factory=set)
     exits: dict[int, range] = field(default_factory=dict)
+    asked: set[tuple[int, str]] = field(default_factory=set)
     returns: list[int] = field(default_factory=list)
     handler: int = -1
     error: Raised | None = None
@@ -279,6 +281,8 @@ class Flow:
         holds = self._test(self._language.evaluate(condition.value))
         if isinstance(holds, Unknown):
             is_entered = self._choose_branch(frame, at, step, holds)
+            if self._is_asked_again(frame, at, holds):
+                is_entered = not is_entered
             choice = Choice.BRANCH_ENTERED if is_entered else Choice.BRANCH_PASSED
             if not self._language.assume(choice, step, holds):
                 is_entered = not is_entered
@@ -299,6 +303,21 @@ class Flow:
             return not step.is_leaving
         is_idle = any(map(code.acts, staying or others)) and not code.acts(branch)
         return not is_idle and not step.condition.is_unlikely
+
+    def _is_asked_again(self, frame: CallFrame, at: int, unknown: Unknown) -> bool:
+        """Take note of a choice of a branch. Return whether the same value was chosen for before.
+
+        Nothing in the text ends a loop that asks again, so that something outside does. A counted
+        loop ends by itself.
+        """
+        steps = frame.code.steps
+        is_counted = any(start < at < steps[start].to for start in frame.counters)
+        if unknown.guess is not None or is_counted:
+            return False
+        choice = at, unknown.what
+        is_again = choice in frame.asked
+        frame.asked.add(choice)
+        return is_again
 
     def _select(self, frame: CallFrame, _at: int, step: Select) -> int:
         value = self._language.evaluate(step.value)

@@ -89,7 +89,7 @@ def keep_points(points: FloatArray, tolerance: float) -> BoolArray:
         if high - low < 2:
             continue
         distance = _distance(points[low + 1 : high], points[low], points[high])
-        # Of places that are equally far the first counts, whatever their last bits are.
+        # The first of places that are equally far counts, whatever their last bits are.
         farthest = int(np.round(distance, _SAME_DIGITS).argmax())
         if distance[farthest] > tolerance:
             middle = low + 1 + farthest

@@ -235,6 +235,14 @@ def test_heights_of_another_frame_are_not_compared() -> None:
     assert (level, line) == ("dangerous", len(body))
 
 
+def test_beside_what_a_run_leaves_out_nothing_is_compared() -> None:
+    body = tuple(SLIPS["the sense of an arc"][0]())
+    lines = tuple(range(1, len(body) + 1))
+    around = ((ARC + 1, "a motion"), (ARC + 2, "a motion"))
+    assert find_harm(Executed(body, lines))
+    assert not find_harm(Executed(body, lines, lost=around))
+
+
 def test_a_cusp_of_a_drawing_is_no_slip() -> None:
     """The path turns back where two arcs meet, and goes on smoothly at their other ends."""
     body = sound()

@@ -285,6 +285,40 @@ def test_an_unknown_condition_is_compared_with_each_alternative() -> None:
     assert toy.choices == [(Choice.BRANCH_ENTERED, 1)]
 
 
+def ask_in_a_loop(toy: Toy) -> None:
+    """The body of a loop: "a" if an unknown value holds, else "b"."""
+    open_branch(toy, Condition("x"))
+    toy.do("a")
+    add_alternative(toy)
+    toy.do("b")
+    close(toy)
+
+
+def test_a_loop_that_asks_for_the_same_value_again_takes_the_other_branch() -> None:
+    """An answer of the operator ends such a loop, so that it is not the same in each round."""
+    toy = Toy()
+    toy.names["count"] = 0
+    open_loop(toy, "count < 3")
+    toy.do("count = count + 1")
+    ask_in_a_loop(toy)
+    close_loop(toy)
+    actions = [action for action in toy.run().done if "=" not in action]
+    assert actions == ["a", "b", "b"]
+    assert [choice for choice, _ in toy.choices] == [
+        Choice.BRANCH_ENTERED,
+        Choice.BRANCH_PASSED,
+        Choice.BRANCH_PASSED,
+    ]
+
+
+def test_a_counted_loop_takes_the_same_branch_in_each_round() -> None:
+    toy = Toy()
+    toy.compiler.open("for", CountStart(1, count="i 1 3 1"))
+    ask_in_a_loop(toy)
+    toy.compiler.close_count(toy.compiler.blocks.pop())
+    assert toy.run().done == ["a", "a", "a"]
+
+
 def test_a_loop_whose_condition_never_changes_is_left() -> None:
     toy = Toy()
     open_loop(toy, "1 < 2")

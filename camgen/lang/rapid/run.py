@@ -48,6 +48,8 @@ _DEEPEST = 70
 #: Rounds of a loop without a condition. After them it has no end.
 _MOST_ROUNDS = 200
 _RULES = Rules(_DEEPEST, skips_blocks=True, round_limit=_MOST_ROUNDS)
+#: Types of PERS data that routines take to move with, and leave as they are.
+_READ_ONLY = frozenset(("tooldata", "wobjdata", "loaddata"))
 #: So many TRAPs are looked at beside the program.
 _MOST_TRAPS = 50
 #: Statements of a TRAP that is looked at beside the program.
@@ -292,6 +294,22 @@ def _leave_out(runner: Runner, call: Calling) -> None:
             _call_by_name(runner, f"{name}{number:g}", Calling(call.line, "callbyvar"))
             return
     runner.machine.log.leave_out(f"{call.name} is in none of the files: it is left out")
+    _forget_arguments(runner.machine, call)
+
+
+def _forget_arguments(machine: Machine, call: Calling) -> None:
+    """Give the variables that a routine of another file may set an unknown value."""
+    for argument in (*call.args, *(value for _, value in call.options)):
+        if not isinstance(argument, (Ref, Component, Element)):
+            continue
+        base: Expr = argument
+        while isinstance(base, (Component, Element)):
+            base = base.base
+        variable = machine.variable(base.name) if isinstance(base, Ref) else None
+        if variable is None or variable.storage not in ("var", "pers"):
+            continue
+        if variable.storage == "var" or machine.kind(variable.type) not in _READ_ONLY:
+            machine.assign(argument, Unknown(f"what {call.name} gives to {variable.name}"))
 
 
 def _call_by_name(runner: Runner, name: Value, call: Calling) -> None:

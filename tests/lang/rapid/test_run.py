@@ -522,6 +522,30 @@ def test_the_operator_answers_what_the_user_says() -> None:
     assert waits(done(body)) == [1]
 
 
+def test_what_an_unknown_routine_is_given_is_not_known_after_it() -> None:
+    """A VAR parameter gives its value back. The zeros before the call were refused as a pose."""
+    data = "VAR robtarget pIn;\nVAR num nIn:=1;\nCONST num nFixed:=2;\n"
+    executed = done(
+        f"{data}GetItem pIn,nIn,nFixed,zOwn;\nMoveL RelTool(pIn,0,0,10),{TAIL}\n"
+        "WaitTime nFixed;\nMoveL p1,v100,fine,tool0;"
+    )
+    assert executed.findings == ()
+    assert "a target is not known (what getitem gives to pIn): motions there are left out" in [
+        one.what for one in executed.assumed
+    ]
+    assert places(executed) == [(100, 0, 0)]
+    assert [item.seconds for item in executed.body if isinstance(item, Wait)] == [2.0]
+
+
+def test_a_loop_that_the_operator_ends_is_run_until_the_other_answer() -> None:
+    loop = "WHILE n>=0 DO\nMoveL Offs(p1,n,0,0),v100,fine,tool0;\nTPReadFK a,{texts};\n"
+    loop += "IF a=1 THEN\nn:=n+1;\nELSEIF a=2 THEN\nn:=-1;\nENDIF\nENDWHILE"
+    texts = ",".join(['"again?"', '"yes"', '"no"', *["stEmpty"] * 3])
+    executed = done("VAR num n:=0;\nVAR num a;\n" + loop.replace("{texts}", texts))
+    assert executed.stopped is None
+    assert places(executed) == [(100, 0, 0), (101, 0, 0)]
+
+
 def test_what_is_in_other_files_is_named() -> None:
     executed = done(
         f"gripOpen 5;\nMoveL pThere,{TAIL}\nMoveL p1,vOwn,zOwn,tOwn\\WObj:=wOwn;\nWaitTime f(1);"
