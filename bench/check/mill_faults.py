@@ -37,7 +37,7 @@ import numpy as np
 from ezdxf import bbox
 
 from bench.check.set_up_faults import Tables, list_tools, run, write_job
-from bench.check.words import Array, Grid, Move, carve, read_moves, sample_move
+from bench.check.words import Array, Grid, Move, carve, make_disc, read_moves, sample_move
 from bench.support.runner import ROOT, SHARED, Missed, open_table, read_words
 from camgen.model.signature import sign
 
@@ -196,11 +196,7 @@ def holder_meets_stock(moves: Sequence[Move], job: Tables) -> bool:
 
 def _lowest_in_disc(grid: Grid, x: float, y: float, radius: float) -> float:
     """The depth to which the highest cell of a disc is cut, mm."""
-    across = int(radius / grid.pitch)
-    column, row = np.rint((np.array([x, y]) - grid.low) / grid.pitch).astype(int)
-    part = grid.depth[row - across : row + across + 1, column - across : column + across + 1]
-    offsets = np.arange(-across, across + 1) * grid.pitch
-    return float(part[np.hypot(*np.meshgrid(offsets, offsets)) <= radius].min())
+    return float(grid.cut_out(x, y, radius)[make_disc(radius, grid.pitch)].min())
 
 
 def find_through(moves: Sequence[Move], job: Tables) -> Array:
