@@ -414,6 +414,12 @@ def _verify(sub: _Parser) -> None:
         metavar="FILE.html",
         help="write a page with the motion, the text and its faults",
     )
+    sub.add_argument(
+        "--summary",
+        action="store_true",
+        help="programs of their own in files, folders and patterns: a row for each",
+    )
+    sub.add_argument("--sarif", action="store_true", help="the rows as SARIF 2.1.0, for a pipeline")
     _json(sub)
 
 

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from glob import escape
 from pathlib import Path
 
 from msgspec import Struct
 
+from camgen.lang.programs import Finding, Frames
 from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.plugins import entries
+from camgen.model.pose import tell_frame
 from camgen.post.plugins import POSTS
 from camgen.read.files import Files
 
@@ -19,6 +21,8 @@ from camgen.read.files import Files
 _LINES = 60
 _JOB = re.compile(r"\bcamgen (\S+) - job ([0-9a-f]{12})\b")
 _POST = re.compile(r"\bpost: (\w+) - cell: ")
+_WORK = re.compile(r"work frame: (\S+(?: \S+){5})")
+_TOOL = re.compile(r"tool: .* - frame (\S+(?: \S+){5})")
 _PLACE = re.compile(r"\bprogram [1-9][0-9]* of [1-9][0-9]*\b")
 #: Characters around a line of a header that make it a comment.
 _COMMENT = " \t()!;'"
@@ -56,6 +60,30 @@ def read_header(texts: Mapping[str, str]) -> Header | None:
         return None
     lines = frozenset(line.strip(_COMMENT) for line in head)
     return Header(post[1], job[1], job[2], lines, any(map(_PLACE.fullmatch, lines)))
+
+
+def find_stale_frames(texts: Mapping[str, str], frames: Sequence[Frames]) -> list[Finding]:
+    """The lines of the header whose tool or work frame is none of those that the program sets.
+
+    Frames that only the controller stores are not compared.
+    """
+    kinds = (
+        (_WORK, "work", [frame.base_from_work for frame in frames]),
+        (_TOOL, "tool", [frame.flange_from_tool for frame in frames]),
+    )
+    head = next(iter(texts.values()), "").split("\n", _LINES)[:_LINES]
+    findings = []
+    for pattern, kind, poses in kinds:
+        stated = {tell_frame(pose) for pose in poses if pose is not None}
+        if not stated or None in poses:
+            continue
+        others = " or ".join(sorted(stated))
+        for number, line in enumerate(head, 1):
+            match = pattern.fullmatch(line.strip(_COMMENT))
+            if match and match[1] not in stated:
+                what = f"the header says {kind} frame {match[1]}, the program sets {others}"
+                findings.append(Finding("unusual", number, what))
+    return findings
 
 
 def name_source(program: Path, header: Header | None) -> Path:

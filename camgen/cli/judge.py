@@ -9,11 +9,14 @@ from pathlib import Path
 
 from msgspec.structs import replace
 
+from camgen.cli.header import find_stale_frames
 from camgen.cli.program_texts import read_texts
 from camgen.cli.say import join_names
 from camgen.lang.programs import (
+    LEVELS,
     Ask,
     Executed,
+    Finding,
     Frames,
     Language,
     Places,
@@ -97,6 +100,32 @@ def _assumed(given: str) -> tuple[str, float]:
             remedy="say for example --assume di1=1",
         )
     return name.strip().lower(), number
+
+
+#: Assumptions on units and speeds, by key. They change no path.
+_SCALES = frozenset({"feed", "inch", "mps", "rated"})
+
+
+def add_harm(executed: Executed, texts: Mapping[str, str]) -> Executed:
+    """``executed`` with what may do harm in its motion, and what its header says otherwise.
+
+    If the path rests on an assumption, nothing of it is dangerous for sure.
+    """
+    from camgen.check.harm import find_harm  # noqa: PLC0415 (numpy: only where a program is judged)
+
+    harm = [*find_harm(executed), *find_stale_frames(texts, executed.frames)]
+    if any(assumed.key not in _SCALES for assumed in executed.assumed):
+        harm = [_if_as_assumed(finding) for finding in harm]
+    findings = sorted(
+        (*executed.findings, *harm), key=lambda finding: (finding.line, LEVELS.index(finding.level))
+    )
+    return replace(executed, findings=tuple(findings))
+
+
+def _if_as_assumed(finding: Finding) -> Finding:
+    if finding.level != "dangerous":
+        return finding
+    return replace(finding, level="unusual", what=f"{finding.what}, if all is as assumed")
 
 
 def name_files(executed: Executed, place: Places) -> Executed:

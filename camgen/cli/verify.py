@@ -13,6 +13,7 @@ from camgen.batch.writing import check_targets, write_all
 from camgen.check.report import Motions, sum_up
 from camgen.cli.header import find_part, name_source, read_header
 from camgen.cli.judge import (
+    add_harm,
     as_data,
     ask_of,
     check_page,
@@ -109,7 +110,16 @@ def run(arguments: Namespace, says: Voice) -> int:
     other is judged by its language. The header of ours names the post if its job and its part are
     unchanged.
     """
+    if arguments.summary:
+        from camgen.cli.verify_many import run as run_many  # noqa: PLC0415 (only for many programs)
+
+        return run_many(arguments, says)
+    if arguments.sarif:
+        raise JobError("--sarif", "is for --summary", remedy="add --summary, or use --json")
     paths = [Path(name) for name in arguments.programs]
+    folder = next((path for path in paths if path.is_dir()), None)
+    if folder is not None:
+        raise InputError(str(folder), "is a folder", remedy="add --summary, or name the files")
     files = Files()
     drawing = Path(arguments.part) if arguments.part else None
     texts = read_texts(paths, files)
@@ -143,7 +153,7 @@ def _judge(asked: _Asked, says: Voice) -> int:
         check_page(arguments.report)
         check_targets([Path(arguments.report)], [*paths, *map(Path, arguments.points)])
     says.stage("running")
-    executed = language.run(texts, ask)
+    executed = add_harm(language.run(texts, ask), texts)
     says.clear()
     if len(texts) > 1:
         executed = name_files(executed, place)

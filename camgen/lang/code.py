@@ -166,8 +166,22 @@ class Return(Step, kw_only=True, gc=False):
     is_to_call: bool = False
 
 
-class Raise(Step, gc=False):
-    """Raises an error of the program."""
+class Raise(Step, kw_only=True, gc=False):
+    """Raises an error of the program.
+
+    is_again: whether it is the error that the handler has taken.
+    """
+
+    is_again: bool = False
+
+
+class Resume(Step, kw_only=True, gc=False):
+    """Ends an error handler.
+
+    is_again: whether the step that raised the error runs again. Else the one after it runs.
+    """
+
+    is_again: bool
 
 
 class End(Step, gc=False):
@@ -175,6 +189,7 @@ class End(Step, gc=False):
 
 
 _LEAVING = (Return, Raise, End)
+_LOOPS_AND_CASES = (LoopStart, CountStart, Select)
 
 
 def leaves(step: Step) -> bool:
@@ -188,7 +203,7 @@ def leaves(step: Step) -> bool:
 
 def _can_leave(step: Step, loop: range) -> bool:
     """Return whether a step of a loop may leave it."""
-    if leaves(step) and not isinstance(step, Jump):
+    if isinstance(step, Resume) or (leaves(step) and not isinstance(step, Jump)):
         return True
     is_unconditional = isinstance(step, LoopStart) and step.condition is None
     return step.to >= 0 and step.to not in loop and not is_unconditional
@@ -213,8 +228,16 @@ class Code(Struct):
         return self.acting[span.stop] > self.acting[span.start]
 
     def leaves(self, span: range) -> bool:
-        """Return whether the last step of a span leaves it for good."""
-        return len(span) > 0 and leaves(self.steps[span[-1]])
+        """Return whether a span leaves for good, by a step outside of its inner blocks."""
+        at = span.start
+        while at < span.stop:
+            step = self.steps[at]
+            if leaves(step):
+                return True
+            after = step.end if isinstance(step, Branch) else step.to
+            is_block = isinstance(step, (Branch, *_LOOPS_AND_CASES))
+            at = after if is_block and after > at else at + 1
+        return False
 
     def is_endless(self, loop: range) -> bool:
         """Return whether no step of a loop before its last one may leave it."""
@@ -229,6 +252,20 @@ class Code(Struct):
         assert isinstance(branch, Branch)
         has_alternative = branch.end > branch.to
         return range(at + 1, branch.to - has_alternative), range(branch.to, branch.end)
+
+    def list_alternatives(self, at: int) -> list[range]:
+        """Return the steps of each alternative to the branch at `at`, an empty one if it has none.
+
+        An alternative with a condition of its own comes before those to it.
+        """
+        blocks = []
+        _, alternative = self.list_branches(at)
+        while alternative and isinstance(first := self.steps[alternative.start], Branch):
+            if first.end != alternative.stop:
+                break
+            block, alternative = self.list_branches(alternative.start)
+            blocks.append(block)
+        return [*blocks, alternative]
 
 
 class Block(Struct, eq=False, gc=False):
@@ -306,7 +343,8 @@ class Compiler:
 
     def end_case(self, block: Block) -> None:
         """End the case before this line, if a block has one already."""
-        if len(self.steps) > block.start + 1:
+        assert isinstance(block.first, Select)
+        if block.first.cases:
             block.leaving.append(self.add(Jump(self.line)))
 
     def add_case(self, block: Block, tests: Any) -> None:

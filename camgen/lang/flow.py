@@ -6,8 +6,13 @@ What a program asks for may be unknown, such as an input. Then one branch is cho
   without a condition, the loop is left that way after one round.
 - Otherwise the guess of the language counts, if it has one. A loop is then run for a number of
   rounds, unless its end can be assumed.
-- Otherwise the branch that acts is entered. A loop that acts is run once, another loop not at all.
-- Of several cases, the first one that acts and does not leave is entered.
+- Otherwise the branch that acts is entered. A loop that acts and does not leave for good is run
+  once, another loop not at all.
+- Of several cases that do not leave, the first one that acts is entered, or else the first one
+  that has steps.
+
+An error of the program continues at the handler of the routine, or of the one that called it. A
+handler may end with the step that raised the error, or with the one after it.
 
 A loop whose condition holds and that repeats itself is left: something outside ends it. A loop
 without a condition is left too, or it ends the program, as the rules of the language say.
@@ -37,6 +42,7 @@ from camgen.lang.code import (
     LoopEnd,
     LoopStart,
     Raise,
+    Resume,
     Return,
     Select,
     Step,
@@ -49,8 +55,19 @@ from camgen.lang.values import Unknown
 _CALL_LIMIT = 100
 
 
+#: Runs of a step whose error a handler answers by running it again.
+_TRY_LIMIT = 5
+
+
 class Raised(Exception):
-    """The program raises an error, and the routine that runs has no handler."""
+    """The program raises an error, and the routine that runs has no handler.
+
+    line: line of the step that raised it.
+    """
+
+    def __init__(self, line: int) -> None:
+        super().__init__(line)
+        self.line = line
 
 
 class Choice(Enum):
@@ -101,22 +118,27 @@ class Rules(Struct, frozen=True):
     rounds: rounds of a loop that is guessed to go on. The program goes on after a loop without a
         condition. None: it ends there, and conditions are not guessed.
     skips_blocks: whether a block is passed whose first step cannot be carried out.
+    round_limit: rounds of a loop without a condition. After them it has no end, even if its state
+        differs after each round. None: the limit of steps ends it.
     """
 
     depth_limit: int
     rounds: int | None = None
     skips_blocks: bool = False
+    round_limit: int | None = None
 
 
 class Language(Protocol):
     """A language, as the run needs it.
 
-    log: findings and assumptions.
     faults: class of the exceptions for a step that cannot be carried out.
     """
 
-    log: Log
     faults: type[Exception]
+
+    @property
+    def log(self) -> Log:
+        """Findings and assumptions."""
 
     def begin(self, step: Step) -> None:
         """Take note that a step runs now."""
@@ -127,7 +149,7 @@ class Language(Protocol):
     def to_number(self, value: Any) -> float:
         """Return a value as a number."""
 
-    def matches(self, value: Any, tests: Any) -> bool:
+    def matches(self, value: Any, tests: Any) -> bool | Unknown:
         """Return whether a value selects a case."""
 
     def open_count(self, count: Any) -> Counter:
@@ -152,7 +174,8 @@ class Language(Protocol):
 
         step: branch, or first step of the loop.
         unknown: the value that the choice depends on.
-        length: number of instructions before the round that a loop repeats.
+        length: number of instructions before the round that a loop repeats; for a loop without end,
+            number of instructions after its first round; for a case, its index.
         """
 
     def report(self, step: Step, error: Exception) -> None:
@@ -168,6 +191,9 @@ class CallFrame(Struct, gc=False):
     exits: branches not taken that leave for good, by the index of their condition.
     returns: indices of the steps to which calls of labels return.
     handler: index of the step of the error handler, -1 without one.
+    error: error that the handler has taken last, None without one.
+    failed: index of the step that raised it.
+    tries: number of runs of steps that a handler ran again, by their index.
     """
 
     code: Code
@@ -177,6 +203,9 @@ class CallFrame(Struct, gc=False):
     exits: dict[int, range] = field(default_factory=dict)
     returns: list[int] = field(default_factory=list)
     handler: int = -1
+    error: Raised | None = None
+    failed: int = -1
+    tries: dict[int, int] = field(default_factory=dict)
 
 
 class Flow:
@@ -210,9 +239,10 @@ class Flow:
             spend(step.cost)
             try:
                 at = _RUN[type(step)](self, frame, at, step)
-            except Raised:
+            except Raised as error:
                 if frame.handler < 0:
                     raise
+                frame.error, frame.failed = error, at
                 at = frame.handler
             except faults as error:
                 self._language.report(step, error)
@@ -254,30 +284,40 @@ class Flow:
         branch, alternative = code.list_branches(at)
         if unknown.guess is not None:
             return unknown.guess and not (step.is_leaving and not alternative)
-        if step.is_leaving != code.leaves(alternative):
+        others = code.list_alternatives(at)
+        staying = [block for block in others if not code.leaves(block)]
+        if step.is_leaving == bool(staying):
             frame.exits[at] = branch if step.is_leaving else alternative
             return not step.is_leaving
-        is_idle = code.acts(alternative) and not code.acts(branch)
+        is_idle = any(map(code.acts, staying or others)) and not code.acts(branch)
         return not is_idle and not step.condition.is_unlikely
 
     def _select(self, frame: CallFrame, _at: int, step: Select) -> int:
         value = self._language.evaluate(step.value)
-        if isinstance(value, Unknown):
-            self._language.assume(Choice.FIRST_CASE, step, value)
-            return self._choose_case(frame.code, step)
-        for case in step.cases:
-            if case.tests is None or self._language.matches(value, case.tests):
+        unknown = value if isinstance(value, Unknown) else None
+        is_known = unknown is None
+        for case in step.cases if is_known else ():
+            matches = case.tests is None or self._language.matches(value, case.tests)
+            if isinstance(matches, Unknown):
+                unknown = unknown or matches
+            elif matches and (case.tests is not None or unknown is None):
                 return case.to
-        return step.to
+        if unknown is None:
+            return step.to
+        number = self._choose_case(frame.code, step)
+        self._language.assume(Choice.FIRST_CASE, step, unknown, number)
+        return step.cases[number].to if step.cases else step.to
 
     def _choose_case(self, code: Code, step: Select) -> int:
-        """Return the first step of the case of an unknown value."""
+        """Return the index of the case of an unknown value."""
         starts = [case.to for case in step.cases]
-        for start, end in zip(starts, [*starts[1:], step.to], strict=False):
-            case = range(start, end)
-            if code.acts(case) and not code.leaves(case):
-                return start
-        return starts[0] if starts else step.to
+        # The last step of a case leads behind the block.
+        ends = [*(start - 1 for start in starts[1:]), step.to]
+        cases = [range(start, end) for start, end in zip(starts, ends, strict=False)]
+        staying = [number for number, case in enumerate(cases) if not code.leaves(case)]
+        acting = [number for number in staying if code.acts(cases[number])]
+        filled = [number for number in staying if cases[number]]
+        return next(iter(acting or filled or staying), 0)
 
     # -- jumps ---------------------------------------------------------------------------------
 
@@ -331,8 +371,20 @@ class Flow:
         frame.handler = frame.code.labels.get(step.label, -1)
         return at + 1
 
-    def _raise(self, _frame: CallFrame, _at: int, _step: Raise) -> int:
-        raise Raised
+    def _raise(self, frame: CallFrame, _at: int, step: Raise) -> int:
+        if step.is_again and frame.error is not None:
+            raise frame.error
+        raise Raised(step.line)
+
+    def _resume(self, frame: CallFrame, _at: int, step: Resume) -> int:
+        failed = frame.failed
+        if not step.is_again:
+            frame.tries.pop(failed, None)
+            return self._skip(frame.code.steps[failed], failed)
+        tries = frame.tries[failed] = frame.tries.get(failed, 1) + 1
+        if tries > _TRY_LIMIT:
+            raise Stopped(f"an error comes again after {_TRY_LIMIT} tries")
+        return failed
 
     def _end(self, _frame: CallFrame, _at: int, _step: End) -> int:
         raise Ended
@@ -357,10 +409,11 @@ class Flow:
         """Return whether a loop is entered whose condition is unknown."""
         frame.undecided.add(at)
         if unknown.guess is None:
-            acts = frame.code.acts(range(at, step.to))
-            choice = Choice.LOOP_RUN_ONCE if acts else Choice.LOOP_ENDED
+            body = range(at + 1, step.to - 1)
+            is_entered = frame.code.acts(body) and not frame.code.leaves(body)
+            choice = Choice.LOOP_RUN_ONCE if is_entered else Choice.LOOP_ENDED
             self._language.assume(choice, step, unknown)
-            return acts
+            return is_entered
         return unknown.guess and self._has_round(frame, at, step, unknown)
 
     def _has_round(self, frame: CallFrame, at: int, step: Step, unknown: Unknown) -> bool:
@@ -432,10 +485,14 @@ class Flow:
             self._language.assume(Choice.LOOP_LEFT, code.steps[loop.start])
             # The longest branch does most. An error handler is short.
             return max((frame.exits.pop(at) for at in conditions), key=len).start
-        if code.is_endless(loop) or self._is_repeated(frame, key):
-            self._language.assume(Choice.LOOP_ENDLESS, code.steps[loop.start])
-            raise Ended
-        return loop.start
+        is_endless = code.is_endless(loop) or self._is_repeated(frame, key)
+        rounds = frame.rounds.get(key)
+        limit = self._rules.round_limit
+        if not is_endless and (limit is None or rounds is None or rounds.count <= limit):
+            return loop.start
+        length = self._language.count_instructions() if rounds is None else rounds.first_length
+        self._language.assume(Choice.LOOP_ENDLESS, code.steps[loop.start], length=length)
+        raise Ended
 
     def _watch(self, frame: CallFrame, at: int, start: int, key: int) -> int:
         """Return the step after a round: the start of the loop, or the step after its end `at`."""
@@ -491,6 +548,7 @@ _RUN: dict[type[Step], Callable[[Flow, CallFrame, int, Any], int]] = {
     Return: Flow._return,
     Handle: Flow._handle,
     Raise: Flow._raise,
+    Resume: Flow._resume,
     End: Flow._end,
     Select: Flow._select,
     LoopStart: Flow._start_loop,

@@ -51,11 +51,13 @@ class LoopRounds:
 
     count: number of rounds so far.
     length: number of instructions of the run when the state was kept that the last one repeats.
+    first_length: number of instructions of the run after the first round.
     """
 
     def __init__(self) -> None:
         self.count = 0
         self.length = 0
+        self.first_length = 0
         self._kept: object = None
 
     def is_repeated(self, read_state: Callable[[], object], length: int = 0) -> bool:
@@ -66,6 +68,8 @@ class LoopRounds:
         length: number of instructions of the run so far.
         """
         self.count += 1
+        if self.count == 1:
+            self.first_length = length
         is_first = self.count <= _FIRST_ROUNDS
         is_power = self.count & (self.count - 1) == 0
         if not is_first and not is_power and (self.count - 1) & (self.count - 2):

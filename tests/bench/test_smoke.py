@@ -139,6 +139,7 @@ SMOKES = [
         "check.template {here}/dxf alone", (1, 1),
         {"gouge mm": (0, 0.005), "left unexplained mm2": (0, 0.01), "built": (1, 1), "miss a goal": (0, 0)},
     ),
+    Smoke("check.harm {here}/faults", (1, 0), {"found": (1, 1), "faults": (1, 1)}),
     Smoke("languages.choose {here}/none", (7,), {"programs": (0, 0)}),
     Smoke("languages.strict_runs 200", (6,), {"lines": (2000, 9000)}),
     Smoke("languages.public {here}/none gcode", (1,), {"programs": (60, 60), "tracebacks": (0, 0)}),
@@ -200,6 +201,14 @@ def here(tmp_path_factory: pytest.TempPathFactory) -> Path:
         cv2.imwrite(
             str(folder / "boards" / f"{k}.png"), photo(CAMERA, chess(9, 6, 25), pose, seed=k).pixels
         )
+    faults = folder / "faults" / "rapid"
+    faults.mkdir(parents=True)
+    sound = (PROGRAMS / "part.mod").read_text(encoding="utf-8")
+    (faults / "sound.mod").write_text(sound, encoding="utf-8")
+    before, _, after = sound.rpartition("        SetDO doProcess,0;\n")
+    (faults / "lost.mod").write_text(before + after, encoding="utf-8")
+    rows = "language\tfile\tfault\nrapid\tlost.mod\tthe last switch-off is lost\n"
+    (faults.parent / "table.tsv").write_text(rows, encoding="utf-8")
     return folder
 
 

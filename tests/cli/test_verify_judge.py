@@ -198,3 +198,42 @@ def test_nothing_in_a_file_reaches_the_terminal_as_an_order(capsys):
     shown = capsys.readouterr()
     assert "[2J = 3 is not understood" in shown.out
     assert not any(ord(letter) < 32 and letter != "\n" for letter in shown.out + shown.err)
+
+
+def glue(*, ask: str = "", last_off: str = "    SetDO doGlue,0;\n") -> str:
+    """Three straight paths in RAPID with an output on. ask: statement before the first motion."""
+    motions = ask
+    for x in (0, 50, 100):
+        motions += f"    MoveJ Offs(p1,{x},0,50),v500,fine,tGun;\n"
+        motions += f"    MoveL Offs(p1,{x},0,0),v50,fine,tGun;\n    SetDO doGlue,1;\n"
+        motions += f"    MoveL Offs(p1,{x},80,0),v50,fine,tGun;\n"
+        motions += last_off if x == 100 else "    SetDO doGlue,0;\n"
+    head, _, _ = RAPID.partition("    MoveJ p1")
+    return f"{head}{motions}    MoveJ Offs(p1,0,0,90),v500,fine,tGun;\n  ENDPROC\nENDMODULE\n"
+
+
+def test_harm_in_the_motion_is_exit_3(capsys):
+    assert judged(capsys, write("glue.mod", glue()))[::2] == (0, [])
+    code, _, lines, error = judged(capsys, write("glue.mod", glue(last_off="")))
+    assert code == 3
+    assert "doGlue is still on at the end" in "".join(lines)
+    assert "dangerous" in error
+
+
+def test_harm_that_rests_on_an_assumption_is_unusual(capsys):
+    ask = "    IF diReady=0 THEN\n      Stop;\n    ENDIF\n"
+    code, page, lines, error = judged(capsys, write("glue.mod", glue(ask=ask, last_off="")))
+    assert "diReady" in page["assumed"]
+    assert (code, error) == (0, "")
+    assert [line for line in lines if line.endswith("at the end, if all is as assumed")]
+
+
+def test_a_header_that_names_another_frame(capsys):
+    header = "! work frame: 1 2 3 0 0 0\n! tool: diameter 6 mm - frame 0 0 210 0 0 0\n"
+    _, _, lines, _ = judged(capsys, write("glue.mod", header + glue()))
+    assert lines == [
+        "glue.mod line 1: unusual: the header says work frame 1 2 3 0 0 0, "
+        "the program sets 0 0 0 0 0 0",
+        "glue.mod line 2: unusual: the header says tool frame 0 0 210 0 0 0, "
+        "the program sets 0 0 200 0 0 0",
+    ]

@@ -167,7 +167,8 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "square.v2": VPLUS,
         "old.pcs": PACSCRIPT,
     }
-    for file, text in (texts | {"old.v2": VPLUS}).items():
+    (folder / "programs").mkdir(exist_ok=True)
+    for file, text in (texts | {"old.v2": VPLUS, "programs/old.ngc": OLD}).items():
         (folder / file).write_text(text)
     clamped, _ = recover.readfile(PARTS / "motor.dxf")
     for x, y in itertools.product((-20, 116), (-20, 86)):

@@ -15,6 +15,7 @@ from camgen.lang.code import (
     Jump,
     LoopStart,
     Raise,
+    Resume,
     Return,
     Select,
     Step,
@@ -117,6 +118,7 @@ def test_labels_are_found_ahead_and_the_first_of_two_counts() -> None:
     [
         (Return(1), True),
         (Raise(1), True),
+        (Resume(1, is_again=True), False),
         (End(1), True),
         (Jump(1, 5), False),
         (Jump(1, 5, label="a"), True),
@@ -140,6 +142,36 @@ def test_spans_that_act_and_that_leave() -> None:
     assert code.leaves(range(5))
     assert not code.leaves(range(4))
     assert not code.leaves(range(5, 5))
+
+
+@pytest.mark.parametrize(("is_inner", "is_leaving"), [(False, True), (True, False)])
+def test_a_span_leaves_by_a_step_outside_of_its_inner_blocks(
+    is_inner: bool, is_leaving: bool
+) -> None:
+    compiler = Compiler()
+    compiler.open_branch("if", Condition("a"))
+    if is_inner:
+        compiler.open_branch("if", Condition("b"))
+    compiler.add(Return(1))
+    if is_inner:
+        compiler.close(compiler.blocks.pop())
+    compiler.add(act(2))
+    compiler.close(compiler.blocks.pop())
+    branch = compiler.finish().steps[0]
+    assert isinstance(branch, Branch)
+    assert branch.is_leaving == is_leaving
+
+
+def test_an_empty_case_leads_behind_the_block() -> None:
+    compiler = Compiler()
+    block = compiler.open("select", Select(1, value="a", cases=[]))
+    for tests in ([1], [2]):
+        compiler.end_case(block)
+        compiler.add_case(block, tests)
+    compiler.add(act(2))
+    compiler.close(compiler.blocks.pop())
+    assert [case.to for case in block.first.cases] == [1, 2]  # type: ignore[attr-defined]
+    assert list_targets(compiler) == [3, 3, -1]
 
 
 @pytest.mark.parametrize("way_out", ["condition", "exit", "return", "jump", "none"])

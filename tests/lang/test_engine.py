@@ -13,7 +13,7 @@ from tests.support.syntax import list_nodes
 ENGINE = Path(__file__).parents[2] / "camgen" / "lang"
 LANGUAGES = ("gcode", "pacscript", "rapid", "vplus")
 #: Languages whose routines are steps of the engine, which runs them.
-ON_THE_ENGINE = ("pacscript", "vplus")
+ON_THE_ENGINE = ("pacscript", "rapid", "vplus")
 #: Modules of the engine. What they define, no language defines.
 MODULES = ("log", "run")
 FLOW_MODULES = ("code", "flow", "values")

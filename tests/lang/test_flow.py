@@ -18,6 +18,7 @@ from camgen.lang.code import (
     JumpTable,
     LoopStart,
     Raise,
+    Resume,
     Return,
     Select,
     Step,
@@ -61,8 +62,8 @@ class Toy:
     def to_number(self, value: float) -> float:
         return float(value)
 
-    def matches(self, value: object, tests: list[object]) -> bool:
-        return value in tests
+    def matches(self, value: object, tests: list[object]) -> bool | Unknown:
+        return Unknown("x") if "x" in tests else value in tests
 
     def open_count(self, count: str) -> Counter:
         name, first, last, step = count.split()
@@ -199,6 +200,20 @@ def test_a_value_selects_its_case_and_an_unknown_one_a_case_that_acts(
     assert toy.choices == ([(Choice.FIRST_CASE, 1)] if value == "x" else [])
 
 
+@pytest.mark.parametrize(("value", "done"), [("1", ["a"]), ("9", ["c"]), ("5", ["c"])])
+def test_an_unknown_case_leaves_the_choice_open(value: str, done: list[str]) -> None:
+    """Another case counts if it is selected. No case acts, and the first two leave."""
+    toy = Toy()
+    block = toy.compiler.open("select", Select(1, value=value, cases=[]))
+    for tests, action in (([1], "a"), (["x"], "b"), ([9], "c")):
+        toy.compiler.end_case(block)
+        toy.compiler.add_case(block, tests)
+        toy.do(action, Effect.LEAVES if action != "c" else Effect.NONE)
+    close(toy)
+    assert toy.run().done == done
+    assert toy.choices == ([(Choice.FIRST_CASE, 1)] if value == "5" else [])
+
+
 # -- loops -------------------------------------------------------------------------------------
 
 
@@ -242,6 +257,33 @@ def test_a_loop_with_an_unknown_condition_runs_once_if_it_acts(
     assert toy.choices == [(choice, 1)]
 
 
+def test_a_loop_with_an_unknown_condition_is_passed_if_it_leaves_for_good() -> None:
+    toy = Toy()
+    open_loop(toy, "x")
+    toy.do("a", Effect.MOVES)
+    toy.compiler.add(Return(2))
+    close_loop(toy)
+    toy.do("b")
+    assert toy.run().done == ["b"]
+    assert toy.choices == [(Choice.LOOP_ENDED, 1)]
+
+
+def test_an_unknown_condition_is_compared_with_each_alternative() -> None:
+    """The first alternative acts and leaves. The last one does neither, so that nothing acts."""
+    toy = Toy()
+    open_branch(toy, Condition("x"))
+    toy.do("a")
+    add_alternative(toy)
+    toy.compiler.add_condition(toy.compiler.blocks[-1], Condition("1 < 2"))
+    toy.do("b", Effect.MOVES)
+    toy.compiler.add(Return(2))
+    add_alternative(toy)
+    toy.do("c")
+    close(toy)
+    assert toy.run().done == ["a"]
+    assert toy.choices == [(Choice.BRANCH_ENTERED, 1)]
+
+
 def test_a_loop_whose_condition_never_changes_is_left() -> None:
     toy = Toy()
     open_loop(toy, "1 < 2")
@@ -280,6 +322,28 @@ def test_a_loop_is_left_where_an_unknown_branch_could_have_left_it() -> None:
     toy.do("e")
     assert toy.run().done == ["d", "b", "c", "e"]
     assert toy.choices[-1] == (Choice.LOOP_LEFT, 1)
+
+
+@pytest.mark.parametrize(("limit", "choice"), [(20, Choice.LOOP_ENDLESS), (None, None)])
+def test_a_loop_without_a_condition_has_a_limit_of_rounds(
+    limit: int | None, choice: Choice | None
+) -> None:
+    """Its state is another one after each round. The toy keeps the actions of the first round."""
+    toy = Toy(limit=200, rules=Rules(depth_limit=3, round_limit=limit))
+    toy.do("n = 0")
+    open_loop(toy)
+    toy.do("n = n + 1")
+    open_branch(toy, Condition("n < 0"))
+    toy.compiler.exit(["do"])
+    close(toy)
+    close_loop(toy)
+    if choice is None:
+        with pytest.raises(Stopped, match="toy_steps"):
+            toy.run()
+        return
+    assert toy.run().done == ["n = 0", "n = n + 1", "ended"]
+    assert toy.names == {"n": 21}
+    assert toy.choices == [(choice, 2)]
 
 
 def test_a_jump_back_is_a_loop() -> None:
@@ -486,6 +550,55 @@ def test_an_error_runs_the_handler_and_ends_the_program_without_one() -> None:
     with pytest.raises(Raised):
         toy.run()
     assert toy.done == ["b"]
+
+
+def add_handled(toy: Toy, error: str, *, is_again: bool) -> None:
+    """Add a block that ends if n >= 2, a step that raises an error if n < 2, and its handler."""
+
+    def fail(toy: Toy, line: int) -> None:
+        if toy.names["n"] < 2:
+            raise Raised(line)
+
+    toy.compiler.add(Handle(1, label="handler"))
+    toy.do("n = 0")
+    toy.compiler.add(Act(7, do=fail, operand=7))
+    toy.do("a")
+    toy.compiler.add(Return(8))
+    toy.compiler.mark("handler")
+    toy.compiler.add(Handle(9, label=""))
+    toy.do(error)
+    toy.compiler.add(Handle(9, label="handler"))
+    toy.compiler.add(Resume(9, is_again=is_again))
+
+
+@pytest.mark.parametrize(("is_again", "count"), [(True, 2), (False, 1)])
+def test_a_handler_ends_with_the_step_that_failed_or_the_one_after_it(
+    is_again: bool, count: int
+) -> None:
+    toy = Toy()
+    add_handled(toy, "n = n + 1", is_again=is_again)
+    assert toy.run().done == ["n = 0", *["n = n + 1"] * count, "a"]
+
+
+def test_an_error_that_comes_again_and_again_stops_the_run() -> None:
+    toy = Toy()
+    add_handled(toy, "b", is_again=True)
+    with pytest.raises(Stopped, match="an error comes again after 5 tries"):
+        toy.run()
+    assert toy.done == ["n = 0", *["b"] * 5]
+
+
+@pytest.mark.parametrize(("is_again", "line"), [(True, 2), (False, 4)])
+def test_a_handler_raises_its_error_again_or_another_one(is_again: bool, line: int) -> None:
+    toy = Toy()
+    toy.compiler.add(Handle(1, label="handler"))
+    toy.compiler.add(Raise(2))
+    toy.compiler.mark("handler")
+    toy.compiler.add(Handle(3, label=""))
+    toy.compiler.add(Raise(4, is_again=is_again))
+    with pytest.raises(Raised) as raised:
+        toy.run()
+    assert raised.value.line == line
 
 
 def test_a_step_that_cannot_be_carried_out_is_reported_and_passed() -> None:

@@ -15,7 +15,7 @@ from camgen.lang.programs import Executed
 from camgen.lang.rapid.plain import read_plain
 from camgen.lang.rapid.strict import read, read_with
 from camgen.lang.rapid.strict.rows import Run, Spellings, read_positions
-from camgen.lang.rapid.strict.syntax import Call, Inline, Written, calls_of, parse
+from camgen.lang.rapid.strict.syntax import Calling, Inline, Written, calls_of, parse
 from camgen.model.pose import TOOL_DOWN, Pose, translation
 from camgen.model.program import (
     Force,
@@ -57,7 +57,7 @@ def module(body: str, data: str = "") -> str:
 def kinds(text: str) -> list[tuple[str, str]]:
     """How each statement of a text was taken, and its name."""
     modules, *_ = parse(text, 1, Spellings(Written), Log())
-    calls: list[Call | Inline] = [
+    calls: list[Calling | Inline] = [
         call for m in modules for r in m.routines for call in calls_of(r.body)
     ]
     return [("inline", c.shape.name) if isinstance(c, Inline) else ("call", c.name) for c in calls]
@@ -232,10 +232,10 @@ def test_what_is_not_usual_is_read_by_the_general_rules(
     ],
 )  # fmt: skip
 def test_what_is_left_to_the_general_rules(text: str) -> None:
-    body: list[Call | Inline] = []
+    body: list[Calling | Inline] = []
     usual = "\n  SetDO do1,1;\n ! x;\nSetDO do1,1;"
     assert read_plain(f"{usual}{text}", 0, 7, body, Written) == (len(usual), 10)
-    assert [(call.name, call.line) for call in body if isinstance(call, Call)] == [
+    assert [(call.name, call.line) for call in body if isinstance(call, Calling)] == [
         ("setdo", 8),
         ("setdo", 10),
     ]

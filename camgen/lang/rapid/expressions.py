@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from .tokens import RESERVED, Token, Wrong, number, point, show_token, string, tokens, whole_move
 from .tree import (
-    Call,
+    Calling,
     Component,
     Element,
     Expr,
@@ -79,24 +79,24 @@ class Calls:
 
     # -- statements ----------------------------------------------------------------------------------------------
 
-    def statement_call(self) -> Call:
+    def statement_call(self) -> Calling:
         """A statement that begins with a name, which is no reserved word, or is a whole motion."""
         kind, text, line, _ = self.take()
         if kind == "move":
             name, target, speed, zone, tool, work = whole_move(text)
             args: tuple[Expr, ...] = (Point(point(target, line)), *refs(speed, zone, tool))
-            return Call(line, name.lower(), args, work_object(work))
+            return Calling(line, name.lower(), args, work_object(work))
         if self.token[0] == "mark" and self.token[1] in (":=", ":", ".", "{", "("):
             raise Wrong(line, f"{text}{self.token[1]} is a statement that is not read")
         return self.call_of(text, line)
 
-    def call_of(self, name: str, line: int) -> Call:
+    def call_of(self, name: str, line: int) -> Calling:
         """The arguments of a statement up to its semicolon."""
         if self.accept(";"):
-            return Call(line, name.lower())
+            return Calling(line, name.lower())
         arguments, options = self.arguments(0)
         self.expect(";")
-        return Call(line, name.lower(), arguments, options)
+        return Calling(line, name.lower(), arguments, options)
 
     # -- expressions ---------------------------------------------------------------------------------------------
 
@@ -224,10 +224,10 @@ class Calls:
         if not self.accept("("):
             return self.part(Ref(name), depth) if self.whole else Ref(name)
         if self.whole and self.accept(")"):
-            return Call(line, name.lower())
+            return Calling(line, name.lower())
         args, options = self.arguments(depth + 1)
         self.expect(")")
-        return Call(line, name.lower(), args, options)
+        return Calling(line, name.lower(), args, options)
 
     def part(self, value: Expr, depth: int) -> Expr:
         """A name with the elements and components behind it."""

@@ -10,6 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from camgen.lang.values import Unknown
 from camgen.model.pose import (
     Pose,
     fixed_xyz,
@@ -24,11 +25,11 @@ from camgen.model.pose import (
 from .machine import Machine
 from .places import pose_of, say_pose, see_here, see_joints
 from .tokens import Wrong
-from .tree import Call, Element, Expr, Maybe, Ref
-from .values import NOTHING, Unknown, Value, find_unknown, operate, tell_type
+from .tree import Calling, Element, Expr, Maybe, Ref
+from .values import NOTHING, Value, find_unknown, operate, tell_type
 
 
-def call_function(machine: Machine, call: Call) -> Value:
+def call_function(machine: Machine, call: Calling) -> Value:
     """The worth of ``name(...)``."""
     routine = machine.routine(call.name)
     if routine is not None:
@@ -75,7 +76,7 @@ def call_function(machine: Machine, call: Call) -> Value:
 # Poses ----------------------------------------------------------------------------------------------------------
 
 
-def _offs(machine: Machine, call: Call) -> Value:
+def _offs(machine: Machine, call: Calling) -> Value:
     values = [machine.value(arg) for arg in call.args]
     if len(values) != 4 or not isinstance(values[0], (tuple, Unknown)):
         raise Wrong(machine.line, "Offs has a robtarget and three numbers")
@@ -94,7 +95,7 @@ def _add(machine: Machine, a: Value, b: Value) -> float:
     return a + b
 
 
-def _reltool(machine: Machine, call: Call) -> Value:
+def _reltool(machine: Machine, call: Calling) -> Value:
     values = [machine.value(arg) for arg in call.args]
     if len(values) != 4:
         raise Wrong(machine.line, "RelTool has a robtarget and three numbers")
@@ -126,14 +127,14 @@ def _is_given(machine: Machine, value: Expr | None) -> bool:
     return variable is not None and variable.storage != "absent"
 
 
-def _joints_here(machine: Machine, _call: Call) -> Value:
+def _joints_here(machine: Machine, _call: Calling) -> Value:
     if machine.here.joints is None:
         machine.log.assume("CJointT: the joints where the arm is are not known", "")
         return Unknown("CJointT()")
     return (machine.here.joints, (9e9,) * 6)
 
 
-def _robot_of_joints(machine: Machine, call: Call) -> Value:
+def _robot_of_joints(machine: Machine, call: Calling) -> Value:
     """CalcRobT: where joint values put the tool."""
     joints = machine.value(call.args[0]) if len(call.args) == 2 else NOTHING
     known = isinstance(joints, tuple) and len(joints) == 2 and find_unknown(joints[0]) is None
@@ -144,7 +145,7 @@ def _robot_of_joints(machine: Machine, call: Call) -> Value:
     return _of_arm(machine, call)
 
 
-def _of_arm(machine: Machine, call: Call) -> Value:
+def _of_arm(machine: Machine, call: Calling) -> Value:
     """CalcRobT and CalcJointT: they need the arm."""
     machine.log.assume(f"{call.name} needs the arm: what it gives is not known", "")
     return Unknown(f"{call.name}()")
@@ -178,7 +179,7 @@ def _orient_zyx(z: float, y: float, x: float) -> Value:
     return quaternion(frozen(matrix))
 
 
-def _euler(machine: Machine, call: Call) -> Value:
+def _euler(machine: Machine, call: Calling) -> Value:
     """EulerZYX: of R = Rz Ry Rx the angle that the switch names, deg."""
     turn = machine.value(call.args[0]) if call.args else NOTHING
     if find_unknown(turn) is not None:
@@ -225,7 +226,7 @@ def name_of(machine: Machine, expr: Expr | None) -> str:
     return "" if expr is None else "a signal"
 
 
-def _signal(machine: Machine, call: Call) -> Value:
+def _signal(machine: Machine, call: Calling) -> Value:
     """DInput, DOutput, GInput, AInput and the like."""
     name = name_of(machine, call.args[0] if call.args else None)
     key = name.lower()
@@ -234,7 +235,7 @@ def _signal(machine: Machine, call: Call) -> Value:
     return machine.ask_for(name, key)
 
 
-def _test_input(machine: Machine, call: Call) -> Value:
+def _test_input(machine: Machine, call: Calling) -> Value:
     value = _signal(machine, call)
     return value if isinstance(value, Unknown) else value != 0
 
@@ -287,7 +288,7 @@ def _map(text: str, old: str, new: str) -> str:
     return text.translate({ord(a): b for a, b in zip(old, new, strict=False)})
 
 
-def _number_of_text(machine: Machine, call: Call) -> Value:
+def _number_of_text(machine: Machine, call: Calling) -> Value:
     """StrToVal: writes the value into its second argument, and says whether there was one."""
     text = machine.value(call.args[0]) if call.args else NOTHING
     if len(call.args) != 2:
@@ -325,14 +326,14 @@ def _is_plain(value: Value) -> bool:
 # What the program itself is -------------------------------------------------------------------------------------
 
 
-def _present(machine: Machine, call: Call) -> Value:
+def _present(machine: Machine, call: Calling) -> Value:
     if len(call.args) != 1 or not isinstance(call.args[0], Ref):
         raise Wrong(machine.line, "Present has the name of a parameter")
     variable = machine.variable(call.args[0].name)
     return variable is not None and variable.storage != "absent"
 
 
-def _dimension(machine: Machine, call: Call) -> Value:
+def _dimension(machine: Machine, call: Calling) -> Value:
     if len(call.args) != 2:
         raise Wrong(machine.line, "Dim has an array and a number")
     value, which = machine.value(call.args[0]), machine.number(call.args[1])
@@ -343,7 +344,7 @@ def _dimension(machine: Machine, call: Call) -> Value:
     return float(len(value)) if isinstance(value, list) else 0.0
 
 
-def _rounded(machine: Machine, call: Call) -> Value:
+def _rounded(machine: Machine, call: Calling) -> Value:
     """Round and Trunc, with the decimals that they keep."""
     value = machine.number(call.args[0]) if call.args else NOTHING
     digits = next((machine.number(v) for name, v in call.options if name == "dec"), 0.0)
@@ -372,7 +373,7 @@ def _bits(function: Callable[[int, int], int]) -> Callable[[float, float], float
 
 #: The bits of a dnum that functions of bits work on.
 _DNUM = 2**52 - 1
-_SPECIAL: dict[str, Callable[[Machine, Call], Value]] = {
+_SPECIAL: dict[str, Callable[[Machine, Calling], Value]] = {
     "offs": _offs, "reltool": _reltool, "crobt": see_here, "cpos": see_here, "cjointt": _joints_here,
     "calcrobt": _robot_of_joints, "calcjointt": _of_arm, "eulerzyx": _euler, "strtoval": _number_of_text,
     "present": _present,

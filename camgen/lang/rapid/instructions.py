@@ -11,6 +11,7 @@ from collections.abc import Callable
 from msgspec.structs import replace
 
 from camgen.lang.run import Ended
+from camgen.lang.values import Unknown
 from camgen.model.instructions import Force, MoveC, MoveJ, MoveL, Output, Stop, Wait
 from camgen.model.pose import IDENTITY, Pose
 
@@ -20,8 +21,8 @@ from .machine import Here, Machine
 from .motions import Trigger
 from .places import pose_of, see_here
 from .tokens import Wrong
-from .tree import Call, Component, Element, Expr, Ref
-from .values import Unknown, find_unknown
+from .tree import Calling, Component, Element, Expr, Ref
+from .values import find_unknown
 
 #: s: how long PulseDO switches on where it does not say.
 _PULSE = 0.2
@@ -44,7 +45,7 @@ def _set_to(machine: Machine, name: str, value: float, group: bool = False) -> N
     machine.outputs[name.lower()] = value
 
 
-def _signal_of(machine: Machine, call: Call, count: int) -> str:
+def _signal_of(machine: Machine, call: Calling, count: int) -> str:
     if len(call.args) != count:
         raise Wrong(
             machine.line,
@@ -53,7 +54,7 @@ def _signal_of(machine: Machine, call: Call, count: int) -> str:
     return name_of(machine, call.args[0])
 
 
-def _set_output(machine: Machine, call: Call) -> None:
+def _set_output(machine: Machine, call: Calling) -> None:
     """SetDO, SetAO, SetGO."""
     options = dict(call.options)
     given = options.get("dvalue")
@@ -71,12 +72,12 @@ def _set_output(machine: Machine, call: Call) -> None:
     )
 
 
-def _set_one(machine: Machine, call: Call) -> None:
+def _set_one(machine: Machine, call: Calling) -> None:
     """Set, Reset."""
     _set_to(machine, _signal_of(machine, call, 1), float(call.name == "set"))
 
 
-def _invert(machine: Machine, call: Call) -> None:
+def _invert(machine: Machine, call: Calling) -> None:
     name = _signal_of(machine, call, 1)
     now = machine.outputs.get(name.lower())
     if now is None:
@@ -85,7 +86,7 @@ def _invert(machine: Machine, call: Call) -> None:
     _set_to(machine, name, float(now == 0))
 
 
-def _pulse(machine: Machine, call: Call) -> None:
+def _pulse(machine: Machine, call: Calling) -> None:
     """PulseDO: on, and off again while the program goes on."""
     name = _signal_of(machine, call, 1)
     options = dict(call.options)
@@ -100,7 +101,7 @@ def _pulse(machine: Machine, call: Call) -> None:
 # Waits ----------------------------------------------------------------------------------------------------------
 
 
-def _wait(machine: Machine, call: Call) -> None:
+def _wait(machine: Machine, call: Calling) -> None:
     """WaitTime; with InPos it waits for standstill first."""
     if not call.args:
         raise Wrong(machine.line, "WaitTime has a time")
@@ -115,7 +116,7 @@ def _wait(machine: Machine, call: Call) -> None:
     machine.blending = 0  # by the end of the wait the arm has come to its point
 
 
-def _wait_signal(machine: Machine, call: Call) -> None:
+def _wait_signal(machine: Machine, call: Calling) -> None:
     """WaitDI, WaitDO, WaitGI, WaitAI ...: over at once."""
     name = name_of(machine, call.args[0] if call.args else None)
     value = machine.number(call.args[1]) if len(call.args) > 1 else 1.0
@@ -124,7 +125,7 @@ def _wait_signal(machine: Machine, call: Call) -> None:
     _no_timeout(machine, call)
 
 
-def _wait_until(machine: Machine, call: Call) -> None:
+def _wait_until(machine: Machine, call: Calling) -> None:
     """WaitUntil: over at once."""
     if call.args and not isinstance(call.args[-1], bool):
         held = machine.value(call.args[-1])
@@ -134,7 +135,7 @@ def _wait_until(machine: Machine, call: Call) -> None:
     _no_timeout(machine, call)
 
 
-def _wait_for_rest(machine: Machine, _call: Call) -> None:
+def _wait_for_rest(machine: Machine, _call: Calling) -> None:
     """WaitRob: until the arm has come to its point."""
     for index in reversed(range(len(machine.body))):
         motion = machine.body[index]
@@ -144,7 +145,7 @@ def _wait_for_rest(machine: Machine, _call: Call) -> None:
     machine.blending = 0
 
 
-def _no_timeout(machine: Machine, call: Call) -> None:
+def _no_timeout(machine: Machine, call: Calling) -> None:
     machine.blending = 0
     for name, target in call.options:
         if name == "timeflag" and target is not None:
@@ -154,12 +155,12 @@ def _no_timeout(machine: Machine, call: Call) -> None:
 # Displacements and speeds ---------------------------------------------------------------------------------------
 
 
-def _displace_off(machine: Machine, _call: Call) -> None:
+def _displace_off(machine: Machine, _call: Calling) -> None:
     machine.displaced = None
     machine.version += 1
 
 
-def _displace_set(machine: Machine, call: Call) -> None:
+def _displace_set(machine: Machine, call: Calling) -> None:
     """PDispSet: the frame that it says, in the work object."""
     value = machine.value(call.args[0] if call.args else None)
     machine.fit("pose", value)
@@ -173,7 +174,7 @@ def _displace_set(machine: Machine, call: Call) -> None:
     machine.log.fact("displacement", "of the program, PDispSet")
 
 
-def _displace_on(machine: Machine, call: Call) -> None:
+def _displace_on(machine: Machine, call: Calling) -> None:
     """PDispOn: from the point that the program names to where the arm is, or to ExeP."""
     options = dict(call.options)
     if len(call.args) < 2:
@@ -184,7 +185,7 @@ def _displace_on(machine: Machine, call: Call) -> None:
     at = (
         machine.value(there)
         if there is not None
-        else see_here(machine, Call(machine.line, "crobt"))
+        else see_here(machine, Calling(machine.line, "crobt"))
     )
     machine.fit("robtarget", point)
     machine.fit("robtarget", at)
@@ -200,7 +201,7 @@ def _displace_on(machine: Machine, call: Call) -> None:
     machine.log.fact("displacement", "of the program, PDispOn")
 
 
-def _limit_speed(machine: Machine, call: Call) -> None:
+def _limit_speed(machine: Machine, call: Calling) -> None:
     """VelSet: % of every speed, and mm/s at most."""
     values = [machine.number(arg) for arg in call.args]
     if len(values) != 2:
@@ -217,7 +218,7 @@ def _limit_speed(machine: Machine, call: Call) -> None:
     machine.speed_override, machine.speed_most = percent / 100, most
 
 
-def _describe(machine: Machine, call: Call) -> str:
+def _describe(machine: Machine, call: Calling) -> str:
     """The instruction with its numbers and the names of its options."""
     values = [machine.value(arg) for arg in call.args if isinstance(arg, (float, Ref))]
     text = ", ".join(f"{value:g}" for value in values if type(value) is float)
@@ -225,7 +226,7 @@ def _describe(machine: Machine, call: Call) -> str:
     return f"{call.name} {text}".rstrip()
 
 
-def _supervise(machine: Machine, call: Call) -> None:
+def _supervise(machine: Machine, call: Calling) -> None:
     """ConfJ, ConfL, SingArea: each with its switch."""
     if call.args or len(call.options) > 1:
         raise Wrong(machine.line, f"{call.name} has one switch")
@@ -236,7 +237,7 @@ def _supervise(machine: Machine, call: Call) -> None:
 _CIRCLE_MODES = {"pathframe": "", "objectframe": "", "cirpointori": "circle point"}
 
 
-def _set_circle_mode(machine: Machine, call: Call) -> None:
+def _set_circle_mode(machine: Machine, call: Calling) -> None:
     """CirPathMode: how the tool turns along an arc. Modes of the wrist are lost; without one it is PathFrame."""
     mode = call.options[0][0] if call.options else "pathframe"
     if mode not in _CIRCLE_MODES:
@@ -251,7 +252,7 @@ def _set_circle_mode(machine: Machine, call: Call) -> None:
 # Triggers -------------------------------------------------------------------------------------------------------
 
 
-def _define_trigger(machine: Machine, call: Call) -> None:
+def _define_trigger(machine: Machine, call: Calling) -> None:
     """TriggIO, TriggEquip: what is switched at which distance."""
     options = dict(call.options)
     name, value = "", None
@@ -279,20 +280,20 @@ def _define_trigger(machine: Machine, call: Call) -> None:
 # The operator, and data from elsewhere --------------------------------------------------------------------------
 
 
-def _stop(machine: Machine, _call: Call) -> None:
+def _stop(machine: Machine, _call: Calling) -> None:
     machine.add(Stop())
     machine.blending = 0
 
 
-def _end(_machine: Machine, _call: Call) -> None:
+def _end(_machine: Machine, _call: Calling) -> None:
     raise Ended
 
 
-def _end_cycle(_machine: Machine, _call: Call) -> None:
+def _end_cycle(_machine: Machine, _call: Calling) -> None:
     raise CycleEnded
 
 
-def _ask_operator(machine: Machine, call: Call) -> None:
+def _ask_operator(machine: Machine, call: Calling) -> None:
     """TPReadNum, TPReadFK, TPReadDnum, UIMsgBox: the answer is not known unless the user gives it."""
     _receive(machine, call)
     if call.name == "uimsgbox":
@@ -304,7 +305,7 @@ def _ask_operator(machine: Machine, call: Call) -> None:
             machine.log.assume(f"{name}: the operator's answer is not known", name)
 
 
-def _receive(machine: Machine, call: Call) -> None:
+def _receive(machine: Machine, call: Calling) -> None:
     """An instruction that gives data a value from outside."""
     places = _RECEIVES.get(call.name, ())
     targets = [call.args[k] for k in places if k < len(call.args)]
@@ -336,7 +337,7 @@ _RECEIVED_BY = frozenset(
 )  # fmt: skip
 
 
-def _increase(machine: Machine, call: Call) -> None:
+def _increase(machine: Machine, call: Calling) -> None:
     """Incr, Decr, Add, Clear."""
     if not call.args or not isinstance(call.args[0], (Ref, Component, Element)):
         raise Wrong(machine.line, f"{call.name} needs data")
@@ -351,18 +352,18 @@ def _increase(machine: Machine, call: Call) -> None:
     machine.assign(call.args[0], now + step if call.name in ("incr", "add") else now - step)
 
 
-def _force_off(machine: Machine, _call: Call) -> None:
+def _force_off(machine: Machine, _call: Calling) -> None:
     machine.pressing = None
     machine.add(Force(0.0))
 
 
-def _book_error(machine: Machine, call: Call) -> None:
+def _book_error(machine: Machine, call: Calling) -> None:
     """BookErrNo: the number of an error of the program's own."""
     if call.args:
         machine.assign(call.args[0], machine.error_number())
 
 
-def _bit(machine: Machine, call: Call) -> None:
+def _bit(machine: Machine, call: Calling) -> None:
     """BitSet, BitClear."""
     if len(call.args) != 2:
         raise Wrong(machine.line, f"{call.name} has data and a place")
@@ -375,33 +376,33 @@ def _bit(machine: Machine, call: Call) -> None:
         )
 
 
-def _move_alone(machine: Machine, _call: Call) -> None:
+def _move_alone(machine: Machine, _call: Calling) -> None:
     """IndAMove and its like: an axis beside the arm."""
     machine.log.lose_axes("move on their own and are not shown")
 
 
-def _move_unseen(machine: Machine, call: Call) -> None:
+def _move_unseen(machine: Machine, call: Calling) -> None:
     """A motion that no text tells: where the arm is is not known after it."""
     machine.log.leave_out(f"{call.name} moves the arm as no text says: it is not shown")
     machine.here = Here(None, machine.frame)
     machine.blending = 0
 
 
-def _move_nothing(_machine: Machine, _call: Call) -> None:
+def _move_nothing(_machine: Machine, _call: Calling) -> None:
     pass
 
 
-def _omit(machine: Machine, call: Call) -> None:
+def _omit(machine: Machine, call: Calling) -> None:
     """An effect that another machine does without."""
     machine.log.omit(f"{_describe(machine, call)}: {OMITTED[call.name]}")
 
 
-def _lose(machine: Machine, call: Call) -> None:
+def _lose(machine: Machine, call: Calling) -> None:
     """An effect without which another machine would move differently."""
     machine.log.leave_out(f"{call.name}: {LOST[call.name]}")
 
 
-def _forget_arguments(machine: Machine, call: Call) -> None:
+def _forget_arguments(machine: Machine, call: Calling) -> None:
     """An instruction that gives several of its arguments values from outside."""
     given = [*call.args, *(value for _, value in call.options)]
     for target in given:
@@ -413,7 +414,7 @@ def _forget_arguments(machine: Machine, call: Call) -> None:
             machine.assign(target, machine.ask_for(f"{key}, from {call.name}", key))
 
 
-Effect = Callable[[Machine, Call], None]
+Effect = Callable[[Machine, Calling], None]
 
 
 EFFECTS: dict[str, Effect] = {

@@ -15,7 +15,7 @@ from .effects import DEFINED
 from .instructions import EFFECTS
 from .machine import Machine
 from .motions import Trigger
-from .tree import Call, Connect, Expr, Routine
+from .tree import Calling, Connect, Expr, Routine
 
 
 def _key(machine: Machine, interrupt: Expr) -> tuple[int, tuple[int, ...]] | None:
@@ -49,12 +49,12 @@ def come(machine: Machine, interrupt: Expr | None) -> None:
         machine.due.append(routine)
 
 
-def _arm(machine: Machine, call: Call) -> None:
+def _arm(machine: Machine, call: Calling) -> None:
     """ISignalDI, ITimer, IPers and the like: the interrupt is their last argument."""
     come(machine, call.args[-1] if call.args else None)
 
 
-def _watch(machine: Machine, call: Call) -> None:
+def _watch(machine: Machine, call: Calling) -> None:
     """ISleep, IWatch, IDelete: interrupts that are off, on again, and gone."""
     key = _key(machine, call.args[0]) if call.args else None
     if key is None:
@@ -68,12 +68,12 @@ def _watch(machine: Machine, call: Call) -> None:
         come(machine, call.args[0])
 
 
-def _hold(machine: Machine, call: Call) -> None:
+def _hold(machine: Machine, call: Calling) -> None:
     """IDisable, IEnable: all of them wait."""
     machine.held = call.name == "idisable"
 
 
-def _define(machine: Machine, call: Call) -> None:
+def _define(machine: Machine, call: Calling) -> None:
     """TriggInt: an interrupt at a place of a motion. The others switch nothing here."""
     if call.name in DEFINED:
         machine.log.leave_out(f"{call.name}: {DEFINED[call.name]}")
@@ -136,8 +136,7 @@ def _aside(machine: Machine) -> Iterator[int]:
     finally:
         for name, value in (kept | copies).items():
             setattr(machine, name, value)
-        for made in (machine.body, machine.lines, machine.frame_of):
-            del made[begin:]
+        machine.cut(begin)
         del machine.frames[frames:]
 
 

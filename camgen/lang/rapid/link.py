@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from .branches import Ways, flat
+from .code import Do, compile_routines, list_called, moves
 from .machine import Home, Machine
 from .tokens import Wrong
-from .tree import Call, Module, Record, Routine
+from .tree import Module, Record, Routine
 
 #: The longest name (kernel manual, identifiers).
 _LONGEST_NAME = 32
 
 
-def link(machine: Machine, modules: Sequence[Module]) -> Routine | None:
-    """Enters the modules, and the routine where the program begins, if there is one."""
+def link(machine: Machine, modules: Sequence[Module], do: Do) -> Routine | None:
+    """Enters the modules, and the routine where the program begins, if there is one.
+
+    do: carries out a statement.
+    """
     for module in modules:
         for record in module.records:
             _enter_record(machine, record)
@@ -24,6 +27,9 @@ def link(machine: Machine, modules: Sequence[Module]) -> Routine | None:
     for module in modules:
         _enter(machine, module)
     _value_all(machine)
+    machine.codes = compile_routines(
+        machine.homes, do, lambda routine, key: machine.find_routine(machine.homes[routine], key)
+    )
     return _find_entry(machine, modules)
 
 
@@ -141,15 +147,15 @@ def _find_entry(machine: Machine, modules: Sequence[Module]) -> Routine | None:
 def _first_of(machine: Machine, modules: Sequence[Module], ready: list[Routine]) -> Routine:
     """The first of the routines that no other calls, one that moves before others."""
     called = {
-        item.name
+        name
         for module in modules
         for routine in module.routines
-        for item in flat(routine.body)
-        if isinstance(item, Call) and item.name != routine.name.lower()
+        for name in list_called(machine.codes[routine])
+        if name != routine.name.lower()
     }
     free = [routine for routine in ready if routine.name.lower() not in called] or ready
-    ways = Ways(machine)
-    chosen = next((routine for routine in (*free, *ready) if ways.moves(routine.body)), free[0])
+    moving = (routine for routine in (*free, *ready) if moves(machine.codes[routine]))
+    chosen = next(moving, free[0])
     why = "main does nothing" if "main" in machine.routines else "there is no main"
     machine.log.fact("entry", f"{chosen.name}, as {why}")
     return chosen

@@ -7,15 +7,17 @@ from dataclasses import dataclass, field
 
 from msgspec import Struct
 
+from camgen.lang.code import Code
 from camgen.lang.log import Log
 from camgen.lang.programs import Ask, Frames
+from camgen.lang.values import Unknown
 from camgen.model.instructions import Instruction
 from camgen.model.pose import FloatArray, Pose, rotation_from_quaternion
 from camgen.model.text import counted
 
 from .tokens import Wrong
 from .tree import (
-    Call,
+    Calling,
     Component,
     Data,
     Element,
@@ -32,7 +34,6 @@ from .types import MORE, MORE_TYPES, NUMBERS, PREDEFINED, TEXTS, TYPES, USER
 from .values import (
     NOTHING,
     Given,
-    Unknown,
     Value,
     Variable,
     copied,
@@ -61,11 +62,35 @@ class Home:
 
 @dataclass(eq=False)
 class Frame:
-    """A routine that runs: its data by name in lower case."""
+    """A routine that runs.
+
+    routine: None while declarations are evaluated.
+    home: its module.
+    data: its data by name in lower case.
+    counters: names of the variables of the FORs that run, each with the data that it hides.
+    result: value of RETURN.
+    """
 
     routine: Routine | None
     home: Home
     data: dict[str, Variable] = field(default_factory=dict)
+    counters: list[tuple[str, Variable | None]] = field(default_factory=list)
+    result: Value = NOTHING
+
+    def add_counter(self, name: str) -> Variable:
+        """Add the variable of a FOR."""
+        key = name.lower()
+        self.counters.append((key, self.data.get(key)))
+        counter = self.data[key] = Variable(name, "num", "counter")
+        return counter
+
+    def drop_counters(self, count: int) -> None:
+        """Remove the variables of all FORs but the first `count`."""
+        while len(self.counters) > count:
+            key, hidden = self.counters.pop()
+            del self.data[key]
+            if hidden is not None:
+                self.data[key] = hidden
 
 
 class Here(Struct, frozen=True, eq=False):
@@ -94,6 +119,7 @@ class Machine:
     frame: int = 0
     data: dict[str, Variable] = field(default_factory=dict)  # what is global
     routines: dict[str, Routine] = field(default_factory=dict)
+    codes: dict[Routine, Code] = field(default_factory=dict)
     homes: dict[Routine, Home] = field(default_factory=dict)
     types: dict[str, tuple[tuple[str, str], ...]] = field(
         default_factory=lambda: TYPES | MORE_TYPES
@@ -123,8 +149,8 @@ class Machine:
     come: set[Routine] = field(default_factory=set)  # TRAPs whose interrupt has come
     due: list[Routine] = field(default_factory=list)  # those that run next
     held: bool = False  # interrupts wait
-    call: Callable[[Routine, Call], Value] = lambda _routine, _call: NOTHING
-    function: Callable[[Machine, Call], Value] = lambda _machine, _call: NOTHING
+    call: Callable[[Routine, Calling], Value] = lambda _routine, _call: NOTHING
+    function: Callable[[Machine, Calling], Value] = lambda _machine, _call: NOTHING
     interrupt: Callable[[Machine, Expr], None] = lambda _machine, _interrupt: None
     log: Log = field(init=False)
 
@@ -181,8 +207,11 @@ class Machine:
 
     def routine(self, name: str) -> Routine | None:
         """The routine that ``name`` means where the program is."""
-        key = name.lower()
-        return self.scope.home.routines.get(key) or self.routines.get(key)
+        return self.find_routine(self.scope.home, name.lower())
+
+    def find_routine(self, home: Home, key: str) -> Routine | None:
+        """The routine that a name in lower case means in a module."""
+        return home.routines.get(key) or self.routines.get(key)
 
     def kind(self, name: str) -> str:
         """A data type without its aliases."""
@@ -210,7 +239,7 @@ class Machine:
 
     def fit(self, kind: str, value: Value, within: str = "") -> None:
         """Raises Wrong for a value that is no data of the type ``kind``. within: the record that it is part of."""
-        if isinstance(value, (Unknown, Given)):
+        if type(value) is Unknown or type(value) is Given:
             return
         kind = self.kind(kind)
         parts = self.types.get(kind)
@@ -479,6 +508,11 @@ class Machine:
             found = self.turns[q] = rotation_from_quaternion(q)
         return found
 
+    def cut(self, length: int) -> None:
+        """Remove all instructions but the first `length`."""
+        for kept in (self.body, self.lines, self.frame_of):
+            del kept[length:]
+
     def add(self, item: Instruction) -> None:
         """One more instruction."""
         self.body.append(item)
@@ -511,7 +545,7 @@ _VALUES: Mapping[type, Callable[[Machine, Value], Value]] = {
     Negation: lambda machine, expr: negate(expr.sign, machine.value(expr.value), machine.line),
     Component: lambda machine, expr: machine.part(expr),
     Element: lambda machine, expr: machine.part(expr),
-    Call: lambda machine, expr: machine.function(machine, expr),
+    Calling: lambda machine, expr: machine.function(machine, expr),
     Maybe: _maybe,
     Hole: lambda _machine, expr: Unknown(f"{expr.text}, which the text leaves open"),
     type(None): lambda _machine, _expr: NOTHING,

@@ -14,7 +14,7 @@ from camgen.model.program import pack
 from .grammar import parse
 from .link import link
 from .machine import Machine
-from .run import judge_end, run_entry
+from .run import Runner, judge_end, run_entry
 from .tokens import Wrong
 from .tree import Routine
 
@@ -39,7 +39,7 @@ def run_modules(files: Mapping[str, str], ask: Ask) -> Executed:
         for note in notes:
             machine.log.find("unusual" if note.odd else "refused", note.what, line=note.line)
         line += plain.count("\n") + (not plain.endswith("\n"))
-    entry = link(machine, modules)
+    entry = link(machine, modules, Runner.perform)
     stopped = None if entry is None else _run(machine, entry, line)
     if entry is not None and stopped is None:
         judge_end(machine, entry.last or entry.line)

@@ -13,6 +13,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.lang.motion_speed import Limit, limit_speed, measure_arc, measure_line
+from camgen.lang.values import Unknown
 from camgen.model.instructions import Force, Joints, MoveC, MoveJ, MoveL, Output, Posture
 from camgen.model.pose import Pose, Vec3, frozen, rotation_between, to_vec3
 
@@ -21,8 +22,8 @@ from .functions import name_of
 from .machine import Here, Machine
 from .places import WORST_NORM, choose_frame, pose_of, see_pose
 from .tokens import Wrong
-from .tree import Call, Expr, Inline
-from .values import Unknown, Value, find_unknown
+from .tree import Calling, Expr, Inline
+from .values import Value, find_unknown
 from .ways import is_half_turn, judge_arc, split_arc, split_at_circle_point
 
 #: mm/s where the text gives no speed that is one.
@@ -122,7 +123,7 @@ class Bound(Struct, frozen=True):
         return Limit(self.speed, self.turn, self.seconds, is_exact=self.seconds > 0)
 
 
-def move(machine: Machine, call: Call) -> Bound | None:
+def move(machine: Machine, call: Calling) -> Bound | None:
     """One motion statement, and what it says beside its points. Wrong where no controller takes it."""
     form = form_of(call.name)
     assert form is not None
@@ -145,7 +146,7 @@ def move(machine: Machine, call: Call) -> Bound | None:
 
 
 def _arguments(
-    machine: Machine, form: Form, call: Call
+    machine: Machine, form: Form, call: Calling
 ) -> tuple[tuple[Expr, ...], Expr, Expr | None, Expr, tuple[Expr, ...]]:
     """Points, speed, zone, tool and what stands behind it."""
     count = 2 if form.kind == "c" else 1
@@ -195,7 +196,7 @@ def inline(machine: Machine, item: Inline) -> None:
 
 
 def _bind(
-    machine: Machine, form: Form, call: Call, speed: Expr, zone: Expr | None, tool: Expr
+    machine: Machine, form: Form, call: Calling, speed: Expr, zone: Expr | None, tool: Expr
 ) -> Bound:
     options = dict(call.options)
     machine.frame = choose_frame(machine, tool, options.get("wobj"), form.kind == "abs")
@@ -208,7 +209,7 @@ def _bind(
     return Bound(mm_s, rad_s, blend, machine.frame, seconds)
 
 
-def _judge_options(machine: Machine, form: Form, call: Call) -> None:
+def _judge_options(machine: Machine, form: Form, call: Calling) -> None:
     """Notes the options of a motion that the body does not have."""
     for name, _ in call.options:
         if name in LOST_OPTIONS:
@@ -230,7 +231,7 @@ def _is_read(form: Form, name: str) -> bool:
 
 
 def _speed(
-    machine: Machine, form: Form, call: Call, value: Value, options: dict[str, Expr | None]
+    machine: Machine, form: Form, call: Calling, value: Value, options: dict[str, Expr | None]
 ) -> tuple[float, float]:
     """mm/s and rad/s.
 
@@ -261,7 +262,7 @@ def _speed(
     return mm_s, math.radians(value[1] * override) if value[1] > 0 else 0.0
 
 
-def _read_time(machine: Machine, call: Call, options: dict[str, Expr | None]) -> float:
+def _read_time(machine: Machine, call: Calling, options: dict[str, Expr | None]) -> float:
     """Argument T: the time of the whole motion, s, 0 without it. VelSet scales it.
 
     Raises Wrong for a time that is not positive.
@@ -277,7 +278,7 @@ def _read_time(machine: Machine, call: Call, options: dict[str, Expr | None]) ->
     return float(seconds / machine.speed_override)
 
 
-def _weld_speed(machine: Machine, call: Call, value: Value) -> Value:
+def _weld_speed(machine: Machine, call: Calling, value: Value) -> Value:
     """While the arc burns the speed is that of the weld data, where the text has them."""
     at = (2 if form_of(call.name) == Form("c", process="arc") else 1) + 2
     weld = machine.value(call.args[at]) if len(call.args) > at else None
@@ -347,7 +348,9 @@ def _can_go(machine: Machine, point: Value) -> bool:
     return True
 
 
-def _move_pose(machine: Machine, form: Form, call: Call, points: list[Value], bound: Bound) -> None:
+def _move_pose(
+    machine: Machine, form: Form, call: Calling, points: list[Value], bound: Bound
+) -> None:
     if not all(_can_go(machine, point) for point in points):
         return
     poses = [pose_of(machine, point) for point in points]
@@ -507,7 +510,7 @@ def _pace(
 # What is switched on the way --------------------------------------------------------------------------------------
 
 
-def _triggers(machine: Machine, form: Form, call: Call) -> list[Trigger]:
+def _triggers(machine: Machine, form: Form, call: Calling) -> list[Trigger]:
     """What the triggers of a motion switch."""
     if not form.trigg or form.process:
         return []
@@ -573,7 +576,7 @@ def _three(point: tuple[float, ...]) -> Vec3:
 
 
 def _do_after(
-    machine: Machine, form: Form, call: Call, points: tuple[Expr, ...], tail: tuple[Expr, ...]
+    machine: Machine, form: Form, call: Calling, points: tuple[Expr, ...], tail: tuple[Expr, ...]
 ) -> None:
     """What a motion does at its end: a signal, a routine, a search."""
     if form.after == 2 and tail:
@@ -590,7 +593,7 @@ def _do_after(
         name = str(machine.value(tail[0]))
         routine = machine.routine(name)
         if routine is not None:
-            machine.call(routine, Call(machine.line, name.lower()))
+            machine.call(routine, Calling(machine.line, name.lower()))
     elif form.before:
         signal = name_of(machine, call.args[0])
         machine.log.assume(f"{signal}: a search does not stop before its end point", "")
@@ -616,7 +619,7 @@ def _weld(machine: Machine, name: str) -> None:
 
 def _press(
     machine: Machine,
-    call: Call,
+    call: Calling,
     bound: Bound,
     via: Pose | None,
     target: Pose,
@@ -650,7 +653,7 @@ def _press(
     machine.blending = machine.line if bound.blend > _NO_CORNER else 0
 
 
-def _begin_pressing(machine: Machine, call: Call, target: Pose) -> float:
+def _begin_pressing(machine: Machine, call: Calling, target: Pose) -> float:
     given = [(axis, machine.number(value)) for axis, name in enumerate(("fx", "fy", "fz"))
              for option, value in call.options if option == name]  # fmt: skip
     axis, force = given[0] if given else (2, 1.0)

@@ -6,12 +6,13 @@ import math
 from collections.abc import Sequence
 
 from camgen.lang.programs import Frames, carry_pose
+from camgen.lang.values import Unknown
 from camgen.model.pose import Pose, quaternion, translation
 
 from .machine import Machine
 from .tokens import Wrong
-from .tree import Call, Expr, Ref
-from .values import Unknown, Value, find_unknown
+from .tree import Calling, Expr, Ref
+from .values import Value, find_unknown
 
 #: Largest difference from 1 of the sum of squares of an orientation (manual, NOrient).
 WORST_NORM = 0.1
@@ -175,7 +176,7 @@ def _put(machine: Machine, joints: Sequence[float], frames: Frames) -> Pose | No
     )
 
 
-def see_here(machine: Machine, call: Call) -> Value:
+def see_here(machine: Machine, call: Calling) -> Value:
     """CRobT and CPos: where the last motion ended, in the frames that are asked for."""
     options = dict(call.options)
     kept = machine.frame

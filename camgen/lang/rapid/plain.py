@@ -8,7 +8,7 @@ from functools import lru_cache
 
 from .expressions import Calls
 from .tokens import LARGEST, RESERVED, Wrong
-from .tree import Call, Inline, Point, Shape, Statement
+from .tree import Calling, Inline, Point, Shape, Statement
 
 #: Longer statements go the long way, so that a text without semicolons is not searched over and over.
 _LONGEST = 1000
@@ -43,7 +43,7 @@ def read_plain(
             if call[1].lower() in RESERVED:
                 break
             line += statement.count("\n")
-            body.append(Call(line, call[1].lower()))
+            body.append(Calling(line, call[1].lower()))
             start = end
             continue
         cut = _POINT_PLAIN.split(statement)
@@ -59,11 +59,11 @@ def read_plain(
     return start, line
 
 
-def _item(shape: Shape, line: int, cut: list[str]) -> Call | Inline:
+def _item(shape: Shape, line: int, cut: list[str]) -> Calling | Inline:
     """The statement of a shape with its own line and numbers. ValueError when they are none."""
     line += shape.lead
     if len(cut) == 1:
-        return Call(line, shape.name, shape.args, shape.options)
+        return Calling(line, shape.name, shape.args, shape.options)
     x, y, z = map(float, cut[-3].split(","))
     if len(cut) == _PIECES_OF_ONE_POINT:
         return Inline(line, shape, (x, y, z), _turn(cut[-2]))

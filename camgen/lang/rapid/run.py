@@ -1,50 +1,53 @@
-"""Runs a RAPID program once: its statements in their order, the routines that they call, the ways that lead on.
+"""Runs a RAPID program once: its statements, the routines that they call, and its interrupts.
 
-Where nothing in the text decides, the way that goes on is taken and said; a loop without end is run once.
+The engine runs the steps (`camgen.lang.flow`). It gets values here, and reports its choices here.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from functools import partial
+from typing import Any
 
+from camgen.lang.code import Step
+from camgen.lang.flow import Choice, Counter, Flow, Raised, Rules
+from camgen.lang.log import Log
 from camgen.lang.run import Budget, Ended, Stopped
+from camgen.lang.values import Unknown
 from camgen.model.instructions import Output
 
-from .branches import Ways
-from .flow import Flow, Handled, Jump, Raised, Returned
+from .choices import log_choice
+from .code import CountRange, LoopVariable, Question, moves
 from .functions import call_function, name_of
 from .instructions import EFFECTS, CycleEnded
 from .interrupts import come, connect, judge_trap
-from .machine import Frame, Home, Machine
+from .machine import Frame, Machine
 from .motions import form_of, inline, move
 from .tokens import Wrong
 from .tree import (
     Assign,
-    Call,
+    Calling,
     Component,
     Connect,
     Element,
-    Empty,
     Expr,
-    For,
-    Goto,
-    If,
     Inline,
-    Label,
     Late,
     Maybe,
     Parameter,
     Ref,
     Routine,
     Statement,
-    Test,
-    While,
     Word,
 )
-from .values import NOTHING, Unknown, Value, Variable, find_unknown
+from .values import NOTHING, Value, Variable, copied, find_unknown
 
+#: Routines that may wait for the end of one that they call.
+_DEEPEST = 70
+#: Rounds of a loop without a condition. After them it has no end.
+_MOST_ROUNDS = 200
+_RULES = Rules(_DEEPEST, skips_blocks=True, round_limit=_MOST_ROUNDS)
 #: So many TRAPs are looked at beside the program.
 _MOST_TRAPS = 50
 #: Statements of a TRAP that is looked at beside the program.
@@ -53,11 +56,20 @@ _MOST_OF_A_TRAP = 5_000
 _MOST_CYCLES = 3
 
 
-@dataclass(eq=False)
-class Runner(Flow):
-    """What runs statements and routines. ran: routines that were run."""
+class Runner:
+    """What runs statements and routines.
 
-    ran: set[Routine] = field(default_factory=set)
+    entry: routine in which the program begins.
+    flow: run of the steps.
+    ran: routines that were run.
+    """
+
+    faults: type[Exception] = Wrong
+
+    def __init__(self, machine: Machine, entry: Routine, budget: Budget) -> None:
+        self.machine, self.entry = machine, entry
+        self.flow = Flow(self, budget, _RULES)
+        self.ran: set[Routine] = set()
 
     def perform(self, item: Statement) -> None:
         """Does what a statement says; behind it run the TRAPs whose interrupts have come."""
@@ -73,46 +85,36 @@ class Runner(Flow):
             trap = due.pop(0)
             if trap in machine.due:
                 machine.due.remove(trap)
-            self.call(trap, Call(machine.line, trap.name.lower()))
+            self.call(trap, Calling(machine.line, trap.name.lower()))
         machine.blending = blending
 
     def interrupt_motion(self, machine: Machine, interrupt: Expr) -> None:
         """An interrupt at a place of a motion: a TRAP that does not move runs there, others behind the motion."""
         come(machine, interrupt)
-        self.interrupt([trap for trap in machine.due if not self.ways.moves(trap.body)])
+        self.interrupt([trap for trap in machine.due if not moves(machine.codes[trap])])
 
-    def call(self, routine: Routine, call: Call) -> Value:
+    def call(self, routine: Routine, call: Calling) -> Value:
         """Runs a routine with its arguments; what a FUNC gives."""
         machine = self.machine
-        if routine is self.entry and self.depth > 0:
+        if routine is self.entry and machine.scope.routine is not None:
             machine.log.assume(f"{routine.name} calls itself: it is shown once")
             raise Ended
+        self.flow.check_depth(f"routines call each other more than {_DEEPEST} deep")
         data = self._bind(routine, call)
         self.ran.add(routine)
         home = machine.homes[routine]
         outer, line = machine.scope, machine.line
-        self.enter()
-        machine.scope = Frame(routine, home, data)
+        frame = machine.scope = Frame(routine, home, data)
         for one in routine.data:
             data[one.name.lower()] = machine.declare(one, home)
-        handling, self.handling = self.handling, False
         try:
-            self.run(routine.body)
-        except Returned as returned:
-            machine.line = line
-            return returned.value
-        except Jump as jump:
-            machine.log.find(
-                "refused", f"GOTO {jump.label[:40]}: there is no such label where it could go to"
-            )
+            self.flow.run(machine.codes[routine])
         finally:
-            self.depth -= 1
-            self.handling = handling
             machine.scope = outer
         machine.line = line
-        return NOTHING
+        return frame.result
 
-    def _bind(self, routine: Routine, call: Call) -> dict[str, Variable]:
+    def _bind(self, routine: Routine, call: Calling) -> dict[str, Variable]:
         """The data that a routine's parameters are."""
         options = {name: value for name, value in call.options if not self._is_absent(value)}
         args = list(call.args)
@@ -177,6 +179,79 @@ class Runner(Flow):
             made.name = value.name if variable is None else variable.name
         return made
 
+    # Answers to the engine (`camgen.lang.flow.Language`).
+
+    @property
+    def log(self) -> Log:
+        """Findings and assumptions."""
+        return self.machine.log
+
+    def begin(self, step: Step) -> None:
+        """A step begins."""
+        self.machine.line = step.line
+
+    def evaluate(self, expression: Question | LoopVariable | Expr) -> Value:
+        """The value of a condition, of the variable of a FOR, or of a TEST."""
+        if isinstance(expression, Question):
+            return self.machine.truth(expression.value, expression.word)
+        if isinstance(expression, LoopVariable):
+            return expression.value
+        value = self.machine.value(expression)
+        return find_unknown(value) or value
+
+    to_number = staticmethod(float)
+
+    def matches(self, value: Value, tests: tuple[Expr, ...]) -> bool | Unknown:
+        """Whether one of the values of a CASE is the value of its TEST."""
+        values = [self.machine.value(test) for test in tests]
+        return value in values or find_unknown(values) or False
+
+    def open_count(self, count: CountRange) -> Counter:
+        """The variable and the bounds of a FOR. It counts down if the last value is smaller."""
+        machine = self.machine
+        machine.scope.drop_counters(count.around)
+        first, last = machine.number(count.first), machine.number(count.last)
+        step = 1.0 if count.step is None else machine.number(count.step)
+        variable = LoopVariable(machine.scope.add_counter(count.name), first)
+        for value in (first, last, step):
+            if isinstance(value, Unknown):
+                return Counter(variable, first if type(first) is float else 1.0, unknown=value)
+        if count.step is None and first > last:
+            step = -1.0
+        if step == 0:
+            # No round brings the variable nearer to its last value.
+            return Counter(variable, first, -math.inf)
+        return Counter(variable, first, last, step)
+
+    def assign(self, target: LoopVariable, value: float) -> None:
+        """Set the variable of a FOR."""
+        target.value = target.variable.value = value
+
+    def count_instructions(self) -> int:
+        """The number of instructions so far."""
+        return len(self.machine.body)
+
+    def read_state(self) -> object:
+        """The values of all data that the routine sees."""
+        machine = self.machine
+        homes = {id(home): home.data for home in machine.homes.values()}
+        state: list[Value] = []
+        for level in (machine.scope.data, machine.data, *homes.values()):
+            state += [copied(variable.value) for variable in level.values()]
+        return state
+
+    def assume(
+        self, choice: Choice, step: Step, unknown: Unknown | None = None, length: int = 0
+    ) -> bool:
+        """Tell a choice of the engine."""
+        log_choice(self.machine, choice, step, unknown, length)
+        return True
+
+    def report(self, step: Step, error: Exception) -> None:
+        """Tell that a controller cannot carry out a step."""
+        assert isinstance(error, Wrong)
+        self.log.find("refused", error.what, line=error.line or step.line)
+
 
 def _absent(one: Parameter) -> Variable:
     return Variable(one.name, one.type, "absent", Unknown(f"{one.name}, which is not given"))
@@ -185,7 +260,7 @@ def _absent(one: Parameter) -> Variable:
 # Statements -----------------------------------------------------------------------------------------------------
 
 
-def _run_call(runner: Runner, call: Call) -> None:
+def _run_call(runner: Runner, call: Calling) -> None:
     machine = runner.machine
     routine = machine.routine(call.name)
     if routine is not None:
@@ -205,7 +280,7 @@ def _run_call(runner: Runner, call: Call) -> None:
     _leave_out(runner, call)
 
 
-def _leave_out(runner: Runner, call: Call) -> None:
+def _leave_out(runner: Runner, call: Calling) -> None:
     """An instruction of a package, or a routine of another file."""
     if call.name == "callbyvar" and call.args:
         machine = runner.machine
@@ -214,12 +289,12 @@ def _leave_out(runner: Runner, call: Call) -> None:
             machine.number(call.args[1]) if len(call.args) > 1 else NOTHING,
         )
         if isinstance(name, str) and type(number) is float:
-            _call_by_name(runner, f"{name}{number:g}", Call(call.line, "callbyvar"))
+            _call_by_name(runner, f"{name}{number:g}", Calling(call.line, "callbyvar"))
             return
     runner.machine.log.leave_out(f"{call.name} is in none of the files: it is left out")
 
 
-def _call_by_name(runner: Runner, name: Value, call: Call) -> None:
+def _call_by_name(runner: Runner, name: Value, call: Calling) -> None:
     machine = runner.machine
     if not isinstance(name, str):
         what = find_unknown(name)
@@ -230,25 +305,19 @@ def _call_by_name(runner: Runner, name: Value, call: Call) -> None:
     module, _, plain = name.strip().lower().rpartition(":")
     home = next((one for one in machine.homes.values() if one.name.lower() == module), None)
     if home is not None and plain in home.routines:
-        _run_in(runner, home, home.routines[plain], call)
+        runner.call(home.routines[plain], call)
         return
     if (module and home is None) or (
         machine.routine(plain) is None and plain not in EFFECTS and form_of(plain) is None
     ):
         machine.log.leave_out(f"{plain[:40]} is in none of the files: it is left out")
         return
-    _run_call(runner, Call(call.line, plain, call.args, call.options))
-
-
-def _run_in(runner: Runner, home: Home, routine: Routine, call: Call) -> None:
-    """A routine that is local to a module which its name says."""
-    assert runner.machine.homes[routine] is home
-    runner.call(routine, call)
+    _run_call(runner, Calling(call.line, plain, call.args, call.options))
 
 
 def _run_late(runner: Runner, item: Late) -> None:
     _call_by_name(
-        runner, runner.machine.value(item.name), Call(item.line, "", item.args, item.options)
+        runner, runner.machine.value(item.name), Calling(item.line, "", item.args, item.options)
     )
 
 
@@ -256,34 +325,14 @@ def _run_assign(runner: Runner, item: Assign) -> None:
     runner.machine.assign(item.target, runner.machine.value(item.value))
 
 
-def _run_goto(_runner: Runner, item: Goto) -> None:
-    raise Jump(item.name)
-
-
 def _run_word(runner: Runner, item: Word) -> None:
-    """RETURN, RAISE, RETRY, TRYNEXT, EXIT."""
+    """RETURN and RAISE with a value."""
+    value = runner.machine.value(item.value)
     if item.name == "return":
-        raise Returned(NOTHING if item.value is None else runner.machine.value(item.value))
-    if item.name == "raise":
-        if item.value is not None:
-            machine = runner.machine
-            machine.data["errno"] = Variable("ERRNO", "errnum", "var", machine.value(item.value))
-        raise Raised(runner.origin if runner.handling and item.value is None else item.line)
-    if item.name in ("retry", "trynext"):
-        if not runner.handling:
-            raise Wrong(item.line, f"{item.name.upper()} outside of an error handler")
-        raise Handled(item.name == "retry")
-    raise Ended
-
-
-def _run_connect(runner: Runner, item: Connect) -> None:
-    connect(runner.machine, item)
-
-
-def _run_empty(_runner: Runner, item: Empty) -> None:
-    raise Wrong(
-        item.line, f"{item.text}: a place that is not filled in; the controller stops there"
-    )
+        runner.machine.scope.result = value
+        return
+    runner.machine.data["errno"] = Variable("ERRNO", "errnum", "var", value)
+    raise Raised(item.line)
 
 
 def _run_inline(runner: Runner, item: Inline) -> None:
@@ -294,12 +343,14 @@ def _run_inline(runner: Runner, item: Inline) -> None:
         inline(machine, item)
 
 
-_RUN: dict[type, Callable[[Runner, Value], None]] = {
+_RUN: dict[type, Callable[[Runner, Any], None]] = {
     Inline: _run_inline,
-    Call: _run_call, Assign: _run_assign, If: Flow.choose, For: Flow.count, While: Flow.repeat,
-    Test: Flow.select, Label: lambda _runner, _item: None, Goto: _run_goto, Word: _run_word,
-    Connect: _run_connect, Late: _run_late, Empty: _run_empty,
-}  # fmt: skip
+    Calling: _run_call,
+    Assign: _run_assign,
+    Word: _run_word,
+    Connect: lambda runner, item: connect(runner.machine, item),
+    Late: _run_late,
+}
 
 
 # The whole ------------------------------------------------------------------------------------------------------
@@ -311,7 +362,7 @@ def run_entry(machine: Machine, entry: Routine, statements: int) -> tuple[int, s
     statements: number of statements of the text at most.
     """
     budget = Budget(statements, machine.ask.limits.rapid_steps, "rapid_steps")
-    runner = Runner(machine, Ways(machine), budget, entry)
+    runner = Runner(machine, entry, budget)
     machine.call, machine.function, machine.interrupt = (
         runner.call,
         call_function,
@@ -323,9 +374,8 @@ def run_entry(machine: Machine, entry: Routine, statements: int) -> tuple[int, s
             machine.log.fact("not run", routine.name)
     waiting = [one for one in machine.homes if one.kind == "trap" and one not in runner.ran]
     for routine in waiting[:_MOST_TRAPS]:
-        runner.depth = 0
-        runner.budget = Budget(0, _MOST_OF_A_TRAP, "rapid_steps")
-        call = Call(routine.line, routine.name.lower())
+        runner.flow = Flow(runner, Budget(0, _MOST_OF_A_TRAP, "rapid_steps"), _RULES)
+        call = Calling(routine.line, routine.name.lower())
         judge_trap(
             machine, routine, partial(_run_whole, runner, partial(runner.call, routine, call))
         )
@@ -342,8 +392,6 @@ def _run_whole(runner: Runner, run: Callable[[], object]) -> tuple[int, str] | N
         return machine.line, str(stopped)
     except Raised as raised:
         return raised.line, "an error is raised that no handler takes"
-    except Handled:
-        return machine.line, "RETRY or TRYNEXT outside of an error handler"
     except RecursionError:
         return machine.line, "statements within each other, too deep"
     return None
@@ -355,7 +403,7 @@ def _run_cycles(runner: Runner, entry: Routine) -> None:
     for _ in range(_MOST_CYCLES):
         changes = machine.changes
         try:
-            runner.call(entry, Call(entry.line, entry.name.lower()))
+            runner.call(entry, Calling(entry.line, entry.name.lower()))
         except CycleEnded:
             if machine.body or machine.changes == changes:
                 raise

@@ -67,7 +67,7 @@ class Hole(Struct, frozen=True, gc=False):
     text: str
 
 
-class Call(Struct, frozen=True, eq=False, gc=False):
+class Calling(Struct, frozen=True, eq=False, gc=False):
     """A statement, or a function inside one: name in lower case, arguments in order, optional arguments by name."""
 
     line: int
@@ -89,14 +89,14 @@ Expr = (
     | Negation
     | Maybe
     | Hole
-    | Call
+    | Calling
 )
 
 
 class Shape(Struct, frozen=True, eq=False, gc=False):
     """What statements have in common that differ in the positions and orientations of their points only.
 
-    name, args, options: as in Call, without the points, which come first. points: for each its configuration and
+    name, args, options: as in Calling, without the points, which come first. points: for each its configuration and
     external axes. lead, lines: line ends before the name and before the semicolon, from the statement before on.
     """
 
@@ -109,7 +109,7 @@ class Shape(Struct, frozen=True, eq=False, gc=False):
 
 
 class Inline(Struct, frozen=True, eq=False, gc=False):
-    """A motion to a point written out, through another one if its shape has two: a Call in a few bytes.
+    """A motion to a point written out, through another one if its shape has two: a Calling in a few bytes.
 
     to, via: positions. turn, via_turn: quaternions, as written.
     """
@@ -121,7 +121,7 @@ class Inline(Struct, frozen=True, eq=False, gc=False):
     via: Vec3 | None = None
     via_turn: Numbers = ()
 
-    def call(self) -> Call:
+    def call(self) -> Calling:
         """The same motion as a statement like any other."""
         ends = (
             ((self.to, self.turn),)
@@ -129,7 +129,7 @@ class Inline(Struct, frozen=True, eq=False, gc=False):
             else ((self.via, self.via_turn), (self.to, self.turn))
         )
         points = (Point((*end, *rest)) for end, rest in zip(ends, self.shape.points, strict=True))
-        return Call(self.line, self.shape.name, (*points, *self.shape.args), self.shape.options)
+        return Calling(self.line, self.shape.name, (*points, *self.shape.args), self.shape.options)
 
 
 # Statements beside calls. A block is a list of them.
@@ -226,7 +226,19 @@ class Empty(Struct, frozen=True, eq=False, gc=False):
 
 
 Statement = (
-    Call | Inline | Assign | If | For | While | Test | Label | Goto | Word | Connect | Late | Empty
+    Calling
+    | Inline
+    | Assign
+    | If
+    | For
+    | While
+    | Test
+    | Label
+    | Goto
+    | Word
+    | Connect
+    | Late
+    | Empty
 )
 Block = tuple[Statement, ...]
 

@@ -8,31 +8,13 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from camgen.lang.values import Unknown
+
 from .tokens import LONGEST_STRING, Wrong
 from .tree import Expr
 
 #: What an expression is worth: float, bool, str, tuple (record), list (array), Unknown, or what an instruction made.
 Value = Any
-
-
-class Unknown:
-    """A value that no text holds. what: where it comes from; key: what the user says to set it, "" where that is no
-    use.
-    """
-
-    __slots__ = ("key", "what")
-
-    def __init__(self, what: str, key: str = "") -> None:
-        self.what, self.key = what, key
-
-    def __repr__(self) -> str:
-        return f"Unknown({self.what!r})"
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Unknown) and (self.what, self.key) == (other.what, other.key)
-
-    def __hash__(self) -> int:
-        return hash((self.what, self.key))
 
 
 NOTHING = Unknown("")
@@ -67,7 +49,7 @@ class Variable:
 
 def find_unknown(value: Value) -> Unknown | None:
     """The first part of a value that is not known."""
-    if isinstance(value, Unknown):
+    if type(value) is Unknown:
         return value
     if isinstance(value, (tuple, list)):
         for item in value:

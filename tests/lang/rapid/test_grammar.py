@@ -7,7 +7,7 @@ from camgen.lang.rapid.expressions import Calls
 from camgen.lang.rapid.grammar import parse
 from camgen.lang.rapid.tree import (
     Assign,
-    Call,
+    Calling,
     Component,
     Connect,
     Element,
@@ -155,12 +155,12 @@ def test_data_behind_a_routine_is_odd_and_read() -> None:
     [
         ("a:=1;", [Assign]),
         ("a{1}:=1;\na.b:=1;\na{1,2}.b.c{3}:=1;", [Assign, Assign, Assign]),
-        ("p;\np 1;\np 1,2\\x:=3\\y;\np\\x,1;", [Call] * 4),
-        ("p a:=1,b:=2;", [Call]),
-        ("p\\x?y;", [Call]),
-        ("p (1+2);\np (1),2;", [Call, Call]),
+        ("p;\np 1;\np 1,2\\x:=3\\y;\np\\x,1;", [Calling] * 4),
+        ("p a:=1,b:=2;", [Calling]),
+        ("p\\x?y;", [Calling]),
+        ("p (1+2);\np (1),2;", [Calling, Calling]),
         ('%"p"%;\n%"p"+"1"% 1,2\\x;', [Late, Late]),
-        ("GOTO a;\na:\nb:c;", [Goto, Label, Label, Call]),
+        ("GOTO a;\na:\nb:c;", [Goto, Label, Label, Calling]),
         ("RETURN;\nRETURN 1;\nRAISE;\nRAISE 7;\nEXIT;", [Word] * 5),
         ("CONNECT i WITH t;\nCONNECT i{1} WITH t;", [Connect, Connect]),
         ("IF a p;", [If]),
@@ -171,10 +171,10 @@ def test_data_behind_a_routine_is_odd_and_read() -> None:
         ("WHILE TRUE DO\np;\nENDWHILE", [While]),
         ("TEST a\nCASE 1:\np;\nCASE 2,3:\nDEFAULT:\nENDTEST\nTEST a\nENDTEST", [tree.Test, tree.Test]),
         ("<SMT>\n<VAR>:=1;", [Empty, Empty]),
-        ("MoveL *,v100,z10,tool0;", [Call]),
+        ("MoveL *,v100,z10,tool0;", [Calling]),
         ("MoveL [[1,2,3],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v5,z1,t\\WObj:=w;", [Inline]),
-        ("MoveL [[1, 2, 3],[1,0,0,0],[0,0,0,0],\n[9E9,9E9,9E9,9E9,9E9,9E9]], v5, z1, t;", [Call]),
-        ("! a comment\np; ! a comment", [Call]),
+        ("MoveL [[1, 2, 3],[1,0,0,0],[0,0,0,0],\n[9E9,9E9,9E9,9E9,9E9,9E9]],v5,z1,t;", [Calling]),
+        ("! a comment\np; ! a comment", [Calling]),
     ],
 )  # fmt: skip
 def test_statements_that_controllers_take(body: str, kinds: list[type]) -> None:
@@ -219,7 +219,7 @@ def test_statements_that_controllers_refuse(body: str, what: str) -> None:
 def test_a_fault_in_a_condition_does_not_hide_the_statements_behind_it() -> None:
     modules, said = parse(routine("WHILE a = = b DO\np;\nENDWHILE\nq;"), 1)
     assert [note.line for note in said] == [3]
-    assert [type(one) for one in modules[0].routines[0].body] == [While, Call]
+    assert [type(one) for one in modules[0].routines[0].body] == [While, Calling]
 
 
 def test_statements_within_each_other_have_an_end() -> None:
@@ -262,9 +262,9 @@ def test_expressions(text: str, found: Expr) -> None:
 
 def test_arguments_of_a_function() -> None:
     call = value("f(1\\x:=2\\y?z,\\w)")
-    assert isinstance(call, Call)
+    assert isinstance(call, Calling)
     assert (call.name, call.args) == ("f", (1.0,))
     assert call.options == (("x", 2.0), ("y", Maybe("z")), ("w", None))
     empty = value("f()")
-    assert isinstance(empty, Call)
+    assert isinstance(empty, Calling)
     assert empty.args == ()

@@ -415,6 +415,45 @@ def test_a_loop_without_end_is_shown_once() -> None:
         assert executed.stopped is None
 
 
+@pytest.mark.parametrize(
+    "loop",
+    [
+        "WHILE TRUE DO\nWaitTime 1;\nIF di1=1 RETURN;\nENDWHILE",
+        "again:\nWaitTime 1;\nIF di1=1 GOTO out;\nGOTO again;\nout:",
+    ],
+)
+def test_a_loop_is_left_where_an_input_could_end_it(loop: str) -> None:
+    """Not behind ENDWHILE: no program comes there."""
+    executed = done("sub;\nWaitTime 9;", f"PROC sub()\n{loop}\nENDPROC")
+    assert (waits(executed), executed.stopped) == ([1, 9], None)
+    assert "a loop repeats: it is shown once" in [item.what for item in executed.assumed]
+
+
+@pytest.mark.parametrize(
+    ("body", "seconds"),
+    [
+        # TRYNEXT passes the whole IF whose condition raises the error.
+        ("IF f()=1 THEN\nWaitTime 1;\nENDIF\nWaitTime 2;\nERROR\nTRYNEXT;", [2]),
+        # A GOTO out of two FORs, and out of the handler, ends them.
+        ("FOR i FROM 1 TO 3 DO\nFOR n FROM 5 TO 6 DO\nGOTO x;\nENDFOR\nENDFOR\nx:\nSub n;", [0]),
+        ("FOR n FROM 5 TO 6 DO\nRAISE 7;\nENDFOR\nx:\nWaitTime n;\nERROR\nGOTO x;", [0]),
+        # A label in an inner block, and one of a handler, are not those of the block around it.
+        ("GOTO x;\nIF TRUE THEN\nx:\nENDIF\nx:\nWaitTime 1;", [1]),
+        ("TEST n\nCASE 0:\nCASE 1:\nWaitTime 1;\nENDTEST\nWaitTime 2;", [2]),
+        ("n:=3;\nFOR i FROM 1 TO 2 STEP 0 DO\nWaitTime 1;\nENDFOR\nWaitTime n;", [3]),
+        # An assignment to the variable of a FOR changes no round.
+        ("FOR i FROM 1 TO 3 DO\nWaitTime i;\ni:=7;\nENDFOR", [1, 2, 3]),
+        # A handler runs once for an error, however deep the blocks are.
+        ("IF TRUE THEN\nIF TRUE THEN\nRAISE 7;\nENDIF\nENDIF\nERROR\nWaitTime 1;\nRETURN;", [1]),
+    ],
+)  # fmt: skip
+def test_control_across_blocks(body: str, seconds: list[float]) -> None:
+    more = "FUNC num f()\nRAISE 8;\nENDFUNC\nPROC sub(num k)\nWaitTime k;\nENDPROC"
+    executed = done(body, more)
+    assert waits(executed) == seconds
+    assert (executed.findings, executed.assumed, executed.stopped) == ((), (), None)
+
+
 def test_a_loop_that_alternates_between_two_values_ends() -> None:
     executed = done("WHILE n<5 DO\nn:=1-n;\nENDWHILE\nWaitTime 9;")
     assert waits(executed) == [9]

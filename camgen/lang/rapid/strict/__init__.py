@@ -36,7 +36,7 @@ from .statements import (
 )
 from .syntax import (
     DEACT_WHERE_ON,
-    Call,
+    Calling,
     Data,
     Inline,
     Module,
@@ -264,7 +264,7 @@ def _run_routine(program: Linked, state: State, routine: Routine, depth: int) ->
     """Runs a routine and the routines that it calls."""
     scope = program.scopes[routine]
     program.ran[routine] = None
-    for part in cast(Sequence[Call | Inline | Run], routine.body):
+    for part in cast(Sequence[Calling | Inline | Run], routine.body):
         item, left = part, _MOST_STATEMENTS - state.count
         if isinstance(item, Run):
             last = min(item.last, item.first + left)
@@ -292,7 +292,7 @@ def _run_routine(program: Linked, state: State, routine: Routine, depth: int) ->
             state.log.find("refused", wrong.what, line=wrong.line)
 
 
-def _run_call(program: Linked, state: State, routine: Routine, call: Call, depth: int) -> None:
+def _run_call(program: Linked, state: State, routine: Routine, call: Calling, depth: int) -> None:
     if call.name in MOTIONS:
         perform(state)
         motion(state, call)
@@ -303,7 +303,7 @@ def _run_call(program: Linked, state: State, routine: Routine, call: Call, depth
         _run_routine(program, state, _find_called(program, routine, call, depth), depth + 1)
 
 
-def _find_called(program: Linked, routine: Routine, call: Call, depth: int) -> Routine:
+def _find_called(program: Linked, routine: Routine, call: Calling, depth: int) -> Routine:
     """The PROC that a statement calls. Raises Wrong if it cannot be called."""
     called = program.find(routine, call.name)
     if called is None:
@@ -363,7 +363,7 @@ def _check_form(state: State, routine: Routine, main: Routine) -> None:
 
 def _hands_on(handler: Sequence[Statement]) -> bool:
     """Whether an ERROR handler is RAISE alone, so that the handler of main gets the error."""
-    return len(handler) == 1 and isinstance(handler[0], Call) and handler[0].name == "raise"
+    return len(handler) == 1 and isinstance(handler[0], Calling) and handler[0].name == "raise"
 
 
 def _judge_main_handler(

@@ -24,7 +24,7 @@ from camgen.model.pose import (
 )
 from camgen.model.text import counted
 
-from .syntax import Call, Data, Expr, Point, Ref, Wrong
+from .syntax import Calling, Data, Expr, Point, Ref, Wrong
 
 #: Data of the system whose values depend on the robot. They are not read.
 _OF_THE_ROBOT = {"vmax": "speeddata", "load0": "loaddata"}
@@ -67,7 +67,7 @@ class Scope:
             if key not in self.named_values:
                 self.named_values[key] = self._named(expr.name, want, line)
             return self.named_values[key]
-        if isinstance(expr, Call):
+        if isinstance(expr, Calling):
             return self._function(expr, want)
         if isinstance(expr, Point):
             if want != "robtarget":
@@ -136,7 +136,7 @@ class Scope:
         finally:
             self.pending.pop()
 
-    def _function(self, call: Call, want: str) -> Value:
+    def _function(self, call: Calling, want: str) -> Value:
         if call.name not in ("offs", "reltool") or want != "robtarget":
             raise Wrong(call.line, f"the function {call.name[:40]} is not read here")
         if len(call.args) != 4:

@@ -22,7 +22,7 @@ from camgen.lang.columns import find_distinct, read_numbers
 from camgen.lang.rapid import plain
 from camgen.lang.rapid.expressions import Calls
 from camgen.lang.rapid.tokens import RESERVED
-from camgen.lang.rapid.tree import Call, Inline, Numbers, Shape
+from camgen.lang.rapid.tree import Calling, Inline, Numbers, Shape
 from camgen.model.pose import FloatArray, to_vec3
 from camgen.model.program import Indices, Mask
 
@@ -278,13 +278,13 @@ class Rows:
     def __init__(self, points: FloatArray, turn: NDArray[np.int32], spellings: Spellings) -> None:
         self.points, self.turn, self.spellings = points, turn, spellings
 
-    def statement(self, row: int) -> Inline | Call:
+    def statement(self, row: int) -> Inline | Calling:
         """One row as a statement."""
         columns = self.columns
         shape = self.spellings.shapes[columns.shape[row]]
         line, point = int(columns.line[row]), int(columns.point[row])
         if point < 0:
-            return Call(line, shape.name, shape.args, shape.options)
+            return Calling(line, shape.name, shape.args, shape.options)
         position = to_vec3(self.points[point])
         turn = self.spellings.turns[self.turn[point]]
         if len(shape.points) == 1:

@@ -43,7 +43,7 @@ from .expected import (
     judge_singularity,
 )
 from .state import Bound, State
-from .syntax import DEACT_WHERE_ON, Call, Expr, Inline, Ref, Wrong
+from .syntax import DEACT_WHERE_ON, Calling, Expr, Inline, Ref, Wrong
 
 _SUPERVISION = {"confj": "ConfJ", "confl": "ConfL"}
 #: The signal of an analog output. All others are digital (docs/posts/rapid.md, options).
@@ -57,7 +57,7 @@ _TRAVELS = 0.01
 _AIR = 1.01
 
 
-def _signal(state: State, call: Call) -> str:
+def _signal(state: State, call: Calling) -> str:
     """The logical name of the signal that is the first argument."""
     if call.options:
         raise Wrong(call.line, f"\\{call.options[0][0][:40]} of {call.name} is not read")
@@ -71,7 +71,7 @@ def _signal(state: State, call: Call) -> str:
     return state.settings.signals.get(name.lower(), name)
 
 
-def switch(state: State, call: Call) -> Output:
+def switch(state: State, call: Calling) -> Output:
     """The output of SetDO or SetAO (a signal and its value), Set or Reset (a signal).
 
     Raises Wrong for arguments that do not fit the signal.
@@ -96,7 +96,7 @@ def switch(state: State, call: Call) -> Output:
     return Output(signal, value)
 
 
-def switch_signal(state: State, call: Call) -> None:
+def switch_signal(state: State, call: Calling) -> None:
     """Runs SetDO, SetAO, Set or Reset."""
     item = switch(state, call)
     state.stopped(call.name)
@@ -104,7 +104,7 @@ def switch_signal(state: State, call: Call) -> None:
     state.add(item, call.line)
 
 
-def _wait(state: State, call: Call) -> None:
+def _wait(state: State, call: Calling) -> None:
     """Runs WaitTime.
 
     With InPos it waits for standstill first. A wait of 0 s then adds nothing to the stop before it.
@@ -123,7 +123,7 @@ def _wait(state: State, call: Call) -> None:
         state.add(Wait(seconds), call.line)
 
 
-def _stop(state: State, call: Call) -> None:
+def _stop(state: State, call: Calling) -> None:
     """Runs Stop, which waits for the operator."""
     if call.args or call.options:
         raise Wrong(call.line, "stop is read without arguments")
@@ -132,7 +132,7 @@ def _stop(state: State, call: Call) -> None:
     state.add(Stop(), call.line)
 
 
-def _configuration(state: State, call: Call) -> None:
+def _configuration(state: State, call: Calling) -> None:
     """Runs ConfL or ConfJ. The supervision of the posture is not part of an instruction."""
     if call.args or call.options not in ((("on", None),), (("off", None),)):
         raise Wrong(call.line, f"{call.name} needs \\On or \\Off")
@@ -145,7 +145,7 @@ def _configuration(state: State, call: Call) -> None:
         state.remark(call.line, f"{_SUPERVISION[call.name]} is on, though post.conf is {conf}")
 
 
-def _singularity(state: State, call: Call) -> None:
+def _singularity(state: State, call: Calling) -> None:
     """Runs SingArea. The behaviour near a singularity is not part of an instruction."""
     if call.args or call.options not in ((("wrist", None),), (("off", None),)):
         raise Wrong(call.line, "singarea needs \\Wrist or \\Off")
@@ -154,7 +154,7 @@ def _singularity(state: State, call: Call) -> None:
         state.remark(call.line, "SingArea after the first motion")
 
 
-def _acceleration(state: State, call: Call) -> None:
+def _acceleration(state: State, call: Calling) -> None:
     """Runs AccSet. Acceleration and ramp, in %, are not part of an instruction."""
     if len(call.args) != 2 or call.options:
         raise Wrong(call.line, "accset needs acceleration and ramp")
@@ -166,7 +166,7 @@ def _acceleration(state: State, call: Call) -> None:
         state.remark(call.line, "AccSet after the first motion")
 
 
-def _calibrate(state: State, call: Call) -> None:
+def _calibrate(state: State, call: Calling) -> None:
     """Runs FCCalib, which sets the force sensor to zero with the load of the tool."""
     if len(call.args) != 1 or call.options:
         raise Wrong(call.line, "fccalib needs one loaddata")
@@ -185,7 +185,7 @@ def _calibrate(state: State, call: Call) -> None:
     state.stopped(call.name)
 
 
-def _deactivate(state: State, call: Call) -> None:
+def _deactivate(state: State, call: Calling) -> None:
     """Runs FCDeact, which ends force control."""
     check_deactivation(state, call)
     if state.pressing is not None:
@@ -194,7 +194,7 @@ def _deactivate(state: State, call: Call) -> None:
     state.add(Force(0.0), call.line)
 
 
-def check_deactivation(state: State, call: Call) -> None:
+def check_deactivation(state: State, call: Calling) -> None:
     """Checks FCDeact. It is unusual without a test whether force control is on.
 
     Raises Wrong if it has arguments.
@@ -209,7 +209,7 @@ def check_deactivation(state: State, call: Call) -> None:
 SWITCHES = ("setdo", "setao", "set", "reset")
 #: The end of force control, always and with a test whether force control is on.
 DEACTIVATIONS = ("fcdeact", DEACT_WHERE_ON)
-STATEMENTS: dict[str, Callable[[State, Call], None]] = {
+STATEMENTS: dict[str, Callable[[State, Calling], None]] = {
     **dict.fromkeys(SWITCHES, switch_signal),
     "waittime": _wait,
     "stop": _stop,
@@ -250,7 +250,7 @@ _WORLD = Ref("wobj0")
 _PRESSING = frozenset(name for name in MOTIONS if name.startswith("fc"))
 
 
-def motion(state: State, call: Call) -> Bound:
+def motion(state: State, call: Calling) -> Bound:
     """Runs a motion. Returns the motion without its points. Raises Wrong if it cannot be read."""
     bound = _read_bound(state, call)
     values = bound.values
@@ -266,7 +266,7 @@ def motion(state: State, call: Call) -> Bound:
     return bound
 
 
-def _read_bound(state: State, call: Call) -> Bound:
+def _read_bound(state: State, call: Calling) -> Bound:
     """Reads a motion without its points."""
     values = _bind(state, call)
     speed = cast(float, values["v"] if "v" in values else numbers(values["speed"])[0])
@@ -390,7 +390,7 @@ def _posture(values: Mapping[str, Value]) -> Posture | None:
     return Posture(configuration) if any(configuration) else None
 
 
-def _bind(state: State, call: Call) -> dict[str, Value]:
+def _bind(state: State, call: Calling) -> dict[str, Value]:
     """The values of the arguments of a motion by name. Sets the tool and the work object.
 
     Raises Wrong for an argument that is missing, unknown or of another type.

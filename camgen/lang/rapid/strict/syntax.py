@@ -16,7 +16,7 @@ from camgen.lang.rapid.grammar import Parser
 from camgen.lang.rapid.statements import STRUCTURE, Note
 from camgen.lang.rapid.tokens import BANNER_LINES, RESERVED, Wrong, banner, show_token
 from camgen.lang.rapid.tree import (
-    Call,
+    Calling,
     Data,
     Expr,
     Inline,
@@ -71,7 +71,7 @@ def parse(
     return modules, text.count("\n") if parser.cut is None else parser.cut.line_ends
 
 
-def calls_of(block: Sequence[Statement | Run]) -> Iterator[Call | Inline]:
+def calls_of(block: Sequence[Statement | Run]) -> Iterator[Calling | Inline]:
     """The statements of a routine, one by one."""
     for item in cast(Sequence[Any], block):
         if isinstance(item, Run):
@@ -237,7 +237,7 @@ class _Parser(Parser):
         self.jump(statements.end, statements.line)
         return True
 
-    def handling(self) -> Call:
+    def handling(self) -> Calling:
         """Parses the conditional end of force control, or RAISE or EXIT of an ERROR handler."""
         _, text, line, _ = self.take()
         if text.lower() == "if":
@@ -246,7 +246,7 @@ class _Parser(Parser):
                     raise Wrong(line, "IF is read as IF FCIsForceMode() FCDeact; alone")
                 self.take()
         self.expect(";")
-        return Call(line, DEACT_WHERE_ON if text.lower() == "if" else text.lower())
+        return Calling(line, DEACT_WHERE_ON if text.lower() == "if" else text.lower())
 
     # -- statements
 
@@ -286,11 +286,11 @@ class _Parser(Parser):
 
 
 def _usual(line: int, name: str, run: Run, handles: bool, last: int) -> Routine:
-    handler = (Call(last - 1, "raise"),) if handles else None
+    handler = (Calling(last - 1, "raise"),) if handles else None
     return Routine(line, name, False, (), cast(Any, (run,)), handler, "proc", (), "", last)
 
 
 __all__ = [
-    "DEACT_WHERE_ON", "Call", "Data", "Expr", "Inline", "Module", "Point", "Ref", "Routine",
+    "DEACT_WHERE_ON", "Calling", "Data", "Expr", "Inline", "Module", "Point", "Ref", "Routine",
     "Shape", "Wrong", "calls_of", "parse",
 ]  # fmt: skip

@@ -1,0 +1,273 @@
+"""``camgen verify FOLDER --summary``: many programs, one row each.
+
+A file is a program of its own, unless another file calls what it defines. Files that call each
+other are one program, and one row.
+"""
+
+from __future__ import annotations
+
+import glob
+import re
+from argparse import Namespace
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+from msgspec import Struct
+
+from camgen.check.report import sum_up
+from camgen.cli.judge import add_harm, ask_of, find_own, name_files, verdict
+from camgen.cli.program_texts import read_texts
+from camgen.cli.say import Voice, table
+from camgen.lang.programs import LEVELS, Executed, Finding, Language, Places, list_languages
+from camgen.lang.taught import as_far_as_known
+from camgen.model.errors import CamgenError, InputError, JobError
+from camgen.model.job import Job
+from camgen.model.program import Columns
+from camgen.model.text import counted, duration
+from camgen.model.version import __version__
+from camgen.read.files import Files
+
+#: Exit codes, the worst first.
+_CODES = (1, 2, 3, 0)
+#: Level of a finding in SARIF 2.1.0, section 3.27.10.
+_SARIF_LEVELS = {"refused": "error", "dangerous": "error", "unusual": "warning"}
+#: Definitions of what other files may call, by language. The group is the name.
+_DEFINITIONS = {
+    "rapid": re.compile(r"^\s*(?:LOCAL\s+)?(?:PROC|FUNC\s+\w+|TRAP)\s+(\w+)", re.I | re.M),
+    "vplus": re.compile(r"^\s*\.PROGRAM\s+([\w.]+)", re.I | re.M),
+}
+_WORD = re.compile(r"[\w.]+")
+#: Options of `camgen verify` that are for a single program.
+_SINGLE = ("post", "job", "sets", "plan", "part", "entry", "report")
+
+
+class Judged(Struct, frozen=True, eq=False):
+    """A program that was judged.
+
+    names: its files.
+    language: name of its language, empty if it could not be read.
+    findings: its findings, in order of line.
+    place: file and line of a line that is counted through all files.
+    seconds: time of its motion, s.
+    exit_code: the code with which `camgen verify` ends for it alone.
+    error: the line of its error, empty without one.
+    """
+
+    names: tuple[str, ...]
+    language: str
+    findings: tuple[Finding, ...]
+    place: Places
+    seconds: float
+    exit_code: int
+    error: str
+
+    def count(self, level: str) -> int:
+        """Return the number of findings of a level."""
+        return sum(finding.level == level for finding in self.findings)
+
+
+def run(arguments: Namespace, says: Voice) -> int:
+    """Print a table, JSON or SARIF of all programs. Return the worst exit code.
+
+    JobError for an option that is for a single program, InputError if no program is found.
+    """
+    for name in _SINGLE:
+        if getattr(arguments, name):
+            what = "is for a single program"
+            raise JobError(f"--{name}", what, remedy="leave it out, or leave out --summary")
+    if arguments.json and arguments.sarif:
+        raise JobError("--sarif", "and --json are both given", remedy="give one of them")
+    files = Files()
+    paths, others = _list_files(arguments.programs)
+    programs = list(_group(paths, files))
+    judged = []
+    for number, (group, language) in enumerate(programs, 1):
+        says.stage(f"{number} of {len(programs)}: {group[0]}")
+        judged.append(_judge(group, language, arguments, files))
+    says.clear()
+    if arguments.json:
+        says.data([_as_data(program) for program in judged])
+    elif arguments.sarif:
+        says.data(_as_sarif(judged))
+    else:
+        says.out(_as_table(judged, others))
+    codes = {program.exit_code for program in judged}
+    return next(code for code in _CODES if code in codes)
+
+
+def _list_files(names: Sequence[str]) -> tuple[list[Path], int]:
+    """Return the files of programs, and the number of other files in the folders.
+
+    A name is a file, a folder with all that is in it, or a pattern.
+    """
+    suffixes: set[str] = set()
+    for language in list_languages():
+        suffixes.update(language.suffixes)
+    paths: list[Path] = []
+    others = 0
+    for name in names:
+        path = Path(name)
+        if path.is_dir():
+            inside = sorted(item for item in path.rglob("*") if item.is_file())
+            programs = [item for item in inside if item.suffix.lower() in suffixes]
+            others += len(inside) - len(programs)
+            paths += programs
+        elif glob.has_magic(name) and not path.exists():
+            fitting = sorted(map(Path, glob.glob(name, recursive=True)))
+            if not fitting:
+                raise InputError(name, "fits no file", remedy="name a file or a folder")
+            paths += fitting
+        else:
+            paths.append(path)
+    paths = list(dict.fromkeys(paths))
+    if not paths:
+        what = "has no file that ends as a program does"
+        raise InputError(names[0], what, remedy="name the files")
+    return paths, others
+
+
+def _group(paths: Sequence[Path], files: Files) -> Iterator[tuple[list[Path], Language | None]]:
+    """Yield the files of each program, with its language. None for a file without one."""
+    texts: dict[Path, str] = {}
+    languages: dict[Path, Language | None] = {}
+    for path in paths:
+        try:
+            text = read_texts([path], files)
+            languages[path] = find_own("", text)
+            texts[path] = text[path.name]
+        except (InputError, JobError):
+            # The error is repeated when the program is judged.
+            languages[path] = None
+    groups = {path: [path] for path in paths}
+    for path, other in _find_calls(texts, languages):
+        large, small = sorted((groups[path], groups[other]), key=len, reverse=True)
+        if large is not small:
+            large += small
+            groups.update(dict.fromkeys(small, large))
+    order = {path: number for number, path in enumerate(paths)}
+    for path, group in groups.items():
+        group.sort(key=order.__getitem__)
+        if group[0] == path:
+            yield group, languages[path]
+
+
+def _find_calls(
+    texts: Mapping[Path, str], languages: Mapping[Path, Language | None]
+) -> Iterator[tuple[Path, Path]]:
+    """Yield pairs of files in one folder of which the first names what only the second defines."""
+    owners: dict[tuple[Path, str, str], list[Path]] = defaultdict(list)
+    for path, text in texts.items():
+        for name in _list_definitions(path, text, languages[path]):
+            owners[path.parent, _name(languages[path]), name].append(path)
+    for path, text in texts.items():
+        words = set(map(str.lower, _WORD.findall(text)))
+        for word in sorted(words):
+            owner = owners.get((path.parent, _name(languages[path]), word), [])
+            if len(owner) == 1 and owner[0] != path:
+                yield path, owner[0]
+
+
+def _name(language: Language | None) -> str:
+    return "" if language is None else language.name
+
+
+def _list_definitions(path: Path, text: str, language: Language | None) -> set[str]:
+    """Return the names in lower case that other files may call. A file of PacScript has its own."""
+    name = _name(language)
+    if name == "pacscript":
+        return {path.stem.lower(), path.name.lower()}
+    pattern = _DEFINITIONS.get(name)
+    return set() if pattern is None else {word.lower() for word in pattern.findall(text)}
+
+
+def _judge(
+    group: Sequence[Path], language: Language | None, arguments: Namespace, files: Files
+) -> Judged:
+    """Return a program with its findings, or with the error for which it has none."""
+    names = tuple(str(path) for path in group)
+    try:
+        texts = read_texts(group, files)
+        place = Places(texts)
+        language = language or find_own("", texts)
+        if arguments.dialect not in language.dialects:
+            arguments = Namespace(**{**vars(arguments), "dialect": None})
+        ask = ask_of(language, arguments, Job(), files)
+        executed = add_harm(language.run(texts, ask), texts)
+    except CamgenError as error:
+        return Judged(names, _name(language), (), Places({}), 0.0, error.exit_code, str(error))
+    if len(group) > 1:
+        executed = name_files(executed, place)
+    refusal = verdict(executed, group[0], place)
+    code = 0 if refusal is None else refusal.exit_code
+    findings = (*executed.findings, *_stop(executed))
+    seconds = sum_up(Columns(as_far_as_known(executed).body)).seconds
+    return Judged(names, language.name, findings, place, seconds, code, "")
+
+
+def _stop(executed: Executed) -> tuple[Finding, ...]:
+    """Return the end of a run before the end of its text, as a finding."""
+    if executed.stopped is None:
+        return ()
+    line, what = executed.stopped
+    return (Finding("refused", line, f"cannot be run on: {what}"),)
+
+
+def _as_table(judged: Sequence[Judged], others: int) -> str:
+    rows = [("program", "language", *LEVELS, "time", "exit code")]
+    for program in judged:
+        more = f" and {counted(len(program.names) - 1, 'more file')}"
+        name = program.names[0] + (more if len(program.names) > 1 else "")
+        counts = [str(program.count(level)) for level in LEVELS]
+        time = program.error or f"about {duration(program.seconds)}"
+        rows.append((name, program.language or "-", *counts, time, str(program.exit_code)))
+    codes = Counter(program.exit_code for program in judged)
+    summary = f"{counted(len(judged), 'program')}: {codes[0]} without refusal or danger"
+    left = f"; {counted(others, 'other file')} in the folders" if others else ""
+    return f"{table(rows)}{summary}{left}\n"
+
+
+def _as_data(program: Judged) -> dict[str, object]:
+    return {
+        "files": program.names,
+        "language": program.language,
+        "seconds": program.seconds,
+        "exit_code": program.exit_code,
+        "error": program.error,
+        "findings": [
+            {"place": program.place(item.line), "level": item.level, "what": item.what}
+            for item in program.findings
+        ],
+    }
+
+
+def _as_sarif(judged: Sequence[Judged]) -> dict[str, object]:
+    """Return a log of SARIF 2.1.0 with a result for each finding and for each error."""
+    results = []
+    for program in judged:
+        if program.error:
+            results.append(_as_result("refused", program.error, program.names[0], 1))
+        folder = Path(program.names[0]).parent
+        for finding in program.findings:
+            name, _, line = program.place(finding.line).rpartition(" line ")
+            number = int(line.replace("\N{NO-BREAK SPACE}", "").replace(" ", ""))
+            results.append(
+                _as_result(finding.level, finding.what, (folder / name).as_posix(), number)
+            )
+    rules = [{"id": level} for level in LEVELS]
+    driver = {"name": "camgen verify", "version": __version__, "rules": rules}
+    return {
+        "$schema": "https://json.schemastore.org/sarif-2.1.0.json",
+        "version": "2.1.0",
+        "runs": [{"tool": {"driver": driver}, "results": results}],
+    }
+
+
+def _as_result(level: str, what: str, file: str, line: int) -> dict[str, object]:
+    location = {"artifactLocation": {"uri": file}, "region": {"startLine": line}}
+    return {
+        "ruleId": level,
+        "level": _SARIF_LEVELS[level],
+        "message": {"text": what},
+        "locations": [{"physicalLocation": location}],
+    }
