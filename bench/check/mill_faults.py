@@ -37,7 +37,7 @@ import numpy as np
 from ezdxf import bbox
 
 from bench.check.set_up_faults import Tables, list_tools, run, write_job
-from bench.check.words import Array, Grid, Move, carve, read_moves, sample_move
+from bench.check.words import Array, Grid, Move, carve, make_disc, read_moves, sample_move
 from bench.support.runner import ROOT, SHARED, Missed, open_table, read_words
 from camgen.model.signature import sign
 
@@ -87,12 +87,14 @@ class Sound(NamedTuple):
     job: tables of the job.
     text: the program.
     moves: its motions.
+    places: (N, 3) places on each motion, mm.
     """
 
     part: Path
     job: Tables
     text: str
     moves: list[Move]
+    places: list[Array]
 
 
 class Fault(NamedTuple):
@@ -163,14 +165,13 @@ def find_length(job: Tables, number: int) -> float:
     return float(next((row for row in rows if row.get("number", 0) == number), rows[0])["length"])
 
 
-def meets_clamp(moves: Sequence[Move], job: Tables, *, holder: bool) -> bool:
-    """Whether the tool, or its holder, reaches half a mm or more into the clamp."""
+def meets_clamp(sound: Sound, job: Tables, *, holder: bool) -> bool:
+    """Whether the tool, or its holder, reaches half a mm or more into the clamp of a job."""
     x1, y1, _, x2, y2, top = job["cell"]["fixtures"][0]
-    for move in moves:
+    for move, places in zip(sound.moves, sound.places, strict=True):
         radius = HOLDER[0] if holder else find_radius(job, move.tool)
         height = find_length(job, move.tool) if holder else 0.0
-        points = sample_move(move, PITCH)
-        points = points[points[:, 2] + height < top - 0.5]
+        points = places[places[:, 2] + height < top - 0.5]
         distances = np.maximum(np.maximum([x1, y1] - points[:, :2], points[:, :2] - [x2, y2]), 0.0)
         if (np.hypot(*distances.T) < radius - 0.5).any():
             return True
@@ -196,11 +197,7 @@ def holder_meets_stock(moves: Sequence[Move], job: Tables) -> bool:
 
 def _lowest_in_disc(grid: Grid, x: float, y: float, radius: float) -> float:
     """The depth to which the highest cell of a disc is cut, mm."""
-    across = int(radius / grid.pitch)
-    column, row = np.rint((np.array([x, y]) - grid.low) / grid.pitch).astype(int)
-    part = grid.depth[row - across : row + across + 1, column - across : column + across + 1]
-    offsets = np.arange(-across, across + 1) * grid.pitch
-    return float(part[np.hypot(*np.meshgrid(offsets, offsets)) <= radius].min())
+    return float(grid.cut_out(x, y, radius)[make_disc(radius, grid.pitch)].min())
 
 
 def find_through(moves: Sequence[Move], job: Tables) -> Array:
@@ -266,7 +263,7 @@ def seed_tool_meets_clamp(sound: Sound, chance: random.Random) -> Fault | None:
     deep = [move for move in sound.moves if move.deepest > 0]
     x, y, _ = chance.choice(list(sample_move(chance.choice(deep), PITCH)))
     job["cell"]["fixtures"] = [place_clamp(float(x), float(y))]
-    return Fault(job, sound.text, meets_clamp(sound.moves, job, holder=False))
+    return Fault(job, sound.text, meets_clamp(sound, job, holder=False))
 
 
 def seed_holder_meets_clamp(sound: Sound, chance: random.Random) -> Fault | None:
@@ -283,9 +280,7 @@ def seed_holder_meets_clamp(sound: Sound, chance: random.Random) -> Fault | None
         job["cell"]["fixtures"] = [
             place_clamp(float(x + distance * np.cos(angle)), float(y + distance * np.sin(angle)))
         ]
-        if meets_clamp(sound.moves, job, holder=True) and not meets_clamp(
-            sound.moves, job, holder=False
-        ):
+        if meets_clamp(sound, job, holder=True) and not meets_clamp(sound, job, holder=False):
             return Fault(job, sound.text, matters=True)
     return None
 
@@ -359,11 +354,12 @@ def build(drawing: Path, case: str, folder: Path) -> Sound:
     if outcome.code:
         raise RuntimeError(f"{drawing.name} is not built: {list(outcome.lines)}")
     text = program.read_text()
-    sound = Sound(drawing, job, text, list(read_moves(text)))
+    moves = list(read_moves(text))
+    sound = Sound(drawing, job, text, moves, [sample_move(move, PITCH) for move in moves])
     if (code := verify(Fault(job, text, matters=False), drawing, folder)) != 0:
         raise RuntimeError(f"{drawing.name} is refused as it is, exit code {code}")
     for holder in (False, True):
-        assert not meets_clamp(sound.moves, job, holder=holder), f"{drawing.name} meets its clamp"
+        assert not meets_clamp(sound, job, holder=holder), f"{drawing.name} meets its clamp"
     assert not holder_meets_stock(sound.moves, job), f"{drawing.name} has a holder in material"
     return sound
 

@@ -32,6 +32,7 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator
 from copy import deepcopy
+from functools import cache
 from itertools import combinations
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -379,17 +380,14 @@ def try_job(kind: str, case: str, folder: Path, chance: random.Random) -> tuple[
     """The verdict on a fault of a job, and the fault; None if the case has nothing to change."""
     part, job = load(case)
     faulty = deepcopy(job)
-    drawing = folder / "part.dxf"
-    drawing.write_bytes(part.read_bytes())
+    changed = part
     if kind == "outline with a gap":
         changed = folder / "open.dxf"
         open_outline(part, changed, chance)
     elif not JOB_FAULTS[kind](faulty, chance):
         return None
-    program, sound = build(job, drawing, folder)
-    if kind == "outline with a gap":
-        drawing.write_bytes(changed.read_bytes())
-    text, outcome = build(faulty, drawing, folder)
+    program, sound = build_sound(case, folder)
+    text, outcome = build(faulty, changed, folder)
     about = f"{kind}, {case}"
     if outcome.code:
         return "refused", about
@@ -400,38 +398,57 @@ def try_job(kind: str, case: str, folder: Path, chance: random.Random) -> tuple[
     return ("a line more" if outcome.lines - sound.lines else "no line"), about
 
 
-def build(job: Tables, drawing: Path, folder: Path) -> tuple[str, Outcome]:
+def build(job: Tables, part: Path, folder: Path) -> tuple[str, Outcome]:
     """The program of a job, empty if it is refused."""
+    drawing, target = folder / "part.dxf", folder / "part.ngc"
+    drawing.write_bytes(part.read_bytes())
     write_job(job, drawing.with_suffix(".toml"))
-    target = folder / "part.ngc"
     target.unlink(missing_ok=True)
     outcome = run("build", str(drawing), "--post", "gcode", "-o", str(target))
     return (target.read_text() if target.exists() else ""), outcome
 
 
+@cache
+def build_sound(case: str, folder: Path) -> tuple[str, Outcome]:
+    """The program of a golden job."""
+    part, job = load(case)
+    return build(job, part, folder)
+
+
+def verify(text: str, case: str, folder: Path) -> tuple[Outcome, Outcome]:
+    """The outcomes of `camgen verify` for a text: with and without the rebuilt program."""
+    part, job = load(case)
+    drawing, program = folder / "part.dxf", folder / "part.ngc"
+    drawing.write_bytes(part.read_bytes())
+    write_job(job, drawing.with_suffix(".toml"))
+    program.write_text(text)
+    words = ("verify", str(program), "--part", str(drawing))
+    return run(*words), run(*words, "--post", "gcode")
+
+
+@cache
+def verify_sound(case: str, folder: Path) -> tuple[Outcome, Outcome]:
+    """The outcomes for the program of a golden job."""
+    return verify(build_sound(case, folder)[0], case, folder)
+
+
 def try_text(kind: str, case: str, folder: Path, chance: random.Random) -> tuple[str, str] | None:
     """The verdict on a fault of a text, and the fault; None if the text has nothing to change."""
-    part, job = load(case)
-    drawing = folder / "part.dxf"
-    drawing.write_bytes(part.read_bytes())
-    text, _ = build(job, drawing, folder)
+    _, job = load(case)
+    text, _ = build_sound(case, folder)
     lines = _DIGEST.sub("", text).split("\n")
     changed = TEXT_FAULTS[kind](lines, job, chance)
     if changed is None:
         return None
-    program = folder / "part.ngc"
-    words = ("verify", str(program), "--part", str(drawing))
-    sound, sound_alone = run(*words), run(*words, "--post", "gcode")
     edited = sign("\n".join(changed))
-    program.write_text(edited)
-    outcome = run(*words)
+    sound, sound_alone = verify_sound(case, folder)
+    outcome, alone = verify(edited, case, folder)
     row = next(
         (f"{kind}, {case}: {new}" for old, new in zip(lines, changed, strict=True) if old != new),
         kind,
     )
     if kind == "depth in the text" and not is_cut_otherwise(job, text, job, edited):
         return "without effect", row
-    alone = run(*words, "--post", "gcode")
     if alone.code == sound_alone.code and not alone.lines - sound_alone.lines:
         row = f"{_REBUILT}{row}"
     if outcome.code > sound.code:

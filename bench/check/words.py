@@ -9,6 +9,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -119,12 +120,23 @@ class Grid:
 
     def stamp(self, x: float, y: float, radius: float, depth: float) -> None:
         """A disc of the tool at a place."""
+        part = self.cut_out(x, y, radius)
+        np.maximum(part, depth, out=part, where=make_disc(radius, self.pitch))
+
+    def cut_out(self, x: float, y: float, radius: float) -> Array:
+        """The square of cells about a place, as a view."""
         across = int(radius / self.pitch)
-        column, row = np.rint((np.array([x, y]) - self.low) / self.pitch).astype(int)
-        part = self.depth[row - across : row + across + 1, column - across : column + across + 1]
-        offsets = np.arange(-across, across + 1) * self.pitch
-        disc = np.hypot(*np.meshgrid(offsets, offsets)) <= radius
-        part[disc] = np.maximum(part[disc], depth)
+        column = round((x - self.low[0]) / self.pitch)
+        row = round((y - self.low[1]) / self.pitch)
+        return self.depth[row - across : row + across + 1, column - across : column + across + 1]
+
+
+@cache
+def make_disc(radius: float, pitch: float) -> Array:
+    """Which cells of the square about a disc lie in it."""
+    across = int(radius / pitch)
+    offsets = np.arange(-across, across + 1) * pitch
+    return np.hypot(*np.meshgrid(offsets, offsets)) <= radius
 
 
 def carve(moves: list[Move], radii: Mapping[int, float], pitch: float) -> tuple[Grid, list[float]]:

@@ -6,7 +6,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.rotations import from_quaternions, from_vectors
-from camgen.geometry.vectors import cross
+from camgen.geometry.vectors import add_coordinates, cross
 from camgen.localize.model import Cloud, Model
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
@@ -91,15 +91,15 @@ def slide(
     """
     at = poses.apply(points)
     which = field.at(at)
-    normal, off = field.normals[which], at - field.points[which]
-    weight = (scale**2 / (scale**2 + (off * off).sum(axis=2))) ** 2
+    normal, off = field.normals.take(which, axis=0), at - field.points.take(which, axis=0)
+    weight = (scale**2 / (scale**2 + add_coordinates(off * off))) ** 2
     total = weight.sum(axis=1)
     centre = (weight[..., None] * at).sum(axis=1) / total[:, None]
     arm = at - centre[:, None]
     lines = np.concatenate([cross(arm, normal), normal], axis=2)
     pulled = lines * weight[..., None]
     matrix = pulled.transpose(0, 2, 1) @ lines
-    towards = (pulled * (off * normal).sum(axis=2)[..., None]).sum(axis=1)
+    towards = (pulled * add_coordinates(off * normal)[..., None]).sum(axis=1)
     heavy = arm * weight[..., None]
     square = np.einsum("bni,bnj->bij", heavy, arm)
     eye = np.eye(3)
@@ -123,8 +123,8 @@ def turn_poses(vectors: FloatArray) -> FloatArray:
 def fit(field: DistanceField, points: FloatArray, poses: Poses, scale: float) -> FloatArray:
     """How much of the scan each pose (B,) puts near the model, 0..1: 1 on it, 1/2 at ``scale`` mm."""
     at = poses.apply(points)
-    off = at - field.points[field.at(at)]
-    return np.asarray((scale**2 / (scale**2 + (off * off).sum(axis=2))).mean(axis=1))
+    off = at - field.points.take(field.at(at), axis=0)
+    return np.asarray((scale**2 / (scale**2 + add_coordinates(off * off))).mean(axis=1))
 
 
 def thin(points: FloatArray, count: int) -> FloatArray:

@@ -8,7 +8,7 @@ from msgspec import Struct
 
 from camgen.collision.tree import BoxTree, ask, grow
 from camgen.geometry.ragged import begins, owners, run_lengths, run_starts, starts_run, stretches
-from camgen.geometry.vectors import dots, unit
+from camgen.geometry.vectors import dots, in_blocks, lengths, unit
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
 
@@ -217,7 +217,8 @@ def _prune(
     if not len(place):
         return TouchPairs(place, triangle)
     radius = cell * np.sqrt(0.75)
-    off = places[place] - closest(model.tree.corners[triangle], places[place])
+    points = places.take(place, axis=0)
+    off = points - in_blocks(closest, model.tree.corners.take(triangle, axis=0), points)
     away = np.sqrt(dots(off, off))
     least = np.repeat(np.minimum.reduceat(away, run_starts(place)), run_lengths(place))
     kept = (away <= least + limits[1][place] + 2 * radius) & (least <= limits[0][place] + radius)
@@ -226,8 +227,9 @@ def _prune(
 
 def find_touched(model: Model, pairs: TouchPairs, points: FloatArray) -> Touch:
     """The closest of the candidates for each point that has any."""
-    at = closest(model.tree.corners[pairs.triangle], points[pairs.point])
-    away = np.linalg.norm(points[pairs.point] - at, axis=1)
+    rows = points.take(pairs.point, axis=0)
+    at = in_blocks(closest, model.tree.corners.take(pairs.triangle, axis=0), rows)
+    away = lengths(rows - at)
     least = away
     if len(away):
         nearest = np.minimum.reduceat(away, run_starts(pairs.point))

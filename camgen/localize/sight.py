@@ -6,7 +6,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.collision.tree import ask
-from camgen.geometry.vectors import dots, unit
+from camgen.geometry.vectors import cross, dots, in_blocks, unit
 from camgen.localize.model import Model
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
@@ -51,7 +51,13 @@ def hidden(model: Model, places: FloatArray, eyes: FloatArray, gap: float) -> Bo
 
     ray, triangle, _ = ask(model.tree, len(places), meets)
     blocked = np.zeros(len(places), dtype=bool)
-    blocked[ray[_cross(model.tree.corners[triangle], places[ray], ways[ray]) > gap]] = True
+    distances = in_blocks(
+        _cross,
+        model.tree.corners.take(triangle, axis=0),
+        places.take(ray, axis=0),
+        ways.take(ray, axis=0),
+    )
+    blocked[ray[distances > gap]] = True
     return blocked
 
 
@@ -60,12 +66,12 @@ def _cross(corners: FloatArray, places: FloatArray, ways: FloatArray) -> FloatAr
     and Trumbore, Fast, minimum storage ray/triangle intersection, 1997).
     """
     one, two = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    across = np.cross(ways, two)
+    across = cross(ways, two)
     volume = dots(one, across)
     volume[volume == 0] = np.inf  # beside the triangle: all quotients are 0 and the distance too
     from_corner = places - corners[:, 0]
     u = dots(from_corner, across) / volume
-    turned = np.cross(from_corner, one)
+    turned = cross(from_corner, one)
     v = dots(ways, turned) / volume
     met = (u >= -_SEAM) & (v >= -_SEAM) & (u + v <= 1 + _SEAM)
     return np.asarray(np.where(met, dots(two, turned) / volume, -np.inf))

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.vectors import dots
+from camgen.geometry.vectors import dots, lengths
 from camgen.localize.evidence import DISC, Evidence, gather, sides
 from camgen.localize.fine import ScanFit, View
 from camgen.localize.groups import group_places
@@ -159,7 +159,7 @@ def _find_stretches(rims: Rims, strips: _Strips) -> list[Patch]:
         places = np.flatnonzero((side == k) & strips.valid)
         expected, counts = strips.expected[places], strips.counts[places]
         half = max(_IN_WINDOW / float(expected[0]) / 2, 1.5) * _mm_per_place(rims)
-        distances = np.linalg.norm(rims.places[places][:, None] - rims.places[places], axis=2)
+        distances = lengths(rims.places[places][:, None] - rims.places[places])
         window = (distances <= half) & (rims.normals[places] @ rims.normals[places].T > _ALIKE)
         wanted, held = window @ expected, window @ counts
         odd = held >= _FULL * wanted if strips.beyond else held <= _EMPTY * wanted

@@ -6,9 +6,9 @@ import dataclasses
 import importlib.util
 import sys
 from collections.abc import Callable, Mapping
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
-from typing import get_type_hints
+from typing import Any, get_type_hints
 
 import msgspec
 from msgspec import Struct
@@ -118,13 +118,19 @@ def _find_no_language(name: str) -> str:
     return reason
 
 
+@cache
+def _read_hints(post: type[Post]) -> dict[str, Any]:
+    """The types of the options of a post."""
+    return get_type_hints(post)
+
+
 def make_post(post: type[Post], options: Mapping[str, object]) -> Post:
     """The post with the options of ``[post]``; JobError for one that it does not have or of another type.
 
     A table, such as ``signals``, is laid over the default of the post (``fill_tables``).
     """
     known = {f.name: f for f in dataclasses.fields(post) if f.init}
-    hints = get_type_hints(post) if options else {}
+    hints = _read_hints(post) if options else {}
     for key, value in options.items():
         where = f"[post] {key}"
         if key not in known:

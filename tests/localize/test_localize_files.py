@@ -10,28 +10,18 @@ import trimesh
 
 import camgen
 from camgen import cli
-from camgen.localize import localize
 from camgen.localize.scans import read
 from camgen.model.errors import InputError
 from camgen.model.pose import pose_from_values
 from tests.support.clouds import ROUND, scan
 from tests.support.files import source
-from tests.support.remembered import remembered
 
+pytestmark = pytest.mark.usefixtures("localize_once")
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 SHARED = Path(__file__).parents[2].parent / "shared" / "data" / "cloud"
 PART = trimesh.load_mesh(PARTS / "rfa1.stl")
 #: Angles that R = Rz Ry Rx does not forgive when the order is another.
 TRUTH = (120.0, -40.0, 25.0, 10.0, -20.0, 130.0)
-
-
-#: What the command asks is worked out once for the same model, scan, start and viewpoint.
-LOCALIZE = remembered(localize)
-
-
-@pytest.fixture(autouse=True)
-def _once(monkeypatch):
-    monkeypatch.setattr("camgen.cli.localize.localize", LOCALIZE)
 
 
 @pytest.fixture(scope="module")

@@ -18,8 +18,8 @@ from camgen.model.errors import InputError, NoSafeProgram
 from camgen.model.pose import IDENTITY, Pose
 from tests.support import shells
 from tests.support.clouds import errors, placed
-from tests.support.remembered import remembered
 
+pytestmark = pytest.mark.usefixtures("localize_once")
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 THICK = 1.6
 
@@ -160,13 +160,8 @@ def pcd(points, viewpoint):
     return head.encode() + points.astype("<f8").tobytes()
 
 
-#: What the command asks is worked out once for the same model, scan, start and viewpoint.
-LOCALIZE = remembered(localize)
-
-
 @pytest.fixture
-def files(tmp_path, monkeypatch):
-    monkeypatch.setattr("camgen.cli.localize.localize", LOCALIZE)
+def files(tmp_path):
     mesh, points = face()
     mesh.export(tmp_path / "sheet.stl")
 

@@ -10,7 +10,7 @@ import pytest
 import trimesh
 
 from camgen import cli
-from camgen.localize import Location
+from camgen.localize import Location, localize
 from camgen.localize.advice import ModelPart, localize_or_advise
 from camgen.localize.scans import Scan, read
 from camgen.model.errors import InputError, NoSafeProgram
@@ -18,6 +18,7 @@ from camgen.model.files import Source
 from camgen.model.pose import FloatArray
 from tests.support.clouds import ROUND, scan
 
+pytestmark = pytest.mark.usefixtures("localize_once")
 Captured = pytest.CaptureFixture[str]
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 CASES = Path(__file__).parents[2].parent / "shared" / "data" / "cases"
@@ -129,6 +130,7 @@ def test_points_that_are_not_used_are_counted(
     folder: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("camgen.localize._MANY", 5000)
+    monkeypatch.setattr("camgen.cli.localize.localize", localize)
     assert run("mm.stl", "mm.xyz", "-o", str(folder / "frame.toml")) == 0
     note = "assumed   5 000 points of 6 000 points were used (drawn with a fixed seed)"
     assert note in capsys.readouterr().err
