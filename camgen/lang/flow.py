@@ -189,7 +189,7 @@ class CallFrame(Struct, gc=False):
     rounds: rounds of each loop, by the index of its first step, or of the jump that repeats it.
     undecided: indices of loops that were entered without a known condition.
     exits: branches not taken that leave for good, by the index of their condition.
-    asked: indices of the branches with an unknown condition, each with the unknown value.
+    branch_choices: indices of the branches with an unknown condition, each with the unknown value.
     returns: indices of the steps to which calls of labels return.
     handler: index of the step of the error handler, -1 without one.
     error: error that the handler has taken last, None without one.
@@ -202,7 +202,7 @@ class CallFrame(Struct, gc=False):
     rounds: dict[int, LoopRounds] = field(default_factory=dict)
     undecided: set[int] = field(default_factory=set)
     exits: dict[int, range] = field(default_factory=dict)
-    asked: set[tuple[int, str]] = field(default_factory=set)
+    branch_choices: set[tuple[int, str]] = field(default_factory=set)
     returns: list[int] = field(default_factory=list)
     handler: int = -1
     error: Raised | None = None
@@ -315,8 +315,8 @@ class Flow:
         if unknown.guess is not None or is_counted:
             return False
         choice = at, unknown.what
-        is_again = choice in frame.asked
-        frame.asked.add(choice)
+        is_again = choice in frame.branch_choices
+        frame.branch_choices.add(choice)
         return is_again
 
     def _select(self, frame: CallFrame, _at: int, step: Select) -> int:

@@ -531,7 +531,7 @@ def test_what_an_unknown_routine_is_given_is_not_known_after_it() -> None:
     )
     assert executed.findings == ()
     assert "a target is not known (what getitem gives to pIn): motions there are left out" in [
-        one.what for one in executed.assumed
+        assumption.what for assumption in executed.assumed
     ]
     assert places(executed) == [(100, 0, 0)]
     assert [item.seconds for item in executed.body if isinstance(item, Wait)] == [2.0]
