@@ -2,8 +2,9 @@
 
     python -m bench.check.harm [FAULTS] [--public FOLDER]
 
-FAULTS is a folder with `table.tsv` (language, file, fault), a folder a language with these files,
-and one program each without a fault, `sound.*`; the default is the data beside the repository.
+FAULTS is a folder with `table.tsv` (language, file, fault) and one folder for each language, which
+holds these files and a program without a fault, `sound.*`. The default is the data beside the
+repository.
 FOLDER has the git directories of the repositories of bench/languages/public.tsv.
 
 A fault is found if the language, the judge of harm or the comparison of the header has a finding.
@@ -36,20 +37,20 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("faults", nargs="?", type=Path, default=SHARED / "faults")
     parser.add_argument("--public", type=Path)
     options = parser.parse_args(arguments)
-    failed = judge_faults(options.faults)
+    failed = count_found(options.faults)
     if options.public:
-        judge_public(options.public)
+        list_alarms(options.public)
     return failed
 
 
 def run(language: str, name: str, text: str) -> Executed:
     """The run of a program with all findings. GRBL is a dialect of G-code."""
-    ask = Ask(dialect="grbl" if language == "grbl" else "")
-    executed = find_language("gcode" if language == "grbl" else language).run({name: text}, ask)
+    request = Ask(dialect="grbl" if language == "grbl" else "")
+    executed = find_language("gcode" if language == "grbl" else language).run({name: text}, request)
     return add_harm(executed, {name: text})
 
 
-def judge_faults(folder: Path) -> int:
+def count_found(folder: Path) -> int:
     """Prints the faults by language, and those that are not found. Returns the exit code."""
     faults: dict[str, list[tuple[str, str]]] = defaultdict(list)
     with (folder / "table.tsv").open(encoding="utf-8") as rows:
@@ -80,7 +81,7 @@ def judge_faults(folder: Path) -> int:
     return int(table.missed > 0)
 
 
-def judge_public(folder: Path) -> None:
+def list_alarms(folder: Path) -> None:
     """Prints the public programs in which the judge of harm has findings, and its seconds."""
     table = Table("language | program | line {} | level | finding")
     programs: Counter[str] = Counter()

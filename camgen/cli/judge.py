@@ -109,7 +109,7 @@ _SCALES = frozenset({"feed", "inch", "mps", "rated"})
 def add_harm(executed: Executed, texts: Mapping[str, str]) -> Executed:
     """``executed`` with what may do harm in its motion, and what its header says otherwise.
 
-    If the path rests on an assumption, nothing of it is dangerous for sure.
+    If the path rests on an assumption, a dangerous finding is only unusual.
     """
     from camgen.check.harm import find_harm  # noqa: PLC0415 (numpy: only where a program is judged)
 

@@ -84,7 +84,7 @@ def run(arguments: Namespace, says: Voice) -> int:
     judged = []
     for number, (group, language) in enumerate(programs, 1):
         says.stage(f"{number} of {len(programs)}: {group[0]}")
-        judged.append(_judge(group, language, arguments, files))
+        judged.append(_verify_group(group, language, arguments, files))
     says.clear()
     if arguments.json:
         says.data([_as_data(program) for program in judged])
@@ -181,7 +181,7 @@ def _list_definitions(path: Path, text: str, language: Language | None) -> set[s
     return set() if pattern is None else {word.lower() for word in pattern.findall(text)}
 
 
-def _judge(
+def _verify_group(
     group: Sequence[Path], language: Language | None, arguments: Namespace, files: Files
 ) -> Judged:
     """Return a program with its findings, or with the error for which it has none."""
@@ -192,8 +192,8 @@ def _judge(
         language = language or find_own("", texts)
         if arguments.dialect not in language.dialects:
             arguments = Namespace(**{**vars(arguments), "dialect": None})
-        ask = ask_of(language, arguments, Job(), files)
-        executed = add_harm(language.run(texts, ask), texts)
+        request = ask_of(language, arguments, Job(), files)
+        executed = add_harm(language.run(texts, request), texts)
     except CamgenError as error:
         return Judged(names, _name(language), (), Places({}), 0.0, error.exit_code, str(error))
     if len(group) > 1:
@@ -249,11 +249,9 @@ def _as_sarif(judged: Sequence[Judged]) -> dict[str, object]:
             results.append(_as_result("refused", program.error, program.names[0], 1))
         folder = Path(program.names[0]).parent
         for finding in program.findings:
-            name, _, line = program.place(finding.line).rpartition(" line ")
-            number = int(line.replace("\N{NO-BREAK SPACE}", "").replace(" ", ""))
-            results.append(
-                _as_result(finding.level, finding.what, (folder / name).as_posix(), number)
-            )
+            name, number = program.place.find(finding.line)
+            file = (folder / name).as_posix()
+            results.append(_as_result(finding.level, finding.what, file, number))
     rules = [{"id": level} for level in LEVELS]
     driver = {"name": "camgen verify", "version": __version__, "rules": rules}
     return {

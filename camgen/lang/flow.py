@@ -338,7 +338,7 @@ class Flow:
     def _choose_case(self, code: Code, step: Select) -> int:
         """Return the index of the case of an unknown value."""
         starts = [case.to for case in step.cases]
-        # The last step of a case leads behind the block.
+        # The last step of a case leads to the step after the block.
         ends = [*(start - 1 for start in starts[1:]), step.to]
         cases = [range(start, end) for start, end in zip(starts, ends, strict=False)]
         staying = [number for number, case in enumerate(cases) if not code.leaves(case)]

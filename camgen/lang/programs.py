@@ -358,7 +358,15 @@ class Places:
 
     def __call__(self, line: int) -> str:
         """Return file and line of a line that is counted through all files."""
+        name, number = self.find(line)
+        return f"{name} line {grouped(number)}" if name else f"line {line}"
+
+    def find(self, line: int) -> tuple[str, int]:
+        """Return the file and the number in it of a line that is counted through all files.
+
+        The file is empty for a line beyond the last one.
+        """
         k = bisect_left(self._last, line)
         if k == len(self._names):
-            return f"line {line}"
-        return f"{self._names[k]} line {grouped(line - (self._last[k - 1] if k else 0))}"
+            return "", line
+        return self._names[k], line - (self._last[k - 1] if k else 0)
