@@ -292,7 +292,8 @@ def _find_deep_motions(trace: Trace, process: Process) -> Marks:
         return
     for motion in deep:
         depth = lowest - float(trace.end[motion, 2])
-        yield motion, f"goes {short(depth, 2)} mm deeper than the motions with {process.signal} on"
+        others = f"the motions with {process.signal} on"
+        yield motion, f"the tool goes {short(depth, 2)} mm deeper than in {others}"
 
 
 def _find_low_travel(trace: Trace, process: Process) -> Marks:
@@ -300,7 +301,10 @@ def _find_low_travel(trace: Trace, process: Process) -> Marks:
     travel = _is_travel(trace, process.is_on)
     for motion in _find_idle(trace, process, travel):
         height = short(float(trace.end[motion, 2]), 2)
-        yield motion, f"travels to Z {height}, where the tool works: it drags or comes down aslant"
+        yield (
+            motion,
+            f"the tool travels to Z {height}, where the tool works: it drags or comes down aslant",
+        )
 
 
 def _find_idle_work(trace: Trace, process: Process) -> Marks:
@@ -309,7 +313,7 @@ def _find_idle_work(trace: Trace, process: Process) -> Marks:
     with np.errstate(invalid="ignore"):
         level = ~_is_travel(trace, process.is_on) & (trace.start[:, 2] <= highest)
     for motion in _find_idle(trace, process, level):
-        yield motion, f"runs at working height with {process.signal} off"
+        yield motion, f"the tool runs at working height with {process.signal} off"
 
 
 def _find_idle(trace: Trace, process: Process, among: Mask) -> list[int]:
@@ -456,7 +460,7 @@ def _find_odd_frames(trace: Trace) -> Marks:
     frame = trace.frame
     single = _find_single(trace, frame)
     if len(single) == 1 and np.count_nonzero(frame == frame[single[0] - 1]) > 2 * _LEAST:
-        what = "runs with another tool or in another frame than the motions beside it"
+        what = "the motion runs with another tool or in another frame than the motions beside it"
         yield single[0], what
 
 
@@ -498,7 +502,8 @@ def _find_odd_speeds(trace: Trace) -> Marks:
         motion = int(first[run])
         if flat[motion] and _counts(speed, speed[run]) == 1:
             value = short(float(speed[run]), 3)
-            yield motion, f"runs at {value} mm/s, ten times more or less than the motions beside it"
+            what = f"the motion runs at {value} mm/s"
+            yield motion, f"{what}, ten times more or less than the motions beside it"
 
 
 def _counts(values: FloatArray, value: float) -> int:
