@@ -8,6 +8,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.check.reach import Reach
+from camgen.geometry.ragged import each_once
 from camgen.model.errors import NoSafeProgram
 from camgen.model.pose import FloatArray, Vec3
 from camgen.model.program import MoveJ, Program
@@ -81,7 +82,7 @@ def find_slow_paths(reach: Reach, course: JointPath, robot: Robot, file: str) ->
         return []
     _insist_on_possible(samples, robot, program, file)
     return [
-        _find_slowest(samples, path, program) for path in np.unique(samples.path[slow]).tolist()
+        _find_slowest(samples, path, program) for path in each_once(samples.path[slow]).tolist()
     ]
 
 

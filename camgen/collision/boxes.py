@@ -34,6 +34,18 @@ class Boxes(Struct, frozen=True, eq=False):
             self.half.take(which, axis=0),
         )
 
+    def pick(self, row: IntArray, box: IntArray) -> Boxes:
+        """Those at rows and columns (m,) of a table that lies column by column in memory.
+
+        An index takes twice as long.
+        """
+        at = box * len(self.centres) + row
+        return Boxes(
+            self.centres.swapaxes(0, 1).reshape(-1, 3).take(at, axis=0),
+            self.axes.swapaxes(0, 1).reshape(-1, 3, 3).take(at, axis=0),
+            self.half[row, box],
+        )
+
     @property
     def reach(self) -> FloatArray:
         """(..., 3): half the edges of the box around each that is square to the frame."""

@@ -11,7 +11,7 @@ from msgspec import Struct
 from camgen.collision.hits import clearance, hits
 from camgen.collision.mesh import make_mesh
 from camgen.collision.scene import Allowed, Scene, Wall, narrow, scene
-from camgen.geometry.fixtures import Corners, corners_of
+from camgen.geometry.corners import Corners, corners_of
 from camgen.geometry.resting import turn_down
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError

@@ -14,7 +14,7 @@ from camgen.collision.boxes import Boxes, every, least_apart, meet
 from camgen.collision.mesh import body, distance, find_struck
 from camgen.collision.pairs import Travel
 from camgen.collision.scene import Scene, Target, narrow
-from camgen.geometry.ragged import ramp, run_lengths
+from camgen.geometry.ragged import each_once, ramp, run_lengths
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 from camgen.robots.kinematics.forward import frames
@@ -112,7 +112,7 @@ def _look_closer(
     if not exactly:
         bare = np.array([closer is None for closer in scene.closer], dtype=np.bool_)
         is_named[tests.row[boxes_met[bare[tests.pair[boxes_met]]]]] = True
-    for number in np.unique(tests.pair[boxes_met]).tolist():
+    for number in each_once(tests.pair[boxes_met]).tolist():
         which = boxes_met[tests.pair[boxes_met] == number]
         # An earlier pair collides there.
         late = is_named[tests.row[which]]
@@ -377,7 +377,7 @@ def _grow(
     row, box = which
     one, other = grow[row, scene.first[box]], grow[row, scene.second[box]]
     one, other = _share(one, other, None if closing is None else closing[row, box])
-    first, second = bare[row, scene.first[box]], bare[row, scene.second[box]]
+    first, second = bare.pick(row, scene.first[box]), bare.pick(row, scene.second[box])
     return first.grown(one[:, None]), second.grown(other[:, None]), one + other
 
 
@@ -565,7 +565,7 @@ def _between(scene: Scene, rows: _Rows, found: _Found) -> None:
     placed = rows.placed
     wide = placed.grown(found.distance[rows.place][:, None, None] * scene.moving[:, None])
     row, which = near_pairs(scene, wide)
-    first, second = placed[row, scene.first[which]], placed[row, scene.second[which]]
+    first, second = placed.pick(row, scene.first[which]), placed.pick(row, scene.second[which])
     pair = scene.of_pair[which]
     bound = least_apart(first, second)
     _raise_bounds(scene, rows.joints[row], pair, found.distance[rows.place[row]], bound)
@@ -612,7 +612,7 @@ def _raise_bounds(
 
     enough: (n,) mm; no bound need be more.
     """
-    for number in np.unique(pair).tolist():
+    for number in each_once(pair).tolist():
         closer = scene.closer[number]
         if closer is not None:
             rows = np.flatnonzero((pair == number) & (bound < enough))

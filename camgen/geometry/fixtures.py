@@ -17,11 +17,10 @@ import numpy as np
 import shapely
 from msgspec import Struct
 
-from camgen.model.errors import JobError
+from camgen.geometry.corners import corners_of
 from camgen.model.job import Job, ToolTable
 from camgen.model.part import Solid
 from camgen.model.pose import FloatArray
-from camgen.model.text import counted
 
 #: Height of a band, mm, and bands of one mesh at most.
 _BAND_MM, _MOST_BANDS = 1.0, 64
@@ -30,9 +29,6 @@ _SAME_MM = 1e-6
 
 #: A clamp holds material that reaches beneath it by this, mm.
 _GRIP_MM = 1.0
-
-#: Two opposite corners of a box, the lower ones first.
-Corners = tuple[FloatArray, FloatArray]
 
 
 class Layer(Struct, frozen=True, eq=False):
@@ -154,27 +150,6 @@ def list_bodies(tool: ToolTable) -> list[Body]:
         radius = max(abs(x1), abs(y1), abs(x2), abs(y2))
         bodies.append(Body("holder", tool.length - max(z1, z2), radius))
     return bodies
-
-
-def corners_of(key: str, values: Sequence[float]) -> Corners:
-    """The corners of a box of a job, the lower one first. Raises JobError for a wrong box.
-
-    key: key of the job for the message.
-    """
-    if len(values) != 6:
-        raise JobError(
-            "job",
-            f"a box has {counted(len(values), 'value')}",
-            key,
-            "give two corners: [x, y, z, x, y, z]",
-        )
-    ends = np.reshape(values, (2, 3)).astype(np.float64)
-    low, high = ends.min(axis=0), ends.max(axis=0)
-    if not np.isfinite(ends).all() or (high - low).min() <= 0:
-        raise JobError(
-            "job", "a box has no size", key, "give two corners that differ in x, y and z"
-        )
-    return low, high
 
 
 def _list_layers(shape: Solid | Sequence[float]) -> tuple[Layer, ...]:

@@ -61,8 +61,8 @@ def setup_of(robot: Robot, cell: Cell, where: Surroundings) -> Setup:
     work_scenes, margin_scenes = split_off_meshes(where.work), split_off_meshes(where.apart)
 
     def keep_margin(joints: FloatArray) -> BoolArray:
-        kept = are_clear(work_scenes, joints)
-        kept[kept] = are_clear(margin_scenes, joints[kept], near=where.margin)
+        kept = are_clear(margin_scenes, joints, near=where.margin)
+        kept[kept] = are_clear(work_scenes, joints[kept])
         return kept
 
     return Setup(

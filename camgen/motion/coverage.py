@@ -106,12 +106,17 @@ class _Ladder(Struct, frozen=True, eq=False):
         """
         while True:
             chains = find_cover(self.states, self.transitions, self.along_edge, _PRICE)
-            new = np.zeros_like(self.checked)
-            for chain in chains:
-                new[chain.first : chain.last + 1] |= ~setup.roomy(chain.joints)
-            new &= ~self.checked
-            if not new.any():
+            if not chains:
                 return chains
+            visited = [np.arange(chain.first, chain.last + 1) for chain in chains]
+            station = np.concatenate(visited)
+            joints = np.concatenate([chain.joints for chain in chains])
+            left = ~self.checked[station]
+            met = station[left][~setup.roomy(joints[left])]
+            if not len(met):
+                return chains
+            new = np.zeros_like(self.checked)
+            new[met] = True
             self._check(setup, new)
 
     @property

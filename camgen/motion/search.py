@@ -139,6 +139,8 @@ _KNOT_JUMP, _STEP_JUMP = math.radians(120), 2 * JUMP
 _EVEN, _CUT = 1e-6, math.radians(2)
 #: Of so many orientations one is looked at before the others: no number of rolls, so that all of these come up.
 _HERE_AND_THERE = 11
+#: Number of the rows in which a chain collides that are checked before the others.
+_ROWS_FIRST = 2
 #: So many chains are proved before an edge is given up.
 _TRIES = 40
 
@@ -190,7 +192,13 @@ def _choose_clear(
         if not new:
             break
         collision = setup.hit(chain.joints[met[0]])
-        check_states(setup, states, new)
+        # Where no state of a row is left there is no chain: rows with few states come first.
+        new.sort(key=lambda row: int(states.usable[row].any(axis=-1).sum()))
+        for batch in (new[:_ROWS_FIRST], new[_ROWS_FIRST:]):
+            if batch:
+                check_states(setup, states, batch)
+            if not states.usable[batch].any(axis=(1, 2, 3)).all():
+                return None, collision
         checked |= set(new)
     return chain, collision
 
@@ -218,7 +226,8 @@ def make_states(
         table = table[~table[:, idle.all(axis=0)].any(axis=1)]
     usable = within_turned(robot, found[at], table)
     usable &= ~(idle[:, None] & (table != 0)).any(axis=2)
-    stands = usable.any(axis=-1) & _safe(robot, found[at])
+    stands = np.asarray(usable.any(axis=-1))
+    stands[stands] = _safe(robot, found[at][stands])
     # A branch never becomes another.
     of_use = stands.any(axis=1)
     columns = np.flatnonzero(of_use.all(axis=0) if whole else of_use.any(axis=0))

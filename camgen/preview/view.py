@@ -12,6 +12,7 @@ from msgspec.structs import replace
 
 from camgen.check.executed import Rounding
 from camgen.check.report import clean, path_sums
+from camgen.geometry.corners import corners_of
 from camgen.geometry.ragged import begins
 from camgen.model.part import Line, Note, Solid
 from camgen.model.pose import IDENTITY, FloatArray, Pose
@@ -75,7 +76,6 @@ def _take_untested(result: Built) -> Around:
     if not job.cell.fixtures and not job.tool.holder:
         return Around((), (), ())
     from camgen.collision.cell import box_between  # noqa: PLC0415 (loads fcl)
-    from camgen.geometry.fixtures import corners_of  # noqa: PLC0415 (loads shapely)
 
     holder = tuple(
         box_between(_HERE, *corners_of("tool.holder", box)) for box in job.tool.holder or ()

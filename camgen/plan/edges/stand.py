@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from camgen.geometry.arcs import chain
+from camgen.geometry.ragged import each_once
 from camgen.geometry.rotations import SURE_TURN, angles_between, turn_vectors
 from camgen.geometry.surface import nearest
 from camgen.geometry.vectors import angles, cross, unit
@@ -106,7 +107,7 @@ def _square_to_faces(way: PosePath, name: str, solid: Solid) -> PosePath | Unrea
             name, "shape", f"{what}: end the curve there, or fix the tool: tool.axis, tool.angles"
         )
     at = rows(parts)
-    kept = np.unique(np.concatenate([at, *(_needed(axis, a, b) for a, b in pairwise(at.tolist()))]))
+    kept = each_once(np.concatenate([at, *(_needed(axis, a, b) for a, b in pairwise(at.tolist()))]))
     return _keep(way, parts, looks, kept, _carry(axis[kept]))
 
 

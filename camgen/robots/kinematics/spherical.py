@@ -136,5 +136,6 @@ def singularities(arm: Spherical, theta: FloatArray) -> FloatArray:
     fore, psi = math.hypot(arm.a2, arm.c3), math.atan2(arm.a2, arm.c3)
     elbow = theta[..., 2] + psi
     ahead = arm.a1 + arm.c2 * np.sin(theta[..., 1]) + fore * np.sin(theta[..., 1] + elbow)
-    sines = np.stack([ahead / (arm.c2 + fore), np.sin(elbow), np.sin(theta[..., 4])], axis=-1)
-    return np.asarray(np.arcsin(np.clip(np.abs(sines), 0.0, 1.0)))
+    # One after the other in memory: the least of the three is found in a fraction of the time.
+    sines = np.stack([ahead / (arm.c2 + fore), np.sin(elbow), np.sin(theta[..., 4])])
+    return np.moveaxis(np.arcsin(np.clip(np.abs(sines), 0.0, 1.0)), 0, -1)
