@@ -65,6 +65,7 @@ from camgen.pipeline.programs import (
     Request,
     check_programs,
     lines_of,
+    note_harm,
     post_programs,
 )
 from camgen.pipeline.refusals import tell_by_input
@@ -412,6 +413,7 @@ def _sum_up(
                 *note_close_positions(plan.part, checks.program, cell),
                 *_note_corners(checks.program, cell.pace, job),
                 *list_warnings(post, checks.program),
+                *note_harm(posted),
             ),
         ),
         program=checks.program,

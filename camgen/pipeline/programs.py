@@ -12,6 +12,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.check import Checks, check
+from camgen.check.harm import find_harm
 from camgen.check.report import Cycle, Motions, sum_up
 from camgen.check.time import cycle
 from camgen.lang.programs import Executed
@@ -19,11 +20,12 @@ from camgen.lower.runs import plunge
 from camgen.lower.steps import split_tools
 from camgen.model.errors import Blocked, JobError
 from camgen.model.job import Job, ToolTable
-from camgen.model.part import IntArray
+from camgen.model.part import IntArray, Note
 from camgen.model.path import Tour
 from camgen.model.pose import Pose, tell_frame
 from camgen.model.program import Comment, Instruction, Program, ToolChange, put_off_first
 from camgen.model.signature import sign
+from camgen.model.text import counted
 from camgen.motion.corners import Flow
 from camgen.order import ArmTour, JobTour, ReplayTour
 from camgen.pipeline.memory import give_back
@@ -39,6 +41,10 @@ if TYPE_CHECKING:
     from camgen.check.collide import Clear
     from camgen.check.reach import Reach
     from camgen.collision.cell import Surroundings
+
+
+#: Lines of a text with a note of their own, at most.
+_HARM_NOTES = 5
 
 
 class Request(Struct, frozen=True, eq=False):
@@ -302,3 +308,22 @@ def post_programs(
         sum(one.instructions for one in deviations),
     )
     return Posted(tuple(files), tuple(counts), tuple(runs), worst, tolerance)
+
+
+def note_harm(posted: Posted) -> tuple[Note, ...]:
+    """Warnings of what may do harm in the motion of the texts.
+
+    A program that camgen plans has none of it. The motion of an old program is repeated as it is.
+    """
+    notes: list[Note] = []
+    first = 0
+    for count, executed in zip(posted.counts, posted.executed, strict=True):
+        file = posted.files[first].name
+        first += count
+        harm = find_harm(executed)
+        for finding in harm[:_HARM_NOTES]:
+            notes.append(Note("warning", f"{file} line {finding.line}: {finding.what}"))
+        if len(harm) > _HARM_NOTES:
+            more = counted(len(harm) - _HARM_NOTES, "other line")
+            notes.append(Note("warning", f"{file}: {more} may do harm", "camgen verify lists them"))
+    return tuple(notes)
