@@ -312,7 +312,10 @@ def _prove(
     if drawing is None and proven.fixtures is None:
         return list(_UNEXAMINED), "", None
     from camgen.cli.stock import judge, judge_fixtures  # noqa: PLC0415 (shapely: only when needed)
-    from camgen.pipeline.motion import compare_text  # noqa: PLC0415 (shapely: only when needed)
+    from camgen.pipeline.motion import (  # noqa: PLC0415 (shapely: only when needed)
+        compare_text,
+        describe_controller,
+    )
 
     says.stage("proving")
     if drawing is None:
@@ -323,7 +326,13 @@ def _prove(
     part = read(drawing, asked.job, asked.files)
     executed = proven.executed
     stock = judge(str(asked.paths[0]), part, asked.job, proven, place)
-    motion = compare_text(part, asked.job, executed.body, executed.lines, place, proven.post)
+    controller = None
+    if proven.post is not None:
+        from camgen.pipeline.inputs import read_cell  # noqa: PLC0415 (only for texts of camgen)
+
+        cell = read_cell(part, asked.job, cell_of(proven.post, asked.job), asked.files)
+        controller = describe_controller(proven.post, asked.job, cell)
+    motion = compare_text(part, asked.job, executed.body, executed.lines, place, controller)
     says.clear()
     return [("motion", motion), *stock.rows, *_UNEXAMINED[2:]], stock.fault_lines, stock.error
 

@@ -272,7 +272,7 @@ def build(  # noqa: PLR0913 (the public call, whose keywords users write)
     fixtures = prove_fixtures(proof, tour, request, checks, posted)
     result = _sum_up(planned, tour, request, checks, posted, proof)
     _insist(result.part, result.notes, True, strict)
-    motion = prove_motion(read.part, planned, settings, checks, posted, result.notes)
+    motion = prove_motion(read.part, planned, request, checks, posted, result.notes)
     rounded = check_rounding(tour, settings, checks, posted)
     result = replace(result, motion=motion, rounded=rounded, located=located, fixtures=fixtures)
     if read.cell.machine is None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
@@ -11,23 +12,29 @@ from msgspec.structs import replace
 from camgen.model.errors import VerifyError
 from camgen.model.job import Job
 from camgen.model.part import Note, Part
-from camgen.model.program import Columns, Instruction
+from camgen.model.program import Columns, Instruction, Joints
 from camgen.model.text import counted
 from camgen.plan import Plan, ReplayPlan
 from camgen.post.plugins import dynamics_of
+from camgen.robots.workcell import Workcell
 
 if TYPE_CHECKING:
-    from camgen.check.proof import MotionProof
-    from camgen.pipeline.programs import Checked, Posted
+    from camgen.check.proof import Controller, MotionProof
+    from camgen.pipeline.programs import Checked, Posted, Request
     from camgen.post import Post
 
-#: Rounding of a text, mm and mm/s, whose digits are not known.
-_DIGIT_MM = 1e-3
+#: Rounding of a text, mm and mm/s, and rad, whose digits are not known.
+_DIGIT_MM, _DIGIT_RAD = 1e-3, math.radians(1e-3)
 _REMEDY = "do not run the program: camgen or one of its plug-ins planned it wrong; please report it"
 
 
 def prove_motion(
-    part: Part, plan: Plan, job: Job, checked: Checked, posted: Posted, notes: Sequence[Note]
+    part: Part,
+    plan: Plan,
+    request: Request,
+    checked: Checked,
+    posted: Posted,
+    notes: Sequence[Note],
 ) -> MotionProof:
     """Compares the motions of the texts with the drawing.
 
@@ -37,8 +44,9 @@ def prove_motion(
     """
     from camgen.check import proof  # noqa: PLC0415 (shapely, after planning has loaded it)
 
+    job = request.job
     if reason := why_unproven(plan):
-        return proof.MotionProof(0, 0.0, 0, 0, (), (reason,))
+        return proof.MotionProof(0, 0.0, 0, proof.Unplaced(), (), (reason,))
     programs = []
     first = 0
     for count, executed, (_, program) in zip(
@@ -48,9 +56,9 @@ def prove_motion(
         first += count
         path = program.columns.path
         programs.append(proof.Program(executed.body, executed.lines, path, program.paths, file))
-    rounding = proof.Rounding(posted.tolerance.mm, posted.tolerance.speed)
-    post = checked.programs[0][0]
-    controller = proof.Controller(dynamics_of(post, job), frozenset(post.list_verified()))
+    tolerance = posted.tolerance
+    rounding = proof.Rounding(tolerance.mm, tolerance.speed, tolerance.joint)
+    controller = describe_controller(checked.programs[0][0], job, request.cell)
     result = proof.prove_motion(part, job, programs, notes, rounding, controller)
     if part.raster is not None:
         # Borders of a picture are planned with less than a pixel of freedom, in ways of their own.
@@ -78,12 +86,12 @@ def compare_text(
     body: Sequence[Instruction],
     lines: Sequence[int],
     place: Callable[[int], str],
-    post: Post | None,
+    controller: Controller | None,
 ) -> str:
     """The result of the proof for a text that was not built here, as a line of the summary.
 
     place: names file and line of a line that is counted through all files.
-    post: the post of the text. None for a text of another hand: its controller is not known.
+    controller: the controller of the text. None for a text of another hand: it is not known.
     """
     from camgen.check import proof  # noqa: PLC0415 (shapely, only for this)
 
@@ -99,21 +107,40 @@ def compare_text(
     path = np.full(len(columns.at), -1, np.intp)
     program = proof.Program(body, lines, path, (), "")
     # The number of digits of a text of another hand is not known: a thousandth is usual.
-    rounding = proof.Rounding(_DIGIT_MM, _DIGIT_MM)
-    controller = None
-    if post is None:
+    rounding = proof.Rounding(_DIGIT_MM, _DIGIT_MM, _DIGIT_RAD)
+    if controller is None:
         unknown.append("rounded corners: it is not known how the controller passes them")
-    else:
-        controller = proof.Controller(dynamics_of(post, job), frozenset(post.list_verified()))
     result = proof.prove_motion(part, job, [program], (), rounding, controller)
     what = f"{counted(result.contours, 'contour')} in {counted(result.motions, 'motion')}"
     if not result.findings:
-        reasons = "; ".join([*unknown, *result.unproven])
+        gaps = list_reasons(result, controller is not None)
+        reasons = "; ".join([*unknown, *gaps])
         return f"{what}; not proven: {reasons}" if reasons else f"verified: {what}"
     _, first = result.findings[0]
     where = f"{place(first.line)}: " if first.line else ""
     more = counted(len(result.findings), "difference")
     return f"not proven: {more} from what the job asks for, first {where}{first.text}"
+
+
+def list_reasons(result: MotionProof, knows_home: bool = True) -> tuple[str, ...]:
+    """Why a proof without findings is not complete, empty if it is.
+
+    knows_home: whether the proof knew the rest position.
+    """
+    elsewhere = result.unplaced.elsewhere
+    if not elsewhere:
+        return result.unproven
+    what = f"{counted(elsewhere, 'motion')} to or from joint values"
+    what += " other than those of home" if knows_home else ", since home is not known"
+    return (*result.unproven, what)
+
+
+def describe_controller(post: Post, job: Job, cell: Workcell) -> Controller:
+    """The controller of the texts of a post, as far as the proof has to know it."""
+    from camgen.check.proof import Controller  # noqa: PLC0415 (shapely, only for this)
+
+    home = cell.home if isinstance(cell.home, Joints) else None
+    return Controller(dynamics_of(post, job), frozenset(post.list_verified()), home)
 
 
 def why_unproven(plan: Plan) -> str:

@@ -42,6 +42,7 @@ from camgen.check.proof.travel import (
     cut_at_clearance,
     split_phases,
 )
+from camgen.check.proof.unplaced import Unplaced, count_unplaced
 from camgen.check.proof.visits import find_reached, number_visits
 from camgen.model.job import Job
 from camgen.model.part import Note, Part
@@ -53,6 +54,7 @@ __all__ = [
     "MotionProof",
     "Program",
     "Rounding",
+    "Unplaced",
     "process_signal",
     "prove_motion",
 ]
@@ -69,7 +71,7 @@ class MotionProof(Struct, frozen=True):
     contours: number of contours that are worked as the job asks for.
     length: their length, mm.
     motions: number of motions that were examined.
-    joints: number of motions to or from joint values, of which only the outputs were examined.
+    unplaced: numbers of motions to or from joint values, of which only the outputs are examined.
     findings: differences in order of line, each with the name of its file.
     unproven: steps that were not examined, each with its reason.
     """
@@ -77,7 +79,7 @@ class MotionProof(Struct, frozen=True):
     contours: int
     length: float
     motions: int
-    joints: int
+    unplaced: Unplaced
     findings: tuple[tuple[str, Finding], ...]
     unproven: tuple[str, ...]
 
@@ -97,8 +99,13 @@ def prove_motion(
     controller: the controller of the text. None: rounded corners and turns of the tool are not
         examined.
     """
+    home = None if controller is None else controller.home
+    unplaced = Unplaced()
+    for program in programs:
+        unplaced += count_unplaced(program.body, home, rounding.joint)
     if part.solid is not None or part.curves:
-        return _prove_space(part, job, programs, Named.of(notes), rounding)
+        proof = _prove_space(part, job, programs, Named.of(notes), rounding)
+        return replace(proof, unplaced=unplaced)
     drawing = lay_drawing(part, job)
     context = Context(drawing, Named.of(notes), rounding, controller, {})
     totals = _Count(drawing)
@@ -127,7 +134,7 @@ def prove_motion(
         contours=int(done.sum()),
         length=float(drawing.length[done].sum()),
         motions=totals.motions,
-        joints=totals.joints,
+        unplaced=unplaced,
         findings=tuple(findings),
         unproven=tuple(dict.fromkeys(unproven)),
     )
@@ -144,7 +151,7 @@ def _prove_space(
 
     if job.operation.depth:
         reason = "curves in space with a depth are not examined"
-        return MotionProof(0, 0.0, 0, 0, (), (reason,))
+        return MotionProof(0, 0.0, 0, Unplaced(), (), (reason,))
     findings = Findings()
     signal = process_signal(job.process)
     program = programs[0]
@@ -164,7 +171,7 @@ def _prove_space(
         contours=len(done),
         length=float(sum(done.values())),
         motions=int((~unknown).sum()),
-        joints=int(unknown.sum()),
+        unplaced=Unplaced(),
         findings=tuple((program.file, item) for item in findings.items),
         unproven=tuple(findings.unproven),
     )
@@ -176,7 +183,6 @@ class _Count:
     def __init__(self, drawing: Drawing) -> None:
         self.done = np.zeros(len(drawing.contours), np.bool_)
         self.motions = 0
-        self.joints = 0
 
 
 def _number_of(origin: Origin) -> int:
@@ -260,7 +266,6 @@ def _check_motions(subject: Subject, totals: _Count, findings: Findings) -> None
     motions, phases, of_task = subject.motions, subject.phases, subject.of_task
     totals.motions += int((phases.known & of_task).sum())
     unknown = ~phases.known & of_task
-    totals.joints += int(unknown.sum())
     check_joint_motions(task.job, motions, unknown, findings)
     if not task.job.process.stay_down:
         check_outputs(task, motions, subject.works, findings)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from camgen.check.proof.pieces import BoolArray, IntArray, Pieces, arcs_through
 from camgen.model.cell import Dynamics
 from camgen.model.pose import FloatArray
-from camgen.model.program import Columns, Instruction, MoveJ, Output
+from camgen.model.program import Columns, Instruction, Joints, MoveJ, Output
 
 #: A motion whose ends are nearer in the plane, mm, goes up or down only.
 UPRIGHT_MM = 2e-3
@@ -25,10 +25,12 @@ class Rounding(Struct, frozen=True):
 
     mm: largest error of a coordinate.
     speed: largest error of a speed, mm/s.
+    joint: largest error of a joint value, rad or mm.
     """
 
     mm: float
     speed: float
+    joint: float
 
 
 class Controller(Struct, frozen=True):
@@ -36,10 +38,12 @@ class Controller(Struct, frozen=True):
 
     pace: the way in which it passes corners.
     stated: words for what its texts state, such as "orientation" (`camgen.post.verify.COMPARED`).
+    home: joint values of the rest position, None if it has none.
     """
 
     pace: Dynamics
     stated: frozenset[str]
+    home: Joints | None
 
 
 class Motions(Struct, frozen=True, eq=False, dict=True):
