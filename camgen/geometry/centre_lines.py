@@ -25,7 +25,7 @@ from camgen.geometry.segments import (
     points_at,
     tangents_at,
 )
-from camgen.geometry.vectors import turns
+from camgen.geometry.vectors import in_blocks, turns
 from camgen.model.pose import FloatArray
 
 #: A channel may be wider than the tool by this, mm: pockets leave out thinner rings.
@@ -175,8 +175,9 @@ class _Walls:
         beyond = make(ends[0], ends[1], bulge, np.arange(len(rows)))
         reach = (2 - _BEYOND) * self.distance + 2 * _WIDER_MM
         near = np.isfinite(gaps(beyond, self.source, reach))
-        # An arc about a centre nearer than that has no parallel arc beyond its centre.
-        return near | (walls.is_arc & (walls.radius <= _BEYOND * self.distance))
+        # The parallel arc is a point if the centre of the wall lies on it.
+        is_point = np.abs(walls.radius - _BEYOND * self.distance) <= _WIDER_MM
+        return near | (walls.is_arc & is_point)
 
     def middles(self, rows: IntArray, fraction: FloatArray) -> FloatArray:
         """(K, 2) the middle of the channel beside each place, mm."""
@@ -184,6 +185,9 @@ class _Walls:
 
     def has_middle(self, rows: IntArray, fraction: FloatArray) -> BoolArray:
         """(K,) whether the centre line runs beside each place."""
+        return in_blocks(self._has_middle, rows, fraction)
+
+    def _has_middle(self, rows: IntArray, fraction: FloatArray) -> BoolArray:
         width, middle = self._measure(rows, fraction)
         narrowest = 2 * (self.distance - self.slack)
         has_middle = np.isfinite(width) & (width >= narrowest)
@@ -256,7 +260,9 @@ def _places(
         step = (pieces.high[runs.group] - low) / count[runs.group]
         return ~may_hold(row, low + runs.first * step, low + runs.end * step)
 
-    runs = divide(count, holds_nowhere)
+    numbers = np.arange(len(count))
+    whole = Runs(numbers, np.zeros_like(count), count, np.zeros(len(count), dtype=bool))
+    runs = divide(np.where(holds_nowhere(whole), 0, count), holds_nowhere)
     size = np.where(runs.settled, 0, runs.end - runs.first)
     return np.repeat(runs.group, size), stretches(runs.first, size)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ _SOME = 8192
 _Value = TypeVar("_Value", bound=np.generic)
 
 
-def in_blocks(function: Callable[..., NDArray[_Value]], *columns: FloatArray) -> NDArray[_Value]:
+def in_blocks(function: Callable[..., NDArray[_Value]], *columns: NDArray[Any]) -> NDArray[_Value]:
     """What ``function`` makes of columns (N, ...), row by row (N, ...), some thousands of rows at a time."""
     size = len(columns[0])
     found = [

@@ -158,3 +158,28 @@ def test_long_walls_of_a_room_are_looked_at_in_few_places(monkeypatch: pytest.Mo
     assert 0 < measured < 20_000
     # A slot as long has its line.
     assert ends(lines_in(slot(8_000, 6.0))) == [[0, 0], [8_000, 0]]
+
+
+@pytest.mark.parametrize("shape", [circle(0, 0, 5), circle(0, 0, 9), slot(22, 8)])
+def test_no_place_of_a_hole_that_is_wider_is_measured(
+    monkeypatch: pytest.MonkeyPatch, shape: Contour
+) -> None:
+    measured: list[int] = []
+    nearest = Obstacles.nearest
+
+    def count(self: Obstacles, points: FloatArray, group: IntArray, reach: float) -> FloatArray:
+        measured.append(len(points))
+        return nearest(self, points, group, reach)
+
+    monkeypatch.setattr(Obstacles, "nearest", count)
+    assert not len(lines_in(shape).segments)
+    assert sum(measured) == 0
+
+
+def test_an_arc_about_a_centre_that_is_near_has_its_places_measured() -> None:
+    # The parallel arc beyond the centre of a round end of 3 mm touches the wall on the other side.
+    assert ends(lines_in(slot(30, 6.0))) == [[0, 0], [30, 0]]
+    # A parallel arc at its own centre is a point.
+    hole = lines_in(circle(0, 0, 4.5))
+    assert not len(hole.segments)
+    assert not len(hole.holes)
