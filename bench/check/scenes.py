@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 import camgen
-from bench.render.shapes import Loop, Pieces, flatten
+from bench.render.shapes import Pieces, flatten, to_loops
 from bench.support.runner import PARTS
 from camgen.check.stock import Cut, Design, Task, design
 from camgen.model.job import Job, OperationTable, ProcessTable, StockTable, ToolTable
@@ -210,5 +210,5 @@ def outline(contour: Contour, step: float = 0.1) -> Array:
         fewest = np.where(whole.sweep == 0, 2, 8)
         return np.maximum(np.ceil(whole.length / step), fewest)
 
-    at = flatten(Loop(contour.points @ [1, 1j], contour.bulges), count)
+    at = flatten(*to_loops([contour]), count)
     return np.column_stack([at.real, at.imag])

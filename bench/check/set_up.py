@@ -25,7 +25,8 @@ from typing import Any
 
 import numpy as np
 
-from bench.check.words import carve, read_moves
+from bench.check.cells import carve
+from bench.support.gcode_text import read_moves
 from bench.support.runner import SHARED, Cells, Missed, Scenario, run
 from camgen.cli.init import Chosen, template
 from camgen.model.job import Job

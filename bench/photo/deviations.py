@@ -46,7 +46,7 @@ import shapely
 from bench.photo.burrs import drawing
 from bench.render.burrs import with_burrs
 from bench.render.conditions import material
-from bench.render.optics import Lens, Shot, looking
+from bench.render.optics import shoot_from_above
 from bench.render.parts import NAMED, Part, bracket, plate, random_part
 from bench.render.scene import Layer, Scene, render, written
 from bench.render.shapes import Loop, box, circle, hole
@@ -179,12 +179,8 @@ def _round_hole(drawn: Part, rng: np.random.Generator) -> tuple[int, complex, fl
 
 def photo(file: Path, loops: Sequence[Loop], seed: int) -> Path:
     """A dark part on a light bench from right above, its origin in the middle, turned by chance."""
-    width, height = SIZE
-    matrix = np.array([[9000.0, 0, (width - 1) / 2], [0, 9000, (height - 1) / 2], [0, 0, 1]])
-    lens = Lens(matrix, (0,) * 5, SIZE)
-    pose = looking(lens, 0j, complex(width - 1, height - 1) / 2, PIXEL, 0, 0, 0)
     light = {"exposure": 0.9, "gradient": (0.1, -0.1)}
-    shot = Shot(lens, *pose, blur=0.7, read=1.6, shot=0.01, seed=seed, **light)
+    shot = shoot_from_above(SIZE, PIXEL, blur=0.7, read=1.6, shot=0.01, seed=seed, **light)
     turn = np.random.default_rng(seed).uniform(-0.15, 0.15)
     layer = Layer(tuple(loop.moved(turn, 0j) for loop in loops), 0.15, texture=0.02)
     written(file, render(Scene(0.7, (layer,), texture=0.02), shot))
@@ -222,7 +218,7 @@ def _name(inspection: Inspection, truth: Sequence[Truth], turn: complex) -> str:
             for place in left
             if abs(complex(*place.place) * turn - deviation.place) < deviation.reach
         ]
-        named = [place for place in near if _kind(place) == deviation.kind]
+        named = [place for place in near if place.kind == deviation.kind]
         if not named:
             outcomes.append("misnamed" if near else "missed")
         # All places of a part that is larger are one deviation.
@@ -232,10 +228,6 @@ def _name(inspection: Inspection, truth: Sequence[Truth], turn: complex) -> str:
     if left:
         outcomes.append("misnamed")
     return min(outcomes, key=OUTCOMES.index)
-
-
-def _kind(place: Difference) -> str:
-    return place.kind
 
 
 def measure(name: str, rounds: int, first: int, folder: Path) -> Iterator[tuple[object, ...]]:

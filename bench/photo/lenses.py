@@ -37,7 +37,7 @@ import numpy as np
 from bench.render.board import markers
 from bench.render.optics import Lens, Shot, looking, photo_from_work
 from bench.render.scene import Layer, Scene, render, written
-from bench.render.shapes import Loop, pieces
+from bench.render.shapes import Loop, pieces, to_loops
 from bench.support.runner import Cells, Scenario, read_words, run, verdict
 from camgen.model.errors import CamgenError
 from camgen.model.job import CameraTable, Job
@@ -158,9 +158,7 @@ def read_photo(folder: Path, photo: Photo, height: float) -> Part:
 
 def errors(part: Part, truth: tuple[Loop, ...]) -> np.ndarray:
     """Distances (N,) of the outlines found from the true ones, mm."""
-    loops = [Loop(contour.points @ [1, 1j], contour.bulges) for contour in part.contours]
-    drawn = pieces(loops)
-    places = drawn.walk(np.ceil(drawn.length / 0.1).astype(int).clip(1))
+    places = pieces(to_loops(part.contours)).walk_evenly(0.1)
     return pieces(truth).distance(places)
 
 

@@ -30,13 +30,7 @@ import numpy as np
 import camgen
 from bench.check.peer import FREECAD_PYTHON, LACKING, minutes
 from bench.support.runner import PARTS, SHARED, Cells, Scenario, run, verdict
-from bench.support.swept_text import (
-    cleared,
-    count_struck,
-    feed_in_air,
-    read,
-    seconds,
-)
+from bench.support.swept_text import cleared, count_struck, feed_in_air, read_cut, seconds
 from camgen.geometry.nesting import nest
 from camgen.geometry.segments import from_contours
 from camgen.lang.gcode.replayed import interpret
@@ -135,7 +129,7 @@ def judge_text(text: str, region: Any, result: Result) -> Judged:
 
     result: a build of camgen, whose model of the machine is used.
     """
-    motions = read(text)
+    motions = read_cut(text)
     slow = 60 * minutes(without_ends(interpret(text.splitlines()).body), result)
     radius = DIAMETER / 2
     bare = gouged = 0.0

@@ -29,7 +29,7 @@ from msgspec.structs import replace
 
 import camgen
 from bench.support.runner import SHARED, Missed, Table, open_table
-from bench.support.swept_text import cleared, read
+from bench.support.swept_text import cleared, read_cut
 from camgen.geometry.nesting import nest
 from camgen.geometry.segments import from_contours
 from camgen.model.errors import CamgenError, NoSafeProgram
@@ -114,7 +114,7 @@ def build(candidate: Candidate, tool: float) -> tuple[str, float, float]:
         return f"{type(error).__name__}: {error}", 0.0, 0.0
     except Exception as error:  # any is a defect
         return f"exception {type(error).__name__}: {error}", 0.0, 0.0
-    motions = read(text)
+    motions = read_cut(text)
     region = enclosed(candidate.contours)
     swept = cleared(motions, tool / 2, -DEPTH)
     gouged = swept.difference(region.buffer(_BESIDE)).area

@@ -35,6 +35,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import shapely
 
+from bench.support.motions import Array, LevelArc
 from bench.support.runner import SHARED, Cells, Missed, Scenario, find_files, run
 from camgen.geometry.segments import from_contours
 from camgen.model.errors import CamgenError
@@ -61,7 +62,6 @@ COLUMNS = (
     "drawing | closed mm {:.0f} | in operations % {:.1f} | operations {} | tools {} "
     "| steep {} | deepest mm {:.2f} | hours {:.2f}"
 )
-Array = np.ndarray
 _TOOL_CHANGE = re.compile(r"^T(\d+) M6", re.MULTILINE)
 
 
@@ -211,25 +211,8 @@ def _divide(at: tuple[float, float, float], call: canon.Call) -> Array:
     start, end = np.array(at), np.array(call.end)
     if call.kind != "ARC_FEED" or call.axes != (0, 1, 2):
         return np.array([start, end])
-    centre = np.array(call.centre)
-    radius = float(np.hypot(*(start[:2] - centre)))
-    first = math.atan2(start[1] - centre[1], start[0] - centre[0])
-    last = math.atan2(end[1] - centre[1], end[0] - centre[0])
-    sense = 1.0 if call.turns > 0 else -1.0
-    angle = (sense * (last - first)) % math.tau or math.tau
-    angle += math.tau * (abs(call.turns) - 1)
-    step = 2 * math.acos(max(1 - CHORD_MM / max(radius, CHORD_MM), 0.0))
-    share = np.linspace(0.0, 1.0, max(2, math.ceil(angle / step) + 1))
-    turned = first + sense * angle * share
-    points = np.column_stack(
-        [
-            centre[0] + radius * np.cos(turned),
-            centre[1] + radius * np.sin(turned),
-            start[2] + share * (end[2] - start[2]),
-        ]
-    )
-    points[-1] = end
-    return points
+    arc = LevelArc(start, end, np.array(call.centre), call.turns > 0, abs(call.turns))
+    return arc.sample(CHORD_MM)
 
 
 def find_steep(sweep: Sweep) -> Descents:

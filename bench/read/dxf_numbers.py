@@ -35,7 +35,7 @@ import numpy as np
 from ezdxf import path
 
 from bench.read.drawings import length
-from bench.support.runner import Cells, Missed, Scenario, fill, open_table, read_words
+from bench.support.runner import Cells, Scenario, fill, must_be_none, open_table, read_words
 from bench.support.runner import verdict as met
 from camgen.model.errors import InputError
 from camgen.model.files import Source
@@ -503,8 +503,7 @@ SILENT: list[Cells] = []
 
 def row(name: str, counts: Counter[str]) -> Cells:
     words = [counts[word] for word in ("right", "named", "refused")]
-    silent = counts["silent"]
-    return name, counts.total(), *words, Missed(str(silent)) if silent else "0"
+    return name, counts.total(), *words, must_be_none(counts["silent"])
 
 
 def measure_spellings(drawings: int, seed: int) -> Iterator[Cells]:

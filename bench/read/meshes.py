@@ -34,7 +34,7 @@ from zipfile import ZipFile
 import numpy as np
 
 import camgen
-from bench.support.runner import Cells, Missed, Scenario, read_words, run
+from bench.support.runner import Cells, Missed, Scenario, must_be_none, read_words, run
 from camgen.model.errors import CamgenError
 from camgen.model.pose import FloatArray
 
@@ -394,9 +394,15 @@ def judge_spelling(number: int, first: int, count: int) -> Iterator[Cells]:
                 if kind == "refused" and not (spelling.damaged or spelling.name in MAY_REFUSE):
                     wrong.add(text.partition(": ")[2][:60])
     values = list(counts.values())
-    silent: object = Missed(str(values[-1])) if values[-1] else "0"
     refusals = Missed("; ".join(sorted(wrong))) if wrong else "0"
-    yield spelling.suffix[1:], spelling.name, sum(values), *values[:3], silent, refusals
+    yield (
+        spelling.suffix[1:],
+        spelling.name,
+        sum(values),
+        *values[:3],
+        must_be_none(values[-1]),
+        refusals,
+    )
 
 
 if __name__ == "__main__":

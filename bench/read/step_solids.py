@@ -39,7 +39,7 @@ import numpy as np
 
 import camgen
 from bench.read.step_shapes import ARRANGEMENTS, Arrangement, Body, Segment, Shape
-from bench.support.runner import Cells, Missed, Scenario, read_words, run
+from bench.support.runner import Cells, Scenario, must_be_none, read_words, run
 from camgen.model.errors import CamgenError
 from camgen.model.pose import FloatArray
 
@@ -398,7 +398,7 @@ def assess_group(number: int, sharing: str, seeds: range) -> Iterator[Cells]:
             kind, text = assess(seed, Path(folder))
             counts[kind] += 1
             last = text or last
-    missed = [Missed(str(n)) if n else "0" for n in list(counts.values())[1:]]
+    missed = map(must_be_none, list(counts.values())[1:])
     name = list(ARRANGEMENTS)[number]
     yield name, sharing, sum(counts.values()), counts["right"], *missed, last
 

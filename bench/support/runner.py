@@ -35,6 +35,11 @@ def verdict(is_met: bool) -> str:
     return "ok" if is_met else Missed("**missed**")
 
 
+def must_be_none(count: int) -> str:
+    """The cell of a number that has to be 0."""
+    return Missed(str(count)) if count else "0"
+
+
 class Table:
     """A table in Markdown that is printed row by row.
 

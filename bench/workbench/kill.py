@@ -28,7 +28,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from bench.support.runner import PARTS, Missed, Table, open_table, read_words
+from bench.support.runner import PARTS, Table, must_be_none, open_table, read_words
 from tests.support.benches import Bench, open_bench, start_bench
 from tests.support.browsers import Driven, start_browser
 from tests.support.tabs import Tab
@@ -344,7 +344,7 @@ def add_row(table: Table, name: str, outcomes: list[Outcome]) -> None:
     edits = sum(outcome.edits for outcome in outcomes)
     reported = sum(outcome.reported for outcome in outcomes)
     lost = sum(outcome.lost for outcome in outcomes)
-    table.add(name, len(outcomes), edits, reported, Missed(lost) if lost else lost)
+    table.add(name, len(outcomes), edits, reported, must_be_none(lost))
 
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ import numpy as np
 from bench.reliability.code_mutants.shapes import Array
 from bench.reliability.modal import pacscript, rapid, rs274, vplus
 from bench.reliability.modal.machine import Event, Number
+from bench.support.motions import LevelArc
 from tests.support import canon
 
 JOINTS, FREE, LINE, ARC = "joints", "free", "line", "arc"
@@ -350,20 +351,9 @@ def _read_call(call: canon.Call, start: Array, blend: float) -> Motion:
         return Motion(LINE, end, speed=call.feed / 60.0, blend=blend)
     if call.axes != (0, 1, 2) or abs(call.turns) != 1:
         raise Unreadable("an arc out of the level plane, or of several turns")
-    via = _find_middle(start, end, np.array(call.centre), call.turns)
+    arc = LevelArc(start, end, np.array(call.centre), call.turns > 0)
+    via = arc.place(np.array([0.5]))[0]
     return Motion(ARC, end, via, call.feed / 60.0, blend=blend)
-
-
-def _find_middle(start: Array, end: Array, centre: Array, turns: int) -> Array:
-    """The point half-way along a level arc."""
-    spoke = start[:2] - centre
-    last = end[:2] - centre
-    angle = math.atan2(*last[::-1]) - math.atan2(*spoke[::-1])
-    angle = (turns * angle) % math.tau or math.tau
-    half = turns * angle / 2.0
-    cos, sin = math.cos(half), math.sin(half)
-    turned = np.array([cos * spoke[0] - sin * spoke[1], sin * spoke[0] + cos * spoke[1]])
-    return np.array([*(centre + turned), (start[2] + end[2]) / 2.0])
 
 
 _READERS: dict[str, Callable[[str], list[Step]]] = {
