@@ -23,10 +23,9 @@ from pathlib import Path
 import numpy as np
 
 import camgen
-from bench.machine import machine
 from bench.support.commands import Tables, run_camgen, write_job
 from bench.support.gcode_text import read_moves, sample_move
-from bench.support.runner import PARTS, Table, read_words, verdict
+from bench.support.runner import PARTS, open_table, read_words, verdict
 
 DRAWINGS = ("plate.dxf", "bracket.dxf", "motor.dxf")
 #: Distances nearer than this to a limit are counted neither way, mm.
@@ -146,8 +145,7 @@ def verify(text: str, job: Tables, folder: Path) -> int:
 
 def main(count: int, seed: int) -> int:
     """The table of faults; 1 if one that matters is missed, or one that does not is reported."""
-    print(machine())
-    table = Table(COLUMNS)
+    table = open_table(COLUMNS)
     counts: dict[str, Counter[str]] = {name: Counter() for name in FAULTS}
     with tempfile.TemporaryDirectory() as name:
         for number in range(count):

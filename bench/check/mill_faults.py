@@ -28,6 +28,7 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Sequence
 from copy import deepcopy
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -182,14 +183,11 @@ def holder_meets_stock(moves: Sequence[Move], job: Tables) -> bool:
         for x, y, z in sample_move(move, PITCH) if move.deepest > 0 and not move.rapid else ():
             grid.stamp(x, y, radii[move.tool], -z)
             below = -z - find_length(job, move.tool)
-            if below > 0.5 and _lowest_in_disc(grid, x, y, HOLDER[0] - 0.5) < below - 0.5:
+            radius = HOLDER[0] - 0.5
+            disc = grid.cut_out(x, y, radius)[make_disc(radius, PITCH)]
+            if below > 0.5 and disc.min() < below - 0.5:
                 return True
     return False
-
-
-def _lowest_in_disc(grid: Grid, x: float, y: float, radius: float) -> float:
-    """The depth to which the highest cell of a disc is cut, mm."""
-    return float(grid.cut_out(x, y, radius)[make_disc(radius, grid.pitch)].min())
 
 
 def find_through(moves: Sequence[Move], job: Tables) -> Array:
@@ -287,25 +285,13 @@ def seed_holder_meets_stock(sound: Sound, chance: random.Random) -> Fault | None
     return Fault(job, sound.text, holder_meets_stock(sound.moves, job))
 
 
-def seed_one_tab(sound: Sound, chance: random.Random) -> Fault | None:
-    return _without_tabs(sound, lambda lap: [chance.choice(lap)], chance)
-
-
-def seed_all_tabs(sound: Sound, chance: random.Random) -> Fault | None:
-    return _without_tabs(sound, lambda lap: lap, chance)
-
-
-def _without_tabs(
-    sound: Sound,
-    select: Callable[[list[list[int]]], list[list[int]]],
-    chance: random.Random,
-) -> Fault | None:
+def seed_tabs(sound: Sound, chance: random.Random, *, is_one: bool) -> Fault | None:
     lines = _DIGEST.sub("", sound.text).split("\n")
     laps = find_tabs(lines)
     if not laps:
         return None
     lap = chance.choice(laps)
-    tabs = select(lap)
+    tabs = [chance.choice(lap)] if is_one else lap
     text = sign("\n".join(take_away(lines, tabs)))
     before, after = (
         find_through(moves, sound.job) for moves in (sound.moves, list(read_moves(text)))
@@ -322,8 +308,8 @@ SEEDS: dict[str, Callable[[Sound, random.Random], Fault | None]] = {
     "clamp in the way of the tool": seed_tool_meets_clamp,
     "clamp in the way of the holder": seed_holder_meets_clamp,
     "holder in the material": seed_holder_meets_stock,
-    "one tab taken away": seed_one_tab,
-    "all tabs of a contour taken away": seed_all_tabs,
+    "one tab taken away": partial(seed_tabs, is_one=True),
+    "all tabs of a contour taken away": partial(seed_tabs, is_one=False),
 }
 
 

@@ -136,11 +136,6 @@ def read_tool(job: Tables, row: Tables) -> Tables:
     return usual | more | ({"kind": "drill"} if is_drill else {}) | row
 
 
-def list_whole_tools(job: Tables) -> list[Tables]:
-    """All tools with their values."""
-    return [read_tool(job, row) for row in list_tools(job)]
-
-
 def load(case: str) -> tuple[Path, Tables]:
     """A golden job with a material and a thickness, and its part."""
     job = tomllib.loads((ROOT / "fixtures" / "cases" / case / "job.toml").read_text())
@@ -314,8 +309,9 @@ TEXT_FAULTS: dict[str, TextFault] = {
 
 def is_cut_otherwise(job: Tables, text: str, other_job: Tables, other: str) -> bool:
     """Whether two programs leave other material, by a sweep in cells of a common grid."""
-    jobs = (job, other_job)
-    tools = [list_whole_tools(tables) for tables in jobs]
+    tools = []
+    for tables in (job, other_job):
+        tools.append([read_tool(tables, row) for row in list_tools(tables)])
     pitch = min(tool["diameter"] for tool in tools[0] + tools[1]) / 8
     grids = []
     for rows, words in zip(tools, (text, other), strict=True):

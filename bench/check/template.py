@@ -20,14 +20,13 @@ from unittest.mock import patch
 
 from msgspec import Struct
 
+import camgen
 from bench.check import peer
 from bench.machine import machine
 from bench.support.runner import SHARED, Table, find_files
 from camgen.check.stock import TOLERANCE_MM, Cut, Design, Level, StockProof, prove
 from camgen.cli.init import Chosen, template
-from camgen.model.errors import CamgenError
 from camgen.model.job import InputTable, Job
-from camgen.pipeline import Result, build
 from camgen.plan.propose import propose
 from camgen.read import read
 from camgen.read.files import Files
@@ -67,7 +66,7 @@ def judge(path: Path, alone: bool, units: str = "auto") -> Row | None:
     name = f"{path.parent.name}/{path.name}{'' if units == 'auto' else f' as {units}'}"
     try:
         part = read(path, Job(input=InputTable(units=units)), Files())
-    except CamgenError as error:
+    except camgen.CamgenError as error:
         may_be_closed = any(kind in path.read_bytes() for kind in (b"CIRCLE", b"POLYLINE"))
         return Row((name, f"not read: {error}")) if may_be_closed else None
     loops = sum(contour.closed for contour in part.contours)
@@ -87,8 +86,8 @@ def judge(path: Path, alone: bool, units: str = "auto") -> Row | None:
     with _remember() as proven:
         begun = time.perf_counter()
         try:
-            result = build(part, post="gcode", job=job)
-        except CamgenError as error:
+            result = camgen.build(part, post="gcode", job=job)
+        except camgen.CamgenError as error:
             if "input.units" in str(error) and units == "auto":
                 return judge(path, alone, "mm")
             return Row((*cells, f"not built: {error}"), bad=bool(proven))
@@ -97,7 +96,7 @@ def judge(path: Path, alone: bool, units: str = "auto") -> Row | None:
 
 
 def _compare(
-    result: Result, proven: Proven, seconds: float, cells: tuple[str, ...], alone: bool
+    result: camgen.Result, proven: Proven, seconds: float, cells: tuple[str, ...], alone: bool
 ) -> Row:
     refused = _refuse(result)
     proof = prove_finely(proven)
@@ -138,7 +137,7 @@ def prove_finely(proven: Proven) -> StockProof:
         return prove(proven.cuts, proven.design)
 
 
-def _refuse(result: Result) -> str:
+def _refuse(result: camgen.Result) -> str:
     """What LinuxCNC's interpreter says against the program; "" where it accepts it."""
     if rs274.RS274 is None:
         return "not installed"

@@ -30,12 +30,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import camgen
-from bench.controllers.executed_path import (
-    Samples,
-    measure_distance,
-    measure_seconds,
-    read_samples,
-)
+from bench.controllers.executed_path import Samples, measure_distance, measure_seconds, read_samples
 from bench.controllers.programmed_path import ProgrammedPath, read_path
 from bench.support.runner import ROOT, Missed, open_table, verdict
 from tests.test_cases import FLAT, LEANING, parts

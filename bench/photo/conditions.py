@@ -36,18 +36,11 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.render.conditions import (
-    PIXEL,
-    ConditionedPhoto,
-    Conditions,
-    draw_conditions,
-    draw_photo,
-)
+import camgen
+from bench.render.conditions import PIXEL, ConditionedPhoto, Conditions, draw_conditions, draw_photo
 from bench.render.scene import written
 from bench.render.shapes import are_away, find_corners, pieces, to_loops
 from bench.support.runner import Cells, open_table, read_words, verdict
-from camgen.model.errors import InputError, JobError, NoSafeProgram
-from camgen.model.part import Note, Part
 from camgen.read.files import Files
 from camgen.read.image import read
 from camgen.read.job_file import from_mapping
@@ -88,7 +81,7 @@ def judge_photo(photo: ConditionedPhoto, folder: Path) -> Iterator[Cells]:
         job = {**job, "camera": {**job["camera"], "file": str(folder / "camera.yaml")}}
     try:
         part = read(files.read(file), from_mapping(job), files)
-    except (InputError, JobError, NoSafeProgram) as error:
+    except (camgen.InputError, camgen.JobError, camgen.NoSafeProgram) as error:
         yield *head, "refused", None, None, None, None, None, 1, "", str(error)
         return
     largest, rms, missing = measure(part, photo)
@@ -105,7 +98,7 @@ def judge_photo(photo: ConditionedPhoto, folder: Path) -> Iterator[Cells]:
     yield *head, outcome, *figures, verdict(is_met), line
 
 
-def measure(part: Part, photo: ConditionedPhoto) -> tuple[float, float, float]:
+def measure(part: camgen.Part, photo: ConditionedPhoto) -> tuple[float, float, float]:
     """Largest and rms distance of the contours from the outlines, mm, and the share not found."""
     truth = pieces(photo.loops)
     contours = pieces(to_loops(part.contours))
@@ -120,7 +113,7 @@ def measure(part: Part, photo: ConditionedPhoto) -> tuple[float, float, float]:
     return float(distances.max(initial=0.0)), rms, missing
 
 
-def name_cause(notes: tuple[Note, ...], conditions: Conditions, *, calibrated: bool) -> str:
+def name_cause(notes: tuple[camgen.Note, ...], conditions: Conditions, *, calibrated: bool) -> str:
     """The first line that has a word for one of the conditions; empty without one.
 
     A height that the job does not state, and a lens without calibration, must each have a line.
@@ -135,7 +128,7 @@ def name_cause(notes: tuple[Note, ...], conditions: Conditions, *, calibrated: b
     return next(filter(None, named.values()), "")
 
 
-def _is_cause(note: Note) -> bool:
+def _is_cause(note: camgen.Note) -> bool:
     """Whether an assumption of the summary names a cause of errors."""
     return note.what.startswith(("height 0", "lens from the photo", "the part is placed to"))
 

@@ -43,6 +43,7 @@ from pathlib import Path
 import numpy as np
 import shapely
 
+import camgen
 from bench.photo.burrs import drawing
 from bench.render.burrs import with_burrs
 from bench.render.conditions import material
@@ -51,10 +52,8 @@ from bench.render.parts import NAMED, Part, bracket, plate, random_part
 from bench.render.scene import Layer, Scene, render, written
 from bench.render.shapes import Loop, box, circle, hole
 from bench.support.runner import Scenario, read_words, run, verdict
-from camgen import build
 from camgen.check.photo import Difference, Inspection, inspect_photo, list_rework
 from camgen.cli.rework import write_drawing, write_job
-from camgen.model.errors import InputError
 from camgen.model.job import ImageTable, Job
 from camgen.read.files import Files
 from camgen.read.image import read_outlines
@@ -95,10 +94,6 @@ def situation(name: str, number: int) -> tuple[Part, Scenery]:
     rng = np.random.default_rng([number, list(SITUATIONS).index(name)])
     drawn = (plate, bracket, lambda: random_part(number))[number % 3]()
     return drawn, SITUATIONS[name](drawn, rng)
-
-
-def _clean(drawn: Part, _rng: np.random.Generator) -> Scenery:
-    return drawn, []
 
 
 def _burrs(drawn: Part, rng: np.random.Generator) -> Scenery:
@@ -153,19 +148,18 @@ def _larger(drawn: Part, _rng: np.random.Generator) -> Scenery:
     return (loop, *drawn[1:]), [Truth("dimension")]
 
 
-def _another(_drawn: Part, rng: np.random.Generator) -> Scenery:
-    return random_part(1000 + int(rng.integers(1000))), [Truth("another part")]
-
-
 SITUATIONS: dict[str, Callable[[Part, np.random.Generator], Scenery]] = {
-    "clean": _clean,
+    "clean": lambda drawn, _rng: (drawn, []),
     "burrs": _burrs,
     "chips": _chips,
     "hole not drilled": _not_drilled,
     "extra hole": _extra,
     "screw": _screw,
     "larger": _larger,
-    "another part": _another,
+    "another part": lambda _drawn, rng: (
+        random_part(1000 + int(rng.integers(1000))),
+        [Truth("another part")],
+    ),
 }
 
 
@@ -255,7 +249,7 @@ def look(folder: Path, drawn: Part, loops: Sequence[Loop], number: int) -> Inspe
     seen = read_outlines(files.read(photo(folder / "photo.png", loops, number)), job, files)
     try:
         return inspect_photo(seen, drawing(drawn), Job())
-    except InputError:
+    except camgen.InputError:
         return None
 
 
@@ -270,12 +264,12 @@ def compare_times(name: str, folder: Path) -> Iterator[tuple[object, ...]]:
     (folder / "again.toml").write_bytes(write_job(inspection, works, job, folder / "again.toml"))
     (folder / "again.dxf").write_bytes(write_drawing(works, inspection.expected.rings))
     (folder / "whole.dxf").write_bytes(write_drawing([], inspection.expected.rings))
-    rework = build(folder / "again.dxf", post="gcode", job=folder / "again.toml").cycle
-    whole = build(folder / "whole.dxf", post="gcode", job=JOB).cycle
+    rework = camgen.build(folder / "again.dxf", post="gcode", job=folder / "again.toml").cycle
+    whole = camgen.build(folder / "whole.dxf", post="gcode", job=JOB).cycle
     passes = [work.passes for work in works]
     former = max(math.ceil(work.burr.height / REMOVAL) for work in works)
     repeated = JOB | {"operation": {"depth": 1e-3, "passes": former}}
-    former_s = build(folder / "whole.dxf", post="gcode", job=repeated).cycle.total
+    former_s = camgen.build(folder / "whole.dxf", post="gcode", job=repeated).cycle.total
     shares = (100 * rework.total / whole.total, 100 * rework.total / former_s)
     yield name, len(works), sum(passes), rework.total, whole.total, former, former_s, *shares
 

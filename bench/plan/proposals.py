@@ -35,13 +35,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import shapely
 
+import camgen
 from bench.support.motions import Array, LevelArc
 from bench.support.runner import SHARED, Cells, Missed, Scenario, find_files, run
 from camgen.geometry.segments import from_contours
-from camgen.model.errors import CamgenError
 from camgen.model.job import InputTable, Job
-from camgen.model.part import Part
-from camgen.pipeline import Result, build
 from camgen.read import read
 from camgen.read.files import Files
 from tests.support import canon
@@ -109,11 +107,11 @@ def _is_for_a_mill(path: Path) -> bool:
     return bool(closed) and bool(np.abs(np.vstack(closed)).max() <= FARTHEST_MM)
 
 
-def _read(path: Path) -> Part | None:
+def _read(path: Path) -> camgen.Part | None:
     for units in ("auto", "mm"):
         try:
             return read(path, Job(input=InputTable(units=units)), Files())
-        except CamgenError:
+        except camgen.CamgenError:
             continue
     return None
 
@@ -129,8 +127,8 @@ def measure(path: Path) -> Iterator[Cells]:
         yield name, None, None, None, None, Missed(f"no proposal: {error}")
         return
     try:
-        result = build(path, post="gcode", job=job)
-    except CamgenError as error:
+        result = camgen.build(path, post="gcode", job=job)
+    except camgen.CamgenError as error:
         yield name, None, None, None, None, Missed(f"not built: {error}")
         return
     length, share = _measure_share(part, result)
@@ -163,7 +161,7 @@ def _propose(path: Path, folder: Path) -> tuple[str, dict[str, Any] | None]:
     return message, None
 
 
-def _measure_share(part: Part, result: Result) -> tuple[float, float]:
+def _measure_share(part: camgen.Part, result: camgen.Result) -> tuple[float, float]:
     """The length of the closed contours, mm, and the share of it that paths work on."""
     closed = [contour for contour in part.contours if contour.closed]
     segments = from_contours(closed)
@@ -178,7 +176,7 @@ def _measure_share(part: Part, result: Result) -> tuple[float, float]:
 # The sweep, from the text alone.
 
 
-def read_sweep(result: Result, job: dict[str, Any]) -> Sweep:
+def read_sweep(result: camgen.Result, job: dict[str, Any]) -> Sweep:
     """The motions of the program as LinuxCNC's interpreter makes them."""
     tools = {int(tool["number"]): tool for tool in job["tools"]}
     table = "".join(f"T{k} P{k} Z0 D{tool['diameter']}\n" for k, tool in tools.items())

@@ -16,11 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
+import camgen
 from bench.support.runner import SHARED, Cells, Missed, Scenario, find_files, read_words, run
 from bench.support.timing import timed
-from camgen.model.errors import CamgenError
-from camgen.model.job import Job
-from camgen.model.part import Contour, Part
 from camgen.read import dxf
 from camgen.read.files import Files
 from camgen.read.units import INSUNITS, MM
@@ -33,7 +31,7 @@ KNOWN = {
 }
 
 
-def length(contour: Contour) -> float:
+def length(contour: camgen.Contour) -> float:
     """Arc length, mm: a segment of chord c and bulge b is c (1 + b b) atan(b) / b long."""
     ends = np.roll(contour.points, -1, axis=0)
     b = np.abs(contour.bulges)
@@ -42,7 +40,7 @@ def length(contour: Contour) -> float:
     return float(lengths.sum() if contour.closed else lengths[:-1].sum())
 
 
-def verdict(part: Part, truth: dict[str, object]) -> str:
+def verdict(part: camgen.Part, truth: dict[str, object]) -> str:
     total = truth.get("visible_exact") or truth.get("total_exact")
     if not isinstance(total, int | float) or not total:
         return "no measured length"
@@ -64,8 +62,8 @@ def judge(path: Path, truth: dict[str, object]) -> Iterator[Cells]:
     """The row of a drawing."""
     name = f"{path.parent.name}/{path.name}"
     try:
-        part, seconds = timed(partial(dxf.read, Files().read(path), Job(), Files()))
-    except CamgenError as error:
+        part, seconds = timed(partial(dxf.read, Files().read(path), camgen.Job(), Files()))
+    except camgen.CamgenError as error:
         yield name, *"---", f"refused: {error}"
         return
     closed = sum(c.closed for c in part.contours)

@@ -40,7 +40,6 @@ import numpy as np
 import camgen
 from bench.read.step_shapes import ARRANGEMENTS, Arrangement, Body, Segment, Shape
 from bench.support.runner import Cells, Scenario, must_be_none, read_words, run
-from camgen.model.errors import CamgenError
 from camgen.model.pose import FloatArray
 
 COLUMNS = (
@@ -365,7 +364,7 @@ def assess(seed: int, folder: Path) -> tuple[str, str]:
     path.write_text(text)
     try:
         solid = camgen.read(path).solid
-    except CamgenError as error:
+    except camgen.CamgenError as error:
         return "refused", f"{seed} ({words}): {str(error).partition(': ')[2][:60]}"
     concave = sum(not edge.convex for edge in solid.edges)
     size = np.ptp(solid.vertices, axis=0)

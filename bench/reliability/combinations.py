@@ -56,16 +56,11 @@ class Run(NamedTuple):
 
 def run_case(case: Case) -> Run:
     """Builds a case in a process of its own, which has the state of a fresh program."""
-    words = [_absolute(word) for word in case.words]
+    words = [str(ROOT / word) if word.startswith("fixtures/") else word for word in case.words]
     with tempfile.TemporaryDirectory() as folder:
         child = run_in_child(lambda: [run_command(words, Path(folder))], LIMITS)
     ending = child.results[0] if child.results else Ending(None, child.signal, (), "", ())
     return Run(case, ending.code, find_miss(case, ending))
-
-
-def _absolute(word: str) -> str:
-    """A file of the fixtures by its full name, any other word as it is."""
-    return str(ROOT / word) if word.startswith("fixtures/") else word
 
 
 def find_miss(case: Case, ending: Ending) -> str:

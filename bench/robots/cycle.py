@@ -21,7 +21,6 @@ from bench.support.timing import median_seconds
 from camgen.check.report import sum_up
 from camgen.check.time import cycle, time_motions
 from camgen.model.pose import TOOL_DOWN, Pose, translation
-from camgen.model.program import MoveC, MoveJ, MoveL, Program
 from camgen.post.plugins import find_post, make_post
 
 JOBS: dict[str, tuple[str, dict[str, object]]] = {
@@ -36,16 +35,16 @@ def at(x: float, y: float, z: float = 0.0) -> Pose:
     return Pose(TOOL_DOWN, (float(x), float(y), float(z)))
 
 
-def program(*moves: MoveL | MoveC) -> Program:
+def program(*moves: camgen.MoveL | camgen.MoveC) -> camgen.Program:
     frame = translation(0, 0, 0)
-    return Program("p", frame, frame, (MoveJ(at(0, 0), 100.0), *moves))
+    return camgen.Program("p", frame, frame, (camgen.MoveJ(at(0, 0), 100.0), *moves))
 
 
-def polyline(points: np.ndarray, speed: float) -> Program:
+def polyline(points: np.ndarray, speed: float) -> camgen.Program:
     last = len(points) - 1
     return program(
         *(
-            MoveL(at(x, y), speed, 1.0 if k < last else 0.0)
+            camgen.MoveL(at(x, y), speed, 1.0 if k < last else 0.0)
             for k, (x, y) in enumerate(points[1:], 1)
         )
     )
@@ -56,13 +55,16 @@ def wave(count: int, length: float = 60.0) -> np.ndarray:
     return np.column_stack([length * t, 10 * np.sin(0.2 * length * t)])
 
 
-def cases() -> dict[str, Program]:
+def cases() -> dict[str, camgen.Program]:
     zigzag = np.array([(2 * k, 3 * (k % 2)) for k in range(40)], float)
     square = np.array([(0, 0), (20, 0), (20, 20), (0, 20), (0, 0)], float)
-    circle = (MoveC(at(10, 10), at(20, 0), 50.0, 1.0), MoveC(at(10, -10), at(0, 0), 50.0))
-    small = (MoveC(at(1, 1), at(2, 0), 50.0, 1.0), MoveC(at(1, -1), at(0, 0), 50.0))
+    circle = (
+        camgen.MoveC(at(10, 10), at(20, 0), 50.0, 1.0),
+        camgen.MoveC(at(10, -10), at(0, 0), 50.0),
+    )
+    small = (camgen.MoveC(at(1, 1), at(2, 0), 50.0, 1.0), camgen.MoveC(at(1, -1), at(0, 0), 50.0))
     return {
-        "line 50 mm, 20 mm/s": program(MoveL(at(50, 0), 20.0)),
+        "line 50 mm, 20 mm/s": program(camgen.MoveL(at(50, 0), 20.0)),
         "square 20 mm, 50 mm/s": polyline(square, 50.0),
         "circle R 10, 50 mm/s": program(*circle),
         "circle R 1, 50 mm/s": program(*small),

@@ -196,17 +196,13 @@ def kill_process_of_tab(_tab: Tab, browser: Driven) -> None:
         os.kill(process, signal.SIGKILL)
 
 
-def close_tab(tab: Tab, _browser: Driven) -> None:
-    tab.page.close()
-
-
 #: The kill that falls between the keys of a text.
 BETWEEN_KEYS = "server, between keys"
 KILLS = {
     "server": kill_server,
     "browser": kill_browser,
     "process of the tab": kill_process_of_tab,
-    "tab, closed": close_tab,
+    "tab, closed": lambda tab, _browser: tab.page.close(),
     BETWEEN_KEYS: kill_server,
 }
 

@@ -33,13 +33,7 @@ from bench.reliability.code_mutants.running import (
     warm_up,
 )
 from bench.reliability.code_mutants.survivors import find_survivors, list_at, read_reasons
-from bench.reliability.code_mutants.targets import (
-    CORE_GROUPS,
-    PROGRAM_GROUPS,
-    SEED,
-    Mutant,
-    draw,
-)
+from bench.reliability.code_mutants.targets import CORE_GROUPS, PROGRAM_GROUPS, SEED, Mutant, draw
 from bench.reliability.code_mutants.verdicts import (
     RIGHT,
     SAME_MOTION,

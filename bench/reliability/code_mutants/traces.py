@@ -312,7 +312,8 @@ def _read_gcode(text: str) -> list[Step]:
         if call.kind in ("STRAIGHT_TRAVERSE", "STRAIGHT_FEED", "ARC_FEED"):
             motion = _read_call(call, position, blend)
             position = motion.end
-            if not _has_motion(steps) or motion.end[2] == _TOP_MM:
+            is_first = not any(isinstance(step, Motion) for step in steps)
+            if is_first or motion.end[2] == _TOP_MM:
                 motion = motion._replace(kind=JOINTS)
             steps.append(motion)
         elif call.kind == "DWELL":
@@ -326,11 +327,6 @@ def _read_gcode(text: str) -> list[Step]:
             steps.append(Switch(f"{call.kind} {call.value:g}", 0.0 if is_off else 1.0))
     others = [name for name in result.names if name not in _PLAIN_CALLS]
     return [*steps, *(Statement(name) for name in sorted(set(others)))]
-
-
-def _has_motion(steps: Sequence[Step]) -> bool:
-    """Whether there is a motion among the steps."""
-    return any(isinstance(step, Motion) for step in steps)
 
 
 #: The zero of a machine is its top. Without a machine it is that of the work, so the lift is given

@@ -22,12 +22,11 @@ import msgspec
 import numpy as np
 from hypothesis import strategies as st
 
+import camgen
 from bench.reliability.fuzzing import drawings, pictures, programs, solids, texts
 from camgen.check.report import sum_up
 from camgen.cli import motion_file
-from camgen.lang.programs import Executed
 from camgen.localize import scans
-from camgen.model.errors import CamgenError, InputError, JobError
 from camgen.model.files import Source
 from camgen.model.job import ImageTable, Job, OperationTable
 from camgen.model.program import Columns
@@ -77,8 +76,12 @@ def _outcome(one: Fuzzed, data: bytes) -> object:
         warnings.simplefilter("ignore", RuntimeWarning)  # as the command line does
         try:
             found = one.call(data)
-        except CamgenError as error:
-            if one.never_fails or error.exit_code != InputError.exit_code or not error.what.strip():
+        except camgen.CamgenError as error:
+            if (
+                one.never_fails
+                or error.exit_code != camgen.InputError.exit_code
+                or not error.what.strip()
+            ):
                 raise Miss(f"{one.name}: {type(error).__name__}: {error}") from error
             return str(error)
     leaves = tuple(_leaves(found))
@@ -153,7 +156,7 @@ def _read_part(suffix: str, data: bytes, job: Job = _PHOTO) -> object:
     for step in (reader.read, reader.inspect):
         try:
             found.append(step(source, job, files))
-        except CamgenError as error:
+        except camgen.CamgenError as error:
             errors.append(error)
     said = [str(one) for one in found]
     if errors:
@@ -175,7 +178,7 @@ def _post_errors(name: str, job: Job) -> str:
     """What a post says of its options: other posts have others."""
     try:
         make_post(find_post(name), job.post)
-    except JobError as error:
+    except camgen.JobError as error:
         return str(error)
     return ""
 
@@ -221,7 +224,7 @@ def _read_back(post: str, data: bytes) -> object:
     """The reading, and its sums as ``camgen verify`` tells them."""
     text = {f"part.{POSTS[post]}": data.decode("latin-1")}
     found = find_readback(post)(text, fill_tables(find_post(post), {}))
-    assert isinstance(found, Executed)
+    assert isinstance(found, camgen.Executed)
     assert len(found.body) == len(found.lines)
     return [found, sum_up(Columns(found.body))]
 
