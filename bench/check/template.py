@@ -22,8 +22,7 @@ from msgspec import Struct
 
 import camgen
 from bench.check import peer
-from bench.machine import machine
-from bench.support.runner import SHARED, Table, find_files
+from bench.support.runner import SHARED, Table, find_files, machine
 from camgen.check.stock import TOLERANCE_MM, Cut, Design, Level, StockProof, prove
 from camgen.cli.init import Chosen, template
 from camgen.model.job import InputTable, Job

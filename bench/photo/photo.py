@@ -22,11 +22,10 @@ from typing import Any
 
 import numpy as np
 
-from bench.machine import machine
 from bench.render.shapes import Loop
 from bench.render.truth import Error, Truth, offset_truth, path_error
 from bench.support.motions import sample_plane
-from bench.support.runner import Table, open_table
+from bench.support.runner import Table, machine, open_table
 from bench.support.timing import best_seconds, measure_in_turns, measure_process, python
 from camgen.model.errors import CamgenError
 

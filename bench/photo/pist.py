@@ -26,7 +26,6 @@ import ezdxf
 import numpy as np
 
 import camgen
-from bench.machine import machine
 from bench.photo.contact import Contact, pressed
 from bench.photo.observed import Observed, Run, observe, run
 from bench.photo.paper import paper_route
@@ -36,7 +35,7 @@ from bench.render.photos import Photo, of_paper, write
 from bench.render.shapes import Loop
 from bench.render.solid import sheet
 from bench.render.truth import Error, Truth, offset_truth, path_error
-from bench.support.runner import ROOT, Table, open_table
+from bench.support.runner import ROOT, Table, machine, open_table
 from bench.support.timing import timed
 from camgen.cli import main as command
 from camgen.model.pose import pose_from_values

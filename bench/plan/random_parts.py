@@ -153,11 +153,9 @@ def _ways(body: tuple[Instruction, ...]) -> Iterator[np.ndarray]:
     for item in body:
         if not isinstance(getattr(item, "target", None), Pose):
             continue
-        points = (
-            along(here, item)
-            if isinstance(item, (MoveL, MoveC))
-            else np.array([here, item.target.origin])
-        )
+        points = np.array([here, item.target.origin])
+        if isinstance(item, (MoveL, MoveC)):
+            points = along(here, item)
         here = np.array(item.target.origin)
         low = points[:, 2] < 1e-6
         way += [points[low][:, :2]]

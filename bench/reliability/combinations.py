@@ -30,11 +30,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from bench.machine import machine
 from bench.reliability.commands import Ending, find_fault, map_cases, run_command
 from bench.reliability.drawn_jobs import POSTS, Case, draw_case, list_settings
 from bench.support.children import Limits, run_in_child
-from bench.support.runner import ROOT, Table
+from bench.support.runner import ROOT, Table, machine
 
 #: A build may take 60 s of the processor, 300 s by the clock and 8 GB.
 LIMITS = Limits(memory=8 * 1024**3, processor=60, clock=300.0)

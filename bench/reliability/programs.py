@@ -176,12 +176,10 @@ def _take(source: Source, kind: type[camgen.Post]) -> Program:
     body: list[Instruction] = list(program.body[: source.size])
     home = kind.cell().home
     if isinstance(home, camgen.Pose):
-        body = [replace(item, target=home) if _is_to_joints(item) else item for item in body]
+        for number, item in enumerate(body):
+            if isinstance(item, MoveJ) and isinstance(item.target, Joints):
+                body[number] = replace(item, target=home)
     return program.with_body(_close(body))
-
-
-def _is_to_joints(item: Instruction) -> bool:
-    return isinstance(item, MoveJ) and isinstance(item.target, Joints)
 
 
 def _close(body: Sequence[Instruction]) -> tuple[Instruction, ...]:

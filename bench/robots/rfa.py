@@ -21,9 +21,8 @@ from pathlib import Path
 import numpy as np
 
 import camgen
-from bench.machine import machine
 from bench.robots.plain_loop import Loop
-from bench.support.runner import PARTS, Table
+from bench.support.runner import PARTS, Table, machine
 from bench.support.timing import Process, measure_process, median_seconds, python, timed
 from camgen.check.reach import check_reach
 from camgen.model.pose import Pose, pose_from_values, rotation_about

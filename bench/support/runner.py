@@ -6,13 +6,13 @@ input. This module imports nothing heavy: the peak memory of a child counts that
 
 from __future__ import annotations
 
+import os
+import platform
 import re
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
-
-from bench.machine import machine
 
 ROOT = Path(__file__).parents[2]
 PARTS = ROOT / "fixtures" / "parts"
@@ -22,6 +22,18 @@ SHARED = ROOT.parent / "shared" / "data"
 Cells = Sequence[object]
 #: A head, and the format of its cells, which begins with the word that has the first brace.
 _COLUMN = re.compile(r"([^{]*?) *([^ {]*\{.*)?")
+
+
+def machine() -> str:
+    """One line about the machine: processor, cores, Python.
+
+    Processes that are started from here on keep compiled modules, as installed ones do.
+    """
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+    info = Path("/proc/cpuinfo")
+    models = re.findall(r"model name\s*: (.*)", info.read_text()) if info.exists() else []
+    name = models[0].strip() if models else platform.processor() or platform.machine()
+    return f"{name}, {os.cpu_count()} cores, Python {platform.python_version()}"
 
 
 class Missed(str):

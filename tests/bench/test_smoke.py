@@ -14,9 +14,9 @@ from typing import NamedTuple
 import cv2
 import pytest
 
-from bench.machine import machine
 from bench.photo.calibrate import CAMERA
 from bench.render import photos
+from bench.support.runner import machine
 from tests.support.board_photos import chess, photo, poses
 
 ROOT = Path(__file__).parents[2]

@@ -190,10 +190,6 @@ def _read_cell(data: bytes) -> object:
     return [job, equip(find_post("rapid").cell(), job)]
 
 
-def _read_assignment(data: bytes) -> object:
-    return load_job(None, (data.decode(),))
-
-
 @cache
 def _folder() -> tempfile.TemporaryDirectory[str]:
     """For what is looked at before it is read."""
@@ -214,10 +210,6 @@ def _read_plan(data: bytes) -> object:
     """A plan, held against its own program as ``camgen verify`` does."""
     found = motion_file.load(Path("plan.json"), Files([Source(Path("plan.json"), data)]))
     return [found.program, found.program.columns.ends.shape, found.chord]
-
-
-def _read_camera(data: bytes) -> object:
-    return read_camera(Source(Path("camera.yaml"), data))
 
 
 def _read_back(post: str, data: bytes) -> object:
@@ -241,10 +233,10 @@ TABLE = (
     Fuzzed("photo", pictures.picture, partial(_read_part, ".png")),
     Fuzzed("picture", pictures.picture, partial(_read_part, ".png", job=_TRACE)),
     Fuzzed("job", texts.job(), _read_job),
-    Fuzzed("set", texts.assignment(), _read_assignment),
+    Fuzzed("set", texts.assignment(), lambda data: load_job(None, (data.decode(),))),
     Fuzzed("cell", texts.cell(), _read_cell),
     Fuzzed("urdf", texts.urdf(), _read_urdf),
-    Fuzzed("camera", texts.camera(), _read_camera),
+    Fuzzed("camera", texts.camera(), lambda data: read_camera(Source(Path("camera.yaml"), data))),
     Fuzzed("plan", texts.plan(), _read_plan),
     Fuzzed("cloud-ply", solids.ply_cloud(), partial(_read_cloud, ".ply")),
     Fuzzed("cloud-pcd", solids.pcd(), partial(_read_cloud, ".pcd")),
