@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bench.support.motions import rotate
 from camgen.model.pose import FloatArray
 
 Point = tuple[float, float]
@@ -214,13 +215,6 @@ def make_rotation(rng: random.Random) -> FloatArray:
         return np.round(rotate(np.array([0.0, 0.0, 1.0]), math.pi / 2 * rng.randint(1, 3)))
     axis = np.array([rng.gauss(0, 1) for _ in range(3)])
     return rotate(axis / np.linalg.norm(axis), rng.uniform(0.2, 3.0))
-
-
-def rotate(axis: FloatArray, angle: float) -> FloatArray:
-    """(3, 3) by the formula of Rodrigues."""
-    x, y, z = axis
-    skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + math.sin(angle) * skew + (1 - math.cos(angle)) * skew @ skew
 
 
 def count_all(bodies: Sequence[Body]) -> tuple[int, int]:

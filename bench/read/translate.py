@@ -36,8 +36,8 @@ from bench.read.goldens import (
     execute_whole,
     frames_of,
     read_robot,
-    to_lines,
 )  # fmt: skip
+from bench.support.motions import measure_from_lines
 from bench.support.runner import Cells, Scenario, run
 from camgen.model.pose import Pose, Vec3, fixed_xyz, translation
 
@@ -219,7 +219,9 @@ def rapids_apart(before: Way, after: Way) -> float:
     if not before.rapids:
         return 0.0
     starts, stops = np.array(after.rapids or [[(math.inf,) * 3] * 2]).transpose(1, 0, 2)
-    return float(max(to_lines(np.array(end), starts, stops).min() for _, end in before.rapids))
+    return float(
+        max(measure_from_lines(np.array(end), starts, stops).min() for _, end in before.rapids)
+    )
 
 
 def find_difference(before: Way, after: Way) -> str:

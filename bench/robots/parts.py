@@ -26,7 +26,7 @@ from pathlib import Path
 import numpy as np
 
 import camgen
-from bench.support.motions import place_motion
+from bench.support.motions import place_motion, rotate
 from bench.support.runner import SHARED, find_files, open_table, read_words
 from camgen.collision.hits import hits
 from camgen.collision.scene import Scene
@@ -74,19 +74,14 @@ def job(path: Path, arm: str) -> dict[str, dict[str, object]]:
 
 
 def turned(start: FloatArray, end: FloatArray, share: FloatArray) -> FloatArray:
-    """(S, 3, 3) at ``share`` of the shortest turn (Rodrigues)."""
+    """(S, 3, 3) at ``share`` of the shortest turn."""
     turn = end @ start.T
     axis = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / 2
     sine = float(np.linalg.norm(axis))
     if sine < 1e-12:
         return np.broadcast_to(start, (len(share), 3, 3))
-    x, y, z = axis / sine
-    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     angle = share * math.atan2(sine, (float(np.trace(turn)) - 1) / 2)
-    spin = (
-        np.eye(3) + np.sin(angle)[:, None, None] * k + (1 - np.cos(angle))[:, None, None] * (k @ k)
-    )
-    return np.asarray(spin @ start)
+    return np.asarray(rotate(axis / sine, angle) @ start)
 
 
 def joints_on(

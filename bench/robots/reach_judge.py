@@ -44,6 +44,7 @@ import camgen
 from bench.robots.coverage import list_parts, make_job
 from bench.robots.plain_loop import Loop
 from bench.robots.rfa import loop
+from bench.support.motions import place_motion
 from bench.support.runner import Cells, Scenario, run
 from camgen.model.job import ProcessTable
 from camgen.model.part import BoolArray, Edge, Part
@@ -238,20 +239,11 @@ def list_stations(edge: Edge, step: float = STEP) -> Iterator[Station]:
 
 def _bend(first: FloatArray, middle: FloatArray, last: FloatArray) -> FloatArray:
     """Points (2 HALF, 3) of the arc through three points, without the first."""
-    a, b = middle - first, last - first
-    normal = np.cross(a, b)
-    square = float(normal @ normal)
-    shares = np.linspace(0, 2, 2 * HALF + 1)[1:, None]
-    if square < (STRAIGHT_SHARE * float(b @ b)) ** 2:
-        return np.asarray(first + shares / 2 * b)
-    # The centre of the circle through three points.
-    toward = np.cross((a @ a) * b - (b @ b) * a, normal) / (2 * square)
-    radial = -toward
-    size = float(np.linalg.norm(radial))
-    x, y = radial / size, np.cross(normal, radial) / (math.sqrt(square) * size)
-    turn = float(np.arctan2((b - toward) @ y, (b - toward) @ x)) % math.tau
-    angle = shares / 2 * turn
-    return np.asarray(first + toward + size * (np.cos(angle) * x + np.sin(angle) * y))
+    chord = last - first
+    normal = np.cross(middle - first, chord)
+    is_straight = normal @ normal < max(1e-12, (STRAIGHT_SHARE * float(chord @ chord)) ** 2)
+    shares = np.linspace(0, 1, 2 * HALF + 1)[1:]
+    return place_motion(first, None if is_straight else middle, last, shares)
 
 
 def is_nearest(rim: FloatArray, station: Station, offset: float) -> bool:

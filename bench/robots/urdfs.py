@@ -43,6 +43,7 @@ import trimesh
 import camgen
 from bench.robots.parts import runs
 from bench.robots.rfa import whole
+from bench.support.motions import rotate
 from bench.support.runner import Cells, Missed, Scenario, run
 from bench.support.timing import timed
 from camgen.robots.catalogue import robot
@@ -140,11 +141,9 @@ Matrix = np.ndarray
 
 
 def _turned(axis: Matrix, angle: float) -> Matrix:
-    """Rodrigues' formula, 4 x 4."""
-    x, y, z = axis / np.linalg.norm(axis)
-    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    """The rotation about an axis, 4 x 4."""
     matrix = np.eye(4)
-    matrix[:3, :3] += math.sin(angle) * k + (1 - math.cos(angle)) * (k @ k)
+    matrix[:3, :3] = rotate(axis / np.linalg.norm(axis), angle)
     return matrix
 
 

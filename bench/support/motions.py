@@ -68,6 +68,23 @@ def sample_plane(start: Array, via: Array | None, end: Array, step: float) -> Ar
     return sample_motion(start * level, middle, end * level, step)[:, :2] @ [1, 1j]
 
 
+def measure_from_lines(points: Array, start: Array, end: Array) -> Array:
+    """Distances of points from lines, mm. All arrays are (..., D) and are broadcast."""
+    step = end - start
+    square = (step**2).sum(axis=-1)
+    share = ((points - start) * step).sum(axis=-1) / np.where(square > 0, square, 1.0)
+    nearest = start + np.clip(share, 0.0, 1.0)[..., None] * step
+    return np.asarray(np.linalg.norm(nearest - points, axis=-1))
+
+
+def rotate(axis: Array, angle: float | Array) -> Array:
+    """Rotations about a unit axis (3,) by Rodrigues' formula, (..., 3, 3). angle: rad, (...)."""
+    x, y, z = axis
+    skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    turn = np.asarray(angle)[..., None, None]
+    return np.asarray(np.eye(3) + np.sin(turn) * skew + (1 - np.cos(turn)) * (skew @ skew))
+
+
 class LevelArc(NamedTuple):
     """An arc or a helix about an upright axis.
 
