@@ -14,9 +14,8 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-
 import camgen
+from bench.render.shapes import pieces, to_loops
 from bench.support.runner import SHARED, Cells, Missed, Scenario, find_files, read_words, run
 from bench.support.timing import timed
 from camgen.read import dxf
@@ -32,11 +31,8 @@ KNOWN = {
 
 
 def length(contour: camgen.Contour) -> float:
-    """Arc length, mm: a segment of chord c and bulge b is c (1 + b b) atan(b) / b long."""
-    ends = np.roll(contour.points, -1, axis=0)
-    b = np.abs(contour.bulges)
-    lengths = np.hypot(*(ends - contour.points).T)
-    lengths = lengths * np.where(b > 0, (1 + b * b) * np.arctan(b) / np.where(b > 0, b, 1.0), 1.0)
+    """Arc length, mm."""
+    lengths = pieces(to_loops([contour])).length
     return float(lengths.sum() if contour.closed else lengths[:-1].sum())
 
 
