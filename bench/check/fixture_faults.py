@@ -12,25 +12,20 @@ a fault that matters is missed, or one that does not is reported.
 
 from __future__ import annotations
 
-import contextlib
-import io
-import json
 import math
 import random
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 import camgen
-from bench.machine import machine
-from bench.support.runner import PARTS, Table, read_words, verdict
-from camgen.cli import main as run_camgen
+from bench.support.commands import Tables, run_camgen, write_job
+from bench.support.gcode_text import read_moves, sample_move
+from bench.support.runner import PARTS, open_table, read_words, verdict
 
 DRAWINGS = ("plate.dxf", "bracket.dxf", "motor.dxf")
 #: Distances nearer than this to a limit are counted neither way, mm.
@@ -39,11 +34,8 @@ SURE_MM = 0.05
 STEP_MM, MARGIN = 0.05, 2.0
 COLUMNS = "fault | seeded | matter | of these found | missed | do not | of these reported | "
 
-Values = dict[str, Any]
-Places = NDArray[np.float64]
 
-
-def make_job(chance: random.Random, drawing: str) -> Values:
+def make_job(chance: random.Random, drawing: str) -> Tables:
     """A job with a clamp on each corner of a drawing."""
     points = np.concatenate([contour.points for contour in camgen.read(PARTS / drawing).contours])
     low, high = points.min(axis=0), points.max(axis=0)
@@ -68,7 +60,7 @@ def make_job(chance: random.Random, drawing: str) -> Values:
     }
 
 
-def move_clamp(job: Values, _text: str, chance: random.Random) -> str | None:
+def move_clamp(job: Tables, _text: str, chance: random.Random) -> str | None:
     clamp = chance.choice(job["cell"]["fixtures"])
     turn, by = chance.uniform(0, 2 * math.pi), chance.uniform(1, 40)
     for k, part in enumerate((math.cos(turn), math.sin(turn))):
@@ -77,12 +69,12 @@ def move_clamp(job: Values, _text: str, chance: random.Random) -> str | None:
     return None
 
 
-def raise_clamp(job: Values, _text: str, chance: random.Random) -> str | None:
+def raise_clamp(job: Tables, _text: str, chance: random.Random) -> str | None:
     chance.choice(job["cell"]["fixtures"])[5] += chance.uniform(1, 40)
     return None
 
 
-def add_clamp(job: Values, _text: str, chance: random.Random) -> str | None:
+def add_clamp(job: Tables, _text: str, chance: random.Random) -> str | None:
     clamps = np.array(job["cell"]["fixtures"])
     low, high = clamps[:, [0, 1]].min(axis=0), clamps[:, [3, 4]].max(axis=0)
     x, y = (chance.uniform(a, b) for a, b in zip(low, high, strict=True))
@@ -90,12 +82,12 @@ def add_clamp(job: Values, _text: str, chance: random.Random) -> str | None:
     return None
 
 
-def shorten_tool(job: Values, _text: str, chance: random.Random) -> str | None:
+def shorten_tool(job: Tables, _text: str, chance: random.Random) -> str | None:
     job["tool"]["length"] -= chance.uniform(1, 25)
     return None
 
 
-def lose_lift(job: Values, text: str, chance: random.Random) -> str | None:
+def lose_lift(job: Tables, text: str, chance: random.Random) -> str | None:
     """A lift over a clamp stops at the clearance height."""
     low = job["process"]["clearance"]
     lines = text.splitlines(keepends=True)
@@ -110,7 +102,7 @@ def lose_lift(job: Values, text: str, chance: random.Random) -> str | None:
     return "".join(lines)
 
 
-FAULTS: dict[str, Callable[[Values, str, random.Random], str | None]] = {
+FAULTS: dict[str, Callable[[Tables, str, random.Random], str | None]] = {
     "clamp moved": move_clamp,
     "clamp higher": raise_clamp,
     "clamp added": add_clamp,
@@ -119,47 +111,15 @@ FAULTS: dict[str, Callable[[Values, str, random.Random], str | None]] = {
 }
 
 
-def list_motions(text: str) -> Iterator[tuple[bool, Places]]:
-    """Every motion of a text of camgen: whether it is rapid, and its places (N, 3), mm."""
-    place = np.full(3, np.nan)
-    for line in text.splitlines():
-        words = line.split()
-        if not words or words[0] not in ("G0", "G1", "G2", "G3"):
-            continue
-        values = {word[0]: float(word[1:]) for word in words[1:]}
-        end = np.array([values.get(axis, place[k]) for k, axis in enumerate("XYZ")])
-        if np.isnan(place).any():
-            if not np.isnan(end).any():
-                yield True, end[None]
-        elif words[0] in ("G0", "G1"):
-            count = max(math.ceil(float(np.linalg.norm(end - place)) / STEP_MM), 1)
-            yield words[0] == "G0", place + np.linspace(0, 1, count + 1)[:, None] * (end - place)
-        else:
-            yield False, _sample_arc(place, end, values, words[0] == "G3")
-        place = end
-
-
-def _sample_arc(start: Places, end: Places, values: dict[str, float], left: bool) -> Places:
-    middle = start[:2] + np.array([values.get("I", 0.0), values.get("J", 0.0)])
-    first, last = (math.atan2(*(p[:2] - middle)[::-1]) for p in (start, end))
-    sweep = (last - first) % (2 * math.pi) or 2 * math.pi
-    if not left:
-        sweep = (last - first) % (2 * math.pi) - 2 * math.pi
-    radius = float(np.hypot(*(start[:2] - middle)))
-    count = max(math.ceil(abs(sweep) * radius / STEP_MM), 8)
-    angle = first + np.linspace(0, 1, count + 1) * sweep
-    xy = middle + radius * np.column_stack([np.cos(angle), np.sin(angle)])
-    return np.column_stack([xy, np.linspace(start[2], end[2], count + 1)])
-
-
-def measure(text: str, job: Values) -> tuple[float, float]:
+def measure(text: str, job: Tables) -> tuple[float, float]:
     """The depth of a body in a clamp, and the smallest distance that the margin limits, mm."""
     tool = job["tool"]
     wide, low = tool["holder"][0][3], tool["length"] - tool["holder"][0][5]
     bodies = ((0.0, tool["diameter"] / 2), (low, wide))
     deepest, nearest = 0.0, math.inf
-    for rapid, places in list_motions(text):
-        across = rapid and bool(np.ptp(places[:, :2], axis=0).max() > 1e-6)
+    for move in read_moves(text):
+        places = sample_move(move, STEP_MM)
+        across = move.rapid and bool(np.ptp(places[:, :2], axis=0).max() > 1e-6)
         for clamp in job["cell"]["fixtures"]:
             box = np.reshape(clamp, (2, 3))
             x1, y1, _ = box.min(axis=0)
@@ -175,28 +135,17 @@ def measure(text: str, job: Values) -> tuple[float, float]:
     return deepest, nearest
 
 
-def verify(text: str, job: Values, folder: Path) -> int:
+def verify(text: str, job: Tables, folder: Path) -> int:
     """The exit code of camgen verify, without the plan and without the drawing."""
-    (folder / "part.nc").write_text(text)
-    (folder / "changed.toml").write_text(camgen_toml(job))
-    words = ["verify", str(folder / "part.nc"), "--job", str(folder / "changed.toml")]
-    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-        return run_camgen([*words, "--post", "grbl"])
-
-
-def camgen_toml(job: Values) -> str:
-    """A job file; JSON writes numbers, texts and lists as TOML does."""
-    lines = []
-    for name, table in job.items():
-        lines.append(f"[{name}]")
-        lines += [f"{key} = {json.dumps(value)}" for key, value in table.items()]
-    return "\n".join(lines) + "\n"
+    program, changed = folder / "part.nc", folder / "changed.toml"
+    program.write_text(text)
+    write_job(job, changed)
+    return run_camgen("verify", program, "--job", changed, "--post", "grbl").code
 
 
 def main(count: int, seed: int) -> int:
     """The table of faults; 1 if one that matters is missed, or one that does not is reported."""
-    print(machine())
-    table = Table(COLUMNS)
+    table = open_table(COLUMNS)
     counts: dict[str, Counter[str]] = {name: Counter() for name in FAULTS}
     with tempfile.TemporaryDirectory() as name:
         for number in range(count):

@@ -13,11 +13,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+import camgen
 from bench.check.scenes import Rule, Scene, outline
 from bench.render.shapes import Pieces
 from camgen.check.stock import Cut
-from camgen.model.pose import Pose
-from camgen.model.program import MoveC, MoveJ, MoveL
 
 Array = NDArray[np.float64]
 
@@ -220,14 +219,16 @@ def _ways(cut: Cut) -> list[_Way]:
     height = 0.0
     radius = cut.tool.diameter / 2
     for item in cut.body:
-        if not isinstance(item, (MoveJ, MoveL, MoveC)) or not isinstance(item.target, Pose):
+        if not isinstance(item, (camgen.MoveJ, camgen.MoveL, camgen.MoveC)) or not isinstance(
+            item.target, camgen.Pose
+        ):
             continue
         x, y, z = item.target.origin
         there = complex(x, y)
         start = there if here is None else here
-        rapid = isinstance(item, MoveJ)
+        rapid = isinstance(item, camgen.MoveJ)
         sweep = 0.0
-        if isinstance(item, MoveC):
+        if isinstance(item, camgen.MoveC):
             sweep = _sweep(start, complex(*item.via.origin[:2]), there)
         if abs(z - height) < 1e-9 or here is None:
             found.append(_Way(start, there, sweep, -z, rapid, radius, lifts=False))

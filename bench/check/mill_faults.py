@@ -3,7 +3,7 @@
 python -m bench.check.mill_faults [SEED, 1] [OF A KIND, 20]
 
 The rule that chooses them was written down before the checks. There are 100 faults, 20 of each kind
-of `KINDS`. The drawings are `CASES` in turn, with their own jobs or with `JOB`, built for LinuxCNC.
+of `SEEDS`. The drawings are `CASES` in turn, with their own jobs or with `JOB`, built for LinuxCNC.
 A drawing that is not there is named and left out. A clamp stands on the stock beside the part.
 
 - in the job: the clamp moved into the way of the tool, or into the way of the holder; the tool set
@@ -26,29 +26,26 @@ import tempfile
 import tomllib
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from copy import deepcopy
+from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import ezdxf
 import numpy as np
 from ezdxf import bbox
 
-from bench.check.set_up_faults import Tables, list_tools, run, write_job
-from bench.check.words import Array, Grid, Move, carve, make_disc, read_moves, sample_move
-from bench.support.runner import ROOT, SHARED, Missed, open_table, read_words
+from bench.check.cells import Grid, carve, make_disc
+from bench.check.set_up_faults import list_tools
+from bench.support.commands import Tables, run_camgen, write_job
+from bench.support.faults import IDLE, Verdict, judge_faults
+from bench.support.gcode_text import Move, read_moves, sample_move
+from bench.support.motions import Array
+from bench.support.runner import ROOT, SHARED, must_be_none, open_table, read_words
 from camgen.model.signature import sign
 
-#: Kinds of faults.
-KINDS = (
-    "clamp in the way of the tool",
-    "clamp in the way of the holder",
-    "holder in the material",
-    "one tab taken away",
-    "all tabs of a contour taken away",
-)
 #: Drawings with the names of their golden jobs, "" for `JOB`.
 CASES = {
     ROOT / "fixtures" / "parts" / "motor.dxf": "motor-plate",
@@ -181,23 +178,16 @@ def meets_clamp(sound: Sound, job: Tables, *, holder: bool) -> bool:
 def holder_meets_stock(moves: Sequence[Move], job: Tables) -> bool:
     """Whether a holder is half a mm or more in cells that no motion until then has cut."""
     radii = find_radii(job)
-    points = np.concatenate([move.points for move in moves])[:, :2]
-    margin = HOLDER[0] + 2 * PITCH
-    low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
-    columns, rows = np.ceil((high - low) / PITCH).astype(int) + 1
-    grid = Grid(np.zeros((rows, columns)), low, PITCH)
+    grid = Grid.around(moves, HOLDER[0], PITCH)
     for move in moves:
         for x, y, z in sample_move(move, PITCH) if move.deepest > 0 and not move.rapid else ():
             grid.stamp(x, y, radii[move.tool], -z)
             below = -z - find_length(job, move.tool)
-            if below > 0.5 and _lowest_in_disc(grid, x, y, HOLDER[0] - 0.5) < below - 0.5:
+            radius = HOLDER[0] - 0.5
+            disc = grid.cut_out(x, y, radius)[make_disc(radius, PITCH)]
+            if below > 0.5 and disc.min() < below - 0.5:
                 return True
     return False
-
-
-def _lowest_in_disc(grid: Grid, x: float, y: float, radius: float) -> float:
-    """The depth to which the highest cell of a disc is cut, mm."""
-    return float(grid.cut_out(x, y, radius)[make_disc(radius, grid.pitch)].min())
 
 
 def find_through(moves: Sequence[Move], job: Tables) -> Array:
@@ -295,25 +285,13 @@ def seed_holder_meets_stock(sound: Sound, chance: random.Random) -> Fault | None
     return Fault(job, sound.text, holder_meets_stock(sound.moves, job))
 
 
-def seed_one_tab(sound: Sound, chance: random.Random) -> Fault | None:
-    return _without_tabs(sound, lambda lap: [chance.choice(lap)], chance)
-
-
-def seed_all_tabs(sound: Sound, chance: random.Random) -> Fault | None:
-    return _without_tabs(sound, lambda lap: lap, chance)
-
-
-def _without_tabs(
-    sound: Sound,
-    select: Callable[[list[list[int]]], list[list[int]]],
-    chance: random.Random,
-) -> Fault | None:
+def seed_tabs(sound: Sound, chance: random.Random, *, is_one: bool) -> Fault | None:
     lines = _DIGEST.sub("", sound.text).split("\n")
     laps = find_tabs(lines)
     if not laps:
         return None
     lap = chance.choice(laps)
-    tabs = select(lap)
+    tabs = [chance.choice(lap)] if is_one else lap
     text = sign("\n".join(take_away(lines, tabs)))
     before, after = (
         find_through(moves, sound.job) for moves in (sound.moves, list(read_moves(text)))
@@ -325,19 +303,14 @@ def _without_tabs(
     return Fault(sound.job, text, count_loose(after) > count_loose(before))
 
 
-SEEDS: dict[str, Callable[[Sound, random.Random], Fault | None]] = dict(
-    zip(
-        KINDS,
-        (
-            seed_tool_meets_clamp,
-            seed_holder_meets_clamp,
-            seed_holder_meets_stock,
-            seed_one_tab,
-            seed_all_tabs,
-        ),
-        strict=True,
-    )
-)
+#: Kinds of faults.
+SEEDS: dict[str, Callable[[Sound, random.Random], Fault | None]] = {
+    "clamp in the way of the tool": seed_tool_meets_clamp,
+    "clamp in the way of the holder": seed_holder_meets_clamp,
+    "holder in the material": seed_holder_meets_stock,
+    "one tab taken away": partial(seed_tabs, is_one=True),
+    "all tabs of a contour taken away": partial(seed_tabs, is_one=False),
+}
 
 
 # The bench.
@@ -350,9 +323,9 @@ def build(drawing: Path, case: str, folder: Path) -> Sound:
     part.write_bytes(drawing.read_bytes())
     program = folder / "part.ngc"
     write_job(job, part.with_suffix(".toml"))
-    outcome = run("build", str(part), "--post", "gcode", "-o", str(program))
-    if outcome.code:
-        raise RuntimeError(f"{drawing.name} is not built: {list(outcome.lines)}")
+    code, lines = run_camgen("build", part, "--post", "gcode", "-o", program)
+    if code:
+        raise RuntimeError(f"{drawing.name} is not built: {lines}")
     text = program.read_text()
     moves = list(read_moves(text))
     sound = Sound(drawing, job, text, moves, [sample_move(move, PITCH) for move in moves])
@@ -370,45 +343,32 @@ def verify(fault: Fault, drawing: Path, folder: Path) -> int:
     part.write_bytes(drawing.read_bytes())
     program.write_text(fault.text)
     write_job(fault.job, job)
-    words = ("verify", str(program), "--post", "gcode", "--part", str(part), "--job", str(job))
-    return run(*words).code
-
-
-def measure(
-    sounds: Sequence[Sound], seed: int, count: int, folder: Path
-) -> Iterator[tuple[str, Counter[str], list[str]]]:
-    """The verdicts on the faults of each kind, and the faults that are missed."""
-    for kind in KINDS:
-        verdicts, missed, number = Counter[str](), list[str](), 0
-        while verdicts["found"] + verdicts["missed"] < count:
-            chance = random.Random(f"{seed} {kind} {number}")
-            sound = sounds[number % len(sounds)]
-            number += 1
-            fault = SEEDS[kind](sound, chance)
-            if fault is None or not fault.matters:
-                verdicts["without effect"] += 1
-                if number > 20 * count:
-                    raise RuntimeError(f"{kind}: no fault of {number} matters")
-                continue
-            is_found = verify(fault, sound.part, folder) in (3, 4)
-            verdicts["found" if is_found else "missed"] += 1
-            if not is_found:
-                missed.append(f"{kind}, {sound.part.name}, fault {number - 1}")
-        yield kind, verdicts, missed
+    return run_camgen("verify", program, "--post", "gcode", "--part", part, "--job", job).code
 
 
 def main(seed: int, count: int) -> int:
+    """Prints the table and the faults that are missed; 1 if there is one."""
     missed: list[str] = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         drawings = {drawing: case for drawing, case in CASES.items() if drawing.exists()}
-        sounds: list[Any] = [build(drawing, case, folder) for drawing, case in drawings.items()]
+        sounds = [build(drawing, case, folder) for drawing, case in drawings.items()]
         table = open_table(COLUMNS, f", seed {seed}")
-        for kind, verdicts, silent in measure(sounds, seed, count, folder):
-            missed += silent
-            lost = Missed(len(silent)) if silent else 0
-            idle = verdicts["without effect"]
-            table.add(kind, count, verdicts["found"], lost, idle)
+        for kind, make in SEEDS.items():
+
+            def judge(number: int, chance: random.Random) -> Verdict:
+                sound = sounds[number % len(sounds)]
+                fault = make(sound, chance)  # noqa: B023 (it is called in this turn alone)
+                if fault is None or not fault.matters:
+                    return IDLE, ""
+                is_found = verify(fault, sound.part, folder) in (3, 4)
+                return "found" if is_found else "missed", f"{sound.part.name}, fault {number}"
+
+            judged = judge_faults(kind, seed, count, judge)
+            verdicts = Counter(verdict for verdict, _ in judged)
+            missed += [f"{kind}, {text}" for verdict, text in judged if verdict == "missed"]
+            lost = must_be_none(verdicts["missed"])
+            table.add(kind, count, verdicts["found"], lost, verdicts[IDLE])
     absent = [drawing.name for drawing in CASES if drawing not in drawings]
     lines = [*missed, *(f"left out, not there: {drawing}" for drawing in absent)]
     print("\n".join(["", *lines]))

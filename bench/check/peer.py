@@ -11,6 +11,7 @@ from pathlib import Path
 from msgspec import Struct
 from msgspec.structs import replace
 
+import camgen
 from camgen.check.stock import Cut
 from camgen.check.time import cycle
 from camgen.geometry.nesting import nest
@@ -18,11 +19,8 @@ from camgen.geometry.segments import from_contours
 from camgen.lang.gcode.replayed import interpret
 from camgen.lang.recorded import ProgramRun
 from camgen.model.job import OperationTable, Step
-from camgen.model.part import Contour
-from camgen.model.path import Tour
 from camgen.model.program import Instruction, MoveC, MoveJ, MoveL, Output, Program, ToolChange
 from camgen.order import JobTour
-from camgen.pipeline import Result
 from camgen.plan.drill import find_circles
 from camgen.post.plugins import dynamics_of
 
@@ -44,7 +42,7 @@ class Peer(Struct, frozen=True, eq=False):
     why: str = ""
 
 
-def run(result: Result) -> Peer:
+def run(result: camgen.Result) -> Peer:
     """The operations of ``result`` by FreeCAD."""
     if LACKING:
         return Peer(why=LACKING)
@@ -83,12 +81,12 @@ def _cuts(runs: list[ProgramRun], tour: JobTour) -> Iterator[Cut]:
         yield Cut(found.body, found.lines, step.tool, f"{k}.ngc")
 
 
-def minutes(runs: Sequence[Sequence[Instruction]], result: Result) -> float:
+def minutes(runs: Sequence[Sequence[Instruction]], result: camgen.Result) -> float:
     """How long programs take by the model of the machine that ``result`` is made for."""
     return sum(_seconds(body, result) for body in runs) / 60
 
 
-def at_the_part(result: Result) -> list[list[Instruction]]:
+def at_the_part(result: camgen.Result) -> list[list[Instruction]]:
     """What the program of ``result`` does with each tool, without the ways from and to home: a peer's has none."""
     runs: list[list[Instruction]] = [[]]
     for item in result.program.body:
@@ -99,7 +97,7 @@ def at_the_part(result: Result) -> list[list[Instruction]]:
     return [body for body in runs if any(isinstance(item, MoveL | MoveC) for item in body)]
 
 
-def _seconds(body: Sequence[Instruction], result: Result) -> float:
+def _seconds(body: Sequence[Instruction], result: camgen.Result) -> float:
     # Outputs take no time, and a program of one operation leaves the spindle on.
     motions = [item for item in body if not isinstance(item, Output)]
     if isinstance(motions[-1], MoveL | MoveC | MoveJ):
@@ -114,7 +112,7 @@ def _seconds(body: Sequence[Instruction], result: Result) -> float:
 # What is asked of it.
 
 
-def describe(result: Result, tour: JobTour) -> dict[str, object]:
+def describe(result: camgen.Result, tour: JobTour) -> dict[str, object]:
     """Tools and operations as plain data: mm, mm/s, rpm."""
     contours = [contour for contour in result.part.contours if contour.closed]
     inside = nest(from_contours(contours), len(contours)).depth % 2 == 1
@@ -146,8 +144,8 @@ def _tool(step: Step) -> dict[str, object]:
 def _operation(
     number: int,
     step: Step,
-    tour: Tour,
-    contours: list[Contour],
+    tour: camgen.Tour,
+    contours: list[camgen.Contour],
     hole: dict[str, bool],
     place: dict[str, tuple[float, float]],
 ) -> dict[str, object]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -12,12 +12,11 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 import camgen
-from bench.render.shapes import Loop, Pieces, flatten
+from bench.render.shapes import Pieces, flatten, to_loops
 from bench.support.runner import PARTS
 from camgen.check.stock import Cut, Design, Task, design
 from camgen.model.job import Job, OperationTable, ProcessTable, StockTable, ToolTable
-from camgen.model.part import Contour, Part
-from camgen.model.pose import TOOL_DOWN, Pose
+from camgen.model.pose import TOOL_DOWN, Pose, Vec3
 from camgen.model.program import Comment, Instruction, MoveJ, MoveL, Output
 
 Array = NDArray[np.float64]
@@ -27,7 +26,7 @@ Array = NDArray[np.float64]
 class Rule:
     """So deep, mm, may be cut inside of the contours (even-odd), or outside of all of them."""
 
-    contours: tuple[Contour, ...]
+    contours: tuple[camgen.Contour, ...]
     inside: bool
     depth: float
 
@@ -41,7 +40,7 @@ class Scene:
     name: str
     cuts: tuple[Cut, ...]
     design: Design
-    contours: tuple[Contour, ...]
+    contours: tuple[camgen.Contour, ...]
     rules: tuple[Rule, ...]
     thickness: float
     tabs: bool = False
@@ -60,8 +59,10 @@ def scenes() -> list[Scene]:
     ]
 
 
-def _body(part: Part | Path, job: Job) -> tuple[tuple[Instruction, ...], Part]:
-    result = camgen.build(part if isinstance(part, Part) else str(part), post="gcode", job=job)
+def _body(part: camgen.Part | Path, job: Job) -> tuple[tuple[Instruction, ...], camgen.Part]:
+    result = camgen.build(
+        part if isinstance(part, camgen.Part) else str(part), post="gcode", job=job
+    )
     return tuple(item for item in result.program.body if not isinstance(item, Comment)), result.part
 
 
@@ -102,7 +103,7 @@ def _drill() -> Scene:
     )
 
 
-def _width(contour: Contour) -> float:
+def _width(contour: camgen.Contour) -> float:
     return float(np.ptp(outline(contour)[:, 0]))
 
 
@@ -124,9 +125,9 @@ def _drill_and_follow() -> Scene:
     return Scene("two tools", cuts, design(tasks, StockTable(thickness=6.0)), closed, rules, 6.0)
 
 
-def square(name: str, low: float, high: float) -> Contour:
+def square(name: str, low: float, high: float) -> camgen.Contour:
     corners = np.array([(low, low), (high, low), (high, high), (low, high)])
-    return Contour(corners, np.zeros(4), True, "0", name)
+    return camgen.Contour(corners, np.zeros(4), True, "0", name)
 
 
 def _at(x: float, y: float, z: float) -> Pose:
@@ -136,7 +137,7 @@ def _at(x: float, y: float, z: float) -> Pose:
 def _pocket() -> Scene:
     """A square of 40 mm, 3 mm deep, in rings of 6 mm from the inside outwards, in two levels."""
     walls, plate = square("c2", 10.0, 50.0), square("c1", 0.0, 60.0)
-    part = Part("pocket", "pocket.dxf", "mm", (plate, walls), (), worked=frozenset({"c2"}))
+    part = camgen.Part("pocket", "pocket.dxf", "mm", (plate, walls), (), worked=frozenset({"c2"}))
     body: list[Instruction] = []
     for depth in (1.5, 3.0):
         for half in (3.0, 7.0, 11.0, 15.0, 17.0):
@@ -163,8 +164,8 @@ def _tabs() -> Scene:
     """A square of 40 mm in two passes, the second over a bridge on each side, and the hole in it before."""
     plate = square("c1", 0.0, 40.0)
     half = np.array([(26.0, 20.0), (14.0, 20.0)])
-    hole = Contour(half, np.ones(2), True, "0", "c2")
-    part = Part("tabs", "tabs.dxf", "mm", (plate, hole), ())
+    hole = camgen.Contour(half, np.ones(2), True, "0", "c2")
+    part = camgen.Part("tabs", "tabs.dxf", "mm", (plate, hole), ())
     job = _job("follow", 4.0, 3.0, tabs=4, tab_width=5.0, tab_height=1.0)
     inner, _ = _body(replace(part, contours=(hole,)), _job("trace", 4.0, 3.0, passes=1))
     inner = tuple(_inwards(item, 4.5 / 6.0) for item in inner)
@@ -180,13 +181,17 @@ def _tabs() -> Scene:
 
 def _inwards(item: Instruction, share: float) -> Instruction:
     """Motions about (20, 20) with their distance from there scaled."""
+    return move_poses(item, lambda x, y, z: (20 + share * (x - 20), 20 + share * (y - 20), z))
+
+
+def move_poses(item: Instruction, place: Callable[[float, float, float], Vec3]) -> Instruction:
+    """The instruction with its target and its via point at other places."""
     changed = {}
     for name in ("target", "via"):
         pose = getattr(item, name, None)
         if isinstance(pose, Pose):
-            x, y, z = pose.origin
-            changed[name] = _at(20 + share * (x - 20), 20 + share * (y - 20), z)
-    return replace(item, **changed) if changed else item
+            changed[name] = replace(pose, origin=place(*pose.origin))
+    return replace(item, **changed)
 
 
 def _ring(z: float, bridges: bool) -> list[Instruction]:
@@ -203,12 +208,12 @@ def _ring(z: float, bridges: bool) -> list[Instruction]:
     return [*body, MoveJ(_at(low, low, 10.0), 100.0)]
 
 
-def outline(contour: Contour, step: float = 0.1) -> Array:
+def outline(contour: camgen.Contour, step: float = 0.1) -> Array:
     """Points (N, 2) along a closed contour, from the definition of a bulge: tan of a quarter of the angle."""
 
     def count(whole: Pieces) -> Array:
         fewest = np.where(whole.sweep == 0, 2, 8)
         return np.maximum(np.ceil(whole.length / step), fewest)
 
-    at = flatten(Loop(contour.points @ [1, 1j], contour.bulges), count)
+    at = flatten(*to_loops([contour]), count)
     return np.column_stack([at.real, at.imag])

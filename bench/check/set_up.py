@@ -25,11 +25,11 @@ from typing import Any
 
 import numpy as np
 
-from bench.check.words import carve, read_moves
+import camgen
+from bench.check.cells import carve
+from bench.support.gcode_text import read_moves
 from bench.support.runner import SHARED, Cells, Missed, Scenario, run
 from camgen.cli.init import Chosen, template
-from camgen.model.job import Job
-from camgen.pipeline import build
 from camgen.plan.propose import propose
 from camgen.read import read
 from camgen.read.files import Files
@@ -163,7 +163,7 @@ def read_chart(row: dict[str, Any], material: str | None) -> float:
 
 def judge(name: str, folder: Path) -> Iterator[Cells]:
     """The row of a drawing."""
-    part = read(folder / name, Job(), Files())
+    part = read(folder / name, camgen.Job(), Files())
     proposal = propose(part)
     tables = tomllib.loads(
         template(part.source, part.units, Chosen(proposal=proposal, active=True))
@@ -174,7 +174,7 @@ def judge(name: str, folder: Path) -> Iterator[Cells]:
         job = {**tables, "stock": {**tables["stock"]}}
         if material:
             job["stock"]["material"] = material
-        result = build(part, post="gcode", job=job)
+        result = camgen.build(part, post="gcode", job=job)
         judged = judged or Judge(result.text, tables["tools"])
         assert result.proof is not None
         for breach in result.proof.set_up.breaches:

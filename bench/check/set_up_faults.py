@@ -20,8 +20,6 @@ sound job or text has not. At most a tenth may be invisible without a plan; thes
 
 from __future__ import annotations
 
-import contextlib
-import io
 import math
 import random
 import re
@@ -30,23 +28,24 @@ import tempfile
 import tomllib
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from copy import deepcopy
 from functools import cache
 from itertools import combinations
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import ezdxf
 import numpy as np
 
+from bench.check.cells import carve
 from bench.check.set_up import DRILL_SPEED, MILL_SPEED, NEARLY, read_chart
-from bench.check.words import Move, carve, read_moves
-from bench.support.runner import ROOT, Missed, open_table, read_words
-from camgen.cli import main
+from bench.support.commands import Tables, run_camgen, write_job
+from bench.support.faults import IDLE, Verdict, judge_faults
+from bench.support.gcode_text import Move, read_moves
+from bench.support.runner import ROOT, must_be_none, open_table, read_words
 from camgen.model.job import Job
 from camgen.model.signature import sign
-from camgen.model.toml import toml
 from camgen.read import read
 from camgen.read.files import Files
 
@@ -80,12 +79,10 @@ COLUMNS = (
     "fault | seeded | refused | a line more | no line | by the rebuilt program alone "
     "| left out: without effect"
 )
-Tables = dict[str, Any]
 #: Changes a job; False if it has nothing to change.
 JobFault = Callable[[Tables, random.Random], bool]
 #: The lines of a program with one change; None if it has nothing to change.
 TextFault = Callable[[list[str], Tables, random.Random], list[str] | None]
-_COUNTING = ("refused", "a line more", "no line")
 _REBUILT = "by the rebuilt program: "
 #: A cell whose depth differs by more, mm, is another one.
 _DEEPER_MM = 0.2
@@ -106,23 +103,10 @@ class Outcome(NamedTuple):
     lines: Counter[str]
 
 
-def run(*words: str) -> Outcome:
+def run(*words: object) -> Outcome:
     """A command of camgen."""
-    out, err = io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        code = main(list(words))
-    lines = (out.getvalue() + err.getvalue()).splitlines()
-    return Outcome(code, Counter(line for line in lines if _TELLING.search(line)))
-
-
-def write_job(job: Tables, file: Path) -> None:
-    """The tables as a job file."""
-    lines: list[str] = []
-    for name, content in job.items():
-        for row in content if isinstance(content, list) else [content]:
-            lines.append(f"[[{name}]]" if isinstance(content, list) else f"[{name}]")
-            lines += [f"{key} = {toml(value)}" for key, value in row.items()]
-    file.write_text("\n".join(lines) + "\n")
+    code, lines = run_camgen(*words)
+    return Outcome(code, Counter(filter(_TELLING.search, lines)))
 
 
 def list_tools(job: Tables) -> list[Tables]:
@@ -150,11 +134,6 @@ def read_tool(job: Tables, row: Tables) -> Tables:
         step.get("kind") == "drill" and find_tool(job, step) is row for step in list_steps(job)
     )
     return usual | more | ({"kind": "drill"} if is_drill else {}) | row
-
-
-def list_whole_tools(job: Tables) -> list[Tables]:
-    """All tools with their values."""
-    return [read_tool(job, row) for row in list_tools(job)]
 
 
 def load(case: str) -> tuple[Path, Tables]:
@@ -330,8 +309,9 @@ TEXT_FAULTS: dict[str, TextFault] = {
 
 def is_cut_otherwise(job: Tables, text: str, other_job: Tables, other: str) -> bool:
     """Whether two programs leave other material, by a sweep in cells of a common grid."""
-    jobs = (job, other_job)
-    tools = [list_whole_tools(tables) for tables in jobs]
+    tools = []
+    for tables in (job, other_job):
+        tools.append([read_tool(tables, row) for row in list_tools(tables)])
     pitch = min(tool["diameter"] for tool in tools[0] + tools[1]) / 8
     grids = []
     for rows, words in zip(tools, (text, other), strict=True):
@@ -376,7 +356,7 @@ def _exceeds(moves: list[Move], tool: Tables, thickness: float, material: str) -
 # The bench.
 
 
-def try_job(kind: str, case: str, folder: Path, chance: random.Random) -> tuple[str, str] | None:
+def try_job(kind: str, case: str, folder: Path, chance: random.Random) -> Verdict | None:
     """The verdict on a fault of a job, and the fault; None if the case has nothing to change."""
     part, job = load(case)
     faulty = deepcopy(job)
@@ -394,7 +374,7 @@ def try_job(kind: str, case: str, folder: Path, chance: random.Random) -> tuple[
     by_sweep = kind in ("tools swapped in the job", "outline with a gap")
     matters = is_cut_otherwise(job, program, faulty, text) if by_sweep else exceeds(faulty, text)
     if not matters:
-        return "without effect", about
+        return IDLE, about
     return ("a line more" if outcome.lines - sound.lines else "no line"), about
 
 
@@ -432,7 +412,7 @@ def verify_sound(case: str, folder: Path) -> tuple[Outcome, Outcome]:
     return verify(build_sound(case, folder)[0], case, folder)
 
 
-def try_text(kind: str, case: str, folder: Path, chance: random.Random) -> tuple[str, str] | None:
+def try_text(kind: str, case: str, folder: Path, chance: random.Random) -> Verdict | None:
     """The verdict on a fault of a text, and the fault; None if the text has nothing to change."""
     _, job = load(case)
     text, _ = build_sound(case, folder)
@@ -448,7 +428,7 @@ def try_text(kind: str, case: str, folder: Path, chance: random.Random) -> tuple
         kind,
     )
     if kind == "depth in the text" and not is_cut_otherwise(job, text, job, edited):
-        return "without effect", row
+        return IDLE, row
     if alone.code == sound_alone.code and not alone.lines - sound_alone.lines:
         row = f"{_REBUILT}{row}"
     if outcome.code > sound.code:
@@ -456,37 +436,30 @@ def try_text(kind: str, case: str, folder: Path, chance: random.Random) -> tuple
     return ("a line more" if outcome.lines - sound.lines else "no line"), row
 
 
-def measure(seed: int, largest_count: int) -> Iterator[tuple[str, Counter[str], list[str]]]:
-    """The verdicts on the faults of each kind, and the faults without a line.
-
-    Faults without effect are replaced by others.
-    """
+def main(seed: int, largest_count: int) -> int:
+    """Prints the table and the faults without a line; 1 if there is one."""
+    table = open_table(COLUMNS, f", seed {seed}")
+    silent: list[str] = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for kind, count in KINDS.items():
-            verdicts, silent, number = Counter[str](), [], 0
-            judge = try_text if kind in TEXT_FAULTS else try_job
-            while sum(verdicts[name] for name in _COUNTING) < min(count, largest_count):
-                chance = random.Random(f"{seed} {kind} {number}")
-                verdict = judge(kind, CASES[number % len(CASES)], folder, chance)
-                number += 1
-                if verdict is not None:
-                    verdicts[verdict[0]] += 1
-                    verdicts[_REBUILT] += verdict[1].startswith(_REBUILT)
-                    silent += [verdict[1]] * (verdict[0] == "no line")
-            yield kind, verdicts, silent
+            try_one = try_text if kind in TEXT_FAULTS else try_job
+
+            def judge(number: int, chance: random.Random) -> Verdict | None:
+                return try_one(kind, CASES[number % len(CASES)], folder, chance)  # noqa: B023
+
+            judged = judge_faults(kind, seed, min(count, largest_count), judge)
+            verdicts = Counter(verdict for verdict, _ in judged)
+            rebuilt = sum(text.startswith(_REBUILT) for _, text in judged)
+            unseen = [text for verdict, text in judged if verdict == "no line"]
+            silent += unseen
+            seeded = len(judged) - verdicts[IDLE]
+            cells = verdicts["refused"], verdicts["a line more"], must_be_none(len(unseen))
+            table.add(kind, seeded, *cells, rebuilt, verdicts[IDLE])
+    print("\n".join(["", *silent]))
+    return int(bool(silent))
 
 
 if __name__ == "__main__":
     warnings.simplefilter("ignore")
-    start, largest_count = read_words(1, 20)
-    table = open_table(COLUMNS, f", seed {start}")
-    unseen: list[str] = []
-    for kind, verdicts, silent in measure(start, largest_count):
-        unseen += silent
-        idle = verdicts["without effect"]
-        bare = Missed(len(silent)) if silent else 0
-        cells = verdicts["refused"], verdicts["a line more"], bare, verdicts[_REBUILT], idle
-        table.add(kind, sum(verdicts[name] for name in _COUNTING), *cells)
-    print("\n".join(["", *unseen]))
-    sys.exit(bool(unseen))
+    sys.exit(main(*read_words(1, 20)))

@@ -13,10 +13,9 @@ from collections.abc import Callable, Sequence
 
 from msgspec.structs import replace
 
-from bench.check.judge import Harm, Judge
-from bench.check.scenes import Scene, scenes
-from bench.machine import machine
-from bench.support.runner import Table, read_words
+from bench.check.judge import Judge
+from bench.check.scenes import Scene, move_poses, scenes
+from bench.support.runner import open_table, read_words
 from camgen.check.stock import Cut, StockProof, prove
 from camgen.model.pose import Pose
 from camgen.model.program import Instruction, MoveC, MoveJ, MoveL
@@ -33,13 +32,7 @@ IsPlace = Callable[[Body, int], bool]
 
 
 def _moved(item: Instruction, dx: float, dy: float, dz: float = 0.0) -> Instruction:
-    changed = {}
-    for name in ("target", "via"):
-        pose = getattr(item, name, None)
-        if isinstance(pose, Pose):
-            x, y, z = pose.origin
-            changed[name] = replace(pose, origin=(x + dx, y + dy, z + dz))
-    return replace(item, **changed)
+    return move_poses(item, lambda x, y, z: (x + dx, y + dy, z + dz))
 
 
 def _height(item: Instruction) -> float:
@@ -290,12 +283,12 @@ def main(count: int, seed: int) -> int:
         found = found_of(proof)
         if not harm.any:
             largest[name] = max([largest[name], *(fault.mm for fault in proof.refused)])
-        tally[name].update(["seeded", _verdict(harm, found)])
+        harmful, reported = "harmful" if harm.any else "harmless", "found" if found else "silent"
+        tally[name].update(["seeded", f"{harmful} {reported}"])
         if harm.any and not found:
             missed.append((number, name, every[which].name, harm))
     seconds = time.perf_counter() - begun
-    print(f"{machine()}; {seconds:.0f} s, {spent:.0f} s of it the proofs")
-    table = Table(COLUMNS)
+    table = open_table(COLUMNS, f"; {seconds:.0f} s, {spent:.0f} s of it the proofs")
     largest["all"] = max(largest.values())
     for name, counts in [*tally.items(), ("all", sum(tally.values(), Counter()))]:
         caught, silent = counts["harmful found"], counts["harmful silent"]
@@ -305,10 +298,6 @@ def main(count: int, seed: int) -> int:
     for one in missed:
         print(*one)
     return 1 if missed else 0
-
-
-def _verdict(harm: Harm, found: bool) -> str:
-    return f"{'harmful' if harm.any else 'harmless'} {'found' if found else 'silent'}"
 
 
 if __name__ == "__main__":

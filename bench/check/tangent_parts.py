@@ -19,9 +19,7 @@ import shapely
 import camgen
 from bench.render.tangent_parts import LANGUAGES, TangentPart, tangent_part
 from bench.support.runner import Cells, Scenario, read_words, run, verdict
-from camgen.model.part import Contour
 from camgen.model.pose import frozen
-from camgen.pipeline import Result
 from tests.support.rounded_paths import judge, trace
 
 #: mm: half of the last digit moves both ends of a motion, and the polygon leaves its arcs.
@@ -35,10 +33,10 @@ COLUMNS = (
 )
 
 
-def mill(part: TangentPart) -> Result:
+def mill(part: TangentPart) -> camgen.Result:
     """The program that mills a part."""
     contours = [
-        Contour(frozen(rows[:, :2]), frozen(rows[:, 2]), True, "0") for rows in part.contours
+        camgen.Contour(frozen(rows[:, :2]), frozen(rows[:, 2]), True, "0") for rows in part.contours
     ]
     job = {
         "tool": {"kind": "end mill", "diameter": part.diameter},

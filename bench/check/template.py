@@ -15,19 +15,17 @@ import tomllib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from unittest.mock import patch
 
 from msgspec import Struct
 
+import camgen
 from bench.check import peer
-from bench.machine import machine
-from bench.support.runner import SHARED, Table, find_files
-from camgen.check.stock import TOLERANCE_MM, Cut, Design, Level, StockProof, prove
+from bench.support.runner import SHARED, Table, find_files, machine
+from camgen.check.stock import TOLERANCE_MM, Cut, Design, StockProof, prove
 from camgen.cli.init import Chosen, template
-from camgen.model.errors import CamgenError
 from camgen.model.job import InputTable, Job
-from camgen.pipeline import Result, build
 from camgen.plan.propose import propose
 from camgen.read import read
 from camgen.read.files import Files
@@ -36,23 +34,41 @@ from tests.support import rs274
 #: Gouges are told from here on, mm; coordinates are printed to 0.001 mm.
 FINE_MM = 0.001
 COLUMNS = (
-    "drawing | closed loops | in no operation | operations | tools | rs274 | gouge mm "
-    "| left unexplained mm2 | left in corners, tabs mm2 | loose early | camgen min | build s "
-    "| peer min | peer gouge mm | peer left unexplained mm2 | peer loose early | peer s"
+    "drawing | closed loops | in no operation | operations | tools | rs274 | gouge mm {:.3f} "
+    "| left unexplained mm2 {:.2f} | left in corners, tabs mm2 {:.1f} | loose early "
+    "| camgen min {:.2f} | build s {:.2f} | peer min {:.2f} | peer gouge mm {:.3f} "
+    "| peer left unexplained mm2 {:.2f} | peer loose early | peer s {:.1f}"
 )
 
 
-class Row(Struct, frozen=True):
-    """One drawing. cells: as ``COLUMNS`` names them, fewer where it has no program. bad: it misses a goal. minutes: of
-    both programs, 0 for what is not there. built: it has a program. unexplained: mm2 at the worst level. loose: parts.
+class Figures(NamedTuple):
+    """Figures of a proof.
+
+    gouge: depth of the deepest, mm.
+    unexplained: material that is left without a reason at the worst level, mm2.
+    explained: material that is left in corners and for tabs at the worst level, mm2.
+    loose: number of parts that come loose too early.
     """
 
-    cells: tuple[str, ...]
-    bad: bool = False
+    gouge: float
+    unexplained: float
+    explained: float
+    loose: int
+
+
+class Row(NamedTuple):
+    """A drawing.
+
+    cells: as `COLUMNS` names them, fewer if it has no program.
+    is_bad: whether it misses a goal.
+    minutes: times of the program and of that of the peer, 0 without one.
+    figures: those of the program, None without one.
+    """
+
+    cells: tuple[object, ...]
+    is_bad: bool = False
     minutes: tuple[float, float] = (0.0, 0.0)
-    built: bool = False
-    unexplained: float = 0.0
-    loose: int = 0
+    figures: Figures | None = None
 
 
 class Proven(Struct, frozen=True, eq=False):
@@ -67,7 +83,7 @@ def judge(path: Path, alone: bool, units: str = "auto") -> Row | None:
     name = f"{path.parent.name}/{path.name}{'' if units == 'auto' else f' as {units}'}"
     try:
         part = read(path, Job(input=InputTable(units=units)), Files())
-    except CamgenError as error:
+    except camgen.CamgenError as error:
         may_be_closed = any(kind in path.read_bytes() for kind in (b"CIRCLE", b"POLYLINE"))
         return Row((name, f"not read: {error}")) if may_be_closed else None
     loops = sum(contour.closed for contour in part.contours)
@@ -75,48 +91,38 @@ def judge(path: Path, alone: bool, units: str = "auto") -> Row | None:
         return None
     proposal = propose(part)
     if proposal is None:
-        return Row((name, str(loops), "none that a drill, or a mill of 1 mm or more, could make"))
-    cells = (
-        name,
-        str(loops),
-        str(len(proposal.left)),
-        str(len(proposal.operations)),
-        str(len(proposal.tools)),
-    )
+        return Row((name, loops, "none that a drill, or a mill of 1 mm or more, could make"))
+    counts = len(proposal.left), len(proposal.operations), len(proposal.tools)
+    cells = (name, loops, *counts)
     job = tomllib.loads(template(part.source, part.units, Chosen(proposal=proposal, active=True)))
     with _remember() as proven:
         begun = time.perf_counter()
         try:
-            result = build(part, post="gcode", job=job)
-        except CamgenError as error:
+            result = camgen.build(part, post="gcode", job=job)
+        except camgen.CamgenError as error:
             if "input.units" in str(error) and units == "auto":
                 return judge(path, alone, "mm")
-            return Row((*cells, f"not built: {error}"), bad=bool(proven))
+            return Row((*cells, f"not built: {error}"), is_bad=bool(proven))
         seconds = time.perf_counter() - begun
     return _compare(result, proven[0], seconds, cells, alone)
 
 
 def _compare(
-    result: Result, proven: Proven, seconds: float, cells: tuple[str, ...], alone: bool
+    result: camgen.Result, proven: Proven, seconds: float, cells: tuple[object, ...], alone: bool
 ) -> Row:
     refused = _refuse(result)
     proof = prove_finely(proven)
+    figures = measure(proof)
     ours = peer.minutes(peer.at_the_part(result), result)
     found = peer.Peer() if alone else peer.run(result)
-    theirs = prove_finely(Proven(found.cuts, proven.design)) if found.cuts else None
-    row = (
-        *cells,
-        refused or "accepts",
-        *_figures(proof),
-        f"{ours:.2f}",
-        f"{seconds:.2f}",
-        *_theirs(found, theirs),
-    )
-    gouged = any(one.mm > TOLERANCE_MM for one in proof.gouges)
-    unexplained = max(map(_unexplained, proof.levels), default=0.0)
-    loose = sum(one.serious for one in proof.loose)
-    bad = gouged or bool(refused and rs274.RS274)
-    return Row(row, bad, (ours, found.minutes), True, unexplained, loose)
+    theirs: tuple[object, ...] = (found.why or "-",)
+    if found.cuts:
+        gouge, unexplained, _, loose = measure(prove_finely(Proven(found.cuts, proven.design)))
+        theirs = found.minutes, gouge, unexplained, loose, found.seconds
+    cells = (*cells, refused or "accepts", *figures, ours, seconds, *theirs)
+    is_gouged = any(fault.mm > TOLERANCE_MM for fault in proof.gouges)
+    is_bad = is_gouged or bool(refused and rs274.RS274)
+    return Row(cells, is_bad, (ours, found.minutes), figures)
 
 
 @contextmanager
@@ -138,7 +144,7 @@ def prove_finely(proven: Proven) -> StockProof:
         return prove(proven.cuts, proven.design)
 
 
-def _refuse(result: Result) -> str:
+def _refuse(result: camgen.Result) -> str:
     """What LinuxCNC's interpreter says against the program; "" where it accepts it."""
     if rs274.RS274 is None:
         return "not installed"
@@ -149,25 +155,15 @@ def _refuse(result: Result) -> str:
     return " ".join(rs274.run(result.text, tools).error.split())[:80]
 
 
-def _figures(proof: StockProof) -> tuple[str, str, str, str]:
-    gouge = max((one.mm for one in proof.gouges), default=0.0)
-    explained = max(
-        (level.excess.corners + level.excess.tabs for level in proof.levels), default=0.0
+def measure(proof: StockProof) -> Figures:
+    """The figures of a proof."""
+    excesses = [level.excess for level in proof.levels]
+    return Figures(
+        max((fault.mm for fault in proof.gouges), default=0.0),
+        max((float(excess.unexplained.area) for excess in excesses), default=0.0),
+        max((excess.corners + excess.tabs for excess in excesses), default=0.0),
+        sum(piece.serious for piece in proof.loose),
     )
-    loose = sum(one.serious for one in proof.loose)
-    unexplained = max(map(_unexplained, proof.levels), default=0.0)
-    return f"{gouge:.3f}", f"{unexplained:.2f}", f"{explained:.1f}", str(loose)
-
-
-def _unexplained(level: Level) -> float:
-    return float(level.excess.unexplained.area)
-
-
-def _theirs(found: peer.Peer, proof: StockProof | None) -> tuple[str, ...]:
-    if proof is None:
-        return (found.why or "-", "", "", "", "")
-    gouge, unexplained, _, loose = _figures(proof)
-    return f"{found.minutes:.2f}", gouge, unexplained, loose, f"{found.seconds:.1f}"
 
 
 def main(folder: Path, names: Sequence[str], alone: bool) -> int:
@@ -181,27 +177,25 @@ def main(folder: Path, names: Sequence[str], alone: bool) -> int:
     for path in files:
         row = judge(path, alone)
         if row is not None:
-            table.add(*(cell.replace("|", "/") for cell in row.cells))
+            table.add(*(str(c).replace("|", "/") if isinstance(c, str) else c for c in row.cells))
             rows.append(row)
     _sum_up(rows, len(files))
-    return int(any(row.bad for row in rows))
+    return int(any(row.is_bad for row in rows))
 
 
 def _sum_up(rows: Sequence[Row], files: int) -> None:
-    built = [row for row in rows if row.built]
-    both = [row.minutes for row in built if row.minutes[1]]
+    built = [row.figures for row in rows if row.figures]
+    both = [row.minutes for row in rows if row.minutes[1]]
     figures = {
         "drawings": files,
         "not read": sum(len(row.cells) == 2 for row in rows),
         "with closed loops": sum(len(row.cells) > 2 for row in rows),
         "built": len(built),
-        "miss a goal": sum(row.bad for row in rows),
-        "with more left than corners and tabs explain": sum(
-            row.unexplained >= 0.01 for row in built
-        ),
-        "with parts loose early": sum(row.loose > 0 for row in built),
-        "minutes of those with both": f"{sum(a for a, _ in both):.1f}",
-        "minutes of the peer": f"{sum(b for _, b in both):.1f}",
+        "miss a goal": sum(row.is_bad for row in rows),
+        "with more left than corners and tabs explain": sum(f.unexplained >= 0.01 for f in built),
+        "with parts loose early": sum(f.loose > 0 for f in built),
+        "minutes of those with both": f"{sum(ours for ours, _ in both):.1f}",
+        "minutes of the peer": f"{sum(theirs for _, theirs in both):.1f}",
         "with both": len(both),
     }
     Table(" | ".join(figures)).add(*figures.values())

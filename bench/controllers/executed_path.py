@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bench.controllers.programmed_path import Array, ProgrammedPath, Span
+from bench.support.motions import measure_from_lines
 
 #: s between two samples.
 PERIOD = 1e-3
@@ -83,10 +84,8 @@ def measure_distance(samples: Samples, path: ProgrammedPath) -> tuple[float, int
 
 def measure_from_span(span: Span, places: Array) -> Array:
     """(N,) distance, mm, of places (N, 3) from a motion."""
-    step = span.end - span.start
     if not span.sweep:
-        share = np.clip((places - span.start) @ step / (step @ step), 0.0, 1.0)
-        return np.linalg.norm(places - span.start - share[:, None] * step, axis=1)
+        return measure_from_lines(places, span.start, span.end)
     arms = [place[:2] - span.centre for place in (span.start, span.end)]
     begin = np.arctan2(arms[0][1], arms[0][0])
     arm = places[:, :2] - span.centre
@@ -102,7 +101,4 @@ def measure_from_span(span: Span, places: Array) -> Array:
 
 def measure_from_polyline(places: Array, point: Array) -> float:
     """Distance, mm, of a point (3,) from the polyline through places (N, 3)."""
-    start, step = places[:-1], np.diff(places, axis=0)
-    square = np.maximum((step**2).sum(axis=1), 1e-18)
-    share = np.clip(((point - start) * step).sum(axis=1) / square, 0.0, 1.0)
-    return float(np.linalg.norm(point - start - share[:, None] * step, axis=1).min())
+    return float(measure_from_lines(point, places[:-1], places[1:]).min())

@@ -30,8 +30,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import camgen
-from bench.controllers.executed_path import measure_distance, measure_seconds, read_samples
-from bench.controllers.programmed_path import read_path
+from bench.controllers.executed_path import Samples, measure_distance, measure_seconds, read_samples
+from bench.controllers.programmed_path import ProgrammedPath, read_path
 from bench.support.runner import ROOT, Missed, open_table, verdict
 from tests.test_cases import FLAT, LEANING, parts
 
@@ -169,29 +169,46 @@ def main() -> int:
         Path(temporary).chmod(0o755)
         runner = copy_runner(Path(temporary) / "runner")
         for name, program in planned.items():
-            text = Path(temporary) / f"{name}.ngc"
-            text.write_text(program.text)
-            folder = execute(runner, text, program.seconds, given.hurry)
-            table.add(name, *judge(name, program, folder, given.hurry))
+            table.add(name, *judge(program, run_program(name, program, runner, given.hurry)))
     return int(table.missed > 0)
 
 
-def judge(name: str, program: Planned, folder: Path | None, hurry: float) -> tuple[object, ...]:
-    """The cells of a program after its name.
+class Run(NamedTuple):
+    """A program that was executed.
 
-    folder: samples of the program, None if it was not executed.
+    path: the programmed path.
+    samples: the executed one.
+    seconds: time from home to the last motion.
     """
+
+    path: ProgrammedPath
+    samples: Samples
+    seconds: float
+
+
+def run_program(name: str, program: Planned, runner: Path, hurry: float) -> Run | None:
+    """Runs a program in LinuxCNC, see `execute`."""
+    text = runner.parent.parent / f"{name}.ngc"
+    text.write_text(program.text)
+    folder = execute(runner, text, program.seconds, hurry)
     if folder is None:
-        return program.seconds, Missed("not executed")
+        return None
     path = read_path(program.text, folder)
     samples = read_samples(folder / f"{name}.txt")
     # Waits are timed by a clock that is not hurried.
-    seconds = measure_seconds(samples, path) - (hurry - 1) * path.dwell
-    distance, line = measure_distance(samples, path)
-    excess = program.seconds / seconds - 1
+    return Run(path, samples, measure_seconds(samples, path) - (hurry - 1) * path.dwell)
+
+
+def judge(program: Planned, run: Run | None) -> tuple[object, ...]:
+    """The cells of a program after its name. run: None if it was not executed."""
+    if run is None:
+        return program.seconds, Missed("not executed")
+    path = run.path
+    distance, line = measure_distance(run.samples, path)
+    excess = program.seconds / run.seconds - 1
     is_met = distance <= path.tolerance + MOST_BEYOND and abs(excess) <= MOST_APART
     micrometres = 1e3 * distance, 1e3 * path.tolerance
-    times = program.seconds, seconds, 100 * excess
+    times = program.seconds, run.seconds, 100 * excess
     return (*times, *micrometres, path.dwell, str(line), verdict(is_met))
 
 

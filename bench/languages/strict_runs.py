@@ -16,8 +16,7 @@ import sys
 import time
 from pathlib import Path
 
-from bench.machine import machine
-from bench.support.runner import Table
+from bench.support.runner import Table, machine
 from camgen.model.pose import TOOL_DOWN, Pose
 from camgen.model.program import Instruction, MoveJ, MoveL, Output, Program, put_off_first
 from camgen.post.plugins import find_post, find_readback, make_post

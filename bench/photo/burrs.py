@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+import camgen
 from bench.render.burrs import Burr, with_burrs
 from bench.render.optics import mm_per_px
 from bench.render.parts import NAMED, random_part
@@ -26,8 +27,6 @@ from bench.render.shapes import Loop
 from bench.support.runner import Table, open_table, read_words
 from bench.support.timing import timed
 from camgen.check.photo import Difference, Inspection, inspect_photo
-from camgen.model.job import Job
-from camgen.model.part import Contour, Part
 from camgen.read import read
 from camgen.read.job_file import load
 
@@ -87,18 +86,18 @@ def inspected(
     layers = (*photo.scene.layers[:-1], replace(photo.scene.layers[-1], loops=loops))
     write(folder, replace(photo, loops=loops, scene=replace(photo.scene, layers=layers)))
     seen = read(folder / f"{photo.name}.png", load(folder / f"{photo.name}.toml"))
-    return inspect_photo(seen, drawing(named), Job())
+    return inspect_photo(seen, drawing(named), camgen.Job())
 
 
-def drawing(loops: Sequence[Loop]) -> Part:
+def drawing(loops: Sequence[Loop]) -> camgen.Part:
     """The loops as a part that was read."""
     contours = [
-        Contour(
+        camgen.Contour(
             np.column_stack([loop.points.real, loop.points.imag]), loop.bulges, True, "0", f"c{k}"
         )
         for k, loop in enumerate(loops, 1)
     ]
-    return Part("part", "part.dxf", "mm", tuple(contours), ())
+    return camgen.Part("part", "part.dxf", "mm", tuple(contours), ())
 
 
 def matched(

@@ -18,8 +18,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from bench.machine import machine
-from bench.support.runner import SHARED, Table, find_files, verdict
+from bench.support.runner import SHARED, Table, find_files, machine, verdict
 from bench.support.timing import timed
 from camgen.model.pose import frozen
 from camgen.read.files import Files

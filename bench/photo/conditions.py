@@ -36,24 +36,17 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.render.conditions import (
-    PIXEL,
-    ConditionedPhoto,
-    Conditions,
-    draw_conditions,
-    draw_photo,
-)
+import camgen
+from bench.render.conditions import PIXEL, ConditionedPhoto, Conditions, draw_conditions, draw_photo
 from bench.render.scene import written
-from bench.render.shapes import Loop, Pieces, flatten, pieces
+from bench.render.shapes import are_away, find_corners, pieces, to_loops
 from bench.support.runner import Cells, open_table, read_words, verdict
-from camgen.model.errors import InputError, JobError, NoSafeProgram
-from camgen.model.part import Note, Part
 from camgen.read.files import Files
 from camgen.read.image import read
 from camgen.read.job_file import from_mapping
 
-#: mm
-MOST, CORNER = 0.1, 1.0
+#: mm: error of a right photo, room at corners, distance of points.
+MOST, CORNER, STEP = 0.1, 1.0, 0.1
 #: Words of a line that names a condition as the cause.
 WORDS = {
     "contrast": ("hardly differ", "contrast", "part or bench"),
@@ -88,11 +81,12 @@ def judge_photo(photo: ConditionedPhoto, folder: Path) -> Iterator[Cells]:
         job = {**job, "camera": {**job["camera"], "file": str(folder / "camera.yaml")}}
     try:
         part = read(files.read(file), from_mapping(job), files)
-    except (InputError, JobError, NoSafeProgram) as error:
+    except (camgen.InputError, camgen.JobError, camgen.NoSafeProgram) as error:
         yield *head, "refused", None, None, None, None, None, 1, "", str(error)
         return
     largest, rms, missing = measure(part, photo)
-    count, drawn = (_count_pieces(loops) for loops in (_to_loops(part), photo.loops))
+    count = sum(len(contour.points) for contour in part.contours)
+    drawn = sum(len(loop.points) for loop in photo.loops)
     is_right = largest <= MOST and missing == 0
     line = name_cause(part.notes, photo.conditions, calibrated=bool(photo.calibration))
     outcome = "right"
@@ -104,35 +98,22 @@ def judge_photo(photo: ConditionedPhoto, folder: Path) -> Iterator[Cells]:
     yield *head, outcome, *figures, verdict(is_met), line
 
 
-def measure(part: Part, photo: ConditionedPhoto) -> tuple[float, float, float]:
+def measure(part: camgen.Part, photo: ConditionedPhoto) -> tuple[float, float, float]:
     """Largest and rms distance of the contours from the outlines, mm, and the share not found."""
     truth = pieces(photo.loops)
-    followed = np.concatenate([_walk(loop) for loop in _to_loops(part)])
-    drawn = np.concatenate([_walk(loop) for loop in photo.loops])
+    contours = pieces(to_loops(part.contours))
+    followed, drawn = contours.walk_evenly(STEP), truth.walk_evenly(STEP)
     conditions = photo.conditions
     room = CORNER + (2 * conditions.blur + conditions.motion / 2) * PIXEL
-    corners = sharp_corners(photo.loops)
-    distances = truth.distance(followed)[_away(followed, corners, room)]
-    contours = pieces(_to_loops(part))
-    from_drawn = contours.distance(drawn)[_away(drawn, corners, room)]
+    corners = find_corners(photo.loops, 1e-3)
+    distances = truth.distance(followed)[are_away(followed, corners, room)]
+    from_drawn = contours.distance(drawn)[are_away(drawn, corners, room)]
     missing = float(np.mean(from_drawn > 1.0))
     rms = float(np.sqrt(np.mean(distances**2)))
     return float(distances.max(initial=0.0)), rms, missing
 
 
-def sharp_corners(loops: tuple[Loop, ...]) -> np.ndarray:
-    """Points of the loops where the direction changes, (N,) complex, mm."""
-    corners = [np.zeros(0, complex)]
-    for loop in loops:
-        whole = pieces([loop])
-        count = np.arange(len(loop.points))
-        _, after = whole.at(count, np.zeros(len(count)))
-        _, before = whole.at(np.roll(count, 1), np.ones(len(count)))
-        corners.append(loop.points[np.abs(np.angle(after / before)) > 1e-3])
-    return np.concatenate(corners)
-
-
-def name_cause(notes: tuple[Note, ...], conditions: Conditions, *, calibrated: bool) -> str:
+def name_cause(notes: tuple[camgen.Note, ...], conditions: Conditions, *, calibrated: bool) -> str:
     """The first line that has a word for one of the conditions; empty without one.
 
     A height that the job does not state, and a lens without calibration, must each have a line.
@@ -147,7 +128,7 @@ def name_cause(notes: tuple[Note, ...], conditions: Conditions, *, calibrated: b
     return next(filter(None, named.values()), "")
 
 
-def _is_cause(note: Note) -> bool:
+def _is_cause(note: camgen.Note) -> bool:
     """Whether an assumption of the summary names a cause of errors."""
     return note.what.startswith(("height 0", "lens from the photo", "the part is placed to"))
 
@@ -165,36 +146,6 @@ def _list_conditions(conditions: Conditions) -> Iterator[str]:
         value = getattr(conditions, name)
         text = value if isinstance(value, str) else f"{value:.3g}"
         yield f"{name} {text}{' told' if name == 'height' and conditions.is_told else ''}"
-
-
-def _to_loops(part: Part) -> tuple[Loop, ...]:
-    return tuple(
-        Loop(contour.points[:, 0] + 1j * contour.points[:, 1], np.asarray(contour.bulges))
-        for contour in part.contours
-    )
-
-
-def _count_pieces(loops: tuple[Loop, ...]) -> int:
-    return sum(len(loop.points) for loop in loops)
-
-
-def _walk(loop: Loop) -> np.ndarray:
-    """Points along a loop, (N,) complex, 0.1 mm apart."""
-
-    def count(whole: Pieces) -> np.ndarray:
-        return np.ceil(whole.length / 0.1).clip(1)
-
-    return flatten(loop, count)
-
-
-def _away(places: np.ndarray, corners: np.ndarray, room: float) -> np.ndarray:
-    """Which of the places (N,) are further than ``room`` mm from all corners."""
-    if not len(corners):
-        return np.ones(len(places), bool)
-    far = np.ones(len(places), bool)
-    for corner in corners:
-        far &= np.abs(places - corner) > room
-    return far
 
 
 def main(count: int, first: int, clean: int, calibrated: int) -> int:

@@ -43,18 +43,17 @@ from pathlib import Path
 import numpy as np
 import shapely
 
+import camgen
 from bench.photo.burrs import drawing
 from bench.render.burrs import with_burrs
 from bench.render.conditions import material
-from bench.render.optics import Lens, Shot, looking
+from bench.render.optics import shoot_from_above
 from bench.render.parts import NAMED, Part, bracket, plate, random_part
 from bench.render.scene import Layer, Scene, render, written
 from bench.render.shapes import Loop, box, circle, hole
 from bench.support.runner import Scenario, read_words, run, verdict
-from camgen import build
 from camgen.check.photo import Difference, Inspection, inspect_photo, list_rework
 from camgen.cli.rework import write_drawing, write_job
-from camgen.model.errors import InputError
 from camgen.model.job import ImageTable, Job
 from camgen.read.files import Files
 from camgen.read.image import read_outlines
@@ -95,10 +94,6 @@ def situation(name: str, number: int) -> tuple[Part, Scenery]:
     rng = np.random.default_rng([number, list(SITUATIONS).index(name)])
     drawn = (plate, bracket, lambda: random_part(number))[number % 3]()
     return drawn, SITUATIONS[name](drawn, rng)
-
-
-def _clean(drawn: Part, _rng: np.random.Generator) -> Scenery:
-    return drawn, []
 
 
 def _burrs(drawn: Part, rng: np.random.Generator) -> Scenery:
@@ -153,19 +148,18 @@ def _larger(drawn: Part, _rng: np.random.Generator) -> Scenery:
     return (loop, *drawn[1:]), [Truth("dimension")]
 
 
-def _another(_drawn: Part, rng: np.random.Generator) -> Scenery:
-    return random_part(1000 + int(rng.integers(1000))), [Truth("another part")]
-
-
 SITUATIONS: dict[str, Callable[[Part, np.random.Generator], Scenery]] = {
-    "clean": _clean,
+    "clean": lambda drawn, _rng: (drawn, []),
     "burrs": _burrs,
     "chips": _chips,
     "hole not drilled": _not_drilled,
     "extra hole": _extra,
     "screw": _screw,
     "larger": _larger,
-    "another part": _another,
+    "another part": lambda _drawn, rng: (
+        random_part(1000 + int(rng.integers(1000))),
+        [Truth("another part")],
+    ),
 }
 
 
@@ -179,12 +173,8 @@ def _round_hole(drawn: Part, rng: np.random.Generator) -> tuple[int, complex, fl
 
 def photo(file: Path, loops: Sequence[Loop], seed: int) -> Path:
     """A dark part on a light bench from right above, its origin in the middle, turned by chance."""
-    width, height = SIZE
-    matrix = np.array([[9000.0, 0, (width - 1) / 2], [0, 9000, (height - 1) / 2], [0, 0, 1]])
-    lens = Lens(matrix, (0,) * 5, SIZE)
-    pose = looking(lens, 0j, complex(width - 1, height - 1) / 2, PIXEL, 0, 0, 0)
     light = {"exposure": 0.9, "gradient": (0.1, -0.1)}
-    shot = Shot(lens, *pose, blur=0.7, read=1.6, shot=0.01, seed=seed, **light)
+    shot = shoot_from_above(SIZE, PIXEL, blur=0.7, read=1.6, shot=0.01, seed=seed, **light)
     turn = np.random.default_rng(seed).uniform(-0.15, 0.15)
     layer = Layer(tuple(loop.moved(turn, 0j) for loop in loops), 0.15, texture=0.02)
     written(file, render(Scene(0.7, (layer,), texture=0.02), shot))
@@ -222,7 +212,7 @@ def _name(inspection: Inspection, truth: Sequence[Truth], turn: complex) -> str:
             for place in left
             if abs(complex(*place.place) * turn - deviation.place) < deviation.reach
         ]
-        named = [place for place in near if _kind(place) == deviation.kind]
+        named = [place for place in near if place.kind == deviation.kind]
         if not named:
             outcomes.append("misnamed" if near else "missed")
         # All places of a part that is larger are one deviation.
@@ -232,10 +222,6 @@ def _name(inspection: Inspection, truth: Sequence[Truth], turn: complex) -> str:
     if left:
         outcomes.append("misnamed")
     return min(outcomes, key=OUTCOMES.index)
-
-
-def _kind(place: Difference) -> str:
-    return place.kind
 
 
 def measure(name: str, rounds: int, first: int, folder: Path) -> Iterator[tuple[object, ...]]:
@@ -263,7 +249,7 @@ def look(folder: Path, drawn: Part, loops: Sequence[Loop], number: int) -> Inspe
     seen = read_outlines(files.read(photo(folder / "photo.png", loops, number)), job, files)
     try:
         return inspect_photo(seen, drawing(drawn), Job())
-    except InputError:
+    except camgen.InputError:
         return None
 
 
@@ -278,12 +264,12 @@ def compare_times(name: str, folder: Path) -> Iterator[tuple[object, ...]]:
     (folder / "again.toml").write_bytes(write_job(inspection, works, job, folder / "again.toml"))
     (folder / "again.dxf").write_bytes(write_drawing(works, inspection.expected.rings))
     (folder / "whole.dxf").write_bytes(write_drawing([], inspection.expected.rings))
-    rework = build(folder / "again.dxf", post="gcode", job=folder / "again.toml").cycle
-    whole = build(folder / "whole.dxf", post="gcode", job=JOB).cycle
+    rework = camgen.build(folder / "again.dxf", post="gcode", job=folder / "again.toml").cycle
+    whole = camgen.build(folder / "whole.dxf", post="gcode", job=JOB).cycle
     passes = [work.passes for work in works]
     former = max(math.ceil(work.burr.height / REMOVAL) for work in works)
     repeated = JOB | {"operation": {"depth": 1e-3, "passes": former}}
-    former_s = build(folder / "whole.dxf", post="gcode", job=repeated).cycle.total
+    former_s = camgen.build(folder / "whole.dxf", post="gcode", job=repeated).cycle.total
     shares = (100 * rework.total / whole.total, 100 * rework.total / former_s)
     yield name, len(works), sum(passes), rework.total, whole.total, former, former_s, *shares
 

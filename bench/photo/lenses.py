@@ -34,14 +34,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+import camgen
 from bench.render.board import markers
 from bench.render.optics import Lens, Shot, looking, photo_from_work
 from bench.render.scene import Layer, Scene, render, written
-from bench.render.shapes import Loop, pieces
+from bench.render.shapes import Loop, pieces, to_loops
 from bench.support.runner import Cells, Scenario, read_words, run, verdict
-from camgen.model.errors import CamgenError
 from camgen.model.job import CameraTable, Job
-from camgen.model.part import Part
 from camgen.read import read
 from camgen.vision.boards.sheet import DICTIONARY, sheet
 
@@ -149,18 +148,16 @@ def plate() -> tuple[Loop, ...]:
     return Loop(np.array(corners), np.array([quarter, 0, quarter, 0] * 2)), hole
 
 
-def read_photo(folder: Path, photo: Photo, height: float) -> Part:
+def read_photo(folder: Path, photo: Photo, height: float) -> camgen.Part:
     """The part as camgen reads the photo, with the sheet alone."""
     file = folder / "photo.png"
     written(file, render(photo.scene, photo.shot))
     return read(file, Job(camera=CameraTable(markers="A4", height=height)))
 
 
-def errors(part: Part, truth: tuple[Loop, ...]) -> np.ndarray:
+def errors(part: camgen.Part, truth: tuple[Loop, ...]) -> np.ndarray:
     """Distances (N,) of the outlines found from the true ones, mm."""
-    loops = [Loop(contour.points @ [1, 1j], contour.bulges) for contour in part.contours]
-    drawn = pieces(loops)
-    places = drawn.walk(np.ceil(drawn.length / 0.1).astype(int).clip(1))
+    places = pieces(to_loops(part.contours)).walk_evenly(0.1)
     return pieces(truth).distance(places)
 
 
@@ -173,7 +170,7 @@ def measure(name: str, count: int, first: int) -> Iterator[Cells]:
             photo = draw(name, k, count, first)
             try:
                 part = read_photo(Path(folder), photo, kind.height)
-            except CamgenError as error:
+            except camgen.CamgenError as error:
                 refused += 1
                 wrongly += not kind.height or photo.tilt >= 20
                 print(f"{name} {first + k}, {photo.tilt:.0f} deg: {error}", file=sys.stderr)
@@ -204,7 +201,7 @@ def count_walls(name: str, count: int, first: int) -> Iterator[Cells]:
                 photo, height = thick(photo, first + k)
             try:
                 part = read_photo(Path(folder), photo, 0.0)
-            except CamgenError as error:
+            except camgen.CamgenError as error:
                 refused += 1
                 print(f"{name} {first + k}, {photo.tilt:.0f} deg: {error}", file=sys.stderr)
                 continue

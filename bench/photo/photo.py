@@ -22,12 +22,11 @@ from typing import Any
 
 import numpy as np
 
-from bench.machine import machine
 from bench.render.shapes import Loop
 from bench.render.truth import Error, Truth, offset_truth, path_error
 from bench.support.motions import sample_plane
-from bench.support.runner import Table, open_table
-from bench.support.timing import Process, best_seconds, measure_process, python
+from bench.support.runner import Table, machine, open_table
+from bench.support.timing import best_seconds, measure_in_turns, measure_process, python
 from camgen.model.errors import CamgenError
 
 PLANNERS = ("geometric", "image")
@@ -207,10 +206,7 @@ def speed(folder: Path, names: list[str]) -> int:
         for planner in PLANNERS:
             command = build(folder, name, photo, Path(scratch), planner)
             commands[f"camgen build, {planner}"] = command
-        values: dict[str, list[Process]] = {what: [] for what in commands}
-        for _ in range(rounds):
-            for what, command in commands.items():
-                values[what].append(measure_process(command))
+        values = measure_in_turns(commands, rounds)
     said = [measure_process(bare_calls).text.splitlines() for _ in range(rounds)]
     calls = min(float(lines[-1].split()[1]) for lines in said)
     print(f"{machine()}\n\nBare calls of one process, s: {', '.join(said[-1])}")

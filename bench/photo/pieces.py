@@ -36,20 +36,19 @@ from __future__ import annotations
 
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from bench.render.optics import Lens, Shot, looking
+from bench.render.optics import shoot_from_above
 from bench.render.parts import NAMED, Part, random_part
 from bench.render.scene import Layer, Scene, render, written
-from bench.render.shapes import Loop, Pieces, pieces
+from bench.render.shapes import Loop, Pieces, are_away, find_corners, pieces, to_loops
 from bench.support.runner import Scenario, read_words, run, verdict
 from camgen.model.errors import CamgenError
 from camgen.model.job import ImageTable, Job
-from camgen.model.part import Contour
 from camgen.read.files import Files
 from camgen.read.image import read
 
@@ -170,12 +169,8 @@ def with_notch(loop: Loop, width: float) -> tuple[Loop, complex]:
 
 def photo(file: Path, what: Subject) -> Path:
     """The photo of a subject, the middle of the bench in the middle of the photo."""
-    width, height = SIZE
-    middle = complex(width - 1, height - 1) / 2
-    matrix = np.array([[9000.0, 0, middle.real], [0, 9000, middle.imag], [0, 0, 1]])
-    lens = Lens(matrix, (0,) * 5, SIZE)
-    pose = looking(lens, 0j, middle, what.scale, 0, 0, 0)
-    shot = Shot(lens, *pose, what.blur, what.motion, read=what.noise, seed=what.seed)
+    noise = {"blur": what.blur, "motion": what.motion, "read": what.noise, "seed": what.seed}
+    shot = shoot_from_above(SIZE, what.scale, **noise)
     bench, part = (0.5 + share * what.contrast / 255 for share in (-0.5, 0.5))
     grain = what.grain / 255
     layer = Layer(what.loops, part, grain / part)
@@ -189,8 +184,8 @@ def look(what: Subject, folder: Path) -> Outcome:
     contours = read(files.read(photo(folder / "photo.png", what)), job, files).contours
     # The frame of a picture begins at its lower left corner, that of the bench in its middle.
     shift = complex(*SIZE) / 2 * what.scale
-    truth, result = pieces(what.loops), pieces([as_loop(contour, shift) for contour in contours])
-    corners = sharp_corners(what.loops)
+    truth, result = pieces(what.loops), pieces(to_loops(contours, shift))
+    corners = find_corners(what.loops, TURN)
     errors = truth.distance(walked(result, corners))
     missing = result.distance(walked(truth, corners))
     floor = result.distance(np.array([what.floor]))[0] if np.isfinite(what.floor) else 0.0
@@ -204,31 +199,10 @@ def look(what: Subject, folder: Path) -> Outcome:
     )
 
 
-def as_loop(contour: Contour, shift: complex) -> Loop:
-    """A contour in the frame of the bench."""
-    return Loop(contour.points @ np.array([1, 1j]) - shift, np.asarray(contour.bulges))
-
-
-def sharp_corners(loops: Sequence[Loop]) -> np.ndarray:
-    """Places (N,) where two pieces meet with a turn, mm."""
-    corners = []
-    for loop in loops:
-        whole = pieces([loop])
-        numbers = np.arange(len(loop.points))
-        _, after = whole.at(numbers, np.zeros(len(numbers)))
-        _, before = whole.at(np.roll(numbers, 1), np.ones(len(numbers)))
-        corners.append(loop.points[np.abs(np.angle(after / before)) > TURN])
-    return np.concatenate(corners)
-
-
 def walked(whole: Pieces, corners: np.ndarray) -> np.ndarray:
     """Places (N,) on the pieces, away from the corners."""
-    counts = np.ceil(whole.length / STEP).astype(int).clip(1)
-    places = whole.walk(counts)
-    nearest = np.full(len(places), np.inf)
-    for corner in corners:
-        nearest = np.minimum(nearest, np.abs(places - corner))
-    return places[nearest > AWAY]
+    places = whole.walk_evenly(STEP)
+    return places[are_away(places, corners, AWAY)]
 
 
 def measure(kind: str, rounds: int, first: int, folder: Path) -> Iterator[tuple[object, ...]]:

@@ -26,7 +26,6 @@ import ezdxf
 import numpy as np
 
 import camgen
-from bench.machine import machine
 from bench.photo.contact import Contact, pressed
 from bench.photo.observed import Observed, Run, observe, run
 from bench.photo.paper import paper_route
@@ -36,12 +35,10 @@ from bench.render.photos import Photo, of_paper, write
 from bench.render.shapes import Loop
 from bench.render.solid import sheet
 from bench.render.truth import Error, Truth, offset_truth, path_error
-from bench.support.runner import ROOT, Table, open_table
+from bench.support.runner import ROOT, Table, machine, open_table
 from bench.support.timing import timed
 from camgen.cli import main as command
-from camgen.model.job import Job
 from camgen.model.pose import pose_from_values
-from camgen.pipeline import Result
 from camgen.preview.photo_stages import svg
 from camgen.read.job_file import load
 from tests.support.clouds import ROUND, scan
@@ -89,7 +86,7 @@ def main(figures: bool, small: bool) -> None:
     places = of_paper(1 if small else 3, 1 if small else 10)
     routes: dict[str, list[Route]] = {CAD: [], EXACT: [], IMAGE: [], PIXELS: []}
     begins: list[complex] = []
-    shown: list[tuple[Result, Result]] = []
+    shown: list[tuple[camgen.Result, camgen.Result]] = []
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         moves = scanned(folder)
@@ -134,7 +131,7 @@ def tell_feeds(small: bool) -> int:
     return int(missed)
 
 
-def vision(folder: Path, photo: Photo, planner: str) -> tuple[Result, float]:
+def vision(folder: Path, photo: Photo, planner: str) -> tuple[camgen.Result, float]:
     """The program from the photo, and the seconds that it took."""
     file = folder / f"{photo.name}.png"
     job = load(folder / f"{photo.name}.toml", [f"operation.planner={planner}", *arm(photo)])
@@ -199,7 +196,7 @@ def drawing(folder: Path, loops: Sequence[Loop]) -> Path:
     return folder / "part.dxf"
 
 
-def drawn_job(photo: Photo) -> Job:
+def drawn_job(photo: Photo) -> camgen.Job:
     return camgen.job({
         "tool": {"diameter": photo.tool}, "process": {"feed": FEED, "force": FORCE}, "post": {"force": "template"},
         "cell": {"robot": "VS-6556", "base_from_work": [*BEFORE, 0.0, 0.0, 0.0]},
@@ -282,7 +279,10 @@ def feeds(found: list[Route]) -> list[float]:
 
 
 def draw(
-    exact: Result, image: Result, routes: dict[str, list[Route]], begins: list[complex]
+    exact: camgen.Result,
+    image: camgen.Result,
+    routes: dict[str, list[Route]],
+    begins: list[complex],
 ) -> None:
     if exact.part.raster is not None:
         stages = svg(

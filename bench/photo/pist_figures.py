@@ -8,9 +8,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+import camgen
 from camgen.geometry.segments import flatten, from_contours
-from camgen.model.part import Part
-from camgen.model.path import ToolPath
 
 STYLE = """.bg{fill:#fff}text{font-family:system-ui,Helvetica,Arial,sans-serif;font-size:3.4px;fill:#202124}
 .tick{font-size:2.5px;text-anchor:end}.below{font-size:2.5px;text-anchor:middle}path{fill:none;stroke-linejoin:round}
@@ -27,7 +26,7 @@ ERROR, FORCE = 0.3, 3.0
 Series = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
-def contacts(part: Part, path: ToolPath, radius: float) -> str:
+def contacts(part: camgen.Part, path: camgen.ToolPath, radius: float) -> str:
     """Points evenly along the path of the tool centre and where the tool touches, as in figure 5."""
     at, press = _evenly(path, CONTACTS)
     touch = at + radius * press
@@ -45,7 +44,7 @@ def contacts(part: Part, path: ToolPath, radius: float) -> str:
     return _sheet(down, (high - low).real * scale, (high - low).imag * scale + 12, title)
 
 
-def frames(part: Part, path: ToolPath) -> str:
+def frames(part: camgen.Part, path: camgen.ToolPath) -> str:
     """Force frames in space, seen aslant, as in figure 12: x into the part, y along the motion, z up the tool."""
     at, press = _evenly(path, FRAMES)
     shape, low, high = _outline(part, 16.0)
@@ -123,12 +122,12 @@ def _line(x: np.ndarray, y: np.ndarray) -> str:
     )
 
 
-def _places(path: ToolPath) -> np.ndarray:
+def _places(path: camgen.ToolPath) -> np.ndarray:
     """The path, arcs as short chords."""
     return _dense(path)[0]
 
 
-def _dense(path: ToolPath) -> tuple[np.ndarray, np.ndarray]:
+def _dense(path: camgen.ToolPath) -> tuple[np.ndarray, np.ndarray]:
     """Places every tenth of a mm or so, and the direction of the force there."""
     places, presses = [], []
     for k in range(1, len(path.position)):
@@ -148,14 +147,14 @@ def _dense(path: ToolPath) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate(places), np.concatenate(presses)
 
 
-def _evenly(path: ToolPath, apart: float) -> tuple[np.ndarray, np.ndarray]:
+def _evenly(path: camgen.ToolPath, apart: float) -> tuple[np.ndarray, np.ndarray]:
     at, press = _dense(path)
     run = np.append(0.0, np.cumsum(np.abs(np.diff(at))))
     row = np.searchsorted(run, np.arange(0.0, run[-1], apart))
     return at[row], press[row]
 
 
-def _outline(part: Part, room: float) -> tuple[np.ndarray, complex, complex]:
+def _outline(part: camgen.Part, room: float) -> tuple[np.ndarray, complex, complex]:
     points, _ = flatten(from_contours(list(part.contours[:1])), 0.01)
     shape = points[:, 0] + 1j * points[:, 1]
     return (

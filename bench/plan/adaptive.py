@@ -30,20 +30,12 @@ import numpy as np
 import camgen
 from bench.check.peer import FREECAD_PYTHON, LACKING, minutes
 from bench.support.runner import PARTS, SHARED, Cells, Scenario, run, verdict
-from bench.support.swept_text import (
-    cleared,
-    count_struck,
-    feed_in_air,
-    read,
-    seconds,
-)
+from bench.support.swept_text import cleared, count_struck, feed_in_air, read_cut, seconds
 from camgen.geometry.nesting import nest
 from camgen.geometry.segments import from_contours
 from camgen.lang.gcode.replayed import interpret
-from camgen.model.part import Contour, Part
 from camgen.model.pose import frozen
 from camgen.model.program import Instruction, MoveL
-from camgen.pipeline import Result
 from tests.support.swept import enclosed, reachable
 
 _SCRIPT = Path(__file__).with_name("peer_adaptive.py")
@@ -92,27 +84,27 @@ class Judged(NamedTuple):
     air: float
 
 
-def islands() -> Part:
+def islands() -> camgen.Part:
     """A pocket of 90 x 60 mm with an island of 8 mm radius and a square one of 14 mm."""
     outline = [(0, 0), (90, 0), (90, 60), (0, 60)]
     square = [(55, 25), (69, 25), (69, 39), (55, 39)]
     disc = ([(36, 30), (20, 30)], [1.0, 1.0])
     loops = [(outline, [0.0] * 4), disc, (square, [0.0] * 4)]
     contours = [
-        Contour(frozen(points), frozen(bulges), True, "0", f"c{k}")
+        camgen.Contour(frozen(points), frozen(bulges), True, "0", f"c{k}")
         for k, (points, bulges) in enumerate(loops, 1)
     ]
-    return Part("islands", "islands", "mm", tuple(contours), ())
+    return camgen.Part("islands", "islands", "mm", tuple(contours), ())
 
 
-def drawn(file: Path, layer: str = "") -> Part:
+def drawn(file: Path, layer: str = "") -> camgen.Part:
     """The closed contours of a drawing, or of one of its layers."""
     part = camgen.read(file)
     chosen = [c for c in part.contours if c.closed and layer in ("", c.layer)]
-    return Part(part.name, part.source, part.units, tuple(chosen), ())
+    return camgen.Part(part.name, part.source, part.units, tuple(chosen), ())
 
 
-def areas(words: list[str]) -> Iterator[tuple[str, Callable[[], Part]]]:
+def areas(words: list[str]) -> Iterator[tuple[str, Callable[[], camgen.Part]]]:
     """Names and readers of the areas. words: the folder of the two drawings of others."""
     folder = Path(words[0]) if words else SHARED / "cases"
     yield "bracket", lambda: drawn(PARTS / "bracket.dxf")
@@ -123,19 +115,19 @@ def areas(words: list[str]) -> Iterator[tuple[str, Callable[[], Part]]]:
     yield "islands", islands
 
 
-def chosen(words: list[str]) -> Iterator[tuple[str, Callable[[], Part], bool]]:
+def chosen(words: list[str]) -> Iterator[tuple[str, Callable[[], camgen.Part], bool]]:
     """The areas, or the one that is named, with whether FreeCAD clears them too."""
     for name, reader in areas(words):
         if name in (words[1:] or [name]):
             yield name, reader, len(words) < 2 and not LACKING
 
 
-def judge_text(text: str, region: Any, result: Result) -> Judged:
+def judge_text(text: str, region: Any, result: camgen.Result) -> Judged:
     """Judges one text.
 
     result: a build of camgen, whose model of the machine is used.
     """
-    motions = read(text)
+    motions = read_cut(text)
     slow = 60 * minutes(without_ends(interpret(text.splitlines()).body), result)
     radius = DIAMETER / 2
     bare = gouged = 0.0
@@ -154,7 +146,7 @@ def without_ends(body: Sequence[Instruction]) -> list[list[Instruction]]:
     return [list(body[feeds[0] - 1 : feeds[-1] + 1])]
 
 
-def by_freecad(part: Part, folder: Path) -> str:
+def by_freecad(part: camgen.Part, folder: Path) -> str:
     """The text of FreeCAD's adaptive clearing of the area, "" if it makes none."""
     depth = nest(from_contours(part.contours), len(part.contours)).depth
     loops = [
@@ -183,7 +175,7 @@ def by_freecad(part: Part, folder: Path) -> str:
     return target.read_text(encoding="utf-8")
 
 
-def measure(name: str, read_part: Callable[[], Part], with_peer: bool) -> Iterator[Cells]:
+def measure(name: str, read_part: Callable[[], camgen.Part], with_peer: bool) -> Iterator[Cells]:
     """The row of camgen for an area, and a row of FreeCAD if it is asked for."""
     part = read_part()
     region = enclosed(part.contours)

@@ -18,7 +18,6 @@ from bench.plan.follow import DRAWINGS
 from bench.plan.pockets import shapes
 from bench.support.runner import SHARED, Cells, Scenario, run
 from camgen.model.job import Job, OperationTable, ToolTable
-from camgen.model.part import Part
 from tests.support.engaged import engaged
 from tests.support.swept import enclosed
 
@@ -30,10 +29,10 @@ COLUMNS = (
     "| m, no bound {:.2f} | s, no bound {:.2f} | above, no bound, mm {:.1f} "
     "| above, no bound {:.2f} %"
 )
-Input = tuple[str, Callable[[], Part], float]
+Input = tuple[str, Callable[[], camgen.Part], float]
 
 
-def judge(name: str, read: Callable[[], Part], diameter: float) -> Iterator[Cells]:
+def judge(name: str, read: Callable[[], camgen.Part], diameter: float) -> Iterator[Cells]:
     """The row of a drawing: length, planning seconds, mm and percent above, twice."""
     part = read()
     if enclosed(part.contours).area / diameter >= 1000 * LONGEST:

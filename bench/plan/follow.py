@@ -22,7 +22,6 @@ from ezdxf.entities import DXFEntity
 import camgen
 from bench.support.motions import sample_motion
 from bench.support.runner import SHARED, Cells, Scenario, run, verdict
-from camgen.model.pose import Pose
 from camgen.model.program import Instruction, MoveC, MoveL, Output
 from camgen.post.plugins import find_readback
 
@@ -107,7 +106,7 @@ def working(body: tuple[Instruction, ...]) -> tuple[np.ndarray, np.ndarray, int,
                 count += 1
                 length += float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum()) / 1000
             here = end
-        elif isinstance(getattr(item, "target", None), Pose):
+        elif isinstance(getattr(item, "target", None), camgen.Pose):
             here = np.array(item.target.origin)
     return np.array(targets)[:, :2], np.concatenate(samples)[:, :2], count, length
 

@@ -29,11 +29,9 @@ from msgspec.structs import replace
 
 import camgen
 from bench.support.runner import SHARED, Missed, Table, open_table
-from bench.support.swept_text import cleared, read
+from bench.support.swept_text import cleared, read_cut
 from camgen.geometry.nesting import nest
 from camgen.geometry.segments import from_contours
-from camgen.model.errors import CamgenError, NoSafeProgram
-from camgen.model.part import Contour, Part
 from tests.support.swept import enclosed
 
 TOOLS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0)
@@ -57,7 +55,7 @@ class Candidate(NamedTuple):
     key: str
     drawing: str
     number: int
-    contours: tuple[Contour, ...]
+    contours: tuple[camgen.Contour, ...]
 
 
 def candidates(folder: Path, left_out: Counter[str]) -> list[Candidate]:
@@ -69,7 +67,7 @@ def candidates(folder: Path, left_out: Counter[str]) -> list[Candidate]:
         name = file.relative_to(folder).as_posix()
         try:
             part = camgen.read(file)
-        except CamgenError:
+        except camgen.CamgenError:
             left_out["drawing not read"] += 1
             continue
         closed = [contour for contour in part.contours if contour.closed]
@@ -97,7 +95,7 @@ def build(candidate: Candidate, tool: float) -> tuple[str, float, float]:
 
     "left out" begins the reason for which another one takes its place.
     """
-    part = Part("pocket", candidate.drawing, "mm", candidate.contours, ())
+    part = camgen.Part("pocket", candidate.drawing, "mm", candidate.contours, ())
     job: dict[str, Any] = {
         "tool": {"diameter": tool},
         "operation": {"kind": "pocket", "depth": DEPTH, "passes": 2, "entry": "helix"},
@@ -105,16 +103,16 @@ def build(candidate: Candidate, tool: float) -> tuple[str, float, float]:
     }
     try:
         text = camgen.build(part, post="gcode", job=job).text
-    except NoSafeProgram as error:
+    except camgen.NoSafeProgram as error:
         reason = str(error)
         if "no path is left" in reason:
             return f"left out: {reason.rpartition(': ')[2]}", 0.0, 0.0
         return f"stock: {reason}", 0.0, 0.0
-    except CamgenError as error:
+    except camgen.CamgenError as error:
         return f"{type(error).__name__}: {error}", 0.0, 0.0
     except Exception as error:  # any is a defect
         return f"exception {type(error).__name__}: {error}", 0.0, 0.0
-    motions = read(text)
+    motions = read_cut(text)
     region = enclosed(candidate.contours)
     swept = cleared(motions, tool / 2, -DEPTH)
     gouged = swept.difference(region.buffer(_BESIDE)).area

@@ -19,7 +19,6 @@ import camgen
 from bench.plan.follow import DRAWINGS
 from bench.support.runner import SHARED, Cells, Scenario, run, verdict
 from camgen.model.job import Job, OperationTable, ToolTable
-from camgen.model.part import Contour, Part
 from camgen.model.pose import frozen
 from tests.support.swept import enclosed, reachable, swept
 
@@ -31,30 +30,30 @@ COLUMNS = (
 GOAL = 1e-3
 
 
-def shapes(count: int) -> Part:
+def shapes(count: int) -> camgen.Part:
     """A plate with ``count`` - 1 pockets of 20 to 40 mm in it, every third with an island."""
     chance = np.random.default_rng(7)
     side = int(np.ceil(np.sqrt(count)))
-    found: list[Contour] = []
+    found: list[camgen.Contour] = []
     while len(found) < count:
         place = np.array([len(found) % side, len(found) // side]) * 60.0
         found.append(_star(place, 12, 25, 3 + len(found) % 9, chance, len(found)))
         if len(found) % 3 == 0 and len(found) < count:
             found.append(_star(place, 2, 5, 5, chance, len(found)))
-    return Part("shapes", "shapes", "mm", tuple(found), ())
+    return camgen.Part("shapes", "shapes", "mm", tuple(found), ())
 
 
 def _star(
     place: np.ndarray, low: float, high: float, count: int, chance: np.random.Generator, name: int
-) -> Contour:
+) -> camgen.Contour:
     angle = 2 * np.pi * (np.arange(count) + chance.uniform(0.2, 0.8, count)) / count
     arm = chance.uniform(low, high, count)
     points = place + arm[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
     bulges = np.where(chance.random(count) < 0.5, 0.0, 0.2)
-    return Contour(frozen(points), frozen(bulges), True, "0", f"c{name + 1}")
+    return camgen.Contour(frozen(points), frozen(bulges), True, "0", f"c{name + 1}")
 
 
-def judge(name: str, read: Callable[[], Part], diameter: float) -> Iterator[Cells]:
+def judge(name: str, read: Callable[[], camgen.Part], diameter: float) -> Iterator[Cells]:
     """The row of a drawing."""
     part = read()
     job = Job(tool=ToolTable(diameter=diameter), operation=OperationTable(kind="pocket"))
@@ -73,7 +72,7 @@ def judge(name: str, read: Callable[[], Part], diameter: float) -> Iterator[Cell
     yield name, diameter, *counts, sum(chords) / 1000, bare, gouged, seconds, verdict(is_met)
 
 
-def inputs(words: list[str]) -> Iterator[tuple[str, Callable[[], Part], float]]:
+def inputs(words: list[str]) -> Iterator[tuple[str, Callable[[], camgen.Part], float]]:
     """Name, reader and diameter of the tool (mm) of each drawing."""
     if words[:1] == ["shapes"]:
         yield f"{words[1]} shapes", lambda: shapes(int(words[1])), 6.0

@@ -35,12 +35,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import shapely
 
+import camgen
+from bench.support.motions import Array, LevelArc
 from bench.support.runner import SHARED, Cells, Missed, Scenario, find_files, run
 from camgen.geometry.segments import from_contours
-from camgen.model.errors import CamgenError
 from camgen.model.job import InputTable, Job
-from camgen.model.part import Part
-from camgen.pipeline import Result, build
 from camgen.read import read
 from camgen.read.files import Files
 from tests.support import canon
@@ -61,7 +60,6 @@ COLUMNS = (
     "drawing | closed mm {:.0f} | in operations % {:.1f} | operations {} | tools {} "
     "| steep {} | deepest mm {:.2f} | hours {:.2f}"
 )
-Array = np.ndarray
 _TOOL_CHANGE = re.compile(r"^T(\d+) M6", re.MULTILINE)
 
 
@@ -109,11 +107,11 @@ def _is_for_a_mill(path: Path) -> bool:
     return bool(closed) and bool(np.abs(np.vstack(closed)).max() <= FARTHEST_MM)
 
 
-def _read(path: Path) -> Part | None:
+def _read(path: Path) -> camgen.Part | None:
     for units in ("auto", "mm"):
         try:
             return read(path, Job(input=InputTable(units=units)), Files())
-        except CamgenError:
+        except camgen.CamgenError:
             continue
     return None
 
@@ -129,8 +127,8 @@ def measure(path: Path) -> Iterator[Cells]:
         yield name, None, None, None, None, Missed(f"no proposal: {error}")
         return
     try:
-        result = build(path, post="gcode", job=job)
-    except CamgenError as error:
+        result = camgen.build(path, post="gcode", job=job)
+    except camgen.CamgenError as error:
         yield name, None, None, None, None, Missed(f"not built: {error}")
         return
     length, share = _measure_share(part, result)
@@ -163,7 +161,7 @@ def _propose(path: Path, folder: Path) -> tuple[str, dict[str, Any] | None]:
     return message, None
 
 
-def _measure_share(part: Part, result: Result) -> tuple[float, float]:
+def _measure_share(part: camgen.Part, result: camgen.Result) -> tuple[float, float]:
     """The length of the closed contours, mm, and the share of it that paths work on."""
     closed = [contour for contour in part.contours if contour.closed]
     segments = from_contours(closed)
@@ -178,7 +176,7 @@ def _measure_share(part: Part, result: Result) -> tuple[float, float]:
 # The sweep, from the text alone.
 
 
-def read_sweep(result: Result, job: dict[str, Any]) -> Sweep:
+def read_sweep(result: camgen.Result, job: dict[str, Any]) -> Sweep:
     """The motions of the program as LinuxCNC's interpreter makes them."""
     tools = {int(tool["number"]): tool for tool in job["tools"]}
     table = "".join(f"T{k} P{k} Z0 D{tool['diameter']}\n" for k, tool in tools.items())
@@ -211,25 +209,8 @@ def _divide(at: tuple[float, float, float], call: canon.Call) -> Array:
     start, end = np.array(at), np.array(call.end)
     if call.kind != "ARC_FEED" or call.axes != (0, 1, 2):
         return np.array([start, end])
-    centre = np.array(call.centre)
-    radius = float(np.hypot(*(start[:2] - centre)))
-    first = math.atan2(start[1] - centre[1], start[0] - centre[0])
-    last = math.atan2(end[1] - centre[1], end[0] - centre[0])
-    sense = 1.0 if call.turns > 0 else -1.0
-    angle = (sense * (last - first)) % math.tau or math.tau
-    angle += math.tau * (abs(call.turns) - 1)
-    step = 2 * math.acos(max(1 - CHORD_MM / max(radius, CHORD_MM), 0.0))
-    share = np.linspace(0.0, 1.0, max(2, math.ceil(angle / step) + 1))
-    turned = first + sense * angle * share
-    points = np.column_stack(
-        [
-            centre[0] + radius * np.cos(turned),
-            centre[1] + radius * np.sin(turned),
-            start[2] + share * (end[2] - start[2]),
-        ]
-    )
-    points[-1] = end
-    return points
+    arc = LevelArc(start, end, np.array(call.centre), call.turns > 0, abs(call.turns))
+    return arc.sample(CHORD_MM)
 
 
 def find_steep(sweep: Sweep) -> Descents:

@@ -15,8 +15,6 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from typing import NamedTuple
 
 import numpy as np
@@ -25,9 +23,8 @@ import shapely
 import camgen
 from bench.plan.follow import along
 from bench.render.random_parts import DIAMETERS, RandomPart, random_part
+from bench.support.children import map_inputs
 from bench.support.runner import Cells, Scenario, read_words, run
-from camgen.model.errors import CamgenError
-from camgen.model.part import Contour
 from camgen.model.pose import Pose, frozen
 from camgen.model.program import Instruction, MoveC, MoveL
 from camgen.post.plugins import find_readback
@@ -65,7 +62,7 @@ def judged(number: int) -> Verdict:
     start = time.perf_counter()
     try:
         body, why = _program(part)
-    except CamgenError as error:
+    except camgen.CamgenError as error:
         body, why = (), str(error)
     seconds = time.perf_counter() - start
     ways = list(_ways(body))
@@ -139,7 +136,7 @@ def _gaps(points: np.ndarray, tree: shapely.STRtree, far: float) -> np.ndarray:
 def _program(part: RandomPart) -> tuple[tuple[Instruction, ...], str]:
     """What the printed text says, and what was left out."""
     contours = [
-        Contour(frozen(s.rows[:, :2]), frozen(s.rows[:, 2]), True, "0") for s in part.shapes
+        camgen.Contour(frozen(s.rows[:, :2]), frozen(s.rows[:, 2]), True, "0") for s in part.shapes
     ]
     result = camgen.build(
         camgen.part(contours), post="gcode", job={"tool": {"diameter": part.diameter}}
@@ -156,11 +153,9 @@ def _ways(body: tuple[Instruction, ...]) -> Iterator[np.ndarray]:
     for item in body:
         if not isinstance(getattr(item, "target", None), Pose):
             continue
-        points = (
-            along(here, item)
-            if isinstance(item, (MoveL, MoveC))
-            else np.array([here, item.target.origin])
-        )
+        points = np.array([here, item.target.origin])
+        if isinstance(item, (MoveL, MoveC)):
+            points = along(here, item)
         here = np.array(item.target.origin)
         low = points[:, 2] < 1e-6
         way += [points[low][:, :2]]
@@ -226,11 +221,7 @@ def measure(name: str, group: Sequence[Verdict]) -> Iterator[Cells]:
 def main(count: int, first: int, processes: int) -> int:
     start = time.perf_counter()
     numbers = range(first, first + count)
-    if processes > 1:
-        with ProcessPoolExecutor(processes, get_context("spawn")) as pool:
-            verdicts = list(pool.map(judged, numbers, chunksize=8))
-    else:
-        verdicts = [judged(number) for number in numbers]
+    verdicts = map_inputs(judged, numbers, processes)
     wrong = [v for v in verdicts if v.dropped or v.gouge > GOUGE or v.late or v.missed]
     for v in wrong:
         counts = f"{v.dropped} dropped, gouge {v.gouge:.4f} mm"

@@ -14,13 +14,10 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-
+import camgen
+from bench.render.shapes import pieces, to_loops
 from bench.support.runner import SHARED, Cells, Missed, Scenario, find_files, read_words, run
 from bench.support.timing import timed
-from camgen.model.errors import CamgenError
-from camgen.model.job import Job
-from camgen.model.part import Contour, Part
 from camgen.read import dxf
 from camgen.read.files import Files
 from camgen.read.units import INSUNITS, MM
@@ -33,16 +30,13 @@ KNOWN = {
 }
 
 
-def length(contour: Contour) -> float:
-    """Arc length, mm: a segment of chord c and bulge b is c (1 + b b) atan(b) / b long."""
-    ends = np.roll(contour.points, -1, axis=0)
-    b = np.abs(contour.bulges)
-    lengths = np.hypot(*(ends - contour.points).T)
-    lengths = lengths * np.where(b > 0, (1 + b * b) * np.arctan(b) / np.where(b > 0, b, 1.0), 1.0)
+def length(contour: camgen.Contour) -> float:
+    """Arc length, mm."""
+    lengths = pieces(to_loops([contour])).length
     return float(lengths.sum() if contour.closed else lengths[:-1].sum())
 
 
-def verdict(part: Part, truth: dict[str, object]) -> str:
+def verdict(part: camgen.Part, truth: dict[str, object]) -> str:
     total = truth.get("visible_exact") or truth.get("total_exact")
     if not isinstance(total, int | float) or not total:
         return "no measured length"
@@ -64,8 +58,8 @@ def judge(path: Path, truth: dict[str, object]) -> Iterator[Cells]:
     """The row of a drawing."""
     name = f"{path.parent.name}/{path.name}"
     try:
-        part, seconds = timed(partial(dxf.read, Files().read(path), Job(), Files()))
-    except CamgenError as error:
+        part, seconds = timed(partial(dxf.read, Files().read(path), camgen.Job(), Files()))
+    except camgen.CamgenError as error:
         yield name, *"---", f"refused: {error}"
         return
     closed = sum(c.closed for c in part.contours)

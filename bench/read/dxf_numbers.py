@@ -34,13 +34,11 @@ import ezdxf
 import numpy as np
 from ezdxf import path
 
+import camgen
 from bench.read.drawings import length
-from bench.support.runner import Cells, Missed, Scenario, fill, open_table, read_words
+from bench.support.runner import Cells, Scenario, must_be_none, read_words, run
 from bench.support.runner import verdict as met
-from camgen.model.errors import InputError
 from camgen.model.files import Source
-from camgen.model.job import Job
-from camgen.model.part import Contour, Part
 from camgen.read import dxf
 from camgen.read.files import Files
 
@@ -441,11 +439,11 @@ SPELLINGS: dict[str, Callable[[Text], bytes]] = {
 # The judgement.
 
 
-def read(data: bytes) -> Part:
-    return dxf.read(Source(Path("part.dxf"), data), Job(), Files())
+def read(data: bytes) -> camgen.Part:
+    return dxf.read(Source(Path("part.dxf"), data), camgen.Job(), Files())
 
 
-def are_same(first: tuple[Contour, ...], second: tuple[Contour, ...]) -> bool:
+def are_same(first: tuple[camgen.Contour, ...], second: tuple[camgen.Contour, ...]) -> bool:
     """Whether two drawings have the same contours in the same order."""
     if len(first) != len(second):
         return False
@@ -459,11 +457,11 @@ def are_same(first: tuple[Contour, ...], second: tuple[Contour, ...]) -> bool:
     return True
 
 
-def judge(damage: Damage, sound: Part) -> tuple[str, str]:
+def judge(damage: Damage, sound: camgen.Part) -> tuple[str, str]:
     """The result of a damaged file, as one of the words above, and the message or notes."""
     try:
         part = read(Text(damage.lines).write())
-    except InputError as error:
+    except camgen.InputError as error:
         return "refused", str(error)
     except Exception as error:
         return "silent", f"{type(error).__name__}: {error}"
@@ -476,8 +474,8 @@ def judge(damage: Damage, sound: Part) -> tuple[str, str]:
     return "silent", "; ".join(notes) or "no note"
 
 
-def measure_damages(files: int, seed: int) -> Iterator[Cells]:
-    """The rows of the damages, then that of all files."""
+def judge_files(files: int, seed: int) -> tuple[list[Cells], list[Cells]]:
+    """The rows of the damages, the last one that of all files; and those of silent differences."""
     results: dict[str, Counter[str]] = {name: Counter() for name in DAMAGES}
     silent: list[Cells] = []
     for number in range(files):
@@ -490,26 +488,18 @@ def measure_damages(files: int, seed: int) -> Iterator[Cells]:
         results[name][word] += 1
         if word == "silent":
             silent.append((f"{number}", f"{name}: {damage.value} {damage.places[:2]}", shown[:200]))
+    results["all"] = sum(results.values(), Counter())
+    rows: list[Cells] = []
     for name, counts in results.items():
         if counts:
-            yield row(name, counts)
-    yield row("all", sum(results.values(), Counter()))
-    SILENT.extend(silent)
-
-
-#: Files with a silent difference: number, damage, and notes.
-SILENT: list[Cells] = []
-
-
-def row(name: str, counts: Counter[str]) -> Cells:
-    words = [counts[word] for word in ("right", "named", "refused")]
-    silent = counts["silent"]
-    return name, counts.total(), *words, Missed(str(silent)) if silent else "0"
+            words = [counts[word] for word in ("right", "named", "refused")]
+            rows.append((name, counts.total(), *words, must_be_none(counts["silent"])))
+    return rows, silent
 
 
 def measure_spellings(drawings: int, seed: int) -> Iterator[Cells]:
     """One row per spelling: drawings, and how many are read like the plain ones."""
-    sound: list[tuple[Text, Part, float]] = []
+    sound: list[tuple[Text, camgen.Part, float]] = []
     for number in range(drawings):
         text, total = make(number, random.Random(f"{seed} {number}"))
         sound.append((text, read(text.write()), total))
@@ -525,16 +515,17 @@ def measure_spellings(drawings: int, seed: int) -> Iterator[Cells]:
 
 def main() -> int:
     files, seed = read_words(60, 1)
-    table = open_table("damage | files {} | right {} | named {} | refused {} | silent")
-    for cells in measure_damages(files, seed):
-        table.add(*cells)
+    rows, silent = judge_files(files, seed)
+    damages = "damage | files {} | right {} | named {} | refused {} | silent"
     columns = "sound drawings | files {} | read alike {} | with another note {}"
     columns += " | length off, ppm {:.0f} | goal"
-    spellings = Scenario(columns, [(min(files, 28), seed)], measure_spellings)
-    missed = table.missed + fill(spellings).missed
-    if SILENT:
-        fill(Scenario("file | damage | result", [()], lambda: SILENT))
-    return int(missed > 0)
+    scenarios = [
+        Scenario(damages, [()], lambda: rows),
+        Scenario(columns, [(min(files, 28), seed)], measure_spellings),
+    ]
+    if silent:
+        scenarios.append(Scenario("file | damage | result", [()], lambda: silent))
+    return run(*scenarios)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 import camgen
-from bench.support.motions import measure_motion, sample_motion
+from bench.support.motions import measure_from_lines, measure_motion, sample_motion
 from bench.support.runner import ROOT
 from camgen.lang.programs import Ask, Executed, find_language
 from camgen.lang.taught import in_one_frame
@@ -110,10 +110,10 @@ def _farthest(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
     for low in range(0, len(a), _SOME):
         some = slice(low, low + _SOME)
         beside = np.clip(near[some, None] + np.arange(-_AROUND, _AROUND), 0, len(b) - 2)
-        best[some] = to_lines(a[some, None], b[beside], b[beside + 1]).min(axis=1)
+        best[some] = measure_from_lines(a[some, None], b[beside], b[beside + 1]).min(axis=1)
     far = np.flatnonzero(best > CHORD)
     for few in np.array_split(far, len(far) // _FEW + 1):
-        best[few] = to_lines(a[few, None], b[None, :-1], b[None, 1:]).min(axis=1)
+        best[few] = measure_from_lines(a[few, None], b[None, :-1], b[None, 1:]).min(axis=1)
     return float(best.max())
 
 
@@ -121,13 +121,3 @@ def _shares(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """(N,) of the whole way, what is behind at each point."""
     behind = np.append(0.0, np.linalg.norm(np.diff(points, axis=0), axis=1).cumsum())
     return np.asarray(behind / max(behind[-1], 1e-9))
-
-
-def to_lines(
-    points: NDArray[np.float64], start: NDArray[np.float64], end: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """How far points are from lines, all (..., 3)."""
-    way = end - start
-    square = (way**2).sum(axis=-1)
-    share = np.clip(((points - start) * way).sum(axis=-1) / np.where(square > 0, square, 1.0), 0, 1)
-    return np.asarray(np.linalg.norm(start + share[..., None] * way - points, axis=-1))

@@ -38,11 +38,6 @@ def by_tree_sitter(language: Any) -> Judge:
     return lambda form: not parser.parse((form.text + "\n").encode()).root_node.has_error
 
 
-def by_tree_sitter_gcode(_path: str) -> Judge:
-    """The grammar of the package tree-sitter-gcode."""
-    return by_tree_sitter(importlib.import_module("tree_sitter_gcode").language())
-
-
 def by_library(path: str) -> Judge:
     """A compiled grammar of tree-sitter for G-code."""
     function = ctypes.CDLL(str(Path(path).resolve())).tree_sitter_gcode
@@ -222,7 +217,9 @@ def write_samples(language: str, path: str) -> dict[str, str]:
 #: By language and name; each makes a judge of the path that is given with its name.
 JUDGES: Mapping[str, Mapping[str, Callable[[str], Judge]]] = {
     "gcode": {
-        "tree-sitter": by_tree_sitter_gcode,
+        "tree-sitter": lambda _path: by_tree_sitter(
+            importlib.import_module("tree_sitter_gcode").language()
+        ),
         "library": by_library,
         "pygcode": by_pygcode,
         "rs274": by_linuxcnc,

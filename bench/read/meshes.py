@@ -34,8 +34,7 @@ from zipfile import ZipFile
 import numpy as np
 
 import camgen
-from bench.support.runner import Cells, Missed, Scenario, read_words, run
-from camgen.model.errors import CamgenError
+from bench.support.runner import Cells, Missed, Scenario, must_be_none, read_words, run
 from camgen.model.pose import FloatArray
 
 COLUMNS = (
@@ -99,6 +98,11 @@ def cut(body: Body) -> list[tuple[int, int, int]]:
     for face in body.faces:
         triangles += clip(body.corners, face)
     return triangles
+
+
+def split_faces(bodies: list[Body]) -> list[Body]:
+    """The bodies with triangles for faces."""
+    return [body._replace(faces=list(map(list, cut(body)))) for body in bodies]
 
 
 def clip(corners: FloatArray, face: list[int]) -> list[tuple[int, int, int]]:
@@ -171,19 +175,6 @@ def write_obj(
             text += form.format(" ".join(index.format(k) for k in numbers))
         before += size
     return text.encode()
-
-
-def write_tab_obj(bodies: list[Body]) -> bytes:
-    return write_obj(bodies).replace(b" ", b"\t")
-
-
-def write_long_obj(bodies: list[Body]) -> bytes:
-    """Each face has two lines."""
-    return write_obj(bodies, form="f \\\n {}\n")
-
-
-def write_triangles_obj(bodies: list[Body]) -> bytes:
-    return write_obj([body._replace(faces=list(map(list, cut(body)))) for body in bodies])
 
 
 def write_ply(bodies: list[Body], order: str = "", triangles: bool = False) -> bytes:
@@ -336,11 +327,11 @@ SPELLINGS = [
     Spelling("binary", ".stl", write_binary_stl),
     Spelling("binary, cut off", ".stl", lambda b: write_binary_stl(b, 70), damaged=True),
     Spelling("polygons", ".obj", write_obj),
-    Spelling("triangles", ".obj", write_triangles_obj),
+    Spelling("triangles", ".obj", lambda b: write_obj(split_faces(b))),
     Spelling("polygons, relative indices", ".obj", lambda b: write_obj(b, base="last")),
     Spelling("polygons, v//n", ".obj", lambda b: write_obj(b, index="{}//1")),
-    Spelling("polygons, tabs", ".obj", write_tab_obj),
-    Spelling("polygons, continued lines", ".obj", write_long_obj),
+    Spelling("polygons, tabs", ".obj", lambda b: write_obj(b).replace(b" ", b"\t")),
+    Spelling("polygons, continued lines", ".obj", lambda b: write_obj(b, form="f \\\n {}\n")),
     Spelling("text, polygons", ".ply", write_ply),
     Spelling("text, triangles", ".ply", lambda b: write_ply(b, triangles=True)),
     Spelling("binary, polygons", ".ply", lambda b: write_ply(b, "<")),
@@ -366,7 +357,7 @@ def judge(bodies: list[Body], spelling: Spelling, folder: Path) -> tuple[str, st
     path.write_bytes(spelling.write(bodies))
     try:
         solid = camgen.read(path).solid
-    except CamgenError as error:
+    except camgen.CamgenError as error:
         return "refused", str(error)
     corners = np.concatenate([body.corners for body in bodies])
     is_right = (
@@ -394,9 +385,15 @@ def judge_spelling(number: int, first: int, count: int) -> Iterator[Cells]:
                 if kind == "refused" and not (spelling.damaged or spelling.name in MAY_REFUSE):
                     wrong.add(text.partition(": ")[2][:60])
     values = list(counts.values())
-    silent: object = Missed(str(values[-1])) if values[-1] else "0"
     refusals = Missed("; ".join(sorted(wrong))) if wrong else "0"
-    yield spelling.suffix[1:], spelling.name, sum(values), *values[:3], silent, refusals
+    yield (
+        spelling.suffix[1:],
+        spelling.name,
+        sum(values),
+        *values[:3],
+        must_be_none(values[-1]),
+        refusals,
+    )
 
 
 if __name__ == "__main__":

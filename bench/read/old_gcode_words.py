@@ -28,7 +28,6 @@ from typing import NamedTuple
 import camgen
 from bench.support.runner import Cells, Missed, Scenario, run
 from camgen.lang.gcode.dialects import DIALECTS, Dialect
-from camgen.model.errors import CamgenError
 
 COLUMNS = "dialect | words {} | read {} | reported {} | refused {} | without effect {} | silent"
 
@@ -153,7 +152,7 @@ def build(dialect: str, text: str, folder: Path) -> Outcome:
     }
     try:
         result = camgen.build(path, post="rapid", job=job, name="old")
-    except CamgenError as error:
+    except camgen.CamgenError as error:
         return Outcome("", str(error))
     motion = [line for line in result.text.splitlines() if not line.lstrip().startswith("!")]
     return Outcome("\n".join(motion), "\n".join(map(str, result.notes)))

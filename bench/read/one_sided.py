@@ -14,12 +14,13 @@ from __future__ import annotations
 import sys
 import time
 from collections import Counter
-from concurrent.futures import ProcessPoolExecutor
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
 import trimesh
 
+from bench.support.children import map_inputs
 from bench.support.runner import PARTS, open_table, read_words
 from camgen.localize import Location, localize
 from camgen.model.errors import CamgenError
@@ -156,12 +157,7 @@ def run(job: tuple[str, int, int, Path | None, list[str]]) -> list[Row]:
 def main(views: int, count: int, processes: int, source: str, *names: str) -> int:
     folder = None if source == "-" else Path(source)
     jobs = [(name, views, count, folder, list(names)) for name in parts(folder, list(names))]
-    if processes == 1:
-        groups = [run(job) for job in jobs]
-    else:
-        with ProcessPoolExecutor(processes) as pool:
-            groups = list(pool.map(run, jobs))
-    rows = [row for group in groups for row in group]
+    rows = list(chain.from_iterable(map_inputs(run, jobs, processes)))
     table = open_table(f"parts | told | runs | {' | '.join(OUTCOMES)} | s, median {{:.1f}}")
     for kind, way in sorted({row[:2] for row in rows}):
         group = [row for row in rows if row[:2] == (kind, way)]

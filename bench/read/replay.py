@@ -45,7 +45,8 @@ def against(run: ProgramRun, judge: Canon) -> Found:
     """Every motion of the replay against the judge's. An arc must pass through its points in its sense."""
     mine = [item for item in run.body if isinstance(item, (MoveJ, MoveL, MoveC))]
     theirs = judge.moves[run.held :]
-    extra = run.entry or _starts_with_feed(mine, theirs)
+    starts_with_feed = mine and theirs and theirs[0].kind != "STRAIGHT_TRAVERSE"
+    extra = run.entry or starts_with_feed
     begin = mine[0].target.origin if extra and mine and not judge.is_shifted else (math.inf,) * 3
     mine = [item for k, item in enumerate(mine) if k == 0 or _goes(item, mine[k - 1].target.origin)]
     before = [begin, *(call.end for call in theirs)]
@@ -92,10 +93,6 @@ def _goes(item: MoveJ | MoveL | MoveC, start: Point) -> bool:
 
 def _leaves(call: Call, start: Point) -> bool:
     return call.kind == "ARC_FEED" or math.dist(call.end, start) > 1e-5
-
-
-def _starts_with_feed(mine: list, theirs: list) -> bool:
-    return bool(theirs) and bool(mine) and theirs[0].kind != "STRAIGHT_TRAVERSE"
 
 
 def _moved(point: Point, offset: Point) -> Point:

@@ -26,10 +26,10 @@ from __future__ import annotations
 import sys
 import time
 from collections import Counter
-from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
 
+from bench.support.children import map_inputs
 from bench.support.runner import open_table, read_words
 from camgen.localize import localize
 from camgen.model.errors import CamgenError
@@ -79,11 +79,7 @@ def look(model, scene: scenes.Scene, eye) -> tuple[str, str]:
 
 def main(first: int, count: int, processes: int) -> int:
     numbers = range(first, first + count)
-    if processes == 1:
-        rows = [assess(number) for number in numbers]
-    else:
-        with ProcessPoolExecutor(processes) as pool:
-            rows = list(pool.map(assess, numbers))
+    rows = map_inputs(assess, numbers, processes)
     table = open_table(
         f"part | scan of | scans | {' | '.join(OUTCOMES)} | s, median {{:.1f}} | s, most {{:.1f}}"
     )

@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 import random
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
+from bench.support.motions import rotate
 from camgen.model.pose import FloatArray
 
 Point = tuple[float, float]
@@ -81,13 +83,11 @@ class Arrangement(NamedTuple):
 
     def measure_size(self) -> FloatArray:
         """(3,) mm, the extent of all bodies."""
-        reaches = np.array([measure_reaches(body) for body in self.bodies])
-        return np.asarray(reaches.max(axis=0).reshape(2, 3).sum(axis=0))
-
-
-def measure_reaches(placed: Body) -> list[float]:
-    """The reach of a body along x, y, z, -x, -y, -z, mm from the origin."""
-    return [measure_reach(placed, axis) for axis in (*np.eye(3), *-np.eye(3))]
+        size = np.zeros(3)
+        for number, axis in enumerate(np.eye(3)):
+            for direction in (axis, -axis):
+                size[number] += max(measure_reach(body, direction) for body in self.bodies)
+        return size
 
 
 def measure_reach(placed: Body, direction: FloatArray) -> float:
@@ -167,17 +167,11 @@ def make_cylinder(rng: random.Random) -> Shape:
     return Shape([circle], float(rng.randint(10, 50)), 0, 0)
 
 
-def make_filleted_box(rng: random.Random) -> Shape:
-    """A box with a fillet along one to four upright edges: two tangent lines for one corner."""
-    return cut_corners(rng, is_round=True)
-
-
-def make_chamfered_box(rng: random.Random) -> Shape:
-    """A box with a chamfer of 45 deg along one to four upright edges: two edges for one."""
-    return cut_corners(rng, is_round=False)
-
-
 def cut_corners(rng: random.Random, is_round: bool) -> Shape:
+    """A box with a fillet or a chamfer of 45 deg along one to four upright edges.
+
+    A fillet has two tangent lines for one corner, a chamfer two edges.
+    """
     width, depth = float(rng.randint(30, 60)), float(rng.randint(30, 60))
     corners = [(0.0, 0.0), (width, 0.0), (width, depth), (0.0, depth)]
     along = [(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)]
@@ -197,13 +191,14 @@ def cut_corners(rng: random.Random, is_round: bool) -> Shape:
     return Shape([segments], float(rng.randint(10, 50)), uprights, 0)
 
 
-def make_plain_box(rng: random.Random) -> Shape:
-    return make_box(*(float(rng.randint(10, 80)) for _ in range(3)))
-
-
 SHAPES: list[Callable[[random.Random], Shape]] = [
-    make_plain_box, make_plate, make_profile, make_cylinder, make_filleted_box, make_chamfered_box,
-]  # fmt: skip
+    lambda rng: make_box(*(float(rng.randint(10, 80)) for _ in range(3))),
+    make_plate,
+    make_profile,
+    make_cylinder,
+    partial(cut_corners, is_round=True),
+    partial(cut_corners, is_round=False),
+]
 
 
 def make_shape(rng: random.Random) -> Shape:
@@ -220,13 +215,6 @@ def make_rotation(rng: random.Random) -> FloatArray:
         return np.round(rotate(np.array([0.0, 0.0, 1.0]), math.pi / 2 * rng.randint(1, 3)))
     axis = np.array([rng.gauss(0, 1) for _ in range(3)])
     return rotate(axis / np.linalg.norm(axis), rng.uniform(0.2, 3.0))
-
-
-def rotate(axis: FloatArray, angle: float) -> FloatArray:
-    """(3, 3) by the formula of Rodrigues."""
-    x, y, z = axis
-    skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + math.sin(angle) * skew + (1 - math.cos(angle)) * skew @ skew
 
 
 def count_all(bodies: Sequence[Body]) -> tuple[int, int]:

@@ -39,8 +39,7 @@ import numpy as np
 
 import camgen
 from bench.read.step_shapes import ARRANGEMENTS, Arrangement, Body, Segment, Shape
-from bench.support.runner import Cells, Missed, Scenario, read_words, run
-from camgen.model.errors import CamgenError
+from bench.support.runner import Cells, Scenario, must_be_none, read_words, run
 from camgen.model.pose import FloatArray
 
 COLUMNS = (
@@ -365,7 +364,7 @@ def assess(seed: int, folder: Path) -> tuple[str, str]:
     path.write_text(text)
     try:
         solid = camgen.read(path).solid
-    except CamgenError as error:
+    except camgen.CamgenError as error:
         return "refused", f"{seed} ({words}): {str(error).partition(': ')[2][:60]}"
     concave = sum(not edge.convex for edge in solid.edges)
     size = np.ptp(solid.vertices, axis=0)
@@ -398,7 +397,7 @@ def assess_group(number: int, sharing: str, seeds: range) -> Iterator[Cells]:
             kind, text = assess(seed, Path(folder))
             counts[kind] += 1
             last = text or last
-    missed = [Missed(str(n)) if n else "0" for n in list(counts.values())[1:]]
+    missed = map(must_be_none, list(counts.values())[1:])
     name = list(ARRANGEMENTS)[number]
     yield name, sharing, sum(counts.values()), counts["right"], *missed, last
 

@@ -38,6 +38,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.read.svg_files import Drawing, draw
+from bench.support.motions import measure_from_lines
 from bench.support.runner import Missed, Table, open_table, read_words
 from camgen.geometry.segments import flatten, from_contours
 from camgen.model.errors import CamgenError
@@ -305,12 +306,8 @@ def distances(points: FloatArray, curves: Sequence[FloatArray]) -> FloatArray:
     """Distance of each point (N, 2) from the nearest polyline, mm; inf without a polyline."""
     nearest = np.full(len(points), np.inf)
     for curve in curves:
-        start, chord = curve[:-1], np.diff(curve, axis=0)
-        offset = points[:, None] - start[None]
-        square = np.maximum((chord**2).sum(axis=1), 1e-30)
-        fraction = np.clip((offset * chord).sum(axis=2) / square, 0.0, 1.0)
-        offsets = offset - fraction[..., None] * chord
-        nearest = np.minimum(nearest, np.hypot(offsets[..., 0], offsets[..., 1]).min(axis=1))
+        gaps = measure_from_lines(points[:, None], curve[None, :-1], curve[None, 1:])
+        nearest = np.minimum(nearest, gaps.min(axis=1))
     return nearest
 
 

@@ -12,10 +12,9 @@ import sys
 from collections.abc import Callable, Iterable, Sequence
 from time import perf_counter
 
-from bench.machine import machine
 from bench.read.judges import JUDGES, POSTS, Judge, write_samples
 from bench.read.productions import Form, judge_form, read_forms, refusing
-from bench.support.runner import Table
+from bench.support.runner import Table, machine
 from camgen.model.text import counted
 
 

@@ -36,11 +36,10 @@ from bench.read.goldens import (
     execute_whole,
     frames_of,
     read_robot,
-    to_lines,
 )  # fmt: skip
+from bench.support.motions import measure_from_lines
 from bench.support.runner import Cells, Scenario, run
 from camgen.model.pose import Pose, Vec3, fixed_xyz, translation
-from camgen.model.program import MoveC, MoveJ, MoveL, Output, Wait
 
 COLUMNS = "case | from | by way of | mm apart {:.4f} | s apart {:.3f} | "
 MILL_COLUMNS = (
@@ -113,17 +112,17 @@ def follow(case: Path, files: Sequence[Path], language: str, mills: bool) -> Way
             body, base = read_robot(file, language, frames_of(case, language))
         here: Vec3 | None = None
         for item in body:
-            if isinstance(item, Output):
+            if isinstance(item, camgen.Output):
                 way.outputs.append(item.value)
                 way.changes.extend([item.value] if item.value != on.get(item.signal, 0.0) else [])
                 on[item.signal] = item.value
-            elif isinstance(item, Wait):
+            elif isinstance(item, camgen.Wait):
                 way.waits.append(item.seconds)
-            elif isinstance(item, MoveJ | MoveL | MoveC):
+            elif isinstance(item, camgen.MoveJ | camgen.MoveL | camgen.MoveC):
                 there = item.target.origin if isinstance(item.target, Pose) else None
                 if mills and there and _is_rapid(item):
                     way.rapids.append((here or there, there))
-                elif here is not None and not isinstance(item, MoveJ):
+                elif here is not None and not isinstance(item, camgen.MoveJ):
                     places, length = along(here, item)
                     points.append(np.array(places))
                     seconds += length / item.speed
@@ -136,8 +135,8 @@ def follow(case: Path, files: Sequence[Path], language: str, mills: bool) -> Way
     return way._replace(points=moved, seconds=seconds)
 
 
-def _is_rapid(item: MoveJ | MoveL | MoveC) -> bool:
-    return isinstance(item, MoveJ) or math.isclose(item.speed, _TRAVEL, rel_tol=1e-4)
+def _is_rapid(item: camgen.MoveJ | camgen.MoveL | camgen.MoveC) -> bool:
+    return isinstance(item, camgen.MoveJ) or math.isclose(item.speed, _TRAVEL, rel_tol=1e-4)
 
 
 def post_again(
@@ -149,7 +148,7 @@ def post_again(
     tables: tables of the job: the cell between robots, the tools of a program of a mill.
     """
     is_robots = {source, target} <= POSTS.keys()
-    outputs = [item for item in execute(file, source).body if isinstance(item, Output)]
+    outputs = [item for item in execute(file, source).body if isinstance(item, camgen.Output)]
     names = list(dict.fromkeys(item.signal for item in outputs))
     job: dict[str, dict[str, object]] = {"tolerance": {"chord": CHORD}, "post": {}}
     if source in ARMS:
@@ -220,7 +219,9 @@ def rapids_apart(before: Way, after: Way) -> float:
     if not before.rapids:
         return 0.0
     starts, stops = np.array(after.rapids or [[(math.inf,) * 3] * 2]).transpose(1, 0, 2)
-    return float(max(to_lines(np.array(end), starts, stops).min() for _, end in before.rapids))
+    return float(
+        max(measure_from_lines(np.array(end), starts, stops).min() for _, end in before.rapids)
+    )
 
 
 def find_difference(before: Way, after: Way) -> str:
@@ -260,9 +261,4 @@ if __name__ == "__main__":
         robots += pairs(case, mills=False)
         others += pairs(case, mills=True)
     title = "By way of G-code, and G-code by way of the others:"
-    sys.exit(
-        run(
-            Scenario(COLUMNS, robots, judge),
-            Scenario(MILL_COLUMNS, others, judge, title),
-        )
-    )
+    sys.exit(run(Scenario(COLUMNS, robots, judge), Scenario(MILL_COLUMNS, others, judge, title)))

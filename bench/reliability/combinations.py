@@ -30,11 +30,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from bench.machine import machine
 from bench.reliability.commands import Ending, find_fault, map_cases, run_command
 from bench.reliability.drawn_jobs import POSTS, Case, draw_case, list_settings
 from bench.support.children import Limits, run_in_child
-from bench.support.runner import ROOT, Table
+from bench.support.runner import ROOT, Table, machine
 
 #: A build may take 60 s of the processor, 300 s by the clock and 8 GB.
 LIMITS = Limits(memory=8 * 1024**3, processor=60, clock=300.0)
@@ -56,16 +55,11 @@ class Run(NamedTuple):
 
 def run_case(case: Case) -> Run:
     """Builds a case in a process of its own, which has the state of a fresh program."""
-    words = [_absolute(word) for word in case.words]
+    words = [str(ROOT / word) if word.startswith("fixtures/") else word for word in case.words]
     with tempfile.TemporaryDirectory() as folder:
         child = run_in_child(lambda: [run_command(words, Path(folder))], LIMITS)
     ending = child.results[0] if child.results else Ending(None, child.signal, (), "", ())
     return Run(case, ending.code, find_miss(case, ending))
-
-
-def _absolute(word: str) -> str:
-    """A file of the fixtures by its full name, any other word as it is."""
-    return str(ROOT / word) if word.startswith("fixtures/") else word
 
 
 def find_miss(case: Case, ending: Ending) -> str:

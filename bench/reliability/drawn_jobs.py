@@ -163,8 +163,9 @@ def draw_case(seed: int, number: int) -> Case:
     post = chance.choice(POSTS)
     part = chance.choice(_INPUTS)
     by_table: dict[str, list[Setting]] = {}
+    has_rows = any(word.endswith("motor-plate/job.toml") for word in part)
     for setting in list_settings(post):
-        if setting.table not in ("tools", "operations") or _has_rows(part):
+        if setting.table not in ("tools", "operations") or has_rows:
             by_table.setdefault(setting.table, []).append(setting)
     words = ["build", *part, "--post", post]
     names = set()
@@ -180,11 +181,6 @@ def draw_case(seed: int, number: int) -> Case:
         names.add(setting.name)
         words += ["--set", f"{_with_row(setting, chance)}={_in_toml(draw_value(setting, chance))}"]
     return Case(number, post, tuple(words))
-
-
-def _has_rows(part: tuple[str, ...]) -> bool:
-    """The job file of the part has rows of tools and operations."""
-    return any(word.endswith("motor-plate/job.toml") for word in part)
 
 
 def _with_row(setting: Setting, chance: random.Random) -> str:

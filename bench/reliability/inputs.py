@@ -26,10 +26,9 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from bench.machine import machine
 from bench.reliability.commands import Ending, find_fault, map_cases, run_command
 from bench.support.children import Limits, run_in_child
-from bench.support.runner import PARTS, ROOT, Table
+from bench.support.runner import PARTS, ROOT, Table, machine
 
 #: A process has 8 GB of address space, a command 30 s; more than `MEMORY` MB in use is a miss.
 LIMITS, MEMORY = Limits(memory=8 * 1024**3, clock=30.0), 2 * 1024**3 / 1e6

@@ -103,7 +103,8 @@ def edits(text: str, language: Language) -> list[Mutation]:
         place = token.begin, token.end
         made += (single("changed", *place, new) for new in replacements(token, language))
         made.append(single("dropped", *place))
-        made.append(single("doubled", *place, _twice(token)))
+        blank = " " if token.kind in ("number", "word") else ""
+        made.append(single("doubled", *place, f"{token.text}{blank}{token.text}"))
         made += _swaps(text, found, k)
     made += _lines(text)
     return [change for change in dict.fromkeys(made) if change.apply(text) != text]
@@ -143,10 +144,6 @@ def _digits(text: str) -> Iterator[str]:
         yield f"{text[:k]}{(int(text[k]) + 1) % 10}{text[k + 1 :]}"
     if "." in text.strip("."):
         yield text.replace(".", "")
-
-
-def _twice(token: Token) -> str:
-    return token.text + (" " if token.kind in ("number", "word") else "") + token.text
 
 
 def _swaps(text: str, found: list[Token], k: int) -> Iterator[Mutation]:

@@ -9,10 +9,8 @@ from typing import NamedTuple
 
 from msgspec.structs import replace
 
-from camgen.model.errors import VerifyError
-from camgen.model.pose import Pose
+import camgen
 from camgen.model.program import Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program
-from camgen.post import Post
 from camgen.post.plugins import Readback, fill_tables, find_post, find_readback, make_post
 from camgen.post.verify import compare
 from fixtures.program_text import parse
@@ -39,7 +37,7 @@ class Source(NamedTuple):
 class Made(NamedTuple):
     """A program as posted. prepared: what it has to say. file, text: what is mutated. files: all of it, by name."""
 
-    post: Post
+    post: camgen.Post
     readback: Readback
     options: dict[str, object]
     prepared: Program
@@ -58,7 +56,7 @@ class Made(NamedTuple):
             compare(
                 self.prepared, reading, self.post.tolerance(), self.post.list_verified(), self.file
             )
-        except VerifyError:
+        except camgen.VerifyError:
             return True
         return False
 
@@ -167,7 +165,7 @@ def make(post: str, index: int) -> Made:
     return made
 
 
-def _take(source: Source, kind: type[Post]) -> Program:
+def _take(source: Source, kind: type[camgen.Post]) -> Program:
     """The program, cut to its size and closed, from the home of the post where that is a pose."""
     file = _FIXTURES / "cases" / source.name / "expected" / "plan.ir"
     if source.name.endswith(".ir"):
@@ -177,13 +175,11 @@ def _take(source: Source, kind: type[Post]) -> Program:
     program = parse(file.read_text(encoding="utf-8"))
     body: list[Instruction] = list(program.body[: source.size])
     home = kind.cell().home
-    if isinstance(home, Pose):
-        body = [replace(item, target=home) if _is_to_joints(item) else item for item in body]
+    if isinstance(home, camgen.Pose):
+        for number, item in enumerate(body):
+            if isinstance(item, MoveJ) and isinstance(item.target, Joints):
+                body[number] = replace(item, target=home)
     return program.with_body(_close(body))
-
-
-def _is_to_joints(item: Instruction) -> bool:
-    return isinstance(item, MoveJ) and isinstance(item.target, Joints)
 
 
 def _close(body: Sequence[Instruction]) -> tuple[Instruction, ...]:

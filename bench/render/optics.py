@@ -100,6 +100,18 @@ def looking(
     return rotation, ray * scale * lens.matrix[0, 0] - place
 
 
+def shoot_from_above(size: tuple[int, int], scale: float, **more: object) -> Shot:
+    """A photo from straight above, the origin in its middle.
+
+    scale: mm of a pixel.
+    more: further fields of the shot.
+    """
+    middle = complex(size[0] - 1, size[1] - 1) / 2
+    matrix = np.array([[9000.0, 0, middle.real], [0, 9000, middle.imag], [0, 0, 1]])
+    lens = Lens(matrix, (0,) * 5, size)
+    return Shot(lens, *looking(lens, 0j, middle, scale, 0, 0, 0), **more)
+
+
 def bent(lens: Lens, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Rays a, b (at distance 1) as the lens shows them: radial and tangential distortion (Brown). Complex ones too."""
     k1, k2, p1, p2, k3 = lens.distortion

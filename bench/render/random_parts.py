@@ -92,11 +92,8 @@ def _polygon(rows: np.ndarray) -> shapely.Geometry | None:
     # What an odd number of turns enclose: the tip beyond a slip belongs to the part as the rest of a spike does.
     mended = shapely.union_all([p for p in shapely.get_parts(shapely.make_valid(ring)) if p.area])
     whole = max(p.area for p in shapely.get_parts(mended)) if not mended.is_empty else 0.0
-    return (
-        mended
-        if whole > 1.0 and abs(mended.area - drawn) < _SLIP and mended.area - whole < _SLIP
-        else None
-    )
+    is_slip = whole > 1.0 and abs(mended.area - drawn) < _SLIP and mended.area - whole < _SLIP
+    return mended if is_slip else None
 
 
 def flat(rows: np.ndarray) -> np.ndarray:

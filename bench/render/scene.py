@@ -143,11 +143,9 @@ def written(file: Path, photo: np.ndarray, quality: int = 95) -> None:
     """The photo as PNG or JPEG, as the suffix says; the same bytes every time."""
     import cv2  # noqa: PLC0415 (only what encodes needs it)
 
-    options = (
-        [cv2.IMWRITE_JPEG_QUALITY, quality]
-        if file.suffix == ".jpg"
-        else [cv2.IMWRITE_PNG_COMPRESSION, 1]
-    )
+    options = [cv2.IMWRITE_PNG_COMPRESSION, 1]
+    if file.suffix == ".jpg":
+        options = [cv2.IMWRITE_JPEG_QUALITY, quality]
     done, data = cv2.imencode(file.suffix, photo, options)
     assert done, file
     file.write_bytes(data.tobytes())

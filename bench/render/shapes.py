@@ -7,8 +7,9 @@ run counter-clockwise, holes clockwise.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -54,6 +55,10 @@ class Pieces:
         number = np.arange(len(which)) - np.repeat(np.cumsum(counts) - counts, counts)
         return self.at(which, number / counts[which])[0]
 
+    def walk_evenly(self, step: float) -> np.ndarray:
+        """Points along the pieces, (N,) complex, at most `step` mm apart."""
+        return self.walk(np.ceil(self.length / step).astype(int).clip(1))
+
     def distance(self, places: np.ndarray) -> np.ndarray:
         """From each of the places (N,) to the nearest point of all pieces, mm."""
         least = np.full(len(places), np.inf)
@@ -79,6 +84,54 @@ def pieces(loops: Sequence[Loop]) -> Pieces:
     start = np.concatenate([loop.points for loop in loops])
     chord = np.concatenate([np.roll(loop.points, -1) - loop.points for loop in loops])
     return Pieces(start, chord, 4 * np.arctan(np.concatenate([loop.bulges for loop in loops])))
+
+
+class Contour(Protocol):
+    """A closed contour.
+
+    points: (N, 2) mm.
+    bulges: (N,), of the piece that leaves each point.
+    """
+
+    points: np.ndarray
+    bulges: np.ndarray
+
+
+def to_loops(contours: Iterable[Contour], shift: complex = 0j) -> tuple[Loop, ...]:
+    """Contours that were read, as loops, moved back by `shift`, mm."""
+    loops = []
+    for contour in contours:
+        loops.append(Loop(contour.points @ np.array([1, 1j]) - shift, np.asarray(contour.bulges)))
+    return tuple(loops)
+
+
+def find_turns(loops: Sequence[Loop]) -> tuple[np.ndarray, np.ndarray]:
+    """The turns of loops where a piece ends and the next one starts.
+
+    Returned are, for each start, the unit direction before it, (N,) complex, and the turn there,
+    (N,) rad, positive counter-clockwise.
+    """
+    directions, turns = [], []
+    for loop in loops:
+        whole, numbers = pieces([loop]), np.arange(len(loop.points))
+        _, after = whole.at(numbers, np.zeros(len(numbers)))
+        _, before = whole.at(np.roll(numbers, 1), np.ones(len(numbers)))
+        directions.append(before / np.abs(before))
+        turns.append(np.angle(after / before))
+    return np.concatenate(directions), np.concatenate(turns)
+
+
+def find_corners(loops: Sequence[Loop], least: float) -> np.ndarray:
+    """Places (N,) where two pieces meet with a turn of more than `least` rad, mm."""
+    return pieces(loops).start[np.abs(find_turns(loops)[1]) > least]
+
+
+def are_away(places: np.ndarray, corners: np.ndarray, room: float) -> np.ndarray:
+    """Which of the places (N,) are farther than `room` mm from all corners (M,)."""
+    are_far = np.ones(len(places), bool)
+    for corner in corners:
+        are_far &= np.abs(places - corner) > room
+    return are_far
 
 
 def flatten(loop: Loop, count: Callable[[Pieces], np.ndarray]) -> np.ndarray:

@@ -15,6 +15,8 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 
+from bench.render.shapes import Loop, Pieces, flatten
+
 DIAMETERS = (2.0, 3.0, 6.0)
 TOLERANCES = (0.01, 0.02, 0.05)
 FEEDS = (10.0, 40.0, 100.0)
@@ -107,14 +109,9 @@ def _fillet(rng: np.random.Generator, corners: np.ndarray, *, is_slot: bool = Fa
 
 def _points(rows: np.ndarray) -> np.ndarray:
     """(P, 2) points of a closed contour, mm. Points of arcs lie on the arcs."""
-    points = []
-    for (x, y, bulge), (u, v, _) in zip(rows, np.roll(rows, -1, axis=0), strict=True):
-        start, end = complex(x, y), complex(u, v)
-        if bulge == 0.0:
-            points.append(start)
-            continue
-        centre = (start + end) / 2 + 1j * (end - start) * (1 - bulge**2) / (4 * bulge)
-        sweep = 4 * math.atan(bulge)
-        count = max(8, math.ceil(abs(sweep) * abs(start - centre) / _STEP))
-        points += list(centre + (start - centre) * np.exp(1j * sweep * np.arange(count) / count))
-    return np.column_stack([np.real(points), np.imag(points)])
+
+    def count(whole: Pieces) -> np.ndarray:
+        return np.where(whole.sweep == 0, 1, np.maximum(np.ceil(whole.length / _STEP), 8))
+
+    points = flatten(Loop(rows[:, :2] @ [1, 1j], rows[:, 2]), count)
+    return np.column_stack([points.real, points.imag])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.render.shapes import Loop, Pieces, pieces
+from bench.render.shapes import Loop, Pieces, find_turns, pieces
 
 #: mm between the points of the truth, and how far a path may be off before it counts as another path altogether.
 SPACING, OTHER = 0.05, 1.0
@@ -50,17 +50,10 @@ def offset_truth(loops: Sequence[Loop], distance: float) -> Truth:
     """
     part = pieces(loops)
     kept = [_beside(part, k, distance) for k in range(len(part.start))]
-    kept += [
-        _around(part, *corner, distance)
-        for loop in _numbered(loops)
-        for corner in _corners(part, loop)
-    ]
+    directions, turns = find_turns(loops)
+    for k in np.flatnonzero(turns > 1e-6).tolist():
+        kept.append(_around(part, k, directions[k], turns[k], distance))
     return Truth(part, distance, *(np.concatenate(column) for column in zip(*kept, strict=True)))
-
-
-def _numbered(loops: Sequence[Loop]) -> list[np.ndarray]:
-    ends = np.cumsum([len(loop.points) for loop in loops]).tolist()
-    return [np.arange(end - len(loop.points), end) for end, loop in zip(ends, loops, strict=True)]
 
 
 def _beside(part: Pieces, k: int, distance: float) -> tuple[np.ndarray, ...]:
@@ -87,16 +80,6 @@ def _stands_for(length: float, t: np.ndarray) -> np.ndarray:
     share = np.full(len(t), length / (len(t) - 1))
     share[[0, -1]] /= 2
     return share
-
-
-def _corners(part: Pieces, loop: np.ndarray) -> list[tuple[int, complex, float]]:
-    """Outer corners that are sharp: the piece before, its direction there, and the turn to the next, rad."""
-    _, after = part.at(loop, np.zeros(len(loop)))
-    _, before = part.at(np.roll(loop, 1), np.ones(len(loop)))
-    turn = np.angle(after / before)
-    return [
-        (loop[i], before[i] / abs(before[i]), turn[i]) for i in np.flatnonzero(turn > 1e-6).tolist()
-    ]
 
 
 def _around(

@@ -15,10 +15,9 @@ from functools import partial
 import numpy as np
 import trimesh
 
-from bench.machine import machine
 from bench.robots.kinematics import drawn
 from bench.robots.plain_loop import Loop
-from bench.support.runner import Table, read_words
+from bench.support.runner import Table, machine, read_words
 from bench.support.timing import best_seconds, timed
 from camgen.collision.hits import hits
 from camgen.collision.mesh import Mesh, make_mesh

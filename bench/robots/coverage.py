@@ -23,14 +23,10 @@ import numpy as np
 import trimesh
 
 import camgen
-from bench.machine import machine
 from bench.robots.drawn_parts import write_parts
 from bench.robots.rfa import CELLS
-from bench.support.runner import SHARED, Table, verdict
+from bench.support.runner import SHARED, Cells, Scenario, run, verdict
 from bench.support.timing import timed
-from camgen.model.errors import InputError, NoSafeProgram
-from camgen.model.part import Part
-from camgen.pipeline import Result
 
 SEED = 43
 OTHERS = {
@@ -47,10 +43,15 @@ _LEAST, _MOST, _SCALED = 100.0, 400.0, 200.0
 PLACE = (1000.0, 0.0, 600.0)
 ROBOT = "IRB 2400"
 TRIMS = tuple(round(k * 100 / 9, 1) for k in range(10))
+COLUMNS = (
+    "part | convex edges | mm {:,.0f} | worked, mm {:,.0f} | of it {:.1f} % | edges worked "
+    "| pieces | s {:.1f}"
+)
+TRIM_COLUMNS = "part | " + " | ".join(f"{trim:g} {{:,.1f}}" for trim in TRIMS) + " | falls"
 TRIMMED = ("featuretype", "plate_holes", "block", "bracket", "hub")
 
 
-def list_parts(folder: Path, names: Sequence[str]) -> Iterator[tuple[str, Part]]:
+def list_parts(folder: Path, names: Sequence[str]) -> Iterator[tuple[str, camgen.Part]]:
     """The parts of these names, or all without names; parts that are missing are left out."""
     files = {name: SHARED / file for name, file in OTHERS.items()}
     files |= write_parts(folder, SEED)
@@ -59,7 +60,7 @@ def list_parts(folder: Path, names: Sequence[str]) -> Iterator[tuple[str, Part]]
             yield name, _read(file)
 
 
-def _read(file: Path) -> Part:
+def _read(file: Path) -> camgen.Part:
     part = camgen.read(file)
     longest = float(np.ptp(part.solid.vertices, axis=0).max())
     if _LEAST <= longest <= _MOST:
@@ -69,7 +70,7 @@ def _read(file: Path) -> Part:
     return camgen.part(scaled, file.stem)
 
 
-def make_job(part: Part, trim: float = 0.0) -> dict[str, dict[str, object]]:
+def make_job(part: camgen.Part, trim: float = 0.0) -> dict[str, dict[str, object]]:
     """The job of a part in its set-up."""
     low, high = part.solid.vertices.min(axis=0), part.solid.vertices.max(axis=0)
     middle = [(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]]
@@ -95,54 +96,42 @@ def make_job(part: Part, trim: float = 0.0) -> dict[str, dict[str, object]]:
     }
 
 
-def covered(result: Result | None) -> float:
+def covered(result: camgen.Result | None) -> float:
     """Length of the edges that are worked, mm."""
     return 0.0 if result is None else sum(result.tour.lengths)
 
 
-def _build(part: Part, trim: float = 0.0) -> Result | None:
+def _build(part: camgen.Part, trim: float = 0.0) -> camgen.Result | None:
     try:
         return camgen.build(part, post="rapid", job=make_job(part, trim))
-    except (NoSafeProgram, InputError):
+    except (camgen.NoSafeProgram, camgen.InputError):
         return None
 
 
-def cover(names: Sequence[str]) -> int:
-    """The table of all parts."""
-    table = Table(
-        "part | convex edges | mm {:,.0f} | worked, mm {:,.0f} | of it {:.1f} % | edges worked "
-        "| pieces | s {:.1f}"
-    )
+def cover(name: str, part: camgen.Part) -> Iterator[Cells]:
+    """The row of a part."""
+    edges = [edge for edge in part.solid.edges if edge.convex]
+    result, seconds = timed(partial(_build, part))
+    paths = () if result is None else result.tour.paths
+    worked = {path.contours[0] for path in paths}
+    length, done = sum(edge.length for edge in edges), covered(result)
+    counts = len(worked), len(paths), round(seconds, 1)
+    yield name, len(edges), length, done, 100 * done / length, *counts
+
+
+def cover_with_trims(name: str, part: camgen.Part) -> Iterator[Cells]:
+    """The row of a part: the covered length as more may be left out. It must not fall."""
+    lengths = [covered(_build(part, trim)) for trim in TRIMS]
+    yield name, *lengths, verdict(all(b >= a - 1e-6 for a, b in pairwise(lengths)))
+
+
+def main(words: Sequence[str]) -> int:
+    """Prints the table of all parts, or that of the trims."""
     with tempfile.TemporaryDirectory() as folder:
-        for name, part in list_parts(Path(folder), names):
-            edges = [edge for edge in part.solid.edges if edge.convex]
-            result, seconds = timed(partial(_build, part))
-            paths = () if result is None else result.tour.paths
-            worked = {path.contours[0] for path in paths}
-            length, done = sum(edge.length for edge in edges), covered(result)
-            share = 100 * done / length
-            table.add(
-                name, len(edges), length, done, share, len(worked), len(paths), round(seconds, 1)
-            )
-    return 0
-
-
-def trims(names: Sequence[str]) -> int:
-    """The covered length of five parts as more may be left out; it must not fall."""
-    table = Table("part | " + " | ".join(f"{trim:g} {{:,.1f}}" for trim in TRIMS) + " | falls")
-    with tempfile.TemporaryDirectory() as folder:
-        for name, part in list_parts(Path(folder), names or TRIMMED):
-            lengths = [covered(_build(part, trim)) for trim in TRIMS]
-            rises = all(b >= a - 1e-6 for a, b in pairwise(lengths))
-            table.add(name, *lengths, verdict(rises))
-    return int(table.missed > 0)
-
-
-def main(arguments: Sequence[str]) -> int:
-    print(machine())
-    if arguments[:1] == ["trim"]:
-        return trims(arguments[1:])
-    return cover(arguments)
+        if words[:1] == ["trim"]:
+            parts = list_parts(Path(folder), words[1:] or TRIMMED)
+            return run(Scenario(TRIM_COLUMNS, parts, cover_with_trims))
+        return run(Scenario(COLUMNS, list_parts(Path(folder), words), cover))
 
 
 if __name__ == "__main__":

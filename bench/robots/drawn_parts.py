@@ -7,6 +7,18 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from OCP.BRepAdaptor import BRepAdaptor_Curve
+from OCP.BRepAlgoAPI import BRepAlgoAPI_Cut, BRepAlgoAPI_Fuse
+from OCP.BRepFilletAPI import BRepFilletAPI_MakeFillet
+from OCP.BRepPrimAPI import BRepPrimAPI_MakeBox, BRepPrimAPI_MakeCylinder
+from OCP.gp import gp_Ax2, gp_Dir, gp_Pnt
+from OCP.Message import Message, Message_PrinterOStream
+from OCP.ShapeUpgrade import ShapeUpgrade_UnifySameDomain
+from OCP.STEPControl import STEPControl_AsIs, STEPControl_Writer
+from OCP.TopAbs import TopAbs_EDGE
+from OCP.TopExp import TopExp_Explorer
+from OCP.TopoDS import TopoDS
+
 #: Longest and shortest side of a part, mm.
 _LONGEST, _SHORTEST = 240.0, 60.0
 Shape = Any
@@ -14,9 +26,6 @@ Shape = Any
 
 def write_parts(folder: Path, seed: int) -> dict[str, Path]:
     """The STEP files of all six kinds, by their names."""
-    from OCP.Message import Message, Message_PrinterOStream  # noqa: PLC0415 (an extra)
-    from OCP.STEPControl import STEPControl_AsIs, STEPControl_Writer  # noqa: PLC0415
-
     Message.DefaultMessenger_s().RemovePrinters(Message_PrinterOStream.get_type_descriptor_s())
     files = {}
     for name, draw in KINDS.items():
@@ -28,30 +37,19 @@ def write_parts(folder: Path, seed: int) -> dict[str, Path]:
 
 
 def _box(*sides: float, at: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Shape:
-    from OCP.BRepPrimAPI import BRepPrimAPI_MakeBox  # noqa: PLC0415
-    from OCP.gp import gp_Pnt  # noqa: PLC0415
-
     return BRepPrimAPI_MakeBox(gp_Pnt(*at), *sides).Shape()
 
 
 def _cylinder(radius: float, height: float, at: tuple[float, float, float]) -> Shape:
-    from OCP.BRepPrimAPI import BRepPrimAPI_MakeCylinder  # noqa: PLC0415
-    from OCP.gp import gp_Ax2, gp_Dir, gp_Pnt  # noqa: PLC0415
-
     axes = gp_Ax2(gp_Pnt(*at), gp_Dir(0.0, 0.0, 1.0))
     return BRepPrimAPI_MakeCylinder(axes, radius, height).Shape()
 
 
 def _cut(shape: Shape, tool: Shape) -> Shape:
-    from OCP.BRepAlgoAPI import BRepAlgoAPI_Cut  # noqa: PLC0415
-
     return BRepAlgoAPI_Cut(shape, tool).Shape()
 
 
 def _join(shape: Shape, other: Shape) -> Shape:
-    from OCP.BRepAlgoAPI import BRepAlgoAPI_Fuse  # noqa: PLC0415
-    from OCP.ShapeUpgrade import ShapeUpgrade_UnifySameDomain  # noqa: PLC0415
-
     merged = ShapeUpgrade_UnifySameDomain(BRepAlgoAPI_Fuse(shape, other).Shape())
     merged.Build()
     return merged.Shape()
@@ -59,12 +57,6 @@ def _join(shape: Shape, other: Shape) -> Shape:
 
 def _round_uprights(shape: Shape, radius: float) -> Shape:
     """Fillets at the upright edges of a box."""
-    from OCP.BRepAdaptor import BRepAdaptor_Curve  # noqa: PLC0415
-    from OCP.BRepFilletAPI import BRepFilletAPI_MakeFillet  # noqa: PLC0415
-    from OCP.TopAbs import TopAbs_EDGE  # noqa: PLC0415
-    from OCP.TopExp import TopExp_Explorer  # noqa: PLC0415
-    from OCP.TopoDS import TopoDS  # noqa: PLC0415
-
     fillet = BRepFilletAPI_MakeFillet(shape)
     explorer = TopExp_Explorer(shape, TopAbs_EDGE)
     while explorer.More():

@@ -22,9 +22,7 @@ from bench.support.runner import PARTS, open_table
 from bench.support.timing import timed
 from camgen.check.passing import find_corners
 from camgen.check.time import cycle
-from camgen.model.program import MoveC, MoveJ, MoveL
 from camgen.model.text import short
-from camgen.pipeline import Result
 from camgen.read.files import Files
 from camgen.read.solid import mesh
 
@@ -36,7 +34,7 @@ BEFORE = {"process": {"travel": 100.0}, "cell": {"margin": 0.0}}
 
 def build(
     part: str, name: str, free: bool, more: Mapping[str, Mapping[str, float]]
-) -> tuple[Result, float]:
+) -> tuple[camgen.Result, float]:
     """The build with some settings more, and its seconds."""
     path = PARTS / f"{part}.stl"
     job = cell(mesh.read(Files().read(path)), name)
@@ -45,9 +43,9 @@ def build(
     return timed(lambda: camgen.build(path, post="rapid", job=own))
 
 
-def stopped(result: Result) -> float:
+def stopped(result: camgen.Result) -> float:
     """Seconds of the program with a stop at the end of every motion."""
-    moves = (MoveJ, MoveL, MoveC)
+    moves = (camgen.MoveJ, camgen.MoveL, camgen.MoveC)
     body = tuple(
         replace(one, blend=0.0) if isinstance(one, moves) else one for one in result.program.body
     )
@@ -56,7 +54,7 @@ def stopped(result: Result) -> float:
     ).total
 
 
-def between_rows(result: Result) -> str:
+def between_rows(result: camgen.Result) -> str:
     """How many rows of edges end in a stop before the next one, and of how many."""
     columns, corners = result.program.columns, find_corners(result.program)
     inner = corners[
@@ -65,7 +63,7 @@ def between_rows(result: Result) -> str:
     return f"{int((columns.blend[inner] == 0).sum())} of {len(inner)}"
 
 
-def least(result: Result) -> str:
+def least(result: camgen.Result) -> str:
     assert result.clear is not None
     return "2 or more" if result.clear.nearest is None else short(result.clear.clearance, 2)
 

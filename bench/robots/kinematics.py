@@ -11,8 +11,7 @@ from functools import partial
 
 import numpy as np
 
-from bench.machine import machine
-from bench.support.runner import Table, read_words
+from bench.support.runner import Table, machine, read_words
 from bench.support.timing import best_seconds
 from camgen.model.pose import FloatArray, Pose, quaternion
 from camgen.robots.catalogue import robots

@@ -26,24 +26,19 @@ from pathlib import Path
 import numpy as np
 
 import camgen
-from bench.support.motions import place_motion
+from bench.support.motions import place_motion, rotate
 from bench.support.runner import SHARED, find_files, open_table, read_words
 from camgen.collision.hits import hits
 from camgen.collision.scene import Scene
-from camgen.model.errors import CamgenError
-from camgen.model.job import Job
 from camgen.model.pose import FloatArray, Pose
-from camgen.model.program import MoveC, MoveJ, Program
 from camgen.motion.pose_paths import PosePath, divide
 from camgen.motion.setup import JUMP, MARGIN, Setup, dense_parts, flange_poses
-from camgen.pipeline import Result
 from camgen.plan.edges.poses import poses
 from camgen.read.solid import STEP, mesh_file
 from camgen.robots.kinematics.continuity import Choice, follow
 from camgen.robots.kinematics.forward import flange
 from camgen.robots.kinematics.inverse import inverse
 from camgen.robots.models import Robot
-from camgen.robots.workcell import Workcell
 
 SAMPLES = 400
 #: mm: a touch may be so deep: half a step of the check between standing and moving bodies, and what it adds.
@@ -79,19 +74,14 @@ def job(path: Path, arm: str) -> dict[str, dict[str, object]]:
 
 
 def turned(start: FloatArray, end: FloatArray, share: FloatArray) -> FloatArray:
-    """(S, 3, 3) at ``share`` of the shortest turn (Rodrigues)."""
+    """(S, 3, 3) at ``share`` of the shortest turn."""
     turn = end @ start.T
     axis = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / 2
     sine = float(np.linalg.norm(axis))
     if sine < 1e-12:
         return np.broadcast_to(start, (len(share), 3, 3))
-    x, y, z = axis / sine
-    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     angle = share * math.atan2(sine, (float(np.trace(turn)) - 1) / 2)
-    spin = (
-        np.eye(3) + np.sin(angle)[:, None, None] * k + (1 - np.cos(angle))[:, None, None] * (k @ k)
-    )
-    return np.asarray(spin @ start)
+    return np.asarray(rotate(axis / sine, angle) @ start)
 
 
 def joints_on(
@@ -128,13 +118,13 @@ def joints_on(
     return found
 
 
-def runs(program: Program, robot: Robot, samples: int) -> Iterator[tuple[int, FloatArray]]:
+def runs(program: camgen.Program, robot: Robot, samples: int) -> Iterator[tuple[int, FloatArray]]:
     """The index of every motion and the joints (S, J) along it."""
     share = np.arange(1, samples + 1) / samples
     base, tool = program.base_from_work, program.flange_from_tool
     joints = np.zeros(len(robot.joints))
     for index, item in enumerate(program.body):
-        if isinstance(item, MoveJ):
+        if isinstance(item, camgen.MoveJ):
             end = np.array(
                 item.joints.values if isinstance(item.target, Pose) else item.target.values
             )
@@ -146,9 +136,9 @@ def runs(program: Program, robot: Robot, samples: int) -> Iterator[tuple[int, Fl
             begin = base.rotation.T @ (
                 tip + back @ np.asarray(tool.origin) - np.asarray(base.origin)
             )
-            via = np.array(item.via.origin) if isinstance(item, MoveC) else None
+            via = np.array(item.via.origin) if isinstance(item, camgen.MoveC) else None
             rotation = turned(start, item.target.rotation, share)
-            if isinstance(item, MoveC):
+            if isinstance(item, camgen.MoveC):
                 half = [turned(start, item.via.rotation, 2 * share[share <= 0.5])]
                 half += [
                     turned(item.via.rotation, item.target.rotation, 2 * share[share > 0.5] - 1)
@@ -180,7 +170,7 @@ def depth(scene: Scene, joints: FloatArray) -> float:
     return math.inf if len(met) else found
 
 
-def touches(result: Result, samples: int) -> list[float]:
+def touches(result: camgen.Result, samples: int) -> list[float]:
     """The depth of the motions of a program that touch anything in a sample."""
     arm, where = result.cell.arm, result.where
     assert arm is not None
@@ -189,7 +179,7 @@ def touches(result: Result, samples: int) -> list[float]:
     return [one for one in depths if one >= 0]
 
 
-def unfounded(result: Result, job: Job, samples: int) -> tuple[int, int]:
+def unfounded(result: camgen.Result, job: camgen.Job, samples: int) -> tuple[int, int]:
     """How many edges are left out for a collision of the nominal tool, and of how many of them no sample shows one."""
     arm, where, cell = result.cell.arm, result.where, result.cell
     assert arm is not None
@@ -213,7 +203,9 @@ def unfounded(result: Result, job: Job, samples: int) -> tuple[int, int]:
     return len(lost), len(none)
 
 
-def joints_along(cell: Workcell, way: PosePath, start: FloatArray, samples: int) -> FloatArray:
+def joints_along(
+    cell: camgen.Workcell, way: PosePath, start: FloatArray, samples: int
+) -> FloatArray:
     """The joints on a way from ``start`` (J,), as in ``runs``."""
     assert cell.arm is not None
     share = np.arange(samples + 1) / samples
@@ -233,7 +225,7 @@ def row(path: Path, arm: str, samples: int) -> tuple[list[object], bool, bool]:
     begin = time.process_time()
     try:
         result = camgen.build(path, post="rapid", job=tables)
-    except CamgenError as error:
+    except camgen.CamgenError as error:
         seconds = time.process_time() - begin
         place = f" ({error.where})" if error.where else ""
         refusal = f"exit {error.exit_code}: {error.what}{place}"
@@ -255,7 +247,7 @@ def count_edges(path: Path) -> int:
     """The convex edges of the part in a file."""
     try:
         solid = camgen.read(path).solid
-    except CamgenError:
+    except camgen.CamgenError:
         return 0
     return sum(edge.convex for edge in solid.edges) if solid is not None else 0
 

@@ -34,26 +34,29 @@ import math
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 import camgen
-from bench.machine import machine
 from bench.robots.coverage import list_parts, make_job
 from bench.robots.plain_loop import Loop
 from bench.robots.rfa import loop
-from bench.support.runner import Table
-from camgen.model.errors import NoSafeProgram
+from bench.support.motions import place_motion
+from bench.support.runner import Cells, Scenario, run
 from camgen.model.job import ProcessTable
 from camgen.model.part import BoolArray, Edge, Part
 from camgen.model.pose import FloatArray, pose_from_values
-from camgen.pipeline import Result
 from camgen.robots.catalogue import robot
 from camgen.robots.kinematics.joint_limits import joints_of, within
 from camgen.robots.models import Robot
 
+COLUMNS = (
+    "part | stations judged | stretches over 5 mm | mm {:,.0f} | with the margin | mm {:,.0f} "
+    "| longest, mm {:.0f} | at the feed | mm {:,.0f} | with the margin, where | at the feed, where"
+)
 #: Distance of two stations, mm, and length of a stretch that is listed.
 STEP, LISTED = 2.0, 5.0
 #: Gaps that differ less count as equal, mm.
@@ -95,7 +98,7 @@ Chains = Iterator[tuple[float, float]]
 class Judge:
     """The judge of a part in its set-up."""
 
-    def __init__(self, result: Result) -> None:
+    def __init__(self, result: camgen.Result) -> None:
         job = result.job
         self.robot: Robot = robot(job.cell.robot)
         arm = self.robot.arm
@@ -236,20 +239,11 @@ def list_stations(edge: Edge, step: float = STEP) -> Iterator[Station]:
 
 def _bend(first: FloatArray, middle: FloatArray, last: FloatArray) -> FloatArray:
     """Points (2 HALF, 3) of the arc through three points, without the first."""
-    a, b = middle - first, last - first
-    normal = np.cross(a, b)
-    square = float(normal @ normal)
-    shares = np.linspace(0, 2, 2 * HALF + 1)[1:, None]
-    if square < (STRAIGHT_SHARE * float(b @ b)) ** 2:
-        return np.asarray(first + shares / 2 * b)
-    # The centre of the circle through three points.
-    toward = np.cross((a @ a) * b - (b @ b) * a, normal) / (2 * square)
-    radial = -toward
-    size = float(np.linalg.norm(radial))
-    x, y = radial / size, np.cross(normal, radial) / (math.sqrt(square) * size)
-    turn = float(np.arctan2((b - toward) @ y, (b - toward) @ x)) % math.tau
-    angle = shares / 2 * turn
-    return np.asarray(first + toward + size * (np.cos(angle) * x + np.sin(angle) * y))
+    chord = last - first
+    normal = np.cross(middle - first, chord)
+    is_straight = normal @ normal < max(1e-12, (STRAIGHT_SHARE * float(chord @ chord)) ** 2)
+    shares = np.linspace(0, 1, 2 * HALF + 1)[1:]
+    return place_motion(first, None if is_straight else middle, last, shares)
 
 
 def is_nearest(rim: FloatArray, station: Station, offset: float) -> bool:
@@ -258,7 +252,7 @@ def is_nearest(rim: FloatArray, station: Station, offset: float) -> bool:
     return bool(np.linalg.norm(rim - tip, axis=1).min() >= offset - NEARER_MM)
 
 
-def worked(result: Result) -> dict[str, list[tuple[float, float]]]:
+def worked(result: camgen.Result) -> dict[str, list[tuple[float, float]]]:
     """The lengths between which each edge is worked."""
     edges = {edge.id: edge.length for edge in result.part.solid.edges}
     stretches: dict[str, list[tuple[float, float]]] = {}
@@ -287,7 +281,7 @@ class Missed(NamedTuple):
     chains: list[Stretch]
 
 
-def find_missed(part: Part, result: Result) -> tuple[int, Missed]:
+def find_missed(part: Part, result: camgen.Result) -> tuple[int, Missed]:
     """The number of stations that were judged, and the stretches that are not worked."""
     reach_judge, done = Judge(result), worked(result)
     count, missed = 0, Missed([], [], [])
@@ -323,28 +317,15 @@ def _find_stretches(name: str, places: Sequence[float]) -> Iterator[Stretch]:
             yield name, float(group[0]), long
 
 
-def main(parts: Sequence[str], feed: float) -> int:
-    print(machine(), f"{feed:g} mm/s")
-    table = Table(
-        "part | stations judged | stretches over 5 mm | mm {:,.0f} | with the margin | mm {:,.0f} "
-        "| longest, mm {:.0f} | at the feed | mm {:,.0f} | with the margin, where "
-        "| at the feed, where"
-    )
-    with tempfile.TemporaryDirectory() as folder:
-        for name, part in list_parts(Path(folder), parts):
-            job = make_job(part) | {"process": {"feed": feed}}
-            try:
-                result = camgen.build(part, post="rapid", job=job)
-            except NoSafeProgram as error:
-                table.add(name, str(error))
-                continue
-            count, missed = find_missed(part, result)
-            longest = max((length for *_, length in missed.roomy), default=0.0)
-            groups = missed.free, missed.roomy, missed.chains
-            free, roomy, chains = ((len(group), _measure(group)) for group in groups)
-            where = _name(missed.roomy), _name(missed.chains)
-            table.add(name, count, *free, *roomy, longest, *chains, *where)
-    return 0
+def judge(name: str, part: camgen.Part, feed: float) -> Iterator[Cells]:
+    """The row of a part."""
+    result = camgen.build(part, post="rapid", job=make_job(part) | {"process": {"feed": feed}})
+    count, missed = find_missed(part, result)
+    longest = max((length for *_, length in missed.roomy), default=0.0)
+    groups = missed.free, missed.roomy, missed.chains
+    free, roomy, chains = ((len(group), _measure(group)) for group in groups)
+    where = _name(missed.roomy), _name(missed.chains)
+    yield name, count, *free, *roomy, longest, *chains, *where
 
 
 def _measure(group: Sequence[Stretch]) -> float:
@@ -361,4 +342,7 @@ if __name__ == "__main__":
     parser.add_argument("parts", nargs="*")
     parser.add_argument("--feed", type=float, default=ProcessTable().feed)
     given = parser.parse_args()
-    sys.exit(main(given.parts, given.feed))
+    with tempfile.TemporaryDirectory() as folder:
+        parts = list_parts(Path(folder), given.parts)
+        scenario = Scenario(COLUMNS, parts, partial(judge, feed=given.feed), may_refuse=True)
+        sys.exit(run(scenario, note=f" {given.feed:g} mm/s"))

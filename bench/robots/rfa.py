@@ -21,16 +21,12 @@ from pathlib import Path
 import numpy as np
 
 import camgen
-from bench.machine import machine
 from bench.robots.plain_loop import Loop
-from bench.support.runner import PARTS, Table
+from bench.support.runner import PARTS, Table, machine
 from bench.support.timing import Process, measure_process, median_seconds, python, timed
 from camgen.check.reach import check_reach
-from camgen.model.errors import NoSafeProgram
-from camgen.model.part import Solid
 from camgen.model.pose import Pose, pose_from_values, rotation_about
-from camgen.model.program import Program
-from camgen.pipeline import Result
+from camgen.model.toml import toml
 from camgen.post.plugins import find_readback
 from camgen.preview.view import view
 from camgen.read.files import Files
@@ -52,7 +48,7 @@ CELLS = {
 FREE = {"axis_tilt": 15.0, "symmetric": True}
 
 
-def cell(part: Solid, name: str) -> dict[str, dict[str, object]]:
+def cell(part: camgen.Solid, name: str) -> dict[str, dict[str, object]]:
     """The job."""
     x, z, yaw, lean, shaft, high, wide = CELLS[name]
     low, top, raised = part.vertices.min(axis=0), part.vertices.max(axis=0), RAISED[part.name]
@@ -82,7 +78,7 @@ def box(low: list[float], high: list[float], frame: Pose) -> Box:
     return Box(Pose(frame.rotation, tuple(frame.apply((a + b) / 2))), tuple(((b - a) / 2).tolist()))
 
 
-def loop(result: Result, solid: Solid) -> Loop:
+def loop(result: camgen.Result, solid: camgen.Solid) -> Loop:
     """The cell again, straight from the job: what stands, the holder, and the shaft from its tip to the holder."""
     job, of = result.job, robot(result.job.cell.robot)
     base_from_work = pose_from_values(job.cell.base_from_work)
@@ -118,13 +114,13 @@ def loop(result: Result, solid: Solid) -> Loop:
     return Loop(of, solid, base_from_work, standing, tool, contact, allowed)
 
 
-def differ(result: Result, solid: Solid) -> tuple[int, int]:
+def differ(result: camgen.Result, solid: camgen.Solid) -> tuple[int, int]:
     """How many rows of the program, as its text says it, the plain loop finds to collide; and of how many."""
     reading = find_readback("rapid")(
         {file.name: file.text for file in result.files}, result.job.post
     )
     cell_ = result.cell
-    program = Program("read", cell_.base_from_work, cell_.flange_from_tool, reading.body)
+    program = camgen.Program("read", cell_.base_from_work, cell_.flange_from_tool, reading.body)
     joints = check_reach(program, robot(result.job.cell.robot), "read").joints
     judge = loop(result, solid)
     return sum(judge.first(row) is not None for row in joints), len(joints)
@@ -134,7 +130,7 @@ def whole(path: Path, job: dict[str, dict[str, object]]) -> Process:
     """A build as a process of its own."""
     words = ["--post", "rapid", "-q", "-o", path.with_suffix(".mod")]
     for table, keys in job.items():
-        words += [f"--set={table}.{key}={_toml(value)}" for key, value in keys.items()]
+        words += [f"--set={table}.{key}={toml(value)}" for key, value in keys.items()]
     return measure_process(python("camgen", "build", path, *words))
 
 
@@ -144,11 +140,7 @@ def alone(runs: int) -> float:
     return median_seconds(lambda: measure_process([sys.executable, "-c", read]), runs)
 
 
-def _toml(value: object) -> str:
-    return str(value).lower() if isinstance(value, bool) else repr(value).replace("'", '"')
-
-
-def count_whole(result: Result) -> int:
+def count_whole(result: camgen.Result) -> int:
     """The number of edges that are run whole."""
     return sum(path.id in path.contours for path in result.tour.paths)
 
@@ -201,7 +193,7 @@ def main(arguments: list[str]) -> int:
     return 1 if bad else 0
 
 
-def row(table: Table, path: Path, solid: Solid, name: str, runs: int) -> int:
+def row(table: Table, path: Path, solid: camgen.Solid, name: str, runs: int) -> int:
     """The rows of a part and a robot; 1 if the plain loop finds a hit or nothing is built."""
     # Links as fast as the joints allow, as in the paper.
     job = {**cell(solid, name), "process": {"travel": 5000.0}}
@@ -211,7 +203,7 @@ def row(table: Table, path: Path, solid: Solid, name: str, runs: int) -> int:
         tables = {**job, "tool": {**job["tool"], **free}}
         try:
             result, seconds = timed(partial(camgen.build, path, post="rapid", job=tables))
-        except NoSafeProgram as error:
+        except camgen.NoSafeProgram as error:
             table.add(solid.name, name, str(error))
             return 1
         built.append(seconds)

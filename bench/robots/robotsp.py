@@ -28,12 +28,15 @@ import ezdxf
 import numpy as np
 
 import camgen
-from bench.support.runner import open_table
+from bench.support.runner import Cells, Missed, Scenario, run
 from camgen.model.pose import FloatArray, fixed_xyz, frozen, pose_from_values
-from camgen.pipeline import Result
 from camgen.robots.catalogue import robot
 from camgen.robots.kinematics.forward import flange
 
+COLUMNS = (
+    "holes | program | not reached | cost {:.1f} | execution, s {:.1f} | seconds {:.1f} "
+    "| of the processor {:.1f} | RoboTSP: cost | GLKH: cost | execution, s | CPU s"
+)
 POSTS = ("rapid", "pacscript")
 HOME = [0.0, -20.0, 130.0, 0.0, 70.0, 0.0]
 SPEEDS, GAINS = np.array([1, 0.7, 0.7, 1, 0.7, 1.57]), np.array([5, 4.25, 4.25, 5.25, 6, 8.0])
@@ -141,7 +144,7 @@ def made_holes() -> FloatArray:
     return np.column_stack([np.full(12, 570.0), y.ravel(), z.ravel()])
 
 
-def joints_of(result: Result) -> FloatArray:
+def joints_of(result: camgen.Result) -> FloatArray:
     """The joint values (M, 6) where the motions end."""
     moves = result.program.columns.moves
     return np.array([(move.joints or move.target).values for move in moves])
@@ -164,17 +167,18 @@ def find_missed(joints: FloatArray, holes: FloatArray) -> int:
     return int((apart.min(axis=1, initial=math.inf) > 0.01).sum())
 
 
-def rows(holes: FloatArray, jig: list[str], folder: Path) -> Iterator[tuple[list[object], bool]]:
-    """The cells of a size for each post, and whether all is as it must be."""
+def judge(holes: FloatArray, jig: list[str], published: list[str], folder: Path) -> Iterator[Cells]:
+    """A row for each post."""
     drawing = draw(holes, folder)
     for post in POSTS:
         begin, used = time.perf_counter(), time.process_time()
         result = camgen.build(drawing, post=post, job=job(jig))
         seconds, used = time.perf_counter() - begin, time.process_time() - used
         joints = joints_of(result)
-        missed = find_missed(joints, holes)
-        cells = [len(holes), post, missed, *measure(joints), seconds, used]
-        yield cells, missed == 0 and result.deviation.max_mm < 0.01
+        missed = str(find_missed(joints, holes))
+        is_right = missed == "0" and result.deviation.max_mm < 0.01
+        figures = *measure(joints), seconds, used, *published
+        yield len(holes), post, missed if is_right else Missed(missed), *figures
 
 
 def columns_of(data: dict[str, object], size: int) -> list[str]:
@@ -201,21 +205,6 @@ def columns_of(data: dict[str, object], size: int) -> list[str]:
     ]
 
 
-def main(arguments: list[str]) -> int:
-    table = open_table(
-        "holes | program | not reached | cost {:.1f} | execution, s {:.1f} | seconds {:.1f} "
-        "| of the processor {:.1f} | RoboTSP: cost | GLKH: cost | execution, s | CPU s"
-    )
-    good = True
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        for holes, jig, published in list_tasks(arguments, folder):
-            for cells, is_right in rows(holes, jig, folder):
-                table.add(*cells, *published)
-                good &= is_right
-    return 0 if good else 1
-
-
 def list_tasks(
     arguments: list[str], folder: Path
 ) -> Iterator[tuple[FloatArray, list[str], list[str]]]:
@@ -236,4 +225,6 @@ def list_tasks(
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    with tempfile.TemporaryDirectory() as folder:
+        tasks = ((*task, Path(folder)) for task in list_tasks(sys.argv[1:], Path(folder)))
+        sys.exit(run(Scenario(COLUMNS, tasks, judge)))

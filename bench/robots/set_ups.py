@@ -15,29 +15,30 @@ from __future__ import annotations
 
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from bench.machine import machine
+import camgen
 from bench.robots.coverage import list_parts, make_job
-from bench.support.runner import Table, verdict
+from bench.support.runner import Cells, Scenario, run, verdict
 from bench.support.timing import timed
-from camgen.model.job import Job
-from camgen.model.part import Part
 from camgen.pipeline import poster_of
 from camgen.pipeline.inputs import read_inputs
 from camgen.pipeline.place import Request, Search, list_spots, make_case, reach_joints, search_place
 from camgen.read.files import Files
 from camgen.read.job_file import from_mapping
-from camgen.robots.workcell import Workcell
 
 POST = "rapid"
+COLUMNS = (
+    "part | convex edges | mm {:,.0f} | as the job has it | mm {:,.0f} | best one | mm {:,.0f} "
+    "| two | mm {:,.0f} | in reach | left of it | by two | goal | s {:.0f}"
+)
 
 
-def read_case(part: Part) -> tuple[Part, Job, Workcell]:
+def read_case(part: camgen.Part) -> tuple[camgen.Part, camgen.Job, camgen.Workcell]:
     """The part, its job and its cell."""
     files = Files()
     job = from_mapping(make_job(part), files)
@@ -45,12 +46,12 @@ def read_case(part: Part) -> tuple[Part, Job, Workcell]:
     return read.part, job, read.cell
 
 
-def search(part: Part) -> Search:
+def search(part: camgen.Part) -> Search:
     """The search of ``camgen place`` for a part."""
     return search_place(*read_case(part), Request(part, POST))
 
 
-def find_in_reach(part: Part) -> tuple[set[str], int]:
+def find_in_reach(part: camgen.Part) -> tuple[set[str], int]:
     """The edges that the joints reach at every sample from one place of the grid.
 
     The number is the most of them that two places of the grid reach together.
@@ -71,30 +72,21 @@ def find_in_reach(part: Part) -> tuple[set[str], int]:
     return set(names[is_reached.any(axis=0)].tolist()), round(float(together.max()))
 
 
-def main(names: Sequence[str]) -> int:
-    """The table of all parts."""
-    print(machine())
-    table = Table(
-        "part | convex edges | mm {:,.0f} | as the job has it | mm {:,.0f} | best one | mm {:,.0f} "
-        "| two | mm {:,.0f} | in reach | left of it | by two | goal | s {:.0f}"
-    )
-    with tempfile.TemporaryDirectory() as folder:
-        for name, part in list_parts(Path(folder), names):
-            edges = [edge for edge in part.solid.edges if edge.convex]
-            result, seconds = timed(partial(search, part))
-            chosen = [[result.as_given], [result.best[0]], result.set_ups]
-            cells: list[object] = []
-            for trials in chosen:
-                worked = result.measure_worked(trials)
-                cells += [len(worked), sum(worked.values())]
-            in_reach, by_two = find_in_reach(part)
-            left = in_reach - result.measure_worked(result.set_ups).keys()
-            length = sum(edge.length for edge in edges)
-            is_met = len(in_reach) - len(left) >= by_two
-            cells += [len(in_reach), len(left), by_two, verdict(is_met), seconds]
-            table.add(name, len(edges), length, *cells)
-    return int(table.missed > 0)
+def measure(name: str, part: camgen.Part) -> Iterator[Cells]:
+    """The row of a part."""
+    edges = [edge for edge in part.solid.edges if edge.convex]
+    result, seconds = timed(partial(search, part))
+    cells: list[object] = [len(edges), sum(edge.length for edge in edges)]
+    for trials in ([result.as_given], [result.best[0]], result.set_ups):
+        worked = result.measure_worked(trials)
+        cells += [len(worked), sum(worked.values())]
+    in_reach, by_two = find_in_reach(part)
+    left = in_reach - result.measure_worked(result.set_ups).keys()
+    is_met = len(in_reach) - len(left) >= by_two
+    yield name, *cells, len(in_reach), len(left), by_two, verdict(is_met), seconds
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    with tempfile.TemporaryDirectory() as folder:
+        parts = list_parts(Path(folder), sys.argv[1:])
+        sys.exit(run(Scenario(COLUMNS, parts, measure)))

@@ -41,13 +41,11 @@ import numpy as np
 import trimesh
 
 import camgen
-from bench.machine import machine
 from bench.robots.parts import runs
 from bench.robots.rfa import whole
-from bench.support.runner import Missed, Table
+from bench.support.motions import rotate
+from bench.support.runner import Cells, Missed, Scenario, run
 from bench.support.timing import timed
-from camgen.model.errors import CamgenError
-from camgen.pipeline import Result
 from camgen.robots.catalogue import robot
 
 DATA_SET = "Daniella1/urdf_files_dataset", "81f4cdac42c3a51ba88833180db5bf3697988c87"
@@ -78,6 +76,10 @@ ARMS = {
     "TX2-90": Source(*DATA_SET, f"{_MADE}/staubli/staubli_tx2_90_support/urdf/tx2_90xl.urdf"),
     "UR16e": Source(*DATA_SET, f"{_MADE}/universal_robots/ur_description/urdf/ur16e.urdf"),
 }
+COLUMNS = (
+    "arm | edges {} of {}, {} of them in pieces | build, s {:.1f} | process, s {:.2f} "
+    "| not tested by the notes | rows {:,} | questions {:,} | hits"
+)
 #: Shares of the arm's length from its shoulder to its flange, and of the height of its shoulder.
 AHEAD, UP = 0.5, 0.5
 #: mm: width and height of the holder, length of the shaft from there to the tip; deg: its lean.
@@ -139,11 +141,9 @@ Matrix = np.ndarray
 
 
 def _turned(axis: Matrix, angle: float) -> Matrix:
-    """Rodrigues' formula, 4 x 4."""
-    x, y, z = axis / np.linalg.norm(axis)
-    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    """The rotation about an axis, 4 x 4."""
     matrix = np.eye(4)
-    matrix[:3, :3] += math.sin(angle) * k + (1 - math.cos(angle)) * (k @ k)
+    matrix[:3, :3] = rotate(axis / np.linalg.norm(axis), angle)
     return matrix
 
 
@@ -238,7 +238,7 @@ class Judge:
                 shape = _mesh(self.library, corners, mesh.faces)
                 yield Body(link.get("name"), frame, shape, placed @ _origin(visual))
 
-    def stand(self, result: Result, solid: trimesh.Trimesh) -> None:
+    def stand(self, result: camgen.Result, solid: trimesh.Trimesh) -> None:
         """Adds tool, holder, block and part of a job."""
         count, flange = self.flange
         holder, (x, y, z) = (HOLDER, HOLDER, HIGH), result.job.cell.flange_from_tool[:3]
@@ -298,41 +298,34 @@ class Judge:
 _NOT_TESTED = re.compile("not tested|do not meet|no boxes")
 
 
-def untested(result: Result) -> list[str]:
+def untested(result: camgen.Result) -> list[str]:
     """The notes on pairs and links that are not tested."""
     notes = [f"{note.what} {note.why}" for note in result.notes]
     return list(filter(_NOT_TESTED.search, notes))
 
 
-def main(arguments: list[str]) -> int:
-    folder, names = Path(arguments[0]), arguments[1:] or list(ARMS)
-    print(f"{machine()}\n")
-    table = Table(
-        "arm | edges {} of {}, {} of them in pieces | build, s {:.1f} | process, s {:.2f} "
-        "| not tested by the notes | rows {:,} | questions {:,} | hits"
-    )
+def main(words: list[str]) -> int:
+    """Prints the table of all arms, or of those that are named."""
     solid = bracket()
     with tempfile.TemporaryDirectory() as scratch:
         part = Path(scratch) / "bracket.stl"
         part.write_bytes(solid.export(file_type="stl"))
-        for name in names:
-            row(table, name, ARMS[name], folder, part, solid)
-    return 1 if table.missed else 0
+        inputs = [(name, Path(words[0]), part, solid) for name in words[1:] or ARMS]
+        return run(Scenario(COLUMNS, inputs, judge))
 
 
-def row(
-    table: Table, name: str, source: Source, folder: Path, part: Path, solid: trimesh.Trimesh
-) -> None:
+def judge(name: str, folder: Path, part: Path, solid: trimesh.Trimesh) -> Iterator[Cells]:
     """The row of an arm."""
+    source = ARMS[name]
     file = source.path(folder)
     if not file.is_file():
         missing = f"missing: {source.repository} at {source.commit[:7]}, {source.file}"
-        table.add(name, None, None, None, missing)
+        yield name, None, None, None, missing
         return
     try:
         result, seconds = timed(lambda: camgen.build(part, post="rapid", job=job(file)))
-    except CamgenError as error:
-        table.add(name, (0, 13, 0), None, None, Missed(str(error)))
+    except camgen.CamgenError as error:
+        yield name, (0, 13, 0), None, None, Missed(str(error))
         return
     processor = min(whole(part, job(file)).processor for _ in range(RUNS))
     paths = result.tour.paths
@@ -347,16 +340,8 @@ def row(
     text = ", ".join(f"{a} against {b}: {count}" for (a, b), count in counts.items())
     count = sum(len(joints) for joints in rows)
     hits = Missed(text) if counts else "0"
-    table.add(
-        name,
-        (len(done), len(listed), len(pieces)),
-        seconds,
-        processor,
-        "; ".join(untested(result)),
-        count,
-        questions,
-        hits,
-    )
+    edges = len(done), len(listed), len(pieces)
+    yield name, edges, seconds, processor, "; ".join(untested(result)), count, questions, hits
 
 
 def result_tip(file: Path) -> str:

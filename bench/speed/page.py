@@ -25,8 +25,6 @@ from playwright.sync_api import Browser, CDPSession, Page, sync_playwright
 import camgen
 from bench.support.runner import PARTS, SHARED, open_table, read_words
 from bench.support.timing import timed
-from camgen.model.errors import CamgenError
-from camgen.pipeline import Result
 from camgen.preview.page import page
 from camgen.preview.view import view
 
@@ -79,7 +77,7 @@ SCRIPT = """() => {
 }"""
 
 
-def ordinary() -> list[Result]:
+def ordinary() -> list[camgen.Result]:
     """A drawing, a picture, and a 3-D part with an arm."""
     picture = {"operation": {"kind": "follow"}, "image": {"mm_per_px": 0.1}}
     return [
@@ -89,12 +87,12 @@ def ordinary() -> list[Result]:
     ]
 
 
-def largest(folder: Path) -> Result:
+def largest(folder: Path) -> camgen.Result:
     found = None
     for path in sorted(folder.rglob("*.dxf")):
         try:
             result = camgen.build(path, post="gcode", job=JOB)
-        except CamgenError:
+        except camgen.CamgenError:
             continue
         if found is None or len(view(result).track.time) > len(view(found).track.time):
             found = result
@@ -103,7 +101,7 @@ def largest(folder: Path) -> Result:
     return found
 
 
-def by_hand(count: int, each: int = 500) -> Result:
+def by_hand(count: int, each: int = 500) -> camgen.Result:
     """Closed wavy rings of ``each`` lines, ``count`` lines in all."""
     turn = np.linspace(0, 2 * np.pi, each, endpoint=False)
     radius = 20 + 3 * np.sin(7 * turn) + np.random.default_rng(1).normal(0, 0.1, each)
@@ -148,7 +146,7 @@ def opening(browser: Browser, file: Path) -> tuple[Page, float, float, float]:
 
 
 def measured(
-    browser: Browser, result: Result, folder: Path, turning: float, openings: int
+    browser: Browser, result: camgen.Result, folder: Path, turning: float, openings: int
 ) -> tuple[object, ...]:
     """The cells of a part."""
     text, made = timed(lambda: page(view(result)))

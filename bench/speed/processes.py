@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from bench.support.runner import PARTS, Table, open_table
-from bench.support.timing import Process, measure_process, python
+from bench.support.timing import Process, measure_in_turns, measure_process, python
 
 POSTS = ("gcode", "rapid")
 PITCH = (36.0, 24.0)
@@ -135,15 +135,6 @@ def bench(table: Table, folder: Path, name: str, case: Case, repeat: Repeat) -> 
         if goal and case.goal:
             goal = f"{case.goal} s"
         row(table, f"{name}: {process}", runs, goal)
-
-
-def measure_in_turns(commands: dict[str, list[str]], runs: int) -> dict[str, list[Process]]:
-    """The runs of each command, one of each after the other."""
-    values: dict[str, list[Process]] = {name: [] for name in commands}
-    for _ in range(runs):
-        for name, command in commands.items():
-            values[name].append(measure_process(command))
-    return values
 
 
 def bench_solid(table: Table, folder: Path, name: str, repeat: Repeat) -> None:

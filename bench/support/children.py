@@ -6,13 +6,28 @@ import os
 import resource
 import signal
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
-from multiprocessing import Pipe
+from multiprocessing import Pipe, get_context
 from multiprocessing.connection import Connection
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NamedTuple, NoReturn, TypeVar
 
 from bench.support.timing import UNITS_PER_MB
+
+Input, Result = TypeVar("Input"), TypeVar("Result")
+
+
+def map_inputs(
+    work: Callable[[Input], Result], inputs: Sequence[Input], processes: int
+) -> list[Result]:
+    """The results of inputs in their order. One process is this one."""
+    if processes == 1:
+        return [work(each) for each in inputs]
+    with ProcessPoolExecutor(processes, get_context("spawn")) as pool:
+        return list(
+            pool.map(work, inputs, chunksize=max(1, min(8, len(inputs) // (2 * processes))))
+        )
 
 
 class Limits(NamedTuple):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -65,3 +66,63 @@ def sample_plane(start: Array, via: Array | None, end: Array, step: float) -> Ar
     level = np.array([1.0, 1.0, 0.0])
     middle = None if via is None else via * level
     return sample_motion(start * level, middle, end * level, step)[:, :2] @ [1, 1j]
+
+
+def measure_from_lines(points: Array, start: Array, end: Array) -> Array:
+    """Distances of points from lines, mm. All arrays are (..., D) and are broadcast."""
+    step = end - start
+    square = (step**2).sum(axis=-1)
+    share = ((points - start) * step).sum(axis=-1) / np.where(square > 0, square, 1.0)
+    nearest = start + np.clip(share, 0.0, 1.0)[..., None] * step
+    return np.asarray(np.linalg.norm(nearest - points, axis=-1))
+
+
+def rotate(axis: Array, angle: float | Array) -> Array:
+    """Rotations about a unit axis (3,) by Rodrigues' formula, (..., 3, 3). angle: rad, (...)."""
+    x, y, z = axis
+    skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    turn = np.asarray(angle)[..., None, None]
+    return np.asarray(np.eye(3) + np.sin(turn) * skew + (1 - np.cos(turn)) * (skew @ skew))
+
+
+class LevelArc(NamedTuple):
+    """An arc or a helix about an upright axis.
+
+    start, end: (3,) mm. The same place from above is a whole turn.
+    centre: (2,) mm.
+    is_left: whether it runs counter-clockwise, seen from above.
+    turns: number of its turns, the last one as far as `end`.
+    """
+
+    start: Array
+    end: Array
+    centre: Array
+    is_left: bool
+    turns: int = 1
+
+    @property
+    def angle(self) -> float:
+        """The angle through which it runs, rad."""
+        if math.dist(self.start[:2], self.end[:2]) < 1e-6:
+            return math.tau * self.turns
+        first, last = (
+            math.atan2(*(place[:2] - self.centre)[::-1]) for place in (self.start, self.end)
+        )
+        sense = 1 if self.is_left else -1
+        return sense * (last - first) % math.tau + math.tau * (self.turns - 1)
+
+    def place(self, share: Array) -> Array:
+        """The places at shares (S,) of it, (S, 3) mm."""
+        x, y = self.start[:2] - self.centre
+        turn = share * (self.angle if self.is_left else -self.angle)
+        cos, sin = np.cos(turn), np.sin(turn)
+        level = self.centre + np.column_stack([cos * x - sin * y, sin * x + cos * y])
+        return np.column_stack([level, self.start[2] + share * (self.end[2] - self.start[2])])
+
+    def sample(self, sagitta: float) -> Array:
+        """Points on it, both ends included, (N, 3) mm. Chords leave it by at most `sagitta`, mm."""
+        radius = max(math.dist(self.start[:2], self.centre), sagitta)
+        step = 2 * math.acos(max(1 - sagitta / radius, 0.0))
+        points = self.place(np.linspace(0.0, 1.0, max(math.ceil(self.angle / step), 1) + 1))
+        points[-1] = self.end
+        return points

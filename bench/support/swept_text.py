@@ -1,103 +1,39 @@
 """A judge of milling programs by their G-code text alone: time, cleared area, rapid motions.
 
-It shares no code with camgen: a reader of G0 to G3 in mm, times without acceleration, and sweeps by
-GEOS.
+It shares no code with camgen: times are without acceleration, and sweeps are made by GEOS.
 """
 
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import shapely
 
-#: Arcs become chords that leave them by at most this, mm.
-CHORD = 0.001
+from bench.support.gcode_text import Move, read_moves
+
 #: Heights that differ by less, mm, are one.
 _SAME = 1e-6
 #: A swept strip is taken narrower by this on each side, mm, where it is asked for material.
 _SLACK = 0.02
-_WORD = re.compile(r"([A-Z])\s*([-+]?[0-9.]+)")
-_COMMENT = re.compile(r"\([^)]*\)|;.*")
 _ROUND = 64
 
 
-class Motion(NamedTuple):
-    """A motion of the tool.
-
-    points: (N, 3) places along it, mm.
-    rapid: whether it is G0.
-    feed: mm/s.
-    """
-
-    points: np.ndarray
-    rapid: bool
-    feed: float
-
-    @property
-    def length(self) -> float:
-        """Length, mm."""
-        return float(np.sqrt((np.diff(self.points, axis=0) ** 2).sum(axis=1)).sum())
-
-    @property
-    def low(self) -> float:
-        """The lower end, mm."""
-        return float(self.points[:, 2].min())
-
-
-def read(text: str) -> list[Motion]:
+def read_cut(text: str) -> list[Move]:
     """The motions of a text from the first to the last one that cuts, with the travel between."""
-    at: dict[str, float] = {}
-    mode, feed = 0, 0.0
-    motions: list[Motion] = []
-    for line in text.upper().splitlines():
-        words = _WORD.findall(_COMMENT.sub("", line))
-        if ("G", "53") in words:
-            continue
-        values = {letter: float(number) for letter, number in words if letter != "G"}
-        codes = [float(number) for letter, number in words if letter == "G"]
-        mode = next((int(code) for code in codes if code in (0, 1, 2, 3)), mode)
-        feed = values.get("F", 60 * feed) / 60
-        target = {axis: values.get(axis, at.get(axis, math.nan)) for axis in "XYZ"}
-        moved = any(axis in values for axis in "XYZ")
-        if moved and not any(math.isnan(at.get(axis, math.nan)) for axis in "XYZ"):
-            start, end = [at[axis] for axis in "XYZ"], [target[axis] for axis in "XYZ"]
-            centre = (start[0] + values.get("I", 0.0), start[1] + values.get("J", 0.0))
-            points = _arc(start, end, centre, mode == 3) if mode > 1 else np.array([start, end])
-            motions.append(Motion(points, mode == 0, feed))
-        at = target
-    cutting = [k for k, motion in enumerate(motions) if not motion.rapid and motion.low < 0]
-    return motions[cutting[0] : cutting[-1] + 1] if cutting else []
+    moves = list(read_moves(text))
+    cutting = [k for k, move in enumerate(moves) if not move.rapid and move.low < 0]
+    return moves[cutting[0] : cutting[-1] + 1] if cutting else []
 
 
-def _arc(
-    start: Sequence[float], end: Sequence[float], centre: tuple[float, float], left: bool
-) -> np.ndarray:
-    (x, y), radius = centre, math.dist(start[:2], centre)
-    first = math.atan2(start[1] - y, start[0] - x)
-    sweep = (math.atan2(end[1] - y, end[0] - x) - first) % (2 * math.pi)
-    if math.dist(start[:2], end[:2]) < _SAME:
-        sweep = 2 * math.pi
-    elif not left:
-        sweep -= 2 * math.pi
-    step = 2 * math.acos(max(1 - CHORD / max(radius, CHORD), 0.0))
-    share = np.linspace(0.0, 1.0, max(math.ceil(abs(sweep) / step), 1) + 1)
-    angle = first + share * sweep
-    z = start[2] + share * (end[2] - start[2])
-    points = np.column_stack([x + radius * np.cos(angle), y + radius * np.sin(angle), z])
-    points[0], points[-1] = start, end
-    return points
-
-
-def seconds(motions: Sequence[Motion], travel: float) -> float:
+def seconds(motions: Sequence[Move], travel: float) -> float:
     """Time without acceleration, s. travel: speed of G0, mm/s."""
-    return sum(motion.length / (travel if motion.rapid else motion.feed) for motion in motions)
+    return sum(motion.length / (travel if motion.rapid else motion.feed / 60) for motion in motions)
 
 
-def cleared(motions: Sequence[Motion], radius: float, height: float) -> Any:
+def cleared(motions: Sequence[Move], radius: float, height: float) -> Any:
     """The area, mm2, that a cylinder sweeps at ``height`` mm."""
     lines: list[Any] = []
     for motion in motions:
@@ -105,7 +41,7 @@ def cleared(motions: Sequence[Motion], radius: float, height: float) -> Any:
     return shapely.union_all(shapely.buffer(lines, radius, quad_segs=_ROUND))
 
 
-def _below(motion: Motion, height: float) -> list[Any]:
+def _below(motion: Move, height: float) -> list[Any]:
     """The parts of a motion that are not above ``height``: lines, or points."""
     points = motion.points
     deep = points[:, 2] <= height + _SAME
@@ -116,7 +52,7 @@ def _below(motion: Motion, height: float) -> list[Any]:
     return [shapely.Point(place) for place in points[deep, :2]]
 
 
-def count_struck(motions: Sequence[Motion], radius: float) -> int:
+def count_struck(motions: Sequence[Move], radius: float) -> int:
     """Rapid motions below the top face that sweep over what no motion before them has cleared."""
     struck = 0
     shapes: list[tuple[int, float, Any]] = []
@@ -137,7 +73,7 @@ def count_struck(motions: Sequence[Motion], radius: float) -> int:
     return struck
 
 
-def feed_in_air(motions: Sequence[Motion], radius: float, cell: float) -> float:
+def feed_in_air(motions: Sequence[Move], radius: float, cell: float) -> float:
     """Share of the way at a feed, on the level and below the top face, that removes nothing.
 
     cell: mm, side of the cells of a plate in which removal is counted.

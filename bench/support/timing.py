@@ -52,6 +52,15 @@ def measure_process(command: list[str]) -> Process:
     return Process(text, seconds, spent, usage.ru_maxrss / UNITS_PER_MB)
 
 
+def measure_in_turns(commands: dict[str, list[str]], runs: int) -> dict[str, list[Process]]:
+    """The runs of each command, one of each after the other."""
+    values: dict[str, list[Process]] = {name: [] for name in commands}
+    for _ in range(runs):
+        for name, command in commands.items():
+            values[name].append(measure_process(command))
+    return values
+
+
 def peak_mb() -> float:
     """The largest resident memory of this process so far, MB."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / UNITS_PER_MB

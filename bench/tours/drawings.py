@@ -19,8 +19,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bench.machine import machine
-from bench.support.runner import Table, find_files
+from bench.support.runner import Table, find_files, machine
 from bench.support.timing import measure_process, peak_mb, timed
 
 if TYPE_CHECKING:

@@ -19,8 +19,7 @@ import xml.etree.ElementTree as ET
 from importlib.util import find_spec
 from pathlib import Path
 
-from bench.machine import machine
-from bench.support.runner import Table
+from bench.support.runner import Table, machine
 from bench.support.timing import measure_process, python
 
 #: Paths; 20 is a size for a try, and only taken when asked for.

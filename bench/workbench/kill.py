@@ -28,7 +28,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from bench.support.runner import PARTS, Missed, Table, open_table, read_words
+from bench.support.runner import PARTS, Table, must_be_none, open_table, read_words
 from tests.support.benches import Bench, open_bench, start_bench
 from tests.support.browsers import Driven, start_browser
 from tests.support.tabs import Tab
@@ -196,17 +196,13 @@ def kill_process_of_tab(_tab: Tab, browser: Driven) -> None:
         os.kill(process, signal.SIGKILL)
 
 
-def close_tab(tab: Tab, _browser: Driven) -> None:
-    tab.page.close()
-
-
 #: The kill that falls between the keys of a text.
 BETWEEN_KEYS = "server, between keys"
 KILLS = {
     "server": kill_server,
     "browser": kill_browser,
     "process of the tab": kill_process_of_tab,
-    "tab, closed": close_tab,
+    "tab, closed": lambda tab, _browser: tab.page.close(),
     BETWEEN_KEYS: kill_server,
 }
 
@@ -344,7 +340,7 @@ def add_row(table: Table, name: str, outcomes: list[Outcome]) -> None:
     edits = sum(outcome.edits for outcome in outcomes)
     reported = sum(outcome.reported for outcome in outcomes)
     lost = sum(outcome.lost for outcome in outcomes)
-    table.add(name, len(outcomes), edits, reported, Missed(lost) if lost else lost)
+    table.add(name, len(outcomes), edits, reported, must_be_none(lost))
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ from time import perf_counter
 from msgspec import Struct
 from playwright.sync_api import Browser, Page, sync_playwright
 
-from bench.machine import machine
+from bench.support.runner import machine
 from docs.make.pictures import small
 
 ROOT = Path(__file__).parents[2]

@@ -5,9 +5,8 @@ import sys
 import numpy as np
 import pytest
 
-from bench.machine import machine
 from bench.support.motions import measure_motion, sample_motion, sample_plane
-from bench.support.runner import Missed, Scenario, Table, read_words, run, verdict
+from bench.support.runner import Missed, Scenario, Table, machine, read_words, run, verdict
 from bench.support.timing import measure_process
 from camgen.model.errors import InputError
 

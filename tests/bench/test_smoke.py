@@ -14,9 +14,9 @@ from typing import NamedTuple
 import cv2
 import pytest
 
-from bench.machine import machine
 from bench.photo.calibrate import CAMERA
 from bench.render import photos
+from bench.support.runner import machine
 from tests.support.board_photos import chess, photo, poses
 
 ROOT = Path(__file__).parents[2]
@@ -111,7 +111,6 @@ SMOKES = [
     Smoke("robots.robotsp made", (2,), {"not reached": (0, 0), "cost": (1, 12), "execution, s": (2, 15)}),
     Smoke("robots.parts {here} 20 rfa1", (2,), {"of these unfounded": (0, 0), "edges run": (1, 21)}),
     Smoke("robots.urdfs {here}/none 'KR 10'", (1,), {}),
-    Smoke("photo.image_space 1 0", (12,), FIGURES | {"waypoints/m": (500, 5000)}),
     Smoke("photo.lenses 1", (6, 2), {"photos": (1, 1)}),
     Smoke("photo.masks {here}/image 480 1", (5,), {"parts": (1, 1), "holes": (7, 12)}),
     Smoke("photo.photo render {here}/new 1 1", (), {}),

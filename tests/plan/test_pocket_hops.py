@@ -8,7 +8,8 @@ import pytest
 
 import camgen
 from bench.plan.pockets import shapes
-from bench.support.swept_text import Motion, count_struck, read
+from bench.support.gcode_text import Move
+from bench.support.swept_text import count_struck, read_cut
 from camgen.model.body import Body
 from camgen.model.errors import NoSafeProgram, VerifyError
 from camgen.model.job import Job, OperationTable
@@ -30,12 +31,12 @@ def job(**operation: Any) -> dict[str, Any]:
     }
 
 
-def motions_of(drawn: Part, **operation: Any) -> list[Motion]:
+def motions_of(drawn: Part, **operation: Any) -> list[Move]:
     """The motions of the G-code text."""
-    return read(camgen.build(drawn, post="gcode", job=job(**operation)).text)
+    return read_cut(camgen.build(drawn, post="gcode", job=job(**operation)).text)
 
 
-def low_rapids(motions: list[Motion]) -> list[Motion]:
+def low_rapids(motions: list[Move]) -> list[Move]:
     """Rapid motions across, below the top face."""
     across = [motion for motion in motions if motion.rapid and motion.low < 0]
     return [hop for hop in across if math.dist(hop.points[0, :2], hop.points[-1, :2]) > 1e-6]

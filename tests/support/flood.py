@@ -11,7 +11,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from bench.check.words import read_moves, sample_move
+from bench.support.gcode_text import read_moves, sample_move
 
 Array = np.ndarray
 #: Distance of the discs that stand for a motion, mm.

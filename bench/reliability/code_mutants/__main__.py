@@ -22,7 +22,6 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import NamedTuple
 
-from bench.machine import machine
 from bench.reliability.code_mutants.cases import CASES, Case
 from bench.reliability.code_mutants.running import (
     WRITTEN,
@@ -33,13 +32,7 @@ from bench.reliability.code_mutants.running import (
     warm_up,
 )
 from bench.reliability.code_mutants.survivors import find_survivors, list_at, read_reasons
-from bench.reliability.code_mutants.targets import (
-    CORE_GROUPS,
-    PROGRAM_GROUPS,
-    SEED,
-    Mutant,
-    draw,
-)
+from bench.reliability.code_mutants.targets import CORE_GROUPS, PROGRAM_GROUPS, SEED, Mutant, draw
 from bench.reliability.code_mutants.verdicts import (
     RIGHT,
     SAME_MOTION,
@@ -48,7 +41,7 @@ from bench.reliability.code_mutants.verdicts import (
     find_fault,
     find_verdict,
 )
-from bench.support.runner import open_table
+from bench.support.runner import machine, open_table
 
 _PROCESSES = 2
 #: Outcomes of a mutant over all jobs, the most serious first, as columns of the table.

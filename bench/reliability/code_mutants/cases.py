@@ -30,11 +30,7 @@ _PLATE = (_OUTLINE, circle("large hole", 15.0, 15.0, 8.0), circle("small hole", 
 #: A line, an arc tangent to a line, and a zigzag with sharp corners.
 _LINES = (
     Shape("line", ((0.0, 0.0, 0.0), (40.0, 10.0, 0.0)), is_closed=False),
-    Shape(
-        "hook",
-        ((0.0, 20.0, 0.0), (30.0, 20.0, _QUARTER), (40.0, 30.0, 0.0)),
-        is_closed=False,
-    ),
+    Shape("hook", ((0.0, 20.0, 0.0), (30.0, 20.0, _QUARTER), (40.0, 30.0, 0.0)), is_closed=False),
     Shape(
         "zigzag",
         ((0.0, 40.0, 0.0), (10.0, 50.0, 0.0), (20.0, 40.0, 0.0), (30.0, 50.0, 0.0)),

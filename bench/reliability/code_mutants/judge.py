@@ -354,7 +354,7 @@ def _check_corners(case: Case, pieces: list[Piece]) -> None:
     for before, after in pairwise(pieces):
         if not (_is_work(case, before) and _is_work(case, after)):
             continue
-        angle = _find_corner(before, after)
+        angle = find_angle(before.find_direction(-1), after.find_direction(0))
         if angle < _FLAT_RAD:
             continue
         radius = _blend_radius(case, before, after)
@@ -366,11 +366,6 @@ def _check_corners(case: Case, pieces: list[Piece]) -> None:
             deviation = radius * math.tan(angle / 4.0)
         if deviation > limit + DIGIT_MM:
             raise before.complain(f"the corner after it is rounded by {deviation:.3f} mm")
-
-
-def _find_corner(before: Piece, after: Piece) -> float:
-    """The angle by which the direction changes between two motions, rad."""
-    return find_angle(before.find_direction(-1), after.find_direction(0))
 
 
 def find_angle(a: Array, b: Array) -> float:

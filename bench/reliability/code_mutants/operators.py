@@ -72,46 +72,42 @@ _EXCHANGED = {
 }
 
 
-def _flip_comparison(node: ast.AST) -> list[ast.AST]:
-    if not isinstance(node, ast.Compare):
-        return []
-    replacements: list[ast.AST] = []
-    for index, operator in enumerate(node.ops):
+Replacements = Iterator[ast.AST]
+
+
+def _flip_comparison(node: ast.AST) -> Replacements:
+    for index, operator in enumerate(node.ops if isinstance(node, ast.Compare) else ()):
         for other in _COMPARISONS[type(operator)]:
             mutant = deepcopy(node)
             mutant.ops[index] = other()
-            replacements.append(mutant)
-    return replacements
+            yield mutant
 
 
-def _change_arithmetic(node: ast.AST) -> list[ast.AST]:
-    if not isinstance(node, ast.BinOp | ast.AugAssign) or type(node.op) not in _ARITHMETIC:
-        return []
-    mutant = deepcopy(node)
-    mutant.op = _ARITHMETIC[type(node.op)]()
-    return [mutant]
+def _change_arithmetic(node: ast.AST) -> Replacements:
+    if isinstance(node, ast.BinOp | ast.AugAssign) and type(node.op) in _ARITHMETIC:
+        mutant = deepcopy(node)
+        mutant.op = _ARITHMETIC[type(node.op)]()
+        yield mutant
 
 
-def _drop_sign(node: ast.AST) -> list[ast.AST]:
-    is_signed = isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub)
-    return [node.operand] if is_signed else []
+def _drop_sign(node: ast.AST) -> Replacements:
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
+        yield node.operand
 
 
-def _change_arguments(node: ast.AST) -> list[ast.AST]:
+def _change_arguments(node: ast.AST) -> Replacements:
     if not isinstance(node, ast.Call):
-        return []
+        return
     name = _name_of(node.func)
-    replacements: list[ast.AST] = []
     if name in _TWINS:
         mutant = deepcopy(node)
         _rename(mutant.func, _TWINS[name])
-        replacements.append(mutant)
+        yield mutant
     first, second = _EXCHANGED.get(name, (0, 0))
     if first != second and len(node.args) > second:
         mutant = deepcopy(node)
         mutant.args[first], mutant.args[second] = mutant.args[second], mutant.args[first]
-        replacements.append(mutant)
-    return replacements
+        yield mutant
 
 
 def _name_of(function: ast.expr) -> str:
@@ -128,18 +124,14 @@ def _rename(function: ast.expr, name: str) -> None:
         function.attr = name
 
 
-def _shift_index(node: ast.AST) -> list[ast.AST]:
+def _shift_index(node: ast.AST) -> Replacements:
     """Changes whole numbers in an index, or at an end of a slice, by one."""
-    if not isinstance(node, ast.Subscript):
-        return []
-    replacements: list[ast.AST] = []
-    for number, _ in enumerate(_indices(node)):
+    for number, _ in enumerate(_indices(node) if isinstance(node, ast.Subscript) else ()):
         for step in (-1, 1):
             mutant = deepcopy(node)
             index = _indices(mutant)[number]
             index.value = index.value + step
-            replacements.append(mutant)
-    return replacements
+            yield mutant
 
 
 def _indices(node: ast.Subscript) -> list[ast.Constant]:
@@ -156,65 +148,54 @@ def _is_number(node: ast.AST | None) -> bool:
     return isinstance(node, ast.Constant) and type(node.value) in (int, float)
 
 
-def _change_constant(node: ast.AST) -> list[ast.AST]:
+def _change_constant(node: ast.AST) -> Replacements:
     """Replaces a number by 0, its double and its negative."""
-    if not _is_number(node):
-        return []
-    values = [value for value in (0, node.value * 2, -node.value) if value != node.value]
-    return [ast.Constant(value) for value in dict.fromkeys(values)]
+    if _is_number(node):
+        values = [value for value in (0, node.value * 2, -node.value) if value != node.value]
+        yield from map(ast.Constant, dict.fromkeys(values))
 
 
-def _drop_statement(node: ast.AST) -> list[ast.AST]:
+def _drop_statement(node: ast.AST) -> Replacements:
     kinds = (ast.Assign, ast.AugAssign, ast.Expr, ast.Return, ast.Raise, ast.If, ast.For)
-    if not isinstance(node, (*kinds, ast.While, ast.Continue, ast.Break)):
-        return []
-    if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
-        return []
-    return [ast.Pass()]
+    is_text = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+    if isinstance(node, (*kinds, ast.While, ast.Continue, ast.Break)) and not is_text:
+        yield ast.Pass()
 
 
-def _negate_condition(node: ast.AST) -> list[ast.AST]:
+def _negate_condition(node: ast.AST) -> Replacements:
     if isinstance(node, ast.If | ast.While | ast.IfExp):
         mutant = deepcopy(node)
         mutant.test = ast.UnaryOp(ast.Not(), mutant.test)
-        return [mutant]
-    if not isinstance(node, ast.comprehension):
-        return []
-    replacements: list[ast.AST] = []
-    for index, test in enumerate(node.ifs):
+        yield mutant
+    for index, test in enumerate(node.ifs if isinstance(node, ast.comprehension) else ()):
         mutant = deepcopy(node)
         mutant.ifs[index] = ast.UnaryOp(ast.Not(), test)
-        replacements.append(mutant)
-    return replacements
+        yield mutant
 
 
-def _skip_call(node: ast.AST) -> list[ast.AST]:
-    is_call = isinstance(node, ast.Call) and len(node.args) > 0
-    return [node.args[0]] if is_call and not isinstance(node.args[0], ast.Starred) else []
+def _skip_call(node: ast.AST) -> Replacements:
+    if isinstance(node, ast.Call) and node.args and not isinstance(node.args[0], ast.Starred):
+        yield node.args[0]
 
 
-def _change_logic(node: ast.AST) -> list[ast.AST]:
+def _change_logic(node: ast.AST) -> Replacements:
     if isinstance(node, ast.BoolOp | ast.BinOp | ast.AugAssign) and type(node.op) in _LOGIC:
         mutant = deepcopy(node)
         mutant.op = _LOGIC[type(node.op)]()
-        return [mutant]
-    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not | ast.Invert):
-        return [node.operand]
-    if isinstance(node, ast.Constant) and isinstance(node.value, bool):
-        return [ast.Constant(not node.value)]
-    return []
+        yield mutant
+    elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not | ast.Invert):
+        yield node.operand
+    elif isinstance(node, ast.Constant) and isinstance(node.value, bool):
+        yield ast.Constant(not node.value)
 
 
-def _drop_element(node: ast.AST) -> list[ast.AST]:
+def _drop_element(node: ast.AST) -> Replacements:
     is_sequence = isinstance(node, ast.Tuple | ast.List) and isinstance(node.ctx, ast.Load)
-    if not is_sequence or len(node.elts) < 2:
-        return []
-    replacements: list[ast.AST] = []
-    for index in range(len(node.elts)):
-        mutant = deepcopy(node)
-        del mutant.elts[index]
-        replacements.append(mutant)
-    return replacements
+    if is_sequence and len(node.elts) > 1:
+        for index in range(len(node.elts)):
+            mutant = deepcopy(node)
+            del mutant.elts[index]
+            yield mutant
 
 
 class Operator(NamedTuple):
@@ -227,7 +208,7 @@ class Operator(NamedTuple):
 
     name: str
     meaning: str
-    replace: Callable[[ast.AST], list[ast.AST]]
+    replace: Callable[[ast.AST], Replacements]
 
 
 OPERATORS = (
@@ -303,9 +284,7 @@ def find_sites(source: str) -> list[Site]:
 def mutate(source: str, site: Site) -> ast.Module:
     """The tree of a module with one change."""
     tree = ast.parse(source)
-    slots = list(_list_slots(tree))
-    slot = slots[site.slot]
-    replacement = _BY_NAME[site.operator].replace(slot.node)[site.variant]
+    slot, replacement = _find_change(tree, site)
     ast.copy_location(replacement, slot.node)
     if slot.index < 0:
         setattr(slot.parent, slot.field, replacement)
@@ -316,9 +295,14 @@ def mutate(source: str, site: Site) -> ast.Module:
 
 def describe(source: str, site: Site) -> tuple[str, str]:
     """The changed node before and after, on one line each, for a table."""
-    slot = list(_list_slots(ast.parse(source)))[site.slot]
-    replacement = _BY_NAME[site.operator].replace(slot.node)[site.variant]
+    slot, replacement = _find_change(ast.parse(source), site)
     return _spell(slot.node), _spell(replacement)
+
+
+def _find_change(tree: ast.AST, site: Site) -> tuple[_Slot, ast.AST]:
+    """The slot of a change, and its new node."""
+    slot = list(_list_slots(tree))[site.slot]
+    return slot, list(_BY_NAME[site.operator].replace(slot.node))[site.variant]
 
 
 def _spell(node: ast.AST) -> str:

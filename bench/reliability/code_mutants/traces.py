@@ -16,6 +16,7 @@ import numpy as np
 from bench.reliability.code_mutants.shapes import Array
 from bench.reliability.modal import pacscript, rapid, rs274, vplus
 from bench.reliability.modal.machine import Event, Number
+from bench.support.motions import LevelArc
 from tests.support import canon
 
 JOINTS, FREE, LINE, ARC = "joints", "free", "line", "arc"
@@ -311,7 +312,8 @@ def _read_gcode(text: str) -> list[Step]:
         if call.kind in ("STRAIGHT_TRAVERSE", "STRAIGHT_FEED", "ARC_FEED"):
             motion = _read_call(call, position, blend)
             position = motion.end
-            if not _has_motion(steps) or motion.end[2] == _TOP_MM:
+            is_first = not any(isinstance(step, Motion) for step in steps)
+            if is_first or motion.end[2] == _TOP_MM:
                 motion = motion._replace(kind=JOINTS)
             steps.append(motion)
         elif call.kind == "DWELL":
@@ -325,11 +327,6 @@ def _read_gcode(text: str) -> list[Step]:
             steps.append(Switch(f"{call.kind} {call.value:g}", 0.0 if is_off else 1.0))
     others = [name for name in result.names if name not in _PLAIN_CALLS]
     return [*steps, *(Statement(name) for name in sorted(set(others)))]
-
-
-def _has_motion(steps: Sequence[Step]) -> bool:
-    """Whether there is a motion among the steps."""
-    return any(isinstance(step, Motion) for step in steps)
 
 
 #: The zero of a machine is its top. Without a machine it is that of the work, so the lift is given
@@ -350,20 +347,9 @@ def _read_call(call: canon.Call, start: Array, blend: float) -> Motion:
         return Motion(LINE, end, speed=call.feed / 60.0, blend=blend)
     if call.axes != (0, 1, 2) or abs(call.turns) != 1:
         raise Unreadable("an arc out of the level plane, or of several turns")
-    via = _find_middle(start, end, np.array(call.centre), call.turns)
+    arc = LevelArc(start, end, np.array(call.centre), call.turns > 0)
+    via = arc.place(np.array([0.5]))[0]
     return Motion(ARC, end, via, call.feed / 60.0, blend=blend)
-
-
-def _find_middle(start: Array, end: Array, centre: Array, turns: int) -> Array:
-    """The point half-way along a level arc."""
-    spoke = start[:2] - centre
-    last = end[:2] - centre
-    angle = math.atan2(*last[::-1]) - math.atan2(*spoke[::-1])
-    angle = (turns * angle) % math.tau or math.tau
-    half = turns * angle / 2.0
-    cos, sin = math.cos(half), math.sin(half)
-    turned = np.array([cos * spoke[0] - sin * spoke[1], sin * spoke[0] + cos * spoke[1]])
-    return np.array([*(centre + turned), (start[2] + end[2]) / 2.0])
 
 
 _READERS: dict[str, Callable[[str], list[Step]]] = {

@@ -75,15 +75,9 @@ def _bmp(draw: st.DrawFn) -> bytes:
     offset = draw(st.sampled_from((0, 2**31, 20))) if draw(rarely) else 54 + len(palette)
     sign = -1 if draw(rarely) else 1
     packing = draw(st.sampled_from((1, 2, 3, 9))) if draw(rarely) else 0
-    head = struct.pack(
-        "<IiiHHIIiiII", 40, _signed(told), sign * height, 1, bits, packing, 0, 0, 0, 0, 0
-    )
+    head = struct.pack("<IIiHHIIiiII", 40, told, sign * height, 1, bits, packing, 0, 0, 0, 0, 0)
     body = draw(_pixels(stride * height))
     return b"BM" + struct.pack("<IHHI", 0, 0, 0, offset) + head + palette + body
-
-
-def _signed(value: int) -> int:
-    return value - 2**32 if value >= 2**31 else value
 
 
 @st.composite

@@ -22,12 +22,11 @@ import msgspec
 import numpy as np
 from hypothesis import strategies as st
 
+import camgen
 from bench.reliability.fuzzing import drawings, pictures, programs, solids, texts
 from camgen.check.report import sum_up
 from camgen.cli import motion_file
-from camgen.lang.programs import Executed
 from camgen.localize import scans
-from camgen.model.errors import CamgenError, InputError, JobError
 from camgen.model.files import Source
 from camgen.model.job import ImageTable, Job, OperationTable
 from camgen.model.program import Columns
@@ -77,8 +76,12 @@ def _outcome(one: Fuzzed, data: bytes) -> object:
         warnings.simplefilter("ignore", RuntimeWarning)  # as the command line does
         try:
             found = one.call(data)
-        except CamgenError as error:
-            if one.never_fails or error.exit_code != InputError.exit_code or not error.what.strip():
+        except camgen.CamgenError as error:
+            if (
+                one.never_fails
+                or error.exit_code != camgen.InputError.exit_code
+                or not error.what.strip()
+            ):
                 raise Miss(f"{one.name}: {type(error).__name__}: {error}") from error
             return str(error)
     leaves = tuple(_leaves(found))
@@ -153,7 +156,7 @@ def _read_part(suffix: str, data: bytes, job: Job = _PHOTO) -> object:
     for step in (reader.read, reader.inspect):
         try:
             found.append(step(source, job, files))
-        except CamgenError as error:
+        except camgen.CamgenError as error:
             errors.append(error)
     said = [str(one) for one in found]
     if errors:
@@ -175,7 +178,7 @@ def _post_errors(name: str, job: Job) -> str:
     """What a post says of its options: other posts have others."""
     try:
         make_post(find_post(name), job.post)
-    except JobError as error:
+    except camgen.JobError as error:
         return str(error)
     return ""
 
@@ -185,10 +188,6 @@ def _read_cell(data: bytes) -> object:
     files = Files([Source(Path("job.toml"), text), Source(Path("cell.toml"), data)])
     job = load_job(Path("job.toml"), (), files)
     return [job, equip(find_post("rapid").cell(), job)]
-
-
-def _read_assignment(data: bytes) -> object:
-    return load_job(None, (data.decode(),))
 
 
 @cache
@@ -213,15 +212,11 @@ def _read_plan(data: bytes) -> object:
     return [found.program, found.program.columns.ends.shape, found.chord]
 
 
-def _read_camera(data: bytes) -> object:
-    return read_camera(Source(Path("camera.yaml"), data))
-
-
 def _read_back(post: str, data: bytes) -> object:
     """The reading, and its sums as ``camgen verify`` tells them."""
     text = {f"part.{POSTS[post]}": data.decode("latin-1")}
     found = find_readback(post)(text, fill_tables(find_post(post), {}))
-    assert isinstance(found, Executed)
+    assert isinstance(found, camgen.Executed)
     assert len(found.body) == len(found.lines)
     return [found, sum_up(Columns(found.body))]
 
@@ -238,10 +233,10 @@ TABLE = (
     Fuzzed("photo", pictures.picture, partial(_read_part, ".png")),
     Fuzzed("picture", pictures.picture, partial(_read_part, ".png", job=_TRACE)),
     Fuzzed("job", texts.job(), _read_job),
-    Fuzzed("set", texts.assignment(), _read_assignment),
+    Fuzzed("set", texts.assignment(), lambda data: load_job(None, (data.decode(),))),
     Fuzzed("cell", texts.cell(), _read_cell),
     Fuzzed("urdf", texts.urdf(), _read_urdf),
-    Fuzzed("camera", texts.camera(), _read_camera),
+    Fuzzed("camera", texts.camera(), lambda data: read_camera(Source(Path("camera.yaml"), data))),
     Fuzzed("plan", texts.plan(), _read_plan),
     Fuzzed("cloud-ply", solids.ply_cloud(), partial(_read_cloud, ".ply")),
     Fuzzed("cloud-pcd", solids.pcd(), partial(_read_cloud, ".pcd")),

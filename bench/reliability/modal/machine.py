@@ -11,7 +11,12 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Sequence
+from functools import reduce
 from typing import NamedTuple
+
+import numpy as np
+
+from bench.support.motions import find_arc, place_motion
 
 #: By how much a number may differ and still be the printed one: of a speed and a force what a build forgives, of an
 #: orientation ("deg", and "turn", an entry of a quaternion or a rotation matrix) what it forgives too, 1e-5 rad, of an
@@ -35,7 +40,7 @@ _BEGINS_VALUE = ("(", ",", "=", "+", "-", "*", "/", "speed")
 Atom = str | Number
 Event = tuple[Atom, ...]
 Point = tuple[float, float, float]
-Matrix = tuple[tuple[float, ...], ...]
+Matrix = np.ndarray
 
 
 def is_same(one: Sequence[Event], other: Sequence[Event]) -> bool:
@@ -219,59 +224,31 @@ def turn(axis: int, degrees: float) -> Matrix:
     """The rotation about x, y or z (0, 1, 2)."""
     c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
     j, k = (axis + 1) % 3, (axis + 2) % 3
-    rows = [[float(a == b) for b in range(3)] for a in range(3)]
-    rows[j][j], rows[j][k], rows[k][j], rows[k][k] = c, -s, s, c
-    return tuple(map(tuple, rows))
+    rotation = np.eye(3)
+    rotation[[j, j, k, k], [j, k, j, k]] = c, -s, s, c
+    return rotation
 
 
 def turned(*rotations: Matrix) -> Event:
     """The entries of a product of rotations: triples of angles that turn alike are alike."""
-    product = rotations[0]
-    for other in rotations[1:]:
-        product = tuple(
-            tuple(sum(row[k] * other[k][j] for k in range(3)) for j in range(3)) for row in product
-        )
-    return tuple(Number(value, "turn") for row in product for value in row)
+    product = reduce(np.matmul, rotations)
+    return tuple(Number(value, "turn") for value in product.ravel().tolist())
 
 
 def arc(start: Point, via: Point, end: Point) -> Event:
     """An arc by the point half-way on it, wherever ``via`` lies between a fifth and four fifths of its angle; by
     ``via`` itself where it lies elsewhere or the three are on one line.
     """
-    a, b = _minus(via, start), _minus(end, start)
-    normal = _cross(a, b)
-    size = _dot(normal, normal)
+    points = np.array(start), np.array(via), np.array(end)
     plain = tuple(Number(value, "mm") for value in via)
-    if size < 1e-12 * max(1.0, _dot(b, b) ** 2):
+    chord = points[2] - points[0]
+    normal = np.cross(points[1] - points[0], chord)
+    if normal @ normal < 1e-12 * max(1.0, (chord @ chord) ** 2):
         return ("via", *plain)
-    sides = zip(_cross(a, normal), _cross(b, normal), strict=True)
-    to_centre = [(_dot(a, a) * q - _dot(b, b) * p) / (2 * size) for p, q in sides]
-    centre = tuple(s + c for s, c in zip(start, to_centre, strict=True))
-    first = _minus(start, centre)
-    radius = math.sqrt(_dot(first, first))
-    x = [value / radius for value in first]
-    y = _cross([value / math.sqrt(size) for value in normal], x)
-    arms = [_minus(point, centre) for point in (via, end)]
-    to_via, to_end = (math.atan2(_dot(arm, y), _dot(arm, x)) % (2 * math.pi) for arm in arms)
-    if not 0.2 < to_via / to_end < 0.8:
+    centre, axis, angle = find_arc(*points)
+    spoke, arm = points[0] - centre, points[1] - centre
+    to_via = math.atan2(arm @ np.cross(axis, spoke), arm @ spoke) % math.tau
+    if not 0.2 < to_via / angle < 0.8:
         return ("via near an end", *plain)
-    c, s = math.cos(to_end / 2), math.sin(to_end / 2)
-    return (
-        "half-way",
-        *(
-            Number(o + radius * (c * p + s * q), "arc")
-            for o, p, q in zip(centre, x, y, strict=True)
-        ),
-    )
-
-
-def _minus(a: Sequence[float], b: Sequence[float]) -> list[float]:
-    return [p - q for p, q in zip(a, b, strict=True)]
-
-
-def _dot(a: Sequence[float], b: Sequence[float]) -> float:
-    return sum(p * q for p, q in zip(a, b, strict=True))
-
-
-def _cross(a: Sequence[float], b: Sequence[float]) -> list[float]:
-    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    middle = place_motion(*points, np.array([0.5]))[0]
+    return ("half-way", *(Number(value, "arc") for value in middle.tolist()))

@@ -240,11 +240,9 @@ def _move(words: list[str], here: Point | None) -> tuple[Event, Point | None]:
         if not point:
             return (), None
         # The orientation of the via point is ignored (reference, Move C), not its figure.
-        via = (
-            arc(here, point, there)
-            if here and there
-            else tuple(Number(value, "mm") for value in point)
-        )
+        via = tuple(Number(value, "mm") for value in point)
+        if here and there:
+            via = arc(here, point, there)
         via = (*via, *_target(parts[1])[-1:])
     options: list[list[Atom]] = []
     for part in parts[1 + count :]:

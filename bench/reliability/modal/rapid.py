@@ -248,11 +248,8 @@ class _Module:
             "zonedata": "zone",
         }.get(kind[-1], "")
         value = self._flat(units, words[at + 1 : -1])
-        self.data[name] = (
-            value
-            if kind[0] == "const" and kind[-1] in ("speeddata", "zonedata")
-            else (*kind, *value)
-        )
+        is_plain = kind[0] == "const" and kind[-1] in ("speeddata", "zonedata")
+        self.data[name] = value if is_plain else (*kind, *value)
         if "pers" in kind:
             self.persistent[name] = (*kind, *value)
 
