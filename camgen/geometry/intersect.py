@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from camgen.geometry.ragged import PAIRS, matches, run_starts
+from camgen.geometry.ragged import PAIRS, matches, run_starts, stretches
 from camgen.geometry.segments import (
     BoolArray,
     IntArray,
@@ -40,6 +40,9 @@ TOUCH = 1e-7
 _CORNER = 5e-8
 #: Of groups with no more rows all pairs are looked at, which takes less time than a tree.
 FEW = 16
+#: Most points of a run that a tree is asked for at once, and the length of the run in reaches.
+#: Points beside a contour have the same segments near.
+_RUN, _REACHES = 16, 4
 
 
 def near_pairs(
@@ -243,6 +246,15 @@ def _from_arcs(points: FloatArray, segments: Segments, rows: IntArray) -> FloatA
     return np.where(beside, radial, np.minimum(to_start, to_end))
 
 
+def _begin_runs(points: FloatArray, length: float) -> IntArray:
+    """First rows of runs of points (N, 2) that follow each other within about `length` mm."""
+    steps = np.abs(np.diff(points, axis=0)).max(axis=1)
+    along = np.append(0.0, np.cumsum(steps))
+    begins_new = np.diff(np.floor(along / max(length, NONZERO)), prepend=-1.0) != 0
+    begins_new[::_RUN] = True
+    return np.flatnonzero(begins_new)
+
+
 class Obstacles:
     """Segments that a point must keep away from. group: (N,) labels, from 0; a point sees its own group's segments."""
 
@@ -269,15 +281,22 @@ class Obstacles:
         if not len(many):
             return
         rows, tree = self._large
+        begin = _begin_runs(points[many], _REACHES * reach)
+        counts = np.diff(begin, append=len(many))
+        low, high = around[many, :2], around[many, 2:]
+        boxes = np.column_stack([np.minimum.reduceat(low, begin), np.maximum.reduceat(high, begin)])
         step, first = 256, 0
-        while first < len(many):
-            point, segment = tree.query(box(around[many[first : first + step]]))
-            point, segment = many[point + first], rows[segment]
+        while first < len(begin):
+            run, segment = tree.query(box(boxes[first : first + step]))
+            run = run + first
             first += step
-            # As many points at a time as the last ones let expect: the drawing decides how many segments are near.
+            segment = np.repeat(rows[segment], counts[run])
+            point = many[stretches(begin[run], counts[run])]
+            # As many at a time as the last ones let expect: the drawing decides how many segments are near.
             step = int(np.clip(PAIRS * step / max(len(point), 1), 16, 4 * step))
-            same = group[point] == self.group[segment]
-            yield point[same], segment[same]
+            near = boxes_meet(around, point, self._boxes, segment)
+            near &= group[point] == self.group[segment]
+            yield point[near], segment[near]
 
     def nearer_than(self, points: FloatArray, group: IntArray, limit: FloatArray) -> BoolArray:
         """(N,) true where a point (N, 2) of a group (N,) lies nearer than its limit (N,) to a segment of that group."""

@@ -312,30 +312,60 @@ def _find_crowded(
     near = lines[shapely.STRtree(lines).query(_draw_line(once), "dwithin", distance=distance)]
     length = float(lengths_along(once)[-1])
     places = np.linspace(0.0, length, max(2, math.ceil(length / _LOOK_MM)) + 1)
-    points = shapely.points(points_at(once, places)[:, :2])
+    points = points_at(once, places)[:, :2]
     close = _come_back(points, places, distance)
     if len(near):
-        close |= shapely.distance(shapely.union_all(near), points) < distance
+        close |= shapely.distance(shapely.union_all(near), shapely.points(points)) < distance
     step = float(places[1])
     return [(place - step, place + step) for place in places[close].tolist()]
 
 
-def _come_back(points: Any, places: FloatArray, distance: float) -> NDArray[np.bool_]:
+def _come_back(points: FloatArray, places: FloatArray, distance: float) -> NDArray[np.bool_]:
     """(P,) whether a loop comes back to its points at another place.
 
-    points: (P,) shapely points of the loop.
+    points: (P, 2) of the loop, mm.
     places: (P,) their lengths along the loop, mm, the last one once round.
     distance: distance below which both places are near, mm.
     """
     import shapely  # noqa: PLC0415 (only for what needs it)
 
-    place, near = shapely.STRtree(points).query(points, predicate="dwithin", distance=distance)
-    along = np.abs(places[place] - places[near])
-    along = np.minimum(along, places[-1] - along)
     close = np.zeros(len(places), np.bool_)
     # A loop that only rounds a corner is this long at most.
-    close[place[along > math.pi * distance]] = True
+    corner = math.pi * distance
+    which = _list_near_points(points, places, distance, corner)
+    chosen = shapely.points(points[which])
+    place, near = shapely.STRtree(chosen).query(chosen, predicate="dwithin", distance=distance)
+    gaps = _measure_along(places[which[place]] - places[which[near]], float(places[-1]))
+    close[which[place[gaps > corner]]] = True
     return close
+
+
+def _list_near_points(
+    points: FloatArray, places: FloatArray, distance: float, corner: float
+) -> NDArray[np.intp]:
+    """Numbers of the points that may be within `distance` of another one, `corner` mm along.
+
+    The loop is compared in pieces as long as the distance. On a line, pieces within the distance
+    of each other are neighbours, which are too near to each other along the loop.
+    """
+    import shapely  # noqa: PLC0415 (only for what needs it)
+
+    piece = np.arange(len(places)) // max(1, int(distance / float(places[1])))
+    first = np.flatnonzero(np.diff(piece, prepend=-1))
+    last = np.append(first[1:], len(piece)) - 1
+    pieces = shapely.multipoints(points, indices=piece)
+    rows, columns = shapely.STRtree(pieces).query(pieces, predicate="dwithin", distance=distance)
+    middle, half = (places[first] + places[last]) / 2, (places[last] - places[first]) / 2
+    gaps = _measure_along(middle[rows] - middle[columns], float(places[-1]))
+    near = np.zeros(len(pieces), np.bool_)
+    near[rows[gaps + half[rows] + half[columns] > corner - SAME_POINT_MM]] = True
+    return np.flatnonzero(near[piece])
+
+
+def _measure_along(lengths: FloatArray, once: float) -> FloatArray:
+    """Distances along a loop of `once` mm of places whose lengths differ by `lengths` mm."""
+    along = np.abs(lengths)
+    return np.minimum(along, once - along)
 
 
 def _draw_line(path: ToolPath) -> Any:

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from camgen.geometry.intersect import gaps, nearest_distances
+from camgen.geometry.intersect import Obstacles, distances, gaps, nearest_distances
 from camgen.geometry.segments import Segments, make, points_at
 from camgen.model.pose import FloatArray
 
@@ -59,3 +59,26 @@ def test_the_nearest_of_several_segments_counts_within_reach() -> None:
     segments = make(start, end, np.array([0.0, 1.0]), np.array([0, 1]))
     points = np.array([[4.0, 3.0], [20.0, 8.0], [13.0, 0.0], [4.0, 30.0]])
     assert nearest_distances(points, segments, 10.0) == pytest.approx([3.0, 3.0, 2.0, np.inf])
+
+
+@pytest.mark.parametrize("step", [0.02, 0.6, 7.0])
+def test_points_in_a_row_have_the_distances_that_each_has_by_itself(step: float) -> None:
+    """Points near each other are looked up together, whatever their groups are."""
+    random = np.random.default_rng(4)
+    start = random.uniform(0, 60, (50, 2))
+    bulge = random.uniform(-1, 1, 50) * (random.random(50) < 0.5)
+    none = np.zeros(50, dtype=np.int64)
+    segments = make(start, start + random.normal(0, 6, (50, 2)), bulge, none)
+    points = np.cumsum(random.normal(0, step, (700, 2)), axis=0) % 60
+    groups, chosen = random.integers(0, 2, 50), random.integers(0, 2, 700)
+    gaps_of = np.array(
+        [distances(np.full((50, 2), point), segments, np.arange(50)) for point in points]
+    )
+    gaps_of[chosen[:, None] != groups] = np.inf
+    gaps_of[gaps_of > 2.5] = np.inf
+    obstacles = Obstacles(segments, groups)
+    assert obstacles.nearest(points, chosen, 2.5).tolist() == gaps_of.min(axis=1).tolist()
+    rows = np.where(np.isfinite(gaps_of.min(axis=1)), gaps_of.argmin(axis=1), -1)
+    assert obstacles.nearest_rows(points, chosen, 2.5).tolist() == rows.tolist()
+    assert (rows >= 0).any()
+    assert (rows < 0).any()

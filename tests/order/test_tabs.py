@@ -20,7 +20,7 @@ from camgen.model.errors import JobError, NoSafeProgram
 from camgen.model.part import Contour
 from camgen.model.path import ToolPath, join_paths
 from camgen.model.pose import frozen
-from camgen.order.tabs import add_tabs
+from camgen.order.tabs import _come_back, add_tabs
 from camgen.pipeline import Result, build
 from camgen.plan.pieces import (
     begin_at,
@@ -509,3 +509,18 @@ def test_a_hole_without_a_slug_has_no_tab() -> None:
     """A path that is as short as this encloses nothing."""
     result = built([circle(30, 30, 3.02)], tabs=1, side="inside")
     assert [path.floor for path in result.tour.paths] == [None]
+
+
+@pytest.mark.parametrize("narrow", [1.4, 3.1, 40.0])
+def test_a_loop_comes_back_where_two_of_its_points_are_near_but_not_along_it(narrow: float) -> None:
+    """Points on the sides of a rectangle, each compared with each."""
+    corners = np.array([(0, 0), (50, 0), (50, narrow), (0, narrow), (0, 0)], dtype=float)
+    along = np.append(0.0, np.cumsum(np.abs(np.diff(corners, axis=0)).sum(axis=1)))
+    places = np.linspace(0.0, float(along[-1]), 211)
+    points = np.column_stack([np.interp(places, along, corners[:, k]) for k in (0, 1)])
+    gaps = np.abs(places[:, None] - places)
+    gaps = np.minimum(gaps, places[-1] - gaps)
+    near = np.hypot(*(points[:, None] - points).transpose(2, 0, 1)) <= 3.0
+    expected = (near & (gaps > math.pi * 3.0)).any(axis=1)
+    assert _come_back(points, places, 3.0).tolist() == expected.tolist()
+    assert expected.any() == (narrow < 3.0)

@@ -70,22 +70,40 @@ def _stamp(
     points = points_at(moves.plane.take(rows[which]), share)
     first, last = moves.down[rows[which]].T
     tip = first + share * (last - first)
+    points, tip = _keep_deepest(points, tip)
     around = int(np.ceil(cut.tool.radius / pitch))
-    offsets = np.stack(np.meshgrid(*(np.arange(-around, around + 1),) * 2), axis=-1).reshape(-1, 2)
-    step = max(_CHUNK // max(len(offsets), 1), 1)
+    offsets = np.arange(-around, around + 1)
+    step = max(_CHUNK // len(offsets) ** 2, 1)
     for begin in range(0, len(points), step):
-        part = slice(begin, begin + step)
-        place = (points[part] - low) / pitch
-        cell = np.rint(place).astype(np.int64)[:, None] + offsets
-        apart = np.hypot(*np.moveaxis(cell - place[:, None], -1, 0)) * pitch
-        below = tip[part][:, None] - _rise(cut, apart)
-        inside = (apart <= cut.tool.radius) & (below > 0)
-        inside &= (
-            (cell >= 0).all(axis=2)
-            & (cell[..., 0] < depth.shape[1])
-            & (cell[..., 1] < depth.shape[0])
-        )
-        np.maximum.at(depth, (cell[..., 1][inside], cell[..., 0][inside]), below[inside])
+        place = (points[begin : begin + step] - low) / pitch
+        cell = np.rint(place).astype(np.int64)
+        square = ((cell - place)[:, :, None] + offsets) ** 2
+        apart = np.sqrt(square[:, 1, :, None] + square[:, 0, None, :]) * pitch
+        below = tip[begin : begin + step, None, None] - _rise(cut, apart)
+        below[apart > cut.tool.radius] = 0.0
+        for (column, line), shape in zip((cell - around).tolist(), below, strict=True):
+            _lower(depth, line, column, shape)
+
+
+def _lower(depth: FloatArray, line: int, column: int, shape: FloatArray) -> None:
+    """Cuts `depth` (H, W) to a shape (h, w) whose first cell is at a line and column.
+
+    The shape may reach beyond the grid.
+    """
+    top, left = max(line, 0), max(column, 0)
+    block = depth[top : max(line + len(shape), 0), left : max(column + shape.shape[1], 0)]
+    shape = shape[top - line :, left - column :]
+    np.maximum(block, shape[: block.shape[0], : block.shape[1]], out=block)
+
+
+def _keep_deepest(points: FloatArray, tip: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Each of the places (N, 2) once, with the greatest of its depths (N,)."""
+    order = np.lexsort((tip, points[:, 1], points[:, 0]))
+    points = points[order]
+    last = np.append(
+        (points[1:] != points[:-1]).any(axis=1), np.ones(min(len(points), 1), np.bool_)
+    )
+    return points[last], tip[order][last]
 
 
 def _rise(cut: Cut, apart: FloatArray) -> FloatArray:
