@@ -90,7 +90,7 @@ def shape_of(grammar: Callable[[str, int], Calls], *parts: str) -> Shape | None:
     if points > _MOST_POINTS or any(mark in part for part in parts for mark in ('"', "(", "[[")):
         return None
     parser = grammar(text, 0)
-    if parser.token[0] not in ("name", "move") or parser.word() in RESERVED:
+    if parser.token[0] != "name" or parser.word() in RESERVED:
         return None
     try:
         call = parser.statement_call()

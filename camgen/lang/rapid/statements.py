@@ -71,13 +71,8 @@ class Statements(Calls):
     def recover(self) -> None:
         """Skips behind the next semicolon, but never over a word that opens or closes a routine or module."""
         while self.token[0] != "end" and self.word() not in STRUCTURE:
-            if self.ended():
+            if self.take()[1] == ";":
                 return
-
-    def ended(self) -> bool:
-        """Takes a token and says whether a statement ends with it."""
-        kind, text, _, _ = self.take()
-        return kind == "move" or text == ";"
 
     def listed(self, item: Callable[[], Expr]) -> tuple[Expr, ...]:
         """Items with commas between them."""
@@ -90,7 +85,7 @@ class Statements(Calls):
         """One statement, or as many as can be read at once."""
         token = self.token
         kind, text, line, start = token
-        if kind not in ("name", "move"):
+        if kind != "name":
             self.unnamed(body)
             return
         if text.lower() in RESERVED:
@@ -101,7 +96,7 @@ class Statements(Calls):
             if end != start:
                 self.jump(end, line)
                 return
-        body.append(self.statement_call() if kind == "move" else self.named_statement())
+        body.append(self.named_statement())
 
     def unnamed(self, body: list[Statement]) -> None:
         """A statement that begins with no word: a late call, a placeholder, nothing."""

@@ -5,8 +5,6 @@ Nodes within a statement have no line, except functions: statements that look th
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 from msgspec import Struct
 
 from camgen.model.pose import Vec3
@@ -307,15 +305,3 @@ class Module(Struct, frozen=True, eq=False, gc=False):
     routines: tuple[Routine, ...]
     records: tuple[Record, ...] = ()
     attributes: tuple[str, ...] = ()
-
-
-@lru_cache(maxsize=1000)
-def refs(*names: str) -> tuple[Ref, ...]:
-    """Names as arguments; the same ones are shared by the many motions that have them."""
-    return tuple(Ref(name) for name in names)
-
-
-@lru_cache(maxsize=1000)
-def work_object(name: str) -> tuple[tuple[str, Expr | None], ...]:
-    """The optional argument WObj, shared in the same way."""
-    return (("wobj", Ref(name)),)

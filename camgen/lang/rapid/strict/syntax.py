@@ -228,7 +228,7 @@ class _Parser(Parser):
 
     def run(self, body: list[Any]) -> bool:
         """Reads a sequence of statements by column. Returns whether there was one."""
-        if self.cut is None or self.token[0] not in ("name", "move"):
+        if self.cut is None or self.token[0] != "name":
             return False
         statements = self.cut.run(self.token[3])
         if statements is None:
@@ -281,7 +281,7 @@ class _Parser(Parser):
             if self.word() in ("then", "do"):
                 self.take()
                 return
-            if self.ended():
+            if self.take()[1] == ";":
                 return
 
 
