@@ -53,13 +53,13 @@ def choose_frame(machine: Machine, tool: Expr, work: Expr | None, joints: bool) 
     key = (tool_name, _stamp(tool_value), work_name, _stamp(work_value))
     index = machine.frame_keys.get(key)
     if index is None:
-        index = machine.frame_keys[key] = len(machine.frames)
         flange = _tool_frame(machine, tool_name, tool_value)
         base = (
             translation(0, 0, 0)
             if work is None and not work_name
             else _work_frame(machine, work_name, work_value)
         )
+        index = machine.frame_keys[key] = len(machine.frames)
         machine.frames.append(Frames(tool_name, work_name, flange, base))
     return index
 
