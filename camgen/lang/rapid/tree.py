@@ -5,6 +5,9 @@ Nodes within a statement have no line, except functions: statements that look th
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
+from typing import Any
+
 from msgspec import Struct
 
 from camgen.model.pose import Vec3
@@ -95,7 +98,7 @@ class Shape(Struct, frozen=True, eq=False, gc=False):
     """What statements have in common that differ in the positions and orientations of their points only.
 
     name, args, options: as in Calling, without the points, which come first. points: for each its configuration and
-    external axes. lead, lines: line ends before the name and before the semicolon, from the statement before on.
+    external axes. lead: line ends before the name, from the statement before on.
     """
 
     name: str
@@ -103,7 +106,6 @@ class Shape(Struct, frozen=True, eq=False, gc=False):
     args: tuple[Expr, ...]
     options: tuple[tuple[str, Expr | None], ...]
     lead: int
-    lines: int
 
 
 class Inline(Struct, frozen=True, eq=False, gc=False):
@@ -130,7 +132,7 @@ class Inline(Struct, frozen=True, eq=False, gc=False):
         return Calling(self.line, self.shape.name, (*points, *self.shape.args), self.shape.options)
 
 
-# Statements beside calls. A block is a list of them.
+# Statements beside calls. A block is a list of them, and of runs of those that are read by column.
 
 
 class Assign(Struct, frozen=True, eq=False):
@@ -238,7 +240,34 @@ Statement = (
     | Late
     | Empty
 )
-Block = tuple[Statement, ...]
+
+
+class Run(Struct, frozen=True, eq=False):
+    """Consecutive statements: the rows `first` to before `last` of a file.
+
+    rows: rows of the file (`camgen.lang.rapid.rows`).
+    is_free: whether they only move and switch.
+    """
+
+    rows: Any
+    first: int
+    last: int
+    is_free: bool
+
+    def __len__(self) -> int:
+        return self.last - self.first
+
+
+def list_statements(block: Iterable[Statement | Run]) -> Iterator[Statement]:
+    """The statements of a block one by one."""
+    for item in block:
+        if isinstance(item, Run):
+            yield from map(item.rows.statement, range(item.first, item.last))
+        else:
+            yield item
+
+
+Block = tuple[Statement | Run, ...]
 
 
 # Declarations

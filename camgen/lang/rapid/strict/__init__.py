@@ -9,18 +9,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import cast
 
 from camgen.lang.log import Log
 from camgen.lang.programs import Executed, Frames
-from camgen.lang.rapid.tree import Statement
+from camgen.lang.rapid.rows import Spellings
+from camgen.lang.rapid.tree import Block, Run
 from camgen.lang.rapid.types import PREDEFINED, RESIDENT, Value
 from camgen.lang.rapid.words import INSTALLED
 from camgen.model.program import Force, Output
 
 from .data import Scope
 from .expected import read_expected
-from .rows import Run, Spellings
 from .runs import perform
 from .state import PostSettings, State
 from .statements import (
@@ -227,7 +226,7 @@ def read_with(files: Mapping[str, str], options: Mapping[str, object], *, plain:
     settings = _read_settings(options)
     program = Linked(settings.longest_name)
     line = 1
-    spellings = Spellings(Written)
+    spellings = Spellings(Written, MOTIONS)
     for text in files.values():
         lines = text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
         modules, ends = parse(lines, line, spellings if plain else None, program.log)
@@ -264,35 +263,32 @@ def _run_routine(program: Linked, state: State, routine: Routine, depth: int) ->
     """Runs a routine and the routines that it calls."""
     scope = program.scopes[routine]
     program.ran[routine] = None
-    for part in cast(Sequence[Calling | Inline | Run], routine.body):
-        item, left = part, _MOST_STATEMENTS - state.count
-        if isinstance(item, Run):
-            last = min(item.last, item.first + left)
-            state.count += last - item.first
-            if last == item.last:
-                state.wait(item, scope)
-                continue
-            state.wait(Run(item.rows, item.first, last), scope)
-            item, left = item.rows.statement(last), 0
-        state.count += 1
-        if left <= 0:
-            state.log.find(
-                "refused", f"more than {_MOST_STATEMENTS} statements are run", line=item.line
-            )
-            return
-        state.scope = scope
-        try:
-            if isinstance(item, Inline) and item.shape.name in MOTIONS:
-                perform(state)
-                inline(state, item)
-            else:
-                call = item.call() if isinstance(item, Inline) else item
-                _run_call(program, state, routine, call, depth)
-        except Wrong as wrong:
-            state.log.find("refused", wrong.what, line=wrong.line)
+    for part in routine.body:
+        if isinstance(part, Run) and part.is_free and len(part) <= _MOST_STATEMENTS - state.count:
+            state.count += len(part)
+            state.wait(part, scope)
+            continue
+        for item in calls_of((part,)):
+            state.count += 1
+            if state.count > _MOST_STATEMENTS:
+                what = f"more than {_MOST_STATEMENTS} statements are run"
+                state.log.find("refused", what, line=item.line)
+                return
+            state.scope = scope
+            try:
+                _run_statement(program, state, routine, item, depth)
+            except Wrong as wrong:
+                state.log.find("refused", wrong.what, line=wrong.line)
 
 
-def _run_call(program: Linked, state: State, routine: Routine, call: Calling, depth: int) -> None:
+def _run_statement(
+    program: Linked, state: State, routine: Routine, item: Calling | Inline, depth: int
+) -> None:
+    if isinstance(item, Inline) and item.shape.name in MOTIONS:
+        perform(state)
+        inline(state, item)
+        return
+    call = item.call() if isinstance(item, Inline) else item
     if call.name in MOTIONS:
         perform(state)
         motion(state, call)
@@ -329,7 +325,7 @@ def _check_handlers(program: Linked, state: State, main: Routine) -> None:
         _check_form(state, routine, main)
         try:
             off, end = _handle(program, state, routine, routine.handler, 0)
-            line = routine.handler[-1].line if routine.handler else routine.line
+            line = max([routine.line, *(call.line for call in calls_of(routine.handler))])
             if not end:
                 what = "goes on behind the error; end it with RAISE"
                 raise Wrong(line, f"the ERROR handler of {routine.name} {what}")
@@ -361,7 +357,7 @@ def _check_form(state: State, routine: Routine, main: Routine) -> None:
         return
 
 
-def _hands_on(handler: Sequence[Statement]) -> bool:
+def _hands_on(handler: Block) -> bool:
     """Whether an ERROR handler is RAISE alone, so that the handler of main gets the error."""
     return len(handler) == 1 and isinstance(handler[0], Calling) and handler[0].name == "raise"
 
@@ -406,7 +402,7 @@ def _find_missing_handlers(
 
 
 def _handle(
-    program: Linked, state: State, routine: Routine, body: Sequence[Statement], depth: int
+    program: Linked, state: State, routine: Routine, body: Block, depth: int
 ) -> tuple[dict[str, None], str]:
     """The outputs that a handler switches off, in order, and the word that it ends with.
 

@@ -9,12 +9,12 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.ragged import each_once, stretches
+from camgen.lang.rapid.rows import Columns, Rows
 from camgen.lang.rapid.ways import is_half_turn, judge_arc, judge_arcs
 from camgen.model.body import NUMBER, Body, Packed
 from camgen.model.pose import FloatArray, Pose, to_vec3
 from camgen.model.program import Indices, Mask, MoveC, MoveJ, MoveL, Output
 
-from .rows import Columns, Rows
 from .state import Bound, State
 from .statements import check_supervision, find_bound, inline, is_usual, switch, switch_signal
 from .syntax import Inline, Wrong
@@ -85,16 +85,17 @@ def _run_columns(state: State, rows: Rows, indices: Indices) -> bool:
     point = columns.point[moves]
     ends, vias = rows.points[point], rows.points[columns.point[arcs] - 1]
     starts = np.concatenate([[state.current_pose.origin], ends[:-1]])
+    turn, via_turn = rows.turn[point], rows.turn[columns.point[arcs] - 1]
     turned = {
         number: state.turned(rows.spellings.turns[number])
-        for number in each_once(rows.turn).tolist()
+        for number in each_once(np.append(turn, via_turn)).tolist()
     }
     table = [rotation for rotation in turned.values() if rotation is not None]
     if (before & ~moves).any() or len(table) < len(turned):
         return False
     index_of = np.zeros(len(rows.spellings.turns), np.int32)
     index_of[list(turned)] = np.arange(len(turned))
-    rotation = index_of[rows.turn[point]]
+    rotation = index_of[turn]
     is_line = kind[moves] == NUMBER[MoveL]
     is_arc = kind[moves] == NUMBER[MoveC]
     is_still = (starts == ends).all(axis=1)
@@ -118,7 +119,7 @@ def _run_columns(state: State, rows: Rows, indices: Indices) -> bool:
                 path=np.broadcast_to(np.intp(-1), len(point)),
                 work=np.broadcast_to(np.bool_(False), len(point)),
                 via=vias,
-                via_rotation=index_of[rows.turn[columns.point[arcs] - 1]],
+                via_rotation=index_of[via_turn],
                 kept=~moves,
             ),
             table,

@@ -11,13 +11,14 @@ from typing import cast
 from msgspec import Struct
 
 from camgen.lang.log import Log
+from camgen.lang.rapid.rows import Rows
+from camgen.lang.rapid.tree import Run
 from camgen.lang.rapid.types import Value
 from camgen.model.pose import FloatArray, Pose, Vec3, rotation_from_quaternion
 from camgen.model.program import Instruction, Joints, Packing, Posture
 
 from .data import Scope, orient_fault, pose
 from .expected import Expected, judge_load
-from .rows import Rows, Run
 from .syntax import Expr, Ref, Shape, Wrong
 
 
