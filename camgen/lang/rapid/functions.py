@@ -34,7 +34,7 @@ def call_function(machine: Machine, call: Calling) -> Value:
     routine = machine.routine(call.name)
     if routine is not None:
         return machine.call(routine, call)
-    special = _SPECIAL.get(call.name)
+    special = SPECIAL.get(call.name)
     if special is not None:
         return special(machine, call)
     values = [machine.value(arg) for arg in call.args]
@@ -128,10 +128,10 @@ def _is_given(machine: Machine, value: Expr | None) -> bool:
 
 
 def _joints_here(machine: Machine, _call: Calling) -> Value:
-    if machine.here.joints is None:
+    if machine.position.joints is None:
         machine.log.assume("CJointT: the joints where the arm is are not known", "")
         return Unknown("CJointT()")
-    return (machine.here.joints, (9e9,) * 6)
+    return (machine.position.joints, (9e9,) * 6)
 
 
 def _robot_of_joints(machine: Machine, call: Calling) -> Value:
@@ -373,7 +373,7 @@ def _bits(function: Callable[[int, int], int]) -> Callable[[float, float], float
 
 #: The bits of a dnum that functions of bits work on.
 _DNUM = 2**52 - 1
-_SPECIAL: dict[str, Callable[[Machine, Calling], Value]] = {
+SPECIAL: dict[str, Callable[[Machine, Calling], Value]] = {
     "offs": _offs, "reltool": _reltool, "crobt": see_here, "cpos": see_here, "cjointt": _joints_here,
     "calcrobt": _robot_of_joints, "calcjointt": _of_arm, "eulerzyx": _euler, "strtoval": _number_of_text,
     "present": _present,

@@ -17,7 +17,7 @@ from camgen.model.pose import IDENTITY, Pose
 
 from .effects import ALONE, GIVES, LOST, OMITTED, SILENT, UNSEEN
 from .functions import name_of
-from .machine import Here, Machine
+from .machine import Machine, RobotPosition
 from .motions import Trigger
 from .places import pose_of, see_here
 from .tokens import Wrong
@@ -384,7 +384,7 @@ def _move_alone(machine: Machine, _call: Calling) -> None:
 def _move_unseen(machine: Machine, call: Calling) -> None:
     """A motion that no text tells: where the arm is is not known after it."""
     machine.log.leave_out(f"{call.name} moves the arm as no text says: it is not shown")
-    machine.here = Here(None, machine.frame)
+    machine.position = RobotPosition(None, machine.frame)
     machine.blending = 0
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, MutableSequence
 from dataclasses import dataclass, field
 
 from msgspec import Struct
@@ -93,7 +93,7 @@ class Frame:
                 self.data[key] = hidden
 
 
-class Here(Struct, frozen=True, eq=False):
+class RobotPosition(Struct, frozen=True, eq=False):
     """Where the arm is: the pose of the TCP in the work frame ``frame``, with the configuration and the external axes
     of the target; or its joints, deg. What is not known is None.
     """
@@ -112,7 +112,7 @@ class Machine:
 
     ask: Ask
     body: list[Instruction] = field(default_factory=list)
-    lines: list[int] = field(default_factory=list)
+    lines: MutableSequence[int] = field(default_factory=list)
     frame_of: list[int] = field(default_factory=list)
     frames: list[Frames] = field(default_factory=list)
     frame_keys: dict[tuple[Value, ...], int] = field(default_factory=dict)
@@ -128,7 +128,7 @@ class Machine:
     outputs: dict[str, float] = field(default_factory=dict)  # by name in lower case, as last set
     scope: Frame = field(default_factory=lambda: Frame(None, Home("")))
     line: int = 0
-    here: Here = field(default_factory=Here)
+    position: RobotPosition = field(default_factory=RobotPosition)
     displaced: Pose | None = None
     speed_override: float = 1.0
     speed_most: float = 0.0
@@ -192,8 +192,11 @@ class Machine:
         """The data that ``name`` means where the program is, those that the system declares among them."""
         key = name.lower()
         found = self.scope.data.get(key) or self.scope.home.data.get(key) or self.data.get(key)
-        if found is not None:
-            return found
+        return found or self.find_system(name)
+
+    def find_system(self, name: str) -> Variable | None:
+        """Data that the system declares. They are global from here on."""
+        key, found = name.lower(), None
         if key in PREDEFINED or key in MORE:
             kind, value = PREDEFINED[key] if key in PREDEFINED else MORE[key]
             found = self.data[key] = Variable(
@@ -260,12 +263,12 @@ class Machine:
     def declare(self, data: Data, home: Home) -> Variable:
         """A variable whose value is worked out when it is asked for."""
         found = Variable(data.name, data.type, data.storage, None, data.line)
-        found.start, found.dims, found.home = data.value, data.dims, home
+        found.start, found.dims, found.home, found.declaration = data.value, data.dims, home, data
         found.value = found  # worked out when it is asked for: see ``load``
         return found
 
-    def _begun(self, variable: Variable) -> Value:
-        """What a variable is worth at first."""
+    def begin_value(self, variable: Variable) -> Value:
+        """The value of a variable at first. Raises Wrong if it has none."""
         if variable.start is None and variable.storage == "pers":
             found = self.ask_for(f"{variable.name}, which has no value here", variable.name)
             return self.settled(variable.type, found)
@@ -321,18 +324,22 @@ class Machine:
         """The value that a declaration gives."""
         if variable in self.pending or len(self.pending) > _LONGEST_CHAIN:
             variable.value = Unknown(f"{variable.name}, which is defined by itself")
-            raise Wrong(
+            variable.fault = Wrong(
                 variable.line, f"{variable.name} is defined by itself or through too many others"
             )
+            raise variable.fault
         scope, line = self.scope, self.line
         self.pending.append(variable)
         if isinstance(variable.home, Home) and scope.home is not variable.home:
             self.scope = Frame(None, variable.home)
         self.line = variable.line
         try:
-            variable.value = self._begun(variable)
+            variable.value = self.begin_value(variable)
         except Wrong as wrong:
-            variable.value = Unknown(f"{variable.name}, whose value is wrong")
+            variable.value, variable.fault = (
+                Unknown(f"{variable.name}, whose value is wrong"),
+                wrong,
+            )
             self.log.find("refused", wrong.what, line=wrong.line)
         finally:
             self.pending.pop()

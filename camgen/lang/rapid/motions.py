@@ -19,7 +19,7 @@ from camgen.model.pose import Pose, Vec3, frozen, rotation_between, to_vec3
 
 from .effects import LOST_OPTIONS, OMITTED_OPTIONS, READ_OPTIONS, SILENT_OPTIONS
 from .functions import name_of
-from .machine import Here, Machine
+from .machine import Machine, RobotPosition
 from .places import WORST_NORM, choose_frame, pose_of, see_pose
 from .tokens import Wrong
 from .tree import Calling, Expr, Inline
@@ -328,7 +328,7 @@ def _move_joints(machine: Machine, value: Value, bound: Bound) -> None:
     turn = bound.turn if bound.turns_slowly else 0.0
     item = MoveJ(Joints(tuple(math.radians(v) for v in axes)), bound.speed, bound.blend, turn=turn)
     machine.add(item)
-    machine.here = Here(None, machine.frame, (), axes)
+    machine.position = RobotPosition(None, machine.frame, (), axes)
     machine.blending = machine.line if bound.blend > _NO_CORNER else 0
 
 
@@ -362,7 +362,7 @@ def _move_pose(
     triggers = _triggers(machine, form, call)
     if form.process == "force":
         _press(machine, call, bound, via, target, _posture(rest))
-        machine.here = Here(target, machine.frame, rest)
+        machine.position = RobotPosition(target, machine.frame, rest)
         return
     if triggers and via is None and form.kind == "l":
         _trigger_on_line(machine, triggers, target, bound, rest)
@@ -385,7 +385,7 @@ def _leave_out(machine: Machine, value: Value) -> None:
         else "it is worked out on the controller"
     )
     machine.log.leave_out(f"a target is not known ({why[:60]}): motions there are left out")
-    machine.here = Here(None, machine.frame)
+    machine.position = RobotPosition(None, machine.frame)
 
 
 def _check_turn(machine: Machine, turn: tuple[float, ...]) -> None:
@@ -426,7 +426,7 @@ def _emit(
         machine.add(item)
     else:
         _emit_arc(machine, start, via, target, bound, posture)
-    machine.here = Here(target, machine.frame, rest)
+    machine.position = RobotPosition(target, machine.frame, rest)
     machine.blending = machine.line if bound.blend > _NO_CORNER else 0
 
 

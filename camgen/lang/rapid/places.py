@@ -139,7 +139,7 @@ def _work_frame(machine: Machine, name: str, value: Value) -> Pose | None:
 
 def see_pose(machine: Machine) -> Pose | None:
     """The pose of the TCP in the work frame, both those in force. None if it is not known."""
-    arm = machine.here
+    arm = machine.position
     if arm.pose is None and arm.joints is not None:
         return _put(machine, arm.joints, machine.frames[machine.frame])
     if arm.pose is None or arm.frame == machine.frame:
@@ -186,7 +186,7 @@ def see_here(machine: Machine, call: Calling) -> Value:
             Ref(machine.frames[kept].work) if machine.frames[kept].work else None
         )
         machine.frame = choose_frame(machine, tool, work, False)
-    pose, rest = see_pose(machine) if machine.frames else None, machine.here.rest
+    pose, rest = see_pose(machine) if machine.frames else None, machine.position.rest
     machine.frame = kept
     if pose is None:
         machine.log.assume(f"{call.name}: where the arm is is not known")

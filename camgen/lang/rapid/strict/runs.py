@@ -9,6 +9,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.ragged import each_once, stretches
+from camgen.lang.rapid.machine import RobotPosition
 from camgen.lang.rapid.rows import Columns, Rows
 from camgen.lang.rapid.ways import is_half_turn, judge_arc, judge_arcs
 from camgen.model.body import NUMBER, Body, Packed
@@ -25,21 +26,21 @@ _KINDS = {"movej": NUMBER[MoveJ], "movel": NUMBER[MoveL], "movec": NUMBER[MoveC]
 def perform(state: State) -> None:
     """Runs the statements that wait."""
     waiting, state.waiting = state.waiting, []
-    scope = state.scope
+    scope, line = state.scope, state.line
     for _, group in groupby(waiting, key=lambda item: (id(item.rows), id(item.scope))):
         runs = list(group)
         rows, state.scope = runs[0].rows, runs[0].scope
         first = np.array([run.first for run in runs], np.intp)
         last = np.array([run.last for run in runs], np.intp)
         _perform_rows(state, rows, stretches(first, last - first))
-    state.scope = scope
+    state.scope, state.line = scope, line
 
 
 def _perform_rows(state: State, rows: Rows, indices: Indices) -> None:
     """Runs statements of a file in order."""
     done = 0
     # The path of a motion that starts at joint values is unknown.
-    while done < len(indices) and state.current_pose is None:
+    while done < len(indices) and state.position.pose is None:
         _run_row(state, rows, int(indices[done]))
         done += 1
     if done < len(indices) and not _run_columns(state, rows, indices[done:]):
@@ -49,6 +50,7 @@ def _perform_rows(state: State, rows: Rows, indices: Indices) -> None:
 
 def _run_row(state: State, rows: Rows, row: int) -> None:
     statement = rows.statement(row)
+    state.line = statement.line
     try:
         if isinstance(statement, Inline):
             inline(state, statement)
@@ -77,14 +79,14 @@ def _run_columns(state: State, rows: Rows, indices: Indices) -> bool:
     """Runs statements by column. Returns False, and runs none, if one of them is not usual."""
     columns = rows.columns.take(indices)
     effects = _find_effects(state, rows, indices, columns)
-    if effects is None or state.pressing is not None or state.current_pose is None:
+    if effects is None or state.pressing is not None or state.position.pose is None:
         return False
     kind, blend = effects.kind[columns.shape], effects.blend[columns.shape]
     moves, arcs = kind != NUMBER[Output], kind == NUMBER[MoveC]
     before = np.append(bool(state.blending), (blend > 0)[:-1])
     point = columns.point[moves]
     ends, vias = rows.points[point], rows.points[columns.point[arcs] - 1]
-    starts = np.concatenate([[state.current_pose.origin], ends[:-1]])
+    starts = np.concatenate([[state.position.pose.origin], ends[:-1]])
     turn, via_turn = rows.turn[point], rows.turn[columns.point[arcs] - 1]
     turned = {
         number: state.turned(rows.spellings.turns[number])
@@ -105,10 +107,10 @@ def _run_columns(state: State, rows: Rows, indices: Indices) -> bool:
     poses = [Pose(matrix, last_pose.origin) for matrix in table]
     turned_lines = [(poses[a], poses[b]) for a, b in _turns(rotation, is_line)]
     if is_line[0]:
-        turned_lines.append((state.current_pose, poses[rotation[0]]))
+        turned_lines.append((state.position.pose, poses[rotation[0]]))
     if any(is_half_turn(start, end) for start, end in turned_lines):
         return False
-    state.body.extend_body(
+    state.packing.extend_body(
         Body(
             Packed(
                 kind=kind.astype(np.int8),
@@ -127,7 +129,7 @@ def _run_columns(state: State, rows: Rows, indices: Indices) -> bool:
         )
     )
     state.lines.frombytes(columns.line.astype(np.int64).tobytes())
-    state.current_pose, state.settled = last_pose, False
+    state.position, state.is_settled = RobotPosition(last_pose), False
     state.note_target(ends)
     state.blending = int(columns.line[-1]) if blend[-1] > 0 else 0
     return True

@@ -8,6 +8,8 @@ from typing import cast
 
 import numpy as np
 
+from camgen.lang.rapid.machine import RobotPosition
+from camgen.lang.rapid.places import pose_of
 from camgen.lang.rapid.types import Value
 from camgen.lang.rapid.ways import (
     is_half_turn,
@@ -90,7 +92,7 @@ def switch(state: State, call: Calling) -> Output:
         )
     if count == 1:
         return Output(signal, 1.0 if call.name == "set" else 0.0)
-    value = cast(float, state.scope.value(call.args[1], "num", call.line))
+    value = cast(float, state.typed(call.args[1], "num", call.line))
     if call.name == "setdo" and value not in (0, 1):
         raise Wrong(call.line, "a digital output is 0 or 1")
     return Output(signal, value)
@@ -100,8 +102,8 @@ def switch_signal(state: State, call: Calling) -> None:
     """Runs SetDO, SetAO, Set or Reset."""
     item = switch(state, call)
     state.stopped(call.name)
-    state.settled = False
-    state.add(item, call.line)
+    state.is_settled = False
+    state.add(item)
 
 
 def _wait(state: State, call: Calling) -> None:
@@ -114,13 +116,13 @@ def _wait(state: State, call: Calling) -> None:
         raise Wrong(call.line, f"\\{switches[0][:40]} of waittime is not read")
     if len(call.args) != 1:
         raise Wrong(call.line, f"waittime has 1 argument, not {len(call.args)}")
-    seconds = cast(float, state.scope.value(call.args[0], "num", call.line))
+    seconds = cast(float, state.typed(call.args[0], "num", call.line))
     if seconds < 0:
         raise Wrong(call.line, "a wait must not be negative")
     state.stopped(call.name)
-    state.settled = state.settled or bool(switches)
+    state.is_settled = state.is_settled or bool(switches)
     if seconds > 0 or not switches:
-        state.add(Wait(seconds), call.line)
+        state.add(Wait(seconds))
 
 
 def _stop(state: State, call: Calling) -> None:
@@ -128,8 +130,8 @@ def _stop(state: State, call: Calling) -> None:
     if call.args or call.options:
         raise Wrong(call.line, "stop is read without arguments")
     state.stopped("stop")
-    state.settled = False
-    state.add(Stop(), call.line)
+    state.is_settled = False
+    state.add(Stop())
 
 
 def _configuration(state: State, call: Calling) -> None:
@@ -158,7 +160,7 @@ def _acceleration(state: State, call: Calling) -> None:
     """Runs AccSet. Acceleration and ramp, in %, are not part of an instruction."""
     if len(call.args) != 2 or call.options:
         raise Wrong(call.line, "accset needs acceleration and ramp")
-    values = tuple(cast(float, state.scope.value(value, "num", call.line)) for value in call.args)
+    values = tuple(cast(float, state.typed(value, "num", call.line)) for value in call.args)
     if not all(0 < value <= 100 for value in values):
         raise Wrong(call.line, "accset is in %, up to 100")
     state.acceleration = values
@@ -172,16 +174,16 @@ def _calibrate(state: State, call: Calling) -> None:
         raise Wrong(call.line, "fccalib needs one loaddata")
     argument, expected = call.args[0], state.settings.expected
     load: str | Value = argument.name.lower() if isinstance(argument, Ref) else ""
-    if load != expected.calibration.lower() or state.scope.known(argument):
-        value = state.scope.value(argument, "loaddata", call.line)
+    if load != expected.calibration.lower() or state.known(argument):
+        value = state.typed(argument, "loaddata", call.line)
         load = load or value
     if state.pressing is not None:
         raise Wrong(call.line, "fccalib while pressing")
     state.remark(call.line, judge_calibration(expected, load))
-    if not state.settled:
+    if not state.is_settled:
         what = "FCCalib without WaitTime\\InPos right before it: the arm may still swing"
         state.remark(call.line, what)
-    state.calibrated, state.settled = True, False
+    state.calibrated, state.is_settled = True, False
     state.stopped(call.name)
 
 
@@ -191,7 +193,7 @@ def _deactivate(state: State, call: Calling) -> None:
     if state.pressing is not None:
         raise Wrong(call.line, "fcdeact while pressing, before FCPressEnd")
     state.stopped("fcdeact")
-    state.add(Force(0.0), call.line)
+    state.add(Force(0.0))
 
 
 def check_deactivation(state: State, call: Calling) -> None:
@@ -261,8 +263,8 @@ def motion(state: State, call: Calling) -> Bound:
         state.remark(call.line, joints_remark(axes))
         _move(state, call.line, bound, None, Joints(tuple(math.radians(v) for v in axes)))
     else:
-        via = state.pose(values["via"]) if "via" in values else None
-        _move(state, call.line, bound, via, state.pose(values["to"]))
+        via = pose_of(state, values["via"]) if "via" in values else None
+        _move(state, call.line, bound, via, pose_of(state, values["to"]))
     return bound
 
 
@@ -346,17 +348,17 @@ def _move(state: State, line: int, bound: Bound, via: Pose | None, target: Pose 
     state.moved = True
     if isinstance(target, Pose):
         check_supervision(state, line, bound)
-    if isinstance(target, Pose) and state.current_pose is not None:
-        _check_motion(state, line, bound, state.current_pose, via, target)
+    if isinstance(target, Pose) and state.position.pose is not None:
+        _check_motion(state, line, bound, state.position.pose, via, target)
     if bound.name in _PRESSING and isinstance(target, Pose):
         _press(state, line, bound, via, target)
     else:
         if state.pressing is not None:
             state.log.find("refused", f"{bound.name} while pressing, before FCPressEnd", line=line)
-        state.add(_free(bound, via, target, _turn(state, bound, target)), line)
-    state.current_pose = target if isinstance(target, Pose) else None
+        state.add(_free(bound, via, target, _turn(state, bound, target)))
+    state.position = RobotPosition(target if isinstance(target, Pose) else None)
     state.note_target(target)
-    state.settled = False
+    state.is_settled = False
     state.blending = line if bound.blend > 0 else 0
 
 
@@ -366,7 +368,7 @@ def _turn(state: State, bound: Bound, target: Pose | Joints) -> float:
     A linear motion to the position of the TCP is a reorientation, even if the printed digits show
     no rotation. A joint motion has this speed if it is not the usual one.
     """
-    start = state.current_pose
+    start = state.position.pose
     if isinstance(target, Joints) or bound.name == "movej":
         return bound.turn if abs(bound.turn - _USUAL_TURN) > _SAME_TURN else 0.0
     is_still = start is not None and start.origin == target.origin
@@ -398,13 +400,13 @@ def _bind(state: State, call: Calling) -> dict[str, Value]:
     positional, optional = MOTIONS[call.name]
     if len(call.args) != len(positional):
         raise Wrong(call.line, f"{call.name} has {len(positional)} arguments, not {len(call.args)}")
-    line, scope = call.line, state.scope
+    line = call.line
     values: dict[str, Value] = {}
     for name, expr in zip(positional, call.args, strict=True):
         if name == "tool":
             _frame_argument(state, "tool", "tooldata", expr, line)
         else:
-            values[name] = scope.value(expr, _TYPES[name], line)
+            values[name] = state.typed(expr, _TYPES[name], line)
     work: Expr | None = _WORLD
     for name, option in call.options:
         if name not in optional:
@@ -414,7 +416,7 @@ def _bind(state: State, call: Calling) -> dict[str, Value]:
         elif name in values or (option is None) != (optional[name] == ""):
             raise Wrong(line, f"\\{name} of {call.name} is given twice or has no value")
         else:
-            values[name] = True if option is None else scope.value(option, optional[name], line)
+            values[name] = True if option is None else state.typed(option, optional[name], line)
     if call.name != "moveabsj":
         _frame_argument(state, "work", "wobjdata", work, line)
     if cast(float, values.get("v", 1.0)) <= 0 or cast(float, values.get("z", 1.0)) <= 0:
@@ -427,20 +429,21 @@ def _frame_argument(state: State, kind: str, data_type: str, expr: Expr | None, 
 
     Raises Wrong unless it is a whole persistent (manual, tooldata).
     """
-    if isinstance(expr, Ref) and state.frame_of.get(kind) == (expr.name, state.scope):
+    if isinstance(expr, Ref) and state.checked.get(kind) == (expr.name, state.scope):
         return
     if not isinstance(expr, Ref):
         raise Wrong(line, f"{data_type} must be the name of a persistent")
-    data = state.scope.find(expr.name)
+    variable = state.variable(expr.name)
+    data = None if variable is None else variable.declaration
     if data is not None and data.storage != "pers":
         raise Wrong(line, f"{expr.name} must be PERS, not {data.storage.upper()}")
     if data is not None and not data.local:
         state.remark(data.line, judge_persistent(state.settings.expected, data.name, data.task))
-    unknown = state.settings.external and not state.scope.known(expr)
-    value = None if unknown else state.scope.value(expr, data_type, line)
+    unknown = state.settings.external and not state.known(expr)
+    value = None if unknown else state.typed(expr, data_type, line)
     state.remark(line, judge_name(state.settings.expected, kind, expr.name, unknown))
-    state.frame(kind, expr, value, line)
-    state.frame_of[kind] = (expr.name, state.scope)
+    state.set_frame(kind, expr, value, line)
+    state.checked[kind] = (expr.name, state.scope)
 
 
 def check_supervision(state: State, line: int, bound: Bound) -> None:
@@ -511,9 +514,9 @@ def _press(state: State, line: int, bound: Bound, via: Pose | None, target: Pose
         state.stopped(name)
         state.pressing, state.calibrated = None, False
         state.free_targets.clear()
-        state.add(Force(0.0), line)
+        state.add(Force(0.0))
         turn = _turn(state, bound, target)
-        state.add(MoveL(target, speed, blend, posture=bound.posture, turn=turn), line)
+        state.add(MoveL(target, speed, blend, posture=bound.posture, turn=turn))
         return
     else:
         force = cast(float, bound.values["force"]) * state.settings.sign * state.pressing[1]
@@ -522,10 +525,10 @@ def _press(state: State, line: int, bound: Bound, via: Pose | None, target: Pose
     assert state.pressing is not None
     press = _direction(target, state.pressing)
     if via is not None:
-        state.add(MoveC(via, target, speed, blend, force, press, posture=bound.posture), line)
+        state.add(MoveC(via, target, speed, blend, force, press, posture=bound.posture))
     else:
         turn = _turn(state, bound, target)
-        state.add(MoveL(target, speed, blend, force, press, posture=bound.posture, turn=turn), line)
+        state.add(MoveL(target, speed, blend, force, press, posture=bound.posture, turn=turn))
 
 
 def _begin_pressing(state: State, line: int, values: Mapping[str, Value]) -> float:
@@ -537,7 +540,7 @@ def _begin_pressing(state: State, line: int, values: Mapping[str, Value]) -> flo
     force = cast(float, values[names[0]]) if len(names) == 1 else 0.0
     if force == 0:
         raise Wrong(line, "FCPress1LStart needs a force along one axis of the tool")
-    if state.pressing is not None or state.current_pose is None:
+    if state.pressing is not None or state.position.pose is None:
         reason = "twice" if state.pressing else "from an unknown pose"
         raise Wrong(line, f"FCPress1LStart {reason}")
     if not 0 <= cast(float, values["threshold"]) <= 100:
@@ -548,10 +551,10 @@ def _begin_pressing(state: State, line: int, values: Mapping[str, Value]) -> flo
     state.stopped("fcpress1lstart")
     state.pressing = (axis, state.settings.sign if force > 0 else -state.settings.sign)
     needs_calibration = state.settings.expected.calibration and not state.calibrated
-    if needs_calibration and _was_in_the_air(state, state.current_pose, state.pressing):
+    if needs_calibration and _was_in_the_air(state, state.position.pose, state.pressing):
         state.remark(line, "no FCCalib before pressing, though post.force_load asks for it")
     state.pressed = True
-    state.add(Force(abs(force), _direction(state.current_pose, state.pressing)), line)
+    state.add(Force(abs(force), _direction(state.position.pose, state.pressing)))
     return abs(force)
 
 
