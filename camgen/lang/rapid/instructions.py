@@ -21,7 +21,7 @@ from .machine import Machine, RobotPosition
 from .motions import Trigger
 from .places import pose_of, see_here
 from .tokens import Wrong
-from .tree import Calling, Component, Element, Expr, Ref
+from .tree import Calling, Component, Element, Expr, Ref, find_root
 from .values import find_unknown
 
 #: s: how long PulseDO switches on where it does not say.
@@ -317,9 +317,8 @@ def _receive(machine: Machine, call: Calling) -> None:
 
 
 def _key_of(target: Expr) -> str:
-    while isinstance(target, (Component, Element)):
-        target = target.base
-    return target.name.lower() if isinstance(target, Ref) else ""
+    root = find_root(target)
+    return root.name.lower() if isinstance(root, Ref) else ""
 
 
 #: Which arguments of an instruction get a value from outside, and which optional ones.

@@ -29,6 +29,7 @@ from .tree import (
     Point,
     Ref,
     Routine,
+    find_root,
 )
 from .types import MORE, MORE_TYPES, NUMBERS, PREDEFINED, TEXTS, TYPES, USER
 from .values import (
@@ -466,7 +467,7 @@ class Machine:
         """The worth of a component or an element."""
         found = self.place(expr)
         if found is None:
-            return find_unknown(self._root(expr)) or NOTHING
+            return find_unknown(self.value(find_root(expr))) or NOTHING
         variable, path, _, _ = found
         value = self.load(variable)
         for place in path:
@@ -476,11 +477,6 @@ class Machine:
                 return NOTHING
             value = value[place]
         return value
-
-    def _root(self, expr: Expr) -> Value:
-        while isinstance(expr, (Component, Element)):
-            expr = expr.base
-        return self.value(expr)
 
     def assign(self, target: Expr, value: Value) -> None:
         """``target := value``."""

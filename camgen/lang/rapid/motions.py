@@ -645,7 +645,7 @@ def _press(
             force = 1.0
         newtons = abs(force)
     assert machine.pressing is not None
-    press = _direction(target, machine.pressing)
+    press = find_direction(target, machine.pressing)
     if via is None:
         machine.add(MoveL(target, bound.speed, bound.blend, newtons, press, posture=posture))
     else:
@@ -661,10 +661,11 @@ def _begin_pressing(machine: Machine, call: Calling, target: Pose) -> float:
         machine.log.assume("the force to press with is not known: 1 N is taken")
         force = 1.0
     machine.pressing = (axis, 1 if force > 0 else -1)
-    machine.add(Force(abs(force), _direction(see_pose(machine) or target, machine.pressing)))
+    machine.add(Force(abs(force), find_direction(see_pose(machine) or target, machine.pressing)))
     return abs(force)
 
 
-def _direction(at: Pose, pressing: tuple[int, int]) -> Vec3:
+def find_direction(at: Pose, pressing: tuple[int, int]) -> Vec3:
+    """The signed tool axis in the work frame along which a force presses."""
     axis, sign = pressing
     return to_vec3(at.rotation[:, axis] * sign)

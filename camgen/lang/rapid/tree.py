@@ -94,6 +94,13 @@ Expr = (
 )
 
 
+def find_root(expr: Expr) -> Expr:
+    """The expression of the data of which `expr` is an element or a component."""
+    while isinstance(expr, (Component, Element)):
+        expr = expr.base
+    return expr
+
+
 class Shape(Struct, frozen=True, eq=False, gc=False):
     """What statements have in common that differ in the positions and orientations of their points only.
 

@@ -11,7 +11,8 @@ from collections.abc import Mapping
 
 from camgen.lang.programs import Executed, Frames
 from camgen.lang.rapid.rows import Spellings
-from camgen.lang.rapid.tree import Block, Run
+from camgen.lang.rapid.tokens import Wrong
+from camgen.lang.rapid.tree import Block, Calling, Inline, Routine, Run
 from camgen.model.program import Force, Output
 
 from .expected import read_expected
@@ -29,16 +30,7 @@ from .statements import (
     motion,
     switch,
 )
-from .syntax import (
-    DEACT_WHERE_ON,
-    Calling,
-    Inline,
-    Routine,
-    Written,
-    Wrong,
-    calls_of,
-    parse,
-)
+from .syntax import DEACT_WHERE_ON, Written, calls_of, parse
 
 #: The signals of a cell whose options name none.
 _SIGNALS: Mapping[str, object] = {"process": "doProcess"}
@@ -124,19 +116,17 @@ def _run_routine(state: State, routine: Routine, depth: int) -> None:
 
 
 def _run_statement(state: State, routine: Routine, item: Calling | Inline, depth: int) -> None:
-    if isinstance(item, Inline) and item.shape.name in MOTIONS:
+    if isinstance(item, Inline):
         perform(state)
         inline(state, item)
-        return
-    call = item.call() if isinstance(item, Inline) else item
-    if call.name in MOTIONS:
+    elif item.name in MOTIONS:
         perform(state)
-        motion(state, call)
-    elif call.name in STATEMENTS:
+        motion(state, item)
+    elif item.name in STATEMENTS:
         perform(state)
-        STATEMENTS[call.name](state, call)
+        STATEMENTS[item.name](state, item)
     else:
-        _run_routine(state, _find_called(state, routine, call, depth), depth + 1)
+        _run_routine(state, _find_called(state, routine, item, depth), depth + 1)
 
 
 def _find_called(state: State, routine: Routine, call: Calling, depth: int) -> Routine:

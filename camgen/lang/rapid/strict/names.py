@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 
 from camgen.lang.rapid.machine import Frame, Home
+from camgen.lang.rapid.tree import Data, Module, Routine
 from camgen.lang.rapid.types import PREDEFINED, RESIDENT
 from camgen.lang.rapid.values import Variable
 from camgen.lang.rapid.words import INSTALLED
 
 from .state import State
 from .statements import MOTIONS, STATEMENTS
-from .syntax import Data, Module, Routine
 
 #: Names of the system, which a program may not declare.
 _SYSTEM = (INSTALLED | PREDEFINED.keys() | MOTIONS.keys() | STATEMENTS.keys()) - RESIDENT

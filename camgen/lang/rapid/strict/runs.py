@@ -11,6 +11,8 @@ from msgspec import Struct
 from camgen.geometry.ragged import each_once, stretches
 from camgen.lang.rapid.machine import RobotPosition
 from camgen.lang.rapid.rows import Columns, Rows
+from camgen.lang.rapid.tokens import Wrong
+from camgen.lang.rapid.tree import Inline
 from camgen.lang.rapid.ways import is_half_turn, judge_arc, judge_arcs
 from camgen.model.body import NUMBER, Body, Packed
 from camgen.model.pose import FloatArray, Pose, to_vec3
@@ -18,7 +20,6 @@ from camgen.model.program import Indices, Mask, MoveC, MoveJ, MoveL, Output
 
 from .state import Bound, State
 from .statements import check_supervision, find_bound, inline, is_usual, switch, switch_signal
-from .syntax import Inline, Wrong
 
 _KINDS = {"movej": NUMBER[MoveJ], "movel": NUMBER[MoveL], "movec": NUMBER[MoveC]}
 

@@ -19,7 +19,8 @@ from camgen.lang.rapid.functions import SPECIAL
 from camgen.lang.rapid.machine import Frame, Machine
 from camgen.lang.rapid.places import pose_of
 from camgen.lang.rapid.rows import Rows
-from camgen.lang.rapid.tree import Run
+from camgen.lang.rapid.tokens import Wrong
+from camgen.lang.rapid.tree import Calling, Expr, Module, Point, Ref, Routine, Run
 from camgen.lang.rapid.types import LITERAL, PREDEFINED, TYPES, Value
 from camgen.lang.rapid.values import Variable
 from camgen.model.pose import FloatArray, Pose
@@ -28,7 +29,6 @@ from camgen.model.text import counted
 
 from .data import numbers, orient_fault, posture_fault, record_fault
 from .expected import Expected, judge_load
-from .syntax import Calling, Expr, Module, Point, Ref, Routine, Wrong
 
 #: Data of the system whose values depend on the robot. They are not read.
 _OF_THE_ROBOT = frozenset(("vmax", "load0"))

@@ -9,7 +9,10 @@ from typing import cast
 import numpy as np
 
 from camgen.lang.rapid.machine import RobotPosition
+from camgen.lang.rapid.motions import find_direction
 from camgen.lang.rapid.places import pose_of
+from camgen.lang.rapid.tokens import Wrong
+from camgen.lang.rapid.tree import Calling, Expr, Inline, Ref
 from camgen.lang.rapid.types import Value
 from camgen.lang.rapid.ways import (
     is_half_turn,
@@ -19,7 +22,7 @@ from camgen.lang.rapid.ways import (
     posture_fault,
     posture_remark,
 )
-from camgen.model.pose import Pose, Vec3, to_vec3
+from camgen.model.pose import Pose
 from camgen.model.program import (
     Force,
     Joints,
@@ -45,7 +48,7 @@ from .expected import (
     judge_singularity,
 )
 from .state import Bound, State
-from .syntax import DEACT_WHERE_ON, Calling, Expr, Inline, Ref, Wrong
+from .syntax import DEACT_WHERE_ON
 
 _SUPERVISION = {"confj": "ConfJ", "confl": "ConfL"}
 #: The signal of an analog output. All others are digital (docs/posts/rapid.md, options).
@@ -252,8 +255,8 @@ _WORLD = Ref("wobj0")
 _PRESSING = frozenset(name for name in MOTIONS if name.startswith("fc"))
 
 
-def motion(state: State, call: Calling) -> Bound:
-    """Runs a motion. Returns the motion without its points. Raises Wrong if it cannot be read."""
+def motion(state: State, call: Calling) -> None:
+    """Runs a motion. Raises Wrong if it cannot be read."""
     bound = _read_bound(state, call)
     values = bound.values
     if call.name == "moveabsj":
@@ -265,7 +268,6 @@ def motion(state: State, call: Calling) -> Bound:
     else:
         via = pose_of(state, values["via"]) if "via" in values else None
         _move(state, call.line, bound, via, pose_of(state, values["to"]))
-    return bound
 
 
 def _read_bound(state: State, call: Calling) -> Bound:
@@ -285,26 +287,26 @@ def find_bound(state: State, move: Inline) -> Bound:
     Raises Wrong if it cannot be read.
     """
     key = state.scope, move.shape
-    bound = state.bound.get(key)
+    bound: Bound | None = state.bound.get(key)
     if bound is None:
         bound = _read_bound(state, move.call())
-        if ("via" in bound.values) == (move.via is not None):
+        if has_all_points(bound, move):
             state.bound[key] = bound
     return bound
 
 
-def is_usual(bound: Bound, move: Inline) -> bool:
-    """Whether a motion only moves to its point.
+def has_all_points(bound: Bound, move: Inline) -> bool:
+    """Whether all points of a motion are written out. Else one of an arc has a name."""
+    return ("via" in bound.values) == (move.via is not None)
 
-    It does not press, has no posture and the usual speed of reorientation, and all its points are
-    written out.
+
+def is_usual(bound: Bound, move: Inline) -> bool:
+    """Whether a motion without force has no posture and the usual speed of reorientation.
+
+    All its points are written out.
     """
-    is_free = bound.name in ("movej", "movel", "movec") and bound.posture is None
-    return (
-        is_free
-        and ("via" in bound.values) == (move.via is not None)
-        and abs(bound.turn - _USUAL_TURN) <= _SAME_TURN
-    )
+    is_usual_turn = abs(bound.turn - _USUAL_TURN) <= _SAME_TURN
+    return bound.posture is None and is_usual_turn and has_all_points(bound, move)
 
 
 def _check_postures(state: State, line: int, values: Mapping[str, Value]) -> None:
@@ -328,14 +330,12 @@ def _confdata(target: Value) -> tuple[int, int, int, int]:
 
 def inline(state: State, move: Inline) -> None:
     """Runs a motion to points that are written out. The rest of the motion is cached."""
-    key = state.scope, move.shape
-    bound = state.bound.get(key)
-    via_rotation = None if move.via is None else state.turned(move.via_turn)
+    bound = find_bound(state, move)
     rotation = state.turned(move.turn)
-    if bound is None or rotation is None or (via_rotation is None and move.via is not None):
-        bound = motion(state, move.call())
-        if ("via" in bound.values) == (move.via is not None):  # else one of the points has a name
-            state.bound[key] = bound
+    via_rotation = None if move.via is None else state.turned(move.via_turn)
+    is_turned = (via_rotation is None) == (move.via is None)
+    if rotation is None or not is_turned or not has_all_points(bound, move):
+        motion(state, move.call())
         return
     via = None if move.via is None or via_rotation is None else Pose(via_rotation, move.via)
     _move(state, move.line, bound, via, Pose(rotation, move.to))
@@ -523,7 +523,7 @@ def _press(state: State, line: int, bound: Bound, via: Pose | None, target: Pose
         if force <= 0:
             raise Wrong(line, f"{name} does not press in the direction of FCPress1LStart")
     assert state.pressing is not None
-    press = _direction(target, state.pressing)
+    press = find_direction(target, state.pressing)
     if via is not None:
         state.add(MoveC(via, target, speed, blend, force, press, posture=bound.posture))
     else:
@@ -554,7 +554,7 @@ def _begin_pressing(state: State, line: int, values: Mapping[str, Value]) -> flo
     if needs_calibration and _was_in_the_air(state, state.position.pose, state.pressing):
         state.remark(line, "no FCCalib before pressing, though post.force_load asks for it")
     state.pressed = True
-    state.add(Force(abs(force), _direction(state.position.pose, state.pressing)))
+    state.add(Force(abs(force), find_direction(state.position.pose, state.pressing)))
     return abs(force)
 
 
@@ -568,7 +568,7 @@ def _was_in_the_air(state: State, start: Pose, pressing: tuple[int, int]) -> boo
     """
     if not state.pressed:
         return True
-    towards_part = np.stack([start.rotation[:, 2], _direction(start, pressing)])
+    towards_part = np.stack([start.rotation[:, 2], find_direction(start, pressing)])
     poses = [target for target in state.free_targets if not isinstance(target, Joints)]
     if len(poses) < len(state.free_targets):
         return True
@@ -577,9 +577,3 @@ def _was_in_the_air(state: State, start: Pose, pressing: tuple[int, int]) -> boo
     positions = [pose.origin if isinstance(pose, Pose) else pose for pose in poses]
     heights = np.subtract(start.origin, np.vstack(positions)) @ towards_part.T
     return float(heights.max()) > _AIR
-
-
-def _direction(at: Pose, pressing: tuple[int, int]) -> Vec3:
-    """The signed tool axis in the work frame."""
-    axis, sign = pressing
-    return to_vec3(at.rotation[:, axis] * sign)

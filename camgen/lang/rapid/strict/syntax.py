@@ -23,11 +23,8 @@ from camgen.lang.rapid.tree import (
     Inline,
     Module,
     Parameter,
-    Point,
-    Ref,
     Routine,
     Run,
-    Shape,
     Statement,
     list_statements,
 )
@@ -270,9 +267,3 @@ class _Parser(Parser):
 def _usual(line: int, name: str, run: Run, handles: bool, last: int) -> Routine:
     handler = (Calling(last - 1, "raise"),) if handles else None
     return Routine(line, name, False, (), cast(Any, (run,)), handler, "proc", (), "", last)
-
-
-__all__ = [
-    "DEACT_WHERE_ON", "Calling", "Data", "Expr", "Inline", "Module", "Point", "Ref", "Routine",
-    "Shape", "Wrong", "calls_of", "parse",
-]  # fmt: skip
