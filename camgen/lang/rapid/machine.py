@@ -158,6 +158,10 @@ class Machine:
     def __post_init__(self) -> None:
         self.log = Log(lambda: self.line)
 
+    def wrong(self, what: str) -> Wrong:
+        """A fault of the line that runs."""
+        return Wrong(self.line, what)
+
     def error_number(self) -> float:
         """The number of one more error; each has its own, whichever the controller gives it."""
         self.errors += 1
@@ -184,7 +188,7 @@ class Machine:
         if type(value) is Given:
             return value != 0.0
         if type(value) is not bool and not isinstance(value, Unknown):
-            raise Wrong(self.line, f"the condition of {word} is no bool")
+            raise self.wrong(f"the condition of {word} is no bool")
         return value
 
     # -- names -----------------------------------------------------------------------------------------------------
@@ -249,15 +253,13 @@ class Machine:
         parts = self.types.get(kind)
         if parts:
             if not isinstance(value, tuple):
-                raise Wrong(self.line, f"a {kind} is needed{within and f' in a {within}'}")
+                raise self.wrong(f"a {kind} is needed{within and f' in a {within}'}")
             if len(value) != len(parts):
-                raise Wrong(
-                    self.line, f"{kind} has {counted(len(parts), 'component')}, not {len(value)}"
-                )
+                raise self.wrong(f"{kind} has {counted(len(parts), 'component')}, not {len(value)}")
             for (_, part), item in zip(parts, value, strict=True):
                 self.fit(part, item, kind)
         elif kind in _ATOMS and type(value) is not _ATOMS[kind]:
-            raise Wrong(self.line, f"a {kind} is needed{within and f' in a {within}'}")
+            raise self.wrong(f"a {kind} is needed{within and f' in a {within}'}")
 
     # -- data ------------------------------------------------------------------------------------------------------
 
@@ -288,9 +290,9 @@ class Machine:
         if not sizes or isinstance(value, Unknown):
             return
         if not isinstance(value, list):
-            raise Wrong(self.line, f"{name} is an array")
+            raise self.wrong(f"{name} is an array")
         if type(sizes[0]) is float and len(value) != sizes[0]:
-            raise Wrong(self.line, f"{name} has {sizes[0]:g} elements, its value {len(value)}")
+            raise self.wrong(f"{name} has {sizes[0]:g} elements, its value {len(value)}")
         for item in value:
             self._fit_array(name, item, sizes[1:])
 
@@ -409,7 +411,7 @@ class Machine:
             return float(found)
         if type(found) is bool:
             return float(found)
-        raise Wrong(self.line, "a num is needed")
+        raise self.wrong("a num is needed")
 
     def _named(self, name: str) -> Value:
         variable = self.variable(name)
@@ -440,7 +442,7 @@ class Machine:
             return None
         names = [name for name, _ in self.types[kind]]
         if expr.name not in names:
-            raise Wrong(self.line, f"{kind} has no component {expr.name[:40]}")
+            raise self.wrong(f"{kind} has no component {expr.name[:40]}")
         at = names.index(expr.name)
         return variable, (*path, at), self.kind(self.types[kind][at][1]), dims
 
@@ -458,7 +460,7 @@ class Machine:
             if isinstance(at, Unknown) or not isinstance(value, list):
                 return None
             if not 1 <= at <= len(value):
-                raise Wrong(self.line, f"element {at:g} of {variable.name}, which has {len(value)}")
+                raise self.wrong(f"element {at:g} of {variable.name}, which has {len(value)}")
             places.append(int(at) - 1)
             value = value[int(at) - 1]
         return variable, (*path, *places), kind, max(dims - len(places), 0)
@@ -486,7 +488,7 @@ class Machine:
             return
         variable, path, kind, dims = found
         if variable.storage == "const":
-            raise Wrong(self.line, f"{variable.name} is a constant")
+            raise self.wrong(f"{variable.name} is a constant")
         if not dims:
             self.fit(kind, value)
         self.store(variable, path, self.shaped(self.settled(kind, value), dims))

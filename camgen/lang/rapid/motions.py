@@ -21,7 +21,6 @@ from .effects import LOST_OPTIONS, OMITTED_OPTIONS, READ_OPTIONS, SILENT_OPTIONS
 from .functions import name_of
 from .machine import Machine, RobotPosition
 from .places import WORST_NORM, choose_frame, pose_of, see_pose
-from .tokens import Wrong
 from .tree import Calling, Expr, Inline
 from .values import Value, find_unknown
 from .ways import is_half_turn, judge_arc, split_arc, split_at_circle_point
@@ -158,7 +157,7 @@ def _arguments(
     args = args[: len(args) - after] if after else args
     least = count + 2 + form.zone
     if len(args) < least or (len(args) > least + form.trigg and not form.process):
-        raise Wrong(machine.line, f"{call.name} has {least + form.trigg + form.before + after} arguments, "
+        raise machine.wrong(f"{call.name} has {least + form.trigg + form.before + after} arguments, "
                                   f"not {len(call.args)}")  # fmt: skip
     return args[:count], args[count], args[-2] if form.zone else None, args[-1], tail
 
@@ -274,7 +273,7 @@ def _read_time(machine: Machine, call: Calling, options: dict[str, Expr | None])
         machine.log.omit(f"{call.name} \\T: the time is not known ({seconds.what[:60]})")
         return 0.0
     if not seconds > 0:
-        raise Wrong(machine.line, f"{call.name} in \\T:={seconds:g} s")
+        raise machine.wrong(f"{call.name} in \\T:={seconds:g} s")
     return float(seconds / machine.speed_override)
 
 
@@ -394,9 +393,7 @@ def _check_turn(machine: Machine, turn: tuple[float, ...]) -> None:
     norm = sum(v * v for v in turn)
     off = abs(norm - 1)
     if off > WORST_NORM:
-        raise Wrong(
-            machine.line, f"an orientation that is none (the sum of its squares is {norm:.3g})"
-        )
+        raise machine.wrong(f"an orientation that is none (the sum of its squares is {norm:.3g})")
     if off > _LOOSE_NORM:
         what = f"an orientation that is not normalised (the sum of its squares is off by {off:.2g})"
         machine.log.find("unusual", what, once="norm")
@@ -629,7 +626,7 @@ def _press(
     if call.name == "fcpress1lstart":
         newtons = _begin_pressing(machine, call, target)
     elif machine.pressing is None:
-        raise Wrong(machine.line, f"{call.name} without FCPress1LStart")
+        raise machine.wrong(f"{call.name} without FCPress1LStart")
     elif call.name == "fcpressend":
         machine.pressing = None
         machine.add(Force(0.0))

@@ -10,7 +10,6 @@ from camgen.lang.values import Unknown
 from camgen.model.pose import Pose, quaternion, translation
 
 from .machine import Machine
-from .tokens import Wrong
 from .tree import Calling, Expr, Ref
 from .values import Value, find_unknown
 
@@ -25,9 +24,7 @@ def pose_of(machine: Machine, value: Value) -> Pose:
     (x, y, z), turn = value[0], value[1]
     norm = sum(v * v for v in turn)
     if abs(norm - 1) > WORST_NORM:
-        raise Wrong(
-            machine.line, f"an orientation that is none (the sum of its squares is {norm:.3g})"
-        )
+        raise machine.wrong(f"an orientation that is none (the sum of its squares is {norm:.3g})")
     return Pose(machine.rotation(turn), (x, y, z))
 
 

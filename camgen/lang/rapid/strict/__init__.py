@@ -85,10 +85,11 @@ def _run(state: State, last_line: int) -> None:
     _run_routine(state, main, 0)
     perform(state)
     state.stopped("the end")
-    check_settings(state, main.line)
+    state.line = main.line
+    check_settings(state)
     _check_handlers(state, main)
     for item in list_unused(state):
-        state.remark(item.line, f"{item.name[:40]} is declared and never used")
+        state.remark(f"{item.name[:40]} is declared and never used", line=item.line)
     if state.pressing is not None:
         state.log.find("refused", "FCPressEnd is missing at the end", line=last_line)
 
@@ -183,7 +184,7 @@ def _check_form(state: State, routine: Routine, main: Routine) -> None:
             what = "the ERROR handler of main switches an output itself, not in a routine"
         else:
             continue
-        state.remark(item.line, what)
+        state.remark(what, line=item.line)
         return
 
 
@@ -203,15 +204,13 @@ def _judge_main_handler(
     """
     if [name for name in off if name in order] != [name for name in order if name in off]:
         what = "switches off in another order than posts do, force control last"
-        state.remark(line, f"the ERROR handler of main {what}")
+        state.remark(f"the ERROR handler of main {what}", line=line)
     wanted = state.settings.expected.on_error
     if DEACT_WHERE_ON not in off and any(isinstance(item, Force) for item in state.packing.objects):
-        state.remark(line, "the ERROR handler of main leaves force control on")
+        state.remark("the ERROR handler of main leaves force control on", line=line)
     if end != wanted:
-        state.remark(
-            line,
-            f"the ERROR handler of main ends with {end.upper()}, by post.on_error it is {wanted}",
-        )
+        what = f"ends with {end.upper()}, by post.on_error it is {wanted}"
+        state.remark(f"the ERROR handler of main {what}", line=line)
 
 
 def _find_missing_handlers(state: State, main: Routine, used: Mapping[str, None]) -> None:
@@ -220,13 +219,12 @@ def _find_missing_handlers(state: State, main: Routine, used: Mapping[str, None]
     if state.settings.expected.on_error == "none" or not is_needed:
         return
     if main.handler is None:
-        state.remark(main.line, "main has no ERROR handler, which post.on_error asks for")
+        state.remark("main has no ERROR handler, which post.on_error asks for", line=main.line)
         return
     for routine in state.ran:
         if routine.handler is None:
-            state.remark(
-                routine.line, f"{routine.name} has no ERROR handler that hands an error on to main"
-            )
+            what = f"{routine.name} has no ERROR handler that hands an error on to main"
+            state.remark(what, line=routine.line)
 
 
 def _handle(state: State, routine: Routine, body: Block, depth: int) -> tuple[dict[str, None], str]:
@@ -239,7 +237,7 @@ def _handle(state: State, routine: Routine, body: Block, depth: int) -> tuple[di
     off: dict[str, None] = {}
     for item in calls_of(body):
         call = item.call() if isinstance(item, Inline) else item
-        state.scope = state.scopes[routine]
+        state.scope, state.line = state.scopes[routine], call.line
         if call.name in ("raise", "exit"):
             if item is not body[-1]:
                 raise Wrong(call.line, f"statements after {call.name.upper()}")

@@ -150,6 +150,7 @@ def _find_effects(state: State, rows: Rows, indices: Indices, columns: Columns) 
     for k in np.argsort(first).tolist():
         number = int(numbers[k])
         statement = rows.statement(int(indices[first[k]]))
+        state.line = statement.line
         try:
             if not isinstance(statement, Inline):
                 outputs[number] = switch(state, statement)
@@ -161,8 +162,8 @@ def _find_effects(state: State, rows: Rows, indices: Indices, columns: Columns) 
             return None
         kind[number], speed[number], blend[number] = _KINDS[bound.name], bound.speed, bound.blend
         bounds.append((statement.line, bound))
-    for line, bound in bounds:
-        check_supervision(state, line, bound)
+    for state.line, bound in bounds:
+        check_supervision(state, bound)
     return _Effects(kind, speed, blend, outputs)
 
 

@@ -149,8 +149,12 @@ class State(Machine):
         """Whether an expression is a name that is declared or predefined."""
         return isinstance(expr, Ref) and self.variable(expr.name) is not None
 
-    def typed(self, expr: Expr | None, want: str, line: int) -> Value:
-        """The value of an expression of the type `want`. Raises Wrong if it is of another type."""
+    def typed(self, expr: Expr | None, want: str, line: int = 0) -> Value:
+        """The value of an expression of the type `want`. Raises Wrong if it is of another type.
+
+        line: line of the expression, 0 for the line that runs.
+        """
+        line = line or self.line
         if isinstance(expr, Ref):
             return self._read_name(expr.name, want, line)
         if isinstance(expr, Calling):
@@ -243,8 +247,11 @@ class State(Machine):
         if self.pressed:
             self.free_targets.append(targets)
 
-    def remark(self, line: int, what: str) -> None:
-        """Adds an unusual finding once. Nothing is added if `what` is empty."""
+    def remark(self, what: str, *, line: int = 0) -> None:
+        """Adds an unusual finding of the line that runs, or of another one, once.
+
+        Nothing is added if `what` is empty.
+        """
         if what:
             self.log.find("unusual", what, line=line, once=what)
 
@@ -254,32 +261,31 @@ class State(Machine):
             self.log.find("refused", f"a motion that blends before {what}", line=self.blending)
             self.blending = 0
 
-    def set_frame(self, kind: str, expr: Expr | None, value: Value | None, line: int) -> None:
+    def set_frame(self, kind: str, expr: Expr | None, value: Value | None) -> None:
         """Sets the tool or the work object of a motion.
 
         Raises Wrong if the program has another one already.
         """
         name = expr.name if isinstance(expr, Ref) else ""
         if kind not in self.set_up:
-            frame = None if value is None else self._read_frame(kind, value, line)
+            frame = None if value is None else self._read_frame(kind, value)
             self.set_up[kind] = (name.lower(), frame)
             if kind == "tool" and value is not None:
-                self.remark(
-                    line, judge_load(self.settings.expected, cast(tuple[Value, ...], value)[2])
-                )
+                load = cast(tuple[Value, ...], value)[2]
+                self.remark(judge_load(self.settings.expected, load))
         elif self.set_up[kind][0] != name.lower():
-            raise Wrong(line, f"{name} is a second {'tool' if kind == 'tool' else 'work object'}")
+            raise self.wrong(f"{name} is a second {'tool' if kind == 'tool' else 'work object'}")
 
-    def _read_frame(self, kind: str, value: Value, line: int) -> Pose:
+    def _read_frame(self, kind: str, value: Value) -> Pose:
         """The frame of a tool or a work object. Raises Wrong for one that posts do not write."""
         if kind == "tool":
             held, frame, load = cast(tuple[Value, ...], value)
             if not held:
-                raise Wrong(line, "a tool that the robot does not hold is not read")
+                raise self.wrong("a tool that the robot does not hold is not read")
             if numbers(load)[0] <= 0:
-                raise Wrong(line, "the mass of a tool must be positive")
+                raise self.wrong("the mass of a tool must be positive")
             return pose_of(self, frame)
         held, fixed, unit, user, part = cast(tuple[Value, ...], value)
         if held or not fixed or unit:
-            raise Wrong(line, "a work object that is held or moved is not read")
+            raise self.wrong("a work object that is held or moved is not read")
         return pose_of(self, user) @ pose_of(self, part)
