@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 import camgen.lang.rapid.strict as readback
 from camgen.lang.log import Log
 from camgen.lang.programs import Executed
-from camgen.lang.rapid.plain import read_plain
+from camgen.lang.rapid.rows import Rows, Spellings, read_positions
 from camgen.lang.rapid.strict import read, read_with
-from camgen.lang.rapid.strict.rows import Run, Spellings, read_positions
-from camgen.lang.rapid.strict.syntax import Calling, Inline, Written, calls_of, parse
+from camgen.lang.rapid.strict.syntax import Written, calls_of, parse
+from camgen.lang.rapid.tree import Calling, Inline, Run
 from camgen.model.pose import TOOL_DOWN, Pose, translation
 from camgen.model.program import (
     Force,
@@ -228,17 +228,20 @@ def test_what_is_not_usual_is_read_by_the_general_rules(
         "ENDPROC", "IF a THEN b;", "CONST num n:=1;", ";", "SetDO do1,1", 'TPWrite "a";', 'TPWrite "a;', "x:=1;",
         "MoveL Offs(p1,0,0,1),v5,fine,t1;", "SetDO ! a remark\ndo1,1;", "! a remark", f"MoveL [ {POINT[1:]},v5,fine,t1",
         f"MoveL {POINT.replace('1,2', '1,2E0')},v5,fine,t1;", f"MoveC {POINT},{POINT},{POINT},v5,fine,t1;",
-        f"SetDO do1,{POINT};", f"SetDO{' ' * 1000}do1,1;",
+        f"SetDO do1,{POINT};",
     ],
 )  # fmt: skip
 def test_what_is_left_to_the_general_rules(text: str) -> None:
-    body: list[Calling | Inline] = []
-    usual = "\n  SetDO do1,1;\n ! x;\nSetDO do1,1;"
-    assert read_plain(f"{usual}{text}", 0, 7, body, Written) == (len(usual), 10)
-    assert [(call.name, call.line) for call in body if isinstance(call, Calling)] == [
-        ("setdo", 8),
-        ("setdo", 10),
-    ]
+    """Two outputs between two motions are read with them, unless something else is there too."""
+    motion, outputs = f"MoveL {POINT},v5,fine,t1;", "\n  SetDO do1,1;\nSetDO do1,1;"
+
+    def count_rows(between: str) -> int:
+        statements = Rows(f"{motion}{between}{motion}", 7, Spellings(Written)).run(0)
+        assert statements is not None
+        return len(statements.run)
+
+    assert count_rows(outputs) == 4
+    assert count_rows(outputs + text) == 1
 
 
 def test_a_routine_that_is_never_called_is_read_but_not_run() -> None:

@@ -40,6 +40,7 @@ from .tree import (
     Test,
     While,
     Word,
+    list_statements,
 )
 from .values import Value, Variable
 
@@ -176,12 +177,13 @@ class _Translator(Compiler):
     def _read(self, block: Block, *, stays_open: bool = False) -> None:
         """Translate a block. stays_open: whether later blocks see its labels."""
         labels = {}
-        for item in block:
+        statements = list(list_statements(block))
+        for item in statements:
             if isinstance(item, Label):
                 self._names += 1
                 labels[item.name] = f"{item.name} {self._names}", self._counters
         self._scopes.append(labels)
-        for item in block:
+        for item in statements:
             self.line = item.line
             _TRANSLATE.get(type(item), _Translator._act)(self, item)
         if not stays_open:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import ClassVar
 
-from .tokens import RESERVED, Token, Wrong, number, point, show_token, string, tokens, whole_move
+from .tokens import RESERVED, Token, Wrong, number, point, show_token, string, tokens
 from .tree import (
     Calling,
     Component,
@@ -17,8 +17,6 @@ from .tree import (
     Operation,
     Point,
     Ref,
-    refs,
-    work_object,
 )
 
 #: Values within values that are read.
@@ -80,12 +78,8 @@ class Calls:
     # -- statements ----------------------------------------------------------------------------------------------
 
     def statement_call(self) -> Calling:
-        """A statement that begins with a name, which is no reserved word, or is a whole motion."""
-        kind, text, line, _ = self.take()
-        if kind == "move":
-            name, target, speed, zone, tool, work = whole_move(text)
-            args: tuple[Expr, ...] = (Point(point(target, line)), *refs(speed, zone, tool))
-            return Calling(line, name.lower(), args, work_object(work))
+        """A statement that begins with a name, which is no reserved word."""
+        _, text, line, _ = self.take()
         if self.token[0] == "mark" and self.token[1] in (":=", ":", ".", "{", "("):
             raise Wrong(line, f"{text}{self.token[1]} is a statement that is not read")
         return self.call_of(text, line)

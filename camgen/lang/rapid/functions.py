@@ -34,7 +34,7 @@ def call_function(machine: Machine, call: Calling) -> Value:
     routine = machine.routine(call.name)
     if routine is not None:
         return machine.call(routine, call)
-    special = _SPECIAL.get(call.name)
+    special = SPECIAL.get(call.name)
     if special is not None:
         return special(machine, call)
     values = [machine.value(arg) for arg in call.args]
@@ -68,8 +68,8 @@ def call_function(machine: Machine, call: Calling) -> Value:
         AttributeError,
         np.linalg.LinAlgError,
     ):
-        raise Wrong(
-            machine.line, f"{call.name} of {', '.join(map(tell_type, values)) or 'nothing'}"
+        raise machine.wrong(
+            f"{call.name} of {', '.join(map(tell_type, values)) or 'nothing'}"
         ) from None
 
 
@@ -79,7 +79,7 @@ def call_function(machine: Machine, call: Calling) -> Value:
 def _offs(machine: Machine, call: Calling) -> Value:
     values = [machine.value(arg) for arg in call.args]
     if len(values) != 4 or not isinstance(values[0], (tuple, Unknown)):
-        raise Wrong(machine.line, "Offs has a robtarget and three numbers")
+        raise machine.wrong("Offs has a robtarget and three numbers")
     point, *shift = values
     machine.fit("robtarget", point)
     if isinstance(point, Unknown) or isinstance(point[0], Unknown):
@@ -91,14 +91,14 @@ def _offs(machine: Machine, call: Calling) -> Value:
 
 def _add(machine: Machine, a: Value, b: Value) -> float:
     if type(a) is not float or type(b) is not float:
-        raise Wrong(machine.line, f"{tell_type(a)} + {tell_type(b)}")
+        raise machine.wrong(f"{tell_type(a)} + {tell_type(b)}")
     return a + b
 
 
 def _reltool(machine: Machine, call: Calling) -> Value:
     values = [machine.value(arg) for arg in call.args]
     if len(values) != 4:
-        raise Wrong(machine.line, "RelTool has a robtarget and three numbers")
+        raise machine.wrong("RelTool has a robtarget and three numbers")
     turns = {
         name: machine.value(value) for name, value in call.options if _is_given(machine, value)
     }
@@ -110,7 +110,7 @@ def _reltool(machine: Machine, call: Calling) -> Value:
         return unknown
     point, x, y, z = values
     if not isinstance(point, tuple) or not all(type(v) is float for v in (x, y, z)):
-        raise Wrong(machine.line, "RelTool has a robtarget and three numbers")
+        raise machine.wrong("RelTool has a robtarget and three numbers")
     moved = pose_of(machine, point) @ translation(x, y, z)
     rotation = moved.rotation
     for axis, name in enumerate(("rx", "ry", "rz")):
@@ -128,10 +128,10 @@ def _is_given(machine: Machine, value: Expr | None) -> bool:
 
 
 def _joints_here(machine: Machine, _call: Calling) -> Value:
-    if machine.here.joints is None:
+    if machine.position.joints is None:
         machine.log.assume("CJointT: the joints where the arm is are not known", "")
         return Unknown("CJointT()")
-    return (machine.here.joints, (9e9,) * 6)
+    return (machine.position.joints, (9e9,) * 6)
 
 
 def _robot_of_joints(machine: Machine, call: Calling) -> Value:
@@ -192,7 +192,7 @@ def _euler(machine: Machine, call: Calling) -> Value:
         or names[0] not in ("x", "y", "z")
         or not any(turn)
     ):
-        raise Wrong(machine.line, "EulerZYX has \\X, \\Y or \\Z, and an orientation")
+        raise machine.wrong("EulerZYX has \\X, \\Y or \\Z, and an orientation")
     return math.degrees(fixed_xyz(rotation_from_quaternion(turn))["xyz".index(names[0])])
 
 
@@ -292,7 +292,7 @@ def _number_of_text(machine: Machine, call: Calling) -> Value:
     """StrToVal: writes the value into its second argument, and says whether there was one."""
     text = machine.value(call.args[0]) if call.args else NOTHING
     if len(call.args) != 2:
-        raise Wrong(machine.line, "StrToVal has a string and a variable")
+        raise machine.wrong("StrToVal has a string and a variable")
     if not isinstance(text, str):
         machine.assign(call.args[1], text if isinstance(text, Unknown) else NOTHING)
         return text if isinstance(text, Unknown) else False
@@ -328,14 +328,14 @@ def _is_plain(value: Value) -> bool:
 
 def _present(machine: Machine, call: Calling) -> Value:
     if len(call.args) != 1 or not isinstance(call.args[0], Ref):
-        raise Wrong(machine.line, "Present has the name of a parameter")
+        raise machine.wrong("Present has the name of a parameter")
     variable = machine.variable(call.args[0].name)
     return variable is not None and variable.storage != "absent"
 
 
 def _dimension(machine: Machine, call: Calling) -> Value:
     if len(call.args) != 2:
-        raise Wrong(machine.line, "Dim has an array and a number")
+        raise machine.wrong("Dim has an array and a number")
     value, which = machine.value(call.args[0]), machine.number(call.args[1])
     if isinstance(which, Unknown) or isinstance(value, Unknown):
         return which if isinstance(which, Unknown) else value
@@ -373,7 +373,7 @@ def _bits(function: Callable[[int, int], int]) -> Callable[[float, float], float
 
 #: The bits of a dnum that functions of bits work on.
 _DNUM = 2**52 - 1
-_SPECIAL: dict[str, Callable[[Machine, Calling], Value]] = {
+SPECIAL: dict[str, Callable[[Machine, Calling], Value]] = {
     "offs": _offs, "reltool": _reltool, "crobt": see_here, "cpos": see_here, "cjointt": _joints_here,
     "calcrobt": _robot_of_joints, "calcjointt": _of_arm, "eulerzyx": _euler, "strtoval": _number_of_text,
     "present": _present,

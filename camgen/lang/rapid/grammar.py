@@ -7,9 +7,11 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+from .expressions import Calls
+from .rows import Spellings
 from .statements import CLAUSES, STRUCTURE, Note, Statements
 from .tokens import Wrong, show_token
-from .tree import Data, Expr, Hole, Module, Parameter, Record, Routine, Statement
+from .tree import Data, Expr, Hole, Module, Parameter, Record, Routine, Run, Statement
 
 _DATA = frozenset(("local", "task", "const", "pers", "var"))
 _ATTRIBUTES = ("sysmodule", "noview", "nostepin", "viewonly", "readonly")
@@ -195,7 +197,7 @@ class Parser(Statements):
             self.expect("(")
             parameters = self.parameters(line, name)
         data: list[Data] = []
-        blocks: dict[str, list[Statement]] = {"": []}
+        blocks: dict[str, list[Statement | Run]] = {"": []}
         end, clause = f"end{kind}", ""
         while self.word() != end:
             if self.token[0] == "end" or self.word() in STRUCTURE:
@@ -229,7 +231,7 @@ class Parser(Statements):
             last,
         )
 
-    def enclosed(self, body: list[Statement], _clause: str) -> None:
+    def enclosed(self, body: list[Statement | Run], _clause: str) -> None:
         """A statement of a routine, in the clause ("" the body, error, undo, backward)."""
         self.statement(body)
 
@@ -299,5 +301,5 @@ def is_literal(value: Expr | None) -> bool:
 
 def parse(text: str, first_line: int) -> tuple[list[Module], list[Note]]:
     """The modules of one file whose first line has the number ``first_line``, and what is wrong with its grammar."""
-    parser = Parser(text, first_line)
+    parser = Parser(text, first_line, Spellings(Calls))
     return parser.modules(), parser.notes

@@ -17,11 +17,10 @@ from camgen.model.pose import IDENTITY, Pose
 
 from .effects import ALONE, GIVES, LOST, OMITTED, SILENT, UNSEEN
 from .functions import name_of
-from .machine import Here, Machine
+from .machine import Machine, RobotPosition
 from .motions import Trigger
 from .places import pose_of, see_here
-from .tokens import Wrong
-from .tree import Calling, Component, Element, Expr, Ref
+from .tree import Calling, Component, Element, Expr, Ref, find_root
 from .values import find_unknown
 
 #: s: how long PulseDO switches on where it does not say.
@@ -47,9 +46,8 @@ def _set_to(machine: Machine, name: str, value: float, group: bool = False) -> N
 
 def _signal_of(machine: Machine, call: Calling, count: int) -> str:
     if len(call.args) != count:
-        raise Wrong(
-            machine.line,
-            f"{call.name} has {count} argument{'s' * (count > 1)}, not {len(call.args)}",
+        raise machine.wrong(
+            f"{call.name} has {count} argument{'s' * (count > 1)}, not {len(call.args)}"
         )
     return name_of(machine, call.args[0])
 
@@ -66,7 +64,7 @@ def _set_output(machine: Machine, call: Calling) -> None:
         machine.log.assume(f"what {name} is set to is not known: 1 is taken", name.lower(), 1.0)
         value = machine.given(name) or 1.0
     if call.name == "setdo" and value not in (0, 1, 2):
-        raise Wrong(machine.line, f"{name} is set to {value:g}; a digital output is 0 or 1")
+        raise machine.wrong(f"{name} is set to {value:g}; a digital output is 0 or 1")
     _set_to(
         machine, name, float(value == 1) if call.name == "setdo" else value, call.name == "setgo"
     )
@@ -104,13 +102,13 @@ def _pulse(machine: Machine, call: Calling) -> None:
 def _wait(machine: Machine, call: Calling) -> None:
     """WaitTime; with InPos it waits for standstill first."""
     if not call.args:
-        raise Wrong(machine.line, "WaitTime has a time")
+        raise machine.wrong("WaitTime has a time")
     seconds = machine.number(call.args[-1])
     if isinstance(seconds, Unknown):
         machine.log.assume(f"a wait is not known ({seconds.what}): 0 s are taken", seconds.key)
         seconds = 0.0
     if seconds < 0:
-        raise Wrong(machine.line, "a wait must not be negative")
+        raise machine.wrong("a wait must not be negative")
     if seconds > 0 or not call.options:
         machine.add(Wait(seconds))
     machine.blending = 0  # by the end of the wait the arm has come to its point
@@ -178,7 +176,7 @@ def _displace_on(machine: Machine, call: Calling) -> None:
     """PDispOn: from the point that the program names to where the arm is, or to ExeP."""
     options = dict(call.options)
     if len(call.args) < 2:
-        raise Wrong(machine.line, "PDispOn has a point and a tool")
+        raise machine.wrong("PDispOn has a point and a tool")
     machine.displaced = None
     point = machine.value(call.args[0])
     there = options.get("exep")
@@ -205,7 +203,7 @@ def _limit_speed(machine: Machine, call: Calling) -> None:
     """VelSet: % of every speed, and mm/s at most."""
     values = [machine.number(arg) for arg in call.args]
     if len(values) != 2:
-        raise Wrong(machine.line, "VelSet has a percentage and a speed")
+        raise machine.wrong("VelSet has a percentage and a speed")
     unknown = find_unknown(values)
     if unknown is not None:
         machine.log.omit(
@@ -214,7 +212,7 @@ def _limit_speed(machine: Machine, call: Calling) -> None:
         return
     percent, most = values
     if not (percent > 0 and most > 0):
-        raise Wrong(machine.line, f"VelSet {percent:g}, {most:g}: both must be positive")
+        raise machine.wrong(f"VelSet {percent:g}, {most:g}: both must be positive")
     machine.speed_override, machine.speed_most = percent / 100, most
 
 
@@ -229,7 +227,7 @@ def _describe(machine: Machine, call: Calling) -> str:
 def _supervise(machine: Machine, call: Calling) -> None:
     """ConfJ, ConfL, SingArea: each with its switch."""
     if call.args or len(call.options) > 1:
-        raise Wrong(machine.line, f"{call.name} has one switch")
+        raise machine.wrong(f"{call.name} has one switch")
     _omit(machine, call)
 
 
@@ -317,9 +315,8 @@ def _receive(machine: Machine, call: Calling) -> None:
 
 
 def _key_of(target: Expr) -> str:
-    while isinstance(target, (Component, Element)):
-        target = target.base
-    return target.name.lower() if isinstance(target, Ref) else ""
+    root = find_root(target)
+    return root.name.lower() if isinstance(root, Ref) else ""
 
 
 #: Which arguments of an instruction get a value from outside, and which optional ones.
@@ -340,7 +337,7 @@ _RECEIVED_BY = frozenset(
 def _increase(machine: Machine, call: Calling) -> None:
     """Incr, Decr, Add, Clear."""
     if not call.args or not isinstance(call.args[0], (Ref, Component, Element)):
-        raise Wrong(machine.line, f"{call.name} needs data")
+        raise machine.wrong(f"{call.name} needs data")
     now = machine.number(call.args[0])
     if call.name == "clear":
         machine.assign(call.args[0], 0.0)
@@ -366,7 +363,7 @@ def _book_error(machine: Machine, call: Calling) -> None:
 def _bit(machine: Machine, call: Calling) -> None:
     """BitSet, BitClear."""
     if len(call.args) != 2:
-        raise Wrong(machine.line, f"{call.name} has data and a place")
+        raise machine.wrong(f"{call.name} has data and a place")
     now, place = machine.number(call.args[0]), machine.number(call.args[1])
     if type(now) is float and type(place) is float and 1 <= place <= 52 and 0 <= now < 2**52:
         mask = 1 << (int(place) - 1)
@@ -384,7 +381,7 @@ def _move_alone(machine: Machine, _call: Calling) -> None:
 def _move_unseen(machine: Machine, call: Calling) -> None:
     """A motion that no text tells: where the arm is is not known after it."""
     machine.log.leave_out(f"{call.name} moves the arm as no text says: it is not shown")
-    machine.here = Here(None, machine.frame)
+    machine.position = RobotPosition(None, machine.frame)
     machine.blending = 0
 
 

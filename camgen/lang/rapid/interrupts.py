@@ -141,7 +141,6 @@ def _aside(machine: Machine) -> Iterator[int]:
 
 
 _KEPT = (
-    "scope", "line", "here", "displaced", "frame", "blending", "pressing", "welding", "speed_override", "speed_most",
-    "passes_circle_point",
-    "held",
+    "scope", "line", "position", "displaced", "frame", "blending", "pressing", "welding", "held",
+    "speed_override", "speed_most", "passes_circle_point",
 )  # fmt: skip

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, MutableSequence
 from dataclasses import dataclass, field
 
 from msgspec import Struct
@@ -29,6 +29,7 @@ from .tree import (
     Point,
     Ref,
     Routine,
+    find_root,
 )
 from .types import MORE, MORE_TYPES, NUMBERS, PREDEFINED, TEXTS, TYPES, USER
 from .values import (
@@ -93,7 +94,7 @@ class Frame:
                 self.data[key] = hidden
 
 
-class Here(Struct, frozen=True, eq=False):
+class RobotPosition(Struct, frozen=True, eq=False):
     """Where the arm is: the pose of the TCP in the work frame ``frame``, with the configuration and the external axes
     of the target; or its joints, deg. What is not known is None.
     """
@@ -112,7 +113,7 @@ class Machine:
 
     ask: Ask
     body: list[Instruction] = field(default_factory=list)
-    lines: list[int] = field(default_factory=list)
+    lines: MutableSequence[int] = field(default_factory=list)
     frame_of: list[int] = field(default_factory=list)
     frames: list[Frames] = field(default_factory=list)
     frame_keys: dict[tuple[Value, ...], int] = field(default_factory=dict)
@@ -128,7 +129,7 @@ class Machine:
     outputs: dict[str, float] = field(default_factory=dict)  # by name in lower case, as last set
     scope: Frame = field(default_factory=lambda: Frame(None, Home("")))
     line: int = 0
-    here: Here = field(default_factory=Here)
+    position: RobotPosition = field(default_factory=RobotPosition)
     displaced: Pose | None = None
     speed_override: float = 1.0
     speed_most: float = 0.0
@@ -157,6 +158,10 @@ class Machine:
     def __post_init__(self) -> None:
         self.log = Log(lambda: self.line)
 
+    def wrong(self, what: str) -> Wrong:
+        """A fault of the line that runs."""
+        return Wrong(self.line, what)
+
     def error_number(self) -> float:
         """The number of one more error; each has its own, whichever the controller gives it."""
         self.errors += 1
@@ -183,7 +188,7 @@ class Machine:
         if type(value) is Given:
             return value != 0.0
         if type(value) is not bool and not isinstance(value, Unknown):
-            raise Wrong(self.line, f"the condition of {word} is no bool")
+            raise self.wrong(f"the condition of {word} is no bool")
         return value
 
     # -- names -----------------------------------------------------------------------------------------------------
@@ -192,8 +197,11 @@ class Machine:
         """The data that ``name`` means where the program is, those that the system declares among them."""
         key = name.lower()
         found = self.scope.data.get(key) or self.scope.home.data.get(key) or self.data.get(key)
-        if found is not None:
-            return found
+        return found or self.find_system(name)
+
+    def find_system(self, name: str) -> Variable | None:
+        """Data that the system declares. They are global from here on."""
+        key, found = name.lower(), None
         if key in PREDEFINED or key in MORE:
             kind, value = PREDEFINED[key] if key in PREDEFINED else MORE[key]
             found = self.data[key] = Variable(
@@ -245,27 +253,25 @@ class Machine:
         parts = self.types.get(kind)
         if parts:
             if not isinstance(value, tuple):
-                raise Wrong(self.line, f"a {kind} is needed{within and f' in a {within}'}")
+                raise self.wrong(f"a {kind} is needed{within and f' in a {within}'}")
             if len(value) != len(parts):
-                raise Wrong(
-                    self.line, f"{kind} has {counted(len(parts), 'component')}, not {len(value)}"
-                )
+                raise self.wrong(f"{kind} has {counted(len(parts), 'component')}, not {len(value)}")
             for (_, part), item in zip(parts, value, strict=True):
                 self.fit(part, item, kind)
         elif kind in _ATOMS and type(value) is not _ATOMS[kind]:
-            raise Wrong(self.line, f"a {kind} is needed{within and f' in a {within}'}")
+            raise self.wrong(f"a {kind} is needed{within and f' in a {within}'}")
 
     # -- data ------------------------------------------------------------------------------------------------------
 
     def declare(self, data: Data, home: Home) -> Variable:
         """A variable whose value is worked out when it is asked for."""
         found = Variable(data.name, data.type, data.storage, None, data.line)
-        found.start, found.dims, found.home = data.value, data.dims, home
+        found.start, found.dims, found.home, found.declaration = data.value, data.dims, home, data
         found.value = found  # worked out when it is asked for: see ``load``
         return found
 
-    def _begun(self, variable: Variable) -> Value:
-        """What a variable is worth at first."""
+    def begin_value(self, variable: Variable) -> Value:
+        """The value of a variable at first. Raises Wrong if it has none."""
         if variable.start is None and variable.storage == "pers":
             found = self.ask_for(f"{variable.name}, which has no value here", variable.name)
             return self.settled(variable.type, found)
@@ -284,9 +290,9 @@ class Machine:
         if not sizes or isinstance(value, Unknown):
             return
         if not isinstance(value, list):
-            raise Wrong(self.line, f"{name} is an array")
+            raise self.wrong(f"{name} is an array")
         if type(sizes[0]) is float and len(value) != sizes[0]:
-            raise Wrong(self.line, f"{name} has {sizes[0]:g} elements, its value {len(value)}")
+            raise self.wrong(f"{name} has {sizes[0]:g} elements, its value {len(value)}")
         for item in value:
             self._fit_array(name, item, sizes[1:])
 
@@ -321,18 +327,22 @@ class Machine:
         """The value that a declaration gives."""
         if variable in self.pending or len(self.pending) > _LONGEST_CHAIN:
             variable.value = Unknown(f"{variable.name}, which is defined by itself")
-            raise Wrong(
+            variable.fault = Wrong(
                 variable.line, f"{variable.name} is defined by itself or through too many others"
             )
+            raise variable.fault
         scope, line = self.scope, self.line
         self.pending.append(variable)
         if isinstance(variable.home, Home) and scope.home is not variable.home:
             self.scope = Frame(None, variable.home)
         self.line = variable.line
         try:
-            variable.value = self._begun(variable)
+            variable.value = self.begin_value(variable)
         except Wrong as wrong:
-            variable.value = Unknown(f"{variable.name}, whose value is wrong")
+            variable.value, variable.fault = (
+                Unknown(f"{variable.name}, whose value is wrong"),
+                wrong,
+            )
             self.log.find("refused", wrong.what, line=wrong.line)
         finally:
             self.pending.pop()
@@ -401,7 +411,7 @@ class Machine:
             return float(found)
         if type(found) is bool:
             return float(found)
-        raise Wrong(self.line, "a num is needed")
+        raise self.wrong("a num is needed")
 
     def _named(self, name: str) -> Value:
         variable = self.variable(name)
@@ -432,7 +442,7 @@ class Machine:
             return None
         names = [name for name, _ in self.types[kind]]
         if expr.name not in names:
-            raise Wrong(self.line, f"{kind} has no component {expr.name[:40]}")
+            raise self.wrong(f"{kind} has no component {expr.name[:40]}")
         at = names.index(expr.name)
         return variable, (*path, at), self.kind(self.types[kind][at][1]), dims
 
@@ -450,7 +460,7 @@ class Machine:
             if isinstance(at, Unknown) or not isinstance(value, list):
                 return None
             if not 1 <= at <= len(value):
-                raise Wrong(self.line, f"element {at:g} of {variable.name}, which has {len(value)}")
+                raise self.wrong(f"element {at:g} of {variable.name}, which has {len(value)}")
             places.append(int(at) - 1)
             value = value[int(at) - 1]
         return variable, (*path, *places), kind, max(dims - len(places), 0)
@@ -459,7 +469,7 @@ class Machine:
         """The worth of a component or an element."""
         found = self.place(expr)
         if found is None:
-            return find_unknown(self._root(expr)) or NOTHING
+            return find_unknown(self.value(find_root(expr))) or NOTHING
         variable, path, _, _ = found
         value = self.load(variable)
         for place in path:
@@ -470,11 +480,6 @@ class Machine:
             value = value[place]
         return value
 
-    def _root(self, expr: Expr) -> Value:
-        while isinstance(expr, (Component, Element)):
-            expr = expr.base
-        return self.value(expr)
-
     def assign(self, target: Expr, value: Value) -> None:
         """``target := value``."""
         found = self.place(target)
@@ -483,7 +488,7 @@ class Machine:
             return
         variable, path, kind, dims = found
         if variable.storage == "const":
-            raise Wrong(self.line, f"{variable.name} is a constant")
+            raise self.wrong(f"{variable.name} is a constant")
         if not dims:
             self.fit(kind, value)
         self.store(variable, path, self.shaped(self.settled(kind, value), dims))

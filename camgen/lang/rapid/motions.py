@@ -19,9 +19,8 @@ from camgen.model.pose import Pose, Vec3, frozen, rotation_between, to_vec3
 
 from .effects import LOST_OPTIONS, OMITTED_OPTIONS, READ_OPTIONS, SILENT_OPTIONS
 from .functions import name_of
-from .machine import Here, Machine
+from .machine import Machine, RobotPosition
 from .places import WORST_NORM, choose_frame, pose_of, see_pose
-from .tokens import Wrong
 from .tree import Calling, Expr, Inline
 from .values import Value, find_unknown
 from .ways import is_half_turn, judge_arc, split_arc, split_at_circle_point
@@ -158,7 +157,7 @@ def _arguments(
     args = args[: len(args) - after] if after else args
     least = count + 2 + form.zone
     if len(args) < least or (len(args) > least + form.trigg and not form.process):
-        raise Wrong(machine.line, f"{call.name} has {least + form.trigg + form.before + after} arguments, "
+        raise machine.wrong(f"{call.name} has {least + form.trigg + form.before + after} arguments, "
                                   f"not {len(call.args)}")  # fmt: skip
     return args[:count], args[count], args[-2] if form.zone else None, args[-1], tail
 
@@ -274,7 +273,7 @@ def _read_time(machine: Machine, call: Calling, options: dict[str, Expr | None])
         machine.log.omit(f"{call.name} \\T: the time is not known ({seconds.what[:60]})")
         return 0.0
     if not seconds > 0:
-        raise Wrong(machine.line, f"{call.name} in \\T:={seconds:g} s")
+        raise machine.wrong(f"{call.name} in \\T:={seconds:g} s")
     return float(seconds / machine.speed_override)
 
 
@@ -328,7 +327,7 @@ def _move_joints(machine: Machine, value: Value, bound: Bound) -> None:
     turn = bound.turn if bound.turns_slowly else 0.0
     item = MoveJ(Joints(tuple(math.radians(v) for v in axes)), bound.speed, bound.blend, turn=turn)
     machine.add(item)
-    machine.here = Here(None, machine.frame, (), axes)
+    machine.position = RobotPosition(None, machine.frame, (), axes)
     machine.blending = machine.line if bound.blend > _NO_CORNER else 0
 
 
@@ -362,7 +361,7 @@ def _move_pose(
     triggers = _triggers(machine, form, call)
     if form.process == "force":
         _press(machine, call, bound, via, target, _posture(rest))
-        machine.here = Here(target, machine.frame, rest)
+        machine.position = RobotPosition(target, machine.frame, rest)
         return
     if triggers and via is None and form.kind == "l":
         _trigger_on_line(machine, triggers, target, bound, rest)
@@ -385,7 +384,7 @@ def _leave_out(machine: Machine, value: Value) -> None:
         else "it is worked out on the controller"
     )
     machine.log.leave_out(f"a target is not known ({why[:60]}): motions there are left out")
-    machine.here = Here(None, machine.frame)
+    machine.position = RobotPosition(None, machine.frame)
 
 
 def _check_turn(machine: Machine, turn: tuple[float, ...]) -> None:
@@ -394,9 +393,7 @@ def _check_turn(machine: Machine, turn: tuple[float, ...]) -> None:
     norm = sum(v * v for v in turn)
     off = abs(norm - 1)
     if off > WORST_NORM:
-        raise Wrong(
-            machine.line, f"an orientation that is none (the sum of its squares is {norm:.3g})"
-        )
+        raise machine.wrong(f"an orientation that is none (the sum of its squares is {norm:.3g})")
     if off > _LOOSE_NORM:
         what = f"an orientation that is not normalised (the sum of its squares is off by {off:.2g})"
         machine.log.find("unusual", what, once="norm")
@@ -426,7 +423,7 @@ def _emit(
         machine.add(item)
     else:
         _emit_arc(machine, start, via, target, bound, posture)
-    machine.here = Here(target, machine.frame, rest)
+    machine.position = RobotPosition(target, machine.frame, rest)
     machine.blending = machine.line if bound.blend > _NO_CORNER else 0
 
 
@@ -629,7 +626,7 @@ def _press(
     if call.name == "fcpress1lstart":
         newtons = _begin_pressing(machine, call, target)
     elif machine.pressing is None:
-        raise Wrong(machine.line, f"{call.name} without FCPress1LStart")
+        raise machine.wrong(f"{call.name} without FCPress1LStart")
     elif call.name == "fcpressend":
         machine.pressing = None
         machine.add(Force(0.0))
@@ -645,7 +642,7 @@ def _press(
             force = 1.0
         newtons = abs(force)
     assert machine.pressing is not None
-    press = _direction(target, machine.pressing)
+    press = find_direction(target, machine.pressing)
     if via is None:
         machine.add(MoveL(target, bound.speed, bound.blend, newtons, press, posture=posture))
     else:
@@ -661,10 +658,11 @@ def _begin_pressing(machine: Machine, call: Calling, target: Pose) -> float:
         machine.log.assume("the force to press with is not known: 1 N is taken")
         force = 1.0
     machine.pressing = (axis, 1 if force > 0 else -1)
-    machine.add(Force(abs(force), _direction(see_pose(machine) or target, machine.pressing)))
+    machine.add(Force(abs(force), find_direction(see_pose(machine) or target, machine.pressing)))
     return abs(force)
 
 
-def _direction(at: Pose, pressing: tuple[int, int]) -> Vec3:
+def find_direction(at: Pose, pressing: tuple[int, int]) -> Vec3:
+    """The signed tool axis in the work frame along which a force presses."""
     axis, sign = pressing
     return to_vec3(at.rotation[:, axis] * sign)

@@ -10,7 +10,6 @@ from camgen.lang.values import Unknown
 from camgen.model.pose import Pose, quaternion, translation
 
 from .machine import Machine
-from .tokens import Wrong
 from .tree import Calling, Expr, Ref
 from .values import Value, find_unknown
 
@@ -25,9 +24,7 @@ def pose_of(machine: Machine, value: Value) -> Pose:
     (x, y, z), turn = value[0], value[1]
     norm = sum(v * v for v in turn)
     if abs(norm - 1) > WORST_NORM:
-        raise Wrong(
-            machine.line, f"an orientation that is none (the sum of its squares is {norm:.3g})"
-        )
+        raise machine.wrong(f"an orientation that is none (the sum of its squares is {norm:.3g})")
     return Pose(machine.rotation(turn), (x, y, z))
 
 
@@ -53,13 +50,13 @@ def choose_frame(machine: Machine, tool: Expr, work: Expr | None, joints: bool) 
     key = (tool_name, _stamp(tool_value), work_name, _stamp(work_value))
     index = machine.frame_keys.get(key)
     if index is None:
-        index = machine.frame_keys[key] = len(machine.frames)
         flange = _tool_frame(machine, tool_name, tool_value)
         base = (
             translation(0, 0, 0)
             if work is None and not work_name
             else _work_frame(machine, work_name, work_value)
         )
+        index = machine.frame_keys[key] = len(machine.frames)
         machine.frames.append(Frames(tool_name, work_name, flange, base))
     return index
 
@@ -139,7 +136,7 @@ def _work_frame(machine: Machine, name: str, value: Value) -> Pose | None:
 
 def see_pose(machine: Machine) -> Pose | None:
     """The pose of the TCP in the work frame, both those in force. None if it is not known."""
-    arm = machine.here
+    arm = machine.position
     if arm.pose is None and arm.joints is not None:
         return _put(machine, arm.joints, machine.frames[machine.frame])
     if arm.pose is None or arm.frame == machine.frame:
@@ -186,7 +183,7 @@ def see_here(machine: Machine, call: Calling) -> Value:
             Ref(machine.frames[kept].work) if machine.frames[kept].work else None
         )
         machine.frame = choose_frame(machine, tool, work, False)
-    pose, rest = see_pose(machine) if machine.frames else None, machine.here.rest
+    pose, rest = see_pose(machine) if machine.frames else None, machine.position.rest
     machine.frame = kept
     if pose is None:
         machine.log.assume(f"{call.name}: where the arm is is not known")

@@ -40,6 +40,7 @@ from .tree import (
     Routine,
     Statement,
     Word,
+    find_root,
 )
 from .values import NOTHING, Value, Variable, copied, find_unknown
 
@@ -302,10 +303,8 @@ def _forget_arguments(machine: Machine, call: Calling) -> None:
     for argument in (*call.args, *(value for _, value in call.options)):
         if not isinstance(argument, (Ref, Component, Element)):
             continue
-        base: Expr = argument
-        while isinstance(base, (Component, Element)):
-            base = base.base
-        variable = machine.variable(base.name) if isinstance(base, Ref) else None
+        root = find_root(argument)
+        variable = machine.variable(root.name) if isinstance(root, Ref) else None
         if variable is None or variable.storage not in ("var", "pers"):
             continue
         if variable.storage == "var" or machine.kind(variable.type) not in _READ_ONLY:

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
-from typing import ClassVar
 
 from msgspec import Struct
 
 from .expressions import Calls
-from .plain import read_plain
+from .rows import Rows, Spellings
 from .tokens import RESERVED, Wrong, banner, show_token
 from .tree import (
     Assign,
     Block,
+    Calling,
     Connect,
     Empty,
     Expr,
@@ -23,6 +24,7 @@ from .tree import (
     Label,
     Late,
     Ref,
+    Run,
     Statement,
     Test,
     While,
@@ -40,6 +42,8 @@ _CLOSES = {
 }  # fmt: skip
 _COMPOUND = frozenset(("if", "for", "while", "test"))
 CLAUSES = frozenset(("error", "undo", "backward"))
+#: The call of a routine without arguments. A long program has many.
+_CALL = re.compile(r"[ \t\f\v\n]*([A-Za-z][A-Za-z0-9_]*);")
 #: Compound statements within each other.
 _DEEPEST_BLOCK = 30
 
@@ -53,14 +57,18 @@ class Note(Struct, frozen=True):
 
 
 class Statements(Calls):
-    """Statements. Faults are noted, and reading goes on behind them. calls: the grammar of those read at once."""
+    """Statements. Faults are noted, and reading goes on behind them.
 
-    calls: ClassVar[type[Calls]] = Calls
+    rows: statements that are read by column, None if the general rules read all.
+    takes_runs: whether several statements may stand where the parser is.
+    """
 
-    def __init__(self, text: str, first_line: int, plain: bool = True) -> None:
+    def __init__(self, text: str, first_line: int, spellings: Spellings | None) -> None:
         start = banner(text)
         super().__init__(text, first_line + text.count("\n", 0, start), start)
-        self.plain, self.first_line = plain, first_line
+        self.first_line = first_line
+        self.rows = None if spellings is None else Rows(text, first_line, spellings)
+        self.takes_runs = True
         self.notes: list[Note] = []
         self.nested = 0
 
@@ -71,13 +79,8 @@ class Statements(Calls):
     def recover(self) -> None:
         """Skips behind the next semicolon, but never over a word that opens or closes a routine or module."""
         while self.token[0] != "end" and self.word() not in STRUCTURE:
-            if self.ended():
+            if self.take()[1] == ";":
                 return
-
-    def ended(self) -> bool:
-        """Takes a token and says whether a statement ends with it."""
-        kind, text, _, _ = self.take()
-        return kind == "move" or text == ";"
 
     def listed(self, item: Callable[[], Expr]) -> tuple[Expr, ...]:
         """Items with commas between them."""
@@ -86,24 +89,40 @@ class Statements(Calls):
             found.append(item())
         return tuple(found)
 
-    def statement(self, body: list[Statement]) -> None:
+    def statement(self, body: list[Statement | Run]) -> None:
         """One statement, or as many as can be read at once."""
-        token = self.token
-        kind, text, line, start = token
-        if kind not in ("name", "move"):
+        kind, text, line, start = self.token
+        if kind != "name":
             self.unnamed(body)
             return
         if text.lower() in RESERVED:
             self.control(body)
             return
-        if self.plain:
-            end, line = read_plain(self.text, start, line, body, self.calls)
-            if end != start:
-                self.jump(end, line)
-                return
-        body.append(self.statement_call() if kind == "move" else self.named_statement())
+        end = start
+        if self.rows is not None and self.takes_runs:
+            statements = self.rows.run(start)
+            if statements is None:
+                end, line = self.read_calls(body, start, line)
+            else:
+                body.append(statements.run)
+                end, line = statements.end, statements.line
+        if end == start:
+            body.append(self.named_statement())
+        else:
+            self.jump(end, line)
 
-    def unnamed(self, body: list[Statement]) -> None:
+    def read_calls(self, body: list[Statement | Run], start: int, line: int) -> tuple[int, int]:
+        """Reads consecutive calls of routines without arguments from an offset and its line on.
+
+        Returns offset and line of their end.
+        """
+        while (call := _CALL.match(self.text, start)) and call[1].lower() not in RESERVED:
+            line += call[0].count("\n")
+            body.append(Calling(line, call[1].lower()))
+            start = call.end()
+        return start, line
+
+    def unnamed(self, body: list[Statement | Run]) -> None:
         """A statement that begins with no word: a late call, a placeholder, nothing."""
         token = self.take()
         line, text = token[2], token[1]
@@ -145,7 +164,7 @@ class Statements(Calls):
             return Assign(line, target, value)
         return self.call_of(text, line)
 
-    def control(self, body: list[Statement]) -> None:
+    def control(self, body: list[Statement | Run]) -> None:
         """A statement that begins with a reserved word."""
         word, line = self.word(), self.token[2]
         read = _CONTROL.get(word)
@@ -172,7 +191,7 @@ class Statements(Calls):
 
     def block(self, *ends: str) -> Block:
         """Statements up to one of the words ``ends``, or where they must have ended."""
-        body: list[Statement] = []
+        body: list[Statement | Run] = []
         if self.nested >= _DEEPEST_BLOCK:
             raise Wrong(self.token[2], "statements nested too deeply")
         self.nested += 1
@@ -222,18 +241,18 @@ def _read_if(parser: Statements) -> If:
     line = parser.take()[2]
     condition = parser.expression()
     if parser.word() != "then":
-        body: list[Statement] = []
+        body: list[Statement | Run] = []
         if parser.word() in _COMPOUND:
             what = (
                 f"{parser.word().upper()} behind the condition of "
                 "an IF without THEN: a simple statement stands there"
             )
             parser.notes.append(Note(parser.token[2], what))
-        plain, parser.plain = parser.plain, False
+        takes_runs, parser.takes_runs = parser.takes_runs, False
         try:
             parser.statement(body)
         finally:
-            parser.plain = plain
+            parser.takes_runs = takes_runs
         return If(line, ((condition, tuple(body)),))
     parser.take()
     branches = [(condition, parser.block("elseif", "else", "endif"))]

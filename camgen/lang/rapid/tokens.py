@@ -8,18 +8,15 @@ from functools import lru_cache
 
 _N = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
 _POINT = rf"\[\[{_N},{_N},{_N}\],\[{_N},{_N},{_N},{_N}\],\[{_N},{_N},{_N},{_N}\],\[{_N},{_N},{_N},{_N},{_N},{_N}\]\]"
-_NAME = r"[A-Za-z][A-Za-z0-9_]*"
 # The manual's letters are those of Latin-1; a text that was decoded otherwise keeps its own.
 _ANY_NAME = r"[^\W\d_]\w*"
 _NUMBER = (
     r"0[xX][0-9a-fA-F]+|0[bB][01]+|0[oO][0-7]+|(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
 )
-# A robtarget written out compactly, and a whole straight motion to one, are single tokens: a long program is made of
-# these, and reading it takes seconds instead of half a minute. The general rules read the same from them.
+# A robtarget written out compactly is a single token.
 _TOKEN = re.compile(
     rf"""[ \t\f\v]*(?:
-    (?P<move>Move[LJ][ ]{_POINT},{_NAME},{_NAME},{_NAME}\\WObj:={_NAME};)
-  | (?P<point>{_POINT})
+    (?P<point>{_POINT})
   | (?P<newline>\n)
   | (?P<comment>![^\n]*)
   | (?P<name>{_ANY_NAME})
@@ -31,7 +28,6 @@ _TOKEN = re.compile(
     )""",
     re.VERBOSE,
 )
-_MOVE = re.compile(rf"(Move[LJ])[ ](.*\]\]),({_NAME}),({_NAME}),({_NAME})\\WObj:=({_NAME});")
 #: The optional banner of old files: %%% VERSION:1 LANGUAGE:ENGLISH %%%.
 _BANNER = re.compile(r"\A\s*%%%[A-Za-z0-9:\s]*%%%[ \t]*(?=\n)")
 #: Its four lines (RAPID overview, file format).
@@ -121,14 +117,6 @@ def _groups(text: str) -> tuple[tuple[tuple[float, ...], ...], float]:
     """Configuration and external axes, and the largest number in them: the same for many points."""
     groups = tuple(tuple(map(float, group.split(","))) for group in text.split("],["))
     return groups, max(abs(v) for group in groups for v in group)
-
-
-def whole_move(text: str) -> tuple[str, str, str, str, str, str]:
-    """What the token ``move`` holds: instruction, point, speed, zone, tool and work object."""
-    match = _MOVE.fullmatch(text)
-    assert match is not None  # both patterns are made of the same parts
-    name, target, speed, zone, tool, work = match.groups()
-    return name, target, speed, zone, tool, work
 
 
 def show_token(token: Token) -> str:

@@ -5,7 +5,8 @@ Nodes within a statement have no line, except functions: statements that look th
 
 from __future__ import annotations
 
-from functools import lru_cache
+from collections.abc import Iterable, Iterator
+from typing import Any
 
 from msgspec import Struct
 
@@ -93,11 +94,18 @@ Expr = (
 )
 
 
+def find_root(expr: Expr) -> Expr:
+    """The expression of the data of which `expr` is an element or a component."""
+    while isinstance(expr, (Component, Element)):
+        expr = expr.base
+    return expr
+
+
 class Shape(Struct, frozen=True, eq=False, gc=False):
     """What statements have in common that differ in the positions and orientations of their points only.
 
     name, args, options: as in Calling, without the points, which come first. points: for each its configuration and
-    external axes. lead, lines: line ends before the name and before the semicolon, from the statement before on.
+    external axes. lead: line ends before the name, from the statement before on.
     """
 
     name: str
@@ -105,7 +113,6 @@ class Shape(Struct, frozen=True, eq=False, gc=False):
     args: tuple[Expr, ...]
     options: tuple[tuple[str, Expr | None], ...]
     lead: int
-    lines: int
 
 
 class Inline(Struct, frozen=True, eq=False, gc=False):
@@ -132,7 +139,7 @@ class Inline(Struct, frozen=True, eq=False, gc=False):
         return Calling(self.line, self.shape.name, (*points, *self.shape.args), self.shape.options)
 
 
-# Statements beside calls. A block is a list of them.
+# Statements beside calls. A block is a list of them, and of runs of those that are read by column.
 
 
 class Assign(Struct, frozen=True, eq=False):
@@ -240,7 +247,34 @@ Statement = (
     | Late
     | Empty
 )
-Block = tuple[Statement, ...]
+
+
+class Run(Struct, frozen=True, eq=False):
+    """Consecutive statements: the rows `first` to before `last` of a file.
+
+    rows: rows of the file (`camgen.lang.rapid.rows`).
+    is_free: whether they only move and switch.
+    """
+
+    rows: Any
+    first: int
+    last: int
+    is_free: bool
+
+    def __len__(self) -> int:
+        return self.last - self.first
+
+
+def list_statements(block: Iterable[Statement | Run]) -> Iterator[Statement]:
+    """The statements of a block one by one."""
+    for item in block:
+        if isinstance(item, Run):
+            yield from map(item.rows.statement, range(item.first, item.last))
+        else:
+            yield item
+
+
+Block = tuple[Statement | Run, ...]
 
 
 # Declarations
@@ -307,15 +341,3 @@ class Module(Struct, frozen=True, eq=False, gc=False):
     routines: tuple[Routine, ...]
     records: tuple[Record, ...] = ()
     attributes: tuple[str, ...] = ()
-
-
-@lru_cache(maxsize=1000)
-def refs(*names: str) -> tuple[Ref, ...]:
-    """Names as arguments; the same ones are shared by the many motions that have them."""
-    return tuple(Ref(name) for name in names)
-
-
-@lru_cache(maxsize=1000)
-def work_object(name: str) -> tuple[tuple[str, Expr | None], ...]:
-    """The optional argument WObj, shared in the same way."""
-    return (("wobj", Ref(name)),)

@@ -11,7 +11,7 @@ from typing import Any
 from camgen.lang.values import Unknown
 
 from .tokens import LONGEST_STRING, Wrong
-from .tree import Expr
+from .tree import Data, Expr
 
 #: What an expression is worth: float, bool, str, tuple (record), list (array), Unknown, or what an instruction made.
 Value = Any
@@ -31,11 +31,19 @@ class Given(float):
 
 
 class Variable:
-    """Data with its value. name: as declared. base: the data and the places within them of a parameter that is part of
-    others. start: what it is worth before anything is done, worked out when it is asked for.
+    """Data with its value.
+
+    name: name as declared.
+    base: data of which a parameter is a part, and the path to the part within them.
+    start: expression of the first value. It is evaluated when the value is needed.
+    fault: reason why there is no value.
+    declaration: declaration, None for data of the system and for parameters.
     """
 
-    __slots__ = ("base", "dims", "home", "line", "name", "start", "storage", "type", "value")
+    __slots__ = (
+        "base", "declaration", "dims", "fault", "home", "line", "name", "start", "storage", "type",
+        "value",
+    )  # fmt: skip
 
     def __init__(
         self, name: str, kind: str, storage: str = "var", value: Value = None, line: int = 0
@@ -45,6 +53,8 @@ class Variable:
         self.start: Expr | None = None
         self.dims: tuple[Expr, ...] = ()
         self.home: object = None
+        self.fault: Wrong | None = None
+        self.declaration: Data | None = None
 
 
 def find_unknown(value: Value) -> Unknown | None:

@@ -27,6 +27,7 @@ from camgen.lang.rapid.tree import (
     Routine,
     While,
     Word,
+    list_statements,
 )
 
 
@@ -45,7 +46,7 @@ def notes(text: str) -> list[str]:
 def statements(body: str) -> tuple[object, ...]:
     modules, said = parse(routine(body), 1)
     assert said == []
-    return modules[0].routines[0].body
+    return tuple(list_statements(modules[0].routines[0].body))
 
 
 def value(text: str) -> Expr:

@@ -64,6 +64,14 @@ def test_damaged_programs(seed: int) -> None:
         assert not executed.frame or len(executed.frame) == len(executed.body)
 
 
+def test_a_tool_without_an_orientation_is_refused_at_each_motion() -> None:
+    tool = "PERS tooldata tBad:=[TRUE,[[0,0,0],[9,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];\n"
+    joints = "MoveAbsJ [[0,0,0,0,0,0],[9,9,9,9,9,9]],v100,fine,tBad;\n"
+    executed = done(f"MODULE m\n{tool}PROC main()\n{joints}{joints}MoveL *,v100,fine,tBad;{TAIL}")
+    assert [fault.line for fault in executed.findings] == [4, 5, 6]
+    assert all("the sum of its squares is 81" in fault.what for fault in executed.findings)
+
+
 FAULTS: dict[str, Callable[[int], str]] = {
     "no zone": lambda count: "MoveL p1,v100,,fine;\n" * count,
     "ends": lambda count: "ENDIF\n" * count,

@@ -7,20 +7,16 @@ RAPID manuals, not from the post.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import cast
+from collections.abc import Mapping
 
-from camgen.lang.log import Log
 from camgen.lang.programs import Executed, Frames
-from camgen.lang.rapid.tree import Statement
-from camgen.lang.rapid.types import PREDEFINED, RESIDENT, Value
-from camgen.lang.rapid.words import INSTALLED
+from camgen.lang.rapid.rows import Spellings
+from camgen.lang.rapid.tokens import Wrong
+from camgen.lang.rapid.tree import Block, Calling, Inline, Routine, Run
 from camgen.model.program import Force, Output
 
-from .data import Scope
 from .expected import read_expected
-from .rows import Run, Spellings
+from .names import enter_module, list_unused, open_scopes
 from .runs import perform
 from .state import PostSettings, State
 from .statements import (
@@ -34,169 +30,7 @@ from .statements import (
     motion,
     switch,
 )
-from .syntax import (
-    DEACT_WHERE_ON,
-    Calling,
-    Data,
-    Inline,
-    Module,
-    Routine,
-    Written,
-    Wrong,
-    calls_of,
-    parse,
-)
-
-#: Names of the system, which a program may not declare.
-_SYSTEM = (INSTALLED | PREDEFINED.keys() | MOTIONS.keys() | STATEMENTS.keys()) - RESIDENT
-
-# The modules of a program: scopes of names, and faults of declarations.
-
-
-@dataclass
-class Linked:
-    """The modules of a program with the scopes of their names. All keys are in lower case.
-
-    longest_name: maximum number of characters of a name.
-    log: findings.
-    data: global data by name.
-    routines: global routines by name.
-    modules: all modules.
-    names: names of the modules.
-    scopes: data that each routine sees.
-    local_routines: local routines, by name, that each routine sees.
-    values: values of declarations.
-    errors: errors of declarations without a value.
-    ran: routines in the order in which they were first run.
-    handling: routines that ERROR handlers call.
-    """
-
-    longest_name: int
-    log: Log = field(default_factory=Log)
-    data: dict[str, Data] = field(default_factory=dict)
-    routines: dict[str, Routine] = field(default_factory=dict)
-    modules: list[Module] = field(default_factory=list)
-    names: set[str] = field(default_factory=set)
-    scopes: dict[Routine, Scope] = field(default_factory=dict)
-    local_routines: dict[Routine, dict[str, Routine]] = field(default_factory=dict)
-    values: dict[Data, Value] = field(default_factory=dict)
-    errors: dict[Data, Wrong] = field(default_factory=dict)
-    ran: dict[Routine, None] = field(default_factory=dict)
-    handling: set[Routine] = field(default_factory=set)
-
-    def add(self, module: Module) -> None:
-        """Adds a module. Names that are not legal, or not new in their scope, are findings."""
-        key = module.name.lower()
-        if key in self.names:
-            self.log.find("refused", f"a second module {module.name}", line=module.line)
-        elif key in self.data or key in self.routines:
-            self.log.find(
-                "refused",
-                f"the module {module.name} has the name of something global",
-                line=module.line,
-            )
-        self.modules.append(module)
-        self.names.add(key)
-        self.legal(module.name, module.line)
-        self.new(module.name, module.line)
-        members: tuple[Data | Routine, ...] = (*module.data, *module.routines)
-        if not self._are_new(members):
-            self._enter_each(members)
-        self.data |= {d.name.lower(): d for d in module.data if not d.local}
-        self.routines |= {r.name.lower(): r for r in module.routines if not r.local}
-
-    def _are_new(self, members: Sequence[Data | Routine]) -> bool:
-        """Whether all members of a module have legal and new names. Tests all names together."""
-        keys = {item.name.lower() for item in members}
-        taken = (_SYSTEM, RESIDENT, self.names, self.data.keys(), self.routines.keys())
-        short = max((len(item.name) for item in members), default=0) <= self.longest_name
-        return (
-            len(keys) == len(members) and short and all(keys.isdisjoint(names) for names in taken)
-        )
-
-    def _enter_each(self, members: Sequence[Data | Routine]) -> None:
-        """Adds a finding for each name of a member of a module that is not legal or not new."""
-        names: set[str] = set()
-        for item in members:
-            key = item.name.lower()
-            self.legal(item.name, item.line)
-            if not item.local:
-                self.new(item.name, item.line)
-            if key in names or (not item.local and (key in self.data or key in self.routines)):
-                self.log.find("refused", f"{item.name} is declared twice", line=item.line)
-            if not item.local and key in self.names:
-                self.log.find(
-                    "refused", f"{item.name} is global and has the name of a module", line=item.line
-                )
-            names.add(key)
-
-    def legal(self, name: str, line: int) -> None:
-        """Adds a finding for a name that is too long or predefined."""
-        if len(name) > self.longest_name:
-            self.log.find(
-                "refused", f"{name[:40]} is longer than {self.longest_name} characters", line=line
-            )
-        if name.lower() in _SYSTEM:
-            self.log.find("refused", f"{name} is predefined", line=line)
-
-    def new(self, name: str, line: int) -> None:
-        """Adds a finding for a global name that a module of the controller declares."""
-        if name.lower() in RESIDENT:
-            self.log.find(
-                "refused",
-                f"{name} is the name of a system module or of what one declares",
-                line=line,
-            )
-
-    def check(self) -> None:
-        """Evaluates every declaration, so that unused ones with an error are findings too."""
-        for module in self.modules:
-            local = {d.name.lower(): d for d in module.data if d.local}
-            routines = {r.name.lower(): r for r in module.routines if r.local}
-            shared = self.scope(local, self.data)
-            self.value_all(shared, module.data)
-            # Routines without data share a scope. The arguments of a motion are bound once in it.
-            self.scopes |= dict.fromkeys(module.routines, shared)
-            self.local_routines |= dict.fromkeys(module.routines, routines)
-            for routine in module.routines:
-                if routine.data:
-                    for data in routine.data:
-                        self.legal(data.name, data.line)
-                    routine_data = {data.name.lower(): data for data in routine.data}
-                    self.scopes[routine] = self.scope(routine_data, local, self.data)
-                    self.value_all(self.scopes[routine], routine.data)
-
-    def scope(self, *levels: Mapping[str, Data]) -> Scope:
-        """A scope that shares the values and errors of declarations with all others."""
-        return Scope(levels, self.values, self.errors)
-
-    def value_all(self, scope: Scope, data: tuple[Data, ...]) -> None:
-        """Adds a finding for each declaration whose value has an error."""
-        for item in data:
-            try:
-                if item.value is not None:
-                    scope.value_of(item)
-            except Wrong as wrong:
-                self.log.find("refused", wrong.what, line=wrong.line)
-
-    def list_unused(self, needed: Iterable[str]) -> Iterator[Data | Routine]:
-        """Routines and data of modules that neither main nor an ERROR handler uses.
-
-        needed: names of data that may be unused.
-        """
-        names = {name.lower() for name in needed}
-        for scope in self.scopes.values():
-            names |= {name.lower() for name, _ in scope.named_values}
-        for module in self.modules:
-            yield from (item for item in module.data if item.name.lower() not in names)
-            for routine in module.routines:
-                if routine not in self.ran and routine not in self.handling:
-                    yield routine
-
-    def find(self, caller: Routine, name: str) -> Routine | None:
-        """The PROC with a name in the scope of `caller`, None without one."""
-        return self.local_routines[caller].get(name) or self.routines.get(name)
-
+from .syntax import DEACT_WHERE_ON, Written, calls_of, parse
 
 #: The signals of a cell whose options name none.
 _SIGNALS: Mapping[str, object] = {"process": "doProcess"}
@@ -225,87 +59,80 @@ def read_with(files: Mapping[str, str], options: Mapping[str, object], *, plain:
     plain: whether statements in the usual spelling are read by column. The result is the same.
     """
     settings = _read_settings(options)
-    program = Linked(settings.longest_name)
+    state = State(settings=settings)
     line = 1
-    spellings = Spellings(Written)
+    spellings = Spellings(Written, MOTIONS)
     for text in files.values():
         lines = text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
-        modules, ends = parse(lines, line, spellings if plain else None, program.log)
+        modules, ends = parse(lines, line, spellings if plain else None, state.log)
         for module in modules:
-            program.add(module)
+            enter_module(state, module)
         line += ends + (not lines.endswith("\n"))
-    program.check()
-    state = _run(program, settings, line - 1)
-    frame = {kind: pose for kind, (_, pose) in state.frames.items()}
+    open_scopes(state)
+    _run(state, line - 1)
+    frame = {kind: pose for kind, (_, pose) in state.set_up.items()}
     frames = Frames(base_from_work=frame.get("work"), flange_from_tool=frame.get("tool"))
-    return Executed(state.body.body(), state.lines, (frames,), findings=program.log.list_findings())
+    findings = state.log.list_findings()
+    return Executed(state.packing.body(), state.lines, (frames,), findings=findings)
 
 
-def _run(program: Linked, settings: PostSettings, last_line: int) -> State:
+def _run(state: State, last_line: int) -> None:
     """Runs `main`. A motion or a force that does not end with it is a finding."""
-    state = State(settings, program.scope(), program.log)
-    main = program.routines.get("main")
+    main = state.routines.get("main")
     if main is None:
         state.log.find("refused", "there is no PROC main", line=max(last_line, 1))
-        return state
-    _run_routine(program, state, main, 0)
+        return
+    _run_routine(state, main, 0)
     perform(state)
     state.stopped("the end")
-    check_settings(state, main.line)
-    _check_handlers(program, state, main)
-    for item in program.list_unused(settings.expected.names.values()):
-        state.remark(item.line, f"{item.name[:40]} is declared and never used")
+    state.line = main.line
+    check_settings(state)
+    _check_handlers(state, main)
+    for item in list_unused(state):
+        state.remark(f"{item.name[:40]} is declared and never used", line=item.line)
     if state.pressing is not None:
         state.log.find("refused", "FCPressEnd is missing at the end", line=last_line)
-    return state
 
 
-def _run_routine(program: Linked, state: State, routine: Routine, depth: int) -> None:
+def _run_routine(state: State, routine: Routine, depth: int) -> None:
     """Runs a routine and the routines that it calls."""
-    scope = program.scopes[routine]
-    program.ran[routine] = None
-    for part in cast(Sequence[Calling | Inline | Run], routine.body):
-        item, left = part, _MOST_STATEMENTS - state.count
-        if isinstance(item, Run):
-            last = min(item.last, item.first + left)
-            state.count += last - item.first
-            if last == item.last:
-                state.wait(item, scope)
-                continue
-            state.wait(Run(item.rows, item.first, last), scope)
-            item, left = item.rows.statement(last), 0
-        state.count += 1
-        if left <= 0:
-            state.log.find(
-                "refused", f"more than {_MOST_STATEMENTS} statements are run", line=item.line
-            )
-            return
-        state.scope = scope
-        try:
-            if isinstance(item, Inline) and item.shape.name in MOTIONS:
-                perform(state)
-                inline(state, item)
-            else:
-                call = item.call() if isinstance(item, Inline) else item
-                _run_call(program, state, routine, call, depth)
-        except Wrong as wrong:
-            state.log.find("refused", wrong.what, line=wrong.line)
+    scope = state.scopes[routine]
+    state.ran[routine] = None
+    for part in routine.body:
+        if isinstance(part, Run) and part.is_free and len(part) <= _MOST_STATEMENTS - state.count:
+            state.count += len(part)
+            state.wait(part, scope)
+            continue
+        for item in calls_of((part,)):
+            state.count += 1
+            if state.count > _MOST_STATEMENTS:
+                what = f"more than {_MOST_STATEMENTS} statements are run"
+                state.log.find("refused", what, line=item.line)
+                return
+            state.scope, state.line = scope, item.line
+            try:
+                _run_statement(state, routine, item, depth)
+            except Wrong as wrong:
+                state.log.find("refused", wrong.what, line=wrong.line)
 
 
-def _run_call(program: Linked, state: State, routine: Routine, call: Calling, depth: int) -> None:
-    if call.name in MOTIONS:
+def _run_statement(state: State, routine: Routine, item: Calling | Inline, depth: int) -> None:
+    if isinstance(item, Inline):
         perform(state)
-        motion(state, call)
-    elif call.name in STATEMENTS:
+        inline(state, item)
+    elif item.name in MOTIONS:
         perform(state)
-        STATEMENTS[call.name](state, call)
+        motion(state, item)
+    elif item.name in STATEMENTS:
+        perform(state)
+        STATEMENTS[item.name](state, item)
     else:
-        _run_routine(program, state, _find_called(program, routine, call, depth), depth + 1)
+        _run_routine(state, _find_called(state, routine, item, depth), depth + 1)
 
 
-def _find_called(program: Linked, routine: Routine, call: Calling, depth: int) -> Routine:
+def _find_called(state: State, routine: Routine, call: Calling, depth: int) -> Routine:
     """The PROC that a statement calls. Raises Wrong if it cannot be called."""
-    called = program.find(routine, call.name)
+    called = state.find_routine(state.homes[routine], call.name)
     if called is None:
         raise Wrong(call.line, f"the statement {call.name[:40]} is not read")
     if call.args or call.options:
@@ -319,17 +146,17 @@ def _find_called(program: Linked, routine: Routine, call: Calling, depth: int) -
 # routines without a handler or with RAISE in it.
 
 
-def _check_handlers(program: Linked, state: State, main: Routine) -> None:
+def _check_handlers(state: State, main: Routine) -> None:
     """Adds findings for faults of the ERROR handlers and for outputs that a handler leaves on."""
-    used = dict.fromkeys(item.signal for item in state.body.objects if isinstance(item, Output))
-    _find_missing_handlers(program, state, main, used)
-    for routine in program.scopes:
+    used = dict.fromkeys(item.signal for item in state.packing.objects if isinstance(item, Output))
+    _find_missing_handlers(state, main, used)
+    for routine in state.scopes:
         if routine.handler is None or (routine is not main and _hands_on(routine.handler)):
             continue
         _check_form(state, routine, main)
         try:
-            off, end = _handle(program, state, routine, routine.handler, 0)
-            line = routine.handler[-1].line if routine.handler else routine.line
+            off, end = _handle(state, routine, routine.handler, 0)
+            line = max([routine.line, *(call.line for call in calls_of(routine.handler))])
             if not end:
                 what = "goes on behind the error; end it with RAISE"
                 raise Wrong(line, f"the ERROR handler of {routine.name} {what}")
@@ -357,11 +184,11 @@ def _check_form(state: State, routine: Routine, main: Routine) -> None:
             what = "the ERROR handler of main switches an output itself, not in a routine"
         else:
             continue
-        state.remark(item.line, what)
+        state.remark(what, line=item.line)
         return
 
 
-def _hands_on(handler: Sequence[Statement]) -> bool:
+def _hands_on(handler: Block) -> bool:
     """Whether an ERROR handler is RAISE alone, so that the handler of main gets the error."""
     return len(handler) == 1 and isinstance(handler[0], Calling) and handler[0].name == "raise"
 
@@ -377,37 +204,30 @@ def _judge_main_handler(
     """
     if [name for name in off if name in order] != [name for name in order if name in off]:
         what = "switches off in another order than posts do, force control last"
-        state.remark(line, f"the ERROR handler of main {what}")
+        state.remark(f"the ERROR handler of main {what}", line=line)
     wanted = state.settings.expected.on_error
-    if DEACT_WHERE_ON not in off and any(isinstance(item, Force) for item in state.body.objects):
-        state.remark(line, "the ERROR handler of main leaves force control on")
+    if DEACT_WHERE_ON not in off and any(isinstance(item, Force) for item in state.packing.objects):
+        state.remark("the ERROR handler of main leaves force control on", line=line)
     if end != wanted:
-        state.remark(
-            line,
-            f"the ERROR handler of main ends with {end.upper()}, by post.on_error it is {wanted}",
-        )
+        what = f"ends with {end.upper()}, by post.on_error it is {wanted}"
+        state.remark(f"the ERROR handler of main {what}", line=line)
 
 
-def _find_missing_handlers(
-    program: Linked, state: State, main: Routine, used: Mapping[str, None]
-) -> None:
+def _find_missing_handlers(state: State, main: Routine, used: Mapping[str, None]) -> None:
     """Adds findings for missing ERROR handlers: of main, or of routines that pass errors to it."""
-    is_needed = used or any(isinstance(item, Force) for item in state.body.objects)
+    is_needed = used or any(isinstance(item, Force) for item in state.packing.objects)
     if state.settings.expected.on_error == "none" or not is_needed:
         return
     if main.handler is None:
-        state.remark(main.line, "main has no ERROR handler, which post.on_error asks for")
+        state.remark("main has no ERROR handler, which post.on_error asks for", line=main.line)
         return
-    for routine in program.ran:
+    for routine in state.ran:
         if routine.handler is None:
-            state.remark(
-                routine.line, f"{routine.name} has no ERROR handler that hands an error on to main"
-            )
+            what = f"{routine.name} has no ERROR handler that hands an error on to main"
+            state.remark(what, line=routine.line)
 
 
-def _handle(
-    program: Linked, state: State, routine: Routine, body: Sequence[Statement], depth: int
-) -> tuple[dict[str, None], str]:
+def _handle(state: State, routine: Routine, body: Block, depth: int) -> tuple[dict[str, None], str]:
     """The outputs that a handler switches off, in order, and the word that it ends with.
 
     `DEACT_WHERE_ON` is among the outputs if the handler ends force control.
@@ -417,7 +237,7 @@ def _handle(
     off: dict[str, None] = {}
     for item in calls_of(body):
         call = item.call() if isinstance(item, Inline) else item
-        state.scope = program.scopes[routine]
+        state.scope, state.line = state.scopes[routine], call.line
         if call.name in ("raise", "exit"):
             if item is not body[-1]:
                 raise Wrong(call.line, f"statements after {call.name.upper()}")
@@ -433,9 +253,9 @@ def _handle(
         elif call.name in MOTIONS or call.name in STATEMENTS:
             raise Wrong(call.line, f"{call.name} in an ERROR handler is not read")
         else:
-            called = _find_called(program, routine, call, depth)
-            program.handling.add(called)
-            off |= _handle(program, state, called, called.body, depth + 1)[0]
+            called = _find_called(state, routine, call, depth)
+            state.handling.add(called)
+            off |= _handle(state, called, called.body, depth + 1)[0]
     return off, ""
 
 

@@ -9,15 +9,17 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.ragged import each_once, stretches
+from camgen.lang.rapid.machine import RobotPosition
+from camgen.lang.rapid.rows import Columns, Rows
+from camgen.lang.rapid.tokens import Wrong
+from camgen.lang.rapid.tree import Inline
 from camgen.lang.rapid.ways import is_half_turn, judge_arc, judge_arcs
 from camgen.model.body import NUMBER, Body, Packed
 from camgen.model.pose import FloatArray, Pose, to_vec3
 from camgen.model.program import Indices, Mask, MoveC, MoveJ, MoveL, Output
 
-from .rows import Columns, Rows
 from .state import Bound, State
 from .statements import check_supervision, find_bound, inline, is_usual, switch, switch_signal
-from .syntax import Inline, Wrong
 
 _KINDS = {"movej": NUMBER[MoveJ], "movel": NUMBER[MoveL], "movec": NUMBER[MoveC]}
 
@@ -25,21 +27,21 @@ _KINDS = {"movej": NUMBER[MoveJ], "movel": NUMBER[MoveL], "movec": NUMBER[MoveC]
 def perform(state: State) -> None:
     """Runs the statements that wait."""
     waiting, state.waiting = state.waiting, []
-    scope = state.scope
+    scope, line = state.scope, state.line
     for _, group in groupby(waiting, key=lambda item: (id(item.rows), id(item.scope))):
         runs = list(group)
         rows, state.scope = runs[0].rows, runs[0].scope
         first = np.array([run.first for run in runs], np.intp)
         last = np.array([run.last for run in runs], np.intp)
         _perform_rows(state, rows, stretches(first, last - first))
-    state.scope = scope
+    state.scope, state.line = scope, line
 
 
 def _perform_rows(state: State, rows: Rows, indices: Indices) -> None:
     """Runs statements of a file in order."""
     done = 0
     # The path of a motion that starts at joint values is unknown.
-    while done < len(indices) and state.current_pose is None:
+    while done < len(indices) and state.position.pose is None:
         _run_row(state, rows, int(indices[done]))
         done += 1
     if done < len(indices) and not _run_columns(state, rows, indices[done:]):
@@ -49,6 +51,7 @@ def _perform_rows(state: State, rows: Rows, indices: Indices) -> None:
 
 def _run_row(state: State, rows: Rows, row: int) -> None:
     statement = rows.statement(row)
+    state.line = statement.line
     try:
         if isinstance(statement, Inline):
             inline(state, statement)
@@ -77,24 +80,25 @@ def _run_columns(state: State, rows: Rows, indices: Indices) -> bool:
     """Runs statements by column. Returns False, and runs none, if one of them is not usual."""
     columns = rows.columns.take(indices)
     effects = _find_effects(state, rows, indices, columns)
-    if effects is None or state.pressing is not None or state.current_pose is None:
+    if effects is None or state.pressing is not None or state.position.pose is None:
         return False
     kind, blend = effects.kind[columns.shape], effects.blend[columns.shape]
     moves, arcs = kind != NUMBER[Output], kind == NUMBER[MoveC]
     before = np.append(bool(state.blending), (blend > 0)[:-1])
     point = columns.point[moves]
     ends, vias = rows.points[point], rows.points[columns.point[arcs] - 1]
-    starts = np.concatenate([[state.current_pose.origin], ends[:-1]])
+    starts = np.concatenate([[state.position.pose.origin], ends[:-1]])
+    turn, via_turn = rows.turn[point], rows.turn[columns.point[arcs] - 1]
     turned = {
         number: state.turned(rows.spellings.turns[number])
-        for number in each_once(rows.turn).tolist()
+        for number in each_once(np.append(turn, via_turn)).tolist()
     }
     table = [rotation for rotation in turned.values() if rotation is not None]
     if (before & ~moves).any() or len(table) < len(turned):
         return False
     index_of = np.zeros(len(rows.spellings.turns), np.int32)
     index_of[list(turned)] = np.arange(len(turned))
-    rotation = index_of[rows.turn[point]]
+    rotation = index_of[turn]
     is_line = kind[moves] == NUMBER[MoveL]
     is_arc = kind[moves] == NUMBER[MoveC]
     is_still = (starts == ends).all(axis=1)
@@ -104,10 +108,10 @@ def _run_columns(state: State, rows: Rows, indices: Indices) -> bool:
     poses = [Pose(matrix, last_pose.origin) for matrix in table]
     turned_lines = [(poses[a], poses[b]) for a, b in _turns(rotation, is_line)]
     if is_line[0]:
-        turned_lines.append((state.current_pose, poses[rotation[0]]))
+        turned_lines.append((state.position.pose, poses[rotation[0]]))
     if any(is_half_turn(start, end) for start, end in turned_lines):
         return False
-    state.body.extend_body(
+    state.packing.extend_body(
         Body(
             Packed(
                 kind=kind.astype(np.int8),
@@ -118,7 +122,7 @@ def _run_columns(state: State, rows: Rows, indices: Indices) -> bool:
                 path=np.broadcast_to(np.intp(-1), len(point)),
                 work=np.broadcast_to(np.bool_(False), len(point)),
                 via=vias,
-                via_rotation=index_of[rows.turn[columns.point[arcs] - 1]],
+                via_rotation=index_of[via_turn],
                 kept=~moves,
             ),
             table,
@@ -126,7 +130,7 @@ def _run_columns(state: State, rows: Rows, indices: Indices) -> bool:
         )
     )
     state.lines.frombytes(columns.line.astype(np.int64).tobytes())
-    state.current_pose, state.settled = last_pose, False
+    state.position, state.is_settled = RobotPosition(last_pose), False
     state.note_target(ends)
     state.blending = int(columns.line[-1]) if blend[-1] > 0 else 0
     return True
@@ -146,6 +150,7 @@ def _find_effects(state: State, rows: Rows, indices: Indices, columns: Columns) 
     for k in np.argsort(first).tolist():
         number = int(numbers[k])
         statement = rows.statement(int(indices[first[k]]))
+        state.line = statement.line
         try:
             if not isinstance(statement, Inline):
                 outputs[number] = switch(state, statement)
@@ -157,8 +162,8 @@ def _find_effects(state: State, rows: Rows, indices: Indices, columns: Columns) 
             return None
         kind[number], speed[number], blend[number] = _KINDS[bound.name], bound.speed, bound.blend
         bounds.append((statement.line, bound))
-    for line, bound in bounds:
-        check_supervision(state, line, bound)
+    for state.line, bound in bounds:
+        check_supervision(state, bound)
     return _Effects(kind, speed, blend, outputs)
 
 

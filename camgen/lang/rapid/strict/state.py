@@ -1,4 +1,8 @@
-"""State of a RAPID program between two statements."""
+"""State of a RAPID program of a post: the machine with declared names and typed values.
+
+The types are those of the RAPID system data types manual, the predefined data those of its chapters
+speeddata and zonedata. Units: mm, deg, mm/s, kg.
+"""
 
 from __future__ import annotations
 
@@ -10,15 +14,24 @@ from typing import cast
 
 from msgspec import Struct
 
-from camgen.lang.log import Log
-from camgen.lang.rapid.types import Value
-from camgen.model.pose import FloatArray, Pose, Vec3, rotation_from_quaternion
+from camgen.lang.programs import Ask
+from camgen.lang.rapid.functions import SPECIAL
+from camgen.lang.rapid.machine import Frame, Machine
+from camgen.lang.rapid.places import pose_of
+from camgen.lang.rapid.rows import Rows
+from camgen.lang.rapid.tokens import Wrong
+from camgen.lang.rapid.tree import Calling, Expr, Module, Point, Ref, Routine, Run
+from camgen.lang.rapid.types import LITERAL, PREDEFINED, TYPES, Value
+from camgen.lang.rapid.values import Variable
+from camgen.model.pose import FloatArray, Pose
 from camgen.model.program import Instruction, Joints, Packing, Posture
+from camgen.model.text import counted
 
-from .data import Scope, orient_fault, pose
+from .data import numbers, orient_fault, posture_fault, record_fault
 from .expected import Expected, judge_load
-from .rows import Rows, Run
-from .syntax import Expr, Ref, Shape, Wrong
+
+#: Data of the system whose values depend on the robot. They are not read.
+_OF_THE_ROBOT = frozenset(("vmax", "load0"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,69 +77,163 @@ class Waiting(Struct, eq=False):
     rows: Rows
     first: int
     last: int
-    scope: Scope
+    scope: Frame
 
 
-@dataclass
-class State:
+@dataclass(eq=False, kw_only=True)
+class State(Machine):
     """The program that has been read so far, and the state after it.
 
     settings: options of the post.
-    scope: data that the current routine sees.
-    log: findings.
-    body: N instructions.
+    modules: modules, and `module_names` their names in lower case.
+    declared: data of all modules.
+    scopes: scope of each routine. Routines of a module without data of their own share one.
+    used: names of data that are used, in lower case.
+    ran: routines in the order in which they were first run.
+    handling: routines that ERROR handlers call.
+    packing: N instructions.
     lines: (N,) line of each instruction.
-    frames: name and frame of the tool and of the work object.
-    frame_of: name and scope of the tool and the work object that were checked last.
-    bound: motions without their points, by scope and shape.
-    current_pose: last commanded pose, None if it is unknown.
-    blending: line of the last motion if it blends, else 0.
+    set_up: name and frame of the tool and of the work object.
+    checked: name and scope of the tool and the work object that were checked last.
     moved: whether the program has moved.
-    pressing: tool axis, 0 to 2, and direction, +1 or -1, of the force that is on. None without one.
     count: number of statements that were run.
     supervised: state of ConfJ and ConfL, and the line that set it.
     postures: whether targets state a configuration, for ConfJ and ConfL.
     singularity: argument of SingArea, empty without one.
     acceleration: arguments of AccSet, empty without one.
     calibrated: whether the force sensor was calibrated after the last section with force.
-    settled: whether the last statement was WaitTime with InPos, which waits for standstill.
+    is_settled: whether the last statement was WaitTime with InPos, which waits for standstill.
     pressed: whether a section with force has started.
     free_targets: targets after the last section with force. The (N, 3) targets of a sequence of
         statements are an array, mm.
     waiting: statements that wait to be run.
-    rotations: rotation matrices by quaternion.
     """
 
+    ask: Ask = field(default_factory=Ask)
     settings: PostSettings
-    scope: Scope
-    log: Log
-    body: Packing = field(default_factory=Packing)
+    modules: list[Module] = field(default_factory=list)
+    module_names: set[str] = field(default_factory=set)
+    declared: list[Variable] = field(default_factory=list)
+    scopes: dict[Routine, Frame] = field(default_factory=dict)
+    used: set[str] = field(default_factory=set)
+    ran: dict[Routine, None] = field(default_factory=dict)
+    handling: set[Routine] = field(default_factory=set)
+    packing: Packing = field(default_factory=Packing)
     lines: array[int] = field(default_factory=partial(array, "q"))
-    frames: dict[str, tuple[str, Pose | None]] = field(default_factory=dict)
-    frame_of: dict[str, tuple[str, Scope]] = field(default_factory=dict)
-    bound: dict[tuple[Scope, Shape], Bound] = field(default_factory=dict)
-    current_pose: Pose | None = None
-    blending: int = 0
+    set_up: dict[str, tuple[str, Pose | None]] = field(default_factory=dict)
+    checked: dict[str, tuple[str, Frame]] = field(default_factory=dict)
     moved: bool = False
-    pressing: tuple[int, int] | None = None
     count: int = 0
     supervised: dict[str, tuple[bool, int]] = field(default_factory=dict)
     postures: set[tuple[str, bool]] = field(default_factory=set)
     singularity: str = ""
     acceleration: tuple[float, ...] = ()
     calibrated: bool = False
-    settled: bool = False
+    is_settled: bool = False
     pressed: bool = False
     free_targets: list[Pose | Joints | FloatArray] = field(default_factory=list)
     waiting: list[Waiting] = field(default_factory=list)
-    rotations: dict[tuple[float, ...], FloatArray] = field(default_factory=dict)
 
-    def add(self, item: Instruction, line: int) -> None:
-        """Adds an instruction."""
-        self.body.append(item)
-        self.lines.append(line)
+    def add(self, item: Instruction) -> None:
+        """Adds an instruction of the line that runs."""
+        self.packing.append(item)
+        self.lines.append(self.line)
 
-    def wait(self, run: Run, scope: Scope) -> None:
+    # -- names and values: each has its type
+
+    def find_system(self, name: str) -> Variable | None:
+        """Data that the system declares and whose values do not depend on the robot."""
+        return super().find_system(name) if name.lower() in PREDEFINED else None
+
+    def known(self, expr: Expr | None) -> bool:
+        """Whether an expression is a name that is declared or predefined."""
+        return isinstance(expr, Ref) and self.variable(expr.name) is not None
+
+    def typed(self, expr: Expr | None, want: str, line: int = 0) -> Value:
+        """The value of an expression of the type `want`. Raises Wrong if it is of another type.
+
+        line: line of the expression, 0 for the line that runs.
+        """
+        line = line or self.line
+        if isinstance(expr, Ref):
+            return self._read_name(expr.name, want, line)
+        if isinstance(expr, Calling):
+            return self._call_function(expr, want)
+        if isinstance(expr, Point):
+            if want != "robtarget":
+                raise Wrong(line, f"a robtarget stands where {want} is needed")
+            what = orient_fault(expr.value[1]) or posture_fault(expr.value[2:])
+            if what:
+                raise Wrong(line, what)
+            return expr.value
+        if want in TYPES:
+            return self._read_record(expr, want, line)
+        if isinstance(expr, (float, bool, str)) and type(expr) is LITERAL.get(want):
+            return expr
+        raise Wrong(line, f"a value of type {want} is needed")
+
+    def _read_record(self, expr: Expr | None, want: str, line: int) -> Value:
+        components = TYPES[want]
+        if not isinstance(expr, tuple):
+            raise Wrong(line, f"a value of type {want} is needed")
+        if len(expr) != len(components):
+            raise Wrong(
+                line, f"{want} has {counted(len(components), 'component')}, not {len(expr)}"
+            )
+        value = tuple(
+            self.typed(item, part, line) for item, (_, part) in zip(expr, components, strict=True)
+        )
+        what = record_fault(want, value)
+        if what:
+            raise Wrong(line, what)
+        return value
+
+    def _read_name(self, name: str, want: str, line: int) -> Value:
+        variable = self.variable(name)
+        if variable is None and name.lower() in _OF_THE_ROBOT:
+            raise Wrong(line, f"{name} depends on the robot and is not read")
+        if variable is None:
+            raise Wrong(line, f"{name[:40]} is not declared")
+        if variable.type != want:
+            raise Wrong(line, f"{name} is {variable.type}, not {want}")
+        value: Value = self.load(variable)
+        if variable.fault is not None:
+            raise variable.fault
+        self.used.add(name.lower())
+        return value
+
+    def begin_value(self, variable: Variable) -> Value:
+        """The initial value of a declaration. Raises Wrong if it has none."""
+        if variable.type not in TYPES and variable.type not in LITERAL:
+            raise Wrong(variable.line, f"the data type {variable.type[:40]} is not read")
+        if variable.start is None:
+            raise Wrong(variable.line, f"{variable.name} has no value")
+        return self.typed(variable.start, variable.type, variable.line)
+
+    def _call_function(self, call: Calling, want: str) -> Value:
+        """The value of Offs, or of RelTool with one angle at most."""
+        if call.name not in ("offs", "reltool") or want != "robtarget":
+            raise Wrong(call.line, f"the function {call.name[:40]} is not read here")
+        if len(call.args) != 4:
+            raise Wrong(call.line, f"{call.name} has 4 arguments, not {len(call.args)}")
+        self.typed(call.args[0], "robtarget", call.line)
+        for number in (*call.args[1:], *(value for _, value in call.options)):
+            self.typed(number, "num", call.line)
+        angles = [name for name, _ in call.options]
+        if call.name == "offs" and angles:
+            raise Wrong(call.line, "Offs has no optional argument")
+        if len(angles) > 1 or any(name not in ("rx", "ry", "rz") for name in angles):
+            raise Wrong(call.line, "RelTool is read with one of Rx, Ry, Rz only")
+        value: Value = SPECIAL[call.name](self, call)
+        return value
+
+    def turned(self, q: tuple[float, ...]) -> FloatArray | None:
+        """The rotation matrix of a quaternion as written, None if it is not normalised."""
+        return None if q not in self.turns and orient_fault(q) else self.rotation(q)
+
+    # -- statements
+
+    def wait(self, run: Run, scope: Frame) -> None:
         """Adds statements to those that wait. Adjacent sequences become one."""
         before = self.waiting[-1] if self.waiting else None
         is_same = before is not None and before.rows is run.rows and before.scope is scope
@@ -140,8 +247,11 @@ class State:
         if self.pressed:
             self.free_targets.append(targets)
 
-    def remark(self, line: int, what: str) -> None:
-        """Adds an unusual finding once. Nothing is added if `what` is empty."""
+    def remark(self, what: str, *, line: int = 0) -> None:
+        """Adds an unusual finding of the line that runs, or of another one, once.
+
+        Nothing is added if `what` is empty.
+        """
         if what:
             self.log.find("unusual", what, line=line, once=what)
 
@@ -151,52 +261,31 @@ class State:
             self.log.find("refused", f"a motion that blends before {what}", line=self.blending)
             self.blending = 0
 
-    def frame(self, kind: str, expr: Expr | None, value: Value | None, line: int) -> None:
+    def set_frame(self, kind: str, expr: Expr | None, value: Value | None) -> None:
         """Sets the tool or the work object of a motion.
 
         Raises Wrong if the program has another one already.
         """
         name = expr.name if isinstance(expr, Ref) else ""
-        if kind not in self.frames:
-            read_frame = _tool if kind == "tool" else _work
-            frame = None if value is None else read_frame(value, line)
-            self.frames[kind] = (name.lower(), frame)
+        if kind not in self.set_up:
+            frame = None if value is None else self._read_frame(kind, value)
+            self.set_up[kind] = (name.lower(), frame)
             if kind == "tool" and value is not None:
-                self.remark(
-                    line, judge_load(self.settings.expected, cast(tuple[Value, ...], value)[2])
-                )
-        elif self.frames[kind][0] != name.lower():
-            raise Wrong(line, f"{name} is a second {'tool' if kind == 'tool' else 'work object'}")
+                load = cast(tuple[Value, ...], value)[2]
+                self.remark(judge_load(self.settings.expected, load))
+        elif self.set_up[kind][0] != name.lower():
+            raise self.wrong(f"{name} is a second {'tool' if kind == 'tool' else 'work object'}")
 
-    def pose(self, value: Value) -> Pose:
-        """The pose of a robtarget. Equal orientations share a matrix."""
-        trans, q, *_ = cast(tuple[Vec3, tuple[float, ...]], value)
-        return Pose(self._rotation(q), trans)
-
-    def turned(self, q: tuple[float, ...]) -> FloatArray | None:
-        """The rotation matrix of a quaternion as written, None if it is not normalised."""
-        rotation = self.rotations.get(q)
-        if rotation is not None or orient_fault(q):
-            return rotation
-        return self._rotation(q)
-
-    def _rotation(self, q: tuple[float, ...]) -> FloatArray:
-        if q not in self.rotations:
-            self.rotations[q] = rotation_from_quaternion(q)
-        return self.rotations[q]
-
-
-def _tool(value: Value, line: int) -> Pose:
-    held, frame, load = cast(tuple[Value, ...], value)
-    if not held:
-        raise Wrong(line, "a tool that the robot does not hold is not read")
-    if cast(tuple[float, ...], load)[0] <= 0:
-        raise Wrong(line, "the mass of a tool must be positive")
-    return pose(frame)
-
-
-def _work(value: Value, line: int) -> Pose:
-    held, fixed, unit, user, part = cast(tuple[Value, ...], value)
-    if held or not fixed or unit:
-        raise Wrong(line, "a work object that is held or moved is not read")
-    return pose(user) @ pose(part)
+    def _read_frame(self, kind: str, value: Value) -> Pose:
+        """The frame of a tool or a work object. Raises Wrong for one that posts do not write."""
+        if kind == "tool":
+            held, frame, load = cast(tuple[Value, ...], value)
+            if not held:
+                raise self.wrong("a tool that the robot does not hold is not read")
+            if numbers(load)[0] <= 0:
+                raise self.wrong("the mass of a tool must be positive")
+            return pose_of(self, frame)
+        held, fixed, unit, user, part = cast(tuple[Value, ...], value)
+        if held or not fixed or unit:
+            raise self.wrong("a work object that is held or moved is not read")
+        return pose_of(self, user) @ pose_of(self, part)

@@ -8,6 +8,10 @@ from typing import cast
 
 import numpy as np
 
+from camgen.lang.rapid.machine import RobotPosition
+from camgen.lang.rapid.motions import find_direction
+from camgen.lang.rapid.places import pose_of
+from camgen.lang.rapid.tree import Calling, Expr, Inline, Ref
 from camgen.lang.rapid.types import Value
 from camgen.lang.rapid.ways import (
     is_half_turn,
@@ -17,7 +21,7 @@ from camgen.lang.rapid.ways import (
     posture_fault,
     posture_remark,
 )
-from camgen.model.pose import Pose, Vec3, to_vec3
+from camgen.model.pose import Pose
 from camgen.model.program import (
     Force,
     Joints,
@@ -43,7 +47,7 @@ from .expected import (
     judge_singularity,
 )
 from .state import Bound, State
-from .syntax import DEACT_WHERE_ON, Calling, Expr, Inline, Ref, Wrong
+from .syntax import DEACT_WHERE_ON
 
 _SUPERVISION = {"confj": "ConfJ", "confl": "ConfL"}
 #: The signal of an analog output. All others are digital (docs/posts/rapid.md, options).
@@ -60,14 +64,12 @@ _AIR = 1.01
 def _signal(state: State, call: Calling) -> str:
     """The logical name of the signal that is the first argument."""
     if call.options:
-        raise Wrong(call.line, f"\\{call.options[0][0][:40]} of {call.name} is not read")
+        raise state.wrong(f"\\{call.options[0][0][:40]} of {call.name} is not read")
     if not call.args or not isinstance(call.args[0], Ref):
-        raise Wrong(call.line, f"{call.name} needs the name of a signal")
+        raise state.wrong(f"{call.name} needs the name of a signal")
     name = call.args[0].name
     if len(name) > state.settings.longest_name:
-        raise Wrong(
-            call.line, f"{name[:40]} is longer than {state.settings.longest_name} characters"
-        )
+        raise state.wrong(f"{name[:40]} is longer than {state.settings.longest_name} characters")
     return state.settings.signals.get(name.lower(), name)
 
 
@@ -79,20 +81,17 @@ def switch(state: State, call: Calling) -> Output:
     signal = _signal(state, call)
     analog = signal == _ANALOG
     if analog != (call.name == "setao") and (analog or signal in state.settings.signals.values()):
-        raise Wrong(
-            call.line,
-            f"{call.name} of {signal}, which is {'an analog' if analog else 'a digital'} output",
+        raise state.wrong(
+            f"{call.name} of {signal}, which is {'an analog' if analog else 'a digital'} output"
         )
     count = 2 if call.name in ("setdo", "setao") else 1
     if len(call.args) != count:
-        raise Wrong(
-            call.line, f"{call.name} has {counted(count, 'argument')}, not {len(call.args)}"
-        )
+        raise state.wrong(f"{call.name} has {counted(count, 'argument')}, not {len(call.args)}")
     if count == 1:
         return Output(signal, 1.0 if call.name == "set" else 0.0)
-    value = cast(float, state.scope.value(call.args[1], "num", call.line))
+    value = cast(float, state.typed(call.args[1], "num"))
     if call.name == "setdo" and value not in (0, 1):
-        raise Wrong(call.line, "a digital output is 0 or 1")
+        raise state.wrong("a digital output is 0 or 1")
     return Output(signal, value)
 
 
@@ -100,8 +99,8 @@ def switch_signal(state: State, call: Calling) -> None:
     """Runs SetDO, SetAO, Set or Reset."""
     item = switch(state, call)
     state.stopped(call.name)
-    state.settled = False
-    state.add(item, call.line)
+    state.is_settled = False
+    state.add(item)
 
 
 def _wait(state: State, call: Calling) -> None:
@@ -111,77 +110,77 @@ def _wait(state: State, call: Calling) -> None:
     """
     switches = [name for name, _ in call.options]
     if switches not in ([], ["inpos"]) or any(value is not None for _, value in call.options):
-        raise Wrong(call.line, f"\\{switches[0][:40]} of waittime is not read")
+        raise state.wrong(f"\\{switches[0][:40]} of waittime is not read")
     if len(call.args) != 1:
-        raise Wrong(call.line, f"waittime has 1 argument, not {len(call.args)}")
-    seconds = cast(float, state.scope.value(call.args[0], "num", call.line))
+        raise state.wrong(f"waittime has 1 argument, not {len(call.args)}")
+    seconds = cast(float, state.typed(call.args[0], "num"))
     if seconds < 0:
-        raise Wrong(call.line, "a wait must not be negative")
+        raise state.wrong("a wait must not be negative")
     state.stopped(call.name)
-    state.settled = state.settled or bool(switches)
+    state.is_settled = state.is_settled or bool(switches)
     if seconds > 0 or not switches:
-        state.add(Wait(seconds), call.line)
+        state.add(Wait(seconds))
 
 
 def _stop(state: State, call: Calling) -> None:
     """Runs Stop, which waits for the operator."""
     if call.args or call.options:
-        raise Wrong(call.line, "stop is read without arguments")
+        raise state.wrong("stop is read without arguments")
     state.stopped("stop")
-    state.settled = False
-    state.add(Stop(), call.line)
+    state.is_settled = False
+    state.add(Stop())
 
 
 def _configuration(state: State, call: Calling) -> None:
     """Runs ConfL or ConfJ. The supervision of the posture is not part of an instruction."""
     if call.args or call.options not in ((("on", None),), (("off", None),)):
-        raise Wrong(call.line, f"{call.name} needs \\On or \\Off")
+        raise state.wrong(f"{call.name} needs \\On or \\Off")
     on = call.options[0][0] == "on"
     if state.moved and state.supervised.get(call.name, (None, 0))[0] != on:
-        state.remark(call.line, f"{_SUPERVISION[call.name]} changes after the first motion")
-    state.supervised[call.name] = on, call.line
+        state.remark(f"{_SUPERVISION[call.name]} changes after the first motion")
+    state.supervised[call.name] = on, state.line
     if on and state.settings.expected.conf != "auto":
         conf = state.settings.expected.conf
-        state.remark(call.line, f"{_SUPERVISION[call.name]} is on, though post.conf is {conf}")
+        state.remark(f"{_SUPERVISION[call.name]} is on, though post.conf is {conf}")
 
 
 def _singularity(state: State, call: Calling) -> None:
     """Runs SingArea. The behaviour near a singularity is not part of an instruction."""
     if call.args or call.options not in ((("wrist", None),), (("off", None),)):
-        raise Wrong(call.line, "singarea needs \\Wrist or \\Off")
+        raise state.wrong("singarea needs \\Wrist or \\Off")
     state.singularity = call.options[0][0]
     if state.moved:
-        state.remark(call.line, "SingArea after the first motion")
+        state.remark("SingArea after the first motion")
 
 
 def _acceleration(state: State, call: Calling) -> None:
     """Runs AccSet. Acceleration and ramp, in %, are not part of an instruction."""
     if len(call.args) != 2 or call.options:
-        raise Wrong(call.line, "accset needs acceleration and ramp")
-    values = tuple(cast(float, state.scope.value(value, "num", call.line)) for value in call.args)
+        raise state.wrong("accset needs acceleration and ramp")
+    values = tuple(cast(float, state.typed(value, "num")) for value in call.args)
     if not all(0 < value <= 100 for value in values):
-        raise Wrong(call.line, "accset is in %, up to 100")
+        raise state.wrong("accset is in %, up to 100")
     state.acceleration = values
     if state.moved:
-        state.remark(call.line, "AccSet after the first motion")
+        state.remark("AccSet after the first motion")
 
 
 def _calibrate(state: State, call: Calling) -> None:
     """Runs FCCalib, which sets the force sensor to zero with the load of the tool."""
     if len(call.args) != 1 or call.options:
-        raise Wrong(call.line, "fccalib needs one loaddata")
+        raise state.wrong("fccalib needs one loaddata")
     argument, expected = call.args[0], state.settings.expected
     load: str | Value = argument.name.lower() if isinstance(argument, Ref) else ""
-    if load != expected.calibration.lower() or state.scope.known(argument):
-        value = state.scope.value(argument, "loaddata", call.line)
+    if load != expected.calibration.lower() or state.known(argument):
+        value = state.typed(argument, "loaddata")
         load = load or value
     if state.pressing is not None:
-        raise Wrong(call.line, "fccalib while pressing")
-    state.remark(call.line, judge_calibration(expected, load))
-    if not state.settled:
+        raise state.wrong("fccalib while pressing")
+    state.remark(judge_calibration(expected, load))
+    if not state.is_settled:
         what = "FCCalib without WaitTime\\InPos right before it: the arm may still swing"
-        state.remark(call.line, what)
-    state.calibrated, state.settled = True, False
+        state.remark(what)
+    state.calibrated, state.is_settled = True, False
     state.stopped(call.name)
 
 
@@ -189,9 +188,9 @@ def _deactivate(state: State, call: Calling) -> None:
     """Runs FCDeact, which ends force control."""
     check_deactivation(state, call)
     if state.pressing is not None:
-        raise Wrong(call.line, "fcdeact while pressing, before FCPressEnd")
+        raise state.wrong("fcdeact while pressing, before FCPressEnd")
     state.stopped("fcdeact")
-    state.add(Force(0.0), call.line)
+    state.add(Force(0.0))
 
 
 def check_deactivation(state: State, call: Calling) -> None:
@@ -200,10 +199,10 @@ def check_deactivation(state: State, call: Calling) -> None:
     Raises Wrong if it has arguments.
     """
     if call.args or call.options:
-        raise Wrong(call.line, "fcdeact has no arguments")
+        raise state.wrong("fcdeact has no arguments")
     if call.name != DEACT_WHERE_ON:
         what = "fcdeact without IF FCIsForceMode(): it may be an error where force control is off"
-        state.log.find("unusual", what, line=call.line)
+        state.log.find("unusual", what)
 
 
 SWITCHES = ("setdo", "setao", "set", "reset")
@@ -250,20 +249,19 @@ _WORLD = Ref("wobj0")
 _PRESSING = frozenset(name for name in MOTIONS if name.startswith("fc"))
 
 
-def motion(state: State, call: Calling) -> Bound:
-    """Runs a motion. Returns the motion without its points. Raises Wrong if it cannot be read."""
+def motion(state: State, call: Calling) -> None:
+    """Runs a motion. Raises Wrong if it cannot be read."""
     bound = _read_bound(state, call)
     values = bound.values
     if call.name == "moveabsj":
         axes = numbers(cast(tuple[Value, ...], values["joints"])[0])
         if what := joints_fault(axes):
-            raise Wrong(call.line, what)
-        state.remark(call.line, joints_remark(axes))
-        _move(state, call.line, bound, None, Joints(tuple(math.radians(v) for v in axes)))
+            raise state.wrong(what)
+        state.remark(joints_remark(axes))
+        _move(state, bound, None, Joints(tuple(math.radians(v) for v in axes)))
     else:
-        via = state.pose(values["via"]) if "via" in values else None
-        _move(state, call.line, bound, via, state.pose(values["to"]))
-    return bound
+        via = pose_of(state, values["via"]) if "via" in values else None
+        _move(state, bound, via, pose_of(state, values["to"]))
 
 
 def _read_bound(state: State, call: Calling) -> Bound:
@@ -271,9 +269,9 @@ def _read_bound(state: State, call: Calling) -> Bound:
     values = _bind(state, call)
     speed = cast(float, values["v"] if "v" in values else numbers(values["speed"])[0])
     turn = math.radians(numbers(values["speed"])[1])
-    state.remark(call.line, judge_external_speed(numbers(values["speed"])))
+    state.remark(judge_external_speed(numbers(values["speed"])))
     bound = Bound(call.name, speed, _blend(values), values, _posture(values), turn)
-    _check_postures(state, call.line, values)
+    _check_postures(state, values)
     return bound
 
 
@@ -283,29 +281,29 @@ def find_bound(state: State, move: Inline) -> Bound:
     Raises Wrong if it cannot be read.
     """
     key = state.scope, move.shape
-    bound = state.bound.get(key)
+    bound: Bound | None = state.bound.get(key)
     if bound is None:
         bound = _read_bound(state, move.call())
-        if ("via" in bound.values) == (move.via is not None):
+        if has_all_points(bound, move):
             state.bound[key] = bound
     return bound
 
 
+def has_all_points(bound: Bound, move: Inline) -> bool:
+    """Whether all points of a motion are written out. Else one of an arc has a name."""
+    return ("via" in bound.values) == (move.via is not None)
+
+
 def is_usual(bound: Bound, move: Inline) -> bool:
-    """Whether a motion only moves to its point.
+    """Whether a motion without force has no posture and the usual speed of reorientation.
 
-    It does not press, has no posture and the usual speed of reorientation, and all its points are
-    written out.
+    All its points are written out.
     """
-    is_free = bound.name in ("movej", "movel", "movec") and bound.posture is None
-    return (
-        is_free
-        and ("via" in bound.values) == (move.via is not None)
-        and abs(bound.turn - _USUAL_TURN) <= _SAME_TURN
-    )
+    is_usual_turn = abs(bound.turn - _USUAL_TURN) <= _SAME_TURN
+    return bound.posture is None and is_usual_turn and has_all_points(bound, move)
 
 
-def _check_postures(state: State, line: int, values: Mapping[str, Value]) -> None:
+def _check_postures(state: State, values: Mapping[str, Value]) -> None:
     """Checks the configurations of a motion. Raises Wrong for one that no arm has.
 
     The controller does not use the configuration of a circle point. Posts write that of the end.
@@ -313,10 +311,10 @@ def _check_postures(state: State, line: int, values: Mapping[str, Value]) -> Non
     configurations = [_confdata(values[name]) for name in ("via", "to") if name in values]
     for configuration in configurations:
         if what := posture_fault(configuration):
-            raise Wrong(line, what)
-        state.remark(line, posture_remark(configuration))
+            raise state.wrong(what)
+        state.remark(posture_remark(configuration))
     if configurations and configurations[0] != configurations[-1]:
-        state.remark(line, "the circle point of an arc has another configuration than its end")
+        state.remark("the circle point of an arc has another configuration than its end")
 
 
 def _confdata(target: Value) -> tuple[int, int, int, int]:
@@ -326,38 +324,36 @@ def _confdata(target: Value) -> tuple[int, int, int, int]:
 
 def inline(state: State, move: Inline) -> None:
     """Runs a motion to points that are written out. The rest of the motion is cached."""
-    key = state.scope, move.shape
-    bound = state.bound.get(key)
-    via_rotation = None if move.via is None else state.turned(move.via_turn)
+    bound = find_bound(state, move)
     rotation = state.turned(move.turn)
-    if bound is None or rotation is None or (via_rotation is None and move.via is not None):
-        bound = motion(state, move.call())
-        if ("via" in bound.values) == (move.via is not None):  # else one of the points has a name
-            state.bound[key] = bound
+    via_rotation = None if move.via is None else state.turned(move.via_turn)
+    is_turned = (via_rotation is None) == (move.via is None)
+    if rotation is None or not is_turned or not has_all_points(bound, move):
+        motion(state, move.call())
         return
     via = None if move.via is None or via_rotation is None else Pose(via_rotation, move.via)
-    _move(state, move.line, bound, via, Pose(rotation, move.to))
+    _move(state, bound, via, Pose(rotation, move.to))
 
 
-def _move(state: State, line: int, bound: Bound, via: Pose | None, target: Pose | Joints) -> None:
+def _move(state: State, bound: Bound, via: Pose | None, target: Pose | Joints) -> None:
     """Adds a motion through `via`, if there is one, to `target`."""
     if not state.moved and bound.name != "moveabsj":
-        state.log.find("unusual", f"the first motion is {bound.name}, not MoveAbsJ", line=line)
+        state.log.find("unusual", f"the first motion is {bound.name}, not MoveAbsJ")
     state.moved = True
     if isinstance(target, Pose):
-        check_supervision(state, line, bound)
-    if isinstance(target, Pose) and state.current_pose is not None:
-        _check_motion(state, line, bound, state.current_pose, via, target)
+        check_supervision(state, bound)
+    if isinstance(target, Pose) and state.position.pose is not None:
+        _check_motion(state, bound, state.position.pose, via, target)
     if bound.name in _PRESSING and isinstance(target, Pose):
-        _press(state, line, bound, via, target)
+        _press(state, bound, via, target)
     else:
         if state.pressing is not None:
-            state.log.find("refused", f"{bound.name} while pressing, before FCPressEnd", line=line)
-        state.add(_free(bound, via, target, _turn(state, bound, target)), line)
-    state.current_pose = target if isinstance(target, Pose) else None
+            state.log.find("refused", f"{bound.name} while pressing, before FCPressEnd")
+        state.add(_free(bound, via, target, _turn(state, bound, target)))
+    state.position = RobotPosition(target if isinstance(target, Pose) else None)
     state.note_target(target)
-    state.settled = False
-    state.blending = line if bound.blend > 0 else 0
+    state.is_settled = False
+    state.blending = state.line if bound.blend > 0 else 0
 
 
 def _turn(state: State, bound: Bound, target: Pose | Joints) -> float:
@@ -366,7 +362,7 @@ def _turn(state: State, bound: Bound, target: Pose | Joints) -> float:
     A linear motion to the position of the TCP is a reorientation, even if the printed digits show
     no rotation. A joint motion has this speed if it is not the usual one.
     """
-    start = state.current_pose
+    start = state.position.pose
     if isinstance(target, Joints) or bound.name == "movej":
         return bound.turn if abs(bound.turn - _USUAL_TURN) > _SAME_TURN else 0.0
     is_still = start is not None and start.origin == target.origin
@@ -397,53 +393,54 @@ def _bind(state: State, call: Calling) -> dict[str, Value]:
     """
     positional, optional = MOTIONS[call.name]
     if len(call.args) != len(positional):
-        raise Wrong(call.line, f"{call.name} has {len(positional)} arguments, not {len(call.args)}")
-    line, scope = call.line, state.scope
+        raise state.wrong(f"{call.name} has {len(positional)} arguments, not {len(call.args)}")
     values: dict[str, Value] = {}
     for name, expr in zip(positional, call.args, strict=True):
         if name == "tool":
-            _frame_argument(state, "tool", "tooldata", expr, line)
+            _frame_argument(state, "tool", "tooldata", expr)
         else:
-            values[name] = scope.value(expr, _TYPES[name], line)
+            values[name] = state.typed(expr, _TYPES[name])
     work: Expr | None = _WORLD
     for name, option in call.options:
         if name not in optional:
-            raise Wrong(line, f"\\{name[:40]} of {call.name} is not read")
+            raise state.wrong(f"\\{name[:40]} of {call.name} is not read")
         if name == "wobj":
             work = option
         elif name in values or (option is None) != (optional[name] == ""):
-            raise Wrong(line, f"\\{name} of {call.name} is given twice or has no value")
+            raise state.wrong(f"\\{name} of {call.name} is given twice or has no value")
         else:
-            values[name] = True if option is None else scope.value(option, optional[name], line)
+            values[name] = True if option is None else state.typed(option, optional[name])
     if call.name != "moveabsj":
-        _frame_argument(state, "work", "wobjdata", work, line)
+        _frame_argument(state, "work", "wobjdata", work)
     if cast(float, values.get("v", 1.0)) <= 0 or cast(float, values.get("z", 1.0)) <= 0:
-        raise Wrong(line, "a speed or a zone that is not positive")
+        raise state.wrong("a speed or a zone that is not positive")
     return values
 
 
-def _frame_argument(state: State, kind: str, data_type: str, expr: Expr | None, line: int) -> None:
+def _frame_argument(state: State, kind: str, data_type: str, expr: Expr | None) -> None:
     """Sets the tool or the work object of a motion.
 
     Raises Wrong unless it is a whole persistent (manual, tooldata).
     """
-    if isinstance(expr, Ref) and state.frame_of.get(kind) == (expr.name, state.scope):
+    if isinstance(expr, Ref) and state.checked.get(kind) == (expr.name, state.scope):
         return
     if not isinstance(expr, Ref):
-        raise Wrong(line, f"{data_type} must be the name of a persistent")
-    data = state.scope.find(expr.name)
+        raise state.wrong(f"{data_type} must be the name of a persistent")
+    variable = state.variable(expr.name)
+    data = None if variable is None else variable.declaration
     if data is not None and data.storage != "pers":
-        raise Wrong(line, f"{expr.name} must be PERS, not {data.storage.upper()}")
+        raise state.wrong(f"{expr.name} must be PERS, not {data.storage.upper()}")
     if data is not None and not data.local:
-        state.remark(data.line, judge_persistent(state.settings.expected, data.name, data.task))
-    unknown = state.settings.external and not state.scope.known(expr)
-    value = None if unknown else state.scope.value(expr, data_type, line)
-    state.remark(line, judge_name(state.settings.expected, kind, expr.name, unknown))
-    state.frame(kind, expr, value, line)
-    state.frame_of[kind] = (expr.name, state.scope)
+        what = judge_persistent(state.settings.expected, data.name, data.task)
+        state.remark(what, line=data.line)
+    unknown = state.settings.external and not state.known(expr)
+    value = None if unknown else state.typed(expr, data_type)
+    state.remark(judge_name(state.settings.expected, kind, expr.name, unknown))
+    state.set_frame(kind, expr, value)
+    state.checked[kind] = (expr.name, state.scope)
 
 
-def check_supervision(state: State, line: int, bound: Bound) -> None:
+def check_supervision(state: State, bound: Bound) -> None:
     """Adds a finding for a configuration that does not fit the supervision, once per kind.
 
     Supervision is on by default (manual, ConfL) and may stop the arm at a configuration of zeros.
@@ -453,42 +450,40 @@ def check_supervision(state: State, line: int, bound: Bound) -> None:
         return
     state.postures.add((word, stated))
     if not stated and word not in state.supervised:
-        state.remark(line, f"a configuration of zeros, and {_SUPERVISION[word]} is not off")
+        state.remark(f"a configuration of zeros, and {_SUPERVISION[word]} is not off")
     if stated and state.settings.expected.conf == "off":
-        state.remark(line, "a configuration, though post.conf is off")
+        state.remark("a configuration, though post.conf is off")
 
 
-def check_settings(state: State, line: int) -> None:
+def check_settings(state: State) -> None:
     """Adds findings, at the end of the program, for settings that are not those of the options."""
     expected = state.settings.expected
-    for word, (is_on, supervision_line) in state.supervised.items():
+    for word, (is_on, line) in state.supervised.items():
         all_stated = (word, True) in state.postures and (word, False) not in state.postures
         if not is_on and expected.conf == "auto" and all_stated:
             what = "is off, though each of its motions states a configuration"
-            state.remark(supervision_line, f"{_SUPERVISION[word]} {what}")
-    state.remark(line, judge_singularity(expected, state.singularity))
-    state.remark(line, judge_acceleration(expected, state.acceleration))
+            state.remark(f"{_SUPERVISION[word]} {what}", line=line)
+    state.remark(judge_singularity(expected, state.singularity))
+    state.remark(judge_acceleration(expected, state.acceleration))
 
 
-def _check_motion(
-    state: State, line: int, bound: Bound, start: Pose, via: Pose | None, target: Pose
-) -> None:
+def _check_motion(state: State, bound: Bound, start: Pose, via: Pose | None, target: Pose) -> None:
     """Adds findings for the path of a linear or circular motion that is not valid or ambiguous."""
     if bound.name == "movej":
         return
     if via is None:
         if is_half_turn(start, target):
             what = "the tool turns by 180 deg in one straight motion; its sense is open"
-            state.remark(line, what)
+            state.remark(what)
     else:
         fault, remark = judge_arc(start.origin, via.origin, target.origin)
         if fault:
-            state.log.find("refused", fault, line=line)
-        state.remark(line, remark)
+            state.log.find("refused", fault)
+        state.remark(remark)
     travels = math.dist(start.origin, target.origin) > _TRAVELS
     if travels and abs(bound.turn - _USUAL_TURN) > _SAME_TURN:
         speed = f"{math.degrees(bound.turn):g} deg/s"
-        state.remark(line, f"a speed of {speed} limits a motion that travels")
+        state.remark(f"a speed of {speed} limits a motion that travels")
 
 
 def _blend(values: Mapping[str, Value]) -> float:
@@ -500,35 +495,35 @@ def _blend(values: Mapping[str, Value]) -> float:
     return cast(float, values.get("z", zone[1]))
 
 
-def _press(state: State, line: int, bound: Bound, via: Pose | None, target: Pose) -> None:
+def _press(state: State, bound: Bound, via: Pose | None, target: Pose) -> None:
     """Adds a motion that starts, keeps or ends the contact. Raises Wrong if it cannot be run."""
     name, speed, blend = bound.name, bound.speed, bound.blend
     if name == "fcpress1lstart":
-        force = _begin_pressing(state, line, bound.values)
+        force = _begin_pressing(state, bound.values)
     elif state.pressing is None:
-        raise Wrong(line, f"{name} without FCPress1LStart")
+        raise state.wrong(f"{name} without FCPress1LStart")
     elif name == "fcpressend":
         state.stopped(name)
         state.pressing, state.calibrated = None, False
         state.free_targets.clear()
-        state.add(Force(0.0), line)
+        state.add(Force(0.0))
         turn = _turn(state, bound, target)
-        state.add(MoveL(target, speed, blend, posture=bound.posture, turn=turn), line)
+        state.add(MoveL(target, speed, blend, posture=bound.posture, turn=turn))
         return
     else:
         force = cast(float, bound.values["force"]) * state.settings.sign * state.pressing[1]
         if force <= 0:
-            raise Wrong(line, f"{name} does not press in the direction of FCPress1LStart")
+            raise state.wrong(f"{name} does not press in the direction of FCPress1LStart")
     assert state.pressing is not None
-    press = _direction(target, state.pressing)
+    press = find_direction(target, state.pressing)
     if via is not None:
-        state.add(MoveC(via, target, speed, blend, force, press, posture=bound.posture), line)
+        state.add(MoveC(via, target, speed, blend, force, press, posture=bound.posture))
     else:
         turn = _turn(state, bound, target)
-        state.add(MoveL(target, speed, blend, force, press, posture=bound.posture, turn=turn), line)
+        state.add(MoveL(target, speed, blend, force, press, posture=bound.posture, turn=turn))
 
 
-def _begin_pressing(state: State, line: int, values: Mapping[str, Value]) -> float:
+def _begin_pressing(state: State, values: Mapping[str, Value]) -> float:
     """Adds the force of FCPress1LStart along a tool axis at its start. Returns it, N.
 
     Raises Wrong if its arguments are not valid.
@@ -536,22 +531,22 @@ def _begin_pressing(state: State, line: int, values: Mapping[str, Value]) -> flo
     names = [name for name in ("fx", "fy", "fz") if name in values]
     force = cast(float, values[names[0]]) if len(names) == 1 else 0.0
     if force == 0:
-        raise Wrong(line, "FCPress1LStart needs a force along one axis of the tool")
-    if state.pressing is not None or state.current_pose is None:
+        raise state.wrong("FCPress1LStart needs a force along one axis of the tool")
+    if state.pressing is not None or state.position.pose is None:
         reason = "twice" if state.pressing else "from an unknown pose"
-        raise Wrong(line, f"FCPress1LStart {reason}")
+        raise state.wrong(f"FCPress1LStart {reason}")
     if not 0 <= cast(float, values["threshold"]) <= 100:
-        raise Wrong(line, "the threshold of FCPress1LStart is 0 to 100 %")
+        raise state.wrong("the threshold of FCPress1LStart is 0 to 100 %")
     for what in judge_pressing(state.settings.expected, values):
-        state.remark(line, what)
+        state.remark(what)
     axis = ("fx", "fy", "fz").index(names[0])
     state.stopped("fcpress1lstart")
     state.pressing = (axis, state.settings.sign if force > 0 else -state.settings.sign)
     needs_calibration = state.settings.expected.calibration and not state.calibrated
-    if needs_calibration and _was_in_the_air(state, state.current_pose, state.pressing):
-        state.remark(line, "no FCCalib before pressing, though post.force_load asks for it")
+    if needs_calibration and _was_in_the_air(state, state.position.pose, state.pressing):
+        state.remark("no FCCalib before pressing, though post.force_load asks for it")
     state.pressed = True
-    state.add(Force(abs(force), _direction(state.current_pose, state.pressing)), line)
+    state.add(Force(abs(force), find_direction(state.position.pose, state.pressing)))
     return abs(force)
 
 
@@ -565,7 +560,7 @@ def _was_in_the_air(state: State, start: Pose, pressing: tuple[int, int]) -> boo
     """
     if not state.pressed:
         return True
-    towards_part = np.stack([start.rotation[:, 2], _direction(start, pressing)])
+    towards_part = np.stack([start.rotation[:, 2], find_direction(start, pressing)])
     poses = [target for target in state.free_targets if not isinstance(target, Joints)]
     if len(poses) < len(state.free_targets):
         return True
@@ -574,9 +569,3 @@ def _was_in_the_air(state: State, start: Pose, pressing: tuple[int, int]) -> boo
     positions = [pose.origin if isinstance(pose, Pose) else pose for pose in poses]
     heights = np.subtract(start.origin, np.vstack(positions)) @ towards_part.T
     return float(heights.max()) > _AIR
-
-
-def _direction(at: Pose, pressing: tuple[int, int]) -> Vec3:
-    """The signed tool axis in the work frame."""
-    axis, sign = pressing
-    return to_vec3(at.rotation[:, axis] * sign)

@@ -7,12 +7,13 @@ out. Everything else is refused by name.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from typing import Any, ClassVar, cast
 
 from camgen.lang.log import Log
 from camgen.lang.rapid.expressions import Calls
 from camgen.lang.rapid.grammar import Parser
+from camgen.lang.rapid.rows import Spellings
 from camgen.lang.rapid.statements import STRUCTURE, Note
 from camgen.lang.rapid.tokens import BANNER_LINES, RESERVED, Wrong, banner, show_token
 from camgen.lang.rapid.tree import (
@@ -22,14 +23,11 @@ from camgen.lang.rapid.tree import (
     Inline,
     Module,
     Parameter,
-    Point,
-    Ref,
     Routine,
-    Shape,
+    Run,
     Statement,
+    list_statements,
 )
-
-from .rows import Cut, Run, Spellings
 
 #: Words that open a compound statement, and words that continue or close one.
 _OPENS = frozenset(("if", "for", "while", "test"))
@@ -64,20 +62,14 @@ def parse(
     """
     parser = _Parser(text, first_line, spellings)
     modules = parser.modules()
-    if parser.cut is not None:
-        parser.cut.close()
     for note in parser.notes:
         log.find("unusual" if note.odd else "refused", note.what, line=note.line)
-    return modules, text.count("\n") if parser.cut is None else parser.cut.line_ends
+    return modules, text.count("\n") if parser.rows is None else parser.rows.line_ends
 
 
-def calls_of(block: Sequence[Statement | Run]) -> Iterator[Calling | Inline]:
-    """The statements of a routine, one by one."""
-    for item in cast(Sequence[Any], block):
-        if isinstance(item, Run):
-            yield from map(item.rows.statement, range(item.first, item.last))
-        else:
-            yield item
+def calls_of(block: Iterable[Statement | Run]) -> Iterator[Calling | Inline]:
+    """The statements of a block, one by one. The parser reads no others."""
+    return cast(Iterator[Calling | Inline], list_statements(block))
 
 
 class _Parser(Parser):
@@ -85,12 +77,10 @@ class _Parser(Parser):
 
     whole: ClassVar[bool] = False
     clauses: ClassVar[frozenset[str]] = frozenset(("error",))
-    calls: ClassVar[type[Calls]] = Written
 
     def __init__(self, text: str, first_line: int, spellings: Spellings | None) -> None:
         start = banner(text)
-        super().__init__(text, first_line, spellings is not None)
-        self.cut = None if spellings is None else Cut(text, first_line, spellings)
+        super().__init__(text, first_line, spellings)
         #: Number of open compound statements. Each of them is a finding already.
         self.compounds = 0
         lines = [line.strip() for line in text[:start].strip().split("\n")]
@@ -162,8 +152,7 @@ class _Parser(Parser):
 
     def member(self, data: list[Data], routines: list[Routine], records: list[Any]) -> None:
         """Parses a declaration of a module."""
-        is_proc = self.cut is not None and self.word() == "proc"
-        usual = self.usual_routines() if is_proc else []
+        usual = self.usual_routines() if self.word() == "proc" else []
         if usual:
             routines += usual
         else:
@@ -176,11 +165,11 @@ class _Parser(Parser):
         """
         _, _, line, start = self.token
         begin = _BEGIN.match(self.text, start)
-        if self.cut is None or begin is None or begin[1].lower() in RESERVED:
+        if self.rows is None or begin is None or begin[1].lower() in RESERVED:
             return []
         routines: list[Routine] = []
-        name, statements = begin[1], self.cut.run(begin.end())
-        while statements is not None and (parted := self.cut.parted(statements)) is not None:
+        name, statements = begin[1], self.rows.run(begin.end())
+        while statements is not None and (parted := self.rows.parted(statements)) is not None:
             routines.append(_usual(line, name, parted.run, parted.handles, parted.last))
             start, line = parted.start, parted.line
             name, statements = parted.name, parted.statements
@@ -215,7 +204,7 @@ class _Parser(Parser):
         """Parses ERROR."""
         return self.take()[1].lower()
 
-    def enclosed(self, body: list[Statement], clause: str) -> None:
+    def enclosed(self, body: list[Statement | Run], clause: str) -> None:
         """Parses a statement, or the end of force control or of a handler."""
         if clause:
             is_end = self.word() in _HANDLES
@@ -223,19 +212,9 @@ class _Parser(Parser):
             is_end = self.word() == "if" and bool(_ASKS.match(self.text, self.token[3]))
         if is_end:
             body.append(self.handling())
-        elif clause or not self.run(body):
+        else:
+            self.takes_runs = not clause
             self.statement(body)
-
-    def run(self, body: list[Any]) -> bool:
-        """Reads a sequence of statements by column. Returns whether there was one."""
-        if self.cut is None or self.token[0] not in ("name", "move"):
-            return False
-        statements = self.cut.run(self.token[3])
-        if statements is None:
-            return False
-        body.append(statements.run)
-        self.jump(statements.end, statements.line)
-        return True
 
     def handling(self) -> Calling:
         """Parses the conditional end of force control, or RAISE or EXIT of an ERROR handler."""
@@ -250,7 +229,7 @@ class _Parser(Parser):
 
     # -- statements
 
-    def unnamed(self, _body: list[Statement]) -> None:
+    def unnamed(self, _body: list[Statement | Run]) -> None:
         """Parses a token that begins no statement. Raises Wrong unless it is a semicolon."""
         token = self.take()
         if token[1] != ";":
@@ -263,7 +242,7 @@ class _Parser(Parser):
         """Parses a call."""
         return self.statement_call()
 
-    def control(self, _body: list[Statement]) -> None:
+    def control(self, _body: list[Statement | Run]) -> None:
         """Adds a finding for a control statement and skips its head.
 
         The statements inside it are read. A word that continues or closes a compound statement is a
@@ -281,16 +260,10 @@ class _Parser(Parser):
             if self.word() in ("then", "do"):
                 self.take()
                 return
-            if self.ended():
+            if self.take()[1] == ";":
                 return
 
 
 def _usual(line: int, name: str, run: Run, handles: bool, last: int) -> Routine:
     handler = (Calling(last - 1, "raise"),) if handles else None
     return Routine(line, name, False, (), cast(Any, (run,)), handler, "proc", (), "", last)
-
-
-__all__ = [
-    "DEACT_WHERE_ON", "Calling", "Data", "Expr", "Inline", "Module", "Point", "Ref", "Routine",
-    "Shape", "Wrong", "calls_of", "parse",
-]  # fmt: skip
