@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -13,9 +14,16 @@ from camgen.lang.gcode.drilling import CYCLES, drill, per_turn
 from camgen.lang.gcode.machine import ARCS, AXES, RAPID, Machine, take_axes
 from camgen.lang.gcode.words import LineError
 from camgen.model.pose import TOOL_DOWN, Pose, Vec3
-from camgen.model.program import Instruction, MoveC, MoveJ, MoveL
+from camgen.model.program import Instruction, MoveC, MoveJ, MoveL, Wait
 
 _CENTRES = "IJKR"
+_NUMBER = r"[ \t]*([+-]?(?:[0-9]{1,6}(?:\.[0-9]{0,12})?|\.[0-9]{1,12}))[ \t]*"
+#: One motion without parameters: the digit of G0 to G3, then X Y Z I J F.
+PLAIN = re.compile(
+    r"[ \t]*(?:[nN][0-9]{1,9}[ \t]*)?(?:[gG]0?([0-3])[ \t]*(?![0-9.]))?"
+    + "".join(f"(?:[{letter}{letter.lower()}]{_NUMBER})?" for letter in "XYZIJF")
+    + r"(?:\([^(),]*\)[ \t]*|;[^,]*)?\r?"  # a comment with a comma may be one that LinuxCNC acts on
+)
 
 
 def move(m: Machine, code: str, words: dict[str, float]) -> None:
@@ -28,18 +36,26 @@ def move(m: Machine, code: str, words: dict[str, float]) -> None:
         m.motion = code
     if m.motion not in CYCLES:
         m.level = None
-    m.turn_axes(words, code)
-    if m.trace(code, words):
+    elif m.dialect.increments and "K" in words:
+        words["L"] = words.pop("K")
+    _turn_axes(m, words, code)
+    if m.control and m.motion not in ("G5.2", "G5.3"):
+        m.control.clear()
+        raise LineError("the control points of G5.2 without G5.3, which draws their curve")
+    act = m.profile.handlers.get(m.motion)
+    if act is not None and (code or any(axis in words for axis in AXES)):
+        m.profile.settle(m, code, words, False)
+        act(m, m.motion, words)
         return
     polar(m, words)
     named = [axis for axis in AXES if axis in words]
     around = m.motion in ARCS and any(letter in words for letter in _CENTRES)
     if not named and not around and code not in CYCLES:
-        m.stand(code)
+        m.profile.stand(m, code)
         return
     if not m.motion:
-        m.without_mode()
-    m.settle(code, words, m.motion in CYCLES)
+        _assume_rapid(m)
+    m.profile.settle(m, code, words, m.motion in CYCLES)
     if m.motion in CYCLES:
         drill(m, words)
         return
@@ -48,6 +64,35 @@ def move(m: Machine, code: str, words: dict[str, float]) -> None:
         m.rapid(axes, () if m.incremental else [AXES.index(name) for name in named])
     else:
         _work(m, axes, words)
+
+
+def _assume_rapid(m: Machine) -> None:
+    """Takes G0 for axis words without a modal motion code. Raises LineError as LinuxCNC does."""
+    if not m.dialect.open:
+        raise LineError("axis words without a motion code (G0, G1, G2, G3)")
+    m.assume("axis words without a motion code are run as G0")
+    m.motion = "G0"
+
+
+def _turn_axes(m: Machine, words: dict[str, float], code: str) -> None:
+    """Adds a loss for each motion of other axes, and its time if X, Y and Z stand still."""
+    turned = 0.0
+    for letter in m.others:
+        if letter not in words:
+            continue
+        value, before = words.pop(letter), m.rotary.get(letter, 0.0)
+        if value != (0.0 if m.incremental else before):
+            m.log.lose(f"axis {letter} moves: only X, Y and Z are replayed")
+        m.rotary[letter] = before + value if m.incremental else value
+        turned = max(turned, abs(m.rotary[letter] - before))
+        m.log.fact("axes that are not shown", letter)
+    is_alone = not any(axis in words for axis in AXES)
+    if turned and is_alone and (code or m.motion) != "G0" and m.feed > 0:
+        if m.feed_mode == "G93":
+            seconds = 1 / m.feed
+        else:
+            seconds = turned / (m.feed * 60.0 / m.scale) * 60.0
+        m.add(Wait(min(seconds, 1e6)))
 
 
 def polar(m: Machine, words: dict[str, float]) -> None:
@@ -78,11 +123,8 @@ def target(m: Machine, words: dict[str, float]) -> list[float]:
     for axis, value in take_axes(m, words).items():
         if m.incremental and not m.known[axis]:
             m.known[axis] = True
-            m.note(
-                "assumed",
-                f"{AXES[axis]} begins at 0",
-                "an incremental motion does not say from where",
-            )
+            why = "an incremental motion does not say from where"
+            m.assume(f"{AXES[axis]} begins at 0", why=why)
         end[axis] = end[axis] + value if m.incremental else value + m.shift[axis]
     return m.turned(end)
 
@@ -104,29 +146,40 @@ def _work(m: Machine, end: Sequence[float], words: dict[str, float]) -> None:
                 words[letter] *= m.scale
                 if m.absolute_centre and letter != "R":
                     words[letter] += m.shift["IJK".index(letter)]
-        m.turn_centre(words)
-        centre = m.beside(start, last, words)
+        if m.rotation is not None:
+            m.rotation.turn_offset(words, m.absolute_centre)
+    centre = m.find_offset(start, last, words)
+    if m.motion in ARCS:
         curve = _curve(m, start, last, words)
-        if centre:
-            m.follow(start, last, _rate(m, start, curve), centre)
-            return
-    elif m.beside(start, last, words):
-        m.follow(start, last, _rate(m, start, curve))
-        return
-    m.pieces(curve, _rate(m, start, curve))
+    if centre:
+        m.follow(start, last, _rate(m, start, curve), centre)
+    else:
+        m.pieces(curve, _rate(m, start, curve))
 
 
 def _curve(m: Machine, start: Vec3, end: Vec3, words: dict[str, float]) -> list[Piece]:
-    """The pieces of an arc. Removes its words."""
+    """The pieces of an arc. Removes its words. Raises LineError.
+
+    A wide dialect may mean a centre in absolute coordinates, if it fits in no others.
+    """
     kept, inch = dict(words), m.scale != 1.0
     try:
         return divide(Arc(m.plane, m.motion, start, end, words, m.absolute_centre), m.limits, inch)
     except LineError as error:
+        if not m.dialect.open:
+            raise
         for k, letter in enumerate("IJK"):
             if letter in kept and not m.absolute_centre:
                 kept[letter] += m.shift[k]
         absolute = Arc(m.plane, m.motion, start, end, kept, is_absolute=True)
-        return m.centre(lambda: divide(absolute, m.limits, inch), error)
+        try:
+            pieces = divide(absolute, m.limits, inch)
+        except LineError:
+            raise error from None
+    what = "the centre of the arc fits in absolute coordinates alone (G90.1)"
+    m.log.find("unusual", f"{what}; it is read so", once="centre")
+    m.log.lose(what)
+    return pieces
 
 
 def _rate(m: Machine, start: Vec3, curve: Sequence[Piece]) -> float:
@@ -155,7 +208,7 @@ def read_plain(m: Machine, lines: Sequence[str], at: int, bound: int) -> int:
     Returns the index of that line. The machine must be settled (`Machine.is_settled`). A line with
     a fault is not plain, so that the general reader names the fault.
     """
-    match, rows = m.plain.fullmatch, m.lines
+    match, rows, remark = m.profile.plain.fullmatch, m.lines, m.profile.remark
     body: list[Instruction] = []
     unit, (sx, sy, sz), blend, force = m.scale, m.shift, m.blend, m.force
     last, feed, (x, y, z) = m.motion[1:], m.feed, m.at
@@ -163,7 +216,7 @@ def read_plain(m: Machine, lines: Sequence[str], at: int, bound: int) -> int:
     for place in range(at, bound):
         plain = match(lines[place])
         if plain is None:
-            if m.is_remark(lines[place]):
+            if remark is not None and remark.fullmatch(lines[place]):
                 continue
             break
         digit, to_x, to_y, to_z, i, j, f = plain.groups()
