@@ -256,7 +256,7 @@ def _level(m: Machine, code: str, _words: dict[str, float]) -> None:
     m.to_start = code == "G98"
 
 
-def _cycle_off(m: Machine, _code: str, words: dict[str, float]) -> None:
+def _cycle_off(m: Machine, _code: str, _words: dict[str, float]) -> None:
     """G80: no motion code is in force."""
     m.motion, m.level = "", None
     m.sticky.clear()
