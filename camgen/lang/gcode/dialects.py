@@ -11,6 +11,9 @@ from camgen.lang.gcode.arcs import LINUXCNC as LINUXCNC_ARCS
 from camgen.lang.gcode.arcs import Limits
 from camgen.lang.gcode.words import GROUP
 
+#: Speed of G0, mm/s. No text states it, and a motion needs a positive speed.
+RAPID = 100.0
+
 
 class Dialect(Struct, frozen=True):
     """One kind of controller.

@@ -14,7 +14,7 @@ from camgen.lang.flow import Choice, Counter, Flow, Rules
 from camgen.lang.gcode.codes import ORDER, feed, speed_and_tool
 from camgen.lang.gcode.machine import Leap, Machine
 from camgen.lang.gcode.macros import read_goto, set_then, test_branch, test_loop
-from camgen.lang.gcode.motion import move
+from camgen.lang.gcode.motion import move, run_usual
 from camgen.lang.gcode.third_party import begin, end
 from camgen.lang.gcode.words import COMMENT, Line, LineError, Parameters, value_at
 from camgen.lang.run import Budget, Ended, Stopped
@@ -110,7 +110,7 @@ class Interpreter:
         at = span.start
         while at < span.stop:
             if m.is_settled():
-                after = m.profile.read_plain(m, lines, at, span.stop)
+                after = run_usual(m, lines, at, span.stop)
                 self._budget.left -= after - at
                 at = m.line = after
                 if at == span.stop:

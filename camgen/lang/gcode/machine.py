@@ -6,7 +6,6 @@ post's is a `Profile`: tables and a few functions.
 
 from __future__ import annotations
 
-import re
 from array import array
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -19,8 +18,9 @@ from msgspec import Struct
 from camgen.lang.gcode.arcs import LINUXCNC as LINUXCNC_ARCS
 from camgen.lang.gcode.arcs import Arc, Limits, Piece, find_centre
 from camgen.lang.gcode.beam import Beam
+from camgen.lang.gcode.columns import Chunk, FindEffect
 from camgen.lang.gcode.compensation import OffsetPath, Segment
-from camgen.lang.gcode.dialects import LINUXCNC, Dialect
+from camgen.lang.gcode.dialects import LINUXCNC, RAPID, Dialect
 from camgen.lang.gcode.rotation import Rotation
 from camgen.lang.gcode.words import Line, LineError, Parameters, UnknownWord
 from camgen.lang.log import Log
@@ -30,8 +30,6 @@ from camgen.model.limits import tell
 from camgen.model.pose import TOOL_DOWN, Pose, Vec3
 from camgen.model.program import Instruction, MoveC, MoveJ, MoveL, Output, Packing, Stop
 
-#: Speed of G0, mm/s. No text states it, and a motion needs a positive speed.
-RAPID = 100.0
 #: Feed, mm/min, of a machine with a default feed, before the first F.
 FEED = 600.0
 _BOUNDS = Bounds()
@@ -64,18 +62,17 @@ class Grammar(Struct, frozen=True):
 class Profile(Struct, frozen=True):
     """The tables and functions in which third-party programs and read-backs differ.
 
-    All functions but `switch` may raise LineError.
+    All functions may raise LineError.
 
-    handlers: function of each modal group, and of each motion that is no line, arc or hole.
+    handlers: function of each modal group, and of each motion other than a line, an arc or a hole.
     clean: returns the words of a line without comments and blanks, in lower case.
     parse: returns the codes by group and the words of a clean line.
     settle: is called before a motion, or before the holes of a cycle, with the code of the line,
         its words, and whether it is a cycle.
     stand: is called for a motion code without axis words.
     switch: sets an output.
-    read_plain: runs lines from an index on, up to a line that is not plain, or to a bound. Returns
-        the index of that line.
-    plain, remark: patterns of a motion in numbers alone, and of a comment without effect.
+    find_effect: finds the effect of a line that is not a motion, for lines that are read by column;
+        None if these are motions alone.
     goes_on: whether the run goes on after a word that is not read.
     """
 
@@ -85,9 +82,7 @@ class Profile(Struct, frozen=True):
     settle: Callable[[Machine, str, Mapping[str, float], bool], None]
     stand: Callable[[Machine, str], None]
     switch: Callable[[Machine, str, float], None]
-    read_plain: Callable[[Machine, Sequence[str], int, int], int]
-    plain: re.Pattern[str]
-    remark: re.Pattern[str] | None = None
+    find_effect: FindEffect | None = None
     goes_on: bool = False
 
 
@@ -119,6 +114,7 @@ class Machine:
     line, raw: number of the line that is read, from 1, and its text.
     body, lines: instructions so far, and the line of each.
     log: findings, assumptions, losses and facts of the run.
+    chunk: lines that are read by column, None before the first.
     unknown_line: first line with a word that is not read, 0 without one.
     marks: number of instructions before each frame, with its tool and work offset.
     opened, ended: whether a per cent sign has come, and the end of the program.
@@ -174,7 +170,7 @@ class Machine:
     radii: radius of each tool in the tool table, mm.
     cut: whether a motion at feed has run.
     length, length_at_z: G43 or G49, and the one in force at the last motion of Z.
-    reached: whether G43 has come.
+    reached: whether G43 has come, and G49 after it has no finding yet.
     side: side of the cutter compensation, 1 left, -1 right, 0 off.
     path: path of the tool beside the programmed one, None without compensation.
     left_path: whether no motion has run since G40.
@@ -206,6 +202,7 @@ class Machine:
     body: Packing = field(default_factory=Packing)
     lines: array[int] = field(default_factory=partial(array, "q"))
     log: Log = field(init=False)
+    chunk: Chunk | None = None
     unknown_line: int = 0
     marks: list[tuple[int, int, str]] = field(default_factory=list)
     opened: bool = False
@@ -389,6 +386,7 @@ class Machine:
             or self.rotation
             or self.dialect.extruder
             or self.dialect.increments
+            or (self.reached and self.length == "G49")
         )
 
     def here(self) -> Vec3:

@@ -1,29 +1,25 @@
-"""Motions of a line as straight lines and arcs, and plain lines read at once."""
+"""Motions of a line as straight lines and arcs, and lines that are run by column."""
 
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 
 import numpy as np
+from msgspec.structs import replace
 
 from camgen.geometry.arcs import span_lengths
 from camgen.lang.gcode.arcs import Arc, Piece, divide
+from camgen.lang.gcode.columns import MotionState, cut, perform
 from camgen.lang.gcode.drilling import CYCLES, drill, per_turn
-from camgen.lang.gcode.machine import ARCS, AXES, RAPID, Machine, take_axes
+from camgen.lang.gcode.machine import ARCS, AXES, Machine, take_axes
 from camgen.lang.gcode.words import LineError
-from camgen.model.pose import TOOL_DOWN, Pose, Vec3
-from camgen.model.program import Instruction, MoveC, MoveJ, MoveL, Wait
+from camgen.model.pose import Vec3
+from camgen.model.program import Instruction, MoveC, MoveL, Wait
 
 _CENTRES = "IJKR"
-_NUMBER = r"[ \t]*([+-]?(?:[0-9]{1,6}(?:\.[0-9]{0,12})?|\.[0-9]{1,12}))[ \t]*"
-#: One motion without parameters: the digit of G0 to G3, then X Y Z I J F.
-PLAIN = re.compile(
-    r"[ \t]*(?:[nN][0-9]{1,9}[ \t]*)?(?:[gG]0?([0-3])[ \t]*(?![0-9.]))?"
-    + "".join(f"(?:[{letter}{letter.lower()}]{_NUMBER})?" for letter in "XYZIJF")
-    + r"(?:\([^(),]*\)[ \t]*|;[^,]*)?\r?"  # a comment with a comma may be one that LinuxCNC acts on
-)
+#: Number of lines in a sequence below which running line by line is faster.
+SHORTEST_RUN = 16
 
 
 def move(m: Machine, code: str, words: dict[str, float]) -> None:
@@ -197,92 +193,36 @@ def _length(start: Vec3, curve: Sequence[Piece]) -> float:
     return float(span_lengths(ends, vias[1:]).sum())
 
 
-# Plain lines: one motion in numbers, in the usual modes. Most lines of a program are such.
+def run_usual(m: Machine, lines: Sequence[str], at: int, bound: int) -> int:
+    """Runs lines in the usual spelling by column, from index `at` up to another line or `bound`.
 
-_ARC_DIGITS = ("2", "3")
-
-
-def read_plain(m: Machine, lines: Sequence[str], at: int, bound: int) -> int:
-    """Reads lines from index `at` on, up to a line that is not plain, or to `bound`.
-
-    Returns the index of that line. The machine must be settled (`Machine.is_settled`). A line with
-    a fault is not plain, so that the general reader names the fault.
+    Returns the index of that line. The machine must be settled (`Machine.is_settled`). A motion
+    with a fault is another line.
     """
-    match, rows, remark = m.profile.plain.fullmatch, m.lines, m.profile.remark
-    body: list[Instruction] = []
-    unit, (sx, sy, sz), blend, force = m.scale, m.shift, m.blend, m.force
-    last, feed, (x, y, z) = m.motion[1:], m.feed, m.at
-    cut = False
-    for place in range(at, bound):
-        plain = match(lines[place])
-        if plain is None:
-            if remark is not None and remark.fullmatch(lines[place]):
-                continue
+    while bound - at >= SHORTEST_RUN:
+        chunk = m.chunk
+        if chunk is None or not chunk.holds(at):
+            chunk = m.chunk = cut(lines, at, m.profile.find_effect)
+        stop = min(bound, chunk.end(at))
+        if stop - at < SHORTEST_RUN or at < chunk.resume:
             break
-        digit, to_x, to_y, to_z, i, j, f = plain.groups()
-        if digit is None:
-            digit = last
-        rate = float(f) * unit / 60.0 if f else feed
-        if to_x is to_y is to_z is None:
+        limits = m.exact or m.limits
+        state = MotionState(m.here(), m.shift, m.scale, m.motion, m.feed, m.blend, limits)
+        effect = perform(chunk, state, at, stop)
+        if effect is not None:
+            if m.force:
+                m.body.extend(_press(item, m.force) for item in effect.body)
+            else:
+                m.body.extend_body(effect.body)
+            m.lines.frombytes(effect.lines.tobytes())
+            m.at[:], at = effect.at, effect.line
+            m.feed, m.motion, m.cut = effect.feed, effect.motion, m.cut or effect.cut
+        if effect is None or at < stop:
+            chunk.resume, chunk.pause = at + chunk.pause, 2 * chunk.pause
             break
-        end = (
-            x if to_x is None else float(to_x) * unit + sx,
-            y if to_y is None else float(to_y) * unit + sy,
-            z if to_z is None else float(to_z) * unit + sz,
-        )
-        if digit == "1" and i is j is None and rate > 0:
-            body.append(MoveL(Pose(TOOL_DOWN, end), rate, blend, force))
-            cut = True
-        elif digit == "0" and i is j is None:
-            body.append(MoveJ(Pose(TOOL_DOWN, end), RAPID))
-        elif (
-            digit not in _ARC_DIGITS
-            or rate <= 0
-            or not (arc := _read_arc(m, digit, (x, y, z), end, (i, j), rate))
-        ):
-            break
-        else:
-            body += arc
-            rows.extend([place + 1] * (len(arc) - 1))
-            cut = True
-        rows.append(place + 1)
-        last, feed, (x, y, z) = digit, rate, end
-    else:
-        place = bound
-    if body:
-        m.body.extend(body)
-        m.motion, m.feed, m.at[:] = f"G{last}", feed, (x, y, z)
-        m.cut = m.cut or cut
-    return place
+    return at
 
 
-def _read_arc(
-    m: Machine,
-    digit: str,
-    start: Vec3,
-    end: Vec3,
-    centre: tuple[str | None, str | None],
-    feed: float,
-) -> list[Instruction]:
-    """The arc of a plain line, empty if the controller refuses it.
-
-    centre: texts of I and J.
-    """
-    (i, j), unit = centre, m.scale
-    words = {} if i is None else {"I": float(i) * unit}
-    if j is not None:
-        words["J"] = float(j) * unit
-    try:
-        pieces = divide(
-            Arc("G17", f"G{digit}", start, end, words), m.exact or m.limits, unit != 1.0
-        )
-    except LineError:
-        return []
-    motions: list[Instruction] = []
-    for via, point in pieces:
-        pose = Pose(TOOL_DOWN, point)
-        if via is None:
-            motions.append(MoveL(pose, feed, m.blend, m.force))
-        else:
-            motions.append(MoveC(Pose(TOOL_DOWN, via), pose, feed, m.blend, m.force))
-    return motions
+def _press(item: Instruction, force: float) -> Instruction:
+    """The instruction with a force, N, if it is a motion at feed."""
+    return replace(item, force=force) if isinstance(item, MoveL | MoveC) else item

@@ -15,7 +15,6 @@ from camgen.lang.gcode.codes import HANDLERS
 from camgen.lang.gcode.dialects import DIALECTS, Dialect, find_other, recognise
 from camgen.lang.gcode.interpreter import Interpreter, has_speed
 from camgen.lang.gcode.machine import Machine, Profile
-from camgen.lang.gcode.motion import PLAIN, read_plain
 from camgen.lang.gcode.words import COMMENT, LineError
 from camgen.lang.programs import Ask, Executed, Frames
 from camgen.lang.run import Stopped
@@ -33,8 +32,6 @@ PROFILE = Profile(
     settle=third_party.settle,
     stand=third_party.stand,
     switch=third_party.switch,
-    read_plain=read_plain,
-    plain=PLAIN,
 )
 
 

@@ -33,7 +33,6 @@ from camgen.lang.gcode.codes import (
 )
 from camgen.lang.gcode.interpreter import Interpreter
 from camgen.lang.gcode.machine import ARCS, AXES, COOLANTS, Machine, Profile
-from camgen.lang.gcode.motion import read_plain
 from camgen.lang.gcode.third_party import stand
 from camgen.lang.gcode.words import (
     COMMENT,
@@ -54,8 +53,6 @@ from camgen.lang.run import Stopped
 from camgen.model.errors import JobError
 from camgen.model.program import Force, Instruction, Output, ToolChange
 from camgen.model.text import counted
-
-from .strict_runs import MOTION, REMARK, SHORTEST_RUN, Chunk, Lines, MotionState, cut, perform
 
 _WORDS = re.compile(r"([a-z])([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))")
 _LINE = re.compile(rf"(?:{_WORDS.pattern})*")
@@ -91,6 +88,9 @@ _UNREAD_CODES = """
     M97 M98 M99
 """
 _UNREAD = frozenset(_UNREAD_CODES.split())
+#: An output, and a comment, as posts print them.
+_OUTPUT = re.compile(r"M6([45]) P([0-9]{1,2})")
+REMARK = re.compile(r"\((?!.{71})[A-Za-z0-9 _.+\-=/:#@*]*\)")
 #: The dialect of a read-back: nothing but what the controllers of the posts have in common.
 _DIALECT = replace(dialects.LINUXCNC, unit_first=None)
 
@@ -179,7 +179,6 @@ class Strict:
     next_force: force from the next motion on, N. None: the force stays.
     due_tool: number of the tool whose length must be applied before the next motion, 0 without one.
     idle_words: line and finding of each T and S whose code has not come, by letter.
-    chunk: lines that are read by column, None before the first.
     unusual: codes of modes that no post sets. Each is a finding once.
     """
 
@@ -195,7 +194,6 @@ class Strict:
     next_force: float | None = None
     due_tool: int = 0
     idle_words: dict[str, tuple[int, str]] = field(default_factory=dict)
-    chunk: Chunk | None = None
     unusual: set[str] = field(default_factory=set)
 
     def make_machine(self) -> Machine:
@@ -218,9 +216,7 @@ class Strict:
             settle=self.settle,
             stand=self.stand,
             switch=self.switch,
-            read_plain=self.read_plain,
-            plain=re.compile(MOTION),
-            remark=re.compile(REMARK),
+            find_effect=self.find_effect,
             goes_on=True,
         )
         return Machine(
@@ -235,42 +231,19 @@ class Strict:
 
     # -- lines ---------------------------------------------------------------------------------
 
-    def read_plain(self, m: Machine, lines: Sequence[str], at: int, bound: int) -> int:
-        """Runs long sequences of motions and outputs by column, and the rest line by line.
+    def find_effect(self, raw: str) -> Output | bool | None:
+        """The output of M64 or M65, None if the machine does not have it.
 
-        A sequence runs by column only in mm, without a shift of the origin and without force.
-        Returns the index of the next line.
+        For other lines: whether the line is a comment of a post, which has no effect.
         """
-        is_usual = m.unit == 1.0 and not m.force and not any(m.shift)
-        while is_usual and isinstance(lines, Lines) and at < bound:
-            chunk = self.chunk
-            if chunk is None or not chunk.holds(at):
-                chunk = self.chunk = cut(lines, at, self.find_output)
-            stop = min(bound, chunk.end(at))
-            if not chunk.usable or stop - at < SHORTEST_RUN:
-                break
-            start = MotionState(m.here(), m.feed, m.blend, m.exact or m.limits)
-            effect = perform(chunk, start, at, stop)
-            if effect is None:
-                break
-            m.body.extend_body(effect.body)
-            m.lines.frombytes(effect.lines.tobytes())
-            m.at[:] = effect.at
-            m.feed, m.motion = effect.feed, effect.motion
-            m.cut = m.cut or effect.cut
-            chunk.usable, at = effect.line == stop, effect.line
-        return read_plain(m, lines, at, bound) if at < bound else at
-
-    def find_output(self, digit: str, number: str) -> Output | None:
-        """The output that M64 or M65 sets.
-
-        digit: last digit of the code.
-        Returns None if the machine does not have the code or the output.
-        """
-        if f"M6{digit}" not in self.rules.codes or int(number) >= self.expect.digital:
+        match = _OUTPUT.fullmatch(raw)
+        if match is None:
+            return REMARK.fullmatch(raw) is not None
+        number = int(match[2])
+        if f"M6{match[1]}" not in self.rules.codes or number >= self.expect.digital:
             return None
-        name = self.expect.names.get(f"dout{int(number)}", f"P{int(number)}")
-        return Output(name, 1.0 if digit == "4" else 0.0)
+        name = self.expect.names.get(f"dout{number}", f"P{number}")
+        return Output(name, 1.0 if match[1] == "4" else 0.0)
 
     def clean(self, m: Machine, raw: str) -> str:
         """The words of a line, in lower case and without blanks.
@@ -806,7 +779,7 @@ def read(files: Mapping[str, str], options: Mapping[str, object]) -> Executed:
         digital=max([outputs, *(number + 1 for number in numbers)]),
         analog=max(outputs, force[0] + 1 if force else 0),
     )
-    lines = lines_of(files)
+    lines = list_lines(files)
     m = run(lines, LINUXCNC, expect)
     third_party = _read_third_party(lines, m.unknown_line, names) if m.unknown_line else None
     return third_party or list_written(m)
@@ -851,9 +824,12 @@ def rename(body: Iterable[Instruction], names: Mapping[str, str]) -> tuple[Instr
     )
 
 
-def lines_of(files: Mapping[str, str]) -> Lines:
+def list_lines(files: Mapping[str, str]) -> list[str]:
     """The lines of all files in order, without their ends."""
-    return Lines(list(files.values()))
+    lines: list[str] = []
+    for text in files.values():
+        lines += text.removesuffix("\n").split("\n")
+    return lines
 
 
 def spiral(options: Mapping[str, object]) -> float:

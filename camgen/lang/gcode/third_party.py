@@ -401,6 +401,7 @@ def settle(m: Machine, code: str, words: Mapping[str, float], cycle: bool) -> No
     if "Z" in words and m.length == "G49" and m.reached and not cycle:
         what = "Z moves after G49 without the length of the tool: its tip goes lower by as much"
         m.log.find("dangerous", what, once="G49")
+        m.reached = False
     m.length_at_z = m.length
 
 

@@ -6,7 +6,8 @@ from functools import partial
 
 from camgen.lang.gcode.arcs import Arc, divide
 from camgen.lang.gcode.compensation import OffsetPath, Segment, place
-from camgen.lang.gcode.machine import RAPID, Machine
+from camgen.lang.gcode.dialects import RAPID
+from camgen.lang.gcode.machine import Machine
 from camgen.model.pose import TOOL_DOWN, Pose
 from camgen.model.program import Instruction, MoveC, MoveJ, MoveL
 
