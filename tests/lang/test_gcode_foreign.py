@@ -255,6 +255,18 @@ def test_a_cut_behind_a_tool_change_that_stopped_the_spindle_is_dangerous():
     assert told(run("G1 X1", "M5", "T2 M6", "G1 Z-1"), "dangerous") == []
 
 
+def test_motions_by_column_do_not_hide_that_the_tool_is_lower_after_g49():
+    level = [f"G1 X{number}" for number in range(40)]
+    assert told(run("G43 H1", "G1 Z1", "G49", *level, "G1 Z4", *level), "dangerous") == [
+        (47, "Z moves after G49 without the length of the tool: its tip goes lower by as much")
+    ]
+
+
+def test_minus_zero_is_zero_whatever_was_read_before():
+    for line in ("M-0", "M0", "M-0"):
+        assert Stop() in list(run("G1 X1", line).body)
+
+
 def test_levels_of_findings():
     assert told(run("G43 H1", "G1 Z1", "G49", "G1 Z4"), "dangerous") == [
         (7, "Z moves after G49 without the length of the tool: its tip goes lower by as much")

@@ -8,10 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from camgen.lang.gcode import columns, motion
 from camgen.lang.gcode import strict as readback
-from camgen.lang.gcode import strict_runs as gcode_runs
 from camgen.lang.gcode.strict_grbl import read as read_grbl
-from camgen.lang.gcode.strict_runs import Lines
 from camgen.lang.programs import Executed
 from camgen.model.body import Body
 from camgen.model.program import MoveC, MoveJ, MoveL
@@ -42,9 +41,9 @@ def said(reading: Executed) -> list[object]:
 def both(text: str, grbl: bool = False, **options: object) -> Executed:
     """The reading, which is the same either way, to the last bit; by column from the second line in a row on."""
     read = read_grbl if grbl else readback.read
-    with patch.object(readback, "SHORTEST_RUN", 2):
+    with patch.object(motion, "SHORTEST_RUN", 2):
         by_column = read({"a.ngc": text}, options)
-    with patch.object(readback, "SHORTEST_RUN", 10**9):
+    with patch.object(motion, "SHORTEST_RUN", 10**9):
         line_by_line = read({"a.ngc": text}, options)
     assert said(by_column) == said(line_by_line)
     return by_column
@@ -63,7 +62,7 @@ def test_odd_lines_among_them_too(lines: list[str], grbl: bool) -> None:
 @pytest.mark.parametrize("size", [3, 5])
 def test_wherever_the_text_is_cut(size: int) -> None:
     chance = random.Random(size)
-    with patch.object(gcode_runs, "_CHUNK_LINES", size):
+    with patch.object(columns, "CHUNK_LINES", size):
         for _ in range(20):
             rows = [
                 chance.choice(["G1 X{} Y1 F100", "G0 Z{}", "M64 P0", "(x)", "G1 Y{}", "G4 P1"])
@@ -75,13 +74,13 @@ def test_wherever_the_text_is_cut(size: int) -> None:
 def test_a_long_program_is_read_by_column() -> None:
     rows = [f"G1 X{k} Y1\nM64 P0\nG3 X{k}.5 Y1.5 I0 J0.5\nM65 P0\n(path)" for k in range(200)]
     done = []
-    perform = readback.perform
+    perform = motion.perform
 
     def watch(*found: object) -> object:
         done.append(perform(*found))  # type: ignore[arg-type]
         return done[-1]
 
-    with patch.object(readback, "perform", watch):
+    with patch.object(motion, "perform", watch):
         reading = readback.read({"a.ngc": HEAD + "G1 Z0 F60\n" + "\n".join(rows) + "\n" + END}, {})
     assert sum(len(one.body) for one in done if one is not None) >= 800
     assert isinstance(reading.body, Body)
@@ -97,17 +96,17 @@ def test_a_long_program_is_read_by_column() -> None:
 
 
 @pytest.mark.parametrize(
-    "texts",
-    [[], ["a\nb\n"], ["a\nb"], ["\n"], [""], ["a\n\nb\n\n"], ["a\n", "b\nc"], ["a", ""], ["", ""]],
+    ("texts", "lines"),
+    [
+        ([], []),
+        (["a\nb\n"], ["a", "b"]),
+        (["a\nb"], ["a", "b"]),
+        (["\n"], [""]),
+        ([""], [""]),
+        (["a\n\nb\n\n"], ["a", "", "b", ""]),
+        (["a\n", "b\nc"], ["a", "b", "c"]),
+        (["a", ""], ["a", ""]),
+    ],
 )
-def test_lines_of_texts(texts: list[str]) -> None:
-    expected = [line for text in texts for line in text.removesuffix("\n").split("\n")]
-    lines = Lines(texts)
-    assert list(lines) == expected == lines[:]
-    assert len(lines) == len(expected)
-    for low in range(len(expected)):
-        assert lines.text(low, len(expected)) == "\n".join(expected[low:])
-    if expected:
-        assert lines[-1] == expected[-1]
-    with pytest.raises(IndexError, match="no such line"):
-        lines[len(expected)]
+def test_lines_of_texts(texts: list[str], lines: list[str]) -> None:
+    assert readback.list_lines({str(k): text for k, text in enumerate(texts)}) == lines

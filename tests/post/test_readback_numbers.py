@@ -1,68 +1,111 @@
-"""Numbers by column are what ``float`` makes of them, to the last bit, and those that its pattern has."""
+"""Lines that are read by column have the words that the reader of single lines finds, to the last bit."""
 
 import re
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from camgen.lang.gcode.strict_runs import DECIMAL, MOTION, REMARK, Lines, cut
+from camgen.lang.gcode.columns import Chunk, cut
+from camgen.lang.gcode.strict import REMARK
+from camgen.lang.gcode.words import LineError, Parameters, bare, words_of
+from camgen.model.program import Output
+
+LETTERS = "NGXYZIJF"
+#: A motion that has to be read by column: one code, then words in their order, with short numbers.
+USUAL = re.compile(
+    r"(?:N[0-9]{1,5} )?G[0-3]"
+    + "".join(rf"(?: {letter}-?[0-9]{{1,6}}(?:\.[0-9]{{1,8}})?)?" for letter in "XYZIJ")
+    + r"(?: F[0-9]{1,6}(?:\.[0-9]{1,8})?)?"
+)
 
 usual = st.builds("{}{}{}".format, st.sampled_from(["", "-"]), st.from_regex(r"\A[0-9]{1,6}\Z"),
                   st.from_regex(r"\A(\.[0-9]{1,8})?\Z"))  # fmt: skip
 odd = st.one_of(
     st.text("0123456789.-", max_size=18), st.text("0 9.-+eE_\u0663\u00e9/:", max_size=6)
 )
+words = st.builds("{}{}".format, st.sampled_from("XYZIJFXYZGMn"), st.one_of(usual, usual, odd))
+rows = st.one_of(
+    st.builds("{} {}".format, st.sampled_from(["G0", "G1", "G3", "G4", "g1", "G01", "X1", "N5G2"]),
+              st.lists(words, max_size=4).map(sorted).map(" ".join)),
+    st.builds("G{} X{} Y{} F{}".format, st.integers(0, 3), usual, usual, usual),
+    st.builds("G{}X{}Y{}".format, st.integers(0, 4), usual, odd),
+    st.builds("G1 X1 {}Y2".format, st.sampled_from([" ", "\t", "\r", "", "Z"])),
+    st.builds("({})".format, st.text("ab (,)%\x00\u00e9\r=", max_size=6)),
+    st.builds("G1 X{}".format, st.sampled_from(["0" * 64, "1" * 65, "1.5 " * 16])),
+    st.sampled_from(["", " ", "G0", "G1 ", "G1 X1\r", "M64 P0", "M63 P1", "(", ")", "()", "5 X1", "G1 X1 (a)"]),
+)  # fmt: skip
+
+
+def read_line(text: str) -> dict[str, float] | None:
+    """The words of one line with its number as N and its code as G, None for other lines."""
+    number = re.match("[ \t]*[nN][ \t]*([0-9 \t]+[0-9. \t]*)", text)
+    try:
+        codes, words = words_of(bare(text), Parameters(lambda _: None))
+    except LineError:
+        return None
+    if codes:
+        if codes.keys() != {"motion"} or codes["motion"] not in ("G0", "G1", "G2", "G3"):
+            return None
+        words["G"] = float(codes["motion"][1:])
+    if number:
+        words["N"] = float(number[1].replace(" ", "").replace("\t", ""))
+    return words
+
+
+def check_lines(texts: list[str]) -> Chunk:
+    chunk = cut(texts, 0, lambda text: Output(text, 1.0) if text.startswith("M64") else None)
+    for row, text in enumerate(texts):
+        found = read_line(text)
+        if chunk.is_motion[row]:
+            assert found is not None
+            columns = zip(LETTERS, chunk.words[row].tolist(), strict=True)
+            read = {letter: value.hex() for letter, value in columns if not np.isnan(value)}
+            assert read == {letter: value.hex() for letter, value in found.items()}
+            assert row not in chunk.others
+        elif USUAL.fullmatch(text) and len(text) <= 70:
+            # A line in the usual spelling is left to the other reader if it has no target.
+            assert found is None or not found.keys() & set("XYZ") or found.get("F", 0.0) >= 1e6
+        elif not chunk.outputs.get(row):
+            assert (row in chunk.others) == bool(text)
+    return chunk
+
+
+@given(st.lists(rows, min_size=1, max_size=12))
+def test_lines_have_the_words_of_the_other_reader(texts: list[str]) -> None:
+    together = check_lines(texts)
+    for row, text in enumerate(texts):
+        # The lines beside it change nothing.
+        assert check_lines([text]).is_motion[0] == together.is_motion[row]
 
 
 @given(st.lists(st.one_of(usual, odd), min_size=1, max_size=12))
 def test_numbers_are_what_float_says(texts: list[str]) -> None:
-    """A line that asks for more than numbers leaves the others to be read one by one."""
-    for rows in (texts, *([text] for text in texts)):
-        chunk = cut(Lines(["".join(f"G1 X{text}\n" for text in rows)]), 0, lambda *_: None)
-        usual_spelling = all(re.fullmatch(DECIMAL, text) for text in rows)
-        assert chunk.is_motion.tolist() == [usual_spelling] * len(rows)
-        if usual_spelling:
-            values = [value.hex() for value in chunk.words[:, 0].tolist()]
-            assert values == [float(text).hex() for text in rows]
-
-
-WORDS = re.compile(rf"[A-Z]{DECIMAL}(?: [A-Z]{DECIMAL})*")
-words = st.builds("{}{}".format, st.sampled_from("XYZIJFXYZGM"), st.one_of(usual, usual, odd))
-rows = st.one_of(
-    st.builds("{} {}".format, st.sampled_from(["G0", "G1", "G3", "G4", "g1", "G01", "X1"]),
-              st.lists(words, max_size=4).map(sorted).map(" ".join)),
-    st.builds("G{} X{} Y{} F{}".format, st.integers(0, 3), usual, usual, usual),
-    st.builds("G1 X1 {}Y2".format, st.sampled_from([" ", "\t", "\r", "", "Z"])),
-    st.builds("({})".format, st.text("ab (,)%\x00\u00e9\r=", max_size=6)),
-    st.builds("({})".format, st.sampled_from(["a" * 68, "a" * 69, "a" * 70])),
-    st.builds("G1 X{}".format, st.sampled_from(["0" * 64, "1" * 65, "1.5 " * 16])),
-    st.sampled_from(["", " ", "G0", "G1 ", "M64 P0", "M65 P63", "M64 P123", "M64 P", "M63 P1", "(", ")", "()"]),
-)  # fmt: skip
-
-
-@given(st.lists(rows, min_size=1, max_size=12))
-def test_lines_are_those_of_the_patterns(texts: list[str]) -> None:
-    check_lines(texts)
-    for text in texts:
-        check_lines([text])
-
-
-def check_lines(texts: list[str]) -> None:
-    """The motions are left to the reader of single lines if one line has more than numbers."""
-    said: list[tuple[str, str]] = []
-    chunk = cut(Lines(["\n".join(texts) + "\n"]), 0, lambda *one: said.append(one))
-    by_column = all(WORDS.fullmatch(text) for text in texts if text[:1] == "G" and len(text) <= 70)
-    moves = [by_column and re.fullmatch(MOTION, text) is not None for text in texts]
-    assert chunk.is_motion.tolist() == moves
-    # An output that the machine has not is another line.
-    read = [move or re.fullmatch(REMARK, text) for move, text in zip(moves, texts, strict=True)]
-    assert chunk.is_other.tolist() == [not row for row in read]
-    assert set(said) == {
-        (one[1], one[2]) for text in texts if (one := re.fullmatch("M6([45]) P([0-9]{1,2})", text))
-    }
+    chunk = check_lines([f"G1 X{text}" for text in texts])
     for row, text in enumerate(texts):
-        if moves[row] and (found := re.fullmatch(MOTION, text)):
-            expected = [float(word) if word else np.nan for word in found.groups()[1:]]
-            np.testing.assert_array_equal(chunk.words[row], expected)
-            assert chunk.digit[row] == int(found[1])
+        if re.fullmatch(r"-?[0-9]{1,6}(\.[0-9]{1,8})?", text):
+            assert chunk.words[row, 2].hex() == float(text).hex()
+
+
+def test_outputs_are_found() -> None:
+    assert dict(check_lines(["G1 X1", "M64 P0", "M63 P1"]).outputs) == {1: Output("M64 P0", 1.0)}
+
+
+@pytest.mark.parametrize("line", ["G1 X1 (a)", "G1X1;a", "x1 (a b)", "N1 G1 X1 ; a"])
+def test_a_comment_behind_a_motion_has_no_effect(line: str) -> None:
+    assert cut([line], 0, None).is_motion[0]
+    assert not cut([line], 0, lambda _: None).is_motion[0]
+
+
+@pytest.mark.parametrize("line", ["G1 X1 (a,b)", "G1 X1 ; py,1", "G1 X1 (a", "(a) (b)"])
+def test_other_comments_are_left_to_the_other_reader(line: str) -> None:
+    assert not cut([line], 0, None).is_motion[0]
+
+
+def test_comments_of_posts() -> None:
+    """Short ones without a comma and without characters that a controller may act on."""
+    for comment, is_usual in (("(path c1 layer 0)", True), ("(x,y)", False), ("(a!)", False)):
+        assert (REMARK.fullmatch(comment) is not None) == is_usual
+    lengths = [REMARK.fullmatch(f"({'a' * length})") is not None for length in (68, 69, 70)]
+    assert lengths == [True, True, False]

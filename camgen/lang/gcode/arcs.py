@@ -6,6 +6,7 @@ import math
 from typing import NamedTuple
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from camgen.lang.gcode.words import LineError
 from camgen.model.limits import Limits as Bounds
@@ -44,6 +45,14 @@ class Limits(Struct, frozen=True):
     turns: bool
     helix: float = 0.002
     pieces: float = Bounds().gcode_pieces
+
+    def at_unit(self, unit: float) -> Limits:
+        """The limits for a program in a unit, mm: `spiral` of inches is another one."""
+        if unit == 1.0:
+            return self
+        accepted, refused, accepted_inch = self.spiral
+        refused = refused * accepted_inch / accepted
+        return replace(self, spiral=(accepted_inch, refused, accepted_inch))
 
 
 #: LinuxCNC 2.9, from its source, and tried with its interpreter.
@@ -108,7 +117,7 @@ def divide(arc: Arc, limits: Limits, inch: bool) -> list[Piece]:
     finish = end[first] - a, end[second] - b
     radii = math.hypot(*begin), math.hypot(*finish)
     if words.pop("R", None) is None:
-        _check_radii(radii, inch, limits)
+        _check_radii(radii, limits.at_unit(25.4 if inch else 1.0))
     angle = math.atan2(begin[1], begin[0])
     sweep = _sweep(arc.code, angle, math.atan2(finish[1], finish[0]), words.pop("P", 1.0), limits)
     margin = min(OVER_MM / max(radii), OVER_RAD)
@@ -158,11 +167,9 @@ def _centre_of_radius(arc: Arc, radius: float, limits: Limits) -> Vec2:
     return a, (b0 + b1) / 2 + side * (a1 - a0) / (2 * half)
 
 
-def _check_radii(radii: Vec2, inch: bool, limits: Limits) -> None:
+def _check_radii(radii: Vec2, limits: Limits) -> None:
     """Raises LineError for radii at start and end, mm, that differ too much."""
-    accepted, refused, accepted_inch = limits.spiral
-    if inch:
-        accepted, refused = accepted_inch, refused * accepted_inch / accepted
+    accepted, refused, _ = limits.spiral
     if min(radii) < limits.least_radius:
         raise LineError("arc of no radius")
     start, end = radii

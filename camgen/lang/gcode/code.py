@@ -26,7 +26,7 @@ from camgen.lang.code import (
 )
 from camgen.lang.gcode.interpreter import Interpreter, Macro, OWord
 from camgen.lang.gcode.machine import Grammar
-from camgen.lang.gcode.words import LineError, bare, drop_comments
+from camgen.lang.gcode.words import BLANKS, LineError, bare, drop_comments
 
 _START = re.compile(r"[ \t]*/?[ \t]*(?:[nN][ \t]*[0-9.]+)?[ \t]*[oO]")
 _PROGRAM = re.compile(
@@ -43,7 +43,6 @@ _O_WORD = re.compile(
 _GOES = re.compile(r"g\s*o\s*t\s*o|m[\s+0]*9\s*[79]|g[\s+0]*7\s*[0-2]|[gm]\s*[-\[#]", re.IGNORECASE)
 _MACRO = re.compile(r"(?:n[0-9]+(?:\.[0-9]*)?)?(if|goto|while|end|do)(.*)")
 _LOOP = re.compile(r".*do([0-9]+)")
-_BLANKS = str.maketrans("", "", " \t\r\f\v")
 _LOOPS = ("while", "do", "repeat")
 
 
@@ -230,7 +229,7 @@ class _Program(Compiler):
 
     def _find_macro(self, raw: str) -> re.Match[str] | None:
         """The word and the rest of a line of a macro, without blanks, in lower case."""
-        text = drop_comments(raw, self._grammar.nested).translate(_BLANKS).lower()
+        text = drop_comments(raw, self._grammar.nested).translate(BLANKS).lower()
         return _MACRO.match(text.lstrip("/"))
 
     def _read_macro(self, rest: str, macro: Macro) -> None:

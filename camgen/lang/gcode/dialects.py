@@ -11,6 +11,9 @@ from camgen.lang.gcode.arcs import LINUXCNC as LINUXCNC_ARCS
 from camgen.lang.gcode.arcs import Limits
 from camgen.lang.gcode.words import GROUP
 
+#: Speed of G0, mm/s. No text states it, and a motion needs a positive speed.
+RAPID = 100.0
+
 
 class Dialect(Struct, frozen=True):
     """One kind of controller.
@@ -25,7 +28,7 @@ class Dialect(Struct, frozen=True):
     nested: whether comments may stand within comments and may lack their end.
     flow: whether it runs O-words of LinuxCNC.
     default_feed: whether a motion at feed without F runs at a feed of the machine.
-    unit_first: whether F counts in the unit of its own line.
+    unit_first: whether F counts in the unit of its own line, None if a line must not have both.
     needs_end: whether a program ends with M2, M30 or per cent signs.
     arcs: limits of arcs.
     increments: whether U, V and W are increments of X, Y and Z.
@@ -49,7 +52,7 @@ class Dialect(Struct, frozen=True):
     nested: bool = True
     flow: bool = False
     default_feed: bool = False
-    unit_first: bool = True
+    unit_first: bool | None = True
     needs_end: bool = False
     arcs: Limits = LINUXCNC_ARCS
     increments: bool = False

@@ -94,11 +94,8 @@ def _holes(m: Machine, normal: int, words: dict[int, float], count: int) -> None
     if retract < bottom:
         raise LineError(f"{m.motion} begins (R) below its end")
     if m.to_start is None and level > retract:
-        m.note(
-            "assumed",
-            "a cycle retracts to R",
-            "the program says neither G98 nor G99; so does LinuxCNC",
-        )
+        why = "the program says neither G98 nor G99; so does LinuxCNC"
+        m.assume("a cycle retracts to R", why=why)
     hole = _Hole(normal, retract, bottom, max(level, retract) if m.to_start else retract)
     if level < retract:
         _to(m, normal, retract)
@@ -144,7 +141,7 @@ def _in(m: Machine, axis: int, value: float) -> None:
 def per_turn(m: Machine) -> float:
     """The speed of a feed per turn (G95), mm/s. A spindle that stands is refused."""
     if not m.speed or m.spindle == "M5":
-        m.stands("a feed per turn (G95) while the spindle stands")
+        m.log.find("refused", "a feed per turn (G95) while the spindle stands")
     return m.feed * (m.speed or 60.0) / 60.0
 
 
@@ -220,7 +217,8 @@ def _tap(m: Machine, hole: _Hole) -> None:
     """Feed in, turn the spindle back, feed out."""
     turning = m.spindle
     if turning != {"G84": "M3", "G74": "M4"}[m.motion]:
-        m.stands(f"{m.motion} while the spindle stands or turns the other way")
+        what = f"{m.motion} while the spindle stands or turns the other way"
+        m.log.find("refused", what)
     _in(m, hole.axis, hole.bottom)
     m.spindle = "M3" if turning == "M4" else "M4"
     m.turn()

@@ -11,9 +11,11 @@ from msgspec import Struct
 
 from camgen.lang.code import Code, End, Jump, Return, Step
 from camgen.lang.flow import Choice, Counter, Flow, Rules
-from camgen.lang.gcode.machine import HANDLERS, Leap, Machine, speed_and_tool
+from camgen.lang.gcode.codes import ORDER, feed, speed_and_tool
+from camgen.lang.gcode.machine import Leap, Machine
 from camgen.lang.gcode.macros import read_goto, set_then, test_branch, test_loop
-from camgen.lang.gcode.motion import move, read_plain
+from camgen.lang.gcode.motion import move, run_usual
+from camgen.lang.gcode.third_party import begin, end
 from camgen.lang.gcode.words import COMMENT, Line, LineError, Parameters, value_at
 from camgen.lang.run import Budget, Ended, Stopped
 from camgen.lang.values import Unknown
@@ -78,7 +80,7 @@ class Interpreter:
         self.log = machine.log
         self.depth = 0
         self._lines, self._code = lines, code
-        self._known = Parameters(machine.value, machine.takes)
+        self._known = Parameters(machine.value)
         self._remembered: dict[str, Line] = {}
         self._budget = Budget(len(lines), machine.bounds.gcode_steps, "gcode_steps")
         # No condition is unknown, so that no number of rounds is guessed.
@@ -108,7 +110,7 @@ class Interpreter:
         at = span.start
         while at < span.stop:
             if m.is_settled():
-                after = m.read_plain(lines, at, span.stop, read_plain)
+                after = run_usual(m, lines, at, span.stop)
                 self._budget.left -= after - at
                 at = m.line = after
                 if at == span.stop:
@@ -132,12 +134,11 @@ class Interpreter:
         m = self.machine
         line = self._remembered.get(raw)
         if line is None:
-            text = m.bare(raw)
+            text = m.profile.clean(m, raw)
             if "%" in raw and raw.strip() == "%":
                 m.ended, m.opened = m.opened, True
                 return None
-            line = m.words(text, self._known)
-            m.take(*line)
+            line = m.profile.parse(m, text, self._known)
             # Many lines repeat. A line with parameters has other values each time.
             if "#" not in text and len(self._remembered) < _KEPT_LINES:
                 self._remembered[raw] = line
@@ -201,7 +202,7 @@ class Interpreter:
             return self._jump(self._find_next(self._find_step(f"n{number:.0f}")))
         start = self._code.labels.get(f"{'n' if code == 'M97' else 'o'}{number:.0f}")
         if start is None:
-            self.machine.miss(f"{code} P{number:g}: the subprogram is not in this file")
+            self._leave_out(f"{code} P{number:g}: the subprogram is not in this file")
             return None
         self._check_depth(f"{code} P{number:g}")
         return self._enter(start, times, arguments)
@@ -215,6 +216,11 @@ class Interpreter:
             raise LineError("M99 outside a subprogram that was called")
         self._back = f"n{number:.0f}" if number else ""
         return Return(self.machine.line)
+
+    def _leave_out(self, what: str) -> None:
+        """A subroutine in another file is left out."""
+        self.machine.assume(f"{what}; it is left out")
+        self.log.lose(what)
 
     def _check_depth(self, call: str) -> None:
         """Raises LineError for one more call that is too deep. The run goes on after it."""
@@ -249,7 +255,7 @@ class Interpreter:
             label = f"{value_at(label, 0, self._known)[0]:.0f}"
         start = self._code.labels.get(f"sub {label}")
         if start is None:
-            self.machine.miss(f"o{label} call: the subroutine is not in this file")
+            self._leave_out(f"o{label} call: the subroutine is not in this file")
             return None
         self._check_depth(f"o{label} call")
         return self._enter(start, 1, dict(enumerate(values, 1)))
@@ -292,7 +298,7 @@ class Interpreter:
 
         That of END holds, and that of a loop without WHILE.
         """
-        text, macro.rest = self.machine.bare(macro.raw), ""
+        text, macro.rest = self._clean(macro), ""
         if not text:
             # A deleted line does nothing. The lines after a WHILE run.
             return macro.word in ("while", "do")
@@ -308,6 +314,10 @@ class Interpreter:
                 self._entered.add(macro.number)
         return holds
 
+    def _clean(self, macro: Macro) -> str:
+        """The words of the line of a macro. Raises LineError."""
+        return self.machine.profile.clean(self.machine, macro.raw)
+
     def test_alone(self, macro: Macro) -> None:
         """A loop without END, or END without a loop. Raises LineError if it should lead to one."""
         if not self._test_macro(macro) and macro.word != "end":
@@ -315,7 +325,7 @@ class Interpreter:
 
     def go(self, macro: Macro) -> Step | None:
         """GOTO. Raises LineError."""
-        text = self.machine.bare(macro.raw)
+        text = self._clean(macro)
         return self._jump(self._find_step(read_goto(text, self._known))) if text else None
 
     def go_on(self, macro: Macro) -> Step | None:
@@ -378,14 +388,15 @@ class Interpreter:
 @lru_cache(maxsize=1000)
 def _in_order(*groups: str) -> tuple[str, ...]:
     """The groups of a line in the order in which their codes act, without motions."""
-    return tuple(group for group in HANDLERS if group in groups)
+    return tuple(group for group in ORDER if group in groups)
 
 
 def _execute(m: Machine, codes: dict[str, str], words: dict[str, float]) -> None:
     """Runs codes and words of one line, in the order of the manual. Raises LineError."""
-    m.begin(codes, words)
+    handlers = m.profile.handlers
+    begin(m, codes, words)
     if "F" in words or "feed mode" in codes:
-        m.set_feed(words, codes)
+        feed(m, words, codes)
     if "S" in words or "T" in words:
         speed_and_tool(m, words, codes)
     motion = codes.pop("motion", "")
@@ -394,14 +405,14 @@ def _execute(m: Machine, codes: dict[str, str], words: dict[str, float]) -> None
         codes.pop("cycle off", None)
     for group in _in_order(*codes):
         if group in codes:
-            m.obey(group, codes[group], words)
+            handlers[group](m, codes[group], words)
     if "machine coordinates" in codes:
-        m.lift(motion, words)
+        handlers["machine coordinates"](m, motion, words)
     if words or motion:
         move(m, motion, words)
     if "stop" in codes:
         m.stop(codes["stop"])
-    m.end(codes, words)
+    end(m, words)
     words.pop("F", None)
     if words:
         letter, value = next(iter(words.items()))

@@ -16,6 +16,11 @@ ARGUMENTS = dict(
 )
 
 
+def take_arguments(words: dict[str, float]) -> dict[int, float]:
+    """Removes the arguments of a macro. Returns its parameters."""
+    return {ARGUMENTS[letter]: words.pop(letter) for letter in [*words] if letter in ARGUMENTS}
+
+
 def test_branch(text: str, known: Parameters) -> tuple[bool, str]:
     """Whether the condition of IF holds, and the text after it. text: bare. Raises LineError."""
     holds, at = value_at(text, 2, known)

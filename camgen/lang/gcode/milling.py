@@ -10,17 +10,17 @@ import math
 
 from camgen.lang.gcode.arcs import Arc, divide
 from camgen.lang.gcode.drilling import speed_of
-from camgen.lang.gcode.foreign import Foreign
-from camgen.lang.gcode.machine import AXES, Handler
-from camgen.lang.gcode.macros import ARGUMENTS
+from camgen.lang.gcode.machine import AXES, Handler, Machine
+from camgen.lang.gcode.macros import take_arguments
 from camgen.lang.gcode.motion import target
 from camgen.lang.gcode.rotation import Rotation
+from camgen.lang.gcode.tool_radius import find_radius
 from camgen.lang.gcode.words import LineError
 
 _PLANES = {"G17": (0, 1), "G18": (2, 0), "G19": (1, 2)}
 
 
-def _rotate(m: Foreign, code: str, words: dict[str, float]) -> None:
+def _rotate(m: Machine, code: str, words: dict[str, float]) -> None:
     """G68 by R, deg, about X Y of the plane, or where the tool is; Mach3: about A B, and I adds to what is on. G69."""
     if code == "G69":
         m.rotation = None
@@ -47,18 +47,17 @@ def _rotate(m: Foreign, code: str, words: dict[str, float]) -> None:
     m.rotation = Rotation(axes, complex(*centre), turned)
 
 
-def _call_after_motions(m: Foreign, code: str, words: dict[str, float]) -> None:
+def _call_after_motions(m: Machine, code: str, words: dict[str, float]) -> None:
     """G66: the macro runs after every motion, until G67."""
     m.modal = None
     if code == "G67":
         return
     number, times = words.pop("P", 0.0), int(words.pop("L", 1.0))
-    given = {ARGUMENTS[letter]: words.pop(letter) for letter in [*words] if letter in ARGUMENTS}
-    m.modal = ("G65", number, min(times, 10_000), given)
+    m.modal = ("G65", number, min(times, 10_000), take_arguments(words))
     m.modal_depth = m.inside()
 
 
-def _pocket(m: Foreign, code: str, words: dict[str, float]) -> None:
+def _pocket(m: Machine, code: str, words: dict[str, float]) -> None:
     """G12 (clockwise) and G13 (the other way): circles about the tool, of I, or from I by Q to K. Once L times deeper.
 
     D is the tool, by whose radius they are smaller. How it goes from circle to circle is taken as half circles.
@@ -66,7 +65,7 @@ def _pocket(m: Foreign, code: str, words: dict[str, float]) -> None:
     if words.get("I", 0.0) <= 0 or ("K" in words) != ("Q" in words) or words.get("Q", 1.0) <= 0:
         raise LineError(f"{code} without a radius (I), or K without Q")
     m.insist_on_feed(code)
-    radius = m.radius_of(code, words.pop("D", None))
+    radius = find_radius(m, code, words.pop("D", None))
     first, last, step = words.pop("I"), words.pop("K", 0.0), words.pop("Q", 0.0)
     radii = [first * m.scale]
     while radii[-1] < last * m.scale - 1e-9 and len(radii) < m.limits.pieces:
@@ -76,7 +75,7 @@ def _pocket(m: Foreign, code: str, words: dict[str, float]) -> None:
         raise LineError(f"{code} with a first circle (I) that is not larger than the tool")
     times = min(int(words.pop("L", 1.0)), 1000) if m.incremental else 1
     deeper = words.pop("Z", None)
-    m.assume(f"{code}: the tool goes from circle to circle in half circles", "", 0.0)
+    m.assume(f"{code}: the tool goes from circle to circle in half circles")
     m.start()
     if "X" in words or "Y" in words:
         _feed_to(m, {letter: words.pop(letter) for letter in "XY" if letter in words})
@@ -86,12 +85,12 @@ def _pocket(m: Foreign, code: str, words: dict[str, float]) -> None:
         _go_round(m, "G2" if code == "G12" else "G3", radii)
 
 
-def _feed_to(m: Foreign, words: dict[str, float]) -> None:
+def _feed_to(m: Machine, words: dict[str, float]) -> None:
     x, y, z = target(m, words)
     m.pieces([(None, (x, y, z))], speed_of(m))
 
 
-def _go_round(m: Foreign, code: str, radii: list[float]) -> None:
+def _go_round(m: Machine, code: str, radii: list[float]) -> None:
     """Half a circle to each, all of it, and half a circle back to the middle."""
     x, y, z = m.here()
     place = 0.0

@@ -1,4 +1,4 @@
-"""Motions of a line as straight lines and arcs, and plain lines read at once."""
+"""Motions of a line as straight lines and arcs, and lines that are run by column."""
 
 from __future__ import annotations
 
@@ -6,16 +6,20 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from msgspec.structs import replace
 
 from camgen.geometry.arcs import span_lengths
 from camgen.lang.gcode.arcs import Arc, Piece, divide
+from camgen.lang.gcode.columns import MotionState, cut, perform
 from camgen.lang.gcode.drilling import CYCLES, drill, per_turn
-from camgen.lang.gcode.machine import ARCS, AXES, RAPID, Machine, take_axes
+from camgen.lang.gcode.machine import ARCS, AXES, Machine, take_axes
 from camgen.lang.gcode.words import LineError
-from camgen.model.pose import TOOL_DOWN, Pose, Vec3
-from camgen.model.program import Instruction, MoveC, MoveJ, MoveL
+from camgen.model.pose import Vec3
+from camgen.model.program import Instruction, MoveC, MoveL, Wait
 
 _CENTRES = "IJKR"
+#: Number of lines in a sequence below which running line by line is faster.
+SHORTEST_RUN = 16
 
 
 def move(m: Machine, code: str, words: dict[str, float]) -> None:
@@ -28,18 +32,26 @@ def move(m: Machine, code: str, words: dict[str, float]) -> None:
         m.motion = code
     if m.motion not in CYCLES:
         m.level = None
-    m.turn_axes(words, code)
-    if m.trace(code, words):
+    elif m.dialect.increments and "K" in words:
+        words["L"] = words.pop("K")
+    _turn_axes(m, words, code)
+    if m.control and m.motion not in ("G5.2", "G5.3"):
+        m.control.clear()
+        raise LineError("the control points of G5.2 without G5.3, which draws their curve")
+    act = m.profile.handlers.get(m.motion)
+    if act is not None and (code or any(axis in words for axis in AXES)):
+        m.profile.settle(m, code, words, False)
+        act(m, m.motion, words)
         return
     polar(m, words)
     named = [axis for axis in AXES if axis in words]
     around = m.motion in ARCS and any(letter in words for letter in _CENTRES)
     if not named and not around and code not in CYCLES:
-        m.stand(code)
+        m.profile.stand(m, code)
         return
     if not m.motion:
-        m.without_mode()
-    m.settle(code, words, m.motion in CYCLES)
+        _assume_rapid(m)
+    m.profile.settle(m, code, words, m.motion in CYCLES)
     if m.motion in CYCLES:
         drill(m, words)
         return
@@ -48,6 +60,35 @@ def move(m: Machine, code: str, words: dict[str, float]) -> None:
         m.rapid(axes, () if m.incremental else [AXES.index(name) for name in named])
     else:
         _work(m, axes, words)
+
+
+def _assume_rapid(m: Machine) -> None:
+    """Takes G0 for axis words without a modal motion code. Raises LineError as LinuxCNC does."""
+    if not m.dialect.open:
+        raise LineError("axis words without a motion code (G0, G1, G2, G3)")
+    m.assume("axis words without a motion code are run as G0")
+    m.motion = "G0"
+
+
+def _turn_axes(m: Machine, words: dict[str, float], code: str) -> None:
+    """Adds a loss for each motion of other axes, and its time if X, Y and Z stand still."""
+    turned = 0.0
+    for letter in m.others:
+        if letter not in words:
+            continue
+        value, before = words.pop(letter), m.rotary.get(letter, 0.0)
+        if value != (0.0 if m.incremental else before):
+            m.log.lose(f"axis {letter} moves: only X, Y and Z are replayed")
+        m.rotary[letter] = before + value if m.incremental else value
+        turned = max(turned, abs(m.rotary[letter] - before))
+        m.log.fact("axes that are not shown", letter)
+    is_alone = not any(axis in words for axis in AXES)
+    if turned and is_alone and (code or m.motion) != "G0" and m.feed > 0:
+        if m.feed_mode == "G93":
+            seconds = 1 / m.feed
+        else:
+            seconds = turned / (m.feed * 60.0 / m.scale) * 60.0
+        m.add(Wait(min(seconds, 1e6)))
 
 
 def polar(m: Machine, words: dict[str, float]) -> None:
@@ -78,11 +119,8 @@ def target(m: Machine, words: dict[str, float]) -> list[float]:
     for axis, value in take_axes(m, words).items():
         if m.incremental and not m.known[axis]:
             m.known[axis] = True
-            m.note(
-                "assumed",
-                f"{AXES[axis]} begins at 0",
-                "an incremental motion does not say from where",
-            )
+            why = "an incremental motion does not say from where"
+            m.assume(f"{AXES[axis]} begins at 0", why=why)
         end[axis] = end[axis] + value if m.incremental else value + m.shift[axis]
     return m.turned(end)
 
@@ -104,29 +142,40 @@ def _work(m: Machine, end: Sequence[float], words: dict[str, float]) -> None:
                 words[letter] *= m.scale
                 if m.absolute_centre and letter != "R":
                     words[letter] += m.shift["IJK".index(letter)]
-        m.turn_centre(words)
-        centre = m.beside(start, last, words)
+        if m.rotation is not None:
+            m.rotation.turn_offset(words, m.absolute_centre)
+    centre = m.find_offset(start, last, words)
+    if m.motion in ARCS:
         curve = _curve(m, start, last, words)
-        if centre:
-            m.follow(start, last, _rate(m, start, curve), centre)
-            return
-    elif m.beside(start, last, words):
-        m.follow(start, last, _rate(m, start, curve))
-        return
-    m.pieces(curve, _rate(m, start, curve))
+    if centre:
+        m.follow(start, last, _rate(m, start, curve), centre)
+    else:
+        m.pieces(curve, _rate(m, start, curve))
 
 
 def _curve(m: Machine, start: Vec3, end: Vec3, words: dict[str, float]) -> list[Piece]:
-    """The pieces of an arc. Removes its words."""
+    """The pieces of an arc. Removes its words. Raises LineError.
+
+    A wide dialect may mean a centre in absolute coordinates, if it fits in no others.
+    """
     kept, inch = dict(words), m.scale != 1.0
     try:
         return divide(Arc(m.plane, m.motion, start, end, words, m.absolute_centre), m.limits, inch)
     except LineError as error:
+        if not m.dialect.open:
+            raise
         for k, letter in enumerate("IJK"):
             if letter in kept and not m.absolute_centre:
                 kept[letter] += m.shift[k]
         absolute = Arc(m.plane, m.motion, start, end, kept, is_absolute=True)
-        return m.centre(lambda: divide(absolute, m.limits, inch), error)
+        try:
+            pieces = divide(absolute, m.limits, inch)
+        except LineError:
+            raise error from None
+    what = "the centre of the arc fits in absolute coordinates alone (G90.1)"
+    m.log.find("unusual", f"{what}; it is read so", once="centre")
+    m.log.lose(what)
+    return pieces
 
 
 def _rate(m: Machine, start: Vec3, curve: Sequence[Piece]) -> float:
@@ -144,92 +193,36 @@ def _length(start: Vec3, curve: Sequence[Piece]) -> float:
     return float(span_lengths(ends, vias[1:]).sum())
 
 
-# Plain lines: one motion in numbers, in the usual modes. Most lines of a program are such.
+def run_usual(m: Machine, lines: Sequence[str], at: int, bound: int) -> int:
+    """Runs lines in the usual spelling by column, from index `at` up to another line or `bound`.
 
-_ARC_DIGITS = ("2", "3")
-
-
-def read_plain(m: Machine, lines: Sequence[str], at: int, bound: int) -> int:
-    """Reads lines from index `at` on, up to a line that is not plain, or to `bound`.
-
-    Returns the index of that line. The machine must be settled (`Machine.is_settled`). A line with
-    a fault is not plain, so that the general reader names the fault.
+    Returns the index of that line. The machine must be settled (`Machine.is_settled`). A motion
+    with a fault is another line.
     """
-    match, rows = m.plain.fullmatch, m.lines
-    body: list[Instruction] = []
-    unit, (sx, sy, sz), blend, force = m.scale, m.shift, m.blend, m.force
-    last, feed, (x, y, z) = m.motion[1:], m.feed, m.at
-    cut = False
-    for place in range(at, bound):
-        plain = match(lines[place])
-        if plain is None:
-            if m.is_remark(lines[place]):
-                continue
+    while bound - at >= SHORTEST_RUN:
+        chunk = m.chunk
+        if chunk is None or not chunk.holds(at):
+            chunk = m.chunk = cut(lines, at, m.profile.find_effect)
+        stop = min(bound, chunk.end(at))
+        if stop - at < SHORTEST_RUN or at < chunk.resume:
             break
-        digit, to_x, to_y, to_z, i, j, f = plain.groups()
-        if digit is None:
-            digit = last
-        rate = float(f) * unit / 60.0 if f else feed
-        if to_x is to_y is to_z is None:
+        limits = m.exact or m.limits
+        state = MotionState(m.here(), m.shift, m.scale, m.motion, m.feed, m.blend, limits)
+        effect = perform(chunk, state, at, stop)
+        if effect is not None:
+            if m.force:
+                m.body.extend(_press(item, m.force) for item in effect.body)
+            else:
+                m.body.extend_body(effect.body)
+            m.lines.frombytes(effect.lines.tobytes())
+            m.at[:], at = effect.at, effect.line
+            m.feed, m.motion, m.cut = effect.feed, effect.motion, m.cut or effect.cut
+        if effect is None or at < stop:
+            chunk.resume, chunk.pause = at + chunk.pause, 2 * chunk.pause
             break
-        end = (
-            x if to_x is None else float(to_x) * unit + sx,
-            y if to_y is None else float(to_y) * unit + sy,
-            z if to_z is None else float(to_z) * unit + sz,
-        )
-        if digit == "1" and i is j is None and rate > 0:
-            body.append(MoveL(Pose(TOOL_DOWN, end), rate, blend, force))
-            cut = True
-        elif digit == "0" and i is j is None:
-            body.append(MoveJ(Pose(TOOL_DOWN, end), RAPID))
-        elif (
-            digit not in _ARC_DIGITS
-            or rate <= 0
-            or not (arc := _read_arc(m, digit, (x, y, z), end, (i, j), rate))
-        ):
-            break
-        else:
-            body += arc
-            rows.extend([place + 1] * (len(arc) - 1))
-            cut = True
-        rows.append(place + 1)
-        last, feed, (x, y, z) = digit, rate, end
-    else:
-        place = bound
-    if body:
-        m.body.extend(body)
-        m.motion, m.feed, m.at[:] = f"G{last}", feed, (x, y, z)
-        m.cut = m.cut or cut
-    return place
+    return at
 
 
-def _read_arc(
-    m: Machine,
-    digit: str,
-    start: Vec3,
-    end: Vec3,
-    centre: tuple[str | None, str | None],
-    feed: float,
-) -> list[Instruction]:
-    """The arc of a plain line, empty if the controller refuses it.
-
-    centre: texts of I and J.
-    """
-    (i, j), unit = centre, m.scale
-    words = {} if i is None else {"I": float(i) * unit}
-    if j is not None:
-        words["J"] = float(j) * unit
-    try:
-        pieces = divide(
-            Arc("G17", f"G{digit}", start, end, words), m.exact or m.limits, unit != 1.0
-        )
-    except LineError:
-        return []
-    motions: list[Instruction] = []
-    for via, point in pieces:
-        pose = Pose(TOOL_DOWN, point)
-        if via is None:
-            motions.append(MoveL(pose, feed, m.blend, m.force))
-        else:
-            motions.append(MoveC(Pose(TOOL_DOWN, via), pose, feed, m.blend, m.force))
-    return motions
+def _press(item: Instruction, force: float) -> Instruction:
+    """The instruction with a force, N, if it is a motion at feed."""
+    return replace(item, force=force) if isinstance(item, MoveL | MoveC) else item

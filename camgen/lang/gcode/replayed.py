@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from camgen.lang.gcode.dialects import LINUXCNC, Dialect
-from camgen.lang.gcode.foreign import Foreign
+from camgen.lang.gcode.machine import Machine
 from camgen.lang.gcode.run import play
 from camgen.lang.programs import Ask
 from camgen.lang.recorded import ProgramRun
@@ -68,7 +68,7 @@ def replay(
     )
 
 
-def _without_optional_stops(m: Foreign) -> tuple[tuple[Instruction, ...], tuple[int, ...]]:
+def _without_optional_stops(m: Machine) -> tuple[tuple[Instruction, ...], tuple[int, ...]]:
     """The body without M1, which a switch of the machine decides on, and its lines."""
     kept = [
         (item, line) for item, line in zip(m.body, m.lines, strict=True) if not _is_optional(item)
@@ -88,7 +88,7 @@ def _is_optional(item: Instruction) -> bool:
     return isinstance(item, Stop) and item.optional
 
 
-def _remarks(m: Foreign) -> tuple[tuple[int, Note], ...]:
+def _remarks(m: Machine) -> tuple[tuple[int, Note], ...]:
     """The assumptions, the findings that stop nothing, and the words left out, by line."""
     remarks = [(item.line, Note("assumed", item.what)) for item in m.log.list_assumed()]
     remarks += [

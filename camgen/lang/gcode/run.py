@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from functools import partial
 from itertools import accumulate
 
 from msgspec.structs import replace
 
+from camgen.lang.gcode import third_party
 from camgen.lang.gcode.beam import Beam, sets_laser_mode
 from camgen.lang.gcode.code import compile_program
-from camgen.lang.gcode.codes import CODES, find_radius
+from camgen.lang.gcode.codes import HANDLERS
 from camgen.lang.gcode.dialects import DIALECTS, Dialect, find_other, recognise
-from camgen.lang.gcode.foreign import Foreign
 from camgen.lang.gcode.interpreter import Interpreter, has_speed
-from camgen.lang.gcode.traced import TRACED
+from camgen.lang.gcode.machine import Machine, Profile
 from camgen.lang.gcode.words import COMMENT, LineError
 from camgen.lang.programs import Ask, Executed, Frames
 from camgen.lang.run import Stopped
@@ -25,9 +24,20 @@ from camgen.model.program import Output
 _HEIGHT = re.compile(r"[zZwW]|\bG[ \t]*0*(?:28|30|53)\b", re.IGNORECASE)
 
 
+#: The profile of third-party programs.
+PROFILE = Profile(
+    handlers=HANDLERS,
+    clean=third_party.clean,
+    parse=third_party.parse,
+    settle=third_party.settle,
+    stand=third_party.stand,
+    switch=third_party.switch,
+)
+
+
 def play(
     files: Mapping[str, str], ask: Ask, usual: Dialect | None = None, chord: float | None = None
-) -> tuple[Foreign, tuple[int, str] | None]:
+) -> tuple[Machine, tuple[int, str] | None]:
     """The machine after the first of ``files``, and the line and reason of its stop.
 
     files: the program, and then files with its subprograms.
@@ -43,23 +53,18 @@ def play(
     dialect, sign = (usual, "") if usual else recognise(text, name)
     if ask.dialect:
         dialect, sign = DIALECTS.get(ask.dialect, dialect), ""
-    m = Foreign(
-        replace(
-            dialect.arcs,
-            pieces=ask.limits.gcode_pieces,
-            helix=dialect.arcs.helix if chord is None else chord,
-        ),
-        ask.limits,
-        on_off=not has_speed(lines),
+    helix = dialect.arcs.helix if chord is None else chord
+    m = Machine(
+        profile=PROFILE,
         dialect=dialect,
         given=ask.assume,
-        handlers=CODES,
-        traced=TRACED,
+        limits=replace(dialect.arcs, pieces=ask.limits.gcode_pieces, helix=helix),
+        bounds=ask.limits,
+        on_off=not has_speed(lines),
         pause=dialect.dwell,
         to_start=dialect.to_start or None,
         fewest_holes=0 if dialect.increments else 1,
     )
-    m.radius_of = partial(find_radius, m)
     _set_beam(m, text)
     m.has_heights = any(_HEIGHT.search(COMMENT.sub("", text)) for text in files.values())
     m.log.fact("dialect", f"{dialect.name} ({sign[:30]})" if sign else dialect.name)
@@ -67,7 +72,7 @@ def play(
     if other is not None and not ask.dialect:
         return m, (other[0], f"a program of {other[1]}: its language is not read")
     try:
-        code = compile_program(lines, m.read_grammar(), starts)
+        code = compile_program(lines, third_party.read_grammar(m), starts)
     except LineError as error:
         what, line = error.args
         return m, (line, what)
@@ -79,7 +84,7 @@ def play(
     return m, None
 
 
-def _set_beam(m: Foreign, text: str) -> None:
+def _set_beam(m: Machine, text: str) -> None:
     """Gives the machine of GRBL the beam of a laser where its laser mode is on."""
     is_on = m.given.get("laser", float(sets_laser_mode(text)))
     if m.dialect.name == "grbl" and is_on:
@@ -112,7 +117,7 @@ def _lines_of(text: str) -> list[str]:
     return text.removeprefix("\ufeff").removesuffix("\n").split("\n")
 
 
-def _judge_end(m: Foreign, texts: list[list[str]]) -> None:
+def _judge_end(m: Machine, texts: list[list[str]]) -> None:
     """What is left on, what follows the end, and whether the text says that it ends. texts: the lines of the files."""
     m.line = min(m.line, sum(map(len, texts))) or 1
     if not m.ended and texts:
@@ -136,7 +141,7 @@ def _judge_end(m: Foreign, texts: list[list[str]]) -> None:
         m.log.find("unusual", "the shift of the origin by G92 or G52 is still on at the end")
 
 
-def _frames(m: Foreign) -> tuple[tuple[Frames, ...], tuple[int, ...]]:
+def _frames(m: Machine) -> tuple[tuple[Frames, ...], tuple[int, ...]]:
     """The tools and work offsets in force, and which of them at each instruction."""
     if not m.marks:
         return ((Frames(work=m.work),), ()) if m.work else ((), ())
@@ -153,7 +158,7 @@ def _frames(m: Foreign) -> tuple[tuple[Frames, ...], tuple[int, ...]]:
     return frames, tuple(frame) if len(frames) > 1 else ()
 
 
-def _facts(m: Foreign) -> tuple[tuple[str, str], ...]:
+def _facts(m: Machine) -> tuple[tuple[str, str], ...]:
     """What else stands in the program."""
     facts = [
         ("dialect", next(iter(m.log.facts.pop("dialect")))),

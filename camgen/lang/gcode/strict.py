@@ -1,7 +1,6 @@
 """Reads a LinuxCNC program of a post back: text -> instructions, findings by line.
 
-The interpreter of third-party programs runs it (`camgen.lang.gcode`). This profile is stricter. A
-line is a finding if
+It is the run of any program (`camgen.lang.gcode`) with a stricter profile. A line is a finding if
 
 - no post writes it,
 - it leaves open what the machine does,
@@ -18,18 +17,27 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from msgspec.structs import replace
 
-from camgen.lang.gcode import arcs
+from camgen.lang.gcode import arcs, dialects
 from camgen.lang.gcode.code import compile_lines
+from camgen.lang.gcode.codes import (
+    HANDLERS,
+    lift_tool,
+    set_output,
+    switch_coolant,
+    turn_spindle,
+)
 from camgen.lang.gcode.interpreter import Interpreter
-from camgen.lang.gcode.machine import AXES, HANDLERS, Machine, PlainReader
+from camgen.lang.gcode.machine import ARCS, AXES, COOLANTS, Machine, Profile
+from camgen.lang.gcode.third_party import stand
 from camgen.lang.gcode.words import (
     COMMENT,
     GROUP,
+    Line,
     LineError,
     Parameters,
     UnknownWord,
@@ -43,11 +51,8 @@ from camgen.lang.post_options import read_number
 from camgen.lang.programs import Executed
 from camgen.lang.run import Stopped
 from camgen.model.errors import JobError
-from camgen.model.part import NoteKind
 from camgen.model.program import Force, Instruction, Output, ToolChange
 from camgen.model.text import counted
-
-from .strict_runs import MOTION, REMARK, SHORTEST_RUN, Chunk, Lines, MotionState, cut, perform
 
 _WORDS = re.compile(r"([a-z])([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))")
 _LINE = re.compile(rf"(?:{_WORDS.pattern})*")
@@ -74,7 +79,6 @@ _LIFT = ("G53", "G0")
 #: Sets of groups that count as one here. LinuxCNC or the interpreter takes two of their codes in
 #: one line.
 _ONE_GROUP = {"motion": ("cycle off", "motion"), "coolant": ("mist", "flood", "coolant off")}
-_COOLANTS = {"M7": "mist", "M8": "flood"}
 
 #: Codes that end the reading. With other codes that no post writes, a program is run as one of
 #: another author.
@@ -84,7 +88,11 @@ _UNREAD_CODES = """
     M97 M98 M99
 """
 _UNREAD = frozenset(_UNREAD_CODES.split())
-_PLAIN, _REMARK = re.compile(MOTION), re.compile(REMARK)
+#: An output, and a comment, as posts print them.
+_OUTPUT = re.compile(r"M6([45]) P([0-9]{1,2})")
+REMARK = re.compile(r"\((?!.{71})[A-Za-z0-9 _.+\-=/:#@*]*\)")
+#: The dialect of a read-back: nothing but what the controllers of the posts have in common.
+_DIALECT = replace(dialects.LINUXCNC, unit_first=None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,8 +164,8 @@ class Expect:
 
 
 @dataclass(slots=True, kw_only=True)
-class Strict(Machine):
-    """The machine that accepts only text of posts. A fault is a finding and does not stop it.
+class Strict:
+    """The checks of one strict run. A fault is a finding and does not stop it.
 
     rules: rules of the controller.
     expect: text that follows from the options of the post.
@@ -169,19 +177,13 @@ class Strict(Machine):
     is_changed: whether the program has changed to the tool of `expect`.
     is_pressing: whether a force is on.
     next_force: force from the next motion on, N. None: the force stays.
-    output_line: line of an output that waits for the next motion, 0 without one.
-    unknown_line: first line with a word that no post writes, 0 without one.
     due_tool: number of the tool whose length must be applied before the next motion, 0 without one.
     idle_words: line and finding of each T and S whose code has not come, by letter.
-    chunk: lines that are read by column, None before the first.
     unusual: codes of modes that no post sets. Each is a finding once.
     """
 
     rules: Controller
     expect: Expect
-    others: str = ""
-    plain: re.Pattern[str] = _PLAIN
-    blend: float = 0.0
     has_text: bool = False
     stated_groups: set[str] = field(default_factory=set)
     has_moved: bool = False
@@ -190,78 +192,68 @@ class Strict(Machine):
     is_changed: bool = False
     is_pressing: bool = False
     next_force: float | None = None
-    output_line: int = 0
-    unknown_line: int = 0
     due_tool: int = 0
     idle_words: dict[str, tuple[int, str]] = field(default_factory=dict)
-    chunk: Chunk | None = None
     unusual: set[str] = field(default_factory=set)
 
-    def note(self, kind: NoteKind, what: str, why: str = "") -> None:
-        """Adds a finding for an assumption or omission of the interpreter."""
-        if kind != "warning":
-            self.log.find("unusual", f"{what} ({why})")
+    def make_machine(self) -> Machine:
+        """The machine that the program of a post runs on."""
+        handlers = {
+            **HANDLERS,
+            "outputs": self.set_output,
+            "tool change": self.change_tool,
+            "spindle": self.turn_spindle,
+            "coolant off": self.switch_coolant_off,
+            "length offset": self.set_length,
+            "work offset": self.set_work,
+            "path": self.set_path,
+            "machine coordinates": self.lift_tool,
+        }
+        profile = Profile(
+            handlers=handlers,
+            clean=self.clean,
+            parse=self.parse,
+            settle=self.settle,
+            stand=self.stand,
+            switch=self.switch,
+            find_effect=self.find_effect,
+            goes_on=True,
+        )
+        return Machine(
+            profile=profile,
+            dialect=_DIALECT,
+            limits=self.rules.arcs,
+            exact=replace(self.rules.arcs, spiral=(self.expect.spiral,) * 3),
+            others="",
+            blend=0.0,
+            long_wait=math.inf,
+        )
 
-    def refuse(self, error: LineError) -> None:
-        """Adds the error as a finding. Reading continues with the next line."""
-        self.log.find("refused", str(error))
-        if isinstance(error, UnknownWord):
-            self.unknown_line = self.unknown_line or self.line
+    # -- lines ---------------------------------------------------------------------------------
 
-    def read_plain(self, lines: Sequence[str], at: int, bound: int, plain: PlainReader) -> int:
-        """Runs long sequences of motions and outputs by column, and the rest by `plain`.
+    def find_effect(self, raw: str) -> Output | bool | None:
+        """The output of M64 or M65, None if the machine does not have it.
 
-        A sequence runs by column only in mm, without a shift of the origin and without force.
-        Returns the index of the next line.
+        For other lines: whether the line is a comment of a post, which has no effect.
         """
-        is_usual = self.unit == 1.0 and not self.force and not any(self.shift)
-        while is_usual and isinstance(lines, Lines) and at < bound:
-            chunk = self.chunk
-            if chunk is None or not chunk.holds(at):
-                chunk = self.chunk = cut(lines, at, self.output)
-            stop = min(bound, chunk.end(at))
-            if not chunk.usable or stop - at < SHORTEST_RUN:
-                break
-            start = MotionState(self.here(), self.feed, self.blend, self.exact or self.limits)
-            effect = perform(chunk, start, at, stop)
-            if effect is None:
-                break
-            self.body.extend_body(effect.body)
-            self.lines.frombytes(effect.lines.tobytes())
-            self.at[:] = effect.at
-            self.feed, self.motion = effect.feed, effect.motion
-            self.cut = self.cut or effect.cut
-            chunk.usable, at = effect.line == stop, effect.line
-        return plain(self, lines, at, bound) if at < bound else at
-
-    def output(self, digit: str, number: str) -> Output | None:
-        """The output that M64 or M65 sets.
-
-        digit: last digit of the code.
-        Returns None if the machine does not have the code or the output.
-        """
-        if f"M6{digit}" not in self.rules.codes or int(number) >= self.expect.digital:
+        match = _OUTPUT.fullmatch(raw)
+        if match is None:
+            return REMARK.fullmatch(raw) is not None
+        number = int(match[2])
+        if f"M6{match[1]}" not in self.rules.codes or number >= self.expect.digital:
             return None
-        name = self.expect.names.get(f"dout{int(number)}", f"P{int(number)}")
-        return Output(name, 1.0 if digit == "4" else 0.0)
+        name = self.expect.names.get(f"dout{number}", f"P{number}")
+        return Output(name, 1.0 if match[1] == "4" else 0.0)
 
-    def is_remark(self, raw: str) -> bool:
-        """Whether the line is a short comment without special characters."""
-        return raw[:1] == "(" and _REMARK.fullmatch(raw) is not None
-
-    def bare(self, raw: str) -> str:
-        """The words of a line, in small letters and without blanks.
+    def clean(self, m: Machine, raw: str) -> str:
+        """The words of a line, in lower case and without blanks.
 
         Raises LineError if the controller refuses the line.
         """
         text, rules = raw.removesuffix("\r"), self.rules
-        if not rules.squeezed and len(text) > rules.limit:
-            raise LineError(f"{len(text)} characters, {rules.name} reads {rules.limit}")
-        if rules.forbidden and (bad := rules.forbidden.search(text)):
-            reason = f"acts at once or is no ASCII, which {rules.name} minds in comments too"
-            raise LineError(f"character {bad[0]!r} {reason}")
+        _refuse_characters(text, rules)
         if rules.linuxcnc and text.strip(" \t\r") == "%":
-            if self.has_text and not (self.opened or self.ended):
+            if self.has_text and not (m.opened or m.ended):
                 raise LineError("a per cent sign that does not belong to one on the first line")
             return "%"
         self.has_text = self.has_text or not raw.isspace()
@@ -276,147 +268,378 @@ class Strict(Machine):
             length = f"{len(text)} characters without blanks and comments"
             raise LineError(f"{length}, {rules.name} reads {rules.limit}")
         if text.startswith("/"):
-            self.note_slash()
-        return _words(text.lower().removeprefix("/"), rules)
+            if rules.linuxcnc:
+                what = "whether the line runs depends on a switch of the operator"
+                raise UnknownWord(f"block delete: {what}")
+            what = f"which {rules.name} ignores and no post writes"
+            m.log.find("unusual", f"a slash before a line, {what}")
+        words = _drop_number(text.lower().removeprefix("/"), rules)
+        _refuse_unread(words)
+        return words
 
-    def note_slash(self) -> None:
-        """Adds a finding for a slash before a line.
-
-        Raises UnknownWord if a switch of the operator decides whether the line runs.
-        """
-        if self.rules.linuxcnc:
-            raise UnknownWord(
-                "block delete: whether the line runs depends on a switch of the operator"
-            )
-        self.log.find(
-            "unusual", f"a slash before a line, which {self.rules.name} ignores and no post writes"
-        )
-
-    def group(self, code: str) -> str:
-        """The modal group of a code. Raises LineError."""
-        if code not in GROUP:
-            raise LineError(tell_unread(code, "not a code that is known"))
-        return GROUP[code]
-
-    def take(self, codes: Mapping[str, str], words: Mapping[str, float]) -> None:
-        """Checks the codes and words of a line.
+    def parse(self, m: Machine, text: str, known: Parameters) -> Line:
+        """The codes and words of a line.
 
         Raises LineError if the controller does not have a code or tool, or if two codes are of one
         group.
         """
+        codes, words = words_of(text, known, _find_group)
+        rules = self.rules
         for code in codes.values():
-            if code not in self.rules.codes:
-                what = tell_unread(code, f"not a code of {self.rules.name}")
+            if code not in rules.codes:
+                what = tell_unread(code, f"not a code of {rules.name}")
                 raise LineError(what) if code in _UNREAD else UnknownWord(what)
         for name, groups in _ONE_GROUP.items():
             both = [codes[group] for group in groups if group in codes]
             if len(both) > 1:
                 raise LineError(f"{both[0]} and {both[1]} are of one group ({name})")
-        if words.get("T", 0.0) > self.rules.max_tool:
-            raise LineError(
-                f"T{words['T']:g}: {self.rules.name} has tools to T{self.rules.max_tool:g}"
-            )
+        if words.get("T", 0.0) > rules.max_tool:
+            raise LineError(f"T{words['T']:g}: {rules.name} has tools to T{rules.max_tool:g}")
         self.stated_groups.update(codes)
-        self._take_idle(codes, words)
+        self._find_idle(m, codes, words)
+        return codes, words
 
-    def _take_idle(self, codes: Mapping[str, str], words: Mapping[str, float]) -> None:
+    def _find_idle(self, m: Machine, codes: Mapping[str, str], words: Mapping[str, float]) -> None:
         """Adds findings for codes that no post writes and that change no motion."""
-        is_expected = self.expect.tool and int(words.get("T", 0.0)) == self.expect.tool
-        if "T" in words and is_expected:
-            self.note_idle("T")
-        elif "T" in words:
-            self._wait_for("T", f"T{words['T']:g} selects a tool that no M6 changes to")
-        if "S" in words and codes.get("spindle", self.spindle) == "M5":
-            self._wait_for("S", f"S{words['S']:g} without M3 or M4")
+        if "T" in words:
+            self.note_idle(m, "T")
+            if not self.expect.tool or int(words["T"]) != self.expect.tool:
+                what = f"T{words['T']:g} selects a tool that no M6 changes to"
+                self.idle_words["T"] = (m.line, what)
+        if "S" in words and codes.get("spindle", m.spindle) == "M5":
+            self.note_idle(m, "S")
+            self.idle_words["S"] = (m.line, f"S{words['S']:g} without M3 or M4")
         if "tool change" in codes:
             self.idle_words.pop("T", None)
         if codes.get("spindle", "M5") != "M5":
             self.idle_words.pop("S", None)
         if self.rules.linuxcnc and "M30" in codes.values():
-            self.log.find("unusual", "M30 exchanges pallets before the end; posts write M2")
+            m.log.find("unusual", "M30 exchanges pallets before the end; posts write M2")
         if "G53" in codes.values() and len(codes) > len(_LIFT):
-            self.log.find("unusual", "a code in the line of G53 G0 Z0, which posts write alone")
+            m.log.find("unusual", "a code in the line of G53 G0 Z0, which posts write alone")
         for group, usual in _HELD.items():
             code = codes.get(group, usual)
             if code != usual and code not in self.unusual:
                 self.unusual.add(code)
-                self.log.find("unusual", f"{code} where posts write in {usual}")
+                m.log.find("unusual", f"{code} where posts write in {usual}")
 
-    def _wait_for(self, letter: str, what: str) -> None:
-        """Keeps a word until its code comes. A word of this letter that waits is a finding."""
-        self.note_idle(letter)
-        self.idle_words[letter] = (self.line, what)
-
-    def note_idle(self, letter: str) -> None:
+    def note_idle(self, m: Machine, letter: str) -> None:
         """Adds a finding for a word whose code has not come."""
         if letter in self.idle_words:
             line, what = self.idle_words.pop(letter)
-            self.log.find("unusual", what, line=line)
+            m.log.find("unusual", what, line=line)
 
-    def switch(self, signal: str, value: float) -> None:
-        """Sets an output under the name of its signal, or the force."""
-        channel, scale = self.expect.force or (-1, 1.0)
-        if self.lifted and not self.has_position:
-            self.log.find(
-                "unusual", "an output is switched when the machine has moved already (G53)"
-            )
-        if signal != f"aout{channel}":
-            name = self.expect.names.get(signal, signal.replace("dout", "P").replace("aout", "E"))
-            self.add(Output(name, value))
-            return
-        newtons = value / scale
-        if newtons < 0:
-            raise LineError(f"a force of {newtons:g} N")
-        if self.output_line == self.line and self.is_pressing:
-            self.next_force = newtons
-            return
-        self.is_pressing, self.force, self.next_force = newtons > 0, newtons, None
-        self.add(Force(newtons))
+    # -- motions -------------------------------------------------------------------------------
 
-    def is_settled(self) -> bool:
-        """Whether the machine is settled and neither an output nor a force waits for a motion."""
-        return Machine.is_settled(self) and not self.output_line and self.next_force is None
-
-    def stand(self, code: str) -> None:
-        """Runs a motion code without a target. Raises LineError if it needs a feed."""
-        if code == "G1" and self.feed <= 0:
+    def stand(self, m: Machine, code: str) -> None:
+        """Checks a motion code without a target. Raises LineError if it needs a feed."""
+        if code == "G1" and m.feed <= 0:
             raise LineError("G1 without a feed (F)")
-        if self.lifted:
-            _check_modes(self)
-            _check_path(self)
-        Machine.stand(self, code)
+        if m.lifted:
+            self._check_modes(m)
+            self._check_path(m)
+        stand(m, code)
 
-    def settle(self, code: str, words: Mapping[str, float], cycle: bool) -> None:
+    def settle(self, m: Machine, code: str, words: Mapping[str, float], cycle: bool) -> None:
         """Checks the state of the machine before a motion. Raises LineError."""
         named = [axis for axis in AXES if axis in words]
         if not named and (cycle or not self.rules.linuxcnc):
             raise LineError(f"{code} without {'X, Y or Z' if cycle else 'an end point'}")
-        if self.motion != "G0" and self.feed <= 0:
-            raise LineError(f"{self.motion} without a feed (F)")
+        if m.motion != "G0" and m.feed <= 0:
+            raise LineError(f"{m.motion} without a feed (F)")
         if cycle:
-            _check_cycle(self, words)
+            self._check_cycle(m, words)
         else:
-            _start(self)
-            _check_change(self)
-            _check_position(self, named)
-            _check_spiral(self, words)
-        self.output_line = 0
+            self._check_start(m)
+            if self.due_tool:
+                due = f"(G43 H{self.due_tool}) before it moves"
+                m.log.find("refused", f"the length of tool {self.due_tool} is not applied {due}")
+                self.due_tool = 0
+            _check_position(m, named)
+            _check_spiral(m, words, self.expect.spiral)
+        m.output_line = 0
         if self.next_force is not None:
-            self.force, self.next_force = self.next_force, None
-        Machine.settle(self, code, words, cycle)
+            m.force, self.next_force = self.next_force, None
+        if cycle or "Z" in words:
+            m.length_at_z = m.length_at_z or m.length
+            if m.length != m.length_at_z:
+                why = "it shifts z by the length of the tool, which is not known here"
+                raise LineError(f"a motion of Z after {m.length}: {why}")
+
+    def _check_start(self, m: Machine) -> None:
+        """Checks the state of the machine before the first motion."""
+        if self.has_moved:
+            return
+        self.has_moved = True
+        expect = self.expect
+        self._check_modes(m)
+        if m.unit is None:
+            m.unit = 1.0
+            m.log.find("unusual", "a motion before G20 or G21; read as mm")
+        m.work = m.work or "G54"
+        if m.work != expect.work:
+            m.log.find("refused", f"work offset {m.work}, but post.work is {expect.work}")
+        if expect.tool and self.length_code != "G43":
+            what = "the length of the tool is not applied (G43) before the first motion"
+            m.log.find("refused", what)
+        elif not self.length_code:
+            what = "neither G49 nor G43 before the first motion: a tool length that is on shifts Z"
+            m.log.find("unusual", what)
+        if m.lifted and not expect.lift:
+            what = "G53 has sent the tool to the machine's zero of Z, but post.lift is false"
+            m.log.find("unusual", what)
+        self._check_path(m)
+
+    def _check_modes(self, m: Machine) -> None:
+        """Adds a finding for modes without a code before the first motion."""
+        needed = {**_MODES, "work offset": self.expect.work}
+        missing = [code for group, code in needed.items() if group not in self.stated_groups]
+        if missing:
+            reason = "the program before may have left it otherwise"
+            what = f"{', '.join(missing)} not said before the first motion: {reason}"
+            m.log.find("unusual", what)
+        self.stated_groups.update(needed)
+
+    def _check_path(self, m: Machine) -> None:
+        """Adds a finding, once, if corners may be rounded by any amount."""
+        if self.expect.path_tolerance is not None and not self.path_code:
+            self.path_code = "none"
+            where = "before the first motion: corners may be rounded by any amount"
+            m.log.find("unusual", f"neither G61 nor G64 P {where}")
+
+    def _check_cycle(self, m: Machine, words: Mapping[str, float]) -> None:
+        """Checks that a cycle leaves nothing open.
+
+        It has to go straight down in absolute coordinates from a known height, to which G98
+        returns. Raises UnknownWord for another cycle.
+        """
+        is_usual = (
+            m.has_position
+            and m.unit == 1.0
+            and m.plane == "G17"
+            and m.to_start is True
+            and not m.incremental
+        )
+        is_waiting = m.output_line or self.is_pressing or self.next_force is not None
+        if not is_usual or is_waiting or "L" in words:
+            raise UnknownWord(f"{m.motion} in another state than a post leaves it in is not read")
+        held = {**m.sticky, **words}
+        if "R" in held and held["R"] > (m.at[2] if m.level is None else m.level):
+            raise UnknownWord(f"{m.motion} that begins above where G98 returns to is not read")
+        if m.motion == "G83" and "R" in held and held["R"] == held.get("Z"):
+            raise LineError("G83 with pecks and no depth")
+
+    # -- codes ---------------------------------------------------------------------------------
+
+    def switch(self, m: Machine, signal: str, value: float) -> None:
+        """Sets an output under the name of its signal, or the force. Raises LineError."""
+        channel, scale = self.expect.force or (-1, 1.0)
+        if m.lifted and not m.has_position:
+            what = "an output is switched when the machine has moved already (G53)"
+            m.log.find("unusual", what)
+        if signal != f"aout{channel}":
+            name = signal.replace("dout", "P").replace("aout", "E")
+            m.add(Output(self.expect.names.get(signal, name), value))
+            return
+        newtons = value / scale
+        if newtons < 0:
+            raise LineError(f"a force of {newtons:g} N")
+        if m.output_line == m.line and self.is_pressing:
+            self.next_force = newtons
+            return
+        self.is_pressing, m.force, self.next_force = newtons > 0, newtons, None
+        m.add(Force(newtons))
+
+    def set_output(self, m: Machine, code: str, words: dict[str, float]) -> None:
+        """M62 to M68. Raises LineError for an output that the machine does not have."""
+        letter, count = "P", self.expect.digital
+        if code in ("M67", "M68"):
+            letter, count = "E", self.expect.analog
+        if words.get(letter, 0.0) >= count:
+            has = f"the machine has {counted(count, 'such output')} from {letter}0 (post.outputs)"
+            raise LineError(f"{code} {letter}{words[letter]:g}: {has}")
+        if code in ("M62", "M63", "M67"):
+            m.output_line = m.line
+        set_output(m, code, words)
+
+    def change_tool(self, m: Machine, _code: str, _words: dict[str, float]) -> None:
+        """M6. Raises LineError for another tool than that of the post."""
+        if m.tool is None:
+            raise LineError("M6 without a tool (T)")
+        if not self.expect.tool:
+            self._change_among(m, m.tool)
+            return
+        if m.has_position:
+            raise LineError("a tool change after the first motion is not read")
+        if self.is_changed:
+            m.log.find("unusual", "M6 a second time")
+        if m.tool != self.expect.tool:
+            raise LineError(f"tool T{m.tool}, but post.tool is {self.expect.tool}")
+        self.is_changed = True
+
+    def _change_among(self, m: Machine, tool: int) -> None:
+        """Changes to one of several tools. Position and tool length are unknown after it."""
+        if not tool:
+            raise LineError("T0 M6 takes the tool out")
+        if not any(isinstance(item, ToolChange) for item in m.body.objects):
+            self._check_first_change(m)
+        if m.spindle != "M5" or m.coolants or self.is_pressing:
+            on = "while the spindle, a coolant or a force is on"
+            m.log.find("refused", f"tool {tool} is changed {on}")
+        if self.due_tool:
+            m.log.find("unusual", f"tool {self.due_tool} is changed to and never used")
+        m.add(ToolChange(tool))
+        self.due_tool, self.length_code = tool, ""
+        m.has_position = m.lifted = False
+        m.known[:] = [False, False, False]
+
+    def _check_first_change(self, m: Machine) -> None:
+        """Adds findings for settings that are missing when the machine moves to change the tool."""
+        self._check_modes(m)
+        self._check_path(m)
+        if self.expect.lift and not m.lifted:
+            m.log.find("unusual", "G53 G0 Z0 is missing before the first tool change")
+        if self.length_code != "G49":
+            what = "G49 is missing before the first tool change: a length that is on shifts Z"
+            m.log.find("unusual", what)
+
+    def turn_spindle(self, m: Machine, code: str, words: dict[str, float]) -> None:
+        """M3, M4 and M5. Raises LineError without a speed."""
+        if code != "M5" and m.speed is None:
+            m.spindle = code
+            raise LineError(f"{code} without a speed (S)")
+        turn_spindle(m, code, words)
+
+    def switch_coolant_off(self, m: Machine, code: str, words: dict[str, float]) -> None:
+        """M9. It switches the coolants of the options off, even if none is on."""
+        named = {word for word, signal in COOLANTS.items() if signal in self.expect.names}
+        m.coolants = m.coolants or named or {"M8"}
+        switch_coolant(m, code, words)
+
+    def set_length(self, m: Machine, code: str, words: dict[str, float]) -> None:
+        """G43 and G49. Raises LineError for the length of another tool."""
+        tool, due_tool = self.expect.tool, self.due_tool
+        if code == "G43" and due_tool:
+            if "H" not in words:
+                what = f"the length of tool {due_tool} is asked for by H{due_tool}"
+                m.log.find("unusual", f"G43 without H: {what}")
+            number = words.pop("H", due_tool)
+            if number != due_tool:
+                length = f"the length of another tool than T{due_tool}"
+                raise LineError(f"G43 H{number:g} shifts z by {length}")
+            self.due_tool = 0
+        elif code == "G43" and (words.pop("H", tool) != tool or not tool):
+            raise LineError(f"G43 shifts z by the length of a tool, but post.tool is {tool}")
+        if code == "G49" and self.expect.lift and not m.lifted:
+            what = "G49 lowers the next height by a tool length that is on; G53 G0 Z0 first"
+            m.log.find("unusual", what)
+        if m.has_position and code != self.length_code:
+            raise LineError(f"{code} after the first motion shifts the origin")
+        m.length = self.length_code = code
+
+    def set_work(self, m: Machine, code: str, _words: dict[str, float]) -> None:
+        """G54 to G59.3. Raises LineError for another one after the first motion.
+
+        A tool change makes the position unknown again, but not the work offset.
+        """
+        if self.has_moved and code != m.work:
+            raise LineError(f"{code}: another work offset after the first motion is not read")
+        m.work = code
+
+    def set_path(self, m: Machine, code: str, words: dict[str, float]) -> None:
+        """G61 and G64. Raises LineError if corners may be rounded by more than the post allows."""
+        self.path_code = code
+        allowed = self.expect.path_tolerance
+        if code != "G64":
+            wanted = f"G64 P{allowed:g}" if allowed else "G61"
+            if allowed is None:
+                reason = f"{self.rules.name} rounds corners by its own setting"
+                m.log.find("unusual", f"{code} changes nothing: {reason}")
+            elif code != wanted:
+                option = f"post.path_tolerance asks for {wanted}"
+                m.log.find("unusual", f"{code} where {option}: corners take another time")
+            return
+        tolerance = words.pop("P", 0.0)
+        if "Q" not in words:
+            m.log.find("unusual", "G64 without Q joins lines within P")
+        largest = max(tolerance, words.pop("Q", tolerance))
+        if tolerance <= 0:
+            raise LineError("G64 without P rounds corners by any amount")
+        if largest * m.scale > (allowed or 0.0) * (1 + 1e-9):
+            limit = f"post.path_tolerance is {allowed or 0.0:g}"
+            raise LineError(f"G64 may leave the path by {largest:g}, {limit}")
+
+    def lift_tool(self, m: Machine, motion: str, words: dict[str, float]) -> None:
+        """G53. Raises LineError for another motion than G53 G0 Z0 at the start."""
+        is_lift = motion == "G0" and "X" not in words and "Y" not in words
+        if not m.incremental and (m.has_position or not is_lift or words.pop("Z", 1.0) != 0):
+            raise LineError(tell_unread("G53", "not known"))
+        lift_tool(m)
+
+    # -- the end -------------------------------------------------------------------------------
+
+    def judge_end(self, m: Machine) -> None:
+        """Adds findings for what the program lacks, and for assumptions."""
+        for letter in "ST":
+            self.note_idle(m, letter)
+        for item in m.log.list_assumed():
+            m.log.find("unusual", item.what, line=item.line)
+        changes = zip(m.body, m.lines, strict=True) if self.due_tool else ()
+        last_change = max(
+            (line for item, line in changes if isinstance(item, ToolChange)), default=0
+        )
+        tool, wanted = self.due_tool, self.expect.tool
+        missing = (
+            (not m.ended, "the program has no end (M2 or M30)", 0),
+            (
+                any(m.known) and not m.has_position,
+                "the program ends before the position is known in all axes",
+                0,
+            ),
+            (
+                m.output_line,
+                "an output that waits for the next motion (M62, M63, M67), and none follows",
+                m.output_line,
+            ),
+            (
+                tool,
+                f"tool {tool} is changed to, and its length is not applied (G43 H{tool})",
+                last_change,
+            ),
+            (
+                wanted and not self.is_changed,
+                f"the tool change T{wanted} M6 of post.tool is missing",
+                0,
+            ),
+        )
+        for is_missing, what, line in missing:
+            if is_missing:
+                m.log.find("refused", what, line=line)
 
 
-def _words(text: str, rules: Controller) -> str:
-    """A line in small letters without its number.
+def _find_group(code: str) -> str:
+    """The modal group of a code. Raises LineError."""
+    if code not in GROUP:
+        raise LineError(tell_unread(code, "not a code that is known"))
+    return GROUP[code]
 
-    Raises LineError if the number is out of range or if anything but words follows.
-    """
+
+def _refuse_characters(text: str, rules: Controller) -> None:
+    """Raises LineError for a line that is too long or has characters that may not occur."""
+    if not rules.squeezed and len(text) > rules.limit:
+        raise LineError(f"{len(text)} characters, {rules.name} reads {rules.limit}")
+    if rules.forbidden and (bad := rules.forbidden.search(text)):
+        reason = f"acts at once or is no ASCII, which {rules.name} minds in comments too"
+        raise LineError(f"character {bad[0]!r} {reason}")
+
+
+def _drop_number(text: str, rules: Controller) -> str:
+    """A line without its number. Raises LineError if the number is too large."""
     words = without_number(text)
     number = text[: len(text) - len(words)]
     if number and float(number[1:]) > rules.max_line_number:
         largest = f"{rules.max_line_number:.0f}"
         raise LineError(f"{number.upper()[:12]}: {rules.name} numbers lines to {largest}")
-    _refuse_unread(words)
     return words
 
 
@@ -443,352 +666,91 @@ def _refuse_unread(text: str) -> None:
         raise LineError(f"word {letter.upper()}{float(number):g}: nothing in the line uses it")
 
 
-def _start(machine: Strict) -> None:
-    """Checks the state of the machine before the first motion."""
-    if machine.has_moved:
-        return
-    machine.has_moved = True
-    _check_modes(machine)
-    if machine.unit is None:
-        machine.unit = 1.0
-        machine.log.find("unusual", "a motion before G20 or G21; read as mm")
-    machine.work = machine.work or "G54"
-    if machine.work != machine.expect.work:
-        machine.log.find(
-            "refused", f"work offset {machine.work}, but post.work is {machine.expect.work}"
-        )
-    if machine.expect.tool and machine.length_code != "G43":
-        machine.log.find(
-            "refused", "the length of the tool is not applied (G43) before the first motion"
-        )
-    elif not machine.length_code:
-        machine.log.find(
-            "unusual",
-            "neither G49 nor G43 before the first motion: a tool length that is on shifts Z",
-        )
-    if machine.lifted and not machine.expect.lift:
-        machine.log.find(
-            "unusual", "G53 has sent the tool to the machine's zero of Z, but post.lift is false"
-        )
-    _check_path(machine)
-
-
-def _check_change(machine: Strict) -> None:
-    """Adds a finding if the length of a tool is not applied before it moves."""
-    if machine.due_tool:
-        what = f"is not applied (G43 H{machine.due_tool}) before it moves"
-        machine.log.find("refused", f"the length of tool {machine.due_tool} {what}")
-        machine.due_tool = 0
-
-
-def _check_modes(machine: Strict) -> None:
-    """Adds a finding for modes without a code before the first motion."""
-    needed = {**_MODES, "work offset": machine.expect.work}
-    missing = [code for group, code in needed.items() if group not in machine.stated_groups]
-    if missing:
-        reason = "the program before may have left it otherwise"
-        what = f"{', '.join(missing)} not said before the first motion: {reason}"
-        machine.log.find("unusual", what)
-    machine.stated_groups.update(needed)
-
-
-def _check_path(machine: Strict) -> None:
-    """Adds a finding, once, if corners may be rounded by any amount."""
-    if machine.expect.path_tolerance is not None and not machine.path_code:
-        machine.path_code = "none"
-        machine.log.find(
-            "unusual",
-            "neither G61 nor G64 P before the first motion: corners may be rounded by any amount",
-        )
-
-
-def _check_position(machine: Strict, named: Sequence[str]) -> None:
+def _check_position(m: Machine, named: Sequence[str]) -> None:
     """Adds a finding for a motion from an unknown position that may collide.
 
     The usual order of a post is Z up first, then X and Y together.
     named: axes of the motion.
     """
-    if machine.has_position:
+    if m.has_position:
         return
     what = ""
-    if machine.incremental or machine.motion != "G0":
-        kind = "an incremental" if machine.incremental else "a feed"
+    if m.incremental or m.motion != "G0":
+        kind = "an incremental" if m.incremental else "a feed"
         what = f"{kind} motion from a position that is not known"
-    elif machine.lifted and "Z" in named and not (machine.known[0] and machine.known[1]):
-        machine.log.find(
+    elif m.lifted and "Z" in named and not (m.known[0] and m.known[1]):
+        m.log.find(
             "unusual", "Z comes down from the top of the machine before X and Y are over the part"
         )
-    elif not (machine.known[2] or machine.lifted) and "Z" not in named:
+    elif not (m.known[2] or m.lifted) and "Z" not in named:
         what = "X or Y moves while Z is not known"
-    elif any(machine.known[AXES.index(axis)] for axis in named):
-        machine.log.find("unusual", "an axis moves again before the position is known in all axes")
-    elif not (machine.known[2] or machine.lifted) and len(named) > 1:
-        machine.log.find("unusual", "Z moves together with X or Y while it is not known")
-    elif len([axis for axis in "XY" if axis in named]) == 1 and not (
-        machine.known[0] or machine.known[1]
-    ):
-        machine.log.find("unusual", "X and Y move one after the other to where the program begins")
+    elif any(m.known[AXES.index(axis)] for axis in named):
+        m.log.find("unusual", "an axis moves again before the position is known in all axes")
+    elif not (m.known[2] or m.lifted) and len(named) > 1:
+        m.log.find("unusual", "Z moves together with X or Y while it is not known")
+    elif len([axis for axis in "XY" if axis in named]) == 1 and not (m.known[0] or m.known[1]):
+        m.log.find("unusual", "X and Y move one after the other to where the program begins")
     if what:
-        machine.log.find("unusual", f"{what}; read as from 0")
-        machine.known[:] = [True, True, True]
-        machine.has_position = True
+        m.log.find("unusual", f"{what}; read as from 0")
+        m.known[:] = [True, True, True]
+        m.has_position = True
 
 
-def _check_spiral(machine: Strict, words: Mapping[str, float]) -> None:
+def _check_spiral(m: Machine, words: Mapping[str, float], spiral: float) -> None:
     """Adds a finding for an arc whose radius changes by more than its printed digits explain.
 
     A change that is so large that the controller refuses it is a finding of its own.
+    spiral: change that the digits explain, mm.
     """
     if (
-        machine.motion not in ("G2", "G3")
+        m.motion not in ARCS
         or "R" in words
-        or machine.incremental
-        or machine.absolute_centre
-        or machine.plane != "G17"
+        or m.incremental
+        or m.absolute_centre
+        or m.plane != "G17"
     ):
         return
-    (x, y), (i, j) = machine.at[:2], (words.get(letter, 0.0) * machine.scale for letter in "IJ")
+    (x, y), (i, j) = m.at[:2], (words.get(letter, 0.0) * m.scale for letter in "IJ")
     u, v = (
-        words[axis] * machine.scale + machine.shift[k] if axis in words else machine.at[k]
+        words[axis] * m.scale + m.shift[k] if axis in words else m.at[k]
         for k, axis in enumerate("XY")
     )
     start, end = math.hypot(i, j), math.hypot(u - x - i, v - y - j)
-    accepted = max(machine.rules.arcs.spiral[0], 0.001 * start)
-    if machine.expect.spiral + 1e-9 < abs(start - end) <= accepted:
-        machine.log.find("unusual", f"an arc whose radius goes from {start:.4f} to {end:.4f} mm")
+    accepted = max(m.limits.spiral[0], 0.001 * start)
+    if spiral + 1e-9 < abs(start - end) <= accepted:
+        m.log.find("unusual", f"an arc whose radius goes from {start:.4f} to {end:.4f} mm")
 
 
-def _check_cycle(machine: Strict, words: Mapping[str, float]) -> None:
-    """Checks that a cycle leaves nothing open.
-
-    It has to go straight down in absolute coordinates from a known height, to which G98 returns.
-    Raises UnknownWord for another cycle.
-    """
-    is_usual = (
-        machine.has_position
-        and machine.unit == 1.0
-        and machine.plane == "G17"
-        and machine.to_start is True
-        and not machine.incremental
-    )
-    if (
-        not is_usual
-        or machine.output_line
-        or machine.is_pressing
-        or machine.next_force is not None
-        or "L" in words
-    ):
-        raise UnknownWord(f"{machine.motion} in another state than a post leaves it in is not read")
-    held = {**machine.sticky, **words}
-    if "R" in held and held["R"] > (machine.at[2] if machine.level is None else machine.level):
-        raise UnknownWord(f"{machine.motion} that begins above where G98 returns to is not read")
-    if machine.motion == "G83" and "R" in held and held["R"] == held.get("Z"):
-        raise LineError("G83 with pecks and no depth")
-
-
-def _switch(machine: Strict, code: str, words: dict[str, float]) -> None:
-    letter, count = (
-        ("E", machine.expect.analog) if code in ("M67", "M68") else ("P", machine.expect.digital)
-    )
-    if words.get(letter, 0.0) >= count:
-        has = f"the machine has {counted(count, 'such output')} from {letter}0 (post.outputs)"
-        raise LineError(f"{code} {letter}{words[letter]:g}: {has}")
-    if code in ("M62", "M63", "M67"):
-        machine.output_line = machine.line
-    HANDLERS["outputs"](machine, code, words)
-
-
-def _change(machine: Strict, code: str, words: dict[str, float]) -> None:  # noqa: ARG001
-    if machine.tool is None:
-        raise LineError("M6 without a tool (T)")
-    if not machine.expect.tool:
-        _change_among(machine)
-        return
-    if machine.has_position:
-        raise LineError("a tool change after the first motion is not read")
-    if machine.is_changed:
-        machine.log.find("unusual", "M6 a second time")
-    if machine.tool != machine.expect.tool:
-        raise LineError(f"tool T{machine.tool}, but post.tool is {machine.expect.tool}")
-    machine.is_changed = True
-
-
-def _change_among(machine: Strict) -> None:
-    """Changes to one of several tools. The position and the tool length are unknown after it."""
-    if machine.tool == 0 or machine.tool is None:
-        raise LineError("T0 M6 takes the tool out")
-    _check_first_change(machine)
-    if machine.spindle != "M5" or machine.coolants or machine.is_pressing:
-        machine.log.find(
-            "refused",
-            f"tool {machine.tool} is changed while the spindle, a coolant or a force is on",
-        )
-    if machine.due_tool:
-        machine.log.find("unusual", f"tool {machine.due_tool} is changed to and never used")
-    machine.add(ToolChange(machine.tool))
-    machine.due_tool, machine.length_code = machine.tool, ""
-    machine.has_position = machine.lifted = False
-    machine.known[:] = [False, False, False]
-
-
-def _check_first_change(machine: Strict) -> None:
-    """Adds findings for settings that are missing before the first tool change.
-
-    The machine moves in a tool change.
-    """
-    if any(isinstance(item, ToolChange) for item in machine.body):
-        return
-    _check_modes(machine)
-    _check_path(machine)
-    if machine.expect.lift and not machine.lifted:
-        machine.log.find("unusual", "G53 G0 Z0 is missing before the first tool change")
-    if machine.length_code != "G49":
-        machine.log.find(
-            "unusual", "G49 is missing before the first tool change: a length that is on shifts Z"
-        )
-
-
-def _spindle(machine: Strict, code: str, words: dict[str, float]) -> None:
-    if code != "M5" and machine.speed is None:
-        machine.spindle = code
-        raise LineError(f"{code} without a speed (S)")
-    HANDLERS["spindle"](machine, code, words)
-
-
-def _coolant_off(machine: Strict, code: str, words: dict[str, float]) -> None:
-    # M9 switches the coolants of the options off, even if none is on.
-    named = {word for word, signal in _COOLANTS.items() if signal in machine.expect.names}
-    machine.coolants = machine.coolants or named or {"M8"}
-    HANDLERS["coolant off"](machine, code, words)
-
-
-def _length(machine: Strict, code: str, words: dict[str, float]) -> None:
-    due_tool = machine.due_tool
-    if code == "G43" and due_tool:
-        if "H" not in words:
-            machine.log.find(
-                "unusual",
-                f"G43 without H: the length of tool {due_tool} is asked for by H{due_tool}",
-            )
-        number = words.pop("H", due_tool)
-        if number != due_tool:
-            length = f"the length of another tool than T{due_tool}"
-            raise LineError(f"G43 H{number:g} shifts z by {length}")
-        machine.due_tool = 0
-    elif code == "G43":
-        number = words.pop("H", machine.expect.tool)
-        if not machine.expect.tool or number != machine.expect.tool:
-            raise LineError(
-                f"G43 shifts z by the length of a tool, but post.tool is {machine.expect.tool}"
-            )
-    if code == "G49" and machine.expect.lift and not machine.lifted:
-        machine.log.find(
-            "unusual", "G49 lowers the next height by a tool length that is on; G53 G0 Z0 first"
-        )
-    if machine.has_position and code != machine.length_code:
-        raise LineError(f"{code} after the first motion shifts the origin")
-    machine.length = machine.length_code = code
-
-
-def _work_offset(machine: Strict, code: str, words: dict[str, float]) -> None:
-    # A tool change makes the position unknown again, but not the work offset.
-    if machine.has_moved and code != machine.work:
-        raise LineError(f"{code}: another work offset after the first motion is not read")
-    HANDLERS["work offset"](machine, code, words)
-
-
-def _path_mode(machine: Strict, code: str, words: dict[str, float]) -> None:
-    machine.path_code = code
-    if code != "G64":
-        wanted = (
-            f"G64 P{machine.expect.path_tolerance:g}" if machine.expect.path_tolerance else "G61"
-        )
-        if machine.expect.path_tolerance is None:
-            reason = f"{machine.rules.name} rounds corners by its own setting"
-            machine.log.find("unusual", f"{code} changes nothing: {reason}")
-        elif code != wanted:
-            machine.log.find(
-                "unusual",
-                f"{code} where post.path_tolerance asks for {wanted}: corners take another time",
-            )
-        return
-    tolerance = words.pop("P", 0.0)
-    if "Q" not in words:
-        machine.log.find("unusual", "G64 without Q joins lines within P")
-    joined = words.pop("Q", tolerance)
-    allowed = machine.expect.path_tolerance or 0.0
-    if tolerance <= 0:
-        raise LineError("G64 without P rounds corners by any amount")
-    if max(tolerance, joined) * machine.scale > allowed * (1 + 1e-9):
-        largest = f"{max(tolerance, joined):g}"
-        limit = f"post.path_tolerance is {allowed:g}"
-        raise LineError(f"G64 may leave the path by {largest}, {limit}")
-
-
-_HANDLERS: dict[str, Callable[[Strict, str, dict[str, float]], None]] = {
-    **HANDLERS,
-    "outputs": _switch,
-    "tool change": _change,
-    "spindle": _spindle,
-    "coolant off": _coolant_off,
-    "length offset": _length,
-    "work offset": _work_offset,
-    "path": _path_mode,
-}
-
-
-def run(lines: Sequence[str], rules: Controller, expect: Expect) -> Strict:
+def run(lines: Sequence[str], rules: Controller, expect: Expect) -> Machine:
     """The machine after a run of the lines. It raises nothing for any text."""
-    exact = replace(rules.arcs, spiral=(expect.spiral,) * 3)
-    machine = Strict(limits=rules.arcs, exact=exact, rules=rules, expect=expect, handlers=_HANDLERS)
+    strict = Strict(rules=rules, expect=expect)
+    m = strict.make_machine()
     try:
-        Interpreter(machine, lines, compile_lines(len(lines))).run()
+        Interpreter(m, lines, compile_lines(len(lines))).run()
     except Stopped as stopped:
-        machine.log.find("refused", str(stopped))
-    _read_rest(machine, lines)
-    for letter in "ST":
-        machine.note_idle(letter)
-    if not machine.ended:
-        machine.log.find("refused", "the program has no end (M2 or M30)")
-    if any(machine.known) and not machine.has_position:
-        machine.log.find("refused", "the program ends before the position is known in all axes")
-    if machine.output_line:
-        what = "an output that waits for the next motion (M62, M63, M67), and none follows"
-        machine.log.find("refused", what, line=machine.output_line)
-    if machine.due_tool:
-        tool = machine.due_tool
-        what = f"tool {tool} is changed to, and its length is not applied (G43 H{tool})"
-        machine.log.find("refused", what, line=_last_change(machine))
-    if machine.expect.tool and not machine.is_changed:
-        machine.log.find(
-            "refused", f"the tool change T{machine.expect.tool} M6 of post.tool is missing"
-        )
-    return machine
+        m.log.find("refused", str(stopped))
+    _read_rest(m, lines)
+    strict.judge_end(m)
+    return m
 
 
-def _last_change(machine: Strict) -> int:
-    """The line of the last tool change."""
-    instructions = zip(machine.body, machine.lines, strict=True)
-    return max(line for item, line in instructions if isinstance(item, ToolChange))
-
-
-def _read_rest(machine: Strict, lines: Sequence[str]) -> None:
+def _read_rest(m: Machine, lines: Sequence[str]) -> None:
     """Adds findings for lines with words after the end of the program."""
-    parameters = Parameters(machine.value)
-    for index in range(machine.line, len(lines)):
-        machine.line = index + 1
+    parameters = Parameters(m.value)
+    for index in range(m.line, len(lines)):
+        m.line = index + 1
         try:
-            text = machine.bare(lines[index])
+            text = m.profile.clean(m, lines[index])
             if text not in ("", "%"):
-                machine.take(*words_of(text, parameters, machine.group))
-                machine.log.find("unusual", "a line after the end of the program")
+                m.profile.parse(m, text, parameters)
+                m.log.find("unusual", "a line after the end of the program")
         except LineError as error:
-            machine.refuse(error)
+            m.refuse(error)
 
 
-def list_written(machine: Strict) -> Executed:
+def list_written(m: Machine) -> Executed:
     """The program that a machine has run."""
-    return Executed(machine.body.body(), machine.lines, findings=machine.log.list_findings())
+    return Executed(m.body.body(), m.lines, findings=m.log.list_findings())
 
 
 def read(files: Mapping[str, str], options: Mapping[str, object]) -> Executed:
@@ -817,27 +779,30 @@ def read(files: Mapping[str, str], options: Mapping[str, object]) -> Executed:
         digital=max([outputs, *(number + 1 for number in numbers)]),
         analog=max(outputs, force[0] + 1 if force else 0),
     )
-    lines = lines_of(files)
-    machine = run(lines, LINUXCNC, expect)
-    foreign = _read_foreign(lines, machine) if machine.unknown_line else None
-    return foreign or list_written(machine)
+    lines = list_lines(files)
+    m = run(lines, LINUXCNC, expect)
+    third_party = _read_third_party(lines, m.unknown_line, names) if m.unknown_line else None
+    return third_party or list_written(m)
 
 
-def _read_foreign(lines: Sequence[str], machine: Strict) -> Executed | None:
+def _read_third_party(
+    lines: Sequence[str], unknown_line: int, names: Mapping[str, str]
+) -> Executed | None:
     """Reads a program with words that no post writes as a third-party program.
 
     The words are a finding, so that a program of a post with such words never passes.
-    machine: the strict machine after it has run the lines.
+    unknown_line: first line with such a word.
+    names: signal by output.
     Returns None if this run stops before the first of these words.
     """
     from camgen.lang.gcode.replayed import interpret  # noqa: PLC0415 (only for words of others)
 
     program = interpret(lines)
-    if program.stopped and program.stopped[0] < machine.unknown_line:
+    if program.stopped and program.stopped[0] < unknown_line:
         return None
     what = "a word that camgen does not write; the program is read as LinuxCNC runs it"
     log = Log()
-    log.find("unusual", what, line=machine.unknown_line)
+    log.find("unusual", what, line=unknown_line)
     for line, note in program.remarks:
         log.find("unusual", str(note), line=line)
     if program.stopped:
@@ -845,7 +810,7 @@ def _read_foreign(lines: Sequence[str], machine: Strict) -> Executed | None:
         log.find("refused", f"{reason}; nothing from here on is read", line=line)
     elif not program.ended:
         log.find("refused", "the program has no end (M2 or M30)", line=len(lines))
-    body = rename(program.body, machine.expect.names)
+    body = rename(program.body, names)
     return Executed(body, program.lines, findings=log.list_findings())
 
 
@@ -859,9 +824,12 @@ def rename(body: Iterable[Instruction], names: Mapping[str, str]) -> tuple[Instr
     )
 
 
-def lines_of(files: Mapping[str, str]) -> Lines:
+def list_lines(files: Mapping[str, str]) -> list[str]:
     """The lines of all files in order, without their ends."""
-    return Lines(list(files.values()))
+    lines: list[str] = []
+    for text in files.values():
+        lines += text.removesuffix("\n").split("\n")
+    return lines
 
 
 def spiral(options: Mapping[str, object]) -> float:
@@ -883,5 +851,5 @@ def signals(options: Mapping[str, object], default: dict[str, str]) -> dict[str,
             "[post] signals", "is not a table of output words", remedy='e.g. { process = "P0" }'
         )
     return {
-        _COOLANTS.get(word, word.replace("P", "dout")): str(name) for name, word in table.items()
+        COOLANTS.get(word, word.replace("P", "dout")): str(name) for name, word in table.items()
     }

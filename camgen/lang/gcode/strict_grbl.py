@@ -7,16 +7,17 @@ the firmware answers with an error is refused.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 from msgspec.structs import replace
 
 from camgen.lang.gcode.arcs import Limits
 from camgen.lang.post_options import read_number
 from camgen.lang.programs import Executed
+from camgen.model.body import Body
 from camgen.model.program import Instruction, Output
 
-from .strict import Controller, Expect, lines_of, list_written, run, signals, spiral
+from .strict import Controller, Expect, list_lines, list_written, run, signals, spiral
 
 _CODES = """
     G0 G1 G2 G3 G4 G17 G18 G19 G20 G21 G40 G49 G53 G54 G55 G56 G57 G58 G59 G61 G80 G90 G91 G91.1 G94
@@ -49,21 +50,20 @@ def read(files: Mapping[str, str], options: Mapping[str, object]) -> Executed:
         lift=options.get("lift", False) is True,
         spiral=spiral(options),
     )
-    reading = list_written(run(lines_of(files), GRBL, expect))
+    reading = list_written(run(list_lines(files), GRBL, expect))
+    assert isinstance(reading.body, Body)
     return replace(reading, body=_rename_spindle(reading.body, names, power))
 
 
-def _rename_spindle(
-    body: Sequence[Instruction], names: Mapping[str, str], power: float
-) -> Sequence[Instruction]:
+def _rename_spindle(body: Body, names: Mapping[str, str], power: float) -> Body:
     """`body` with the spindle output under the name of the signal that uses it.
 
     A program uses this output for a spindle or for a signal, not for both. It is the signal if its
     value is always 0 or `power` with the sign of its code. A single other value makes it a spindle
     throughout. The body then differs from the plan.
     """
-    spindle = [item for item in body if isinstance(item, Output) and item.signal == "spindle"]
-    values = {output.value for output in spindle} - {0.0}
+    outputs = [item for item in body.objects if isinstance(item, Output)]
+    values = {item.value for item in outputs if item.signal == "spindle"} - {0.0}
     sign = -1.0 if any(value < 0 for value in values) else 1.0
     if values:
         signal = names.get("M4" if sign < 0 else "M3")
@@ -72,9 +72,9 @@ def _rename_spindle(
     if signal is None or any(abs(value - sign * power) > 1e-6 for value in values):
         return body
     renamed: list[Instruction] = []
-    for item in body:
+    for item in body.objects:
         if isinstance(item, Output) and item.signal == "spindle":
             renamed.append(Output(signal, 1.0 if item.value else 0.0))
         else:
             renamed.append(item)
-    return tuple(renamed)
+    return Body(body.packed, body.rotations, renamed)

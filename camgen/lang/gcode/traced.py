@@ -6,8 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 
-from camgen.lang.gcode.foreign import Foreign
-from camgen.lang.gcode.machine import Handler
+from camgen.lang.gcode.machine import Handler, Machine
 from camgen.lang.gcode.motion import target
 from camgen.lang.gcode.words import LineError
 from camgen.model.pose import Vec3
@@ -17,12 +16,12 @@ _POINTS = 512
 Vec2 = tuple[float, float]
 
 
-def _feed(m: Foreign, points: Sequence[Vec3], speed: float) -> None:
+def _feed(m: Machine, points: Sequence[Vec3], speed: float) -> None:
     m.start()
     m.pieces([(None, point) for point in points], speed)
 
 
-def _spline(m: Foreign, code: str, words: dict[str, float]) -> None:
+def _spline(m: Machine, code: str, words: dict[str, float]) -> None:
     """G5, a cubic curve of Bezier by I J and P Q; G5.1, a square one by I J. In X and Y, as LinuxCNC has them."""
     if m.plane != "G17":
         raise LineError(f"{code} outside the plane of X and Y (G17)")
@@ -65,7 +64,7 @@ def _bezier(points: Sequence[Vec2]) -> Callable[[float], Vec2]:
     return at
 
 
-def _divide(m: Foreign, curve: Callable[[float], Vec2], low: float, high: float) -> list[Vec3]:
+def _divide(m: Machine, curve: Callable[[float], Vec2], low: float, high: float) -> list[Vec3]:
     """Points along a curve, between which lines leave it by no more than those of a helix."""
     count = 8
     while count < _POINTS:
@@ -79,7 +78,7 @@ def _divide(m: Foreign, curve: Callable[[float], Vec2], low: float, high: float)
     return [(*curve(k / count), low + (high - low) * k / count) for k in range(1, count + 1)]
 
 
-def _knots(m: Foreign, code: str, words: dict[str, float]) -> None:
+def _knots(m: Machine, code: str, words: dict[str, float]) -> None:
     """G5.2 begins a NURBS and gathers its control points with their weights P; G5.3 draws it."""
     if code == "G5.2":
         weight = words.pop("P", 0.0)
@@ -129,7 +128,7 @@ def _nurbs(control: Sequence[tuple[Vec2, float]], order: int) -> Callable[[float
     return at
 
 
-def _turns(m: Foreign, code: str) -> float:
+def _turns(m: Machine, code: str) -> float:
     """Turns per second, which threads need."""
     if m.spindle == "M5" or not m.speed:
         m.log.find("refused", f"{code} while the spindle stands")
@@ -137,7 +136,7 @@ def _turns(m: Foreign, code: str) -> float:
     return m.speed / 60.0
 
 
-def _thread(m: Foreign, code: str, words: dict[str, float]) -> None:
+def _thread(m: Machine, code: str, words: dict[str, float]) -> None:
     """G33 K: with the spindle, K mm per turn. G33.1: there and back."""
     pitch = (
         abs(words.pop("K")) * m.scale
@@ -152,7 +151,7 @@ def _thread(m: Foreign, code: str, words: dict[str, float]) -> None:
     _feed(m, [there] if code == "G33" else [there, begin], speed)
 
 
-def _threads(m: Foreign, code: str, words: dict[str, float]) -> None:
+def _threads(m: Machine, code: str, words: dict[str, float]) -> None:
     """G76 of LinuxCNC: passes of a thread, as its interpreter cuts them."""
     w = {letter: words.pop(letter, 0.0) for letter in "IJKPQRHEL"}
     pitch, first, full, peak = (w[letter] * m.scale for letter in "PJKI")
@@ -190,12 +189,12 @@ def _threads(m: Foreign, code: str, words: dict[str, float]) -> None:
     _go(m, (x0, y0, bottom - full * tangent if z1 < z0 else bottom + full * tangent))
 
 
-def _go(m: Foreign, end: Vec3) -> None:
+def _go(m: Machine, end: Vec3) -> None:
     if list(end) != m.at:
         m.rapid(end, (0, 1, 2))
 
 
-def _probe(m: Foreign, code: str, words: dict[str, float]) -> None:
+def _probe(m: Machine, code: str, words: dict[str, float]) -> None:
     """To its end: how far it goes is not in the text."""
     end = target(m, words)
     m.insist_on_feed(code)

@@ -16,7 +16,7 @@ from msgspec import Struct
 from camgen.geometry.arcs import circle, turn_about
 from camgen.lang.gcode.compensation import OffsetPath
 from camgen.lang.gcode.drilling import speed_of
-from camgen.lang.gcode.foreign import Foreign
+from camgen.lang.gcode.machine import Machine
 from camgen.lang.gcode.words import LineError
 from camgen.model.pose import Vec3
 from camgen.model.program import MoveC, MoveJ, MoveL, Packing
@@ -41,7 +41,7 @@ class _Roughing(Struct, frozen=True):
     fanuc: bool
 
 
-def turn(m: Foreign, code: str, words: dict[str, float]) -> None:
+def turn(m: Machine, code: str, words: dict[str, float]) -> None:
     """One of the cycles. LinuxCNC names its profile as a subroutine (Q), Fanuc by the numbers of its lines (P, Q)."""
     fanuc = m.dialect.diameter
     if fanuc and "P" not in words:
@@ -66,7 +66,7 @@ def turn(m: Foreign, code: str, words: dict[str, float]) -> None:
         m.path = path
 
 
-def _leave_path(m: Foreign, code: str) -> OffsetPath | None:
+def _leave_path(m: Machine, code: str) -> OffsetPath | None:
     """Turns cutter compensation off for a cycle. Returns its path."""
     path, m.path = m.path, None
     if path is not None:
@@ -81,7 +81,7 @@ def _leave_path(m: Foreign, code: str) -> OffsetPath | None:
     return path
 
 
-def _remove(m: Foreign, code: str, words: dict[str, float], steps: range, begin: Vec3) -> None:
+def _remove(m: Machine, code: str, words: dict[str, float], steps: range, begin: Vec3) -> None:
     """G71 and G72."""
     fanuc = m.dialect.diameter
     m.insist_on_feed(code)
@@ -90,15 +90,13 @@ def _remove(m: Foreign, code: str, words: dict[str, float], steps: range, begin:
         raise LineError(f"{code}: the profile moves nothing")
     m.assume(
         f"{code}: passes to where each first meets the profile, as of one that does not go back",
-        "",
-        0.0,
     )
     _rough(m, _words_of(m, code, words, fanuc), profile, begin)
     if fanuc:
         m.leap = ("GOTO", words["Q"], 1, None)
 
 
-def _begin_of(m: Foreign, words: dict[str, float], fanuc: bool) -> Vec3:
+def _begin_of(m: Machine, words: dict[str, float], fanuc: bool) -> Vec3:
     """Where the cycle begins: where the tool is, or X and Z of LinuxCNC's."""
     x, y, z = m.here()
     if fanuc:
@@ -107,7 +105,7 @@ def _begin_of(m: Foreign, words: dict[str, float], fanuc: bool) -> Vec3:
     return x, y, words["Z"] * m.scale + m.shift[2] if "Z" in words else z
 
 
-def _words_of(m: Foreign, code: str, words: dict[str, float], fanuc: bool) -> _Roughing:
+def _words_of(m: Machine, code: str, words: dict[str, float], fanuc: bool) -> _Roughing:
     across = 0 if code.startswith("G71") else 2
     if not fanuc:
         left = words.get("D", 0.0) * m.scale
@@ -124,7 +122,7 @@ def _words_of(m: Foreign, code: str, words: dict[str, float], fanuc: bool) -> _R
     return _Roughing(across, cut, back, shift, True)
 
 
-def _record(m: Foreign, steps: range) -> list[Item]:
+def _record(m: Machine, steps: range) -> list[Item]:
     """The motions of the steps of a profile, which are not run now."""
     kept = m.body, m.lines, list(m.at), m.motion, m.feed, m.line, m.incremental, m.side
     m.body, m.lines = Packing(), array("q")
@@ -137,12 +135,12 @@ def _record(m: Foreign, steps: range) -> list[Item]:
         m.path, m.left_path = None, False
 
 
-def _flush(m: Foreign) -> None:
+def _flush(m: Machine) -> None:
     if m.path is not None:
         m.path.flush()
 
 
-def _finish(m: Foreign, words: dict[str, float], steps: range, begin: Vec3, fanuc: bool) -> None:
+def _finish(m: Machine, words: dict[str, float], steps: range, begin: Vec3, fanuc: bool) -> None:
     """G70: the profile as it stands, and of Fanuc back to where the cycle began. LinuxCNC: P times, from D to E off."""
     if fanuc:
         m.run_lines(steps)
@@ -154,13 +152,13 @@ def _finish(m: Foreign, words: dict[str, float], steps: range, begin: Vec3, fanu
     start, end = (words.get(letter, 0.0) * m.scale for letter in "DE")
     profile = _record(m, steps)
     if start or end:
-        m.assume("G70 with D or E: the profile is moved along X by as much", "", 0.0)
+        m.assume("G70 with D or E: the profile is moved along X by as much")
     for k in range(times):
         off = start + (end - start) * k / max(times - 1, 1)
         _follow(m, profile, (off, 0.0))
 
 
-def _follow(m: Foreign, profile: Sequence[Item], shift: tuple[float, float]) -> None:
+def _follow(m: Machine, profile: Sequence[Item], shift: tuple[float, float]) -> None:
     """Along the profile, which begins with a rapid motion or not."""
 
     def moved(point: Vec3) -> Vec3:
@@ -192,7 +190,7 @@ def _points(profile: Sequence[Item], begin: Vec3) -> Iterator[tuple[float, float
         here = end
 
 
-def _rough(m: Foreign, how: _Roughing, profile: Sequence[Item], begin: Vec3) -> None:
+def _rough(m: Machine, how: _Roughing, profile: Sequence[Item], begin: Vec3) -> None:
     """Passes along Z (G71) or X (G72), each nearer, then along the profile, and of Fanuc back to where it began."""
     across, along = how.across, 2 - how.across
     points = [(x + how.shift[0], z + how.shift[1]) for x, z in _points(profile, begin)]
@@ -224,7 +222,7 @@ def _meet(points: Sequence[tuple[float, float]], across: int, level: float) -> f
 
 
 def _pass(
-    m: Foreign, how: _Roughing, begin: Vec3, level: float, end: float, way: float, side: float
+    m: Machine, how: _Roughing, begin: Vec3, level: float, end: float, way: float, side: float
 ) -> None:
     """One pass: to its level, along, off by ``back`` at 45 degrees, and back."""
     across, along = how.across, 2 - how.across

@@ -37,7 +37,6 @@ class Parameters:
     """The parameters of a program.
 
     machine: returns the value of a parameter of the machine by number or name, None if unknown.
-    takes: returns whether a line may set this parameter of the machine.
     numbered: values of #31 to #5000, and of the parameters of the machine that lines have set.
     shared: values of names that begin with an underscore.
     arguments: values of #1 to #30 of the subroutine that runs.
@@ -45,7 +44,6 @@ class Parameters:
     """
 
     machine: Callable[[str], float | None]
-    takes: Callable[[int], bool] = lambda _: False
     numbered: dict[int, float] = field(default_factory=dict)
     shared: dict[str, float] = field(default_factory=dict)
     arguments: dict[int, float] = field(default_factory=dict)
@@ -78,7 +76,7 @@ class Parameters:
             if self.machine(key) is not None:
                 raise LineError(f"#<{key}> cannot be set")
             (self.shared if key.startswith("_") else self.named)[key] = value
-        elif key < 1 or (key > GLOBALS and not self.takes(key)):
+        elif key < 1 or 5400 <= key <= 5428:
             raise LineError(f"#{key} is a value of the machine and is not set here")
         else:
             (self.arguments if key <= LOCALS else self.numbered)[key] = value
@@ -296,7 +294,7 @@ _NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)")
 #: A comment in parentheses, or one that runs to the end of the line.
 COMMENT = re.compile(r"\(([^()]*)\)|;.*")
 _NUMBERED = re.compile(r"n[0-9]+(?:\.[0-9]*)?")
-_BLANKS = str.maketrans("", "", " \t\r\f\v")
+BLANKS = str.maketrans("", "", " \t\r\f\v")
 _LETTERS = frozenset("abcdefghijklmpqrstuvwxyz@^$")
 #: Largest number of a word: mm, mm/min or rpm.
 _HUGE = 1e7
@@ -315,7 +313,7 @@ def bare(raw: str) -> str:
         if re.search(r"\(\s*(?:probeopen|abort)\b", raw, re.IGNORECASE):
             raise LineError("an active comment that stops or probes")
         raw = without_comments(raw)
-    return without_number(raw.translate(_BLANKS).lower().removeprefix("/"))
+    return without_number(raw.translate(BLANKS).lower().removeprefix("/"))
 
 
 def without_comments(raw: str) -> str:
@@ -423,4 +421,5 @@ def tell_unread(code: str, otherwise: str) -> str:
 
 @lru_cache(maxsize=1024)
 def _name(letter: str, number: float) -> str:
-    return f"{letter}{round(number, 3):g}"
+    # The sum turns -0 into 0: both are one key of the cache.
+    return f"{letter}{round(number, 3) + 0.0:g}"

@@ -1,0 +1,426 @@
+"""How a line of a third-party program is read: as the dialect of its controller spells it.
+
+A value that the text does not hold is an assumption. A wrong line is a finding, and an effect that
+no other machine has is a loss. The run goes on after both.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+
+from camgen.lang.gcode.dialects import LOSSES
+from camgen.lang.gcode.machine import ARCS, AXES, Grammar, Machine
+from camgen.lang.gcode.macros import assign, take_arguments
+from camgen.lang.gcode.words import (
+    BLANKS,
+    COMMENT,
+    GROUP,
+    Line,
+    LineError,
+    Parameters,
+    UnknownWord,
+    bare,
+    drop_comments,
+    without_number,
+    words_of,
+)
+from camgen.model.program import Output
+
+_TEXT = re.compile(
+    r"[ \t]*(?:[nN][0-9]+)?[ \t]*[mM](?:117|118|23|28|30|32|98[ \t]*P\")\b[^;]*[A-Za-z]{3}"
+)
+_MACRO = re.compile(r"[ \t]*[A-Za-z_]{3,}(?![\[#])|[ \t]*\{")
+_QUOTED = re.compile(r'"[^"]*"?')
+_TEXTS = re.compile(r"^([ \t]*(?:[nN][0-9]+[ \t]*)?[mM][0-9.]+).*[A-Za-z]{2}.*")
+_FLAG = re.compile(r"([A-Za-z])(?=[ \t]*(?:[A-Za-z]|$))")
+_EXPONENT = re.compile(
+    r"[A-FH-LN-Z][ \t]*[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)E[-+]?[0-9]+(?![.0-9])", re.IGNORECASE
+)
+_HAS_E = re.compile(r"g76|m6[78]")
+_LOGS = re.compile(r"[ \t]*\([ \t]*(?:probeopen|probeclose)\b", re.IGNORECASE)
+_PLAIN = re.compile(r"(?:[a-z][+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))*")
+_PARTS = dict(zip("UVW", AXES, strict=True))
+_WORKING = ("G1", *ARCS)
+_PLANES = {"G17": ("X", "Y"), "G18": ("Z", "X"), "G19": ("Y", "Z")}
+#: Words that a cycle keeps until its line has its feed, by group.
+_CYCLE_WORDS = {"circular pocket": "DIKLQXYZ", "turning": "DEIKLPQRUWXZ"}
+_NO_HEIGHT = "begin the program with its height (G0 Z5)"
+_IN_STEP = "the spindle keeps step with the feed, for which programs here have no word"
+_PROBES = "probes: how far it goes is not in the text"
+#: Codes whose effect depends on their machine, with the reason.
+_OF_ITS_MACHINE = {
+    **dict.fromkeys(("G33", "G33.1", "G76"), f"cuts a thread: {_IN_STEP}"),
+    **dict.fromkeys(("G74", "G84"), f"taps: {_IN_STEP}"),
+    **dict.fromkeys(("G38.2", "G38.3", "G38.4", "G38.5"), _PROBES),
+    **dict.fromkeys(
+        ("G70", "G71", "G71.1", "G71.2", "G72", "G72.1", "G72.2"), "is of a lathe: the part turns"
+    ),
+    "G7": "is of a lathe: X is a diameter",
+    "G87": "stops the spindle at an angle and goes in beside the hole",
+    "G88": "lets the operator bring the tool up",
+    "G96": "is of a lathe: the spindle turns faster towards the centre",
+    "M19": "turns the spindle to an angle",
+    "M66": "waits for an input",
+}
+#: Codes that must not come while the coordinates are rotated.
+_SHIFTS = frozenset(["G52", "G92", *(f"G{n}" for n in range(54, 60))])
+#: Codes that use the axis words of a line for themselves.
+_TAKE_AXES = frozenset(["G10", "G28", "G30", "G52", "G92"])
+
+
+def read_grammar(m: Machine) -> Grammar:
+    """The words that change the flow. All dialects but GRBL have numbers of programs."""
+    dialect = m.dialect
+    numbers = dialect.open or dialect.flow
+    return Grammar(dialect.flow, numbers, dialect.increments, dialect.nested)
+
+
+# -- text -> codes and words -----------------------------------------------------------------------
+
+
+def clean(m: Machine, raw: str) -> str:
+    """The words of a line as its controller reads them. Raises LineError."""
+    m.raw, dialect = raw, m.dialect
+    if dialect.name == "iso" and raw.lstrip().startswith("["):
+        # A comment of WinCNC.
+        return ""
+    if raw.startswith(("\ufeff", "\xef\xbb\xbf")):
+        raw = raw.lstrip("\ufeff\xef\xbb\xbf")
+    start, shown = raw.lstrip(), raw.strip()[:40]
+    if dialect.name == "grbl" and start[:1] in ("$", "?", "!", "~"):
+        m.log.fact("settings of the machine", shown)
+        if start[:2].upper() in ("$J", "$H"):
+            m.log.lose(f"{shown}: a motion of GRBL beside the program")
+        return ""
+    if dialect.extruder and (_TEXT.match(raw) or (_MACRO.match(raw) and start[:1] != "(")):
+        shown = raw.partition(";")[0].strip()[:40]
+        m.log.fact("not evaluated", shown)
+        m.log.lose(f"{shown} is not evaluated")
+        return ""
+    if dialect.name.startswith("fanuc") and start[:1] in ("%", ":"):
+        return ""
+    why = "whether they are depends on a switch of the operator"
+    if start[:1] == "/" and m.assume("lines with / are run", "block_delete", why=why):
+        return ""
+    if dialect.nested or dialect.name == "grbl":
+        text = drop_comments(raw, dialect.nested)
+        text = _as_printers_read(text) if dialect.extruder else text
+        return without_number(text.translate(BLANKS).lower().lstrip("/").removesuffix("%"))
+    if _LOGS.match(raw):
+        m.log.fact("left out", shown)
+        return ""
+    return bare(raw)
+
+
+def _as_printers_read(text: str) -> str:
+    """A line without its checksum and texts in quotes; a letter without a number is a flag."""
+    text = _QUOTED.sub("0", text.partition("*")[0])
+    return _FLAG.sub(r"\1 0", _TEXTS.sub(r"\1", text))
+
+
+def parse(m: Machine, text: str, known: Parameters) -> Line:
+    """Codes by group and words of a line, with a loss for each code that no other machine has.
+
+    Raises LineError. An unreadable line may be a macro of its controller.
+    """
+    dialect = m.dialect
+    if dialect.letters:
+        _insist_on_plain(text, dialect.name, dialect.letters)
+    if "e" in text and not dialect.extruder:
+        _insist_on_no_exponent(m.raw, text)
+    try:
+        if dialect.increments and _is_assignment(text, known):
+            return {}, {}
+        codes, words = words_of(text, known, lambda code: _find_group(m, code))
+    except UnknownWord:
+        raise
+    except LineError as error:
+        if dialect.open and str(error).startswith("cannot read"):
+            raise UnknownWord(f"{error}; what follows may depend on it") from error
+        raise
+    for code in codes.values():
+        usual = dialect.names.get(code, code)
+        if usual in _OF_ITS_MACHINE:
+            m.log.lose(f"{code} {_OF_ITS_MACHINE[usual]}")
+    return codes, words
+
+
+def _insist_on_plain(text: str, name: str, letters: str) -> None:
+    """Raises LineError for other words than letters of a dialect with plain numbers."""
+    odd = _PLAIN.sub("", text, count=1)
+    if odd:
+        what = f"{name} takes letters with plain numbers alone"
+        raise LineError(f"cannot read {odd[:12]!r}: {what}")
+    for letter in text:
+        if letter.isalpha() and letter not in letters:
+            raise LineError(f"{letter.upper()} is no word of {name}")
+
+
+def _insist_on_no_exponent(raw: str, text: str) -> None:
+    """Raises LineError for a number such as 1.2E-07, unless E is a word of G76, M67 or M68."""
+    number = _EXPONENT.search(COMMENT.sub("", raw))
+    if number and not _HAS_E.search(text):
+        what = "which G-code does not have; write it with its decimals"
+        raise LineError(f"{number[0]} is a number with an exponent, {what}")
+
+
+def _is_assignment(text: str, known: Parameters) -> bool:
+    """Whether a line only sets a parameter, as a macro of Fanuc. Raises LineError."""
+    try:
+        return assign(text, known)
+    except LineError as error:
+        if str(error).startswith("cannot read"):
+            # Words may follow the value.
+            return False
+        raise
+
+
+def _find_group(m: Machine, code: str) -> str:
+    """The modal group of a code. An idle or an unknown code has its own group. Raises LineError."""
+    dialect = m.dialect
+    if code in dialect.idle:
+        return f"idle {code}"
+    meant = dialect.names.get(code, code)
+    known = dialect.codes.get(code) if meant == code else GROUP.get(meant)
+    if known is not None:
+        return known
+    if not dialect.open:
+        raise LineError(f"{code} is not a code of {dialect.name}")
+    return f"unknown {code}"
+
+
+# -- what only some controllers have, before the other codes of a line -----------------------------
+
+
+def begin(m: Machine, codes: dict[str, str], words: dict[str, float]) -> None:
+    """Renames the codes of the dialect, and removes those of no modal group. Raises LineError."""
+    dialect = m.dialect
+    for group in [group for group in codes if group.startswith(("idle ", "unknown "))]:
+        kind, _, code = group.partition(" ")
+        del codes[group]
+        act = _leave_out if kind == "idle" else _pass_over
+        act(m, code, codes, words)
+    for group, code in codes.items() if dialect.names else ():
+        codes[group] = dialect.names.get(code, code)
+    _judge(m, codes, words)
+    if "S" in words and dialect.has_beams and codes.get("motion", m.motion) in _WORKING:
+        m.varies_power |= any(axis in words for axis in AXES)
+    _begin_wider(m, codes, words)
+    if "subprogram" in codes:
+        _call(m, codes["subprogram"], words)
+    if dialect.extruder:
+        _extrude(m, codes, words)
+    if dialect.increments:
+        _add_up(m, codes, words)
+    if dialect.diameter:
+        _turn(m, codes, words)
+    if m.lathe and "X" in words:
+        words["X"] /= 2
+
+
+def _leave_out(m: Machine, code: str, codes: Mapping[str, str], words: dict[str, float]) -> None:
+    """Removes the words of a code that moves nothing."""
+    dialect = m.dialect
+    m.log.fact(dialect.idle[code], code)
+    if dialect.idle[code] in LOSSES:
+        m.log.lose(f"{code}: {dialect.idle[code]}")
+    if dialect.extruder and code in ("M82", "M83"):
+        m.filament_adds = code == "M83"
+    if code[0] == "G" and "motion" not in codes and code != "G15":
+        if dialect.diameter and code == "G50" and "S" in words:
+            m.most_turns = words["S"]
+        _remove(words, "FT")
+    elif code[0] == "M" and (dialect.extruder or not any(axis in words for axis in AXES)):
+        words.clear()
+
+
+def _pass_over(m: Machine, code: str, codes: Mapping[str, str], words: dict[str, float]) -> None:
+    """Adds a loss for an unknown code. Raises UnknownWord if it may be a motion."""
+    if code[0] == "G" and "motion" not in codes and any(axis in words for axis in "XYZIJKR"):
+        raise UnknownWord(f"{code} is not known, and what follows depends on where it leads")
+    what = f"{code} is not known and not evaluated"
+    m.log.fact("not evaluated", code)
+    m.log.lose(what)
+    if code[0] == "G":
+        m.log.find("unusual", what, once=code)
+    if "motion" not in codes and (m.dialect.extruder or not any(axis in words for axis in AXES)):
+        _remove(words, "FST")
+
+
+def _remove(words: dict[str, float], kept: str) -> None:
+    """Removes the words of all letters but those that are kept."""
+    for letter in [letter for letter in words if letter not in kept]:
+        del words[letter]
+
+
+def _judge(m: Machine, codes: Mapping[str, str], words: Mapping[str, float]) -> None:
+    """Adds findings for lines that controllers of the dialect refuse."""
+    dialect = m.dialect
+    if not dialect.open and "motion" in codes and codes.get("offsets") in _TAKE_AXES:
+        both = f"{codes['motion']} and {codes['offsets']}"
+        m.log.find("refused", f"{both} both use the axis words of the line")
+    if not dialect.open and "mist" in codes and "flood" in codes:
+        m.log.find("refused", "M7 and M8 are of one group (coolant)")
+    arc = codes.get("motion", m.motion)
+    if dialect.ends_arcs and arc in ARCS and any(letter in words for letter in "IJKR"):
+        first, second = _PLANES[codes.get("plane", m.plane)]
+        if first not in words and second not in words:
+            what = f"{arc} names neither {first} nor {second}: {dialect.name} turns it down"
+            m.log.find("refused", what)
+
+
+def _begin_wider(m: Machine, codes: dict[str, str], words: dict[str, float]) -> None:
+    """Removes codes and words that only some controllers have."""
+    m.cycle = None
+    for group, used in _CYCLE_WORDS.items():
+        if group in codes:
+            kept = {letter: words.pop(letter) for letter in [*words] if letter in used}
+            m.cycle = (group, codes.pop(group), kept)
+    for group in ("rotation", "modal macro"):
+        if group in codes:
+            m.plane = codes.get("plane", m.plane)
+            m.profile.handlers[group](m, codes.pop(group), words)
+    m.moving = any(letter in words for letter in "XYZUVW") and "offsets" not in codes
+    if m.rotation is not None and _SHIFTS & set(codes.values()):
+        what = "the origin is moved while the coordinates are rotated (G68)"
+        m.log.find("unusual", what, once="rotated")
+        m.log.lose(what)
+
+
+def _call(m: Machine, code: str, words: dict[str, float]) -> None:
+    """M97, M98 and G65 call a subprogram, and M99 ends it, or the program."""
+    number, times = words.pop("P", 0.0), int(words.pop("L", 1.0))
+    if code == "M98" and number >= 10_000 and m.dialect.name.startswith("fanuc"):
+        number, times = number % 10_000, int(number) // 10_000
+    if code == "M99" and not m.inside():
+        m.log.fact("left out", "M99 begins the program again; it is run once")
+        m.ended = True
+        return
+    given = take_arguments(words) if code == "G65" else None
+    m.leap = (code, number, min(times, 10_000), given)
+
+
+def _extrude(m: Machine, codes: Mapping[str, str], words: dict[str, float]) -> None:
+    """Words of a printer: S of a dwell, s, and E, which feeds filament."""
+    if "dwell" in codes and "S" in words:
+        words["P"] = words.pop("S") * 1000.0
+    if "E" not in words:
+        return
+    value = words.pop("E")
+    if codes.get("offsets") == "G92":
+        m.at_filament = value
+        return
+    m.filament += value if m.filament_adds else value - m.at_filament
+    if value != (0.0 if m.filament_adds else m.at_filament):
+        m.log.lose("E feeds filament: only X, Y and Z are replayed")
+    m.at_filament = m.at_filament + value if m.filament_adds else value
+    if m.motion == "G0" and "motion" not in codes:
+        m.motion = "G1"
+
+
+def _add_up(m: Machine, codes: Mapping[str, str], words: dict[str, float]) -> None:
+    """Adds U, V and W as increments to X, Y and Z."""
+    for letter, axis in _PARTS.items():
+        if letter not in words or axis in words:
+            continue
+        k, is_diameter = AXES.index(axis), m.dialect.diameter and axis == "X"
+        by = words.pop(letter) / (2 if is_diameter else 1)
+        place = m.turned(list(m.at), True)[k]
+        words[axis] = by if m.incremental else (place - m.shift[k]) / m.scale + by
+        if is_diameter:
+            words[axis] *= 2
+        if "offsets" not in codes:
+            m.known[k] = True
+
+
+def _turn(m: Machine, codes: dict[str, str], words: dict[str, float]) -> None:
+    """Words of a lathe: T0102 is tool 1 with offset 2, and X is a diameter."""
+    if words.get("T", 0.0) >= 100:
+        words["T"] = float(int(words["T"]) // 100)
+        codes.setdefault("tool change", "M6")
+    if "X" in words and not m.lathe:
+        m.lathe = bool(m.assume("X is a diameter", "diameter", 1.0, "as on most lathes"))
+        m.log.lose("a program of a lathe: the part turns, which no machine here does")
+
+
+def end(m: Machine, words: dict[str, float]) -> None:
+    """Runs the cycle and the macro of the line, and adds losses for words without a use.
+
+    Raises LineError.
+    """
+    if m.cycle is not None:
+        group, code, cycle_words = m.cycle
+        m.profile.handlers[group](m, code, cycle_words)
+    if m.modal is not None and m.moving and m.leap is None and m.inside() == m.modal_depth:
+        m.leap = m.modal
+    if not m.dialect.open:
+        return
+    for letter in [letter for letter in words if letter != "F"]:
+        words.pop(letter)
+        what = f"word {letter}: nothing in the line uses it"
+        # The number of an offset, which a later line may use.
+        if letter in "HD":
+            m.log.fact("left out", what)
+            continue
+        m.log.find("unusual", what, once=f"idle {letter}")
+        m.log.lose(what)
+
+
+# -- motions ---------------------------------------------------------------------------------------
+
+
+def settle(m: Machine, code: str, words: Mapping[str, float], cycle: bool) -> None:
+    """Judges units, spindle, compensation and tool length before a motion.
+
+    code: code of the line.
+    """
+    if m.unit is None:
+        why = "neither G20 nor G21 stands before the first motion"
+        m.unit = 25.4 if m.assume("lengths are mm", "inch", why=why) else 1.0
+    is_working = "G0" not in (code, m.motion)
+    if m.adrift:
+        m.adrift -= {k for k, axis in enumerate(AXES) if axis in words and not m.incremental}
+        if m.adrift and is_working:
+            names = " ".join(AXES[k] for k in sorted(m.adrift))
+            what = f"a motion at feed from where no line says: {names} came from a stored position"
+            m.log.find("unusual", what, once="adrift")
+            m.adrift.clear()
+    if m.spindle != "M5":
+        m.halted = 0
+    elif m.halted and (cycle or is_working):
+        what = f"M6 stopped it (line {m.halted}), and no M3 follows"
+        m.log.find("dangerous", f"cuts with a spindle that does not turn: {what}")
+        m.halted = 0
+    if cycle and m.side and not m.dialect.open:
+        m.log.find("refused", f"{m.motion} with cutter compensation on")
+    if m.left_path and m.motion in ARCS and not m.dialect.open:
+        what = f"{m.motion} right after G40: the way off the path is straight"
+        m.log.find("refused", what)
+    m.left_path = False
+    if "Z" in words and m.length == "G49" and m.reached and not cycle:
+        what = "Z moves after G49 without the length of the tool: its tip goes lower by as much"
+        m.log.find("dangerous", what, once="G49")
+        m.reached = False
+    m.length_at_z = m.length
+
+
+def stand(m: Machine, code: str) -> None:
+    """A motion code without axis words. Raises LineError for an arc."""
+    if code in ARCS:
+        raise LineError(f"{code} without an end point or centre")
+    # LinuxCNC moves to the place where the tool stands.
+    m.held += code in ("G0", "G1") and not m.has_position
+
+
+def switch(m: Machine, signal: str, value: float) -> None:
+    """Sets an output. A switch at an unknown height is a loss."""
+    if m.held > 0 and not m.has_position and not value and _was_on(m, signal):
+        m.log.lose(f"{signal} is on and off again where Z is not known; {_NO_HEIGHT}")
+    m.add(Output(signal, value))
+
+
+def _was_on(m: Machine, signal: str) -> bool:
+    """Return whether the program has switched an output on."""
+    outputs = (item for item in m.body if isinstance(item, Output))
+    return any(item.signal == signal and item.value for item in outputs)
