@@ -88,7 +88,7 @@ class _Hull(Struct, eq=False):
         self.add([(a, b, corner) for a, b in horizon], rows[rows != corner])
 
     def _find_visible(self, number: int, corner: int) -> list[int]:
-        """The connected triangles that are not farther behind than the tolerance from a point."""
+        """The connected triangles that a point is outside of, or inside by up to the tolerance."""
         point = self.points[corner]
         visible, border = [number], [number]
         seen = {number}
