@@ -116,7 +116,7 @@ class Nesting(Struct, frozen=True, eq=False):
     """How N loops lie in each other.
 
     depth: (N,) number of loops around each one.
-    parent: (N,) the smallest loop around each one, -1 if there is none.
+    parent: (N,) the smallest loop around each one, or -1.
     area: (N,) mm2, positive counter-clockwise.
     crossed: (N,) another loop that each one crosses, itself if it crosses itself, -1 if none.
     empty: (N,) whether a loop has no inside, such as a line there and back.

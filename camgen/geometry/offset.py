@@ -31,7 +31,7 @@ from camgen.geometry.segments import (
 )
 from camgen.geometry.stitch import stitch
 from camgen.geometry.uncross import LEAST_SLIP
-from camgen.geometry.vectors import turns
+from camgen.geometry.vectors import turn_right, turns
 from camgen.model.pose import FloatArray
 
 #: A piece is kept if there is free space beyond its middle: a thousandth of its length, within
@@ -134,8 +134,8 @@ def _make_candidates(
     centre = source.end[before[outer]]
     start, end, bulge = (column[alive] for column in moved)
     candidates = make(
-        np.concatenate([start, centre + distance * _right(first[outer])]),
-        np.concatenate([end, centre + distance * _right(second[outer])]),
+        np.concatenate([start, centre + distance * turn_right(first[outer])]),
+        np.concatenate([end, centre + distance * turn_right(second[outer])]),
         np.concatenate([bulge, np.tan(turn[outer] / 4)]),
         np.concatenate([source.owner[alive], source.owner[before[outer]]]),
     )
@@ -179,8 +179,8 @@ def _move_sideways(
     # An arc is extended by fractions below 0 and above 1, a line along its tangent.
     tangent = tangents_at(source, at_start), tangents_at(source, at_end)
     start, end = points_at(source, -begin), points_at(source, 1 + finish)
-    start = start + distance * _right(tangents_at(source, -begin))
-    end = end + distance * _right(tangents_at(source, 1 + finish))
+    start = start + distance * turn_right(tangents_at(source, -begin))
+    end = end + distance * turn_right(tangents_at(source, 1 + finish))
     line = ~source.is_arc
     start[line] -= early[line, None] * tangent[0][line]
     end[line] += late[line, None] * tangent[1][line]
@@ -207,11 +207,6 @@ def _plain_corners(
     miss = extension**2 / 2 * bends
     is_flat = (turn > 0) & (turn < _PLAIN_TURN)
     return np.asarray(is_flat & (overshoot <= mitre) & (miss <= _MISS))
-
-
-def _right(direction: FloatArray) -> FloatArray:
-    """(N, 2) directions turned right by a quarter turn."""
-    return np.column_stack([direction[:, 1], -direction[:, 0]])
 
 
 def _may_have_room(
@@ -308,6 +303,6 @@ def _have_room(
     middle = (low + high) / 2
     step = np.clip(_BEYOND_FRACTION * chosen.length * (high - low), *_BEYOND)
     points = points_at(chosen, middle)
-    beyond = points + step[:, None] * _right(tangents_at(chosen, middle))
+    beyond = points + step[:, None] * turn_right(tangents_at(chosen, middle))
     near = obstacles.nearer_than(points, label, np.full(len(label), distance - _ROUNDING_MM))
     return ~(near | obstacles.nearer_than(beyond, label, distance + step / 2))

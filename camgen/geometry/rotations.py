@@ -128,5 +128,5 @@ def _sines(r: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _angles(doubled: FloatArray, trace: FloatArray) -> FloatArray:
-    """(N,) angles from the results of `_sines`; the trace alone cannot tell 1e-8 rad from 0."""
+    """(N,) angles from the results of `_sines`; the trace alone is the same for 1e-8 rad and 0."""
     return np.asarray(np.arctan2(np.linalg.norm(doubled, axis=1), trace - 1.0))

@@ -94,7 +94,7 @@ def _find_meetings(
 def _remove_tails(
     length: FloatArray, ends: IntArray, starts: IntArray
 ) -> tuple[BoolArray, IntArray, IntArray]:
-    """Removes short pieces that have a free end, until there are none.
+    """Removes short pieces that have a free end, until no such piece is left.
 
     Returns whether each piece remains (N,), and the meetings that remain.
     """
@@ -156,8 +156,8 @@ def _find_connection(
 ) -> list[int]:
     """The fewest pieces from the end of `begin` to a long piece, which is the last of them.
 
-    Only pieces that are not in `taken` are used. Without a long one, the first piece that is free.
-    Empty if there is none. From a short piece a loop back to itself counts as well.
+    Only pieces that are not in `taken` are used. Without a long piece, the result is the first free
+    one, or empty. From a short piece a loop back to itself counts as well.
 
     options: the pieces that can follow each piece, best first.
     """

@@ -90,3 +90,8 @@ def angles(a: FloatArray, b: FloatArray) -> FloatArray:
 def turns(a: FloatArray, b: FloatArray) -> FloatArray:
     """(N,) angles from vectors a to b (N, 2), rad, -pi to pi, counter-clockwise positive."""
     return np.asarray(np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], dots(a, b)))
+
+
+def turn_right(vectors: FloatArray) -> FloatArray:
+    """`vectors` (N, 2) turned by a quarter turn to the right."""
+    return np.column_stack([vectors[:, 1], -vectors[:, 0]])
