@@ -1,7 +1,8 @@
-"""Arcs in space: start, via and end are three points of an arc, in order. Arrays have a row for each, mm and rad.
+"""Arcs in space, each given by three points in order: start, via and end.
 
-Where via is said to be half-way, the arc is at most half a circle, and NaN as via makes a straight line. Single arcs
-are worked out without arrays, on three numbers ten times as fast.
+Arrays have one row per arc; units are mm and rad. Where via has to be half-way along the arc, the
+arc is at most half a circle, and NaN as via makes a straight line. Single arcs are computed without
+arrays, which is ten times as fast.
 """
 
 from __future__ import annotations
@@ -16,23 +17,36 @@ from camgen.model.part import BoolArray, IntArray
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray, Vec3
 
-#: An arc whose height is below this part of its chord is straight; of three points in another order, the sine of the
-#: angle between them. Beyond it the centre is so far away that it has no digits left.
+#: An arc whose height is below this fraction of its chord is straight. For three points in another
+#: order it is the sine of the angle between them. A flatter arc has its centre so far away that no
+#: digits are left.
 FLAT = 1e-9
-#: The height, mm, that keeps the radius of a straight arc finite.
+#: mm: lower bound of the height of an arc, which keeps the radius of a straight arc finite.
 _LEAST_HEIGHT_MM = 1e-9
-#: Three points are on one line when the squared sine of the angle between them is below this.
+#: Three points are on one line if the squared sine of the angle between them is below this.
 _LINE_SINE_SQUARED = FLAT**2
 
 
-# Many arcs, via half-way.
+#: mm: lower bound of a chord by which an area is divided.
+_LEAST_CHORD_MM = 1e-9
+#: rad: an angle may be below 0 by this much through rounding.
+_ANGLE_ROUNDING = 1e-9
+
+
+# Many arcs, with via half-way.
 
 
 class Spans(Struct, frozen=True, eq=False):
-    """K lines and arcs. An arc is written from its middle ``via``: towards it from the centre, along the travel there.
+    """K lines and arcs. An arc is computed from its middle, along `towards` and `along`.
 
-    start, end, via: (K, 3) mm. curved: (K,) bool. towards, along: (K, 3) unit. radius: (K,) mm, sweep: (K,) rad,
-    positive from ``towards`` to ``along``; both 0 for a line. length: (K,) mm.
+    start, end: (K, 3) mm.
+    via: (K, 3) the middle of an arc, mm, NaN for a line.
+    curved: (K,) whether it is an arc.
+    towards: (K, 3) unit vector from the centre of an arc to its middle, 0 for a line.
+    along: (K, 3) unit vector of the chord, which is the direction of travel at the middle.
+    radius: (K,) mm, 0 for a line.
+    sweep: (K,) angle of an arc, rad, positive from `towards` to `along`, 0 for a line.
+    length: (K,) length along the arc or line, mm.
     """
 
     start: FloatArray
@@ -46,46 +60,50 @@ class Spans(Struct, frozen=True, eq=False):
     length: FloatArray
 
     def point(self, fraction: FloatArray, row: IntArray | None = None, axes: int = 3) -> FloatArray:
-        """(M, axes): the points at ``fraction`` (M,) 0..1 of the length of those at ``row`` (M,), else of all in order;
-        axes = 2: seen from above.
+        """(M, axes) points at `fraction` (M,), 0 to 1, of the length of the lines and arcs, mm.
+
+        row: (M,) the line or arc of each point; None for all in order.
+        axes: 2 for the coordinates x and y alone.
         """
         row = np.arange(len(self.length)) if row is None else row
         points = np.empty((len(row), axes))
         curved = self.curved[row]
-        # Most calls ask for few points, often of lines alone.
+        # Most calls want few points, often of lines alone.
         if not curved.all():
             lines = (~curved).nonzero()[0]
-            self._put_lines(points, lines, fraction[lines], row[lines])
+            self._fill_lines(points, lines, fraction[lines], row[lines])
         if curved.any():
             arcs = curved.nonzero()[0]
-            self._put_arcs(points, arcs, fraction[arcs], row[arcs])
+            self._fill_arcs(points, arcs, fraction[arcs], row[arcs])
         return points
 
-    def _put_lines(
+    def _fill_lines(
         self, points: FloatArray, places: IntArray, fraction: FloatArray, row: IntArray
     ) -> None:
-        # Axis by axis, which numpy does in half the time.
+        """Sets rows `places` of `points` to points of lines."""
+        # Axis by axis takes half the time.
         for axis in range(points.shape[1]):
             start = self.start[row, axis]
             points[places, axis] = start + fraction * (self.end[row, axis] - start)
 
-    def _put_arcs(
+    def _fill_arcs(
         self, points: FloatArray, places: IntArray, fraction: FloatArray, row: IntArray
     ) -> None:
+        """Sets rows `places` of `points` to points of arcs."""
         angle, radius = (fraction - 0.5) * self.sweep[row], self.radius[row]
-        # From the middle, not from the centre: a flat arc's centre is far away and would cost digits.
+        # From the middle, because the centre of a flat arc is far away and would cost digits.
         rise = -2 * radius * np.sin(angle / 2) ** 2
         run = radius * np.sin(angle)
         for axis in range(points.shape[1]):
-            points[places, axis] = (
-                self.via[row, axis] + rise * self.towards[row, axis] + run * self.along[row, axis]
-            )
+            middle, towards = self.via[row, axis], self.towards[row, axis]
+            points[places, axis] = middle + rise * towards + run * self.along[row, axis]
 
     def tangents(self) -> tuple[FloatArray, FloatArray]:
-        """The directions of travel (K, 3) at the start and at the end; 0 where there is no length.
+        """Unit directions of travel (K, 3) at the start and at the end; 0 without a length.
 
-        Half-way along an arc its tangent is parallel to its chord. The chord of half the arc makes equal angles with
-        the tangents at its two ends, so each end tangent is the arc's chord mirrored about the chord of that half.
+        The tangent at the middle of an arc is parallel to its chord. The chord of half the arc
+        makes equal angles with the tangents at its two ends. So each end tangent is the chord of
+        the arc, mirrored at the chord of that half.
         """
         leaves, arrives = self.along.copy(), self.along.copy()
         arc = np.flatnonzero(self.curved)
@@ -97,23 +115,28 @@ class Spans(Struct, frozen=True, eq=False):
         return leaves, arrives
 
     def to_middle(self, vectors: FloatArray) -> FloatArray:
-        """``vectors`` (K, 3) at the start, turned with the arc to its middle, where the travel is along the chord."""
+        """`vectors` (K, 3) at the start, rotated with the direction of travel to the middle."""
         start, along = self.tangents()[0], self.along
         axis = unit(cross(start, along))
-        turned = np.zeros_like(vectors)
-        for here, there in ((start, along), (cross(axis, start), cross(axis, along)), (axis, axis)):
-            turned += dots(vectors, here)[:, None] * there
-        return turned
+        at_start = start, cross(axis, start), axis
+        at_middle = along, cross(axis, along), axis
+        rotated = np.zeros_like(vectors)
+        for before, after in zip(at_start, at_middle, strict=True):
+            rotated += dots(vectors, before)[:, None] * after
+        return rotated
 
     def pick(self, index: IntArray) -> Spans:
-        """Those at ``index``, in that order."""
+        """The lines and arcs at `index`, in that order."""
         return Spans(*(getattr(self, name)[index] for name in Spans.__struct_fields__))
 
 
 def spans(start: FloatArray, via: FloatArray, end: FloatArray) -> Spans:
-    """Spans from ``start`` to ``end``, arcs through ``via`` half-way along them (NaN: a line), each (K, 3) mm.
+    """Lines and arcs from `start` to `end`, each (K, 3), mm.
 
-    Of chord c and height h the sweep is 4 atan(2 h / c), the radius (c c / 4 + h h) / (2 h).
+    via: (K, 3) middle of the arc, mm, NaN for a line.
+
+    With the chord c and the height h, the sweep is 4 atan(2 h / c) and the radius is
+    (c c / 4 + h h) / (2 h).
     """
     curved = ~np.isnan(via[:, 0])
     chord = end - start
@@ -133,7 +156,10 @@ def spans(start: FloatArray, via: FloatArray, end: FloatArray) -> Spans:
 
 
 def spans_through(start: FloatArray, via: FloatArray, end: FloatArray) -> Spans:
-    """``spans`` with ``via`` anywhere on the arcs, of any sweep; a line where the three points are on one."""
+    """`spans` with `via` anywhere on the arcs, which may have any sweep.
+
+    Three points on one line make a line.
+    """
     a, b = start - via, end - via
     normal = cross(a, b)
     arc = np.flatnonzero(dots(normal, normal) > FLAT**2 * dots(a, a) * dots(b, b))
@@ -143,12 +169,18 @@ def spans_through(start: FloatArray, via: FloatArray, end: FloatArray) -> Spans:
 
 
 def chain(points: FloatArray, via: FloatArray) -> Spans:
-    """The N - 1 spans from each of ``points`` (N, 3) to the next, over ``via`` (N - 1, 3)."""
+    """The N - 1 lines and arcs from each of `points` (N, 3) to the next.
+
+    via: (N - 1, 3) middles of the arcs, NaN for a line.
+    """
     return spans(points[:-1], via, points[1:])
 
 
 def span_lengths(points: FloatArray, via: FloatArray) -> FloatArray:
-    """(N - 1,) lengths of the spans from ``points`` (N, 3) to the next over ``via`` (N - 1, 3)."""
+    """(N - 1,) lengths of the lines and arcs from each of `points` (N, 3) to the next, mm.
+
+    via: (N - 1, 3) middles of the arcs, NaN for a line.
+    """
     chord = np.linalg.norm(np.diff(points, axis=0), axis=1)
     arc = np.flatnonzero(~np.isnan(via[:, 0]))
     if len(arc):
@@ -157,20 +189,23 @@ def span_lengths(points: FloatArray, via: FloatArray) -> FloatArray:
 
 
 def path_length(path: ToolPath) -> float:
-    """Length of one pass, mm."""
+    """Length of one pass along `path`, mm."""
     return float(span_lengths(path.position, path.via[1:]).sum())
 
 
 def are_bent(start: FloatArray, via: FloatArray, end: FloatArray) -> BoolArray:
-    """(N,) whether arcs are none that are straight; via is half-way."""
+    """(N,) whether arcs are not straight; via is half-way along them."""
     height = np.linalg.norm(via - (start + end) / 2, axis=1)
     return np.asarray(height > FLAT * np.linalg.norm(end - start, axis=1))
 
 
 def bulges(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArray:
-    """(N,) of arcs seen from above: tan(sweep / 4), positive counter-clockwise; via is half-way, 0 for lines.
+    """(N,) bulges of arcs seen from above: tan(sweep / 4), counter-clockwise positive.
 
-    That is the height over half the chord. An arc that turns left has its middle on the right of the chord.
+    via: middle of the arc. NaN, or a chord of no length, gives 0.
+
+    The bulge is the height over half the chord. An arc that turns left has its middle on the right
+    of the chord.
     """
     chord, rise = (end - start)[:, :2], (via - start)[:, :2]
     square = dots(chord, chord)
@@ -180,8 +215,9 @@ def bulges(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArray:
 
 
 def bulge_middles(start: FloatArray, bulge: FloatArray, end: FloatArray) -> FloatArray:
-    """The points (N, 2 or 3) half-way along arcs in the plane with bulges (N,): as far to the right of the chord's
-    middle as the bulge is part of half the chord.
+    """(N, 2 or 3) middles of arcs in the plane with bulges (N,).
+
+    The middle is on the right of the middle of the chord, by bulge times half the chord.
     """
     half = (end - start) / 2
     middle: FloatArray = start + half
@@ -190,15 +226,17 @@ def bulge_middles(start: FloatArray, bulge: FloatArray, end: FloatArray) -> Floa
     return middle
 
 
-# Many arcs, via anywhere on them.
+# Many arcs, with via anywhere on them.
 
 
 def arc_middles(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArray:
-    """The points (N, 3) half-way along the arcs from ``start`` through ``via``, wherever on it, to ``end``.
+    """(N, 3) middles of the arcs from `start` through `via` to `end`, each (N, 3), mm.
 
-    In the arc's plane, with the middle of the chord as origin: via = (u, h), half the chord a; the centre is (0, k)
-    with k = (u^2 + h^2 - a^2) / 2h. Three points on one line: half-way if via is between the others, else via itself,
-    so that it is not mistaken for an arc. A start that is not known (NaN): via too.
+    In the plane of the arc, with the middle of the chord as origin, via is (u, h) and half the
+    chord is a. The centre is (0, k) with k = (u^2 + h^2 - a^2) / 2h.
+
+    Three points on one line give the point half-way if via is between the others. Else they give
+    via itself, so that they are not mistaken for an arc. An unknown start (NaN) gives via too.
     """
     centre, span = (start + end) / 2, end - start
     length = lengths(span)
@@ -210,20 +248,21 @@ def arc_middles(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArr
         a = length / 2
         k = (u * u + h * h - a * a) / (2 * h)
         radius = np.hypot(a, k)
-        # The same number twice: the one for the short way does not lose digits for very flat arcs.
+        # Two forms of one number. The first has all digits of a very flat arc on the short side.
         height = np.where(k < 0, a * a / (radius - k), radius + k)
         flat = h < FLAT * a
         middle = centre + np.where(flat, 0.0, height / h)[:, None] * across
-    unknown = (
-        np.isnan(start).any(axis=1) | (flat & (np.abs(u) > a * (1 - FLAT))) | ((a == 0) & (h == 0))
-    )
-    return np.where(unknown[:, None], via, middle)
+    has_no_start = np.isnan(start).any(axis=1)
+    is_outside = flat & (np.abs(u) > a * (1 - FLAT))
+    keep_via = has_no_start | is_outside | ((a == 0) & (h == 0))
+    return np.where(keep_via[:, None], via, middle)
 
 
 def arc_lengths(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArray:
-    """Lengths (N,) of the arcs from start through via to end, each (N, 3).
+    """(N,) lengths of the arcs from start through via to end, each (N, 3), mm.
 
-    The angle at via sees the chord from the arc: sweep = 2 (pi - angle), radius = chord / (2 sin(angle)).
+    With the angle at via between the directions to the two ends, the sweep is 2 (pi - angle), and
+    the radius is chord / (2 sin(angle)). Three points on one line give the length of the two lines.
     """
     to_start, to_end = start - via, end - via
     sine = lengths(cross(to_start, to_end))
@@ -232,22 +271,26 @@ def arc_lengths(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArr
     turn = np.pi - angle
     with np.errstate(divide="ignore", invalid="ignore"):
         curved = lengths(end - start) / np.sin(turn) * turn
-    # Three points on one line, in any order, are no arc; a foreign program may hold them.
+    # A third-party program may contain an arc with its three points on one line, in any order.
     return np.asarray(np.where(np.sin(turn) > FLAT, curved, flat), dtype=np.float64)
 
 
 def level_arms(
     start: FloatArray, via: FloatArray, end: FloatArray
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Of arcs seen from above: from the start to the centre (N, 2), the sweep (N,) and whether they turn left (N,)."""
+    """Arms, sweeps and senses of arcs seen from above.
+
+    Returns the vector from the start to the centre (N, 2), mm, the sweep (N,), rad, 0 to 2 pi, and
+    whether the arc turns left (N,).
+    """
     u, w = (via - start)[:, :2], (end - start)[:, :2]
     (ux, uy), (wx, wy) = u.T, w.T
     uu, ww, area = ux * ux + uy * uy, wx * wx + wy * wy, ux * wy - uy * wx
     with np.errstate(divide="ignore", invalid="ignore"):
         x, y = (uu * wy - ww * uy) / (2 * area), (ww * ux - uu * wx) / (2 * area)
-        rest_x, rest_y = wx - x, wy - y
-        turn = np.sign(area) * (y * rest_x - x * rest_y)
-        sweep = np.arctan2(turn, -(x * rest_x + y * rest_y)) % (2 * np.pi)
+        end_x, end_y = wx - x, wy - y
+        turn = np.sign(area) * (y * end_x - x * end_y)
+        sweep = np.arctan2(turn, -(x * end_x + y * end_y)) % (2 * np.pi)
     return np.column_stack([x, y]), sweep, area > 0
 
 
@@ -255,22 +298,19 @@ def level_arms(
 
 
 def circle(start: Vec3, via: Vec3, end: Vec3) -> tuple[Vec3, float, Vec3, float]:
-    """Centre, radius, unit axis and sweep (rad, about that axis) of the arc through three points.
+    """Centre, radius, unit axis and sweep of the arc through three points, mm and rad.
 
-    ValueError when they are on one line. Plain arithmetic: on three numbers it is ten times as fast as arrays.
+    The sweep is from 0 to 2 pi about the axis. Raises ValueError if the points are on one line.
     """
     if start[2] == via[2] == end[2]:
         return _flat_circle(start, via, end)
     (x0, y0, z0), (ux, uy, uz), (wx, wy, wz) = start, minus(via, start), minus(end, start)
     ax, ay, az = uy * wz - uz * wy, uz * wx - ux * wz, ux * wy - uy * wx
-    uu, ww, area2 = (
-        ux * ux + uy * uy + uz * uz,
-        wx * wx + wy * wy + wz * wz,
-        ax * ax + ay * ay + az * az,
-    )
+    uu, ww = ux * ux + uy * uy + uz * uz, wx * wx + wy * wy + wz * wz
+    area2 = ax * ax + ay * ay + az * az
     if area2 < _LINE_SINE_SQUARED * uu * ww or area2 == 0.0:
         raise ValueError("the three points of the arc are on one line")
-    # From the centre to the start: -(ww axis x u + uu w x axis) / 2 area^2.
+    # From the centre to the start: -(ww (a x u) + uu (w x a)) / 2 area^2, a as the unscaled axis.
     f, g = ww / (2 * area2), uu / (2 * area2)
     rx = (az * uy - ay * uz) * f + (ay * wz - az * wy) * g
     ry = (ax * uz - az * ux) * f + (az * wx - ax * wz) * g
@@ -284,7 +324,7 @@ def circle(start: Vec3, via: Vec3, end: Vec3) -> tuple[Vec3, float, Vec3, float]
 
 
 def _flat_circle(start: Vec3, via: Vec3, end: Vec3) -> tuple[Vec3, float, Vec3, float]:
-    """``circle`` for three points of the same height, as almost all are."""
+    """`circle` for three points of the same height, as almost all are."""
     x0, y0, z0 = start
     ux, uy, wx, wy = via[0] - x0, via[1] - y0, end[0] - x0, end[1] - y0
     uu, ww, area = ux * ux + uy * uy, wx * wx + wy * wy, ux * wy - uy * wx
@@ -298,28 +338,28 @@ def _flat_circle(start: Vec3, via: Vec3, end: Vec3) -> tuple[Vec3, float, Vec3, 
 
 
 def is_arc(start: Vec3, via: Vec3, end: Vec3) -> bool:
-    """Whether three points make an arc: they are apart and not on one line."""
+    """Whether three points make an arc: no two of them are equal and they are not on one line."""
     (ux, uy, uz), (wx, wy, wz) = minus(via, start), minus(end, start)
     ax, ay, az = uy * wz - uz * wy, uz * wx - ux * wz, ux * wy - uy * wx
     area2 = ax * ax + ay * ay + az * az
-    return area2 > 0.0 and area2 >= _LINE_SINE_SQUARED * (ux * ux + uy * uy + uz * uz) * (
-        wx * wx + wy * wy + wz * wz
-    )
+    uu, ww = ux * ux + uy * uy + uz * uz, wx * wx + wy * wy + wz * wz
+    return area2 > 0.0 and area2 >= _LINE_SINE_SQUARED * uu * ww
 
 
 def sweep_and_height(start: Vec3, via: Vec3, end: Vec3) -> tuple[float, float]:
-    """Sweep (rad) of the arc through three points, the rest of which is twice the angle that its ends make at ``via``,
-    and the distance (mm) of ``via`` from the line through its ends.
+    """Sweep of the arc through three points, rad, and the distance of `via` from its chord, mm.
+
+    The rest of the circle, 2 pi - sweep, is twice the angle at `via` between the two ends.
     """
     (sx, sy, sz), (vx, vy, vz), (ex, ey, ez) = start, via, end
     ux, uy, uz, wx, wy, wz = sx - vx, sy - vy, sz - vz, ex - vx, ey - vy, ez - vz
     area = math.hypot(uy * wz - uz * wy, uz * wx - ux * wz, ux * wy - uy * wx)
     sweep = 2 * (math.pi - math.atan2(area, ux * wx + uy * wy + uz * wz))
-    return sweep, area / max(math.dist(start, end), 1e-9)
+    return sweep, area / max(math.dist(start, end), _LEAST_CHORD_MM)
 
 
 def turn_about(v: Vec3, axis: Vec3, angle: float) -> Vec3:
-    """``v`` turned by ``angle`` rad about the unit vector ``axis`` (Rodrigues)."""
+    """`v` rotated by `angle` rad about the unit vector `axis` (Rodrigues)."""
     c, s = math.cos(angle), math.sin(angle)
     inline = (axis[0] * v[0] + axis[1] * v[1] + axis[2] * v[2]) * (1 - c)
     across = (
@@ -335,7 +375,7 @@ def turn_about(v: Vec3, axis: Vec3, angle: float) -> Vec3:
 
 
 def minus(a: Vec3, b: Vec3) -> Vec3:
-    """A - b."""
+    """The difference a - b."""
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
@@ -343,7 +383,13 @@ def minus(a: Vec3, b: Vec3) -> Vec3:
 
 
 class Circle(Struct, frozen=True, eq=False):
-    """center (3,), unit axis (3,), radius; angles count from ``first`` (3,), counter-clockwise about the axis."""
+    """A circle in space. Angles on it are measured from `first`, counter-clockwise about the axis.
+
+    center: (3,) mm.
+    axis: (3,) unit vector.
+    first: (3,) unit vector from the centre, direction of the angle 0.
+    radius: mm.
+    """
 
     center: FloatArray
     axis: FloatArray
@@ -351,33 +397,30 @@ class Circle(Struct, frozen=True, eq=False):
     radius: float
 
     def angles(self, points: FloatArray) -> FloatArray:
-        """(N,) rad of ``points`` (N, 3), from 0 to 2 pi."""
-        away = points - self.center
-        angle = np.arctan2(away @ cross(self.axis, self.first), away @ self.first)
-        return np.asarray(np.where(angle < -1e-9, angle + 2 * np.pi, angle))
+        """(N,) angles of `points` (N, 3), rad, 0 to 2 pi."""
+        arms = points - self.center
+        angle = np.arctan2(arms @ cross(self.axis, self.first), arms @ self.first)
+        return np.asarray(np.where(angle < -_ANGLE_ROUNDING, angle + 2 * np.pi, angle))
 
     def at(self, angles: FloatArray) -> FloatArray:
-        """Points (N, 3) at ``angles`` (N,)."""
+        """(N, 3) points of the circle at `angles` (N,), rad, mm."""
         return np.asarray(self.center + self.radius * self.radial(angles))
 
     def radial(self, angles: FloatArray) -> FloatArray:
-        """Unit vectors (N, 3) from the centre."""
+        """(N, 3) unit vectors from the centre at `angles` (N,), rad."""
         second = cross(self.axis, self.first)
         return np.asarray(np.cos(angles)[:, None] * self.first + np.sin(angles)[:, None] * second)
 
     def distances(self, points: FloatArray) -> FloatArray:
-        """(N,) how far ``points`` (N, 3) are from the circle."""
-        away = points - self.center
-        height = away @ self.axis
-        return np.asarray(
-            np.hypot(
-                np.sqrt(np.maximum((away**2).sum(axis=1) - height**2, 0.0)) - self.radius, height
-            )
-        )
+        """(N,) distances of `points` (N, 3) from the circle, mm."""
+        arms = points - self.center
+        height = arms @ self.axis
+        in_plane = np.sqrt(np.maximum((arms**2).sum(axis=1) - height**2, 0.0))
+        return np.asarray(np.hypot(in_plane - self.radius, height))
 
 
 def through(p: FloatArray, q: FloatArray, r: FloatArray) -> Circle | None:
-    """The circle through three points, running p, q, r; None if they are in line."""
+    """The circle through three points (3,), in the order p, q, r; None if they are on one line."""
     u, w = q - p, r - p
     normal = cross(u, w)
     square, longest = float(normal @ normal), max(float(u @ u), float(w @ w))
@@ -388,16 +431,17 @@ def through(p: FloatArray, q: FloatArray, r: FloatArray) -> Circle | None:
 
 
 def fit_circle(points: FloatArray) -> Circle | None:
-    """The circle of least squares of ``points`` (N, 3), in their plane of least squares, running in their order.
+    """The circle fitted to `points` (N, 3) by least squares, in their order.
 
-    The middle and the radius are linear in x, y and x x + y y; exact where the points are.
+    First the plane is fitted, then the circle in it: centre and radius are linear in x, y and
+    x x + y y. Points on a circle give that circle exactly. None if the points are on one line.
     """
     middle = points.mean(axis=0)
-    away = points - middle
-    _, size, axes = np.linalg.svd(away, full_matrices=False)
+    arms = points - middle
+    _, size, axes = np.linalg.svd(arms, full_matrices=False)
     if size[1] <= FLAT * size[0]:
         return None
-    x, y = away @ axes[0], away @ axes[1]
+    x, y = arms @ axes[0], arms @ axes[1]
     solution, *_ = np.linalg.lstsq(
         np.column_stack([x, y, np.ones(len(x))]), x * x + y * y, rcond=None
     )
@@ -406,13 +450,13 @@ def fit_circle(points: FloatArray) -> Circle | None:
     turning = cross(arms[:-1], arms[1:]).sum(axis=0)
     axis = cross(axes[0], axes[1])
     circle = _about(center, axis if float(axis @ turning) > 0 else -axis, points[0])
-    radius = math.sqrt(
-        max(float(solution[2]) + float(solution[0]) ** 2 / 4 + float(solution[1]) ** 2 / 4, 0.0)
-    )
+    square = float(solution[2]) + float(solution[0]) ** 2 / 4 + float(solution[1]) ** 2 / 4
+    radius = math.sqrt(max(square, 0.0))
     return Circle(circle.center, circle.axis, circle.first, radius)
 
 
 def _about(center: FloatArray, axis: FloatArray, start: FloatArray) -> Circle:
+    """The circle about an axis through `center` on which `start` lies, at the angle 0."""
     arm = start - center
     flat = arm - axis * float(arm @ axis)
     radius = float(np.linalg.norm(flat))

@@ -1,10 +1,10 @@
 """Centre lines of channels as wide as the tool, where the offsets of both walls are one line.
 
-The offset at a distance d needs room beyond d. A channel of the width 2 d has none. From
-a place s on a wall with the normal n into the channel, the opposite wall is found beyond. Let w be
-the width there. Then s + n w / 2 is the middle. It belongs to the centre line if no wall is nearer
-to it than w / 2: the disc about it touches s and the opposite wall, and nothing lies in it. The
-ends of the lines are found by halving. Both walls give the same line, so the longer one is kept.
+The offset at a distance d needs room beyond d. A channel of the width 2 d has none. From a point s
+on a wall with the normal n into the channel, the opposite wall is searched. Let w be the width
+there. Then s + n w / 2 is the middle. It belongs to the centre line if no wall is nearer to it than
+w / 2: the disc about it touches s and the opposite wall, and nothing is inside it. The ends of the
+lines are found by bisection. Both walls give the same line, so the longer one is kept.
 """
 
 from __future__ import annotations
@@ -25,44 +25,53 @@ from camgen.geometry.segments import (
     points_at,
     tangents_at,
 )
-from camgen.geometry.vectors import in_blocks, turns
+from camgen.geometry.vectors import in_blocks, turn_right, turns
 from camgen.model.pose import FloatArray
 
-#: A channel may be wider than the tool by this, mm: pockets leave out thinner rings.
+#: mm: a channel may be wider than the tool by this, because pockets leave out thinner rings.
 _WIDER_MM = 0.003
-#: The opposite wall is looked for from here on, as a share of the distance: the wall itself is
-#: farther from there.
+#: Fraction of the distance from a wall at which the search for the opposite wall begins. Both walls
+#: of a channel are farther from the wall itself than from there.
 _BEYOND = 1.5
-#: Places on a wall: how far apart, as a share of the distance, and how many on a segment at least.
-_EVERY, _LEAST = 0.25, 3
-#: Halvings by which the end of a line is found.
+#: Fraction of the distance between neighbouring samples on a wall.
+_SAMPLE_STEP = 0.25
+#: Samples on a wall segment, at least.
+_LEAST_SAMPLES = 3
+#: Bisections by which the end of a line is found.
 _HALVINGS = 40
-#: The width is measured square to one wall, and walls of chords turn from place to place. The
-#: middle may be nearer to a wall than half of the width by this share of the slack.
+#: Fraction of the slack by which a wall may be nearer to the middle than half of the width. The
+#: width is measured perpendicular to one wall, and the direction of walls of chords varies.
 _UNEVEN = 0.1
-#: Lines are one where they are nearer to each other than this many times the slack.
+#: Factor on the slack: lines that are nearer to each other than this are one line.
 _SAME = 4.0
-#: A line shorter than this share of the distance is left out: discs at its ends cover it.
+#: Fraction of the distance. A shorter line is left out: discs at its ends cover it.
 _SHORT = 0.25
-#: Around a corner that turns by more, rad, no line goes on.
+#: rad: no line continues around a corner that turns by more.
 _MOST_TURN = np.radians(120.0)
-#: Pieces of a line may miss each other by this, mm.
+#: mm: pieces of a line may miss each other by this.
 _MISS_MM = 1e-3
+#: mm: lower bound of a length by which a vector is divided.
+_LEAST_LENGTH_MM = 1e-9
+#: Fraction of a wall segment that may be missing in a whole one, through rounding.
+_WHOLE_ROUNDING = 1e-6
+#: Fractions of a piece at which it is compared with known lines.
+_PROBES = np.linspace(0.02, 0.98, 5)
 
-#: Tells for segments (K,) and fractions (K,) of them which places are wanted.
+#: Gets segments (K,) and a fraction (K,) of each; returns (K,) whether the condition holds there.
 _Test = Callable[[IntArray, FloatArray], BoolArray]
-#: Tells for segments (K,), each from one fraction (K,) to another, which may have such places.
+#: Gets segments (K,) and two fractions (K,) of each; returns (K,) False if the condition holds
+#: nowhere between them.
 _MayHold = Callable[[IntArray, FloatArray, FloatArray], BoolArray]
 
 
 class CentreLines(Struct, frozen=True, eq=False):
     """Lines in the middle of channels, and the middles of round holes.
 
-    segments: lines and arcs in order, ``owner`` counts the centre lines.
+    segments: lines and arcs in order, `owner` counts the centre lines.
     closed: (lines,) whether a line is closed.
     source: (N,) the wall segment beside which each segment was found.
     other: (N,) the wall segment on its other side.
-    turn: (N,) rad by which the wall turns at the corner at which a segment turns, 0 elsewhere.
+    turn: (N,) angle of the wall's corner around which a segment runs, rad, 0 elsewhere.
     holes: (P, 2) middles of round holes, mm.
     hole_source: (P,) a wall segment of each hole.
     """
@@ -77,10 +86,10 @@ class CentreLines(Struct, frozen=True, eq=False):
 
 
 class _Pieces(Struct, frozen=True, eq=False):
-    """Stretches of walls with a centre line beside them, in the order of the walls.
+    """Parts of walls with a centre line next to them, in the order of the walls.
 
-    row: (K,) the wall segment.
-    low, high: (K,) the fractions of it.
+    row: (K,) wall segment.
+    low, high: (K,) fractions of it at which the part begins and ends.
     """
 
     row: IntArray
@@ -88,7 +97,7 @@ class _Pieces(Struct, frozen=True, eq=False):
     high: FloatArray
 
     def take(self, rows: IntArray | BoolArray) -> _Pieces:
-        """The pieces at an index or in a mask."""
+        """The pieces chosen by index or mask."""
         return _Pieces(self.row[rows], self.low[rows], self.high[rows])
 
 
@@ -100,25 +109,25 @@ def find_centre_lines(
     slack: float,
     known: Segments,
 ) -> CentreLines:
-    """The centre lines on the right of ``source`` of channels as wide as twice ``distance``, mm.
+    """The centre lines on the right of `source` of channels as wide as twice `distance`, mm.
 
     following: (N,) next segment of each, -1 at the end of an open chain.
-    group: (N,) labels; segments of different groups do not see each other.
-    slack: largest difference by which a wall may be nearer to a line than ``distance``, mm.
-    known: ways that are run anyway. What runs along them is left out.
+    group: (N,) labels; segments with different labels do not influence each other.
+    slack: largest difference by which a wall may be nearer to a line than `distance`, mm.
+    known: paths that the tool runs anyway. Lines along them are left out.
     """
     walls = _Walls(source, group, distance, slack)
     whole_walls = _Pieces(np.arange(len(source)), np.zeros(len(source)), np.ones(len(source)))
-    pieces = _find_stretches(walls.has_middle, whole_walls, walls, walls.may_have_middle)
+    pieces = _find_parts(walls.has_middle, whole_walls, walls, walls.may_have_middle)
     holes, pieces = _split_holes(walls, pieces)
     lines: list[Segments] = []
     sources: list[IntArray] = []
     corners: list[FloatArray] = []
     closed: list[bool] = []
     kept = known
-    for chain in _chain(walls, following, pieces):
-        for part in _without_known(walls, following, chain, kept):
-            line, turn, rows, ring = _draw(walls, part, len(lines))
+    for chain in _join_pieces(walls, following, pieces):
+        for part in _remove_known(walls, following, chain, kept):
+            line, turn, rows, ring = _make_line(walls, part, len(lines))
             if not ring and float(line.length.sum()) < _SHORT * distance:
                 continue
             lines.append(line)
@@ -142,9 +151,12 @@ def find_centre_lines(
 
 
 class _Walls:
-    """Walls of channels, measured from places on them.
+    """Walls of channels, and the widths of the channels at points on them.
 
-    slack: mm, see ``find_centre_lines``.
+    source: N wall segments; the channels are on their right.
+    group: (N,) labels.
+    distance: half the width of the channels, mm.
+    slack: mm, see `find_centre_lines`.
     """
 
     def __init__(self, source: Segments, group: IntArray, distance: float, slack: float) -> None:
@@ -153,9 +165,12 @@ class _Walls:
         self.obstacles = Obstacles(source, group)
 
     def _measure(self, rows: IntArray, fraction: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(K,) widths at places on the walls, inf in rooms, and (K, 2) the middles, mm."""
+        """Widths of the channel at points on walls (K,), and its middles there (K, 2), mm.
+
+        The width is inf if there is no opposite wall.
+        """
         walls = self.source.take(rows)
-        normal = _right(tangents_at(walls, fraction))
+        normal = turn_right(tangents_at(walls, fraction))
         place = points_at(walls, fraction)
         beyond = place + _BEYOND * self.distance * normal
         reach = (2 - _BEYOND) * self.distance + _WIDER_MM
@@ -165,11 +180,11 @@ class _Walls:
         return width, place + half[:, None] * normal
 
     def may_have_middle(self, rows: IntArray, low: FloatArray, high: FloatArray) -> BoolArray:
-        """(K,) false where no place between two fractions of a wall has a wall opposite."""
+        """(K,) False if no point between two fractions of a wall has an opposite wall."""
         walls = self.source.take(rows)
         ends = []
         for fraction in (low, high):
-            normal = _right(tangents_at(walls, fraction))
+            normal = turn_right(tangents_at(walls, fraction))
             ends.append(points_at(walls, fraction) + _BEYOND * self.distance * normal)
         bulge = np.tan(np.arctan(walls.bulge) * (high - low))
         beyond = make(ends[0], ends[1], bulge, np.arange(len(rows)))
@@ -180,11 +195,11 @@ class _Walls:
         return near | (walls.is_arc & is_point)
 
     def middles(self, rows: IntArray, fraction: FloatArray) -> FloatArray:
-        """(K, 2) the middle of the channel beside each place, mm."""
+        """(K, 2) middles of the channel at points on walls, mm."""
         return self._measure(rows, fraction)[1]
 
     def has_middle(self, rows: IntArray, fraction: FloatArray) -> BoolArray:
-        """(K,) whether the centre line runs beside each place."""
+        """(K,) whether the centre line runs next to a point on a wall."""
         return in_blocks(self._has_middle, rows, fraction)
 
     def _has_middle(self, rows: IntArray, fraction: FloatArray) -> BoolArray:
@@ -200,58 +215,58 @@ class _Walls:
         return has_middle
 
     def opposite(self, rows: IntArray, middles: FloatArray) -> IntArray:
-        """(K,) the wall segment on the other side of each of ``middles`` (K, 2)."""
+        """(K,) wall segment on the other side of each of `middles` (K, 2)."""
         if not len(rows):
             return rows
         fraction = np.clip(fractions(self.source.take(rows), middles), 0.0, 1.0)
         arm = middles - points_at(self.source.take(rows), fraction)
-        length = np.maximum(np.hypot(*arm.T), 1e-9)[:, None]
+        length = np.maximum(np.hypot(*arm.T), _LEAST_LENGTH_MM)[:, None]
         beyond = middles + (_BEYOND - 1) * self.distance * arm / length
         return self.obstacles.nearest_rows(beyond, self.group[rows], self.distance)
 
     def is_clear(self, points: FloatArray, row: int) -> bool:
-        """Whether ``points`` (K, 2) are no nearer to the walls of ``row`` than the slack allows."""
+        """Whether no wall of the group of `row` is too near to `points` (K, 2) by the slack."""
         group = np.full(len(points), self.group[row])
         least = np.full(len(points), self.distance - self.slack)
         return not self.obstacles.nearer_than(points, group, least).any()
 
 
-def _right(direction: FloatArray) -> FloatArray:
-    return np.column_stack([direction[:, 1], -direction[:, 0]])
-
-
-def _find_stretches(
+def _find_parts(
     test: _Test, pieces: _Pieces, walls: _Walls, may_hold: _MayHold | None = None
 ) -> _Pieces:
-    """The parts of ``pieces`` along which ``test`` holds, where it may hold at all."""
+    """The parts of `pieces` along which `test` holds.
+
+    may_hold: excludes parts in which it holds nowhere, before they are sampled; None: no part.
+    """
     span = pieces.high - pieces.low
     length = walls.source.length[pieces.row] * span
-    count = np.ceil(length / (_EVERY * walls.distance)).astype(np.int64)
-    count = np.maximum(count, _LEAST)
-    which, place = _places(pieces, count, may_hold)
+    count = np.ceil(length / (_SAMPLE_STEP * walls.distance)).astype(np.int64)
+    count = np.maximum(count, _LEAST_SAMPLES)
+    which, place = _list_samples(pieces, count, may_hold)
 
     def fraction(which: IntArray, place: IntArray) -> FloatArray:
         return np.asarray(pieces.low[which] + (place + 0.5) / count[which] * span[which])
 
     at = fraction(which, place)
-    good = test(pieces.row[which], at)
+    holds = test(pieces.row[which], at)
     follows = np.zeros(len(at), dtype=bool)
-    follows[1:] = (np.diff(which) == 0) & (np.diff(place) == 1) & good[:-1]
-    begin = np.flatnonzero(good & ~follows)
-    end = np.flatnonzero(good & ~np.append((follows & good)[1:], False)[: len(at)])
+    follows[1:] = (np.diff(which) == 0) & (np.diff(place) == 1) & holds[:-1]
+    begin = np.flatnonzero(holds & ~follows)
+    end = np.flatnonzero(holds & ~np.append((follows & holds)[1:], False)[: len(at)])
     piece = which[begin]
     before = fraction(piece, place[begin] - 1)
     before = np.where(place[begin] == 0, pieces.low[piece], before)
     after = fraction(piece, place[end] + 1)
     after = np.where(place[end] == count[piece] - 1, pieces.high[piece], after)
     row = pieces.row[piece]
-    return _Pieces(row, _halve(test, row, before, at[begin]), _halve(test, row, after, at[end]))
+    low, high = _bisect(test, row, before, at[begin]), _bisect(test, row, after, at[end])
+    return _Pieces(row, low, high)
 
 
-def _places(
+def _list_samples(
     pieces: _Pieces, count: IntArray, may_hold: _MayHold | None
 ) -> tuple[IntArray, IntArray]:
-    """The piece and the number of each place to look at, of ``count`` (K,) places on each piece."""
+    """The piece and the number in it of each sample, of `count` (K,) samples on each piece."""
     if may_hold is None:
         return owners(count), ramp(count)
 
@@ -267,16 +282,16 @@ def _places(
     return np.repeat(runs.group, size), stretches(runs.first, size)
 
 
-def _halve(test: _Test, row: IntArray, outside: FloatArray, inside: FloatArray) -> FloatArray:
-    """(K,) the fraction nearest to ``outside`` (K,) at which ``test`` holds, as ``inside`` (K,)."""
+def _bisect(test: _Test, row: IntArray, outside: FloatArray, inside: FloatArray) -> FloatArray:
+    """(K,) the fraction nearest to `outside` (K,) up to which `test` holds from `inside` (K,)."""
     if not len(row):
         return inside
     reached = test(row, outside)
     outside, inside = outside.copy(), np.where(reached, outside, inside)
     for _ in range(_HALVINGS):
         middle = (outside + inside) / 2
-        good = test(row, middle)
-        inside, outside = np.where(good, middle, inside), np.where(good, outside, middle)
+        holds = test(row, middle)
+        inside, outside = np.where(holds, middle, inside), np.where(holds, outside, middle)
     return inside
 
 
@@ -284,8 +299,8 @@ def _split_holes(walls: _Walls, pieces: _Pieces) -> tuple[IntArray, _Pieces]:
     """A wall segment of each loop that is a round hole, and the pieces of all other loops."""
     source = walls.source
     count = int(source.owner.max(initial=-1)) + 1
-    share = np.bincount(pieces.row, pieces.high - pieces.low, len(source))
-    whole = np.bincount(source.owner, share < 1 - 1e-6, count) == 0
+    covered = np.bincount(pieces.row, pieces.high - pieces.low, len(source))
+    whole = np.bincount(source.owner, covered < 1 - _WHOLE_ROUNDING, count) == 0
     chosen = whole[source.owner[pieces.row]]
     candidates = pieces.take(chosen)
     middle = walls.middles(candidates.row, (candidates.low + candidates.high) / 2)
@@ -299,8 +314,8 @@ def _split_holes(walls: _Walls, pieces: _Pieces) -> tuple[IntArray, _Pieces]:
     return rows, pieces.take(~np.isin(source.owner[pieces.row], source.owner[rows]))
 
 
-def _chain(walls: _Walls, following: IntArray, pieces: _Pieces) -> list[_Pieces]:
-    """The pieces that follow each other along a wall, the longest chain first."""
+def _join_pieces(walls: _Walls, following: IntArray, pieces: _Pieces) -> list[_Pieces]:
+    """Chains of pieces that follow each other along a wall, the longest chain first."""
     count = len(pieces.row)
     after = np.full(count, -1)
     starts = run_starts(pieces.row)
@@ -308,7 +323,7 @@ def _chain(walls: _Walls, following: IntArray, pieces: _Pieces) -> list[_Pieces]
     ends = np.append(starts[1:], count) - 1
     for last in ends.tolist() if count else []:
         successor = first_of.get(int(following[pieces.row[last]]), -1)
-        if successor >= 0 and _meet(walls, pieces, last, successor):
+        if successor >= 0 and _can_continue(walls, pieces, last, successor):
             after[last] = successor
     begins_chain = np.ones(count, dtype=bool)
     begins_chain[after[after >= 0]] = False
@@ -331,39 +346,39 @@ def _chain(walls: _Walls, following: IntArray, pieces: _Pieces) -> list[_Pieces]
     return [chains[k] for k in ranks.tolist()]
 
 
-def _meet(walls: _Walls, pieces: _Pieces, last: int, first: int) -> bool:
-    """Whether the line beside piece ``last`` goes on beside ``first``, around a corner or not."""
+def _can_continue(walls: _Walls, pieces: _Pieces, last: int, first: int) -> bool:
+    """Whether the line along piece `last` continues along `first`, around a corner or not."""
     rows = pieces.row[[last, first]]
     at = np.array([pieces.high[last], pieces.low[first]])
     first_end, next_start = walls.middles(rows, at)
-    turn = _turn(walls.source, int(rows[0]), int(rows[1]))
+    turn = _measure_turn(walls.source, int(rows[0]), int(rows[1]))
     if abs(turn) > _MOST_TURN:
         return False
     gap = float(np.hypot(*(next_start - first_end)))
     if gap > 2 * walls.distance * np.sin(abs(turn) / 2) + _MISS_MM:
         return False
-    corner = _corner(first_end, next_start, turn)
+    corner = _make_corner(first_end, next_start, turn)
     middles = points_at(corner.take(np.zeros(3, dtype=np.int64)), np.array([0.25, 0.5, 0.75]))
     return walls.is_clear(middles, int(rows[0]))
 
 
-def _turn(source: Segments, before: int, after: int) -> float:
-    """The angle, rad, by which a wall turns from one segment to the next, left positive."""
+def _measure_turn(source: Segments, before: int, after: int) -> float:
+    """The angle by which a wall turns from one segment to the next, rad, left positive."""
     pair = source.take(np.array([before, after]))
     direction = tangents_at(pair, np.array([1.0, 0.0]))
     return float(turns(direction[:1], direction[1:])[0])
 
 
-def _corner(start: FloatArray, end: FloatArray, turn: float) -> Segments:
-    """The arc from one point (2,) to another along which a line turns at a corner."""
+def _make_corner(start: FloatArray, end: FloatArray, turn: float) -> Segments:
+    """The arc between two points (2,) on which a line turns at a corner."""
     bulge = np.array([np.tan(turn / 4)])
     return make(start[None], end[None], bulge, np.zeros(1, dtype=np.int64))
 
 
-def _without_known(
+def _remove_known(
     walls: _Walls, following: IntArray, chain: _Pieces, known: Segments
 ) -> list[_Pieces]:
-    """The parts of a chain along which no known way runs."""
+    """The parts of a chain along which no known line runs, as chains."""
     reach = _SAME * walls.slack
 
     def is_new(rows: IntArray, fraction: FloatArray) -> BoolArray:
@@ -372,25 +387,29 @@ def _without_known(
 
     if not len(known):
         return [chain]
-    probe = np.linspace(0.02, 0.98, 5)
-    rows = np.repeat(chain.row, len(probe))
-    span = np.repeat(chain.high - chain.low, len(probe))
-    fraction = np.repeat(chain.low, len(probe)) + span * np.tile(probe, len(chain.row))
+    rows = np.repeat(chain.row, len(_PROBES))
+    span = np.repeat(chain.high - chain.low, len(_PROBES))
+    fraction = np.repeat(chain.low, len(_PROBES)) + span * np.tile(_PROBES, len(chain.row))
     if is_new(rows, fraction).all():
         return [chain]
-    left = _find_stretches(is_new, chain, walls)
-    order = np.lexsort((left.low, left.row))
-    return _chain(walls, following, left.take(order))
+    new = _find_parts(is_new, chain, walls)
+    order = np.lexsort((new.low, new.row))
+    return _join_pieces(walls, following, new.take(order))
 
 
-def _draw(walls: _Walls, chain: _Pieces, owner: int) -> tuple[Segments, FloatArray, IntArray, bool]:
-    """The line beside a chain: segments, turns at corners, wall segments, and if it is closed."""
+def _make_line(
+    walls: _Walls, chain: _Pieces, owner: int
+) -> tuple[Segments, FloatArray, IntArray, bool]:
+    """The centre line along a chain.
+
+    Returns its segments, their turns at corners, their wall segments, and whether it is closed.
+    """
     source = walls.source.take(chain.row)
     low, high = walls.middles(chain.row, chain.low), walls.middles(chain.row, chain.high)
     bulge = np.tan(np.arctan(source.bulge) * (chain.high - chain.low))
     points, bulges, turn, rows = [low[0]], [], [], []
 
-    def go(target: FloatArray, bulge: float, angle: float, row: int) -> None:
+    def add(target: FloatArray, bulge: float, angle: float, row: int) -> None:
         if np.hypot(*(target - points[-1])) > _MISS_MM:
             points.append(target)
             bulges.append(bulge)
@@ -399,13 +418,13 @@ def _draw(walls: _Walls, chain: _Pieces, owner: int) -> tuple[Segments, FloatArr
 
     for k, row in enumerate(chain.row.tolist()):
         if k:
-            angle = _turn(walls.source, int(chain.row[k - 1]), row)
+            angle = _measure_turn(walls.source, int(chain.row[k - 1]), row)
             if float((low[k] - points[-1]) @ (high[k] - low[k])) < 0.0:
-                # In an inner corner of chords both pieces run on beyond the bisector.
+                # In an inner corner of chords both pieces extend beyond the bisector.
                 points[-1] = (points[-1] + low[k]) / 2
             else:
-                go(low[k], float(np.tan(angle / 4)), angle, row)
-        go(high[k], float(bulge[k]), 0.0, row)
+                add(low[k], float(np.tan(angle / 4)), angle, row)
+        add(high[k], float(bulge[k]), 0.0, row)
     table = np.array(points)
     ring = len(rows) > 1 and bool(np.hypot(*(table[-1] - table[0])) <= _MISS_MM)
     if ring:

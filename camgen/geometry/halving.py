@@ -1,4 +1,4 @@
-"""Halving for many searches at once, where one question costs nearly as much as a hundred asked together."""
+"""Bisection of many ranges at once, for tests that are cheaper together than one by one."""
 
 from __future__ import annotations
 
@@ -9,15 +9,22 @@ _Key = TypeVar("_Key", bound=Hashable)
 
 
 def find_first(
-    counts: Mapping[_Key, int], hold: Callable[[Mapping[_Key, int]], Sequence[bool]]
+    counts: Mapping[_Key, int], passes: Callable[[Mapping[_Key, int]], Sequence[bool]]
 ) -> dict[_Key, int]:
-    """By key the first of the places 0 to ``counts`` - 1 that holds, where all behind one that holds do too; not those
-    of which none holds. hold: whether these places of some keys do, in the order of the keys; it is asked as often as
-    the longest search is halved.
+    """Find, for each key, the first index from 0 to `counts[key]` - 1 that passes a test.
+
+    Bisection of all keys at once. If an index passes, all later ones of its key must pass too.
+    Keys without a passing index are left out of the result.
+
+    passes: the test. It gets one index for each of some keys and returns a bool for each, in their
+        order. It is called once per halving of the longest range.
     """
-    left = {key: (0, count) for key, count in counts.items() if count}
-    while asked := {key: (low + high) // 2 for key, (low, high) in left.items() if low < high}:
-        for (key, at), holds in zip(asked.items(), hold(asked), strict=True):
-            low, high = left[key]
-            left[key] = (low, at) if holds else (at + 1, high)
-    return {key: low for key, (low, _) in left.items() if low < counts[key]}
+    ranges = {key: (0, count) for key, count in counts.items() if count}
+    while True:
+        middles = {key: (low + high) // 2 for key, (low, high) in ranges.items() if low < high}
+        if not middles:
+            break
+        for (key, middle), result in zip(middles.items(), passes(middles), strict=True):
+            low, high = ranges[key]
+            ranges[key] = (low, middle) if result else (middle + 1, high)
+    return {key: low for key, (low, _) in ranges.items() if low < counts[key]}

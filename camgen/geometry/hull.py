@@ -13,9 +13,9 @@ from camgen.model.pose import FloatArray
 
 
 def find_hull(points: FloatArray, tolerance: float) -> IntArray:
-    """Triangles (F, 3) of the convex hull of ``points`` (N, 3), as rows of the points.
+    """Triangles (F, 3) of the convex hull of `points` (N, 3), as rows of the points.
 
-    They are counter-clockwise seen from outside. A point may be outside by up to ``tolerance``, mm.
+    They are counter-clockwise seen from outside. A point may be outside by up to `tolerance`, mm.
     Points that lie in a plane within the tolerance have no hull: (0, 3).
     """
     first = _find_tetrahedron(points, tolerance)
@@ -50,7 +50,7 @@ class _Hull(Struct, eq=False):
     count: int = 0
 
     def add(self, triangles: list[tuple[int, int, int]], rows: IntArray) -> None:
-        """Adds triangles, and gives each the points of ``rows`` that are farthest outside it."""
+        """Adds triangles, and gives each the points of `rows` that are farthest outside it."""
         a, b, c = self.points[np.array(triangles)].transpose(1, 0, 2)
         normals = cross(b - a, c - a)
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
@@ -88,7 +88,7 @@ class _Hull(Struct, eq=False):
         self.add([(a, b, corner) for a, b in horizon], rows[rows != corner])
 
     def _find_visible(self, number: int, corner: int) -> list[int]:
-        """The connected triangles that are not farther behind than the tolerance from a point."""
+        """The connected triangles that a point is outside of, or inside by up to the tolerance."""
         point = self.points[corner]
         visible, border = [number], [number]
         seen = {number}

@@ -1,4 +1,7 @@
-"""Which loop lies inside which, and which loops cross: decides on what side of a loop the part is."""
+"""Nesting of closed loops: which loop lies inside which, and which loops cross.
+
+It decides on which side of a loop the part is.
+"""
 
 from __future__ import annotations
 
@@ -24,22 +27,35 @@ from camgen.geometry.segments import (
 from camgen.geometry.vectors import turns
 from camgen.model.pose import FloatArray
 
-# Loops that can be taken as they are: convex, and nothing else within their box. Most holes of a plate are.
+# Plain loops, which need no test against others: convex, and alone in their box. Most holes of a
+# plate are plain.
 
-#: Turning against the sense of the loop by up to this is rounding, rad; a sharper corner than the other is none.
-_STRAIGHT_TURN, _BACK_TURN = 1e-9, 3.0
+#: rad: a corner that turns against the sense of its loop by up to this is straight within rounding.
+_STRAIGHT_TURN = 1e-9
+#: rad: a corner that turns by more than this is a reversal, not a convex corner.
+_BACK_TURN = 3.0
+#: rad: rounding of the total turn of a loop, which is 2 pi.
+_TURN_ROUNDING = 1e-6
 
 
 def plain(segments: Segments, count: int) -> BoolArray:
-    """(count,): which of the closed loops that own ``segments``, in order, are convex and alone in their box."""
+    """(count,) whether each closed loop is convex and alone in its box.
+
+    segments: the loops, sorted by owner.
+    count: number of loops.
+    """
     result = _convex(segments, count)
     loops = np.flatnonzero(result)
-    result[loops] = _alone(segments, loops)
+    result[loops] = _are_alone(segments, loops)
     return result
 
 
 def loop_areas(segments: Segments, count: int) -> FloatArray:
-    """Signed areas (count,), mm2, of closed loops, arcs exact: shoelace about each loop's first point, and segments."""
+    """(count,) signed areas of closed loops, mm2, counter-clockwise positive, arcs exact.
+
+    They are the areas of the polygons of the ends, by the shoelace formula about the first point of
+    each loop, plus the circle segments. `segments` is sorted by owner.
+    """
     first = np.searchsorted(segments.owner, np.arange(count))
     origin = segments.start[np.minimum(first, len(segments) - 1)][segments.owner]
     a, b = segments.start - origin, segments.end - origin
@@ -51,7 +67,7 @@ def loop_areas(segments: Segments, count: int) -> FloatArray:
 
 
 def _convex(segments: Segments, count: int) -> BoolArray:
-    """Loops that turn one way only, and once round."""
+    """(count,) whether each loop turns in one sense only, and once."""
     size = len(segments)
     following = neighbours(segments, np.ones(count, dtype=np.bool_))
     leaves, arrives = tangents_at(segments, np.zeros(size)), tangents_at(segments, np.ones(size))
@@ -63,37 +79,47 @@ def _convex(segments: Segments, count: int) -> BoolArray:
         | (corner * sense < -_STRAIGHT_TURN)
         | (np.abs(corner) > _BACK_TURN)
     )
-    many = np.bincount(segments.owner, minlength=count) >= 2
-    return np.asarray(
-        many
-        & (np.abs(np.abs(turn) - 2 * np.pi) < 1e-6)
-        & (np.bincount(segments.owner, wrong, count) == 0)
-    )
+    has_several = np.bincount(segments.owner, minlength=count) >= 2
+    turns_once = np.abs(np.abs(turn) - 2 * np.pi) < _TURN_ROUNDING
+    has_no_wrong = np.bincount(segments.owner, wrong, count) == 0
+    return np.asarray(has_several & turns_once & has_no_wrong)
 
 
-def _alone(segments: Segments, loops: IntArray) -> BoolArray:
-    """(M,): which of ``loops`` have no segment of another loop in their box."""
+def _are_alone(segments: Segments, loops: IntArray) -> BoolArray:
+    """(M,) whether no segment of another loop is in the box of each of `loops` (M,)."""
     boxes, owner = bounds(segments), segments.owner
     result = np.ones(len(loops), dtype=np.bool_)
-    if len(loops):
-        for which, row in box_pairs(around(boxes, owner, int(owner[-1]) + 1)[loops], boxes, owner):
-            result[which[owner[row] != loops[which]]] = False
+    if not len(loops):
+        return result
+    loop_boxes = around(boxes, owner, int(owner[-1]) + 1)[loops]
+    for which, row in box_pairs(loop_boxes, boxes, owner):
+        result[which[owner[row] != loops[which]]] = False
     return result
 
 
-#: Arcs are flattened to this (mm) for the test of inside and outside; loops nearer than that are one another's touch.
+#: mm: deviation of the chords that replace arcs in the tests of inside and outside.
+#: Loops nearer to each other than this touch.
 _CHORD = 0.02
-#: How two loops lie that meet.
+#: How two loops whose borders meet lie: not compared yet, beside each other, one inside the other,
+#: or partly over each other.
 _UNKNOWN, _BESIDE, _INSIDE, _PARTLY = -1, 0, 1, 2
-#: So many times as many of those that a loop meets are looked at in each round.
-_FURTHER = 4
+#: Factor on the number of neighbours of a loop that are compared, from round to round.
+_BATCH_GROWTH = 4
+#: mm: ratio of area to length below which a loop has no inside.
+_EMPTY_WIDTH_MM = 1e-6
+#: Fraction by which an outer loop is larger at least. Loops on top of each other, equal within
+#: rounding, would enclose each other otherwise.
+_LARGER = 1e-9
 
 
 class Nesting(Struct, frozen=True, eq=False):
-    """For N loops: depth (N,) = how many loops lie around each; parent (N,) the tightest of them, -1 if none.
+    """How N loops lie in each other.
 
-    area: (N,) mm2, positive counter-clockwise. crossed: (N,) another loop that each crosses, itself if it crosses
-    itself, -1 if none. empty: (N,) true for loops without an inside, such as a line there and back.
+    depth: (N,) number of loops around each one.
+    parent: (N,) the smallest loop around each one, or -1.
+    area: (N,) mm2, positive counter-clockwise.
+    crossed: (N,) another loop that each one crosses, itself if it crosses itself, -1 if none.
+    empty: (N,) whether a loop has no inside, such as a line there and back.
     """
 
     depth: IntArray
@@ -104,26 +130,26 @@ class Nesting(Struct, frozen=True, eq=False):
 
 
 def nest(segments: Segments, count: int) -> Nesting:
-    """Nesting of the closed loops 0..count-1 that own ``segments``."""
+    """Nesting of the closed loops 0 to count - 1. `segments` is sorted by owner."""
     area = loop_areas(segments, count)
-    # Most loops of a large drawing need no test against others.
+    # Most loops of a large drawing are plain.
     points, owner = flatten(segments.take(~plain(segments, count)[segments.owner]), _CHORD)
-    many = np.bincount(owner, minlength=count) >= 3
-    rings = np.flatnonzero(many)
-    chosen = many[owner]
+    is_ring = np.bincount(owner, minlength=count) >= 3
+    rings = np.flatnonzero(is_ring)
+    chosen = is_ring[owner]
     polygons = shapely.polygons(
-        shapely.linearrings(points[chosen], indices=np.cumsum(many)[owner[chosen]] - 1)
+        shapely.linearrings(points[chosen], indices=np.cumsum(is_ring)[owner[chosen]] - 1)
     )
     crossed = np.full(count, -1)
-    _cross_themselves(polygons, rings, _areas(points, owner, count), crossed)
-    touching = _cross_others(polygons, rings, crossed)
-    depth, parent = _around(segments, polygons, rings, area, touching)
+    _mark_self_crossings(polygons, rings, _polygon_areas(points, owner, count), crossed)
+    touching = _mark_crossings(polygons, rings, crossed)
+    depth, parent = _find_parents(segments, polygons, rings, area, touching)
     length = np.bincount(segments.owner, segments.length, count)
-    return Nesting(depth, parent, area, crossed, np.abs(area) <= 1e-6 * length)
+    return Nesting(depth, parent, area, crossed, np.abs(area) <= _EMPTY_WIDTH_MM * length)
 
 
-def _areas(points: FloatArray, owner: IntArray, count: int) -> FloatArray:
-    """Signed areas by the shoelace formula about each loop's first point."""
+def _polygon_areas(points: FloatArray, owner: IntArray, count: int) -> FloatArray:
+    """(count,) signed areas of polygons, mm2, by the shoelace formula about their first points."""
     if not len(owner):
         return np.zeros(count)
     first = np.searchsorted(owner, np.arange(count))
@@ -132,72 +158,92 @@ def _areas(points: FloatArray, owner: IntArray, count: int) -> FloatArray:
     return np.asarray(np.bincount(owner, a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], count) / 2)
 
 
-def _cross_themselves(
+def _mark_self_crossings(
     polygons: object, rings: IntArray, area: FloatArray, crossed: IntArray
 ) -> None:
-    """Marks loops whose enclosed area is not what the shoelace says: parts of them run the other way round."""
-    bad = np.flatnonzero(~shapely.is_valid(polygons))
-    if len(bad):
-        suspects = np.asarray(polygons)[bad]
-        enclosed = shapely.area(shapely.make_valid(suspects))
-        slack = _CHORD * shapely.length(suspects)
-        wrong = bad[np.abs(enclosed - np.abs(area[rings[bad]])) > slack]
-        crossed[rings[wrong]] = rings[wrong]
+    """Sets `crossed` of loops that cross themselves to the loop itself.
 
+    They are the loops whose enclosed area is not that of the shoelace formula, because parts of
+    them have the opposite sense.
 
-def _cross_others(polygons: object, rings: IntArray, crossed: IntArray) -> IntArray:
-    """Marks pairs of loops that cover each other in part; pairs (M, 2) of loops that touch, the inner one first.
-
-    What two loops have in common takes many times as long as whether they meet: of those that a loop meets only the
-    first ones are looked at, until one crosses it. Of two loops that both cross others nobody asks more.
+    polygons: (R,) loops as polygons.
+    rings: (R,) their numbers.
+    area: (count,) mm2, by the shoelace formula.
     """
-    sound = np.flatnonzero(crossed[rings] < 0)
-    shapes = np.asarray(polygons)[sound]
+    invalid = np.flatnonzero(~shapely.is_valid(polygons))
+    if not len(invalid):
+        return
+    suspects = np.asarray(polygons)[invalid]
+    enclosed = shapely.area(shapely.make_valid(suspects))
+    slack = _CHORD * shapely.length(suspects)
+    is_wrong = np.abs(enclosed - np.abs(area[rings[invalid]])) > slack
+    wrong = invalid[is_wrong]
+    crossed[rings[wrong]] = rings[wrong]
+
+
+def _mark_crossings(polygons: object, rings: IntArray, crossed: IntArray) -> IntArray:
+    """Sets `crossed` of loops that partly cover another loop, and finds the loops that touch.
+
+    Returns pairs (M, 2) of loops that touch, the inner one first. To compute what two loops have in
+    common takes many times as long as to find whether they meet. So of the loops that a loop meets,
+    the first ones are compared, then more, until one crosses it. Two loops that both cross others
+    are not compared any more.
+    """
+    simple = np.flatnonzero(crossed[rings] < 0)
+    shapes = np.asarray(polygons)[simple]
     lines = shapely.get_exterior_ring(shapes)
-    one, two = shapely.STRtree(lines).query(lines, predicate="intersects")
-    one, two = one[one < two], two[one < two]
-    shapes = (
-        np.where(shapely.is_valid(shapes), shapes, shapely.make_valid(shapes))
-        if len(one)
-        else shapes
-    )
-    kind = np.full(len(one), _UNKNOWN)
-    # Each pair from both sides, for each loop those that it meets in order.
-    pair = np.tile(np.arange(len(one)), 2)
-    own, other = np.concatenate([one, two]), np.concatenate([two, one])
-    order = np.lexsort((other, own))
-    pair, own, other = pair[order], own[order], other[order]
-    place = ramp(np.bincount(own, minlength=len(sound)))
-    first = np.full(len(sound), len(sound))
+    first, second = shapely.STRtree(lines).query(lines, predicate="intersects")
+    first, second = first[first < second], second[first < second]
+    if len(first):
+        shapes = np.where(shapely.is_valid(shapes), shapes, shapely.make_valid(shapes))
+    kind = np.full(len(first), _UNKNOWN)
+    # Each pair from both sides; for each loop those that it meets in order.
+    pair = np.tile(np.arange(len(first)), 2)
+    loop, other = np.concatenate([first, second]), np.concatenate([second, first])
+    order = np.lexsort((other, loop))
+    pair, loop, other = pair[order], loop[order], other[order]
+    place = ramp(np.bincount(loop, minlength=len(simple)))
+    none = len(simple)
+    first_crossed = np.full(len(simple), none)
     low, high = 0, 1
-    while len(now := np.flatnonzero((place >= low) & (place < high) & (first[own] == len(sound)))):
-        new = np.unique(pair[now])
+    while True:
+        batch = np.flatnonzero((place >= low) & (place < high) & (first_crossed[loop] == none))
+        if not len(batch):
+            break
+        new = np.unique(pair[batch])
         new = new[kind[new] == _UNKNOWN]
-        kind[new] = _compare(shapes[one[new]], shapes[two[new]])
-        met = now[kind[pair[now]] == _PARTLY]
-        np.minimum.at(first, own[met], other[met])
-        low, high = high, _FURTHER * high
-    found = np.flatnonzero(first < len(sound))
-    crossed[rings[sound[found]]] = rings[sound[first[found]]]
+        kind[new] = _compare(shapes[first[new]], shapes[second[new]])
+        partly = batch[kind[pair[batch]] == _PARTLY]
+        np.minimum.at(first_crossed, loop[partly], other[partly])
+        low, high = high, _BATCH_GROWTH * high
+    crossing = np.flatnonzero(first_crossed < none)
+    crossed[rings[simple[crossing]]] = rings[simple[first_crossed[crossing]]]
     inside = np.flatnonzero(kind == _INSIDE)
-    loops = np.column_stack([rings[sound[one[inside]]], rings[sound[two[inside]]]])
-    swapped = shapely.area(shapes[one[inside]]) > shapely.area(shapes[two[inside]])
-    return np.asarray(np.where(swapped[:, None], loops[:, ::-1], loops))
+    loops = np.column_stack([rings[simple[first[inside]]], rings[simple[second[inside]]]])
+    is_swapped = shapely.area(shapes[first[inside]]) > shapely.area(shapes[second[inside]])
+    return np.asarray(np.where(is_swapped[:, None], loops[:, ::-1], loops))
 
 
-def _compare(one: NDArray[Any], two: NDArray[Any]) -> IntArray:
-    """How pairs of polygons (N,) lie: beside each other, one inside the other, or partly over each other."""
-    common = shapely.area(shapely.intersection(one, two))
-    smaller = np.minimum(shapely.area(one), shapely.area(two))
-    slack = _CHORD * np.minimum(shapely.length(one), shapely.length(two))
-    over = common > slack
-    return np.where(over, np.where(smaller - common > slack, _PARTLY, _INSIDE), _BESIDE)
+def _compare(first: NDArray[Any], second: NDArray[Any]) -> IntArray:
+    """(N,) how pairs of polygons lie: `_BESIDE`, `_INSIDE` or `_PARTLY`."""
+    common = shapely.area(shapely.intersection(first, second))
+    smaller = np.minimum(shapely.area(first), shapely.area(second))
+    slack = _CHORD * np.minimum(shapely.length(first), shapely.length(second))
+    overlapping = np.where(smaller - common > slack, _PARTLY, _INSIDE)
+    return np.where(common > slack, overlapping, _BESIDE)
 
 
-def _around(
+def _find_parents(
     segments: Segments, polygons: object, rings: IntArray, area: FloatArray, touching: IntArray
 ) -> tuple[IntArray, IntArray]:
-    """Depth and parent: B lies around A when a point of A is properly inside B, or A touches B from within."""
+    """Depth and parent of each loop, as in `Nesting`.
+
+    Loop A is inside loop B if a point of A is properly inside B, or if A touches B from within.
+
+    polygons: (R,) loops that are not plain.
+    rings: (R,) their numbers.
+    touching: (M, 2) pairs of loops that touch, the inner one first.
+    """
     count = len(area)
     first = np.searchsorted(segments.owner, np.arange(count))
     probes = points_at(segments.take(first), np.full(count, 0.5))
@@ -208,11 +254,10 @@ def _around(
         np.concatenate([probe * count + rings[outer], touching @ np.array([count, 1])])
     )
     pair = np.column_stack(np.divmod(pairs, count))
-    # What lies around is larger; loops on top of each other, equal but for rounding, would else enclose each other.
-    pair = pair[np.abs(area[pair[:, 0]]) < np.abs(area[pair[:, 1]]) * (1 - 1e-9)]
+    pair = pair[np.abs(area[pair[:, 0]]) < np.abs(area[pair[:, 1]]) * (1 - _LARGER)]
     depth = np.bincount(pair[:, 0], minlength=count)
     parent = np.full(count, -1)
     order = np.argsort(-np.abs(area[pair[:, 1]]), kind="stable")
-    # Written from the largest to the smallest, the tightest remains.
+    # Parents are written from the largest to the smallest, so the smallest remains.
     parent[pair[order, 0]] = pair[order, 1]
     return depth, parent

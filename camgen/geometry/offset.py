@@ -1,10 +1,14 @@
-"""The exact offset of lines and arcs: everything at one distance from a drawing, and nothing nearer.
+"""The exact offset of lines and arcs: all points at one distance from a drawing, and none nearer.
 
-A point of the offset curve lies square to a segment of the source or on a circle about one of its corners. So the
-curve is part of a known set: each segment moved sideways (a line stays a line, an arc of radius r becomes r +- d) and
-an arc of radius d about each outer corner. These candidates are cut wherever they meet, the pieces that lie too near to
-any part of the source are dropped, and the rest is joined end to end. Islands, splits, holes that close and parts
-that come too near to each other need no case of their own, and no arc is ever flattened.
+A point of the offset curve is on the perpendicular to a segment of the source, or on a circle about
+one of its corners. So the curve is part of a known set, the candidates:
+
+- each segment moved sideways: a line stays a line, an arc of radius r gets the radius r +- d,
+- an arc of radius d about each outer corner.
+
+The candidates are cut wherever they meet. The pieces that are too near to any part of the source
+are dropped, and the others are joined end to end. Islands, splits, holes that close and parts that
+come too near to each other need no special case, and no arc is ever flattened.
 """
 
 from __future__ import annotations
@@ -19,6 +23,7 @@ from camgen.geometry.segments import (
     BoolArray,
     IntArray,
     Segments,
+    concatenate,
     make,
     points_at,
     split,
@@ -26,29 +31,40 @@ from camgen.geometry.segments import (
 )
 from camgen.geometry.stitch import stitch
 from camgen.geometry.uncross import LEAST_SLIP
-from camgen.geometry.vectors import turns
+from camgen.geometry.vectors import turn_right, turns
 from camgen.model.pose import FloatArray
 
-#: A kept piece must have room beyond its middle: a thousandth of its length, within these bounds (mm). A slot exactly
-#: as wide as the tool has none, so it counts as too narrow instead of leaving two paths on top of each other.
+#: A piece is kept if there is free space beyond its middle: a thousandth of its length, within
+#: these bounds, mm. A slot exactly as wide as the tool has none. It counts as too narrow, so no
+#: paths are left on top of each other.
 _BEYOND = (1e-6, 1e-4)
-#: Rounding of a distance (mm): what is nearer than the offset by more than this is too near.
-_NOISE = 2e-7
-#: Cuts nearer than this (mm) to each other are one.
+#: Fraction of a piece of the step beyond its middle.
+_BEYOND_FRACTION = 0.001
+#: mm: rounding of a distance. A point is too near only if it is nearer than the offset by more.
+_ROUNDING_MM = 2e-7
+#: mm: cuts nearer to each other than this are one.
 _SAME_CUT = 1e-6
-#: Bends that differ by less (1/mm) are one: lines, and arcs on one circle.
+#: 1/mm: curvatures that differ by less are equal: lines, and arcs on one circle.
 _STRAIGHT = 1e-9
-#: Neighbours that run on past a flat corner may miss each other by this (mm) and still be joined.
+#: mm: extended neighbours of a flat corner may miss each other by this and are still joined.
 _MISS = 5e-5
+#: rad: corners that turn by more are never plain.
+_PLAIN_TURN = 0.5
+#: mm: a moved arc with a smaller radius has vanished.
+_LEAST_RADIUS_MM = 1e-9
 
 
 class Offset(Struct, frozen=True, eq=False):
-    """Chains of segments beside a source, the source on their left.
+    """Chains of segments at a distance from a source, which is on their left.
 
-    segments: ordered, ``owner`` counts the chains. closed: (chains,). source: (N,) the source segment beside which a
-    segment runs; for an arc about a corner the one before the corner. corner: (N,) true for those arcs. turn: (N,)
-    rad by which the source turns at that corner, 0 elsewhere. open_ends: pieces that found no successor though their
-    source is closed; 0 unless the numbers were against it.
+    segments: N segments in running order; `owner` counts the chains.
+    closed: (chains,) whether the last segment of a chain is followed by its first.
+    source: (N,) the source segment to which a segment belongs; of an arc about a corner the segment
+        before the corner.
+    corner: (N,) whether a segment is such an arc.
+    turn: (N,) angle by which the source turns at that corner, rad, 0 elsewhere.
+    open_ends: pieces without a successor although their source is closed. It is 0 unless rounding
+        prevented a join.
     """
 
     segments: Segments
@@ -62,59 +78,64 @@ class Offset(Struct, frozen=True, eq=False):
 def offset(
     source: Segments, following: IntArray, group: IntArray, distance: float, mitre: float
 ) -> Offset:
-    """The curve at ``distance`` mm on the right of ``source`` and no nearer to any segment of the same group.
+    """The curve at `distance` mm on the right of `source`, and no nearer to its group than that.
 
-    following: (N,) next segment of each, -1 at the end of an open chain. group: (N,) labels; segments of different
-    groups do not see each other. mitre: mm by which a corner may be left to stay a plain corner.
+    following: (N,) the segment after each one, -1 at the end of an open chain.
+    group: (N,) labels. Segments with different labels do not influence each other.
+    mitre: distance by which a corner may be exceeded to remain a plain corner, mm.
     """
-    candidates, origin, corner, turn = _candidates(source, following, distance, mitre)
+    candidates, origin, corner, turn = _make_candidates(source, following, distance, mitre)
     group = set_apart(source, group, candidates, origin, distance)
     obstacles, label = Obstacles(source, group), group[origin]
-    kept = _hopeful(candidates, label, obstacles, distance)
+    kept = _may_have_room(candidates, label, obstacles, distance)
     candidates, origin, corner, turn, label = (
         candidates.take(kept), origin[kept], corner[kept], turn[kept], label[kept],
     )  # fmt: skip
     if (following < 0).any():
         cutters = _round_open_ends(source, following, distance)
-        row, low, high = _pieces(candidates, label, cutters, group[cutters.owner])
+        row, low, high = _cut_candidates(candidates, label, cutters, group[cutters.owner])
     else:
-        row, low, high = _pieces(candidates, label)
-    free = _has_room(candidates.take(row), low, high, label[row], obstacles, distance)
+        row, low, high = _cut_candidates(candidates, label)
+    free = _have_room(candidates.take(row), low, high, label[row], obstacles, distance)
     row, low, high = row[free], low[free], high[free]
     chain = stitch(candidates, row, low, high, label[row])
     row, low, high = chain.row, chain.low, chain.high
     segments = split(candidates, row, low, high)
     segments = make(segments.start, segments.end, segments.bulge, chain.owner)
-    loose = ~chain.closed
-    loops = following >= 0
-    broken = int(np.count_nonzero(loops[origin[row[chain.last_of[loose]]]])) if loose.any() else 0
-    return Offset(segments, chain.closed, origin[row], corner[row], turn[row], broken)
+    last_pieces = chain.last_of[~chain.closed]
+    is_closed_source = following[origin[row[last_pieces]]] >= 0
+    open_ends = int(np.count_nonzero(is_closed_source))
+    return Offset(segments, chain.closed, origin[row], corner[row], turn[row], open_ends)
 
 
-def _candidates(
+def _make_candidates(
     source: Segments, following: IntArray, distance: float, mitre: float
 ) -> tuple[Segments, IntArray, BoolArray, FloatArray]:
-    """All curves that can be part of the offset: moved segments, then arcs about outer corners; with their origin."""
-    zero, one = np.zeros(len(source)), np.ones(len(source))
+    """All curves that can be part of the offset: moved segments, then arcs about outer corners.
+
+    Returns C candidates, the source segment of each (C,), whether it is an arc about a corner (C,),
+    and the angle of that corner (C,), rad.
+    """
+    at_start, at_end = np.zeros(len(source)), np.ones(len(source))
     before = np.flatnonzero(following >= 0)
     after = following[before]
-    first, second = tangents_at(source, one)[before], tangents_at(source, zero)[after]
+    first, second = tangents_at(source, at_end)[before], tangents_at(source, at_start)[after]
     bend = np.sign(source.bulge) / source.radius
     turn = _corner_turns(first, second, bend[before] + bend[after])
     radius = source.radius + np.sign(source.bulge) * distance
     plain = _plain_corners(turn, radius[before], radius[after], distance, mitre)
-    # At a plain corner both neighbours run on along themselves until they meet.
+    # At a plain corner both neighbours are extended until they meet.
     extra = np.where(plain, distance * np.tan(turn / 2), 0.0)
     early, late = np.zeros(len(source)), np.zeros(len(source))
     late[before], early[after] = extra, extra
     moved = _move_sideways(source, distance, radius, early, late)
-    alive = np.flatnonzero(~source.is_arc | (radius > 1e-9))
+    alive = np.flatnonzero(~source.is_arc | (radius > _LEAST_RADIUS_MM))
     outer = np.flatnonzero((turn > 0) & ~plain)
-    about = source.end[before[outer]]
+    centre = source.end[before[outer]]
     start, end, bulge = (column[alive] for column in moved)
     candidates = make(
-        np.concatenate([start, about + distance * _right(first[outer])]),
-        np.concatenate([end, about + distance * _right(second[outer])]),
+        np.concatenate([start, centre + distance * turn_right(first[outer])]),
+        np.concatenate([end, centre + distance * turn_right(second[outer])]),
         np.concatenate([bulge, np.tan(turn[outer] / 4)]),
         np.concatenate([source.owner[alive], source.owner[before[outer]]]),
     )
@@ -124,39 +145,42 @@ def _candidates(
 
 
 def _corner_turns(first: FloatArray, second: FloatArray, bends: FloatArray) -> FloatArray:
-    """(N,) rad from the directions ``first`` to ``second``, positive where a tool on the right goes round the corner.
+    """(N,) angles from the directions `first` to `second`, rad, positive at an outer corner.
 
-    bends: (N,) 1/mm, the curvatures of both segments added, counter-clockwise positive. Where a curve goes straight
-    back they say whether the part is between the two sides of the tip (a turn of pi) or around them (-pi).
+    An outer corner is one around which a tool on the right side moves on an arc.
+
+    bends: (N,) sum of the curvatures of both segments, 1/mm, counter-clockwise positive. At a
+        reversal they decide whether the part is between the two sides of the tip (a turn of pi) or
+        around them (-pi).
     """
     turn = turns(first, second)
     back = np.pi - np.abs(turn) <= np.maximum(LEAST_SLIP / 2 * np.abs(bends), 1e-9)
-    beside = bends > _STRAIGHT
-    turn = np.where(back & beside & (turn > 0), turn - 2 * np.pi, turn)
-    return np.where(back & ~beside & (turn < 0), turn + 2 * np.pi, turn)
+    is_around = bends > _STRAIGHT
+    turn = np.where(back & is_around & (turn > 0), turn - 2 * np.pi, turn)
+    return np.where(back & ~is_around & (turn < 0), turn + 2 * np.pi, turn)
 
 
 def _move_sideways(
     source: Segments, distance: float, radius: FloatArray, early: FloatArray, late: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Start, end and bulge of the segments moved sideways, begun ``early`` mm before their start and run on ``late`` mm
-    beyond their end; ``radius`` is that of the moved arcs.
+    """Start, end and bulge of the segments moved sideways by `distance` mm, and extended.
+
+    radius: (N,) radius of the moved arcs, mm.
+    early, late: (N,) lengths by which they are extended before the start and beyond the end, mm.
     """
-    zero, one = np.zeros(len(source)), np.ones(len(source))
+    at_start, at_end = np.zeros(len(source)), np.ones(len(source))
     with np.errstate(divide="ignore", invalid="ignore"):
         sweep = source.sweep
-        before, beyond = (
-            np.where(source.is_arc, x / radius * np.sign(sweep), 0.0) for x in (early, late)
-        )
-        begin, finish = (
-            np.where(source.is_arc, x / np.where(sweep == 0, 1.0, sweep), 0.0)
-            for x in (before, beyond)
-        )
-    # Beyond its ends an arc goes on with the fractions below 0 and above 1; a line along its tangent.
-    tangent = tangents_at(source, zero), tangents_at(source, one)
+        before = np.where(source.is_arc, early / radius * np.sign(sweep), 0.0)
+        beyond = np.where(source.is_arc, late / radius * np.sign(sweep), 0.0)
+        safe_sweep = np.where(sweep == 0, 1.0, sweep)
+        begin = np.where(source.is_arc, before / safe_sweep, 0.0)
+        finish = np.where(source.is_arc, beyond / safe_sweep, 0.0)
+    # An arc is extended by fractions below 0 and above 1, a line along its tangent.
+    tangent = tangents_at(source, at_start), tangents_at(source, at_end)
     start, end = points_at(source, -begin), points_at(source, 1 + finish)
-    start = start + distance * _right(tangents_at(source, -begin))
-    end = end + distance * _right(tangents_at(source, 1 + finish))
+    start = start + distance * turn_right(tangents_at(source, -begin))
+    end = end + distance * turn_right(tangents_at(source, 1 + finish))
     line = ~source.is_arc
     start[line] -= early[line, None] * tangent[0][line]
     end[line] += late[line, None] * tangent[1][line]
@@ -170,38 +194,43 @@ def _plain_corners(
     distance: float,
     mitre: float,
 ) -> BoolArray:
-    """Outer corners so flat that the moved neighbours may simply run on until they meet."""
+    """(N,) whether a corner is so flat that its moved neighbours are extended until they meet.
+
+    turn: (N,) rad, positive at outer corners.
+    radius_before, radius_after: (N,) radii of the moved neighbours, mm, inf for lines.
+    """
     overshoot = distance * turn**2 / 8
-    # Along a curve they miss each other by the square of how far they run on.
-    run_on = distance * np.abs(turn) / 2
-    miss = (
-        run_on**2 / 2 * (1 / np.maximum(radius_before, 1e-9) + 1 / np.maximum(radius_after, 1e-9))
-    )
-    return np.asarray((turn > 0) & (turn < 0.5) & (overshoot <= mitre) & (miss <= _MISS))
+    # Extended arcs miss each other by the square of the extension.
+    extension = distance * np.abs(turn) / 2
+    bends = 1 / np.maximum(radius_before, _LEAST_RADIUS_MM)
+    bends = bends + 1 / np.maximum(radius_after, _LEAST_RADIUS_MM)
+    miss = extension**2 / 2 * bends
+    is_flat = (turn > 0) & (turn < _PLAIN_TURN)
+    return np.asarray(is_flat & (overshoot <= mitre) & (miss <= _MISS))
 
 
-def _right(direction: FloatArray) -> FloatArray:
-    return np.column_stack([direction[:, 1], -direction[:, 0]])
-
-
-def _hopeful(
+def _may_have_room(
     candidates: Segments, label: IntArray, obstacles: Obstacles, distance: float
 ) -> BoolArray:
-    """Candidates that may have room somewhere: along a curve the distance changes no faster than one moves."""
+    """(C,) whether some point of a candidate may be `distance` mm away from the source.
+
+    That is known from its middle alone: along a curve the distance from the source changes by no
+    more than the length of the curve.
+    """
     middle = points_at(candidates, np.full(len(candidates), 0.5))
     half = candidates.length / 2
     short = np.flatnonzero(half < distance / 2)
-    hopeful = np.ones(len(candidates), dtype=bool)
+    may_have_room = np.ones(len(candidates), dtype=bool)
     if len(short):
         nearest = obstacles.nearest(middle[short], label[short], distance)
-        hopeful[short] = nearest + half[short] > distance - _BEYOND[1]
-    return hopeful
+        may_have_room[short] = nearest + half[short] > distance - _BEYOND[1]
+    return may_have_room
 
 
 def _round_open_ends(source: Segments, following: IntArray, distance: float) -> Segments:
-    """The circles about the ends of open chains, each as two arcs; ``owner`` is the source segment.
+    """Circles about the ends of open chains, each as two arcs; `owner` is the source segment.
 
-    The offset runs beside no circle, but it ends where it meets one.
+    The offset does not run along them, but it ends where it meets one.
     """
     last = np.flatnonzero(following < 0)
     begins = np.ones(len(source), dtype=bool)
@@ -219,45 +248,46 @@ def _round_open_ends(source: Segments, following: IntArray, distance: float) -> 
     )
 
 
-def _pieces(
+def _cut_candidates(
     candidates: Segments,
     label: IntArray,
     cutters: Segments | None = None,
     cutter_label: IntArray | None = None,
 ) -> tuple[IntArray, FloatArray, FloatArray]:
-    """The candidates cut at each other and at the cutters.
+    """The pieces of the candidates between their cuts with each other and with `cutters`.
 
-    Returns the row of each piece, and the fractions at which it begins and ends.
+    Returns the candidate of each piece, and the fractions at which it begins and ends, each (P,).
+
+    label, cutter_label: labels; segments with different labels do not cut each other.
     """
     count = len(candidates)
     if cutters is not None and cutter_label is not None:
         label = np.concatenate([label, cutter_label])
-        fields = Segments.__struct_fields__
-        columns = [(getattr(candidates, name), getattr(cutters, name)) for name in fields]
-        candidates = Segments(*map(np.concatenate, columns))
-    one, two = near_pairs(candidates, label)
-    # Where they merely follow each other they have both ends already.
-    apart = ~only_at_ends(candidates, one, two) & (np.minimum(one, two) < count)
-    rows, fractions = cuts(candidates, one[apart], two[apart])
+        candidates = concatenate([candidates, cutters])
+    first, second = near_pairs(candidates, label)
+    # Candidates that merely follow each other meet at their ends, which are cuts already.
+    may_cut = ~only_at_ends(candidates, first, second) & (np.minimum(first, second) < count)
+    rows, fractions = cuts(candidates, first[may_cut], second[may_cut])
     inside = rows < count
     rows, fractions = rows[inside], fractions[inside]
-    every = np.arange(count)
-    row = np.concatenate([every, every, rows])
-    at = np.concatenate([np.zeros(count), np.ones(count), fractions])
+    all_rows = np.arange(count)
+    row = np.concatenate([all_rows, all_rows, rows])
+    cut = np.concatenate([np.zeros(count), np.ones(count), fractions])
     same = _SAME_CUT / np.maximum(candidates.length[:count], _SAME_CUT)
-    at = np.where(at < same[row], 0.0, np.where(at > 1 - same[row], 1.0, at))
-    order = np.lexsort((at, row))
-    row, at = row[order], at[order]
-    piece = (row[1:] == row[:-1]) & (at[1:] - at[:-1] > same[row[1:]])
-    # Where cuts lie closer than one, the piece before them must still end where the next begins.
-    first = starts_run(row)
-    first[1:] |= piece
-    row, at = row[first], at[first]
-    inner = row[1:] == row[:-1]
-    return row[:-1][inner], at[:-1][inner], at[1:][inner]
+    ends_moved = np.where(cut > 1 - same[row], 1.0, cut)
+    cut = np.where(cut < same[row], 0.0, ends_moved)
+    order = np.lexsort((cut, row))
+    row, cut = row[order], cut[order]
+    is_piece = (row[1:] == row[:-1]) & (cut[1:] - cut[:-1] > same[row[1:]])
+    # Several cuts that are one count as the first. One piece ends there and the next begins.
+    kept = starts_run(row)
+    kept[1:] |= is_piece
+    row, cut = row[kept], cut[kept]
+    has_next = row[1:] == row[:-1]
+    return row[:-1][has_next], cut[:-1][has_next], cut[1:][has_next]
 
 
-def _has_room(
+def _have_room(
     chosen: Segments,
     low: FloatArray,
     high: FloatArray,
@@ -265,10 +295,14 @@ def _has_room(
     obstacles: Obstacles,
     distance: float,
 ) -> BoolArray:
-    """Pieces that lie at the distance: a step beyond their middle nothing of the source is nearer than that."""
+    """(P,) whether each piece is at the distance: a step beyond its middle nothing is nearer.
+
+    chosen: the candidate of each piece.
+    low, high: (P,) fractions at which the piece begins and ends.
+    """
     middle = (low + high) / 2
-    step = np.clip(0.001 * chosen.length * (high - low), *_BEYOND)
+    step = np.clip(_BEYOND_FRACTION * chosen.length * (high - low), *_BEYOND)
     points = points_at(chosen, middle)
-    beyond = points + step[:, None] * _right(tangents_at(chosen, middle))
-    near = obstacles.nearer_than(points, label, np.full(len(label), distance - _NOISE))
+    beyond = points + step[:, None] * turn_right(tangents_at(chosen, middle))
+    near = obstacles.nearer_than(points, label, np.full(len(label), distance - _ROUNDING_MM))
     return ~(near | obstacles.nearer_than(beyond, label, distance + step / 2))

@@ -137,18 +137,18 @@ def _place_arcs(
     low = np.minimum(angle, angle + sweep) % (2 * math.pi)
     high = low + np.abs(sweep)
     at_low = np.where(sweep > 0, 0.0, 1.0)
-    over = np.flatnonzero(high > 2 * math.pi)
+    wrapped = np.flatnonzero(high > 2 * math.pi)
     at_cut = at_low + (1 - 2 * at_low) * (2 * math.pi - low) / np.abs(sweep)
     at_high = 1 - at_low
-    at_high[over] = at_cut[over]
-    size = np.concatenate([radius, radius[over]])
+    at_high[wrapped] = at_cut[wrapped]
+    size = np.concatenate([radius, radius[wrapped]])
     return _Intervals(
-        np.concatenate([rows, rows[over]]),
-        np.concatenate([group, group[over]]),
-        np.concatenate([low, np.zeros(len(over))]) * size,
-        np.concatenate([np.minimum(high, 2 * math.pi), high[over] - 2 * math.pi]) * size,
-        np.concatenate([at_low, at_cut[over]]),
-        np.concatenate([at_high, 1 - at_low[over]]),
+        np.concatenate([rows, rows[wrapped]]),
+        np.concatenate([group, group[wrapped]]),
+        np.concatenate([low, np.zeros(len(wrapped))]) * size,
+        np.concatenate([np.minimum(high, 2 * math.pi), high[wrapped] - 2 * math.pi]) * size,
+        np.concatenate([at_low, at_cut[wrapped]]),
+        np.concatenate([at_high, 1 - at_low[wrapped]]),
     )
 
 

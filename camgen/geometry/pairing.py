@@ -1,4 +1,7 @@
-"""Points in pairs with little way between the two of each: where a pen is lifted between the odd ends of a network."""
+"""Pairs points so that the distances within the pairs are short.
+
+It decides between which odd nodes of a network a pen is lifted.
+"""
 
 from __future__ import annotations
 
@@ -12,85 +15,97 @@ from camgen.model.pose import FloatArray
 
 __all__ = ["pair"]
 
-#: Up to so many points the shortest pairing is found, beyond it a short one.
+#: Points up to which the shortest pairing is computed. Its time doubles with each point.
 _MOST_EXACT = 12
-#: Near points that are looked at.
+#: Nearest points of each point that are tried as its partner.
 _NEAR_POINTS = 8
+#: mm: an exchange must shorten the pairs by more than this, so that rounding cannot repeat it.
+_LEAST_GAIN_MM = 1e-9
 
 
 def pair(points: FloatArray) -> IntArray:
-    """(N,) the partner of each of an even number of points (N, 2): the sum of the distances is the least for up to 12.
+    """(N,) the partner of each of an even number of points (N, 2), mm.
 
-    Beyond that the nearest two are taken first, then two pairs exchange their points as long as that is shorter.
+    For up to 12 points the sum of the distances is the smallest possible. Beyond that the nearest
+    two points are paired first, and then two pairs exchange points as long as that is shorter.
     """
     if len(points) <= _MOST_EXACT:
-        return _exact(points)
-    partner = _greedy(points)
-    _exchange(points, partner)
+        return _pair_exactly(points)
+    partner = _pair_nearest(points)
+    _exchange_partners(points, partner)
     return partner
 
 
-def _exact(points: FloatArray) -> IntArray:
+def _pair_exactly(points: FloatArray) -> IntArray:
+    """The shortest pairing, by dynamic programming over sets of points."""
     xy = points.tolist()
 
     @cache
-    def best(left: int) -> tuple[float, tuple[tuple[int, int], ...]]:
-        """Of the points whose bits are set: the first one with each of the others."""
-        if not left:
+    def pair_set(points_left: int) -> tuple[float, tuple[tuple[int, int], ...]]:
+        """Length and pairs of the shortest pairing of the points whose bits are set."""
+        if not points_left:
             return 0.0, ()
-        a = (left & -left).bit_length() - 1
-        rest = left ^ (1 << a)
-        others = [b for b in range(a + 1, len(xy)) if rest >> b & 1]
-        found = [(math.dist(xy[a], xy[b]) + best(rest ^ (1 << b))[0], b) for b in others]
-        length, b = min(found)
-        return length, ((a, b), *best(rest ^ (1 << b))[1])
+        a = (points_left & -points_left).bit_length() - 1
+        others = points_left ^ (1 << a)
+        options = []
+        for b in range(a + 1, len(xy)):
+            if others >> b & 1:
+                length = math.dist(xy[a], xy[b]) + pair_set(others ^ (1 << b))[0]
+                options.append((length, b))
+        length, b = min(options)
+        return length, ((a, b), *pair_set(others ^ (1 << b))[1])
 
     partner = np.full(len(xy), -1, dtype=np.int64)
-    for a, b in best((1 << len(xy)) - 1)[1]:
+    for a, b in pair_set((1 << len(xy)) - 1)[1]:
         partner[a], partner[b] = b, a
     return partner
 
 
-def _greedy(points: FloatArray) -> IntArray:
+def _pair_nearest(points: FloatArray) -> IntArray:
+    """A pairing in which the nearest two unpaired points are paired first."""
     partner = np.full(len(points), -1, dtype=np.int64)
-    left = np.arange(len(points))
-    # Each round pairs at least the nearest two of all that are left, usually most of them.
-    while len(left):
-        near = nearest_items(
-            Discs(np.arange(len(left)), points[left], np.zeros(len(left))), len(left), _NEAR_POINTS
-        )
+    unpaired = np.arange(len(points))
+    # Each round pairs at least the nearest two of the unpaired points, and usually most of them.
+    while len(unpaired):
+        count = len(unpaired)
+        discs = Discs(np.arange(count), points[unpaired], np.zeros(count))
+        near = nearest_items(discs, count, _NEAR_POINTS)
         once = near.item < near.other
-        a, b, apart = left[near.item[once]], left[near.other[once]], near.apart[once]
-        order = np.lexsort((b, a, apart))
-        taken = partner.tolist()
+        a, b = unpaired[near.item[once]], unpaired[near.other[once]]
+        order = np.lexsort((b, a, near.apart[once]))
+        partners = partner.tolist()
         for i, j in zip(a[order].tolist(), b[order].tolist(), strict=True):
-            if taken[i] < 0 and taken[j] < 0:
-                taken[i], taken[j] = j, i
-        partner = np.array(taken, dtype=np.int64)
-        left = left[partner[left] < 0]
+            if partners[i] < 0 and partners[j] < 0:
+                partners[i], partners[j] = j, i
+        partner = np.array(partners, dtype=np.int64)
+        unpaired = unpaired[partner[unpaired] < 0]
     return partner
 
 
-def _exchange(points: FloatArray, partner: IntArray) -> None:
-    """Two pairs become two others while that is shorter, each point looked at again when its partner has changed."""
+def _exchange_partners(points: FloatArray, partner: IntArray) -> None:
+    """Replaces two pairs by two others as long as that is shorter. Changes `partner`.
+
+    A point whose partner has changed is tried again.
+    """
     count = len(points)
     near = nearest_items(Discs(np.arange(count), points, np.zeros(count)), count, _NEAR_POINTS)
     table = near.table(count, _NEAR_POINTS)[0].tolist()
     xy, mate = points.tolist(), partner.tolist()
-    waits = list(range(count))
-    while waits:
-        a = waits.pop()
+    pending = list(range(count))
+    while pending:
+        a = pending.pop()
         b = mate[a]
-        own = math.dist(xy[a], xy[b])
+        length = math.dist(xy[a], xy[b])
         for c in table[a]:
-            if c < 0 or math.dist(xy[a], xy[c]) >= own:
+            if c < 0 or math.dist(xy[a], xy[c]) >= length:
                 break
             d = mate[c]
             if c == b:
                 continue
-            old = own + math.dist(xy[c], xy[d])
-            if math.dist(xy[a], xy[c]) + math.dist(xy[b], xy[d]) < old - 1e-9:
+            old = length + math.dist(xy[c], xy[d])
+            new = math.dist(xy[a], xy[c]) + math.dist(xy[b], xy[d])
+            if new < old - _LEAST_GAIN_MM:
                 mate[a], mate[c], mate[b], mate[d] = c, a, d, b
-                waits += [d, c, b, a]
+                pending += [d, c, b, a]
                 break
     partner[:] = mate

@@ -1,6 +1,6 @@
 """Ragged arrays: groups of rows, one after the other in one table.
 
-``counts`` (G,) is the number of rows of each group.
+`counts` (G,) is the number of rows of each group.
 """
 
 from __future__ import annotations
@@ -42,14 +42,16 @@ def ramp(counts: Sequence[int] | IntArray) -> IntArray:
 
 
 def stretches(first: IntArray, counts: IntArray) -> IntArray:
-    """(N,) rows of another table from first[g] on, ``counts[g]`` of them for each group."""
+    """(N,) rows of another table from first[g] on, `counts[g]` of them for each group."""
     return np.asarray(
         np.arange(np.sum(counts, dtype=np.int64)) + np.repeat(first - begins(counts), counts)
     )
 
 
-#: ``divide`` divides runs of more rows than the first number into parts, the second number.
-_SHORT_RUN, _PARTS = 64, 8
+#: Rows of a run up to which `divide` leaves it whole.
+_SHORT_RUN = 64
+#: Parts into which `divide` divides a longer run.
+_PARTS = 8
 
 
 class Runs(Struct, frozen=True, eq=False):
@@ -67,10 +69,11 @@ class Runs(Struct, frozen=True, eq=False):
 
 
 def divide(counts: IntArray, is_settled: Callable[[Runs], BoolArray]) -> Runs:
-    """Runs that together are all rows of groups of ``counts`` (G,) rows, in order.
+    """Runs that together are all rows of groups of `counts` (G,) rows, in order.
 
-    Long runs are divided until they are short or settled. ``is_settled`` returns (R,) for R runs
-    whether all rows of each are alike.
+    Long runs are divided until they are short or settled.
+
+    is_settled: gets R runs and returns (R,) whether all rows of each are known to be alike.
     """
     group = np.arange(len(counts))
     settled = np.zeros(len(counts), dtype=bool)
@@ -101,13 +104,12 @@ def following(counts: Sequence[int] | IntArray) -> IntArray:
 def matches(
     label: IntArray, other: IntArray, limit: int
 ) -> tuple[Iterator[tuple[IntArray, IntArray]], IntArray]:
-    """Pairs of rows of ``label`` (N,) and of ``other`` (M,) that hold the same number.
+    """Pairs of rows of `label` (N,) and of `other` (M,) that have the same number.
 
-    Pairs are in the order of both tables, in chunks of at most ``PAIRS``. Numbers that ``other``
-    has more than ``limit`` times make no pairs. Their rows of ``label`` are returned beside the
-    pairs.
+    Returns the pairs in chunks of at most `PAIRS`, in the order of both tables, and the rows of
+    `label` whose number is in `other` more than `limit` times. These rows make no pairs.
 
-    The numbers are not negative. The memory grows with the largest one.
+    Numbers are not negative. The memory grows with the largest one.
     """
     order = np.argsort(other, kind="stable")
     counts = np.bincount(other, minlength=int(label.max(initial=-1)) + 1)
@@ -124,25 +126,25 @@ def matches(
 
 
 def each_once(values: NDArray[_Value]) -> NDArray[_Value]:
-    """(K,) each of ``values`` (N,) once, in order.
+    """(K,) each of `values` (N,) once, in order.
 
-    ``np.unique`` loads numpy's masked arrays, which takes 5 ms.
+    `np.unique` loads numpy's masked arrays, which takes 5 ms.
     """
     values = np.sort(values)
     return values[starts_run(values)]
 
 
 def first_of_each(values: IntArray) -> IntArray:
-    """(K,) the first row of each different value of ``values`` (N,), in the order of the values.
+    """(K,) the first row of each different value of `values` (N,), in the order of the values.
 
-    ``np.unique`` takes twice as long.
+    `np.unique` takes twice as long.
     """
     order = np.argsort(values)
     return np.minimum.reduceat(order, run_starts(values[order])) if len(values) else order
 
 
 def run_lengths(values: NDArray[_Value]) -> IntArray:
-    """(R,) how many equal neighbours there are in ``values`` (N,), run after run."""
+    """(R,) lengths of the runs of equal neighbours in `values` (N,)."""
     return np.diff(np.append(run_starts(values), len(values)))
 
 

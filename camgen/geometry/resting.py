@@ -115,7 +115,7 @@ def turn_down(normal: FloatArray) -> FloatArray:
 def _make_face(
     points: FloatArray, normal: FloatArray, centre: FloatArray, stable: float
 ) -> RestingFace | None:
-    """The face with the corners ``points``; None if the part falls over on it."""
+    """The face with the corners `points`; None if the part falls over on it."""
     level = float((points @ normal).mean())
     height = level - float(centre @ normal)
     aside = np.linalg.norm(points - centre - height * normal, axis=1).max()

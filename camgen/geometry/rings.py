@@ -1,7 +1,7 @@
-"""Closed curves of an image as one table, so that all paths of a part are worked on at once.
+"""Closed curves of an image as one table, so that all paths of a part are computed at once.
 
-Points are complex numbers u + iv of view pixels, v down. A quarter turn from u to v is then a product with i: seen on
-the screen it is clockwise, in the work plane, whose y runs up, it is clockwise as well.
+Points are complex numbers u + iv, in pixels of the view, with v down. A product with i is a quarter
+turn from u to v. It is clockwise on the screen, and clockwise in the work plane, whose y points up.
 """
 
 from __future__ import annotations
@@ -22,7 +22,12 @@ Number = TypeVar("Number", bound=np.inexact)
 
 
 class Rings(Struct, frozen=True, eq=False):
-    """L closed curves with N points in all. first, count: (L,) the rows of each. loop: (N,) the curve of each row."""
+    """L closed curves with N points in all.
+
+    first: (L,) first row of each curve.
+    count: (L,) number of its rows.
+    loop: (N,) curve of each row.
+    """
 
     first: IntArray
     count: IntArray
@@ -31,55 +36,60 @@ class Rings(Struct, frozen=True, eq=False):
     def __len__(self) -> int:
         return len(self.loop)
 
-    def along(self, rows: IntArray, by: IntArray | int) -> IntArray:
-        """The rows that lie ``by`` places further on the same curve. rows, by: of shapes that go together."""
+    def along(self, rows: IntArray, steps: IntArray | int) -> IntArray:
+        """The rows `steps` places after `rows` on the same curve; the two shapes are broadcast."""
         first, count = self.first[self.loop[rows]], self.count[self.loop[rows]]
-        return np.asarray(first + (rows - first + by) % count)
+        return np.asarray(first + (rows - first + steps) % count)
 
-    def shifted(self, by: int) -> IntArray:
-        """(N,) the row ``by`` places further for every row."""
-        return self.along(np.arange(len(self)), by)
+    def shifted(self, steps: int) -> IntArray:
+        """(N,) the row `steps` places after each row on its curve."""
+        return self.along(np.arange(len(self)), steps)
 
     def around(self, values: NDArray[Number], half: int) -> NDArray[Number]:
-        """Sums of ``values`` (N, ...) over the rows up to ``half`` before and after each; short curves count twice."""
+        """Sums of `values` (N, ...) over each row and `half` rows before and after it.
+
+        On a curve with fewer than 2 `half` + 1 rows some are counted more than once.
+        """
         size = self.count + 2 * half
         loop = owners(size)
         rows = self.first[loop] + (ramp(size) - half) % self.count[loop]
         begin = np.arange(len(self.loop)) + 2 * half * self.loop
         total = np.zeros((len(rows) + 1, *values.shape[1:]), dtype=values.dtype)
         np.cumsum(values[rows], axis=0, out=total[1:])
-        found: NDArray[Number] = total[begin + 2 * half + 1] - total[begin]
-        return found
+        sums: NDArray[Number] = total[begin + 2 * half + 1] - total[begin]
+        return sums
 
     def mean(self, values: NDArray[Number]) -> NDArray[Number]:
-        """(L, ...) means over each curve; none is empty."""
+        """(L, ...) means of `values` (N, ...) over each curve; no curve may be empty."""
         total = np.add.reduceat(values, self.first, axis=0)
-        found: NDArray[Number] = (total.T / self.count).T.astype(values.dtype)
-        return found
+        means: NDArray[Number] = (total.T / self.count).T.astype(values.dtype)
+        return means
 
 
 def rings(counts: Sequence[int] | IntArray) -> Rings:
-    """The table of curves with so many points each."""
+    """The table of curves with `counts` (L,) points each."""
     count = np.asarray(counts, dtype=np.int64)
     return Rings(begins(count), count, owners(count))
 
 
 def lengths(table: Rings, points: ComplexArray) -> FloatArray:
-    """(N,) distance from each point to the next one of its curve."""
+    """(N,) distance from each point to the next one of its curve, px."""
     return np.asarray(np.abs(points[table.shifted(1)] - points))
 
 
 def perimeters(table: Rings, points: ComplexArray) -> FloatArray:
-    """(L,) lengths of the closed curves."""
-    return np.asarray(
-        np.bincount(table.loop, lengths(table, points), len(table.count)), dtype=np.float64
-    )
+    """(L,) lengths of the closed curves, px."""
+    sums = np.bincount(table.loop, lengths(table, points), len(table.count))
+    return np.asarray(sums, dtype=np.float64)
 
 
 def evenly(
     table: Rings, points: ComplexArray, *columns: ComplexArray
 ) -> tuple[Rings, list[ComplexArray]]:
-    """The curves with a point every pixel or so of their length, ``columns`` along with them, by straight lines."""
+    """The curves with points at equal distances of about 1 px, at least 8 each.
+
+    Returns the new table, and `points` and `columns`, interpolated linearly between the old points.
+    """
     step = lengths(table, points)
     run = np.append(0.0, np.cumsum(step))
     begin, end = run[table.first], run[table.first + table.count]
@@ -87,20 +97,19 @@ def evenly(
     place = ramp(result.count) / result.count[result.loop]
     wanted = begin[result.loop] + place * (end - begin)[result.loop]
     low = np.clip(np.searchsorted(run, wanted, side="right") - 1, 0, len(table) - 1)
-    # A row of rounding beyond its curve would be read from the next one.
-    low = np.clip(
-        low, table.first[result.loop], table.first[result.loop] + table.count[result.loop] - 1
-    )
+    # Rounding could give the last row of a curve a place on the next curve.
+    first_row, count = table.first[result.loop], table.count[result.loop]
+    low = np.clip(low, first_row, first_row + count - 1)
     part = np.clip((wanted - run[low]) / np.where(step[low] > 0, step[low], 1.0), 0.0, 1.0)
     high = table.along(low, 1)
-    return result, [
-        column[low] + part * (column[high] - column[low]) for column in (points, *columns)
-    ]
+    columns = points, *columns
+    return result, [column[low] + part * (column[high] - column[low]) for column in columns]
 
 
 def latest(table: Rings, known: BoolArray) -> IntArray:
-    """(N,) the last row that is ``known``, this one or before it on its curve, whose start goes on from its end; -1 on
-    curves without any.
+    """(N,) the last row that is `known`, at or before each row on its closed curve.
+
+    It is -1 on a curve without any known row. known: (N,).
     """
     row = np.maximum.accumulate(np.where(known, np.arange(len(table)), -1))
     first = table.first[table.loop]
@@ -110,16 +119,17 @@ def latest(table: Rings, known: BoolArray) -> IntArray:
 
 
 def hold_switch(table: Rings, on: BoolArray, off: BoolArray, default: bool) -> BoolArray:
-    """A switch with hysteresis along every closed curve: true from a row of ``on`` until one of ``off``.
+    """A switch with hysteresis along every closed curve, (N,).
 
-    Rows that are neither keep the state of the row before them; a curve of nothing else is ``default``.
+    It is true from a row of `on` (N,) until one of `off` (N,). Rows that are neither keep the state
+    of the row before. A curve of such rows alone has the value `default`.
     """
     row = latest(table, on | off)
     return np.where(row >= 0, on[row], default)
 
 
 def unit(vectors: ComplexArray) -> ComplexArray:
-    """``vectors`` at length 1; zero stays zero."""
-    # Faster than the absolute value, which guards against overflow.
+    """`vectors` divided by their lengths; zero stays zero."""
+    # Faster than `abs`, which guards against overflow.
     size = np.sqrt(vectors.real**2 + vectors.imag**2)
     return np.asarray(vectors / np.where(size > 0, size, 1.0))

@@ -1,4 +1,4 @@
-"""A table of plane segments: the lines and arcs of many contours as columns, so that a whole drawing is one array."""
+"""Plane lines and arcs of many contours as one table: a whole drawing is one set of arrays."""
 
 from __future__ import annotations
 
@@ -15,15 +15,20 @@ from camgen.model.pose import FloatArray
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
-#: An arc whose middle is nearer than this (mm) to its chord is a line: its centre would be noise.
+#: mm: an arc whose middle is nearer than this to its chord is a line. Its centre would be rounding.
 _LEAST_HEIGHT_MM = 1e-7
+#: rad: smallest step of a chord along an arc, which bounds the number of chords.
+_LEAST_STEP = 1e-6
 
 
 class Segments(Struct, frozen=True, eq=False):
     """N lines and arcs, mm.
 
-    start, end: (N, 2). bulge: (N,) tan(sweep / 4), counter-clockwise positive, 0 for a line. centre (N, 2) and radius
-    (N,): of arcs, 0 and inf for lines. owner: (N,) index of the contour that a segment belongs to.
+    start, end: (N, 2) mm.
+    bulge: (N,) tan(sweep / 4), counter-clockwise positive, 0 for a line.
+    centre: (N, 2) mm, 0 for a line.
+    radius: (N,) mm, inf for a line.
+    owner: (N,) index of the contour to which a segment belongs.
     """
 
     start: FloatArray
@@ -38,39 +43,42 @@ class Segments(Struct, frozen=True, eq=False):
 
     @property
     def is_arc(self) -> BoolArray:
-        """(N,) true for arcs."""
+        """(N,) whether a segment is an arc."""
         return np.asarray(self.bulge != 0.0)
 
     @property
     def sweep(self) -> FloatArray:
-        """(N,) signed angle of arcs in rad, 0 for lines."""
+        """(N,) angle of arcs, rad, counter-clockwise positive, 0 for lines."""
         return np.asarray(4.0 * np.arctan(self.bulge))
 
     @property
     def length(self) -> FloatArray:
-        """(N,) mm."""
+        """(N,) length along the segment, mm."""
         chord = np.hypot(*(self.end - self.start).T)
         arc = self.is_arc
         chord[arc] = self.radius[arc] * np.abs(self.sweep[arc])
         return np.asarray(chord)
 
     def take(self, rows: IntArray | BoolArray) -> Segments:
-        """The rows chosen by index or mask."""
+        """The rows chosen by index or mask, in that order."""
         rows = np.flatnonzero(rows) if rows.dtype == np.bool_ else rows
-        # ``take`` has the rows of a table in a third of the time of an index in brackets.
+        # `take` needs a third of the time of an index in brackets.
         return Segments(
             *(getattr(self, name).take(rows, axis=0) for name in self.__struct_fields__)
         )
 
 
 def make(start: FloatArray, end: FloatArray, bulge: FloatArray, owner: IntArray) -> Segments:
-    """Segments from end points (N, 2), bulges (N,) and owners (N,); centres and radii follow."""
+    """Segments from end points (N, 2), mm, bulges (N,) and owners (N,).
+
+    Centres and radii are computed. An arc that is flatter than `_LEAST_HEIGHT_MM` becomes a line.
+    """
     chord = end - start
     length = np.hypot(chord[:, 0], chord[:, 1])
     flat = np.abs(bulge) * length / 2 <= _LEAST_HEIGHT_MM
     bulge = np.where(flat, 0.0, bulge)
     safe = np.where(flat, 1.0, bulge)
-    # The centre lies beside the middle of the chord, at (1 - b^2) / (4 b) of its length to the left.
+    # The centre is to the left of the chord's middle, (1 - b^2) / (4 b) of its length away.
     left = np.column_stack([-chord[:, 1], chord[:, 0]])
     centre = (start + end) / 2 + left * ((1 - safe**2) / (4 * safe))[:, None]
     radius = length * (1 + safe**2) / (4 * np.abs(safe))
@@ -85,7 +93,7 @@ def make(start: FloatArray, end: FloatArray, bulge: FloatArray, owner: IntArray)
 
 
 def concatenate(tables: Sequence[Segments]) -> Segments:
-    """The rows of all ``tables``, one after the other."""
+    """The rows of all `tables`, in the given order."""
     columns = []
     for name in Segments.__struct_fields__:
         columns.append(np.concatenate([getattr(table, name) for table in tables]))
@@ -93,7 +101,7 @@ def concatenate(tables: Sequence[Segments]) -> Segments:
 
 
 def from_contours(contours: Sequence[Contour]) -> Segments:
-    """All segments of ``contours`` in order, ``owner`` counting the contours."""
+    """All segments of `contours` in order; `owner` counts the contours."""
     points, bulges, counts, closed = tabulate_contours(contours)
     keep = np.ones(len(points), dtype=bool)
     keep[(np.cumsum(counts) - 1)[~closed]] = False
@@ -101,26 +109,25 @@ def from_contours(contours: Sequence[Contour]) -> Segments:
 
 
 def neighbours(segments: Segments, closed: BoolArray) -> IntArray:
-    """(N,) index of the segment that follows each within its owner, -1 at the end of an open one. closed: per owner."""
+    """(N,) row of the segment that follows each in its contour, -1 at the end of an open one.
+
+    closed: per owner, whether its last segment is followed by its first.
+    """
     after = following(run_lengths(segments.owner))
     after[(after <= np.arange(len(after))) & ~closed[segments.owner]] = -1
     return after
 
 
 def bounds(segments: Segments) -> FloatArray:
-    """(N, 4) boxes xmin, ymin, xmax, ymax, arcs included where they bulge beyond their ends."""
+    """(N, 4) bounding boxes xmin, ymin, xmax, ymax, mm, of arcs too."""
     low = np.minimum(segments.start, segments.end)
     high = np.maximum(segments.start, segments.end)
     rows = np.flatnonzero(segments.is_arc)
     if len(rows):
         middle, sweep = _middle_and_sweep(segments.take(rows))
-        # Left, bottom, right and top of the circle, where the arc passes them.
-        for angle, axis, sign in (
-            (0.0, 0, 1),
-            (np.pi / 2, 1, 1),
-            (np.pi, 0, -1),
-            (-np.pi / 2, 1, -1),
-        ):
+        # An arc reaches an extreme of its circle if it passes that direction.
+        extremes = ((0.0, 0, 1), (np.pi / 2, 1, 1), (np.pi, 0, -1), (-np.pi / 2, 1, -1))
+        for angle, axis, sign in extremes:
             fraction = _fraction(angle, middle, sweep)
             inside = rows[(fraction > 0) & (fraction < 1)]
             value = segments.centre[inside, axis] + sign * segments.radius[inside]
@@ -130,38 +137,41 @@ def bounds(segments: Segments) -> FloatArray:
 
 
 def passes(arcs: Segments, angle: FloatArray) -> BoolArray:
-    """(N,) true where the arc passes the direction ``angle`` (rad, from its centre)."""
+    """(N,) whether arc k passes the direction `angle` (N,) from its centre, rad."""
     fraction = arc_fraction(arcs, angle)
     return np.asarray((fraction > 0) & (fraction < 1))
 
 
 def arc_fraction(arcs: Segments, angle: FloatArray) -> FloatArray:
-    """(N,) where on each arc the direction ``angle`` (rad, -pi to pi) lies, 0 at the start, 1 at the end; nearest way
-    round the gap.
+    """(N,) fraction of arc k at which the direction `angle` (N,) lies, rad, -pi to pi.
+
+    0 is the start and 1 the end. A direction beside the arc is counted from the nearer end: below 0
+    before the start, above 1 after the end.
     """
     return _fraction(angle, *_middle_and_sweep(arcs))
 
 
 def _middle_and_sweep(arcs: Segments) -> tuple[FloatArray, FloatArray]:
-    """(N,) rad, the direction of the middle of each arc from its centre, -2 pi to 2 pi, and its sweep."""
+    """The direction of the middle of each arc from its centre, and its sweep, both (N,), rad.
+
+    The direction is from -2 pi to 2 pi.
+    """
     arm = arcs.start - arcs.centre
     sweep = arcs.sweep
     return np.arctan2(arm[:, 1], arm[:, 0]) + sweep / 2, sweep
 
 
 def _fraction(angle: FloatArray | float, middle: FloatArray, sweep: FloatArray) -> FloatArray:
-    # Measured from the middle of the arc, so that the cut of the angle lies opposite to it. ``np.mod`` takes five times
-    # as long to find that most are less than a turn away.
+    # The angle is measured from the middle of the arc: it jumps by a whole turn opposite to it.
     turn = angle - middle + np.pi
-    turn = (
-        np.where(turn < 0, turn + 2 * np.pi, np.where(turn >= 2 * np.pi, turn - 2 * np.pi, turn))
-        - np.pi
-    )
+    # `np.mod` takes five times as long: most angles are less than a turn away.
+    above = np.where(turn >= 2 * np.pi, turn - 2 * np.pi, turn)
+    turn = np.where(turn < 0, turn + 2 * np.pi, above) - np.pi
     return np.asarray(0.5 + turn / sweep)
 
 
 def points_at(segments: Segments, fraction: FloatArray) -> FloatArray:
-    """(N, 2) points at ``fraction`` (N,) of the length of each segment; exact at 0 and 1."""
+    """(N, 2) points at `fraction` (N,) of the length of each segment, mm; exact at 0 and 1."""
     f = fraction[:, None]
     points = segments.start + f * (segments.end - segments.start)
     rows = np.flatnonzero(segments.is_arc & (fraction != 0.0) & (fraction != 1.0))
@@ -176,21 +186,24 @@ def points_at(segments: Segments, fraction: FloatArray) -> FloatArray:
 
 
 def tangents_at(segments: Segments, fraction: FloatArray) -> FloatArray:
-    """(N, 2) unit directions of travel at ``fraction`` (N,) of each segment."""
+    """(N, 2) unit directions of travel at `fraction` (N,) of the length of each segment."""
     chord = segments.end - segments.start
     angle = np.arctan2(chord[:, 1], chord[:, 0]) + segments.sweep * (fraction - 0.5)
     return np.column_stack([np.cos(angle), np.sin(angle)])
 
 
 def split(segments: Segments, rows: IntArray, low: FloatArray, high: FloatArray) -> Segments:
-    """The pieces of ``segments[rows]`` from fraction ``low`` to ``high``."""
+    """The pieces of `segments[rows]` from fraction `low` to fraction `high`, each (K,)."""
     whole = segments.take(rows)
     bulge = np.tan(np.arctan(whole.bulge) * (high - low))
     return make(points_at(whole, low), points_at(whole, high), bulge, whole.owner)
 
 
 def backwards(segments: Segments) -> tuple[Segments, IntArray]:
-    """Every owner's segments run the other way, and the row that each came from. Owners keep their order."""
+    """The segments of every owner reversed in order and direction, and the row of each before.
+
+    Owners keep their order.
+    """
     rows = np.argsort(segments.owner[::-1], kind="stable")
     rows = (len(segments) - 1 - rows).astype(np.int64)
     old = segments.take(rows)
@@ -198,20 +211,20 @@ def backwards(segments: Segments) -> tuple[Segments, IntArray]:
 
 
 def flatten(segments: Segments, chord: float) -> tuple[FloatArray, IntArray]:
-    """Points (M, 2) along the segments, arcs as chords that leave them by at most ``chord`` mm, and their owners (M,).
+    """Points (M, 2) along the segments, mm, and the owner (M,) of each.
 
-    The end of a segment is left to the one that follows it.
+    Arcs become chords that deviate by at most `chord` mm. The end of a segment is left out, because
+    the next segment begins there.
     """
     with np.errstate(invalid="ignore"):
         step = 2 * np.arccos(np.clip(1 - chord / segments.radius, -1.0, 1.0))
-        pieces = np.where(
-            segments.is_arc, np.ceil(np.abs(segments.sweep) / np.maximum(step, 1e-6)), 1
-        )
+        chords = np.ceil(np.abs(segments.sweep) / np.maximum(step, _LEAST_STEP))
+        pieces = np.where(segments.is_arc, chords, 1)
     count = np.maximum(pieces, 1).astype(np.int64)
     first = begins(count)
     points = np.empty((int(count.sum()), 2))
     points[first] = segments.start
-    # The other points of arcs, as complex numbers: a whole drawing has millions of them.
+    # The inner points of arcs, as complex numbers: a whole drawing has millions of them.
     rows = np.flatnonzero(count > 1)
     which, place = owners(count[rows] - 1), ramp(count[rows] - 1) + 1
     centre = segments.centre[rows] @ np.array([1, 1j])

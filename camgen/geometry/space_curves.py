@@ -1,6 +1,7 @@
-"""Curves in space as chains of arcs and lines: circles stay arcs, all else becomes chords within a tolerance, mm.
+"""Curves in space as chains of lines and arcs. Circles stay arcs, other curves become chords.
 
-A chain is points (N, 3) and via (N - 1, 3), half-way along an arc of at most half a circle and NaN for a line.
+A chain is points (N, 3), mm, and via points (N - 1, 3), half-way along an arc of at most half a
+circle, NaN for a line.
 """
 
 from __future__ import annotations
@@ -16,101 +17,118 @@ from camgen.model.pose import FloatArray
 
 Chain = tuple[FloatArray, FloatArray]
 
-#: Half diameters that differ by less than this part, and are square to within it, are those of a circle.
-_ROUND = 1e-9
-#: Where each chord is measured against its curve, 0 to 1 along it.
-_PLACES = np.array([0.1, 0.25, 0.4, 0.5, 0.6, 0.75, 0.9])
-#: Of the tolerance, what the measured places may use; the rest is for what lies between them.
-_SHARE = 0.9
-#: Least deviation asked for, as a part of the size of the curve.
+#: Fraction of the size. Half diameters that differ by less, and are perpendicular to within it, are
+#: those of a circle.
+_CIRCLE_TOLERANCE = 1e-9
+#: Fractions along a stretch of a curve at which its distance from the chord is measured.
+_SAMPLES = np.array([0.1, 0.25, 0.4, 0.5, 0.6, 0.75, 0.9])
+#: Fraction of the tolerance that is allowed at the samples. The rest is for the curve between them.
+_SAMPLE_FRACTION = 0.9
+#: Smallest tolerance, as a fraction of the size of the curve; below it rounding decides.
 _FINEST = 1e-11
-#: A division is never into more parts at once, and there are never more divisions.
-_MOST_PARTS, _MOST_DIVISIONS = 8, 40
+#: Parts into which a stretch is divided at once, at most.
+_MAX_PARTS = 8
+#: Divisions of a stretch, at most.
+_MAX_DIVISIONS = 40
+#: Fraction of half a circle by which an arc may exceed it through rounding and still stay whole.
+_HALF_CIRCLE_ROUNDING = 1e-12
 
 
 def lines(points: FloatArray) -> Chain:
-    """The points as a chain of lines."""
+    """`points` (N, 3) as a chain of lines."""
     return points, np.full((max(len(points) - 1, 0), 3), np.nan)
 
 
 def turn(
     center: FloatArray, u: FloatArray, v: FloatArray, start: float, end: float, chord: float
 ) -> Chain:
-    """The arc center + u cos t + v sin t, t from ``start`` to ``end`` (rad); u, v (3,) any two conjugate half
-    diameters.
+    """The arc center + u cos t + v sin t, for t from `start` to `end`, rad.
 
-    Of a circle as arcs, exactly. Of an ellipse as chords: between two points a step h apart it leaves its chord by at
-    most h^2 / 8 of its greatest second derivative, which is its longer half axis.
+    A circle becomes arcs, exactly. An ellipse becomes chords that deviate by at most `chord` mm:
+    the curve leaves the chord over a step h by at most h^2 / 8 of its greatest second derivative,
+    which is the longer half axis.
+
+    u, v: (3,) any two conjugate half diameters, mm.
     """
     sweep = end - start
     size = max(float(u @ u), float(v @ v))
-    round_ = abs(float(u @ u - v @ v)) <= _ROUND * size and abs(float(u @ v)) <= _ROUND * size
-    if round_:
-        count = max(1, math.ceil(abs(sweep) / math.pi - 1e-12))
+    tolerance = _CIRCLE_TOLERANCE * size
+    is_circle = abs(float(u @ u - v @ v)) <= tolerance and abs(float(u @ v)) <= tolerance
+    if is_circle:
+        count = max(1, math.ceil(abs(sweep) / math.pi - _HALF_CIRCLE_ROUNDING))
     else:
         longer = float(np.linalg.svd(np.stack([u, v]), compute_uv=False)[0])
-        count = max(
-            2, math.ceil(abs(sweep) * math.sqrt(longer / (8 * max(chord, _FINEST * longer))))
-        )
+        steps = abs(sweep) * math.sqrt(longer / (8 * max(chord, _FINEST * longer)))
+        count = max(2, math.ceil(steps))
 
     def at(t: FloatArray) -> FloatArray:
         return np.asarray(center + np.cos(t)[:, None] * u + np.sin(t)[:, None] * v)
 
     t = np.linspace(start, end, count + 1)
     points = at(t)
-    return (points, at((t[:-1] + t[1:]) / 2)) if round_ else lines(points)
+    if not is_circle:
+        return lines(points)
+    return points, at((t[:-1] + t[1:]) / 2)
 
 
 def chords(segments: FloatArray, chord: float) -> FloatArray:
-    """Points (N, 3) on a run of Bezier segments (S, degree + 1, 4), homogeneous, whose chords leave it by at most
-    ``chord``. Not finite where the segments are not.
+    """Points (N, 3) on consecutive Bezier segments, whose chords deviate by at most `chord` mm.
+
+    segments: (S, degree + 1, 4) homogeneous control points.
+
+    Returns two points of NaN if a segment is not finite.
     """
     with np.errstate(all="ignore"):
         size = float(np.ptp(segments[..., :3] / segments[..., 3:], axis=(0, 1)).max())
     if not math.isfinite(size):
         return np.full((2, 3), np.nan)
-    limit = _SHARE * max(chord, _FINEST * size)
+    limit = _SAMPLE_FRACTION * max(chord, _FINEST * size)
     segment: IntArray = np.arange(len(segments))
     low, width = np.zeros(len(segments)), np.ones(len(segments))
     done: list[tuple[FloatArray, FloatArray]] = []
-    for depth in range(_MOST_DIVISIONS):
-        off = _deviations(segments, segment, low, width)
-        fits: BoolArray = (off <= limit) | (depth == _MOST_DIVISIONS - 1)
-        done.append((segment[fits] + low[fits], _at(segments, segment[fits], low[fits])))
+    for depth in range(_MAX_DIVISIONS):
+        deviation = _measure_deviations(segments, segment, low, width)
+        fits: BoolArray = (deviation <= limit) | (depth == _MAX_DIVISIONS - 1)
+        done.append((segment[fits] + low[fits], _evaluate(segments, segment[fits], low[fits])))
         if fits.all():
             break
-        parts = np.clip(np.ceil(np.sqrt(off[~fits] / limit)), 2, _MOST_PARTS).astype(np.int64)
+        parts = np.clip(np.ceil(np.sqrt(deviation[~fits] / limit)), 2, _MAX_PARTS)
+        parts = parts.astype(np.int64)
         step = np.concatenate([np.arange(k) for k in parts])
         segment = np.repeat(segment[~fits], parts)
         width = np.repeat(width[~fits] / parts, parts)
         low = np.repeat(low[~fits], parts) + step * width
-    place, points = (np.concatenate(column) for column in zip(*done, strict=True))
-    last = _at(segments, np.array([len(segments) - 1]), np.ones(1))
-    return np.concatenate([points[np.argsort(place, kind="stable")], last])
+    position, points = (np.concatenate(column) for column in zip(*done, strict=True))
+    last = _evaluate(segments, np.array([len(segments) - 1]), np.ones(1))
+    return np.concatenate([points[np.argsort(position, kind="stable")], last])
 
 
-def _deviations(
+def _measure_deviations(
     segments: FloatArray, segment: IntArray, low: FloatArray, width: FloatArray
 ) -> FloatArray:
-    """How far (K,) each stretch of a segment leaves its chord."""
-    start, end = _at(segments, segment, low), _at(segments, segment, low + width)
-    along = end - start
-    length = np.sqrt(dots(along, along))
-    most = np.zeros(len(low))
-    for place in _PLACES:
-        out = _at(segments, segment, low + place * width) - start
-        beside = cross(out, along)
+    """(K,) maximum distance of stretches of segments from their chords at the samples, mm.
+
+    segment: (K,) the segment of each stretch.
+    low, width: (K,) where each stretch begins, and its length, as parameters from 0 to 1.
+    """
+    start, end = _evaluate(segments, segment, low), _evaluate(segments, segment, low + width)
+    chord = end - start
+    length = np.sqrt(dots(chord, chord))
+    greatest = np.zeros(len(low))
+    for sample in _SAMPLES:
+        arm = _evaluate(segments, segment, low + sample * width) - start
+        moment = cross(arm, chord)
         with np.errstate(all="ignore"):
-            off = np.sqrt(dots(beside, beside)) / length
-        most = np.maximum(most, np.where(length > 0, off, np.sqrt(dots(out, out))))
+            distance = np.sqrt(dots(moment, moment)) / length
+        greatest = np.maximum(greatest, np.where(length > 0, distance, np.sqrt(dots(arm, arm))))
         # A stretch that runs beyond the ends of its chord turns back.
-        forward = dots(out, along) / np.where(length > 0, length, 1.0)
-        most = np.maximum(most, np.maximum(-forward, forward - length))
-    return most
+        forward = dots(arm, chord) / np.where(length > 0, length, 1.0)
+        greatest = np.maximum(greatest, np.maximum(-forward, forward - length))
+    return greatest
 
 
-def _at(segments: FloatArray, segment: IntArray, t: FloatArray) -> FloatArray:
-    """Points (K, 3) of the segments at their parameters ``t`` (K,), 0 to 1."""
+def _evaluate(segments: FloatArray, segment: IntArray, t: FloatArray) -> FloatArray:
+    """Points (K, 3) of the Bezier curves `segment` (K,) at their parameters `t` (K,), 0 to 1."""
     degree = segments.shape[1] - 1
     k = np.arange(degree + 1)
     binomials = np.array([comb(degree, i) for i in k], dtype=np.float64)

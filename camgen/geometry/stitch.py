@@ -1,4 +1,4 @@
-"""Joining pieces of curves end to end into chains."""
+"""Joins pieces of curves end to end into chains."""
 
 from __future__ import annotations
 
@@ -14,20 +14,30 @@ from camgen.geometry.ragged import matches, ramp
 from camgen.geometry.segments import BoolArray, IntArray, Segments, points_at
 from camgen.model.pose import FloatArray
 
-#: Ends nearer than this (mm) meet: ten times what the cuts of nearly tangent curves can be off.
+#: mm: ends nearer than this meet. It is ten times the error of cuts of nearly tangent curves.
 _MEET = 2e-4
-#: Where curves are nearly tangent, their crossing leaves pieces shorter than this (mm), of which some lead nowhere.
+#: mm: where curves are nearly tangent, their crossing leaves pieces shorter than this. Some of them
+#: lead nowhere.
 _TAIL = 0.05
-#: So many short pieces are looked through for the way to a long one.
-_WIDEST = 64
-#: A loop shorter than this (mm), or thinner than a thousandth of it, is the sliver between two curves that touch.
+#: Short pieces that are searched for a connection to a long one, at most.
+_MAX_SEARCHED = 64
+#: mm: a chain shorter than this, or a short loop thinner than a thousandth of it, is the sliver
+#: between two curves that touch.
 _SLIVER = 2e-3
+#: mm: length up to which a thin loop is a sliver.
+_SLIVER_LENGTH = 1.0
+#: Fraction of a segment below which pieces of it follow each other without a gap.
+_SAME_FRACTION = 1e-12
 
 
 class Chains(Struct, frozen=True, eq=False):
-    """Pieces in running order. row, low, high: (N,) as given, pieces of one candidate that follow each other united.
+    """Pieces in running order; neighbouring pieces of one candidate are one piece.
 
-    owner: (N,) the chain. closed: (chains,). last_of: (chains,) the last piece of each.
+    row: (N,) the candidate of each piece.
+    low, high: (N,) fractions of the candidate at which the piece begins and ends.
+    owner: (N,) the chain.
+    closed: (chains,) whether the last piece of the chain is followed by its first.
+    last_of: (chains,) the last piece of each chain.
     """
 
     row: IntArray
@@ -41,49 +51,59 @@ class Chains(Struct, frozen=True, eq=False):
 def stitch(
     candidates: Segments, row: IntArray, low: FloatArray, high: FloatArray, label: IntArray
 ) -> Chains:
-    """Chains of the pieces ``candidates[row]`` from fraction low to high; only pieces of one label are joined."""
+    """Chains of the pieces of `candidates[row]` from fraction `low` to `high`, each (N,).
+
+    Only pieces with the same `label` (N,) are joined.
+    """
     chosen = candidates.take(row)
     start, end = points_at(chosen, low), points_at(chosen, high)
     length = chosen.length * (high - low)
-    ends, starts = _meetings(start, end, label)
-    alive, ends, starts = _without_tails(length, ends, starts)
-    following = _following(start, end, row, length, ends, starts)
-    order, first, closed = _runs(following, alive)
+    ends, starts = _find_meetings(start, end, label)
+    alive, ends, starts = _remove_tails(length, ends, starts)
+    following = _find_following(start, end, row, length, ends, starts)
+    order, first, closed = _order_chains(following, alive)
     owner = np.repeat(np.arange(len(first)), np.diff(np.append(first, len(order))))
     sweep = chosen.sweep * (high - low)
-    keep = ~_slivers(start[order], end[order], length[order], sweep[order], owner, closed)
+    slivers = _find_slivers(start[order], end[order], length[order], sweep[order], owner, closed)
+    keep = ~slivers
     order, owner = order[keep[owner]], np.cumsum(keep)[owner[keep[owner]]] - 1
-    return _unite(row[order], low[order], high[order], owner, closed[keep])
+    return _merge_pieces(row[order], low[order], high[order], owner, closed[keep])
 
 
-def _meetings(start: FloatArray, end: FloatArray, label: IntArray) -> tuple[IntArray, IntArray]:
-    """Pairs of pieces of one label, the second of which begins where the first ends."""
-    few, many = matches(label, label, FEW)
-    found = [(many[:0], many[:0])]
-    for ends, starts in few:
+def _find_meetings(
+    start: FloatArray, end: FloatArray, label: IntArray
+) -> tuple[IntArray, IntArray]:
+    """Pairs of pieces of one label of which the second begins where the first ends."""
+    small_groups, large = matches(label, label, FEW)
+    firsts, seconds = [large[:0]], [large[:0]]
+    for ends, starts in small_groups:
         gap = end.take(ends, axis=0) - start.take(starts, axis=0)
         near = np.hypot(gap[:, 0], gap[:, 1]) <= _MEET
-        found.append((ends[near], starts[near]))
-    if len(many):
-        tree = shapely.STRtree(shapely.points(start[many]))
-        ends, starts = tree.query(shapely.points(end[many]), predicate="dwithin", distance=_MEET)
-        ends, starts = many[ends], many[starts]
+        firsts.append(ends[near])
+        seconds.append(starts[near])
+    if len(large):
+        tree = shapely.STRtree(shapely.points(start[large]))
+        ends, starts = tree.query(shapely.points(end[large]), predicate="dwithin", distance=_MEET)
+        ends, starts = large[ends], large[starts]
         near = label[ends] == label[starts]
-        found.append((ends[near], starts[near]))
-    return np.concatenate([one for one, _ in found]), np.concatenate([two for _, two in found])
+        firsts.append(ends[near])
+        seconds.append(starts[near])
+    return np.concatenate(firsts), np.concatenate(seconds)
 
 
-def _without_tails(
+def _remove_tails(
     length: FloatArray, ends: IntArray, starts: IntArray
 ) -> tuple[BoolArray, IntArray, IntArray]:
-    """Which pieces remain, and their meetings, without short ones that come from nowhere or lead nowhere."""
+    """Removes short pieces that have a free end, until no such piece is left.
+
+    Returns whether each piece remains (N,), and the meetings that remain.
+    """
     count = len(length)
     alive = np.ones(count, dtype=bool)
     while True:
-        linked = (np.bincount(ends, minlength=count) > 0) & (
-            np.bincount(starts, minlength=count) > 0
-        )
-        tails = alive & ~linked & (length < _TAIL)
+        has_next = np.bincount(ends, minlength=count) > 0
+        has_previous = np.bincount(starts, minlength=count) > 0
+        tails = alive & ~(has_next & has_previous) & (length < _TAIL)
         if not tails.any():
             return alive, ends, starts
         alive &= ~tails
@@ -91,7 +111,7 @@ def _without_tails(
         ends, starts = ends[kept], starts[kept]
 
 
-def _following(
+def _find_following(
     start: FloatArray,
     end: FloatArray,
     row: IntArray,
@@ -99,62 +119,71 @@ def _following(
     ends: IntArray,
     starts: IntArray,
 ) -> IntArray:
-    """(N,) the piece that begins where each ends, -1 if none. A start is used once.
+    """(N,) the piece that follows each, -1 if none does. A piece follows one other at most.
 
-    Where several meet, a long piece is led to a long one first, through short ones if need be: what nearly tangent
-    curves leave beside their crossing must not use up the way of the others. Then the same curve is preferred, then
-    the nearest.
+    If several meet, long pieces are linked to long ones first, through short ones if necessary: the
+    short pieces that nearly tangent curves leave at their crossing must not use up the successors
+    of others. Then a piece of the same candidate is preferred, then the nearest.
+
+    ends, starts: meetings, as pairs of a piece that ends and one that starts.
     """
     following = np.full(len(start), -1)
     gap = np.hypot(*(end[ends] - start[starts]).T)
     order = np.lexsort((starts, np.round(gap, 9), row[ends] != row[starts]))
     ends, starts = ends[order], starts[order]
-    lonely = (np.bincount(ends, minlength=len(end)) == 1)[ends]
-    lonely &= (np.bincount(starts, minlength=len(start)) == 1)[starts]
+    is_only = (np.bincount(ends, minlength=len(end)) == 1)[ends]
+    is_only &= (np.bincount(starts, minlength=len(start)) == 1)[starts]
     short = length < _TAIL
-    sure = lonely & ~short[ends] & ~short[starts]
-    following[ends[sure]] = starts[sure]
+    is_clear = is_only & ~short[ends] & ~short[starts]
+    following[ends[is_clear]] = starts[is_clear]
     options: dict[int, list[int]] = {}
-    for e, s in zip(ends[~sure].tolist(), starts[~sure].tolist(), strict=True):
-        options.setdefault(e, []).append(s)
-    is_short, taken, used = short.tolist(), set(starts[sure].tolist()), set[int]()
-    for e in sorted(options, key=lambda piece: (is_short[piece], piece)):
-        if e in used:
+    for piece, successor in zip(ends[~is_clear].tolist(), starts[~is_clear].tolist(), strict=True):
+        options.setdefault(piece, []).append(successor)
+    is_short, taken, linked = short.tolist(), set(starts[is_clear].tolist()), set[int]()
+    for first in sorted(options, key=lambda piece: (is_short[piece], piece)):
+        if first in linked:
             continue
-        way = _way(e, options, is_short, taken)
-        for here, there in pairwise([e, *way]):
-            following[here] = there
-            taken.add(there)
-            used.add(here)
+        connection = _find_connection(first, options, is_short, taken)
+        for piece, successor in pairwise([first, *connection]):
+            following[piece] = successor
+            taken.add(successor)
+            linked.add(piece)
     return following
 
 
-def _way(
+def _find_connection(
     begin: int, options: dict[int, list[int]], is_short: list[bool], taken: set[int]
 ) -> list[int]:
-    """The fewest pieces from the end of ``begin`` to a long one that is free, or to any that is free; the last of them
-    is the one to go on with. Empty if there is none.
+    """The fewest pieces from the end of `begin` to a long piece, which is the last of them.
+
+    Only pieces that are not in `taken` are used. Without a long piece, the result is the first free
+    one, or empty. From a short piece a loop back to itself counts as well.
+
+    options: the pieces that can follow each piece, best first.
     """
-    came: dict[int, int] = {}
+    previous_of: dict[int, int] = {}
     queue = deque([begin])
     while queue:
-        here = queue.popleft()
-        for there in options.get(here, []):
-            if there in came or there in taken:
+        piece = queue.popleft()
+        for successor in options.get(piece, []):
+            if successor in previous_of or successor in taken:
                 continue
-            came[there] = here
-            if not is_short[there] or (is_short[begin] and there == begin):
-                way = [there]
-                while came[way[0]] != begin:
-                    way.insert(0, came[way[0]])
-                return way
-            if len(came) < _WIDEST:
-                queue.append(there)
-    return [next(iter(came))] if came else []
+            previous_of[successor] = piece
+            if not is_short[successor] or (is_short[begin] and successor == begin):
+                connection = [successor]
+                while previous_of[connection[0]] != begin:
+                    connection.insert(0, previous_of[connection[0]])
+                return connection
+            if len(previous_of) < _MAX_SEARCHED:
+                queue.append(successor)
+    return [next(iter(previous_of))] if previous_of else []
 
 
-def _runs(following: IntArray, alive: BoolArray) -> tuple[IntArray, IntArray, BoolArray]:
-    """The pieces that are ``alive`` in running order, where each chain begins in it, and whether it is closed."""
+def _order_chains(following: IntArray, alive: BoolArray) -> tuple[IntArray, IntArray, BoolArray]:
+    """The pieces that are `alive` in running order.
+
+    Returns them, the place of the first piece of each chain, and whether each chain is closed.
+    """
     successor = following.tolist()
     begins = np.ones(len(following), dtype=bool)
     begins[following[following >= 0]] = False
@@ -166,12 +195,12 @@ def _runs(following: IntArray, alive: BoolArray) -> tuple[IntArray, IntArray, Bo
         if seen[begin]:
             continue
         first.append(len(order))
-        here = begin
-        while here >= 0 and not seen[here]:
-            seen[here] = True
-            order.append(here)
-            here = successor[here]
-        closed.append(here == begin)
+        piece = begin
+        while piece >= 0 and not seen[piece]:
+            seen[piece] = True
+            order.append(piece)
+            piece = successor[piece]
+        closed.append(piece == begin)
     return (
         np.array(order, dtype=np.int64),
         np.array(first, dtype=np.int64),
@@ -179,7 +208,7 @@ def _runs(following: IntArray, alive: BoolArray) -> tuple[IntArray, IntArray, Bo
     )
 
 
-def _slivers(
+def _find_slivers(
     start: FloatArray,
     end: FloatArray,
     length: FloatArray,
@@ -187,24 +216,33 @@ def _slivers(
     owner: IntArray,
     closed: BoolArray,
 ) -> BoolArray:
-    """(chains,) true for chains that are no more than rounding. sweep: (N,) rad of arcs, 0 for lines."""
+    """(chains,) whether each chain is a sliver that exists by rounding alone.
+
+    start, end: (N, 2) mm.
+    length: (N,) mm.
+    sweep: (N,) angle of arcs, rad, 0 for lines.
+    owner: (N,) chain of each piece.
+    """
     count = len(closed)
     total = np.bincount(owner, length, count)
-    # The area of the polygon of the ends, about each chain's first point, and of the segments of circle beside it.
+    # Area of the polygon of the ends, about each chain's first point, and of the circle segments.
     origin = start[np.searchsorted(owner, np.arange(count))] if count else start
     a, b = start - origin[owner], end - origin[owner]
     radius = length / np.where(sweep == 0.0, 1.0, np.abs(sweep))
     doubled = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0] + radius**2 * (sweep - np.sin(sweep))
     area = np.abs(np.bincount(owner, doubled, count)) / 2
-    few = np.bincount(owner, minlength=count) <= 3
-    thin = closed & few & (area < 0.5e-3 * _SLIVER * total) & (total < 1.0)
-    return np.asarray((total < _SLIVER) | thin | (~closed & (total < _TAIL)))
+    has_few = np.bincount(owner, minlength=count) <= 3
+    is_thin = closed & has_few & (area < 0.5e-3 * _SLIVER * total) & (total < _SLIVER_LENGTH)
+    return np.asarray((total < _SLIVER) | is_thin | (~closed & (total < _TAIL)))
 
 
-def _unite(
+def _merge_pieces(
     row: IntArray, low: FloatArray, high: FloatArray, owner: IntArray, closed: BoolArray
 ) -> Chains:
-    """Neighbouring pieces of one candidate as one; a closed chain is turned so that none is cut at its seam."""
+    """Merges neighbouring pieces of one candidate.
+
+    A closed chain is rotated so that its seam does not divide a piece.
+    """
     count = len(row)
     if not count:
         return Chains(row, low, high, owner, closed, np.zeros(0, dtype=np.int64))
@@ -215,16 +253,16 @@ def _unite(
     joined = (
         (previous >= 0)
         & (row == row[previous])
-        & (np.abs(low - high[previous]) < 1e-12)
+        & (np.abs(low - high[previous]) < _SAME_FRACTION)
         & (previous != np.arange(count))
     )
-    # Turn each closed chain so that it begins where nothing is joined.
+    # Rotate each closed chain so that its first piece is not joined to its last one.
     place = ramp(last - begin + 1)
     size = (last - begin + 1)[owner]
-    free = np.where(joined, count, place)
-    turn = np.minimum.reduceat(free, begin)
-    turn = np.where((turn < count) & closed, turn, 0)
-    order = begin[owner] + (place + turn[owner]) % size
+    start_place = np.where(joined, count, place)
+    shift = np.minimum.reduceat(start_place, begin)
+    shift = np.where((shift < count) & closed, shift, 0)
+    order = begin[owner] + (place + shift[owner]) % size
     row, low, high, joined = row[order], low[order], high[order], joined[order]
     joined[begin] = False
     head = np.flatnonzero(~joined)

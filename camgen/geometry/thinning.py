@@ -1,7 +1,7 @@
-"""Douglas-Peucker for all contours at once: which points to keep so that the lines between them leave none too far.
+"""Douglas-Peucker for all contours at once: removes points that are near the lines between others.
 
-The recursion of the textbook runs level by level. A level looks at all points of all stretches that are not yet near
-enough, as columns; the stretches that fail are cut at their farthest point.
+The recursion of the textbook runs level by level. A level measures all points of all stretches that
+are not near enough yet, as columns. Stretches that fail are split at their farthest point.
 """
 
 from __future__ import annotations
@@ -20,9 +20,14 @@ IntArray = NDArray[np.int64]
 
 
 class Polylines(Struct, frozen=True, eq=False):
-    """Contours end to end: chain k is the rows first[k] to first[k + 1]. A closed one ends with its first point again.
+    """Contours as chains in one table: chain k is the rows from first[k] to first[k + 1].
 
-    points: (V, 2) mm. bulges: (V,) of the segment that leaves a point. fixed: rows that must stay, sorted.
+    A closed chain ends with its first point again.
+
+    points: (V, 2) mm.
+    bulges: (V,) bulge of the segment that begins at each point.
+    first: (chains + 1,) first row of each chain, and the number of rows.
+    fixed: (F,) rows that must stay, sorted.
     """
 
     points: FloatArray
@@ -32,64 +37,78 @@ class Polylines(Struct, frozen=True, eq=False):
 
     @classmethod
     def of(cls, contours: Sequence[Contour]) -> Polylines:
-        """A closed chain of lines starts at its point farthest from its middle: most likely a corner."""
+        """Chains of `contours`, whose ends and ends of arcs are fixed.
+
+        A closed chain of lines starts at its point farthest from the middle of its box, which is
+        probably a corner.
+        """
         points, bulges, fixed = [], [], []
-        at = 0
+        row = 0
         firsts = [0]
         for contour in contours:
-            p, b = contour.points, contour.bulges
+            chain_points, chain_bulges = contour.points, contour.bulges
             if contour.closed:
-                start = 0
-                if not b.any():
-                    start = int(np.argmax(np.hypot(*(p - (p.min(axis=0) + p.max(axis=0)) / 2).T)))
-                p, b = (
-                    np.concatenate([p[start:], p[: start + 1]]),
-                    np.concatenate([b[start:], b[: start + 1]]),
-                )
-            points.append(p)
-            bulges.append(b)
-            last = len(p) - 1
-            stay = {0, last}
+                start = 0 if chain_bulges.any() else _find_corner(chain_points)
+                chain_points = np.concatenate([chain_points[start:], chain_points[: start + 1]])
+                chain_bulges = np.concatenate([chain_bulges[start:], chain_bulges[: start + 1]])
+            points.append(chain_points)
+            bulges.append(chain_bulges)
+            arcs = np.flatnonzero(chain_bulges[:-1])
+            chain_fixed = {0, len(chain_points) - 1, *arcs.tolist(), *(arcs + 1).tolist()}
             if contour.closed:
-                # A stretch from a point to itself has no direction: cut at the point farthest from it.
-                stay.add(int(np.argmax(np.hypot(*(p - p[0]).T))))
-            arcs = np.flatnonzero(b[:-1])
-            fixed += sorted(at + k for k in {*stay, *arcs.tolist(), *(arcs + 1).tolist()})
-            at += len(p)
-            firsts.append(at)
+                # A stretch from a point to itself has no direction, so it is split at the point
+                # farthest from its start.
+                chain_fixed.add(_find_farthest(chain_points, chain_points[0]))
+            fixed += [row + k for k in sorted(chain_fixed)]
+            row += len(chain_points)
+            firsts.append(row)
         return cls(
             np.concatenate(points), np.concatenate(bulges), np.array(firsts), np.array(fixed)
         )
 
 
+def _find_corner(points: FloatArray) -> int:
+    """The point farthest from the middle of the box around `points` (N, 2)."""
+    return _find_farthest(points, (points.min(axis=0) + points.max(axis=0)) / 2)
+
+
+def _find_farthest(points: FloatArray, centre: FloatArray) -> int:
+    """The row of `points` (N, 2) that is farthest from `centre` (2,)."""
+    return int(np.argmax(np.hypot(*(points - centre).T)))
+
+
 def thin(chains: Polylines, tolerance: float) -> IntArray:
-    """The rows to keep, sorted: no dropped point is farther than ``tolerance`` from the line over it."""
+    """The rows to keep, sorted. No removed point is farther than `tolerance` mm from the new line.
+
+    Rows in `chains.fixed` are kept.
+    """
     points = chains.points
     kept = [chains.fixed]
-    same = np.searchsorted(chains.first, chains.fixed[:-1], side="right")
-    inside = same == np.searchsorted(chains.first, chains.fixed[1:], side="right")
-    low, high = chains.fixed[:-1][inside], chains.fixed[1:][inside]
+    chain = np.searchsorted(chains.first, chains.fixed[:-1], side="right")
+    same_chain = chain == np.searchsorted(chains.first, chains.fixed[1:], side="right")
+    low, high = chains.fixed[:-1][same_chain], chains.fixed[1:][same_chain]
     while True:
-        wide = high - low > 1
-        low, high = low[wide], high[wide]
+        has_inner = high - low > 1
+        low, high = low[has_inner], high[has_inner]
         if not len(low):
             return np.unique(np.concatenate(kept))
         counts = high - low - 1
-        begin, of, rows = begins(counts), owners(counts), stretches(low + 1, counts)
-        off = to_lines(points[rows], points[low][of], points[high][of])
-        most = np.maximum.reduceat(off, begin)
-        farthest = np.minimum.reduceat(np.where(off == most[of], rows, len(points)), begin)
-        bad = most > tolerance
-        cut = farthest[bad]
+        begin, owner, rows = begins(counts), owners(counts), stretches(low + 1, counts)
+        distance = to_lines(points[rows], points[low][owner], points[high][owner])
+        largest = np.maximum.reduceat(distance, begin)
+        is_farthest = distance == largest[owner]
+        farthest = np.minimum.reduceat(np.where(is_farthest, rows, len(points)), begin)
+        too_far = largest > tolerance
+        cut = farthest[too_far]
         kept.append(cut)
-        low, high = np.concatenate([low[bad], cut]), np.concatenate([cut, high[bad]])
+        low, high = np.concatenate([low[too_far], cut]), np.concatenate([cut, high[too_far]])
 
 
 def to_lines(points: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
-    """Distances (N,) of points from the lines a to b, each (N, 2), their ends included."""
+    """(N,) distance of each point from the line segment a to b, all (N, 2), mm."""
     chord = b - a
-    size = np.einsum("nd,nd->n", chord, chord)
+    square = np.einsum("nd,nd->n", chord, chord)
     local = points - a
-    share = np.einsum("nd,nd->n", local, chord) / np.where(size > 0, size, 1.0)
-    foot = local - np.clip(share, 0.0, 1.0)[:, None] * chord
+    fraction = np.einsum("nd,nd->n", local, chord) / np.where(square > 0, square, 1.0)
+    foot = local - np.clip(fraction, 0.0, 1.0)[:, None] * chord
     return np.asarray(np.hypot(foot[:, 0], foot[:, 1]))

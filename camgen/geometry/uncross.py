@@ -1,9 +1,12 @@
-"""Loops that cross themselves by a slip, as loops that only touch themselves.
+"""Repairs loops that cross themselves slightly, so that they only touch themselves.
 
-Where an arc comes back on the segment before it, the two often cross once more a little later: the tip of the corner is
-a loop of its own, as thin as a hair, that runs the other way round. At a crossing the loop is parted in two that meet
-there. What lies beside the larger one on the side of the part is no border of it; what lies on the other side is a tip
-of the part, and is turned round so that it has the part on the same hand.
+Where an arc comes back to the segment before it, the two often cross once more a little later. The
+tip of the corner is then a loop of its own, as thin as a hair and with the opposite sense. At a
+crossing the loop is split into two loops that meet there. The larger one stays. What happens to the
+other one depends on the side on which it lies:
+
+- on the side of the part, it bounds nothing and is removed,
+- on the other side, it is a tip of the part and is reversed, so that the part is on its left.
 """
 
 from __future__ import annotations
@@ -16,17 +19,28 @@ from msgspec import Struct
 from camgen.geometry.intersect import crossings, near_pairs, only_at_ends
 from camgen.geometry.nesting import loop_areas
 from camgen.geometry.ragged import ends_run, run_starts
-from camgen.geometry.segments import BoolArray, IntArray, Segments, backwards, split, tangents_at
+from camgen.geometry.segments import (
+    BoolArray,
+    IntArray,
+    Segments,
+    backwards,
+    concatenate,
+    split,
+    tangents_at,
+)
 from camgen.geometry.vectors import turns
 from camgen.model.pose import FloatArray
 
-#: Nearer than this (mm) to the end of a segment nothing is told from the end.
+#: mm: a crossing nearer than this to the end of a segment counts as that end.
 LEAST_SLIP = 1e-5
 
 
 class _Pieces(Struct, frozen=True, eq=False):
-    """A loop cut at its crossings. following: (N,) the piece that comes after each, at a crossing the other curve's.
-    meet: (C, 2) the pieces that arrive at each crossing, of the first curve and of the second.
+    """A loop that is split at its crossings.
+
+    segments: N pieces.
+    following: (N,) the piece after each one. At a crossing it is a piece of the other curve.
+    meet: (C, 2) the pieces that end at each crossing, of the first and of the second curve.
     """
 
     segments: Segments
@@ -35,22 +49,27 @@ class _Pieces(Struct, frozen=True, eq=False):
 
 
 def find_slips(segments: Segments, following: IntArray, count: int) -> BoolArray:
-    """(count,): which owners have a segment that crosses the one after it again, beside their corner."""
-    one = np.flatnonzero(following >= 0)
-    two = following[one]
-    curved = segments.is_arc[one] | segments.is_arc[two]
-    one, two = one[curved], two[curved]
-    again = ~only_at_ends(segments, one, two)
-    one, two = one[again], two[again]
-    k, first, second = crossings(segments, one, two)
-    inner = _inner(segments, one[k], first) & _inner(segments, two[k], second)
+    """(count,) the loops in which a segment crosses the next one again, apart from their corner.
+
+    following: (N,) the segment after each one, -1 for none.
+    count: number of loops.
+    """
+    first = np.flatnonzero(following >= 0)
+    second = following[first]
+    curved = segments.is_arc[first] | segments.is_arc[second]
+    first, second = first[curved], second[curved]
+    may_cross = ~only_at_ends(segments, first, second)
+    first, second = first[may_cross], second[may_cross]
+    pair, first_fraction, second_fraction = crossings(segments, first, second)
+    inner = _are_inner(segments, first[pair], first_fraction)
+    inner &= _are_inner(segments, second[pair], second_fraction)
     result = np.zeros(count, dtype=bool)
-    result[segments.owner[one[k[inner]]]] = True
+    result[segments.owner[first[pair[inner]]]] = True
     return result
 
 
-def _inner(segments: Segments, row: IntArray, fraction: FloatArray) -> BoolArray:
-    """(N,): whether a place on a row lies off its ends."""
+def _are_inner(segments: Segments, row: IntArray, fraction: FloatArray) -> BoolArray:
+    """(N,) whether the point at `fraction` of segment `row` is away from its ends."""
     length = segments.length[row]
     return np.asarray((fraction * length > LEAST_SLIP) & ((1 - fraction) * length > LEAST_SLIP))
 
@@ -58,51 +77,57 @@ def _inner(segments: Segments, row: IntArray, fraction: FloatArray) -> BoolArray
 def uncross(
     segments: Segments, following: IntArray, chosen: BoolArray
 ) -> tuple[Segments, IntArray]:
-    """``segments`` with the ``chosen`` loops (per owner) uncrossed, the part on their left, and the following ones.
+    """`segments` with the chosen loops repaired, and the segment that follows each of them.
 
-    The other owners stay as they are, rows and all.
+    The other loops stay as they are and come first.
+
+    following: (N,) the segment after each one, -1 for none.
+    chosen: per owner, whether the loop may be repaired; the part is on its left.
     """
     rows = np.flatnonzero(chosen[segments.owner] & (following >= 0))
-    pair, first, second = _slips(segments, rows)
+    pair, first, second = _find_crossings(segments, rows)
     if not len(pair):
         return segments, following
     crossing = np.unique(segments.owner[pair[:, 0]])
-    rest = np.flatnonzero(~np.isin(segments.owner, crossing))
-    new = np.full(len(segments), -1)
-    new[rest] = np.arange(len(rest))
-    after = following[rest]
-    tables, links = [segments.take(rest)], [np.where(after >= 0, new[after], -1)]
-    size = len(rest)
+    others = np.flatnonzero(~np.isin(segments.owner, crossing))
+    new_row = np.full(len(segments), -1)
+    new_row[others] = np.arange(len(others))
+    after = following[others]
+    tables, links = [segments.take(others)], [np.where(after >= 0, new_row[after], -1)]
+    size = len(others)
     for owner in crossing.tolist():
-        own = segments.owner[pair[:, 0]] == owner
-        pieces = _cut(segments, following, owner, pair[own], first[own], second[own])
-        for loop in _loops(pieces):
+        is_own = segments.owner[pair[:, 0]] == owner
+        pieces = _split_loop(
+            segments, following, owner, pair[is_own], first[is_own], second[is_own]
+        )
+        for loop in _make_loops(pieces):
             tables.append(loop)
             links.append(size + np.roll(np.arange(len(loop)), -1))
             size += len(loop)
-    columns = (
-        np.concatenate([getattr(t, name) for t in tables]) for name in Segments.__struct_fields__
-    )
-    return Segments(*columns), np.concatenate(links)
+    return concatenate(tables), np.concatenate(links)
 
 
-def _slips(segments: Segments, rows: IntArray) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Crossings of ``rows`` of one owner: pairs of rows (C, 2), and the fraction of each of the two."""
+def _find_crossings(segments: Segments, rows: IntArray) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Crossings of `rows` with rows of the same owner.
+
+    Returns pairs of rows (C, 2), and the fraction (C,) at which each of the two is crossed.
+    """
     table = segments.take(rows)
     if not len(rows):
         return np.zeros((0, 2), dtype=np.int64), np.zeros(0), np.zeros(0)
     i, j = near_pairs(table, table.owner)
-    k, first, second = crossings(table, i, j)
-    inner = _inner(table, i[k], first) & _inner(table, j[k], second)
-    # Two that are one are a touch.
-    along = first * table.length[i[k]]
-    order = np.lexsort((along, k))
-    twice = (np.diff(k[order]) == 0) & (np.diff(along[order]) < LEAST_SLIP)
+    pair, first, second = crossings(table, i, j)
+    inner = _are_inner(table, i[pair], first) & _are_inner(table, j[pair], second)
+    # Two crossings of a pair at one point are a touch.
+    along = first * table.length[i[pair]]
+    order = np.lexsort((along, pair))
+    twice = (np.diff(pair[order]) == 0) & (np.diff(along[order]) < LEAST_SLIP)
     inner[order[:-1][twice]] = inner[order[1:][twice]] = False
-    return rows[np.column_stack([i[k], j[k]])[inner]], first[inner], second[inner]
+    crossed = np.column_stack([i[pair], j[pair]])[inner]
+    return rows[crossed], first[inner], second[inner]
 
 
-def _cut(
+def _split_loop(
     segments: Segments,
     following: IntArray,
     owner: int,
@@ -110,7 +135,11 @@ def _cut(
     first: FloatArray,
     second: FloatArray,
 ) -> _Pieces:
-    """The loop of ``owner`` cut at its crossings ``pair`` (C, 2) of rows, led on from one curve to the other there."""
+    """The loop of `owner`, split at its crossings, where each curve continues on the other one.
+
+    pair: (C, 2) rows of `segments` that cross.
+    first, second: (C,) fraction at which each of the two rows is crossed.
+    """
     rows = np.flatnonzero(segments.owner == owner)
     count = len(pair)
     row = np.concatenate([rows, pair[:, 0], pair[:, 1]])
@@ -121,62 +150,74 @@ def _cut(
     high = np.where(last, 1.0, np.append(low[1:], 1.0))
     begin = run_starts(row)
     after = np.where(last, begin[np.searchsorted(rows, following[row])], np.arange(len(row)) + 1)
-    leaving = np.empty(len(order), dtype=np.int64)
-    leaving[order] = np.arange(len(order))
-    out_first, out_second = leaving[len(rows) : len(rows) + count], leaving[len(rows) + count :]
-    after[out_first - 1], after[out_second - 1] = out_second, out_first
-    return _Pieces(
-        split(segments, row, low, high), after, np.column_stack([out_first - 1, out_second - 1])
-    )
+    place_of = np.empty(len(order), dtype=np.int64)
+    place_of[order] = np.arange(len(order))
+    leaving_first = place_of[len(rows) : len(rows) + count]
+    leaving_second = place_of[len(rows) + count :]
+    after[leaving_first - 1], after[leaving_second - 1] = leaving_second, leaving_first
+    meet = np.column_stack([leaving_first - 1, leaving_second - 1])
+    return _Pieces(split(segments, row, low, high), after, meet)
 
 
-def _loops(pieces: _Pieces) -> Iterable[Segments]:
-    """The loops that a cut one is made of, those left out that lie in the part."""
-    rounds = _rounds(pieces.following)
-    tables = [pieces.segments.take(np.array(rows)) for rows in rounds]
-    areas = [float(np.abs(loop_areas(_alone(table), 1))[0]) for table in tables]
-    hand = _hands(pieces, rounds, int(np.argmax(areas)))
-    return [
-        backwards(table)[0] if hand[n] < 0 else table for n, table in enumerate(tables) if hand[n]
-    ]
+def _make_loops(pieces: _Pieces) -> Iterable[Segments]:
+    """The loops of which a split loop consists, without those that lie inside the part."""
+    loops = _follow_pieces(pieces.following)
+    tables = [pieces.segments.take(np.array(rows)) for rows in loops]
+    areas = [float(np.abs(loop_areas(_as_one_loop(table), 1))[0]) for table in tables]
+    senses = _find_senses(pieces, loops, int(np.argmax(areas)))
+    result = []
+    for table, sense in zip(tables, senses, strict=True):
+        if sense:
+            result.append(backwards(table)[0] if sense < 0 else table)
+    return result
 
 
-def _alone(table: Segments) -> Segments:
+def _as_one_loop(table: Segments) -> Segments:
+    """`table` with owner 0 throughout."""
     return Segments(
         table.start, table.end, table.bulge, table.centre, table.radius, np.zeros_like(table.owner)
     )
 
 
-def _rounds(following: IntArray) -> list[list[int]]:
+def _follow_pieces(following: IntArray) -> list[list[int]]:
     """The pieces of each loop in running order."""
     seen: set[int] = set()
-    found = []
+    loops = []
     for begin in range(len(following)):
-        rows, here = [], begin
-        while here not in seen:
-            seen.add(here)
-            rows.append(here)
-            here = int(following[here])
-        found += [rows] if rows else []
-    return found
+        rows, row = [], begin
+        while row not in seen:
+            seen.add(row)
+            rows.append(row)
+            row = int(following[row])
+        if rows:
+            loops.append(rows)
+    return loops
 
 
-def _hands(pieces: _Pieces, rounds: list[list[int]], largest: int) -> list[int]:
-    """Of each loop 1 where it stays, -1 where it is turned round, 0 where it is no border; the largest one stays."""
+def _find_senses(pieces: _Pieces, loops: list[list[int]], largest: int) -> list[int]:
+    """For each loop 1 if it stays, -1 if it is reversed, and 0 if it is removed.
+
+    The loop `largest` stays. The others follow from it, crossing by crossing.
+    """
     arrives = tangents_at(pieces.segments, np.ones(len(pieces.segments)))
     leaves = tangents_at(pieces.segments, np.zeros(len(pieces.segments)))
-    loop = {row: n for n, rows in enumerate(rounds) for row in rows}
-    hand = [0] * len(rounds)
-    hand[largest] = 1
+    loop_of: dict[int, int] = {}
+    for number, rows in enumerate(loops):
+        loop_of.update(dict.fromkeys(rows, number))
+    senses = [0] * len(loops)
+    senses[largest] = 1
     reached = [largest]
-    for here in reached:
+    for loop in reached:
         for first, second in pieces.meet.tolist():
-            for mine, other in ((first, second), (second, first)):
-                there = loop[other]
-                if loop[mine] != here or there in reached:
+            for arriving, other in ((first, second), (second, first)):
+                neighbour = loop_of[other]
+                if loop_of[arriving] != loop or neighbour in reached:
                     continue
-                # Straight on the way leads into the other loop: on the right where the corner turns left.
-                turn = turns(arrives[[mine]], leaves[pieces.following[[mine]]])[0]
-                hand[there] = -hand[here] if turn * hand[here] > 0 else 0
-                reached.append(there)
-    return hand
+                # Straight on, the curve enters the other loop: on the right if the corner turns
+                # left.
+                corner = arrives[[arriving]], leaves[pieces.following[[arriving]]]
+                turn = turns(*corner)[0]
+                if turn * senses[loop] > 0:
+                    senses[neighbour] = -senses[loop]
+                reached.append(neighbour)
+    return senses

@@ -9,5 +9,5 @@ _ADVICE = re.compile(rf": {_PLACE} may(?=;|$)|{_PLACE}, | or {_PLACE}")
 
 
 def drop_place(text: str) -> str:
-    """``text`` without the advice to run `camgen place`."""
+    """`text` without the advice to run `camgen place`."""
     return _ADVICE.sub("", text)

@@ -1,7 +1,8 @@
-"""The instructions of a long program packed by column.
+"""The instructions of a long program, packed in columns.
 
-As objects, half a million motions take 150 MB and a second to look through. A ``Body`` holds their numbers in columns
-and makes the objects anew when they are asked for; what is no plain motion it keeps as it is.
+As objects, half a million motions take 150 MB, and a second for one loop over them. A `Body` holds
+their numbers in columns and makes an object each time one is used. Instructions that the columns do
+not describe in full are kept as objects.
 """
 
 from __future__ import annotations
@@ -35,24 +36,37 @@ from camgen.model.pose import FloatArray, Pose
 Mask = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 
-#: The numbers of the kinds of instructions in ``Packed.kind``; motions come first.
+#: Numbers of the kinds of instructions in `Packed.kind`; motions come first.
 NUMBER: dict[type, int] = {
-    MoveJ: 0, MoveL: 1, MoveC: 2, Output: 3, Wait: 4, Force: 5, Comment: 6, ToolChange: 7, Stop: 8
-}  # fmt: skip
+    MoveJ: 0,
+    MoveL: 1,
+    MoveC: 2,
+    Output: 3,
+    Wait: 4,
+    Force: 5,
+    Comment: 6,
+    ToolChange: 7,
+    Stop: 8,
+}
 _SWING, _LINE, _ARC = NUMBER[MoveJ], NUMBER[MoveL], NUMBER[MoveC]
-#: So many instructions are objects at a time.
+#: Instructions that are objects at the same time while a body is packed or read in order.
 _BLOCK = 8192
-#: One instruction of so many is looked up by itself.
-_MANY = 32
+#: Bisection is faster than a pass over all instructions if fewer than one in 32 is looked up.
+_SPARSE = 32
 _NO_DIRECTION = (0.0, 0.0, 0.0)
 
 
 class Packed(Struct, frozen=True, eq=False):
     """The columns of N instructions, M of them motions, A of these arcs.
 
-    kind: (N,), see ``NUMBER``. end: (M, 3) mm where motions end, NaN for joint values; rotation: (M,) of the tool
-    there, a place in the table of rotations, -1 for joint values. speed, blend, path, work: (M,) as in ``MoveL``. via:
-    (A, 3) mm, via_rotation: (A,) half-way along arcs. kept: (N,) which instructions are kept as objects.
+    kind: (N,) kinds by `NUMBER`.
+    end: (M, 3) end of each motion, mm, NaN for joint values.
+    rotation: (M,) rotation of the tool there, as index into the table of rotations, -1 for joint
+        values.
+    speed, blend, path, work: (M,) as in `MoveL`.
+    via: (A, 3) via points of the arcs, mm.
+    via_rotation: (A,) rotation at the via points, as index into the table.
+    kept: (N,) whether an instruction is kept as an object.
     """
 
     kind: NDArray[np.int8]
@@ -67,29 +81,39 @@ class Packed(Struct, frozen=True, eq=False):
     kept: Mask
 
 
-#: The types of the columns, and the shapes of their rows.
+#: Types of the columns, and shapes of their rows.
 _TYPES: dict[str, tuple[type, tuple[int, ...]]] = {
-    "kind": (np.int8, ()), "end": (np.float64, (3,)), "rotation": (np.int32, ()), "speed": (np.float64, ()),
-    "blend": (np.float64, ()), "path": (np.intp, ()), "work": (np.bool_, ()), "via": (np.float64, (3,)),
-    "via_rotation": (np.int32, ()), "kept": (np.bool_, ()),
-}  # fmt: skip
+    "kind": (np.int8, ()),
+    "end": (np.float64, (3,)),
+    "rotation": (np.int32, ()),
+    "speed": (np.float64, ()),
+    "blend": (np.float64, ()),
+    "path": (np.intp, ()),
+    "work": (np.bool_, ()),
+    "via": (np.float64, (3,)),
+    "via_rotation": (np.int32, ()),
+    "kept": (np.bool_, ()),
+}
 
 
 class _Rotations:
-    """The rotations of a body, each object once."""
+    """The rotations of a body, each object once.
+
+    table: (3, 3) rotations.
+    """
 
     def __init__(self) -> None:
         self.table: list[FloatArray] = []
-        self._places: dict[int, int] = {}
+        self._index_of: dict[int, int] = {}
 
     def places(self, rotations: Sequence[FloatArray]) -> NDArray[np.int32]:
-        """Where they stand in the table, into which new ones are put."""
+        """Their indices into the table, to which new ones are added."""
         keys = list(map(id, rotations))
         for key, rotation in dict(zip(keys, rotations, strict=True)).items():
-            if key not in self._places:
-                self._places[key] = len(self.table)
+            if key not in self._index_of:
+                self._index_of[key] = len(self.table)
                 self.table.append(rotation)
-        return np.fromiter(map(self._places.__getitem__, keys), np.int32, len(keys))
+        return np.fromiter(map(self._index_of.__getitem__, keys), np.int32, len(keys))
 
 
 class Distinct(NamedTuple):
@@ -106,9 +130,11 @@ class Distinct(NamedTuple):
 
 
 class Body(Sequence[Instruction]):
-    """The instructions of a program by column; each is made when it is asked for, another object each time.
+    """The instructions of a program in columns. Each access to an instruction makes a new object.
 
-    rotations: the table that ``Packed`` means. objects: the instructions that are kept, in order.
+    packed: the columns.
+    rotations: the table of rotations to which the columns refer.
+    objects: the instructions that are kept as objects, in order.
     """
 
     def __init__(
@@ -122,9 +148,8 @@ class Body(Sequence[Instruction]):
 
     def __iter__(self) -> Iterator[Instruction]:
         size = len(self)
-        return chain.from_iterable(
-            self._make(low, min(low + _BLOCK, size)) for low in range(0, size, _BLOCK)
-        )
+        blocks = (self._make(low, min(low + _BLOCK, size)) for low in range(0, size, _BLOCK))
+        return chain.from_iterable(blocks)
 
     @overload
     def __getitem__(self, index: int) -> Instruction: ...
@@ -141,21 +166,21 @@ class Body(Sequence[Instruction]):
 
     @cached_property
     def at(self) -> Indices:
-        """(M,): where the motions stand."""
+        """(M,) indices of the motions, sorted."""
         return np.flatnonzero(self.packed.kind <= _ARC)
 
     @cached_property
     def arcs(self) -> Indices:
-        """(A,): where the arcs stand."""
+        """(A,) indices of the arcs, sorted."""
         return np.flatnonzero(self.packed.kind == _ARC)
 
     @cached_property
     def kept_at(self) -> Indices:
-        """Where the ``objects`` stand."""
+        """Indices of the instructions that are kept as objects, sorted."""
         return np.flatnonzero(self.packed.kept)
 
     def pick(self, indices: Indices) -> list[Instruction]:
-        """The instructions at ``indices``, which rise."""
+        """The instructions at sorted `indices`."""
         if len(indices) == len(self):
             return list(self)
         if not self.packed.kept[indices].all():
@@ -174,7 +199,7 @@ class Body(Sequence[Instruction]):
         return self._distinct[kind]
 
     def _list(self, kind: type) -> tuple[Indices, list[Instruction]]:
-        """(K,) places of the instructions of one type, and these."""
+        """The indices (K,) of the instructions of one type, and these instructions."""
         if NUMBER[kind] <= _ARC:
             at = np.flatnonzero(self.packed.kind == NUMBER[kind])
             return at, self.pick(at)
@@ -183,79 +208,84 @@ class Body(Sequence[Instruction]):
         return self.kept_at[ranks], list(map(self.objects.__getitem__, ranks.tolist()))
 
     def take(self, indices: Indices) -> Body:
-        """A body of the instructions at ``indices``."""
+        """A body of the instructions at sorted `indices`."""
         packed = self.packed
         kind, kept = packed.kind[indices], packed.kept[indices]
         moves = self._ranks(self.at, indices[kind <= _ARC])
         arcs = self._ranks(self.arcs, indices[kind == _ARC])
         objects = self._ranks(self.kept_at, indices[kept])
-        of_moves = {name: getattr(packed, name)[moves] for name in _OF_MOVES}
-        of_arcs = {name: getattr(packed, name)[arcs] for name in _OF_ARCS}
+        of_moves = {name: getattr(packed, name)[moves] for name in _MOTION_COLUMNS}
+        of_arcs = {name: getattr(packed, name)[arcs] for name in _ARC_COLUMNS}
         chosen = Packed(kind=kind, kept=kept, **of_moves, **of_arcs)
         return Body(chosen, self.rotations, list(map(self.objects.__getitem__, objects.tolist())))
 
     def _ranks(self, at: Indices, indices: Indices) -> Indices | NDArray[np.int32]:
-        """The places of ``indices`` in ``at``, which rises and has all of them."""
-        if _MANY * len(indices) < len(self):
+        """The places of `indices` in `at`, which is sorted and has all of them."""
+        if _SPARSE * len(indices) < len(self):
             return np.searchsorted(at, indices)
-        among = np.zeros(len(self), np.bool_)
-        among[at] = True
-        return (np.cumsum(among, dtype=np.int32) - 1)[indices]
+        is_listed = np.zeros(len(self), np.bool_)
+        is_listed[at] = True
+        return (np.cumsum(is_listed, dtype=np.int32) - 1)[indices]
 
     def stretch(self, low: int, high: int) -> Body:
-        """The instructions from ``low`` to before ``high``, in the same columns."""
+        """The instructions from `low` to before `high`, as views of the same columns."""
         spans = {"kind": (low, high), "kept": (low, high)}
-        for names, at in ((_OF_MOVES, self.at), (_OF_ARCS, self.arcs)):
+        for names, at in ((_MOTION_COLUMNS, self.at), (_ARC_COLUMNS, self.arcs)):
             begin, end = np.searchsorted(at, (low, high)).tolist()
             spans |= dict.fromkeys(names, (begin, end))
         begin, end = np.searchsorted(self.kept_at, (low, high)).tolist()
-        packed = Packed(
-            **{name: getattr(self.packed, name)[slice(*span)] for name, span in spans.items()}
-        )
-        return Body(packed, self.rotations, self.objects[begin:end])
+        columns = {}
+        for name, span in spans.items():
+            columns[name] = getattr(self.packed, name)[slice(*span)]
+        return Body(Packed(**columns), self.rotations, self.objects[begin:end])
 
     def _make(self, low: int, high: int) -> list[Instruction]:
-        """The instructions from ``low`` to before ``high`` as objects, without a loop in Python: this is run often."""
+        """The instructions from `low` to before `high` as objects.
+
+        It runs often, so it has no loop over instructions in Python: there is one iterator for each
+        kind of motion and one for kept objects, and each instruction is the next of its iterator.
+        """
         packed, kept = self.packed, self.packed.kept[low:high]
         begin, end = np.searchsorted(self.at, (low, high)).tolist()
         first, last = np.searchsorted(self.arcs, (low, high)).tolist()
         kind = packed.kind[low:high]
         source = np.where(kept, _KEPT, kind)
-        moving = source[kind <= _ARC]
-        over = packed.via[first:last], packed.via_rotation[first:last], source[kind == _ARC] == _ARC
+        motion_source = source[kind <= _ARC]
+        is_made = source[kind == _ARC] == _ARC
+        via = packed.via[first:last][is_made]
+        via_rotation = packed.via_rotation[first:last][is_made]
         sources: list[Iterator[Instruction]] = []
-        for made in (MoveJ, MoveL, MoveC):
-            rows = np.flatnonzero(moving == NUMBER[made]) + begin
-            places = self._poses(packed.end[rows], packed.rotation[rows])
-            vias = [self._poses(over[0][over[2]], over[1][over[2]])] if made is MoveC else []
-            rest = (getattr(packed, name)[rows].tolist() for name in ("speed", "blend"))
-            free = () if made is MoveJ else (repeat(0.0), repeat(_NO_DIRECTION))
+        for motion in (MoveJ, MoveL, MoveC):
+            rows = np.flatnonzero(motion_source == NUMBER[motion]) + begin
+            targets = self._poses(packed.end[rows], packed.rotation[rows])
+            vias = [self._poses(via, via_rotation)] if motion is MoveC else []
+            limits = (getattr(packed, name)[rows].tolist() for name in ("speed", "blend"))
+            force = () if motion is MoveJ else (repeat(0.0), repeat(_NO_DIRECTION))
             owner = (getattr(packed, name)[rows].tolist() for name in ("path", "work"))
-            sources.append(
-                map(made, *vias, places, *rest, *free, repeat(None), repeat(None), *owner)
-            )
+            joints, posture = repeat(None), repeat(None)
+            sources.append(map(motion, *vias, targets, *limits, *force, joints, posture, *owner))
         begin, end = np.searchsorted(self.kept_at, (low, high)).tolist()
         sources.append(iter(self.objects[begin:end]))
         return list(map(next, map(sources.__getitem__, source.tolist())))
 
-    def _poses(self, places: FloatArray, rotations: NDArray[np.int32]) -> Iterator[Pose]:
-        return map(
-            Pose, map(self.rotations.__getitem__, rotations.tolist()), map(tuple, places.tolist())
-        )
+    def _poses(self, origins: FloatArray, rotations: NDArray[np.int32]) -> Iterator[Pose]:
+        """Poses with `origins` (K, 3) and with rotations of the table (K,)."""
+        tables = map(self.rotations.__getitem__, rotations.tolist())
+        return map(Pose, tables, map(tuple, origins.tolist()))
 
 
-#: Behind the kinds of motions: what is kept as an object.
+#: Number of the kept objects in `Body._make`, after the kinds of motions.
 _KEPT = 3
-_OF_MOVES = ("end", "rotation", "speed", "blend", "path", "work")
-_OF_ARCS = ("via", "via_rotation")
+_MOTION_COLUMNS = ("end", "rotation", "speed", "blend", "path", "work")
+_ARC_COLUMNS = ("via", "via_rotation")
 
 
 class Packing(Sequence[Instruction]):
-    """A body in the making: it is added to like a list, and packed bit by bit."""
+    """Builds a body: instructions are added as to a list, and packed in blocks."""
 
     def __init__(self, items: Iterable[Instruction] = ()) -> None:
         self._open: list[Instruction] = []
-        # Buffers grow where they are: a long program is not there twice.
+        # Buffers grow in place, so a long program is not held twice.
         self._columns = {name: bytearray() for name in _TYPES}
         self._lent = False
         self._objects: list[Instruction] = []
@@ -264,23 +294,23 @@ class Packing(Sequence[Instruction]):
         self.extend(items)
 
     def append(self, item: Instruction) -> None:
-        """One more instruction."""
+        """Adds an instruction."""
         self._open.append(item)
         if len(self._open) >= _BLOCK:
             self._close()
 
     def extend(self, items: Iterable[Instruction]) -> None:
-        """More of them."""
-        left = iter(items)
-        while some := list(islice(left, _BLOCK - len(self._open))):
-            self._open += some
+        """Adds instructions."""
+        pending = iter(items)
+        while block := list(islice(pending, _BLOCK - len(self._open))):
+            self._open += block
             if len(self._open) >= _BLOCK:
                 self._close()
 
     def extend_body(self, body: Body) -> None:
-        """More of them, which are packed."""
+        """Adds the instructions of a body, without making objects of them."""
         self._close()
-        self._add(_turned(body, self._rotations), body.objects)
+        self._add(_with_table(body, self._rotations), body.objects)
 
     def __len__(self) -> int:
         return self._packed + len(self._open)
@@ -297,12 +327,12 @@ class Packing(Sequence[Instruction]):
 
     @property
     def objects(self) -> Sequence[Instruction]:
-        """What is kept as objects: all that is no motion is among it."""
+        """The instructions that are kept as objects. All that are not motions are among them."""
         self._close()
         return self._objects
 
     def body(self) -> Body:
-        """All that was added."""
+        """A body of all instructions that were added."""
         self._close()
         self._lent = True
         columns: dict[str, Any] = {
@@ -312,7 +342,7 @@ class Packing(Sequence[Instruction]):
         return Body(Packed(**columns), self._rotations.table, self._objects)
 
     def _add(self, packed: Packed, objects: Sequence[Instruction]) -> None:
-        if self._lent:  # a buffer that is looked into cannot grow
+        if self._lent:  # a buffer that an array refers to cannot grow
             self._columns = {name: bytearray(buffer) for name, buffer in self._columns.items()}
             self._lent = False
         for name, (kind, _) in _TYPES.items():
@@ -327,38 +357,32 @@ class Packing(Sequence[Instruction]):
 
 
 def pack(items: Iterable[Instruction]) -> Body:
-    """The instructions by column."""
+    """The instructions as a body; a body is returned as it is."""
     return items if isinstance(items, Body) else Packing(items).body()
 
 
 def join(*bodies: Body) -> Body:
-    """Bodies one after the other."""
+    """The bodies joined in the given order."""
     rotations = _Rotations()
-    packed = [_turned(body, rotations) for body in bodies]
-    columns: dict[str, Any] = {
-        name: np.concatenate(
-            [np.zeros((0, *shape), kind), *(getattr(one, name) for one in packed)], dtype=kind
-        )
-        for name, (kind, shape) in _TYPES.items()
-    }
-    return Body(
-        Packed(**columns),
-        rotations.table,
-        list(chain.from_iterable(body.objects for body in bodies)),
-    )
+    packed = [_with_table(body, rotations) for body in bodies]
+    columns: dict[str, Any] = {}
+    for name, (kind, shape) in _TYPES.items():
+        parts = [getattr(part, name) for part in packed]
+        columns[name] = np.concatenate([np.zeros((0, *shape), kind), *parts], dtype=kind)
+    objects = list(chain.from_iterable(body.objects for body in bodies))
+    return Body(Packed(**columns), rotations.table, objects)
 
 
-def _turned(body: Body, rotations: _Rotations) -> Packed:
-    """The columns of a body with the rotations in another table."""
+def _with_table(body: Body, rotations: _Rotations) -> Packed:
+    """The columns of a body, with its rotations as indices into another table."""
     packed = body.packed
     places = np.append(rotations.places(body.rotations), np.int32(-1))
-    return replace(
-        packed, rotation=places[packed.rotation], via_rotation=places[packed.via_rotation]
-    )
+    rotation, via_rotation = places[packed.rotation], places[packed.via_rotation]
+    return replace(packed, rotation=rotation, via_rotation=via_rotation)
 
 
 def _pack(items: Sequence[Instruction], rotations: _Rotations) -> tuple[Packed, list[Instruction]]:
-    """The columns of ``items``, and those of them that are kept."""
+    """The columns of `items`, and those of `items` that are kept as objects."""
     kind = np.fromiter(map(NUMBER.__getitem__, map(type, items)), np.int8, len(items))
     moving = kind <= _ARC
     moves: list[Any] = list(compress(items, moving.tolist()))
@@ -390,30 +414,28 @@ def _pack(items: Sequence[Instruction], rotations: _Rotations) -> tuple[Packed, 
 
 
 def _origins(poses: Sequence[Pose]) -> FloatArray:
+    """(K, 3) origins of the poses, mm."""
     flat = chain.from_iterable(map(attrgetter("origin"), poses))
     return np.fromiter(flat, np.float64, 3 * len(poses)).reshape(-1, 3)
 
 
 def _are_plain(moves: Sequence[Any]) -> bool:
-    """Whether the columns say all of all the motions."""
-    along = [move for move in moves if type(move) is not MoveJ]
-    ever = (
+    """Whether the columns describe all of the motions in full, without a loop in Python."""
+    tcp_motions = [move for move in moves if type(move) is not MoveJ]
+    joint_motions = [move for move in moves if type(move) is MoveJ]
+    extras = (
         *(map(attrgetter(name), moves) for name in ("joints", "posture")),
-        *(map(attrgetter(name), along) for name in ("force",)),
+        map(attrgetter("force"), tcp_motions),
         (move.turn for move in moves if type(move) is not MoveC),
-        (
-            move.share or move.rate or type(move.target) is not Pose
-            for move in moves
-            if type(move) is MoveJ
-        ),
+        (move.share or move.rate or type(move.target) is not Pose for move in joint_motions),
     )
-    return not any(map(any, ever)) and set(map(attrgetter("force_direction"), along)) <= {
-        _NO_DIRECTION
-    }
+    if any(map(any, extras)):
+        return False
+    return set(map(attrgetter("force_direction"), tcp_motions)) <= {_NO_DIRECTION}
 
 
 def _is_plain(move: Motion) -> bool:
-    """Whether the columns say all of a motion."""
+    """Whether the columns describe a motion in full."""
     if move.joints is not None or move.posture is not None or type(move.target) is not Pose:
         return False
     if type(move) is MoveJ:
@@ -423,17 +445,17 @@ def _is_plain(move: Motion) -> bool:
     return move.force == 0 and turn == 0 and move.force_direction == _NO_DIRECTION
 
 
-# Bodies that are made by column, a kind of instructions at a time, and put together by where they stand.
+# Bodies that are made in columns, one kind of instructions at a time, and merged by their places.
 
 
 class Targets(Struct, frozen=True, eq=False):
     """The poses in which K motions end.
 
     origin: (K, 3) mm.
-    rotation: (K,) places in `table`.
+    rotation: (K,) indices into `table`.
     table: rotations (3, 3).
-    via: (K, 3) mm, half-way along an arc, NaN for other motions. None: no arcs.
-    via_rotation: (K,) places in `table`, half-way along an arc.
+    via: (K, 3) via points of arcs, mm, NaN for other motions. None: no arcs.
+    via_rotation: (K,) rotations at the via points, as indices into `table`.
     """
 
     origin: FloatArray
@@ -460,7 +482,7 @@ def plain_motions(
     """
     size = len(targets.origin)
     via = np.full((size, 3), np.nan) if targets.via is None else targets.via
-    turned = targets.rotation if targets.via_rotation is None else targets.via_rotation
+    via_rotation = targets.rotation if targets.via_rotation is None else targets.via_rotation
     arcs = np.flatnonzero(~np.isnan(via[:, 0]))
     kinds = np.full(size, NUMBER[kind], np.int8)
     kinds[arcs] = _ARC
@@ -473,15 +495,19 @@ def plain_motions(
         path=path,
         work=np.broadcast_to(np.bool_(work), size),
         via=via[arcs],
-        via_rotation=turned[arcs],
+        via_rotation=via_rotation[arcs],
         kept=np.broadcast_to(np.bool_(False), size),
     )
     return Body(packed, targets.table, [])
 
 
 def merge(pieces: list[tuple[Indices, Body]]) -> Body:
-    """One body of the instructions of ``pieces``, each with their places (N,), by which they are sorted; of those at
-    one place the ones of the earlier piece come first. ``pieces`` are used up: a long program is not held twice.
+    """One body of the instructions of `pieces`, sorted by their places.
+
+    Instructions of different pieces with one place stay in the order of the pieces.
+
+    pieces: bodies with the place (N,) of each of their instructions. The list is emptied, so that a
+        long program is not held twice.
     """
     order = np.argsort(np.concatenate([places for places, _ in pieces]), kind="stable")
     rank = np.empty(len(order), np.int32)
@@ -492,35 +518,42 @@ def merge(pieces: list[tuple[Indices, Body]]) -> Body:
     for at, (_, body) in zip(ranks, pieces, strict=True):
         kind[at], kept[at] = body.packed.kind, body.packed.kept
     moving, arc = kind <= _ARC, kind == _ARC
-    columns = {name: _room(pieces[0][1], name, int(moving.sum())) for name in _OF_MOVES}
-    columns |= {name: _room(pieces[0][1], name, int(arc.sum())) for name in _OF_ARCS}
-    number = [np.cumsum(mask, dtype=np.int32) - mask for mask in (moving, arc, kept)]
+    like = pieces[0][1]
+    columns = {name: _empty_column(like, name, int(moving.sum())) for name in _MOTION_COLUMNS}
+    columns |= {name: _empty_column(like, name, int(arc.sum())) for name in _ARC_COLUMNS}
+    del like
+    move_row, arc_row, object_row = (
+        np.cumsum(mask, dtype=np.int32) - mask for mask in (moving, arc, kept)
+    )
     rotations, objects = _Rotations(), np.empty(int(kept.sum()), np.object_)
     for at in ranks:
         _, body = pieces.pop(0)
         packed, table = body.packed, _table_places(body, rotations)
-        moves, arcs = number[0][at[packed.kind <= _ARC]], number[1][at[packed.kind == _ARC]]
-        for name in (*_OF_MOVES, *_OF_ARCS):
+        moves, arcs = move_row[at[packed.kind <= _ARC]], arc_row[at[packed.kind == _ARC]]
+        for name in _MOTION_COLUMNS:
             column = getattr(packed, name)
-            turned = name in ("rotation", "via_rotation")
-            columns[name][arcs if name in _OF_ARCS else moves] = table[column] if turned else column
-        objects[number[2][at[packed.kept]]] = np.fromiter(
-            body.objects, np.object_, len(body.objects)
-        )
+            columns[name][moves] = table[column] if name == "rotation" else column
+        columns["via"][arcs] = packed.via
+        columns["via_rotation"][arcs] = table[packed.via_rotation]
+        body_objects = np.fromiter(body.objects, np.object_, len(body.objects))
+        objects[object_row[at[packed.kept]]] = body_objects
     return Body(Packed(kind=kind, kept=kept, **columns), rotations.table, objects.tolist())
 
 
-def _room(like: Body, name: str, size: int) -> NDArray[Any]:
-    """An empty column for ``size`` rows."""
+def _empty_column(like: Body, name: str, size: int) -> NDArray[Any]:
+    """An unfilled array of `size` rows with the type and row shape of a column of `like`."""
     column = getattr(like.packed, name)
     return np.empty((size, *column.shape[1:]), column.dtype)
 
 
 def _table_places(body: Body, rotations: _Rotations) -> NDArray[np.int32]:
-    """Where the rotations that ``body`` uses stand among ``rotations``, into which they are put; last -1, of joints."""
+    """The indices into `rotations` of the rotations of `body`, to which they are added.
+
+    Rotations that the body does not use have -1, and so has the last index, for joint values.
+    """
     used = np.zeros(len(body.rotations) + 1, np.bool_)
     used[body.packed.rotation] = used[body.packed.via_rotation] = True
     places = np.full(len(used), -1, np.int32)
-    some = np.flatnonzero(used[:-1])
-    places[some] = rotations.places([body.rotations[place] for place in some.tolist()])
+    indices = np.flatnonzero(used[:-1])
+    places[indices] = rotations.places([body.rotations[index] for index in indices.tolist()])
     return places

@@ -1,4 +1,4 @@
-"""The cell that a program is for, and what its machine is taken to do."""
+"""The built-in cell of a post, and the assumed dynamics of its machine."""
 
 from __future__ import annotations
 
@@ -28,24 +28,25 @@ class Dynamics(Struct, frozen=True):
     """Assumptions about a machine: for the time of a program, and for the corners that it rounds.
 
     acceleration: acceleration of the TCP, mm/s2.
-    turning: speed at which the tool turns, rad/s.
-    ramp: time in which a joint, or a tool that turns at rest, comes to full speed, s.
-    corner: how a corner is passed. "zone": rounded within the blend radius. "overlap": the next
-        motion begins while the one before ends. "arc": rounded within `deviation`, whatever the
+    turning: speed of a reorientation, rad/s.
+    ramp: time in which a joint, or a reorientation, reaches full speed, s.
+    corner: method of passing a corner. "zone": rounded within the blend radius. "overlap": the next
+        motion begins while the previous one ends. "arc": rounded within `deviation`, whatever the
         blend. "junction": as fast as "arc", without leaving the lines.
-    deviation: distance by which a corner may be left, mm.
-    across, along: shares of the acceleration that an arc may use.
-    last: share of the acceleration of a motion that no other follows, and of a level arc and a line
-        up or down beside it. Below 1 such a motion is entered as if half of it were to stop in.
-    rapid_stops: whether the machine stands between a joint motion and a line or an arc.
-    shares: whether joint motions run at their share of the joints' speeds where it is known, not at
-        a speed of the TCP.
-    turns: whether a joint motion keeps to a speed at which the tool turns.
-    fastest: highest speed of the TCP, mm/s.
-    most: largest share of the joints' speeds that a program may ask for.
+    deviation: maximum distance of a corner path from its corner, mm.
+    across, along: fractions of the acceleration that an arc may use, across and along its path.
+    last: fraction of the acceleration of a motion without a next one, and of a level arc and a line
+        up or down next to it. Below 1 such a motion is entered as if it had to stop within half of
+        its length.
+    rapid_stops: whether the machine stops between a joint motion and a line or an arc.
+    shares: whether joint motions run at their fraction of the maximum joint speeds if it is known,
+        not at a TCP speed.
+    turns: whether a joint motion keeps its limit of the speed at which the tool rotates.
+    fastest: maximum TCP speed, mm/s.
+    most: largest fraction of the maximum joint speeds that a program may set.
     axes: limits of each axis of a machine; None: `acceleration` in every direction.
     chord: distance by which the chords of an arc leave it, mm, for "junction".
-    pause: time for which the machine stands where it comes to rest, s.
+    pause: time for which the machine stands after each stop, s.
     """
 
     acceleration: float = 5000.0
@@ -67,10 +68,15 @@ class Dynamics(Struct, frozen=True):
 
 
 class Cell(Struct, frozen=True):
-    """The built-in cell in which a job without ``[cell]`` is posted: frames and home position.
+    """The built-in cell in which a job without `[cell]` is posted: frames and home position.
 
-    name: for messages. sliding: the joints, counted from 0, whose values are mm. robot: which of camgen's robots it is,
-    empty for a machine that is none. pace: what its machine is taken to do.
+    name: name of the cell, for messages.
+    base_from_work: work frame in the base frame.
+    flange_from_tool: tool frame in the flange frame.
+    home: joint values, or the pose of the TCP.
+    sliding: indices of the joints whose values are in mm, from 0.
+    robot: name of one of the robots of camgen; "" for a machine that is not one of them.
+    pace: assumed dynamics of the machine.
     """
 
     name: str

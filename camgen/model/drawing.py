@@ -1,4 +1,4 @@
-"""Values draw themselves in a notebook. How is known higher up (``preview.notebook``), which registers itself here."""
+"""Pictures of values in a notebook, drawn by `preview.notebook`, which registers itself here."""
 
 from __future__ import annotations
 
@@ -7,5 +7,5 @@ from functools import singledispatch
 
 @singledispatch
 def draw_svg(_value: object) -> str | None:
-    """``_value`` as an SVG picture, None where nothing that draws such values has been loaded."""
+    """`_value` as an SVG picture; None if no function for such values has been registered."""
     return None

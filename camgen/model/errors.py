@@ -1,4 +1,4 @@
-"""What can go wrong, as a tree of exceptions that keep their data.
+"""Errors for the user, as a tree of exceptions that keep their data.
 
     CamgenError            one line for the user, an exit code for scripts
     |- InputError     (2)  a file that cannot be used as it is
@@ -7,9 +7,9 @@
     |- NoSafeProgram  (3)  nothing reachable, a collision, or --strict and something left out
     |  |- Refused          an instruction that the chosen controller cannot do
     |  `- Blocked          paths on which the arm is stuck or collides
-    `- VerifyError    (4)  the text read back does not say what was planned
+    `- VerifyError    (4)  the printed text deviates from the plan
 
-Whoever raises one names the place and the remedy; the command line prints ``str(error)`` on one line.
+An error names the place and the remedy. The command line prints `str(error)` on one line.
 """
 
 from __future__ import annotations
@@ -20,7 +20,14 @@ from typing import Literal, NamedTuple
 
 
 class CamgenError(Exception):
-    """Base of all errors that are addressed to the user. ``exit_code`` is what the process returns."""
+    """Base of all errors that are addressed to the user.
+
+    exit_code: exit code of the process.
+    file: file, option or post that the error is about.
+    what: the fault.
+    where: place in the file; "" if it is unknown.
+    remedy: instruction that removes the fault; "" without one.
+    """
 
     exit_code = 1
 
@@ -48,19 +55,22 @@ class AmbiguousInput(InputError):
 
 
 class JobError(CamgenError):
-    """A job file, ``--set`` or option that cannot be meant."""
+    """A job file, `--set` or option has a value that makes no sense."""
 
     exit_code = 2
 
 
 class NoSafeProgram(CamgenError):
-    """Nothing that could be handed to a machine remains."""
+    """No program remains that a machine could run safely."""
 
     exit_code = 3
 
 
 class Refused(NoSafeProgram):
-    """The controller has no such instruction. ``index`` is its place in the program's body."""
+    """The controller cannot do an instruction.
+
+    index: index of the instruction in the body of the program, -1 if it is unknown.
+    """
 
     def __init__(self, post: str, index: int, what: str, remedy: str = "") -> None:
         super().__init__(post, what, f"instruction {index}" if index >= 0 else "", remedy)
@@ -70,8 +80,8 @@ class Refused(NoSafeProgram):
 class Loss(NamedTuple):
     """A path that cannot be run.
 
-    path: its number in the program, -1 if it is on no path.
-    why: the reason with its position.
+    path: index of the path in the program, -1 for a motion on no path.
+    why: the reason, with its position.
     way: whether the link to it is blocked, or the one home; the path itself may be free.
     at_end: whether the end of that link is blocked, at which the path begins.
     """
@@ -84,7 +94,10 @@ class Loss(NamedTuple):
 
 
 class Blocked(NoSafeProgram):
-    """The arm cannot follow a program, or collides on it. ``lost`` says on which paths, the ways to them included."""
+    """The arm cannot follow a program, or collides on it.
+
+    lost: the paths that cannot be run, those with a blocked link included.
+    """
 
     def __init__(
         self, file: str, what: str, where: str = "", remedy: str = "", lost: tuple[Loss, ...] = ()
@@ -94,7 +107,10 @@ class Blocked(NoSafeProgram):
 
 
 class VerifyError(CamgenError):
-    """The text does not say what was planned. ``line`` is 1-based in the text, 0 if unknown."""
+    """The printed text deviates from the plan.
+
+    line: line of the text, from 1; 0 if it is unknown.
+    """
 
     exit_code = 4
 
@@ -104,13 +120,13 @@ class VerifyError(CamgenError):
 
 
 def one_line(text: str) -> str:
-    """``text`` without control characters: what a drawing or a path name holds must not break a message in two."""
+    """`text` with spaces for control characters, so that a name does not break a message in two."""
     return "".join(c if c.isprintable() else " " for c in text)
 
 
 @contextmanager
 def rename_errors(inner: str, outer: str) -> Iterator[None]:
-    """Errors about ``inner`` are told as errors about ``outer``, the name that the user knows."""
+    """In the body, errors about the file `inner` become errors about `outer`, known to the user."""
     try:
         yield
     except (InputError, JobError) as error:

@@ -1,4 +1,4 @@
-"""An input file as a value: what the user called it, and its bytes."""
+"""An input file as a value: the path that the user gave, and the bytes."""
 
 from __future__ import annotations
 
@@ -9,13 +9,17 @@ from msgspec import Struct
 from camgen.model.limits import Limits
 from camgen.model.part import Note
 
-#: What to do with a point cloud where a part is asked for.
+#: End of the message about a point cloud that is given where a part is needed.
 SCAN = "of a scan: camgen localize MODEL SCAN -o FILE.toml finds where the part stands in it"
 
 
 class Source(Struct, frozen=True, eq=False):
-    """One input. path: as the user gave it, for messages; nobody opens it again. data: all its bytes.
-    limits: what of it is too much. notes: what is known of how it came about, where a camera took it.
+    """An input file.
+
+    path: path as the user gave it, for messages; the file is not opened again.
+    data: all bytes of the file.
+    limits: limits that its content must keep.
+    notes: notes on how a camera took it.
     """
 
     path: Path
@@ -25,17 +29,17 @@ class Source(Struct, frozen=True, eq=False):
 
     @property
     def name(self) -> str:
-        """Without its folder."""
+        """Name of the file without its folder."""
         return self.path.name
 
     @property
     def stem(self) -> str:
-        """The name without its suffix: what a part is called."""
+        """Name of the file without its suffix, which becomes the name of the part."""
         return self.path.stem
 
     @property
     def suffix(self) -> str:
-        """In small letters, with its dot; "" without one."""
+        """Suffix in lower case, with its dot; "" without one."""
         return self.path.suffix.lower()
 
     def __repr__(self) -> str:

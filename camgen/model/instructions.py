@@ -1,7 +1,8 @@
-"""The instructions of a program, frozen values that a body of a hundred thousand can hold.
+"""The instructions of a program: small frozen values, of which a body may have a hundred thousand.
 
-A signal is a name, an arc is two poses: how a controller spells them is its post's. A posture is a joint solution; what
-controllers call it follows from the geometry of the arm (``robots.posture``), which posts do not know.
+A signal is a name and an arc is two poses; the post decides how a controller spells them. A posture
+is a joint solution. Its name on a controller follows from the geometry of the arm
+(`robots.posture`), which posts do not know.
 """
 
 from __future__ import annotations
@@ -12,16 +13,18 @@ from camgen.model.pose import Pose
 
 
 class Joints(Struct, frozen=True, gc=False):
-    """Controller joint values: rad for revolute, mm for sliding joints, axis 1 first."""
+    """Joint values of the controller: rad for revolute, mm for sliding joints, axis 1 first."""
 
     values: tuple[float, ...]
 
 
 class Posture(Struct, frozen=True, gc=False, omit_defaults=True):
-    """What controllers call the posture in which the arm stands at the target; what is not known for sure is left out.
+    """Names that controllers give to the posture of the arm at a target; None or () if unknown.
 
-    confdata: ABB's cf1, cf4, cf6, cfx. figure: DENSO's Fig. switches: the words of V+, for all motions of a program or
-    for none, since they stay in force.
+    confdata: cf1, cf4, cf6 and cfx of ABB.
+    figure: Fig of DENSO.
+    switches: words of V+. Either all motions of a program have them or none, because they stay
+        valid until the next ones.
     """
 
     confdata: tuple[int, int, int, int] | None = None
@@ -30,8 +33,12 @@ class Posture(Struct, frozen=True, gc=False, omit_defaults=True):
 
 
 class Origin(Struct, frozen=True):
-    """What a motion is there for: the path ``id``, which works on ``contours`` (ids of contours, or of one edge) of
-    ``layer`` by ``operation``.
+    """The path to which motions belong.
+
+    id: id of the path.
+    layer: layer of the contours.
+    contours: ids of the contours, or of one edge, on which the path works.
+    operation: kind of the operation.
     """
 
     id: str
@@ -46,12 +53,13 @@ class MoveJ(Struct, frozen=True, eq=False, gc=False):
     target: joint values, or pose of the TCP in the work frame.
     speed: limit of the speed of the TCP, mm/s.
     blend: radius, mm, within which the corner may be rounded; 0 is an exact stop.
-    joints, posture: of the arm at a target that is a pose, where a robot is known.
-    path, work: see `MoveL`.
-    share: share of the joints' speeds at which the TCP keeps to `speed`; 0: not known.
-    rate: speed of the turning joint with the longest travel, rad/s, at that share; 0: not known.
-    turn: limit of the speed at which the tool turns, rad/s; 0: none of its own. It is set where the
-        TCP hardly moves, so that its speed limits nothing.
+    joints, posture: joint values and posture at a target that is a pose, if a robot is known.
+    path: index in `Program.paths`, as in `MoveL`.
+    work: True on the path itself, as in `MoveL`.
+    share: fraction of the maximum joint speeds at which the TCP keeps to `speed`; 0: unknown.
+    rate: speed of the revolute joint with the longest travel at that fraction, rad/s; 0: unknown.
+    turn: limit of the speed at which the tool rotates, rad/s; 0 for no limit of its own. It is set
+        if the TCP hardly moves, so that `speed` limits nothing.
     """
 
     target: Pose | Joints
@@ -67,12 +75,20 @@ class MoveJ(Struct, frozen=True, eq=False, gc=False):
 
 
 class MoveL(Struct, frozen=True, eq=False, gc=False):
-    """Straight line of the TCP. target: work_from_tcp. blend: radius in mm within which the corner may be rounded, 0 =
-    exact stop. force: N to press with during this motion, while a ``Force`` is on. force_direction: its direction at
-    the target, unit vector in the work frame from the tool towards the surface. path: place in ``Program.paths`` of the
-    one that this motion belongs to, the ways there and up from it included, -1: none. work: it runs along that path.
-    turn: rad/s at which the tool turns where the TCP stays in its place, which ``speed`` does not limit; 0: the TCP
-    travels.
+    """Linear motion of the TCP.
+
+    target: work_from_tcp.
+    speed: TCP speed, mm/s.
+    blend: blend radius at the target, mm; 0 is an exact stop.
+    force: contact force during this motion, N; needs a `Force` instruction before it.
+    force_direction: direction of the force at the target, unit vector in the work frame, from the
+        tool towards the surface.
+    joints, posture: joint values and posture at the target, if a robot is known.
+    path: index in `Program.paths` of the path to which the motion belongs, its approach and retract
+        included; -1 for none.
+    work: True on the path itself, False on its approach and retract.
+    turn: speed of a reorientation at a fixed TCP, rad/s, which `speed` does not limit; 0 for any
+        motion of the TCP.
     """
 
     target: Pose
@@ -88,7 +104,10 @@ class MoveL(Struct, frozen=True, eq=False, gc=False):
 
 
 class MoveC(Struct, frozen=True, eq=False, gc=False):
-    """Arc of the TCP from where it is through ``via`` (half-way) to ``target``, at most half a circle."""
+    """Circular motion of the TCP through `via`, half-way, to `target`; at most half a circle.
+
+    The other fields are those of `MoveL`.
+    """
 
     via: Pose
     target: Pose
@@ -103,21 +122,27 @@ class MoveC(Struct, frozen=True, eq=False, gc=False):
 
 
 class Output(Struct, frozen=True, gc=False):
-    """Sets a named signal. value: 0 off, 1 on; for ``spindle`` its speed in rpm."""
+    """Sets a named signal.
+
+    value: 0 off, 1 on; for "spindle" its speed, rpm.
+    """
 
     signal: str
     value: float
 
 
 class Wait(Struct, frozen=True, gc=False):
-    """Stands still for so many seconds."""
+    """A pause of `seconds`, s."""
 
     seconds: float
 
 
 class Force(Struct, frozen=True, gc=False):
-    """Force control on, pressing with ``newtons`` along ``force_direction`` (unit, work frame) from the next motion on;
-    0 N: off, and the next motion leaves the surface.
+    """Switches force control on or off.
+
+    newtons: contact force from the next motion on, N. 0 switches force control off, and the next
+        motion leaves the surface.
+    force_direction: unit vector in the work frame, from the tool towards the surface.
     """
 
     newtons: float
@@ -125,8 +150,11 @@ class Force(Struct, frozen=True, gc=False):
 
 
 class ToolChange(Struct, frozen=True):
-    """Another tool from here on, with all outputs off and the machine at home. number: in the machine's tool table.
-    diameter, length: mm. flange_from_tool: its frame; None: the program's.
+    """Changes the tool, with all outputs off and the machine at home.
+
+    number: number in the tool table of the machine.
+    diameter, length: mm.
+    flange_from_tool: tool frame; None for that of the program.
     """
 
     number: int
@@ -137,13 +165,16 @@ class ToolChange(Struct, frozen=True):
 
 
 class Stop(Struct, frozen=True, gc=False):
-    """Stands still until the operator lets it go on. optional: only where the operator's switch says so."""
+    """Stops until the operator continues.
+
+    optional: stops only if the switch of the operator for optional stops is on.
+    """
 
     optional: bool = False
 
 
 class Comment(Struct, frozen=True, gc=False):
-    """A remark for whoever reads the program; posts clean it."""
+    """A remark for the reader of the program; posts remove unsafe characters from it."""
 
     text: str
 

@@ -1,8 +1,9 @@
-"""The tables of a job file with their defaults: lengths mm, angles deg, speeds mm/s, forces N, times s.
+"""The tables of a job file, with defaults. Units are mm, deg, mm/s, N and s.
 
-These structures are the one place where a setting has a name, a type, a default and its sentence of explanation;
-``camgen init`` prints them, ``job`` checks a file against them. Annotations are values here, not texts that would be
-compiled on every start, for which a build takes 10 ms more.
+These structures are the one place where a setting has a name, a type, a default and a description.
+`camgen init` prints them, and the reader of job files checks a file against them. This module does
+not import `annotations` from `__future__`: annotations that are texts would be compiled on every
+start, which takes 10 ms.
 """
 
 import math
@@ -12,15 +13,16 @@ from msgspec import Meta, Struct, field
 
 from camgen.model.limits import Limits
 
-#: Settings of [process] and [[tools]] that are speeds of the tool: numbers in mm/s, or texts with their unit.
+#: Settings of `[process]` and `[[tools]]` that are speeds of the tool: numbers in mm/s, or texts
+#: with a unit.
 SPEEDS = ("feed", "plunge", "max_feed", "travel")
-#: mm/s in one of a unit.
+#: mm/s in each unit of speed.
 SPEED_UNITS = {"mm/s": 1.0, "mm/min": 1 / 60, "m/min": 1000 / 60, "in/min": 25.4 / 60, "in/s": 25.4}
-#: Height of travel on a page, mm, where none is given: a pen that is lifted less is back sooner.
+#: mm: default clearance height on a page. A pen that is lifted less returns sooner.
 PAGE_CLEARANCE = 3.0
-#: Largest area of a chip of any tool, mm2.
+#: mm2: largest area of a chip of any tool.
 _LARGEST_CHIP_MM2 = 100.0
-#: mm/s of travel where none is given.
+#: mm/s: default speed of links.
 _TRAVEL_MM_S = 100.0
 
 Positive = Annotated[float, Meta(gt=0)]
@@ -77,7 +79,8 @@ class InputTable(Table, frozen=True):
     select: Annotated[
         str,
         Meta(
-            description='edges of a 3-D part: convex, all, bottom, ids as inspect prints them; "not" leaves out'
+            description="edges of a 3-D part: convex, all, bottom, ids as inspect prints them; "
+            '"not" leaves out'
         ),
     ] = "convex"
     dialect: Annotated[
@@ -89,7 +92,8 @@ class InputTable(Table, frozen=True):
     assume: Annotated[
         dict[str, float],
         Meta(
-            description="of programs: what no text holds, by the keys that `camgen verify` names, { di1 = 1 }"
+            description="of programs: what no text holds, by the keys that `camgen verify` names, "
+            "{ di1 = 1 }"
         ),
     ] = field(default_factory=dict)
     signals: Annotated[
@@ -114,7 +118,8 @@ class ImageTable(Table, frozen=True):
     tones: Annotated[
         Literal["linear", "srgb"],
         Meta(
-            description="linear: values are light, as of cameras for machine vision; srgb: coded, as most others write"
+            description="linear: values are light, as of cameras for machine vision; srgb: coded, "
+            "as most others write"
         ),
     ] = "linear"
     mask: Annotated[
@@ -142,7 +147,8 @@ class ImageTable(Table, frozen=True):
     lines: Annotated[
         Literal["auto", "centre", "border"],
         Meta(
-            description="of a drawing that is traced: ink along its middle (centre), along its borders (border), or "
+            description="of a drawing that is traced: ink along its middle (centre), along its "
+            "borders (border), or "
             "thin lines and lettering along their middle and the rest along its borders (auto)"
         ),
     ] = "auto"
@@ -179,7 +185,8 @@ class CameraTable(Table, frozen=True):
     markers: Annotated[
         str,
         Meta(
-            description='or what lies on the bench: a sheet of camgen markers, "A4", or a ChArUco board, "7x5"'
+            description='or what lies on the bench: a sheet of camgen markers, "A4", or a ChArUco '
+            'board, "7x5"'
         ),
     ] = ""
     marker: Annotated[Positive, Meta(description="width of the markers of sheet or board, mm")] = (
@@ -213,9 +220,12 @@ class OperationTable(Table, frozen=True):
             "replay",
         ],
         Meta(
-            description="follow: the tool runs beside the contour; trace: its centre runs on the line; fill: it covers "
-            "what closed contours enclose; pocket: it clears that, from the middle outwards; bore: circles larger "
-            "than the tool, on a helix; chamfer: edges, with a V tool; drill: marks, rings and circles; edges: of a "
+            description="follow: the tool runs beside the contour; trace: its centre runs on the "
+            "line; fill: it covers "
+            "what closed contours enclose; pocket: it clears that, from the middle outwards; bore: "
+            "circles larger "
+            "than the tool, on a helix; chamfer: edges, with a V tool; drill: marks, rings and "
+            "circles; edges: of a "
             "3-D part; replay: what a G-code or robot program does; auto: by the input"
         ),
     ] = "auto"
@@ -225,26 +235,30 @@ class OperationTable(Table, frozen=True):
     side: Annotated[
         Literal["auto", "outside", "inside", "left", "right", "on"],
         Meta(
-            description="auto: outer loops outside, holes inside; left, right, on: seen along the drawn direction"
+            description="auto: outer loops outside, holes inside; left, right, on: seen along the "
+            "drawn direction"
         ),
     ] = "auto"
     planner: Annotated[
         Literal["geometric", "image"],
         Meta(
-            description="follow a photo by lines and arcs found in it, or in image space as the PIST paper does"
+            description="follow a photo by lines and arcs found in it, or in image space as the "
+            "PIST paper does"
         ),
     ] = "geometric"
     waypoint_spacing: Annotated[
         Positive | None,
         Meta(
-            description="image planner: between waypoints before the redundant ones go, mm, a pixel at least; "
+            description="image planner: between waypoints before the redundant ones go, mm, a "
+            "pixel at least; "
             "not set: chords of it leave a curve of half the tool's radius by tolerance.chord"
         ),
     ] = None
     waypoint_turn: Annotated[
         Positive,
         Meta(
-            description="image planner: waypoints where the force direction turns by less are redundant, deg/mm"
+            description="image planner: waypoints where the force direction turns by less are "
+            "redundant, deg/mm"
         ),
     ] = 2.0
     direction: Annotated[
@@ -273,8 +287,10 @@ class OperationTable(Table, frozen=True):
     engagement: Annotated[
         Share | None,
         Meta(
-            description="pocket: so much of the tool is in the material at most, as a share of its diameter: corners, "
-            "necks and the middle are cleared in loops first; 1: no bound; not set: 0.15 more than stepover",
+            description="pocket: so much of the tool is in the material at most, as a share of its "
+            "diameter: corners, "
+            "necks and the middle are cleared in loops first; 1: no bound; not set: 0.15 more "
+            "than stepover",
         ),
     ] = None
     width: Annotated[
@@ -283,7 +299,8 @@ class OperationTable(Table, frozen=True):
     finish: Annotated[
         NotNegative,
         Meta(
-            description="left at the walls, mm, and taken by a last pass at the whole depth; 0: none"
+            description="left at the walls, mm, and taken by a last pass at the whole depth; 0: "
+            "none"
         ),
     ] = 0.0
     rest: Annotated[
@@ -308,7 +325,8 @@ class OperationTable(Table, frozen=True):
     entry: Annotated[
         Literal["plunge", "ramp", "helix"],
         Meta(
-            description="how the tool goes into the material; plunge: straight down; ramp: along the path, down by "
+            description="how the tool goes into the material; plunge: straight down; ramp: along "
+            "the path, down by "
             "entry_angle; helix: pockets and bores on a helix, other paths by a ramp"
         ),
     ] = "plunge"
@@ -345,7 +363,8 @@ class OperationTable(Table, frozen=True):
     trim: Annotated[
         NotNegative,
         Meta(
-            description="length at either end of an edge that may be left out without being reported as skipped, mm"
+            description="length at either end of an edge that may be left out without being "
+            "reported as skipped, mm"
         ),
     ] = 0.0
     offset_along: Annotated[
@@ -357,21 +376,25 @@ class OperationTable(Table, frozen=True):
     last_face: Annotated[
         str | Values,
         Meta(
-            description='burr: "top": of two faces the one that looks up more was machined last; [x, y, z]: the one '
-            "that looks more that way; ids of faces as inspect prints them: after all others, in this order"
+            description='burr: "top": of two faces the one that looks up more was machined last; '
+            "[x, y, z]: the one "
+            "that looks more that way; ids of faces as inspect prints them: after all others, in "
+            "this order"
         ),
     ] = "top"
     taught_on: Annotated[
         str,
         Meta(
-            description="replay of a robot program: the arm that it was written for, one of `camgen robots` or a URDF: "
+            description="replay of a robot program: the arm that it was written for, one of "
+            "`camgen robots` or a URDF: "
             "its joint values become what they are on the arm of the cell"
         ),
     ] = ""
     compensation: Annotated[
         Literal["exact", "as-programmed"],
         Meta(
-            description="replay of G-code: G41 and G42; exact: beside the path by the radius of the tool; "
+            description="replay of G-code: G41 and G42; exact: beside the path by the radius of "
+            "the tool; "
             "as-programmed: on it, for programs that hold the path of its centre"
         ),
     ] = "exact"
@@ -433,39 +456,45 @@ class ToolTable(Table, frozen=True):
     symmetric: Annotated[
         bool,
         Meta(
-            description="any turn of the tool about its axis is as good; for an arm, which chooses it"
+            description="any turn of the tool about its axis is as good; for an arm, which chooses "
+            "it"
         ),
     ] = False
     turn: Annotated[
         Values | None,
         Meta(
-            description="or only some turns about its axis are: [from, to, step], deg; 0 is the nominal one, and the "
+            description="or only some turns about its axis are: [from, to, step], deg; 0 is the "
+            "nominal one, and the "
             "multiples of the step between from and to are chosen from"
         ),
     ] = None
     axis: Annotated[
         Literal["auto", "fixed", "given", "normal"],
         Meta(
-            description="along a curve in space; fixed: as angles says; given: by the angles of the points; normal: "
-            "square to the nearest face of a part that is given too; auto: given where there are angles, else fixed"
+            description="along a curve in space; fixed: as angles says; given: by the angles of "
+            "the points; normal: "
+            "square to the nearest face of a part that is given too; auto: given where there are "
+            "angles, else fixed"
         ),
     ] = "auto"
     angles: Annotated[
         Values | None,
         Meta(
-            description="a fixed tool in the work frame: [rx, ry, rz], deg; not set: straight down, [180, 0, 0]"
+            description="a fixed tool in the work frame: [rx, ry, rz], deg; not set: straight "
+            "down, [180, 0, 0]"
         ),
     ] = None
     holder: Annotated[
         Boxes | None,
         Meta(
-            description="what is between flange and tool, as boxes at the flange: [[x, y, z, x, y, z], ...], mm"
+            description="what is between flange and tool, as boxes at the flange: [[x, y, z, x, y, "
+            "z], ...], mm"
         ),
     ] = None
 
     @property
     def radius(self) -> float:
-        """Half the cutting diameter, mm."""
+        """Radius at which the tool cuts, mm."""
         return self.diameter / 2
 
     @property
@@ -507,14 +536,16 @@ class ProcessTable(Table, frozen=True):
     plunge: Annotated[
         Speed | None,
         Meta(
-            description="speed of going down from the approach to the contact, mm/s; not set: a third of the feed"
+            description="speed of going down from the approach to the contact, mm/s; not set: a "
+            "third of the feed"
         ),
     ] = None
     max_feed_factor: Annotated[
         float,
         Meta(
             ge=1,
-            description="the tool centre may run so many times faster than the feed on outer curves",
+            description="the tool centre may run so many times faster than the feed on outer "
+            "curves",
         ),
     ] = 2.0
     max_feed: Annotated[
@@ -531,7 +562,8 @@ class ProcessTable(Table, frozen=True):
     acceleration: Annotated[
         Positive | None,
         Meta(
-            description="of the machine, mm/s2: for the time, and for the corners that V+ and PacScript round by it; "
+            description="of the machine, mm/s2: for the time, and for the corners that V+ and "
+            "PacScript round by it; "
             "not set: what its post assumes"
         ),
     ] = None
@@ -550,14 +582,16 @@ class ProcessTable(Table, frozen=True):
     clearance: Annotated[
         NotNegative,
         Meta(
-            description="height of travel above the top face, mm; on a page 3 if not given; 0: none, for marks that "
+            description="height of travel above the top face, mm; on a page 3 if not given; 0: "
+            "none, for marks that "
             "the tool does not touch"
         ),
     ] = 20.0
     stay_down: Annotated[
         bool,
         Meta(
-            description="no lift where the straight way keeps clear of part and fixtures; there is no stock"
+            description="no lift where the straight way keeps clear of part and fixtures; there is "
+            "no stock"
         ),
     ] = False
     spindle: Annotated[
@@ -566,14 +600,17 @@ class ProcessTable(Table, frozen=True):
     signal: Annotated[
         str,
         Meta(
-            description='output that is on along a contour; "auto": process unless a spindle runs; "": none'
+            description='output that is on along a contour; "auto": process unless a spindle runs; '
+            '"": none'
         ),
     ] = "auto"
     switch: Annotated[
         Literal["auto", "contact", "air"],
         Meta(
-            description="where the signal is switched; contact: on the part, for a laser, a plasma torch or a pen; "
-            "air: above it, before the tool goes down and after it has left, for one that turns; auto: air with a "
+            description="where the signal is switched; contact: on the part, for a laser, a plasma "
+            "torch or a pen; "
+            "air: above it, before the tool goes down and after it has left, for one that turns; "
+            "auto: air with a "
             "depth or a force"
         ),
     ] = "auto"
@@ -583,18 +620,21 @@ class ProcessTable(Table, frozen=True):
 
     @property
     def travel_speed(self) -> float:
-        """The speed of all travel but that in free space, mm/s."""
+        """Speed of links near the part, mm/s; in free space it may be higher."""
         return self.travel or _TRAVEL_MM_S
 
     @property
     def least_height(self) -> float:
-        """How high above the top face, mm, the tip stays where the joints lead it from path to path; -inf: anywhere."""
+        """Lowest height of the TCP above the top face on joint motions between paths, mm.
+
+        It is -inf if any height is allowed.
+        """
         return min(self.approach, self.clearance / 2) if self.clearance > 0 else -math.inf
 
 
 class Choice(Table, frozen=True):
-    """[[operations]]: one operation after the other, each with its tool and its contours; beside these keys all of
-    [operation] and [process], whose values hold where a row is silent.
+    """[[operations]]: one operation after the other, each with its tool and its contours; beside
+    these keys all of [operation] and [process], whose values hold where a row is silent.
     """
 
     tool: Annotated[
@@ -606,7 +646,8 @@ class Choice(Table, frozen=True):
     colors: Annotated[
         list[str],
         Meta(
-            description='of what colors: names ("red"), numbers of DXF ("1") or "#ff0000"; none: all'
+            description='of what colors: names ("red"), numbers of DXF ("1") or "#ff0000"; none: '
+            "all"
         ),
     ] = field(default_factory=list)
     ids: Annotated[
@@ -615,13 +656,14 @@ class Choice(Table, frozen=True):
     nesting: Annotated[
         Literal["any", "outer", "inner"],
         Meta(
-            description="outer: contours that no other one of the drawing encloses; inner: those that one does"
+            description="outer: contours that no other one of the drawing encloses; inner: those "
+            "that one does"
         ),
     ] = "any"
 
 
 class Step(Table, frozen=True):
-    """One operation of a job with several: its tool, its settings with all that it has from others, its contours."""
+    """One operation of a job with several: its tool, its complete settings and its contours."""
 
     tool: ToolTable
     operation: OperationTable
@@ -669,7 +711,8 @@ class TourTable(Table, frozen=True):
     seconds: Annotated[
         NotNegative,
         Meta(
-            description="s of a clock until the search ends; 0: a fixed number of looks, the same on every machine"
+            description="s of a clock until the search ends; 0: a fixed number of looks, the same "
+            "on every machine"
         ),
     ] = 0.0
     seed: Annotated[int, Meta(ge=0, description="another number, another search")] = 0
@@ -686,14 +729,16 @@ class TourTable(Table, frozen=True):
     seams: Annotated[
         Points,
         Meta(
-            description="or where some begin: [[x, y], ...], mm of the work frame; each is for the closed path that it "
+            description="or where some begin: [[x, y], ...], mm of the work frame; each is for the "
+            "closed path that it "
             "is nearest to, or for all of the contour that it is nearest to"
         ),
     ] = field(default_factory=list)
     order: Annotated[
         list[str],
         Meta(
-            description="contours that are run first, in this order, by their ids as inspect -v prints them"
+            description="contours that are run first, in this order, by their ids as inspect -v "
+            "prints them"
         ),
     ] = field(default_factory=list)
 
@@ -711,7 +756,8 @@ class PageTable(Table, frozen=True):
     scale: Annotated[
         Literal["fit", "true"] | Positive,
         Meta(
-            description="fit: as large as the page allows; true: as the input says; or mm per unit or pixel of it"
+            description="fit: as large as the page allows; true: as the input says; or mm per unit "
+            "or pixel of it"
         ),
     ] = "fit"
 
@@ -738,7 +784,8 @@ class CellTable(Table, frozen=True):
     robot: Annotated[
         str,
         Meta(
-            description='the arm that runs the program: one of camgen robots, or FILE.urdf; "": not checked'
+            description='the arm that runs the program: one of camgen robots, or FILE.urdf; "": '
+            "not checked"
         ),
     ] = ""
     machine: Annotated[
@@ -764,7 +811,8 @@ class CellTable(Table, frozen=True):
     joint_accelerations: Annotated[
         Values | None,
         Meta(
-            description="of the joints, deg/s2 or mm/s2; not set: full speed in the time that the post assumes"
+            description="of the joints, deg/s2 or mm/s2; not set: full speed in the time that the "
+            "post assumes"
         ),
     ] = None
     fixtures: Annotated[
@@ -794,7 +842,8 @@ class CellTable(Table, frozen=True):
     margin: Annotated[
         NotNegative,
         Meta(
-            description="room that arm, holder and tool keep from all but the place that is worked, mm"
+            description="room that arm, holder and tool keep from all but the place that is "
+            "worked, mm"
         ),
     ] = 2.0
 
@@ -808,20 +857,23 @@ class ToleranceTable(Table, frozen=True):
     arc_fit: Annotated[
         NotNegative,
         Meta(
-            description="short lines become an arc that leaves them by at most this, mm; 0: they stay"
+            description="short lines become an arc that leaves them by at most this, mm; 0: they "
+            "stay"
         ),
     ] = 0.01
     corner: Annotated[
         NotNegative | None,
         Meta(
-            description="how far a corner may be rounded that the tool passes without a stop, mm; not set: a twentieth "
+            description="how far a corner may be rounded that the tool passes without a stop, mm; "
+            "not set: a twentieth "
             "of tool.diameter, 0.05 at most, where it traces or fills, else tolerance.chord"
         ),
     ] = None
     simplify: Annotated[
         NotNegative | None,
         Meta(
-            description="lines are thinned out within this, mm; not set: a third of a pixel of a traced picture, one "
+            description="lines are thinned out within this, mm; not set: a third of a pixel of a "
+            "traced picture, one "
             "pixel of one in two values, else none"
         ),
     ] = None
@@ -859,5 +911,5 @@ class Job(Table, frozen=True):
 
     @property
     def chooses_colors(self) -> bool:
-        """Whether an operation works on what has certain colors."""
+        """Whether an operation selects contours by color."""
         return any(step.choice.colors for step in self.operations)

@@ -1,4 +1,4 @@
-"""The settings of a job as a list: their names, defaults and meanings, and which of them name a file."""
+"""Lists the settings of a job: names, defaults and meanings, and which of them name a file."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from camgen.model.job import (
     ToolRow,
 )
 
-#: The settings that name a file; cell.robot only where it ends in .urdf.
+#: Settings that name a file; `cell.robot` only if it ends in .urdf.
 FILES = (
     ("image", "background"),
     ("image", "lamp_moved"),
@@ -32,12 +32,12 @@ FILES = (
     ("cell", "robot"),
     ("cell", "machine"),
 )
-#: xacro is a language that makes URDF, and is refused where the file is read.
+#: Suffixes of robot files. xacro is a language that makes URDF; such a file is refused when read.
 _SUFFIXES = (".urdf", ".xacro")
 
 
 def split_name(name: str) -> tuple[str, str] | None:
-    """The file and the link at its tip, "" where none is named; None for the name of a built-in robot.
+    """The file of a robot and the link at its tip, "" for none; None for a built-in robot.
 
     >>> split_name("cell/arm.urdf#tool0"), split_name("arm.URDF"), split_name("IRB 120")
     (('cell/arm.urdf', 'tool0'), ('arm.URDF', ''), None)
@@ -49,7 +49,13 @@ def split_name(name: str) -> tuple[str, str] | None:
 
 
 class Setting(Struct, frozen=True):
-    """One key of a job file. allowed: what may stand there, in words. about: what it means."""
+    """One key of a job file.
+
+    table, key: its place in the job file.
+    default: value of a job without the key.
+    allowed: possible values, in words.
+    about: meaning, in words.
+    """
 
     table: str
     key: str
@@ -58,9 +64,9 @@ class Setting(Struct, frozen=True):
     about: str
 
 
-#: Keys of [tool] that no single row of ``[[tools]]`` has.
+#: Keys of `[tool]` that a row of `[[tools]]` does not have.
 NOT_IN_ROWS = ("file",)
-#: The tables of which a job has several, ``[[tools]]``: what their rows hold.
+#: Tables of which a job may have several, such as `[[tools]]`, with the types of their rows.
 ROWS: dict[str, tuple[type[Struct], ...]] = {
     "tools": (ToolRow,),
     "operations": (Choice, OperationTable, ProcessTable),
@@ -69,16 +75,19 @@ ROWS: dict[str, tuple[type[Struct], ...]] = {
 
 @cache
 def settings() -> tuple[Setting, ...]:
-    """All settings in the order of the job file, without those of ``[post]`` and of ``ROWS``."""
-    return tuple(found for table, kind in _kinds().items() for found in _settings_of(table, kind))
+    """All settings in the order of the job file, without those of `[post]` and of `ROWS`."""
+    rows: list[Setting] = []
+    for table, kind in _kinds().items():
+        rows += _list_settings(table, kind)
+    return tuple(rows)
 
 
-#: The settings whose defaults hang on others.
+#: Settings whose defaults depend on others.
 BESIDE = (("process", "clearance"),)
 
 
 def defaults_beside(tree: Mapping[str, Any]) -> dict[tuple[str, str], object]:
-    """Of ``BESIDE`` those that have another default in a job with these tables."""
+    """The settings of `BESIDE` that have another default in a job with the tables of `tree`."""
     page = tree.get("page")
     on_page = isinstance(page, Mapping) and page.get("size")
     return {("process", "clearance"): PAGE_CLEARANCE} if on_page else {}
@@ -86,38 +95,47 @@ def defaults_beside(tree: Mapping[str, Any]) -> dict[tuple[str, str], object]:
 
 @cache
 def row_settings() -> tuple[Setting, ...]:
-    """The settings that a row of each table of ``ROWS`` may hold."""
-    return tuple(
-        found
-        for table, kinds in ROWS.items()
-        for kind in kinds
-        for found in _settings_of(table, kind)
-        if found.key not in NOT_IN_ROWS
-    )
+    """The settings that a row of each table of `ROWS` may have."""
+    rows: list[Setting] = []
+    for table, kinds in ROWS.items():
+        for kind in kinds:
+            rows += [row for row in _list_settings(table, kind) if row.key not in NOT_IN_ROWS]
+    return tuple(rows)
 
 
 def keys_of(table: str) -> tuple[str, ...]:
-    """The keys that a table may hold, or a row of one of ``ROWS``: what is asked of every job, in little time."""
+    """The keys of a table, or of a row of one of `ROWS`.
+
+    Every job needs them, so they are found without the types and descriptions of the settings.
+
+    table: name, for a row with a dot and its number.
+    """
     name, dot, _ = table.partition(".")
     kinds = ROWS[name] if dot else (_kinds()[name],)
-    left_out = NOT_IN_ROWS if dot else ()
-    return tuple(key for kind in kinds for key in kind.__struct_fields__ if key not in left_out)
+    excluded = NOT_IN_ROWS if dot else ()
+    keys: list[str] = []
+    for kind in kinds:
+        keys += [key for key in kind.__struct_fields__ if key not in excluded]
+    return tuple(keys)
 
 
-def _settings_of(table: str, kind: type[Struct]) -> list[Setting]:
+def _list_settings(table: str, kind: type[Struct]) -> list[Setting]:
     defaults = msgspec.structs.asdict(kind())
-    found = []
+    rows = []
     for key, hint in get_type_hints(kind, include_extras=True).items():
         about = next((m.description for m in get_args(hint)[1:] if m.description), "")
-        allowed = _allow(hint) + (
-            ' or a text with its unit, "1200 mm/min"' if has_speed(table, key) else ""
-        )
-        found.append(Setting(table, key, defaults[key], allowed, about))
-    return found
+        allowed = _describe_type(hint)
+        if has_speed(table, key):
+            allowed += ' or a text with its unit, "1200 mm/min"'
+        rows.append(Setting(table, key, defaults[key], allowed, about))
+    return rows
 
 
 def has_speed(table: str, key: str) -> bool:
-    """Whether a setting is a speed of the tool, which may have its unit. table: without the number of a row."""
+    """Whether a setting is a speed of the tool, which may be given with its unit.
+
+    table: name of the table, for a row without its number.
+    """
     return key in SPEEDS and table in ("process", *ROWS)
 
 
@@ -127,17 +145,18 @@ def _kinds() -> dict[str, type[Struct]]:
 
 
 def tables() -> dict[str, str]:
-    """The tables of a job file with what each is for, without ``ROWS``."""
+    """The tables of a job file and their purpose, without `ROWS`."""
     about = {name: (hint.__doc__ or "").partition(": ")[2] for name, hint in _kinds().items()}
     return about | {"post": "options of the chosen post."}
 
 
 def row_tables() -> dict[str, str]:
-    """The tables of ``ROWS`` with what a row of each is for."""
-    return {
-        name: " ".join((kinds[0].__doc__ or "").partition(": ")[2].split())
-        for name, kinds in ROWS.items()
-    }
+    """The tables of `ROWS` and the purpose of their rows."""
+    purposes = {}
+    for name, kinds in ROWS.items():
+        purpose = (kinds[0].__doc__ or "").partition(": ")[2]
+        purposes[name] = " ".join(purpose.split())
+    return purposes
 
 
 _WORDS = {float: "a number", int: "a whole number", str: "a text", bool: "true or false"}
@@ -149,15 +168,15 @@ _PLURALS: dict[object, str] = {
 }
 
 
-def _allow(hint: Any) -> str:
-    """What a value of the type ``hint`` may be, in words."""
+def _describe_type(hint: Any) -> str:
+    """The possible values of the type `hint`, in words."""
     if get_origin(hint) is Annotated:
         base, *metas = get_args(hint)
         bounds = [f" > {_number(m.gt)}" for m in metas if m.gt is not None]
         bounds += [f" >= {_number(m.ge)}" for m in metas if m.ge is not None]
         bounds += [f" < {_number(m.lt)}" for m in metas if m.lt is not None]
         bounds += [f" <= {_number(m.le)}" for m in metas if m.le is not None]
-        return _allow(base) + " and".join(bounds)
+        return _describe_type(base) + " and".join(bounds)
     if get_origin(hint) is Literal:
         return "one of " + ", ".join(json.dumps(value) for value in get_args(hint))
     if get_origin(hint) is dict:
@@ -165,10 +184,12 @@ def _allow(hint: Any) -> str:
     if get_origin(hint) is list:
         (kind,) = get_args(hint)
         if get_origin(kind) is Literal:
-            return "a list, each " + _allow(kind)
+            return "a list, each " + _describe_type(kind)
         return "a list of " + _PLURALS[kind]
     if get_origin(hint) in (Union, UnionType):  # a value or nothing, or one of several kinds
-        return " or ".join(_allow(kind) for kind in get_args(hint) if kind is not type(None))
+        return " or ".join(
+            _describe_type(kind) for kind in get_args(hint) if kind is not type(None)
+        )
     return _WORDS[hint]
 
 

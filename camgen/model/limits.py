@@ -1,6 +1,7 @@
-"""[limits]: what is too much. An input beyond is a mistake or an attack, and is refused before it costs much.
+"""Limits of inputs. An input beyond them is a mistake or an attack, and is refused at little cost.
 
-Each is a setting of the job; docs/reliability.md has this table. None is near what a real part needs.
+Each limit is a setting of the job in `[limits]`; docs/reliability.md has them as a table. No real
+part comes near to one.
 """
 
 from typing import Annotated, get_args, get_type_hints
@@ -10,7 +11,10 @@ from msgspec.structs import asdict
 
 
 def _most(about: str, top: float | None = None) -> Meta:
-    """top: what no user may go beyond."""
+    """The description of a limit.
+
+    top: value that no user may exceed; None for no bound.
+    """
     return Meta(gt=0, le=top, description=about)
 
 
@@ -90,7 +94,7 @@ class Limits(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def tell(value: float) -> str:
-    """A limit for a message.
+    """A limit as text for a message.
 
     >>> tell(1e6), tell(0.01), tell(1e-6)
     ('1,000,000', '0.01', '1e-06')
@@ -99,10 +103,10 @@ def tell(value: float) -> str:
 
 
 def table() -> str:
-    """The limits as Markdown."""
+    """The limits as a table in Markdown."""
     hints = get_type_hints(Limits, include_extras=True)
     about = {name: get_args(hint)[1].description for name, hint in hints.items()}
-    rows = [
-        f"| `{name}` | {tell(value)} | {about[name]} |" for name, value in asdict(Limits()).items()
-    ]
-    return "\n".join(["| limit | value | of what |", "|---|---|---|", *rows]) + "\n"
+    rows = ["| limit | value | of what |", "|---|---|---|"]
+    for name, value in asdict(Limits()).items():
+        rows.append(f"| `{name}` | {tell(value)} | {about[name]} |")
+    return "\n".join(rows) + "\n"

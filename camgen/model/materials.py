@@ -36,7 +36,7 @@ class Chart(Struct, frozen=True):
     """Feeds of a tooth of a mill, or of a turn of a drill, by the diameter of the tool.
 
     source: published chart.
-    diameters: inch, rising.
+    diameters: inch, from small to large.
     low, high: recommended feeds at these diameters, inch.
     """
 

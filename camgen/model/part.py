@@ -1,4 +1,4 @@
-"""What the user should know about what was read or planned."""
+"""Parts as readers return them: contours, curves or a solid, with notes for the user."""
 
 from __future__ import annotations
 
@@ -14,17 +14,21 @@ from camgen.model.drawing import draw_svg
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted
 
-#: ``skipped`` is something of the input that the program will not do.
+#: `skipped` is something in the input that the program will not do.
 NoteKind = Literal["assumed", "repaired", "joined", "skipped", "warning"]
 
 
 class Note(Struct, frozen=True):
-    """One thing the user should know. ``what`` names and counts it, ``why`` gives the reason and the remedy.
+    """A message to the user about something that was read or planned.
 
-    ids: of the contours and edges that it is about, all of them. places: mm, where it is in the part, for the preview.
-    strict: --strict makes it an error, as it does of all that was skipped.
-    lacks: the part of their paths of which there is less than the job asks for.
-    length: mm that are left out of an edge; 0 where the edge is left out as a whole.
+    kind: consequence for the program, see `GRAVEST`.
+    what: the thing that the note is about, with its number or count.
+    why: reason and remedy.
+    ids: all contours and edges that the note is about.
+    places: points in the part for the preview, mm.
+    strict: whether `--strict` makes the note an error, as it always does for the kind `skipped`.
+    lacks: the leads or tabs, if its paths have fewer or shorter ones than the job asks for.
+    length: length that is left out of an edge, mm; 0 if the whole edge is left out.
     """
 
     kind: NoteKind
@@ -38,53 +42,65 @@ class Note(Struct, frozen=True):
 
     @property
     def fails_strict(self) -> bool:
-        """Whether --strict makes it an error."""
+        """Whether `--strict` makes the note an error."""
         return self.strict or self.kind == "skipped"
 
     def __str__(self) -> str:
-        return f"{self.kind}: {self.what}" + (f" ({self.why})" if self.why else "")
+        reason = f" ({self.why})" if self.why else ""
+        return f"{self.kind}: {self.what}{reason}"
 
 
-#: The gravest first: what is not done, what may be wrong, what was taken for granted or mended.
+#: Kinds of notes by severity: not done, possibly wrong, value assumed, input repaired or joined.
 GRAVEST: tuple[NoteKind, ...] = ("skipped", "warning", "assumed", "repaired", "joined")
 
 
 def sort_notes(*stages: Iterable[Note]) -> tuple[Note, ...]:
-    """Each note once, the gravest first. Of one kind what --strict refuses leads; then what a later stage says goes
-    before what reading said: it is about what the machine does.
+    """Each note once, sorted by kind as in `GRAVEST`, then strict before others, then by stage.
+
+    Notes of later stages come first: they are closer to what the machine does. A note of two stages
+    counts for the earlier one.
     """
-    stage_of = {note: k for k, notes in reversed([*enumerate(stages)]) for note in notes}
-    once = dict.fromkeys(note for notes in stages for note in notes)
-    return tuple(
-        sorted(once, key=lambda note: (GRAVEST.index(note.kind), not note.strict, -stage_of[note]))
-    )
+    stage_of: dict[Note, int] = {}
+    for stage, notes in enumerate(stages):
+        for note in notes:
+            stage_of.setdefault(note, stage)
+
+    def rank(note: Note) -> tuple[int, bool, int]:
+        return GRAVEST.index(note.kind), not note.strict, -stage_of[note]
+
+    return tuple(sorted(stage_of, key=rank))
 
 
-# What a 3-D part is to camgen: triangles for collision, and the sharp edges that a tool can follow.
+# A 3-D part: triangles for collision tests, and the sharp edges that a tool can follow.
 
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 EdgeKind = Literal["line", "arc", "circle", "curve"]
 
-#: A curve whose heights differ by no more, mm, is flat.
+#: mm: a curve whose heights differ by no more is flat.
 LEVEL_MM = 1e-3
-#: Faces that meet at less than this (rad) are one smooth surface. The margin above 30 deg treats
-#: walls at exactly 30 deg alike, whatever the rounding of their vertices is.
+#: rad: faces that meet at a smaller angle are one smooth surface. The margin above 30 deg treats
+#: all walls at exactly 30 deg alike, whatever the rounding of their vertices is.
 FEATURE_ANGLE = float(np.radians(30.05))
 
 
 class Edge(Struct, frozen=True, eq=False):
-    """A chain of spans between two faces of a part, each a straight line or an arc of at most half a circle.
+    """A chain of spans between two faces of a part, each a line or an arc of at most half a circle.
 
-    id: "e1" and on. points: (N, 3) in order, the ends of the spans; a closed edge repeats its first point at the end.
-    via: (N - 1, 3), the middle of each span; on the chord where the span is straight. normals: (N, 2, 3) outward unit
-    normals of the two faces at ``points``, first of the face on the left of the way, seen from outside; via_normals:
-    (N - 1, 2, 3) the same at ``via``. angle: between the two normals (RFA paper, section III.A), 0 where the faces are
-    tangent. radius: of an arc or a circle, else 0. length: arcs exact.
-
-    A line has more than two points only where the normals turn along it. A curve is what is neither: spans within the
-    reader's tolerance.
+    id: "e1" and so on.
+    kind: a line has more than two points only if its normals change along it. A curve is neither
+        line nor arc: its spans fit it within the tolerance of the reader.
+    points: (N, 3) ends of the spans in order, mm; a closed edge ends with its first point again.
+    via: (N - 1, 3) middle of each span, mm; on the chord of a straight span.
+    normals: (N, 2, 3) unit outward normals of the two faces at `points`. The first one belongs to
+        the face on the left of the direction of travel, seen from outside.
+    via_normals: (N - 1, 2, 3) the same at `via`.
+    angle: angle between the two normals, rad (RFA paper, section III.A), 0 for tangent faces.
+    convex: whether it is an outer corner of the part, not an inner one.
+    closed: whether the edge ends where it starts.
+    radius: radius of an arc or a circle, mm, 0 for others.
+    length: length along the edge, mm, arcs exact.
     """
 
     id: str
@@ -100,7 +116,8 @@ class Edge(Struct, frozen=True, eq=False):
     length: float
 
     def __repr__(self) -> str:
-        return f"Edge({self.id!r}, {self.kind}, {self.length:.3f} mm, {'convex' if self.convex else 'concave'})"
+        shape = "convex" if self.convex else "concave"
+        return f"Edge({self.id!r}, {self.kind}, {self.length:.3f} mm, {shape})"
 
 
 #: Names of bodies that are listed in a summary.
@@ -117,10 +134,15 @@ def describe_bodies(bodies: Sequence[str]) -> str:
 
 
 class Solid(Struct, frozen=True, eq=False):
-    """A 3-D part. ``source`` is the file's name without folder, ``units`` says what one unit of the file was.
+    """A 3-D part.
 
-    vertices: (V, 3). faces: (F, 3) indices, counter-clockwise seen from outside. normals: (F, 3) unit, outward.
-    edges: sharp ones, in the order of their ids. borders: (N, 3) each, where the surface ends; none if it is closed.
+    source: name of the file without its folder.
+    units: unit of the file, in words.
+    vertices: (V, 3) mm.
+    faces: (F, 3) rows of vertices, counter-clockwise seen from outside.
+    normals: (F, 3) unit outward normals.
+    edges: sharp edges, in the order of their ids.
+    borders: (N, 3) each, where the surface ends, mm; none if it is closed.
     bodies: names of the bodies, "" for a body without a name.
     """
 
@@ -136,19 +158,22 @@ class Solid(Struct, frozen=True, eq=False):
     bodies: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
-        return f"Solid({self.name!r}, {counted(len(self.faces), 'face')}, {counted(len(self.edges), 'edge')})"
+        faces, edges = counted(len(self.faces), "face"), counted(len(self.edges), "edge")
+        return f"Solid({self.name!r}, {faces}, {edges})"
 
 
-# What a reader returns: contours or a solid, and notes on what was skipped, mended or assumed on the way.
+# The results of readers: contours, curves or a solid, with notes.
 
 
 class Contour(Struct, frozen=True, eq=False):
     """A chain of lines and arcs in the plane, work frame, mm.
 
-    points: (N, 2), no point repeated at the end of a closed chain. bulges: (N,); ``bulges[i]`` shapes the segment
-    that leaves point i, the last one counts only where ``closed``. |bulge| <= 1. id: the place in ``Part.contours``
-    as users see it, e.g. ``c12``. sources: ids of the contours that it was
-    made of, where it is none of the input. color: "#ff0000", of its first piece; "" where the input has none.
+    points: (N, 2); a closed chain does not repeat its first point at the end.
+    bulges: (N,) tan(sweep / 4), from -1 to 1; `bulges[i]` shapes the segment that begins at point
+        i. The last one counts only for a closed chain.
+    id: number in `Part.contours` for the user, for example "c12".
+    sources: ids of the contours from which this one was made; empty for a contour of the input.
+    color: color of its first piece, for example "#ff0000"; "" if the input has none.
     is_mark: whether it stands for a point of the drawing, which is drilled and nothing else.
     """
 
@@ -162,7 +187,8 @@ class Contour(Struct, frozen=True, eq=False):
     is_mark: bool = False
 
     def __repr__(self) -> str:
-        return f"Contour({self.id!r}, {counted(len(self.points), 'point')}, {'closed' if self.closed else 'open'})"
+        points = counted(len(self.points), "point")
+        return f"Contour({self.id!r}, {points}, {'closed' if self.closed else 'open'})"
 
 
 class ContourColumns(NamedTuple):
@@ -181,7 +207,12 @@ class ContourColumns(NamedTuple):
 
 
 class Contours(tuple[Contour, ...]):
-    """Contours that are stretches of one table, which takes long to make of 100,000 of them."""
+    """Contours whose arrays are views of one table.
+
+    To make that table of 100,000 contours takes long, so it is kept.
+
+    columns: the table.
+    """
 
     columns: ContourColumns
 
@@ -210,10 +241,12 @@ def tabulate_contours(contours: Sequence[Contour]) -> ContourColumns:
 class Curve(Struct, frozen=True, eq=False):
     """A chain of lines and arcs in space, work frame, mm.
 
-    points: (N, 3) in order, the ends of the spans; a closed one repeats its first point at the end. middles: (N - 1, 3)
-    of the spans. curved: (N - 1,) whether each is an arc, of at most half a circle, and no line. length: arcs exact.
-    rotations: (N, 3, 3) work_from_tool at the points, None where the input does not say how the tool stands. id: the
-    place in ``Part.curves`` as users see it, e.g. ``c12``.
+    id: number in `Part.curves` for the user, for example "c12".
+    points: (N, 3) ends of the spans in order; a closed curve ends with its first point again.
+    middles: (N - 1, 3) middle of each span.
+    curved: (N - 1,) whether a span is an arc, of at most half a circle.
+    length: length along the curve, arcs exact.
+    rotations: (N, 3, 3) work_from_tool at the points; None if the input has no orientations.
     """
 
     id: str
@@ -227,12 +260,12 @@ class Curve(Struct, frozen=True, eq=False):
 
     @property
     def via(self) -> FloatArray:
-        """(N - 1, 3) half-way along the arcs, NaN for lines."""
+        """(N - 1, 3) middles of the arcs, NaN for lines."""
         return np.where(self.curved[:, None], self.middles, np.nan)
 
     @property
     def level(self) -> float | None:
-        """The height, mm, of one that lies parallel to the work plane, None of others."""
+        """Height of a curve that is parallel to the work plane, mm; None for others."""
         heights = np.concatenate([self.points[:, 2], self.middles[:, 2]])
         return float(heights[0]) if np.ptp(heights) <= LEVEL_MM else None
 
@@ -240,18 +273,23 @@ class Curve(Struct, frozen=True, eq=False):
         return f"Curve({self.id!r}, {counted(len(self.points), 'point')}, {self.length:.3f} mm)"
 
 
-#: What an arm follows in space.
+#: A line in space that an arm can follow.
 Line = Edge | Curve
 
 
 class Raster(Struct, frozen=True, eq=False):
-    """A picture of a part, and what was seen in it. Pixel (0, 0) is the centre of the first one, v runs down.
+    """A photo of a part with the results of its segmentation.
 
-    photo: as it was taken, (H, W) or (H, W, 3) blue, green, red. framed: (N, 2) px, the view's border in the photo.
-    view: the work plane to scale, (h, w) or (h, w, 3). work_from_view: (2, 3), mm of a pixel centre of it. mask: (h, w)
-    of the view, 255 where the part is. borders: of the part, closed, (N, 2) px of the view, finer than the mask.
-    doubt: (h, w), 255 where other ways to tell the part from the bench see it differently, None where none does.
-    blur: across its edges, px of the view, a standard deviation; 0: not measured.
+    The centre of the first pixel is (0, 0); v points down.
+
+    photo: (H, W) or (H, W, 3) blue, green, red, as it was taken.
+    framed: (N, 2) border of the view in the photo, px.
+    view: (h, w) or (h, w, 3) rectified view of the work plane.
+    work_from_view: (2, 3) maps a pixel of the view to the work plane, mm.
+    mask: (h, w) of the view, 255 on the part.
+    borders: (N, 2) each, closed sub-pixel contours of the part in the view, px.
+    doubt: (h, w), 255 where other segmentation methods differ; None if they agree everywhere.
+    blur: standard deviation of the blur across the edges in the view, px; 0 if not measured.
     """
 
     photo: NDArray[np.uint8]
@@ -300,12 +338,16 @@ class EarlierRun(Struct, frozen=True, eq=False):
 
 
 class Part(Struct, frozen=True, eq=False):
-    """What was read. ``source`` is the file's name without folder, ``units`` says what one drawing unit was.
+    """A part as it was read.
 
-    raster: the picture that it was read from, None where there is none. solid: the 3-D part, None for a flat one.
-    curves: in space; where there are any there are no contours, and a solid is what they lie on or beside. worked:
-    ids of the contours that an operation works on, the others only say where material is; None: all of them.
-
+    source: name of the file without its folder.
+    units: unit of the drawing, in words.
+    raster: the photo from which it was read, or None.
+    solid: the 3-D part, None for a flat one.
+    curves: curves in space. A part with curves has no contours; its solid, if any, is the part on
+        or beside which they lie.
+    worked: ids of the contours on which an operation works, the others only say where material is;
+        None for all of them.
     open_outlines: outlines with a gap that enclose closed contours.
     moved: distance in x and y by which `input.origin` moved the drawing, mm; None without it.
     earlier: lines and arcs of the tools of operations that run before, for `operation.rest`.
@@ -327,13 +369,16 @@ class Part(Struct, frozen=True, eq=False):
     clamps: tuple[Contour, ...] = ()
 
     def works_on(self, ids: tuple[str, ...]) -> bool:
-        """Whether one of the contours ``ids`` is worked on."""
+        """Whether an operation works on one of the contours `ids`."""
         return self.worked is None or not self.worked.isdisjoint(ids)
 
     def __repr__(self) -> str:
-        what = counted(len(self.contours), "contour") if self.solid is None else repr(self.solid)
-        what = counted(len(self.curves), "curve") if self.curves else what
-        return f"Part({self.name!r}, {what}, {counted(len(self.notes), 'note')})"
+        geometry = counted(len(self.contours), "contour")
+        if self.curves:
+            geometry = counted(len(self.curves), "curve")
+        elif self.solid is not None:
+            geometry = repr(self.solid)
+        return f"Part({self.name!r}, {geometry}, {counted(len(self.notes), 'note')})"
 
     def _repr_svg_(self) -> str | None:
         return draw_svg(self)

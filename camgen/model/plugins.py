@@ -1,4 +1,7 @@
-"""Entry points: how posts, read-backs and readers are found, those of camgen and those of other packages alike."""
+"""Finds and loads plug-ins by their entry points: operations, posts, readers and languages.
+
+The plug-ins of camgen and of other packages are treated alike.
+"""
 
 from __future__ import annotations
 
@@ -14,74 +17,85 @@ from typing import TypeVar
 from camgen.model.errors import JobError, one_line
 from camgen.model.text import suggest
 
-#: The group of the operations: whoever reads a job knows their names, whoever plans loads them.
+#: Entry point group of the operations. A reader of jobs needs their names, the planner loads them.
 OPERATIONS = "camgen.operations"
-#: What a plug-in may take to be imported, and a reader to recognise a file. It is no setting of a job: posts and
-#: operations are looked up to read one.
+#: s: time in which a plug-in must be imported, and a reader must recognise a file. It cannot be set
+#: in a job, because posts and operations are needed to read a job.
 SECONDS = 30
 _T = TypeVar("_T")
 
 
 def entries(group: str) -> list[EntryPoint]:
-    """What is registered in ``group``, by name."""
-    return [entry for entry in _all(tuple(sys.path)) if entry.group == group]
+    """The entry points of `group`, by name."""
+    return [entry for entry in _find_all(tuple(sys.path)) if entry.group == group]
 
 
 @cache
-def _all(_path: tuple[str, ...]) -> list[EntryPoint]:
-    """Those of camgen's groups, by name. path: where packages are looked for. To look through all that are installed
-    takes 2 to 5 ms, and a build asks for three groups.
+def _find_all(_path: tuple[str, ...]) -> list[EntryPoint]:
+    """The entry points of all groups of camgen, by name.
+
+    The result is cached: a search through all installed packages takes 2 to 5 ms, and a build needs
+    three groups.
+
+    _path: folders in which packages are searched, as the key of the cache.
     """
-    found = entry_points()
-    ours = [
-        entry
-        for group in found.groups
-        if group.startswith("camgen.")
-        for entry in found.select(group=group)
-    ]
-    return sorted(ours, key=lambda entry: entry.name)
+    installed = entry_points()
+    entries: list[EntryPoint] = []
+    for group in installed.groups:
+        if group.startswith("camgen."):
+            entries += installed.select(group=group)
+    return sorted(entries, key=lambda entry: entry.name)
 
 
 def find(listed: Sequence[EntryPoint], name: str, kind: str, lists: str) -> EntryPoint:
-    """The entry ``name``. JobError with the nearest where there is none. lists: where the user sees all."""
+    """The entry point `name`. Raises JobError with the nearest name if it is missing.
+
+    kind: noun for the message, such as "post".
+    lists: remedy that shows the user all names.
+    """
     for entry in listed:
         if entry.name == name:
             return entry
     near = suggest(name, [entry.name for entry in listed])
-    raise JobError(
-        f"{kind} {name}", "is not installed", remedy=f"{near}; {lists}" if near else lists
-    )
+    remedy = f"{near}; {lists}" if near else lists
+    raise JobError(f"{kind} {name}", "is not installed", remedy=remedy)
 
 
 def load(entry: EntryPoint) -> object:
-    """What the entry names. JobError with the reason where its package cannot be imported."""
+    """The object of an entry point. Raises JobError with the reason if it cannot be imported."""
     return ask(entry, "be loaded", entry.load)
 
 
 def ask(entry: EntryPoint, what: str, answer: Callable[[], _T]) -> _T:
-    """What ``answer``, code of the package of ``entry``, says before anybody has chosen that package. JobError where it
-    cannot ``what``: a foreign package may fail in any way at all, end the process or not end, and spoils no other.
+    """The result of `answer`, which runs code of the package of `entry`.
+
+    Raises JobError if it fails. The package may be one that the user has not chosen and that fails
+    in any way, ends the process or does not end. That must not affect other packages.
+
+    what: the verb phrase for "cannot ..." in the message.
     """
     try:
-        with _seconds(SECONDS):
+        with _limit_time(SECONDS):
             return answer()
     except (Exception, SystemExit, _TooLong) as error:
-        why = f"cannot {what}: {type(error).__name__.lstrip('_')}: {one_line(str(error))}"
-        raise JobError(
-            f"plug-in {entry.name}", why, entry.value, "mend or remove its package"
-        ) from error
+        kind = type(error).__name__.lstrip("_")
+        reason = f"cannot {what}: {kind}: {one_line(str(error))}"
+        remedy = "mend or remove its package"
+        raise JobError(f"plug-in {entry.name}", reason, entry.value, remedy) from error
 
 
 class _TooLong(BaseException):
-    """Nothing that a package catches as an error of its own."""
+    """The time is over. A package that catches Exception does not catch this."""
 
 
 @contextmanager
-def _seconds(limit: int) -> Iterator[None]:
-    """In here, _TooLong after ``limit`` seconds, where signals are heard: in the main thread, and not on Windows."""
-    if threading.current_thread() is not threading.main_thread() or not hasattr(
-        signal, "setitimer"
-    ):
+def _limit_time(limit: int) -> Iterator[None]:
+    """Raises _TooLong in the body after `limit` seconds.
+
+    Signals are needed for it, so there is no limit outside the main thread and on Windows.
+    """
+    is_main = threading.current_thread() is threading.main_thread()
+    if not is_main or not hasattr(signal, "setitimer"):
         yield
         return
 
@@ -98,5 +112,5 @@ def _seconds(limit: int) -> Iterator[None]:
 
 
 def origin(entry: EntryPoint) -> str:
-    """The package that an entry comes from, with its version."""
+    """Name and version of the package of an entry point, "unknown" if it is unknown."""
     return f"{entry.dist.name} {entry.dist.version}" if entry.dist else "unknown"

@@ -1,7 +1,7 @@
 """Rotations and frames: the only module that knows a quaternion from an Euler angle.
 
-A transform is named ``a_from_b``: it takes coordinates in b to coordinates in a, so that
-``base_from_work @ work_from_tool`` reads correctly or visibly not. mm and rad throughout.
+A transform is named `a_from_b`: it takes coordinates in b to coordinates in a, so that
+`base_from_work @ work_from_tool` reads correctly or visibly not. mm and rad throughout.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _DEGENERATE = 1e-9
 
 
 def frozen(values: object) -> FloatArray:
-    """``values`` as a read-only float array of its own."""
+    """`values` as a read-only float array of its own."""
     array = np.array(values, dtype=np.float64)
     array.flags.writeable = False
     return array
@@ -55,7 +55,7 @@ class Pose(Struct, frozen=True, eq=False, gc=False):
         return Pose(frozen(self.rotation @ other.rotation), self.apply(other.origin))
 
     def apply(self, point: Sequence[float]) -> Vec3:
-        """``point`` (mm, frame b) in frame a."""
+        """`point` (mm, frame b) in frame a."""
         x, y, z = (self.rotation @ np.asarray(point, dtype=np.float64)).tolist()
         return (x + self.origin[0], y + self.origin[1], z + self.origin[2])
 
@@ -99,7 +99,7 @@ def translation(x: float, y: float, z: float) -> Pose:
 
 
 def pose_from_values(values: Sequence[float]) -> Pose:
-    """Pose from ``[x, y, z, rx, ry, rz]``: mm and degrees, R = Rz Ry Rx (contract, section 3)."""
+    """Pose from `[x, y, z, rx, ry, rz]`: mm and degrees, R = Rz Ry Rx (contract, section 3)."""
     x, y, z, rx, ry, rz = (float(v) for v in values)
     rotation = rotation_from_fixed_xyz(math.radians(rx), math.radians(ry), math.radians(rz))
     return Pose(rotation, (x, y, z))
@@ -112,7 +112,7 @@ def tell_frame(pose: Pose) -> str:
 
 
 def rotation_about(axis: int, angle: float) -> FloatArray:
-    """Rotation about coordinate axis 0, 1 or 2 by ``angle`` rad."""
+    """Rotation about coordinate axis 0, 1 or 2 by `angle` rad."""
     c, s = math.cos(angle), math.sin(angle)
     i, j = (axis + 1) % 3, (axis + 2) % 3
     matrix = np.eye(3)
@@ -122,14 +122,14 @@ def rotation_about(axis: int, angle: float) -> FloatArray:
 
 
 def rotation_about_axis(axis: FloatArray, angle: float) -> FloatArray:
-    """Rotation about the unit vector ``axis`` (3,) by ``angle`` rad (Rodrigues)."""
+    """Rotation about the unit vector `axis` (3,) by `angle` rad (Rodrigues)."""
     x, y, z = axis.tolist()
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     return frozen(np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * (cross @ cross))
 
 
 def rotation_between(a: FloatArray, b: FloatArray, fraction: float) -> FloatArray:
-    """The rotation at ``fraction`` 0..1 of the shortest turn from ``a`` to ``b``."""
+    """The rotation at `fraction` 0..1 of the shortest turn from `a` to `b`."""
     w, x, y, z = quaternion(frozen(a.T @ b))
     half = math.atan2(math.sqrt(x * x + y * y + z * z), w)
     if half < 1e-12:
@@ -199,7 +199,10 @@ def rotation_from_fixed_xyz(rx: float, ry: float, rz: float) -> FloatArray:
 
 
 def zyz(rotation: FloatArray) -> Vec3:
-    """(yaw, pitch, roll) rad with R = Rz(yaw) Ry(pitch) Rz(roll); yaw = 0 at pitch 0 or 180 deg (V+ TRANS)."""
+    """(yaw, pitch, roll), rad, with R = Rz(yaw) Ry(pitch) Rz(roll), as TRANS of V+.
+
+    yaw is 0 if pitch is 0 or pi.
+    """
     r = rotation
     s = math.hypot(r[0, 2], r[1, 2])
     if s < _DEGENERATE:
@@ -215,9 +218,9 @@ def rotation_from_zyz(yaw: float, pitch: float, roll: float) -> FloatArray:
 
 
 def rotation_vector(rotation: FloatArray) -> Vec3:
-    """The axis of a rotation times its angle, rad, 0 to pi (Universal Robots: the last three of `p[]`).
+    """The axis of a rotation times its angle, rad, 0 to pi (Universal Robots: end of `p[]`).
 
-    Of the two axes of a half turn it is the one whose first component that is not zero is positive.
+    A rotation by pi has two axes. The result is the one whose first nonzero component is positive.
     """
     w, *axis = quaternion(rotation)
     sine = math.hypot(*axis)
@@ -235,7 +238,7 @@ def rotation_from_vector(vector: Sequence[float]) -> FloatArray:
 
 
 def angle_between(a: FloatArray, b: FloatArray) -> float:
-    """The angle (rad) of the rotation that takes ``a`` to ``b``; exact for small angles too."""
+    """The angle (rad) of the rotation that takes `a` to `b`; exact for small angles too."""
     skew = a.T @ b
     sine = math.hypot(skew[2, 1] - skew[1, 2], skew[0, 2] - skew[2, 0], skew[1, 0] - skew[0, 1])
     return math.atan2(sine, float(np.trace(skew)) - 1.0)

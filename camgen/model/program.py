@@ -1,4 +1,4 @@
-"""A program: its frames and its body of instructions, the rules that it keeps, and its instructions by column."""
+"""A program: its frames, its body of instructions, the rules that it keeps, and views by column."""
 
 from __future__ import annotations
 
@@ -36,43 +36,79 @@ from camgen.model.pose import FloatArray, Pose
 from camgen.model.text import counted
 from camgen.model.tolerance import SAME_POINT_MM
 
-#: All that a program is made of is found here.
+#: Everything of which a program consists can be imported from here.
 __all__ = [
-    "RULES", "Body", "Columns", "Comment", "Force", "Indices", "Instruction", "Joints", "Mask",
-    "Motion", "MoveC", "MoveJ", "MoveL", "Origin", "Output", "Packing", "Posture", "Program",
-    "Stop", "ToolChange", "Wait", "check", "check_frame", "column", "distinct", "join",
-    "motions", "numbers", "pack", "put_at", "put_off_first", "splice", "take",
-]  # fmt: skip
+    "RULES",
+    "Body",
+    "Columns",
+    "Comment",
+    "Force",
+    "Indices",
+    "Instruction",
+    "Joints",
+    "Mask",
+    "Motion",
+    "MoveC",
+    "MoveJ",
+    "MoveL",
+    "Origin",
+    "Output",
+    "Packing",
+    "Posture",
+    "Program",
+    "Stop",
+    "ToolChange",
+    "Wait",
+    "check",
+    "check_frame",
+    "column",
+    "distinct",
+    "join",
+    "motions",
+    "numbers",
+    "pack",
+    "put_at",
+    "put_off_first",
+    "splice",
+    "take",
+]
 
-# Instructions by column: a program may hold half a million of them, and a loop over them in Python takes seconds.
+# Instructions by column: a program may have half a million of them, and a loop over them in Python
+# takes seconds.
 
 
 class Columns:
-    """The columns of a body of N instructions, M of them motions; what is not packed is worked out when asked for."""
+    """The columns of a body of N instructions, M of them motions, A of these arcs.
+
+    A body that is not packed is packed first; columns of kept instructions are computed when used.
+    """
 
     def __init__(self, body: Sequence[Instruction]) -> None:
         self.body = body
         self._packed = pack(body)
 
     def stretch(self, low: int, high: int) -> Columns:
-        """The columns of the instructions from ``low`` to before ``high``."""
+        """The columns of the instructions from `low` to before `high`."""
         return Columns(self._packed.stretch(low, high))
 
     def are(self, *kinds: type) -> Mask:
-        """(N,): which instructions are of one of the types ``kinds``."""
+        """(N,) whether an instruction is of one of the types `kinds`."""
         return _any_of(self._packed.packed.kind, kinds)
 
     def of(self, *kinds: type) -> list[Any]:
-        """The instructions of the types ``kinds``."""
+        """The instructions of the types `kinds`."""
         return self.pick(np.flatnonzero(self.are(*kinds)))
 
     def alike(self, kind: type, test: Callable[[Any], bool]) -> Mask:
-        """(N,) which instructions of the type `kind` pass `test`; each object is tested once."""
+        """(N,) whether an instruction is of the type `kind` and passes `test`.
+
+        Each object is tested once.
+        """
         distinct = self._packed.distinct(kind)
         passed = np.array(list(map(test, distinct.items)), np.bool_)
-        found = np.zeros(len(self.body), np.bool_)
-        found[distinct.at[passed[distinct.number]]] = True
-        return found
+        mask = np.zeros(len(self.body), np.bool_)
+        mask[distinct.at[passed[distinct.number]]] = True
+        return mask
 
     @property
     def outputs(self) -> list[Any]:
@@ -80,178 +116,178 @@ class Columns:
         return self._packed.distinct(Output).items
 
     def pick(self, indices: Indices) -> list[Any]:
-        """The instructions at ``indices``, which rise."""
+        """The instructions at sorted `indices`."""
         if isinstance(self.body, Body):
             return self.body.pick(indices)
         return list(map(self.body.__getitem__, indices.tolist()))
 
     @property
     def at(self) -> Indices:
-        """(M,): where the motions stand in the body."""
+        """(M,) indices of the motions in the body."""
         return self._packed.at
 
     @cached_property
     def moves(self) -> Moves:
-        """The motions, each as an object when it is asked for."""
+        """The motions as objects, which are made when they are used."""
         return Moves(self)
 
     @cached_property
     def kinds(self) -> NDArray[np.int8]:
-        """(M,): the kinds of the motions by number, as in ``body.NUMBER``: MoveJ, MoveL, MoveC."""
+        """(M,) kinds of the motions by `body.NUMBER`: MoveJ, MoveL, MoveC."""
         return self._packed.packed.kind[self.at]
 
     def moves_are(self, *kinds: type) -> Mask:
-        """(M,): which motions are of one of the types ``kinds``."""
+        """(M,) whether a motion is of one of the types `kinds`."""
         return _any_of(self.kinds, kinds)
 
     def before(self, indices: Indices) -> Indices:
-        """The numbers of the motions before the instructions at ``indices``, -1 where there is none."""
+        """(K,) the last motion before each instruction at `indices` (K,), or -1."""
         return np.asarray(np.searchsorted(self.at, indices) - 1)
 
     def pose(self, motion: int) -> Pose | None:
-        """The pose to which a motion goes; none for one to joint values, and for motion -1."""
+        """Target pose of a motion; None for a joint target and for motion -1."""
         target = self.moves[motion].target if motion >= 0 else None
         return target if isinstance(target, Pose) else None
 
     def neighbours(self, indices: Indices) -> tuple[list[Motion | None], list[Motion | None]]:
-        """The motions before and after the instructions at `indices` (K,), which rise.
+        """The last motion before and the first after each instruction at sorted `indices` (K,).
 
         None without such a motion.
         """
         numbers = np.append(self.before(indices), np.searchsorted(self.at, indices, side="right"))
-        some, places = np.unique(numbers, return_inverse=True)
-        is_there = (some >= 0) & (some < len(self.at))
-        motions: list[Motion | None] = [None] * len(some)
-        made = self.pick(self.at[some[is_there]])
-        for place, motion in zip(np.flatnonzero(is_there).tolist(), made, strict=True):
+        different, places = np.unique(numbers, return_inverse=True)
+        exists = (different >= 0) & (different < len(self.at))
+        motions: list[Motion | None] = [None] * len(different)
+        objects = self.pick(self.at[different[exists]])
+        for place, motion in zip(np.flatnonzero(exists).tolist(), objects, strict=True):
             motions[place] = motion
-        around = [motions[place] for place in places.tolist()]
-        return around[: len(indices)], around[len(indices) :]
+        neighbours = [motions[place] for place in places.tolist()]
+        return neighbours[: len(indices)], neighbours[len(indices) :]
 
     @cached_property
     def posed(self) -> Mask:
-        """(M,): which motions have a pose as their target, not joint values."""
+        """(M,) whether the target of a motion is a pose, not joint values."""
         return self.rotation >= 0
 
     @property
     def table(self) -> Sequence[FloatArray]:
-        """The rotations of the tool, each object once: programs share them."""
+        """Rotations (3, 3) of the tool, each object once: poses share them."""
         return self._packed.rotations
 
     @property
     def rotation(self) -> NDArray[np.int32]:
-        """(M,): the place in ``table`` of the rotation where each motion ends, -1 for those to joint values."""
+        """(M,) index into `table` of the rotation at the end of a motion, -1 for joint values."""
         return self._packed.packed.rotation
 
     @property
     def via_rotation(self) -> NDArray[np.int32]:
-        """(A,): the same half-way along the arcs."""
+        """(A,) index into `table` of the rotation half-way along each arc."""
         return self._packed.packed.via_rotation
 
     def turned_as(self, rotation: FloatArray) -> Mask:
-        """(M,): which motions go to a pose whose rotation is this very object, as programs share them."""
-        return np.isin(
-            self.rotation, [place for place, one in enumerate(self.table) if one is rotation]
-        )
+        """(M,) whether a motion ends with this rotation: the same object, as poses share them."""
+        same = [place for place, item in enumerate(self.table) if item is rotation]
+        return np.isin(self.rotation, same)
 
     def rotations(self, where: Mask) -> list[FloatArray]:
-        """The rotations of the tool at the ends of the motions ``where`` (M,), which have poses as their targets."""
+        """Rotations at the ends of the motions of the mask `where` (M,), which have poses there."""
         return list(map(self.table.__getitem__, self.rotation[where].tolist()))
 
     @property
     def ends(self) -> FloatArray:
-        """(M, 3): where motions end, NaN for those to joint values."""
+        """(M, 3) ends of the motions, mm, NaN for joint values."""
         return self._packed.packed.end
 
     @property
     def vias(self) -> FloatArray:
-        """(M, 3): the via points of arcs, NaN for other motions; made anew each time."""
+        """(M, 3) via points of arcs, mm, NaN for other motions; a new array for each call."""
         vias = np.full(self.ends.shape, np.nan)
         vias[self.arcs] = self.via
         return vias
 
     @property
     def arcs(self) -> Indices:
-        """(A,): which motions are arcs."""
+        """(A,) numbers of the motions that are arcs."""
         return np.flatnonzero(self.moves_are(MoveC))
 
     @property
     def via(self) -> FloatArray:
-        """(A, 3): the via points of the arcs."""
+        """(A, 3) via points of the arcs, mm."""
         return self._packed.packed.via
 
     def vias_of(self, motions: Indices) -> FloatArray:
-        """(K, 3): the via points of motions (K,) that are arcs."""
+        """(K, 3) via points of motions (K,) that are arcs, mm."""
         return self.via[np.searchsorted(self.arcs, motions)]
 
     @property
     def speed(self) -> FloatArray:
-        """(M,): mm/s."""
+        """(M,) TCP speeds, mm/s."""
         return self._packed.packed.speed
 
     @cached_property
     def share(self) -> FloatArray:
-        """(M,): of the joints' greatest speeds, 0 where it is not known."""
-        return self._say("share")[:, 0]
+        """(M,) fractions of the maximum joint speeds, 0 if unknown."""
+        return self._read_attribute("share")[:, 0]
 
     @cached_property
     def rate(self) -> FloatArray:
-        """(M,): speeds of the joints with the longest way, rad/s, 0 if not known."""
-        return self._say("rate")[:, 0]
+        """(M,) speeds of the revolute joints with the longest travel, rad/s, 0 if unknown."""
+        return self._read_attribute("rate")[:, 0]
 
     @property
     def blend(self) -> FloatArray:
-        """(M,): mm."""
+        """(M,) blend radii, mm."""
         return self._packed.packed.blend
 
     @cached_property
     def force(self) -> FloatArray:
-        """(M,): N, 0 for motions of the joints."""
-        return self._say("force")[:, 0]
+        """(M,) contact forces, N, 0 for joint motions."""
+        return self._read_attribute("force")[:, 0]
 
     @cached_property
     def force_direction(self) -> FloatArray:
-        """(M, 3): see ``MoveL``, 0 for motions of the joints."""
-        return self._say("force_direction", 3)
+        """(M, 3) directions of the force as in `MoveL`, 0 for joint motions."""
+        return self._read_attribute("force_direction", 3)
 
     @cached_property
     def turn(self) -> FloatArray:
-        """(M,): rad/s at which the tool turns on the spot, 0 for motions that travel."""
-        return self._say("turn")[:, 0]
+        """(M,) speeds of reorientations and limits of joint motions, rad/s, as `turn` of a motion.
 
-    def _say(self, name: str, width: int = 1) -> FloatArray:
-        """(M, width): an attribute of the motions, 0 of those that have it not."""
+        0 without one.
+        """
+        return self._read_attribute("turn")[:, 0]
+
+    def _read_attribute(self, name: str, width: int = 1) -> FloatArray:
+        """(M, width) an attribute of the motions, 0 for motions that do not have it."""
         places, moves = self.special
-        told = np.array(
-            [getattr(move, name, (0.0,) * width if width > 1 else 0.0) for move in moves],
-            np.float64,
-        )
-        if not told.any():
+        missing = (0.0,) * width if width > 1 else 0.0
+        values = np.array([getattr(move, name, missing) for move in moves], np.float64)
+        if not values.any():
             return np.broadcast_to(np.float64(0.0), (len(self.at), width))
-        found = np.zeros((len(self.at), width))
-        found[places] = told.reshape(-1, width)
-        return found
+        column = np.zeros((len(self.at), width))
+        column[places] = values.reshape(-1, width)
+        return column
 
     @cached_property
     def special(self) -> tuple[Indices, list[Any]]:
-        """The motions that are more than end, speed and blend: to joint values, with joints, a posture, force, a share
-        or a speed of turning. Their places among the motions, and they themselves.
+        """Numbers and objects of the motions that the packed columns do not describe in full.
+
+        They have a joint target, joint values, a posture, a force, a share, a rate or a turn.
         """
         kept = self._packed.packed.kept[self.at]
         return np.flatnonzero(kept), self.pick(self.at[kept])
 
     @cached_property
     def turned(self) -> Mask:
-        """(M,): which straight motions turn the tool where its TCP stays in its place."""
+        """(M,) whether a linear motion is a reorientation: it rotates the tool at a fixed TCP."""
         mask = self.moves_are(MoveL)
         mask[1:] &= self.posed[:-1]
         mask[:1] = False
         rotation, table = self.rotation, self.table
         mask[1:] &= rotation[1:] != rotation[:-1]
         rows = np.flatnonzero(mask)
-        mask[rows] = (
-            np.abs(self.ends[rows] - self.ends[rows - 1]).max(axis=1, initial=0.0) < SAME_POINT_MM
-        )
+        travel = np.abs(self.ends[rows] - self.ends[rows - 1]).max(axis=1, initial=0.0)
+        mask[rows] = travel < SAME_POINT_MM
         rows = np.flatnonzero(mask)
         both = zip(rotation[rows - 1].tolist(), rotation[rows].tolist(), strict=True)
         mask[rows] = [not np.array_equal(table[a], table[b]) for a, b in both]
@@ -259,30 +295,33 @@ class Columns:
 
     @property
     def path(self) -> Indices:
-        """(M,): the place in ``Program.paths`` of the path that each motion belongs to, -1: none."""
+        """(M,) index in `Program.paths` of the path to which a motion belongs, -1 for none."""
         return self._packed.packed.path
 
     @property
     def works(self) -> Mask:
-        """(M,): which motions run along their path."""
+        """(M,) whether a motion runs along its path."""
         return self._packed.packed.work
 
     @cached_property
     def arrives(self) -> Mask:
-        """(M,): which motions lead from a path to above the start of another one, or home from the last."""
+        """(M,) whether a motion links a path with the approach of the next one, or with home."""
         return np.append(False, self.path[1:] != self.path[:-1]) & ~self.works
 
-    def find_rotations(self, sound: Callable[[FloatArray], bool]) -> Iterator[int]:
-        """The first instruction with a rotation at its end, and the first one with a rotation half-way, that is not
-        ``sound``.
+    def find_rotations(self, is_valid: Callable[[FloatArray], bool]) -> Iterator[int]:
+        """Yield the first instruction whose rotation at the end does not pass `is_valid`.
+
+        Then the first one whose rotation half-way does not.
         """
-        wrong = [place for place, one in enumerate(self.table) if not sound(one)]
+        wrong = [place for place, item in enumerate(self.table) if not is_valid(item)]
+        if not wrong:
+            return
         for at, places in ((self.at, self.rotation), (self._packed.arcs, self.via_rotation)):
-            yield from at[np.isin(places, wrong)][:1].tolist() if wrong else ()
+            yield from at[np.isin(places, wrong)][:1].tolist()
 
 
 class Moves(Sequence[Any]):
-    """The motions of a body."""
+    """The motions of a body as a sequence of objects."""
 
     def __init__(self, columns: Columns) -> None:
         self._columns = columns
@@ -301,8 +340,9 @@ class Moves(Sequence[Any]):
 def splice(
     body: Sequence[Instruction], changed: Mapping[int, Sequence[Instruction]]
 ) -> Sequence[Instruction]:
-    """The body with others in the place of the instructions whose indices are the keys of ``changed``; packed where it
-    was.
+    """The body with the instructions at some indices replaced by others.
+
+    changed: the new instructions by index, any number for each. A packed body stays packed.
     """
     if isinstance(body, Body):
         return _splice_packed(body, changed)
@@ -325,8 +365,9 @@ def _splice_packed(body: Body, changed: Mapping[int, Sequence[Instruction]]) -> 
 def put_at(
     body: Body, places: Sequence[int] | Indices, sizes: Sequence[int] | Indices, new: Body
 ) -> Body:
-    """The body with the instructions of ``new`` in the place of those at ``places``, which rise; ``sizes`` of them for
-    each.
+    """The body with the instructions at sorted `places` replaced by those of `new`.
+
+    sizes: number of instructions of `new` for each place.
     """
     counts = np.ones(len(body), np.intp)
     counts[places] = sizes
@@ -338,6 +379,7 @@ def put_at(
 
 
 def _any_of(numbered: NDArray[np.int8], kinds: Iterable[type]) -> Mask:
+    """Whether each kind, by number, is one of the types `kinds`."""
     mask = np.zeros(len(numbered), np.bool_)
     for kind in kinds:
         mask |= numbered == NUMBER[kind]
@@ -345,7 +387,7 @@ def _any_of(numbered: NDArray[np.int8], kinds: Iterable[type]) -> Mask:
 
 
 def take(items: Sequence[Any], keep: Mask) -> list[Any]:
-    """The items to keep."""
+    """The items whose value in the mask `keep` is true."""
     count = int(np.count_nonzero(keep))
     if count == len(items):
         return list(items)
@@ -355,67 +397,62 @@ def take(items: Sequence[Any], keep: Mask) -> list[Any]:
 
 
 def numbers(items: Sequence[Any], name: str, width: int = 1) -> FloatArray:
-    """An attribute of the items, a number or a tuple of ``width`` numbers, as (N, width)."""
+    """(N, width) an attribute of the items: a number, or a tuple of `width` numbers."""
     values = map(attrgetter(name), items)
     flat = chain.from_iterable(values) if width > 1 else values
     return np.fromiter(flat, np.float64, len(items) * width).reshape(-1, width)
 
 
 def column(items: Sequence[Any], name: str) -> FloatArray:
-    """An attribute of the items, a number each, as (N,)."""
+    """(N,) an attribute of the items that is a number."""
     return numbers(items, name)[:, 0]
 
 
 def distinct(items: Sequence[Any], name: str) -> list[Any]:
-    """The different objects that are an attribute of the items: most of them share rotations and directions."""
+    """The different objects among an attribute of the items, which mostly share them."""
     values = list(map(attrgetter(name), items))
     return list(dict(zip(map(id, values), values, strict=True)).values())
 
 
-# The rules that every program keeps, looked at by column: a body may hold a hundred thousand motions.
+# The rules that every program keeps, checked by column: a body may have a hundred thousand motions.
 
-#: The name by which a body that breaks one is refused.
+#: Name of the checker in the message about a body that breaks a rule.
 RULES = "program"
 _BLENDS = "a motion before an output, a wait or a force change must not blend"
 
 
 def check(columns: Columns, paths: int = 0) -> None:
-    """Raises Refused for the first instruction of a body that breaks a rule of ``Program`` with so many ``paths``."""
+    """Raises Refused for the first instruction of a body that breaks a rule of `Program`.
+
+    paths: number of paths of the program.
+    """
     at, speed, blend = columns.at, columns.speed, columns.blend
     waits = np.flatnonzero(columns.are(Wait))
+    first_move, is_joint = at[:1], columns.moves_are(MoveJ)[:1]
+    wrong_speed = ~(speed > 0) | (blend < 0)
+    wrong_share = ~((columns.share >= 0) & (columns.share <= 1))
+    wrong_rate = ~((columns.rate >= 0) & np.isfinite(columns.rate))
+    wrong_path = (columns.path < -1) | (columns.path >= paths)
+    no_turn = columns.turned & ~(columns.turn > 0)
+    wrong_turn = ~(columns.turn >= 0)
+    wrong_wait = column(columns.of(Wait), "seconds") < 0
     broken = [
-        *_first(
-            at[:1][~columns.moves_are(MoveJ)[:1]], "the first motion must be joint-interpolated"
-        ),
-        *_not_finite(columns),
-        *_first(
-            at[~(speed > 0) | (blend < 0)], "a speed must be positive and a blend not negative"
-        ),
-        *_first(
-            at[~((columns.share >= 0) & (columns.share <= 1))],
-            "a share of the joints' speeds must be from 0 to 1",
-        ),
-        *_first(
-            at[~((columns.rate >= 0) & np.isfinite(columns.rate))],
-            "a speed of a joint must not be negative",
-        ),
-        *_first(
-            at[(columns.path < -1) | (columns.path >= paths)],
-            "a motion belongs to a path that there is none of",
-        ),
-        *_first(
-            at[columns.turned & ~(columns.turn > 0)],
-            "a motion that only turns the tool has no speed of turning",
-        ),
-        *_first(at[~(columns.turn >= 0)], "a speed of turning must not be negative"),
-        *_first(waits[column(columns.of(Wait), "seconds") < 0], "a wait must not be negative"),
-        *_blending(columns),
-        *_pressing(columns),
-        *_left_on(columns),
-        *_changing(columns),
+        *_first(first_move[~is_joint], "the first motion must be joint-interpolated"),
+        *_find_not_finite(columns),
+        *_first(at[wrong_speed], "a speed must be positive and a blend not negative"),
+        *_first(at[wrong_share], "a share of the joints' speeds must be from 0 to 1"),
+        *_first(at[wrong_rate], "a speed of a joint must not be negative"),
+        *_first(at[wrong_path], "a motion belongs to a path that there is none of"),
+        *_first(at[no_turn], "a motion that only turns the tool has no speed of turning"),
+        *_first(at[wrong_turn], "a speed of turning must not be negative"),
+        *_first(waits[wrong_wait], "a wait must not be negative"),
+        *_find_blending(columns),
+        *_find_pressing(columns),
+        *_find_left_on(columns),
+        *_find_changing(columns),
     ]
     if broken:
-        index, what = min(broken, key=lambda one: one[0])
+        index, what = min(broken, key=lambda fault: fault[0])
         raise Refused(RULES, index, what)
 
 
@@ -426,32 +463,34 @@ def check_frame(frame: Pose) -> None:
 
 
 def _first(indices: Indices, what: str) -> Iterator[tuple[int, str]]:
+    """Yield the first of `indices` with the message, if there is one."""
     for index in indices[:1].tolist():
         yield index, what
 
 
-def _not_finite(columns: Columns) -> Iterator[tuple[int, str]]:
-    """Instructions with a number that is not finite, the first of each kind."""
-    for where, values in (
-        (None, columns.speed),
-        (None, columns.blend),
-        (None, columns.force),
-        (None, columns.force_direction),
-        (None, columns.turn),
-        (columns.posed, columns.ends),
+def _find_not_finite(columns: Columns) -> Iterator[tuple[int, str]]:
+    """Yield instructions with a number that is not finite, the first of each kind of number."""
+    message = "a number is not finite"
+    for values in (
+        columns.speed,
+        columns.blend,
+        columns.force,
+        columns.force_direction,
+        columns.turn,
     ):
-        good = _finite(values)
-        yield from _first(
-            columns.at[~good if where is None else ~good & where], "a number is not finite"
-        )
-    yield from _first(columns.at[columns.arcs[~_finite(columns.via)]], "a number is not finite")
-    for index in columns.find_rotations(_sound):
-        yield index, "a number is not finite"
+        yield from _first(columns.at[~_are_finite(values)], message)
+    yield from _first(columns.at[columns.posed & ~_are_finite(columns.ends)], message)
+    yield from _first(columns.at[columns.arcs[~_are_finite(columns.via)]], message)
+    for index in columns.find_rotations(_is_finite):
+        yield index, message
     places, special = columns.special
-    told = [one.joints is None or _sound(one.joints.values) for one in special]
-    aimed = [not isinstance(one.target, Joints) or _sound(one.target.values) for one in special]
-    for sound in (told, aimed):
-        yield from _first(columns.at[places[~np.array(sound, np.bool_)]], "a number is not finite")
+    wrong_joints, wrong_targets = np.zeros((2, len(special)), np.bool_)
+    for row, move in enumerate(special):
+        wrong_joints[row] = move.joints is not None and not _is_finite(move.joints.values)
+        is_joint_target = isinstance(move.target, Joints)
+        wrong_targets[row] = is_joint_target and not _is_finite(move.target.values)
+    yield from _first(columns.at[places[wrong_joints]], message)
+    yield from _first(columns.at[places[wrong_targets]], message)
     for kind, name in (
         (Output, "value"),
         (Wait, "seconds"),
@@ -459,20 +498,21 @@ def _not_finite(columns: Columns) -> Iterator[tuple[int, str]]:
         (Force, "force_direction"),
     ):
         different = columns.outputs if kind is Output else columns.of(kind)
-        if not all(map(_sound, distinct(different, name))):
-            bad = [not _sound(getattr(item, name)) for item in columns.of(kind)]
-            yield from _first(np.flatnonzero(columns.are(kind))[bad], "a number is not finite")
+        if not all(map(_is_finite, distinct(different, name))):
+            wrong = [not _is_finite(getattr(item, name)) for item in columns.of(kind)]
+            yield from _first(np.flatnonzero(columns.are(kind))[wrong], message)
 
 
-def _finite(values: FloatArray) -> Mask:
-    """(N,): in which rows all numbers are finite."""
+def _are_finite(values: FloatArray) -> Mask:
+    """(N,) whether all numbers of a row of `values` (N, ...) are finite."""
     finite = np.isfinite(values)
     if finite.all():
         return np.ones(len(values), np.bool_)
     return np.asarray(finite.all(axis=1)) if finite.ndim == 2 else finite
 
 
-def _sound(value: float | Sequence[float] | FloatArray) -> bool:
+def _is_finite(value: float | Sequence[float] | FloatArray) -> bool:
+    """Whether a number, or all numbers of a tuple or array, are finite."""
     if isinstance(value, float):
         return math.isfinite(value)
     if isinstance(value, tuple):
@@ -480,38 +520,39 @@ def _sound(value: float | Sequence[float] | FloatArray) -> bool:
     return bool(np.isfinite(value).all())
 
 
-def _blending(columns: Columns) -> Iterator[tuple[int, str]]:
-    """Motions that blend although no motion follows."""
-    moving = columns.are(MoveJ, MoveL, MoveC)[~columns.are(Comment)]
-    goes_on = np.append(moving[1:], False)[moving]
-    last = np.append(np.zeros(max(len(moving) - 1, 0), np.bool_), True)[: len(moving)][moving]
-    stops = (columns.blend > 0) & ~goes_on
-    yield from _first(columns.at[stops & ~last], _BLENDS)
-    yield from _first(columns.at[stops & last], "the last motion must not blend")
+def _find_blending(columns: Columns) -> Iterator[tuple[int, str]]:
+    """Yield motions that blend although the next instruction is not a motion."""
+    is_motion = columns.are(MoveJ, MoveL, MoveC)[~columns.are(Comment)]
+    is_followed = np.append(is_motion[1:], False)[is_motion]
+    is_last = np.zeros(len(is_motion), np.bool_)
+    is_last[-1:] = True
+    is_last = is_last[is_motion]
+    wrong = (columns.blend > 0) & ~is_followed
+    yield from _first(columns.at[wrong & ~is_last], _BLENDS)
+    yield from _first(columns.at[wrong & is_last], "the last motion must not blend")
 
 
-def _pressing(columns: Columns) -> Iterator[tuple[int, str]]:
-    """Motions that press while force control is off."""
+def _find_pressing(columns: Columns) -> Iterator[tuple[int, str]]:
+    """Yield the first motion that presses while force control is off."""
     if not (columns.force > 0).any():
         return
     switches: list[Any] = columns.of(Force)
     newtons = np.append(0.0, column(switches, "newtons"))
     on = newtons[np.searchsorted(np.flatnonzero(columns.are(Force)), columns.at)] > 0
-    yield from _first(
-        columns.at[(columns.force > 0) & ~on], "a motion presses while force control is off"
-    )
+    is_wrong = (columns.force > 0) & ~on
+    yield from _first(columns.at[is_wrong], "a motion presses while force control is off")
 
 
-def _left_on(columns: Columns) -> Iterator[tuple[int, str]]:
-    """Outputs, and force control, of which a program does not know at its first motion or at its end that they are off:
-    one that was aborted is run again from its first line.
+def _find_left_on(columns: Columns) -> Iterator[tuple[int, str]]:
+    """Yield outputs, and force control, that may be on at the first motion or at the end.
+
+    A program that was aborted is started again from its first line, with outputs still on.
     """
     at = np.flatnonzero(columns.are(Output, Force))
     switches = columns.of(Output, Force)
     first = int(columns.at[0]) if len(columns.at) else len(columns.body)
-    before, after = (
-        _last_values(some) for some in (switches[: int(np.searchsorted(at, first))], switches)
-    )
+    before = _last_values(switches[: int(np.searchsorted(at, first))])
+    after = _last_values(switches)
     names = {signal: "force control" if signal is None else f"output {signal}" for signal in after}
     if len(columns.at):
         for signal, name in names.items():
@@ -523,25 +564,33 @@ def _left_on(columns: Columns) -> Iterator[tuple[int, str]]:
 
 
 def _last_values(switches: Sequence[Output | Force]) -> dict[str | None, float]:
-    """What each signal, None: the force, is set to last. Each object is looked at once: it stands in many places."""
+    """The last value of each signal, and of the force under the key None.
+
+    Each object is read once: it may be in a body many times.
+    """
     keys = list(map(id, switches))
     last = dict(zip(keys, range(len(keys)), strict=True))
     values: dict[str | None, tuple[int, float]] = {}
     for key, item in dict(zip(keys, switches, strict=True)).items():
-        name, value = (
-            (item.signal, item.value) if isinstance(item, Output) else (None, item.newtons)
-        )
+        if isinstance(item, Output):
+            name, value = item.signal, item.value
+        else:
+            name, value = None, item.newtons
         values[name] = max(values.get(name, (-1, 0.0)), (last[key], value))
     return {name: value for name, (_, value) in values.items()}
 
 
-def _changing(columns: Columns) -> Iterator[tuple[int, str]]:
-    """Tool changes with something on, and motions after one that are not joint-interpolated."""
+def _find_changing(columns: Columns) -> Iterator[tuple[int, str]]:
+    """Yield tool changes with an output or force control on, and wrong motions after one.
+
+    The first motion after a tool change must be joint-interpolated.
+    """
     on = set[str]()
     changed = False
     for index in np.flatnonzero(columns.are(ToolChange)).tolist():
         changed = True
-        if index + 1 < len(columns.body) and not isinstance(_moved(columns, index), MoveJ):
+        next_motion = _find_next_motion(columns, index)
+        if index + 1 < len(columns.body) and not isinstance(next_motion, MoveJ):
             yield index, "the first motion after a tool change must be joint-interpolated"
     if not changed:
         return
@@ -551,17 +600,21 @@ def _changing(columns: Columns) -> Iterator[tuple[int, str]]:
             if on:
                 yield index, f"{min(on)} is on at a tool change"
             continue
-        name, value = _switched(item)
-        (on.add if value else on.discard)(name)
+        name, value = _name_switch(item)
+        if value:
+            on.add(name)
+        else:
+            on.discard(name)
 
 
-def _moved(columns: Columns, index: int) -> Motion | None:
-    """The first motion after the instruction at ``index``."""
+def _find_next_motion(columns: Columns, index: int) -> Motion | None:
+    """The first motion after the instruction at `index`, or None."""
     after = int(np.searchsorted(columns.at, index))
     return columns.moves[after] if after < len(columns.moves) else None
 
 
-def _switched(item: Instruction) -> tuple[str, float]:
+def _name_switch(item: Instruction) -> tuple[str, float]:
+    """Name and value of an output or force change, the name as in messages."""
     if isinstance(item, Output):
         return f"output {item.signal}", item.value
     assert isinstance(item, Force)
@@ -569,30 +622,44 @@ def _switched(item: Instruction) -> tuple[str, float]:
 
 
 def put_off_first(body: Sequence[Instruction]) -> Sequence[Instruction]:
-    """The body after instructions that switch off every output and the force control that it uses, but for outputs that
-    it switches off itself before it moves: where it is run again after an abort, nothing moves with the tool on.
+    """The body with instructions before it that switch off its outputs and its force control.
+
+    An output that the body itself switches off before its first motion is not repeated. So nothing
+    moves with the tool on if the program is started again after an abort.
     """
     columns = Columns(body)
     first = int(columns.at[0]) if len(columns.at) else len(body)
-    # As the last instruction before the first motion has it.
+    # Values at the first motion.
     before = {item.signal: item.value for item in body[:first] if isinstance(item, Output)}
     names = {item.signal: None for item in columns.outputs if before.get(item.signal, 1.0) != 0}
     force = [Force(0.0)] if columns.are(Force).any() else []
-    off: list[Instruction] = [*(Output(name, 0.0) for name in names), *force]
-    return join(pack(off), body) if isinstance(body, Body) else (*off, *body)
+    switch_off: list[Instruction] = [*(Output(name, 0.0) for name in names), *force]
+    if isinstance(body, Body):
+        return join(pack(switch_off), body)
+    return (*switch_off, *body)
 
 
-# The typed program between planning and posts: few instructions, checked once.
+# The program between planning and posts: a few kinds of instructions, checked once.
 
 
 class Program(Struct, frozen=True, eq=False, dict=True):
     """A whole program in one work frame.
 
-    base_from_work and flange_from_tool: the frames that the poses are in. header: remarks for its top, in order. paths:
-    what the motions are there for, see ``path_of``. Construction raises Refused unless the first motion is
-    joint-interpolated, every number is finite, every speed positive, every path known, no motion before an output, a
-    wait, a force change or the end blends, and every output and the force control that it uses are switched off before
-    the first motion and left off at the end.
+    name: name of the program.
+    base_from_work, flange_from_tool: frames in which the poses are given.
+    body: the instructions.
+    header: comments at its top, in order.
+    paths: the paths to which motions belong, see `path_of`.
+
+    Construction raises Refused unless these rules hold:
+
+    - The first motion is joint-interpolated, and so is the first one after a tool change.
+    - Every number is finite, every speed is positive, no blend, wait or share is negative.
+    - Every path of a motion exists.
+    - Only a motion that is followed by another one, comments aside, blends.
+    - A motion presses only while force control is on.
+    - Every output and the force control that it uses are switched off before the first motion, at
+      a tool change and at the end.
     """
 
     name: str
@@ -613,20 +680,21 @@ class Program(Struct, frozen=True, eq=False, dict=True):
         return Columns(self.body)
 
     def path_of(self, index: int) -> Origin | None:
-        """What the motion at ``index`` of the body is there for, or the one before it where that is none."""
+        """The path to which the motion at `index`, or the last one before it, belongs; or None."""
         motion = int(np.searchsorted(self.columns.at, index, side="right")) - 1
         path = int(self.columns.path[motion]) if motion >= 0 else -1
         return self.paths[path] if path >= 0 else None
 
     def path_at(self, index: int) -> int:
-        """The path that the motion at ``index`` of the body belongs to; for the way home that of the last before it;
-        -1: none.
+        """Index of the last path up to the instruction at `index` of the body, -1 for none.
+
+        A motion on no path, such as the motion home, counts for the path before it.
         """
         before = self.columns.path[: int(np.searchsorted(self.columns.at, index, side="right"))]
         return int(before[before >= 0][-1]) if (before >= 0).any() else -1
 
     def place_of(self, index: int) -> str:
-        """Where the motion at ``index`` of the body is, in words."""
+        """Position in the program of the instruction at `index`, in words, for messages."""
         origin = self.path_of(index)
         if origin is not None:
             return f"{'edge' if origin.operation == 'edges' else 'path'} {origin.id}"
@@ -634,16 +702,15 @@ class Program(Struct, frozen=True, eq=False, dict=True):
         return "the way home" if begun.any() else "the way to the first path"
 
     def with_body(self, body: Sequence[Instruction]) -> Program:
-        """The same program with another body."""
+        """A copy with another body."""
         return replace(self, body=body)
 
     def with_blends(self, blends: Mapping[int, float]) -> Program:
-        """The same program with other blends, mm, by motion."""
+        """A copy with other blends, mm, by the number of the motion."""
         columns = self.columns
-        changed = {
-            int(columns.at[k]): [replace(columns.moves[k], blend=blend)]
-            for k, blend in blends.items()
-        }
+        changed: dict[int, Sequence[Instruction]] = {}
+        for motion, blend in blends.items():
+            changed[int(columns.at[motion])] = [replace(columns.moves[motion], blend=blend)]
         return self.with_body(splice(self.body, changed))
 
     def __repr__(self) -> str:
@@ -652,7 +719,7 @@ class Program(Struct, frozen=True, eq=False, dict=True):
 
 
 def motions(body: Sequence[Instruction]) -> Iterator[tuple[int, Motion]]:
-    """The motions of a body with their index in it."""
+    """Yield the motions of a body, each with its index in the body."""
     for index, item in enumerate(body):
         if isinstance(item, (MoveL, MoveC, MoveJ)):
             yield index, item

@@ -1,21 +1,22 @@
-"""Numbers and names as text: the one float formatter, numbers with their nouns, the cleaner for text from a file."""
+"""Formats numbers and names as text: floats, numbers with their nouns, and text from files."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
 
-#: What may stand in a comment of any dialect: no bracket, quote, semicolon, percent sign, comma (LinuxCNC's active
-#: comments are ``(MSG,..)``), nor GRBL's real-time characters ``! ~ ?``.
+#: Characters that a comment cannot have in every dialect: brackets, quotes, semicolons, percent
+#: signs, commas (LinuxCNC runs comments such as `(MSG,..)`) and the real-time characters ! ~ ? of
+#: GRBL.
 _UNSAFE = re.compile(r"[^A-Za-z0-9 _.+\-=/:#@*]")
 
-#: Three times as fast as a format whose digits are worked out again for every number.
+#: Formats by decimals. They are three times as fast as a format with a variable number of digits.
 _FORMS = tuple(f"%.{decimals}f" for decimals in range(18))
-_THREE = tuple(",".join([form] * 3) for form in _FORMS)
+_TRIPLE_FORMS = tuple(",".join([form] * 3) for form in _FORMS)
 
 
 def fixed(value: float, decimals: int) -> str:
-    """``value`` with exactly ``decimals`` digits, never ``-0``, never an exponent.
+    """`value` with exactly `decimals` digits, never -0, never an exponent.
 
     >>> fixed(-0.0004, 3), fixed(12.5, 3)
     ('0.000', '12.500')
@@ -27,19 +28,19 @@ def fixed(value: float, decimals: int) -> str:
 
 
 def fixed_each(values: tuple[float, float, float], decimals: int) -> str:
-    """Three numbers as ``fixed`` prints them, with commas between them: twice as fast as one by one.
+    """Three numbers as by `fixed`, joined by commas: twice as fast as one by one.
 
     >>> fixed_each((-0.0004, 12.5, -3.0), 3)
     '0.000,12.500,-3.000'
     """
-    text = _THREE[decimals] % values
+    text = _TRIPLE_FORMS[decimals] % values
     if "-0" in text:
         return ",".join(fixed(value, decimals) for value in values)
     return text
 
 
 def short(value: float, decimals: int) -> str:
-    """``value`` rounded to ``decimals`` digits without trailing zeros, never ``-0``.
+    """`value` rounded to `decimals` digits without trailing zeros, never -0.
 
     >>> short(12.50, 3), short(-0.0001, 3), short(100.0, 0)
     ('12.5', '0', '100')
@@ -51,7 +52,7 @@ def short(value: float, decimals: int) -> str:
 
 
 def harmless(text: str, limit: int = 72) -> str:
-    """``text`` as ASCII that can neither end a comment nor start an instruction in any dialect.
+    """`text` as ASCII that can neither end a comment nor start an instruction in any dialect.
 
     >>> harmless("holes) M3 (x")
     'holes_ M3 _x'
@@ -60,7 +61,7 @@ def harmless(text: str, limit: int = 72) -> str:
 
 
 def escape(text: str) -> str:
-    """Any text as that of an XML element. What the library has for it loads all that the web needs.
+    """`text` for an XML element. The function of the standard library loads all web modules.
 
     >>> escape("a < b & c")
     'a &lt; b &amp; c'
@@ -68,13 +69,14 @@ def escape(text: str) -> str:
     return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
 
 
-def counted(number: int, one: str, many: str = "") -> str:
-    """A number and its noun; what else depends on the number, such as the verb, goes with the noun.
+def counted(number: int, singular: str, plural: str = "") -> str:
+    """A number and its noun. Other words that depend on the number, such as a verb, are part of it.
 
     >>> counted(1, "hole"), counted(1200, "hole"), counted(2, "edge is", "edges are")
     ('1 hole', '1 200 holes', '2 edges are')
     """
-    return f"{grouped(number)} {one if number == 1 else many or one + 's'}"
+    noun = singular if number == 1 else plural or singular + "s"
+    return f"{grouped(number)} {noun}"
 
 
 def grouped(number: int) -> str:
@@ -86,17 +88,19 @@ def grouped(number: int) -> str:
     return f"{number:,}".replace(",", " ")
 
 
-#: Names of which none is near are listed, so many at most.
+#: Names that are listed if none is similar, at most.
 _LISTED = 12
 
 
 def suggest(word: str, names: Iterable[str]) -> str:
-    """What may have been meant by ``word``, as a remedy: the nearest of ``names``, or all of them where none is near.
+    """A remedy for the unknown name `word`: the nearest of `names`, or the first 12 of them.
+
+    "" without names.
 
     >>> suggest("HOLE", ["Outline", "Holes"]), suggest("kuka", ["gcode", "rapid"])
     ('nearest is Holes', 'one of gcode, rapid')
     """
-    import difflib  # noqa: PLC0415 (2 ms, only for what is wrong)
+    import difflib  # noqa: PLC0415 (2 ms, only for an unknown name)
 
     folded: dict[str, str] = {}
     for name in names:
@@ -109,7 +113,7 @@ def suggest(word: str, names: Iterable[str]) -> str:
 
 
 def name_first(ids: Sequence[str]) -> str:
-    """The first eight of ``ids``.
+    """The first eight of `ids`, joined by commas.
 
     >>> name_first(["c1", "c2"])
     'c1, c2'
@@ -118,7 +122,10 @@ def name_first(ids: Sequence[str]) -> str:
 
 
 def name_ranges(ids: list[str]) -> list[str]:
-    """``c1, c2, c3, c7`` as ``c1-c3, c7``; ids of another form stay as they are."""
+    """`ids` with ranges in place of consecutive ones: c1, c2, c3, c7 becomes c1-c3, c7.
+
+    Ids of another form stay as they are.
+    """
     runs: list[list[str]] = []
     for name in ids:
         follows = runs and name[1:].isdigit() and runs[-1][-1] == f"c{int(name[1:]) - 1}"
@@ -130,12 +137,12 @@ def name_ranges(ids: list[str]) -> list[str]:
 
 
 def duration(seconds: float) -> str:
-    """A duration for people."""
+    """A duration as text, with the precision that a user needs: s, min and s, or h and min."""
     if seconds < 10:
         return f"{seconds:.1f} s"
-    whole = round(seconds)
-    minutes, rest = divmod(whole, 60)
-    hours, left = divmod(minutes, 60)
+    whole_seconds = round(seconds)
+    whole_minutes, second = divmod(whole_seconds, 60)
+    hours, minute = divmod(whole_minutes, 60)
     if hours:
-        return f"{hours} h {left:02d} min"
-    return f"{minutes} min {rest:02d} s" if minutes else f"{whole} s"
+        return f"{hours} h {minute:02d} min"
+    return f"{whole_minutes} min {second:02d} s" if whole_minutes else f"{whole_seconds} s"

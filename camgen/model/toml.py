@@ -8,7 +8,7 @@ from datetime import date, time
 
 
 def toml(value: object) -> str:
-    """``value`` as TOML: texts, numbers, lists and inline tables."""
+    """`value` as TOML: texts, numbers, lists and inline tables."""
     if isinstance(value, dict):
         return (
             "{ " + ", ".join(f"{toml(str(k))} = {toml(v)}" for k, v in value.items()) + " }"
@@ -21,5 +21,5 @@ def toml(value: object) -> str:
         return value.isoformat()
     if isinstance(value, float) and not math.isfinite(value):
         return str(value)
-    # Of the control characters JSON leaves DEL as it is, TOML does not.
+    # TOML escapes the control character DEL, JSON does not.
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from camgen.geometry.offset import _MISS, _move_sideways, _pieces, _plain_corners
+from camgen.geometry.offset import _MISS, _cut_candidates, _move_sideways, _plain_corners
 from camgen.geometry.segments import make
 
 QUARTER = math.tan(math.pi / 8)
@@ -73,7 +73,7 @@ def test_pieces_end_where_lines_cross_but_not_next_to_an_end() -> None:
     end = np.vstack([[10.0, 0.0], np.column_stack([x, np.full(3, 1.0)])])
     owner = np.arange(4, dtype=np.int64)
     candidates = make(start, end, np.zeros(4), owner)
-    row, low, high = _pieces(candidates, np.zeros(4, dtype=np.int64))
+    row, low, high = _cut_candidates(candidates, np.zeros(4, dtype=np.int64))
     first = row == 0
     assert low[first] == pytest.approx([0.0, 0.5], abs=0.0)
     assert high[first] == pytest.approx([0.5, 1.0], abs=0.0)
