@@ -29,7 +29,7 @@ from camgen.lang.pacscript.words import RESERVED
 VERB = re.compile(r"([a-z_]\w*[!#%$]?)\s*(.*)", re.IGNORECASE | re.DOTALL)
 _NAME = re.compile(r"([a-z_]\w*[!#%$]?(?:\s*\.\s*[a-z_]\w*)*)\s*(.*)", re.IGNORECASE | re.DOTALL)
 _EQUALS = re.compile(r'"[^"]*"|[()\[\]]|[<>=]=|=[<>]|<>|=')
-_TAKE = re.compile(r"(?:(.+?)\s*)??(?:,?\s*keep\s*=\s*(.+))?", re.IGNORECASE | re.DOTALL)
+TAKE = re.compile(r"(?:(.+?)\s*)??(?:,?\s*keep\s*=\s*(.+))?", re.IGNORECASE | re.DOTALL)
 _DEFIO = re.compile(r"([a-z_]\w*[!#%$]?)\s*=\s*(\w+)\s*,\s*(.*)", re.IGNORECASE | re.DOTALL)
 _DECLARED = re.compile(
     r"([a-z_]\w*[!#%$]?)\s*(\(.*?\)|\[.*?\])?\s*(?:as\s+(\w+))?\s*(?:=\s*(.+))?",
@@ -149,7 +149,7 @@ def _read_drive(_word: str, rest: str) -> Axes:
 
 
 def _read_take(_word: str, rest: str) -> list[Node | None]:
-    match = _TAKE.fullmatch(rest)
+    match = TAKE.fullmatch(rest)
     parts = match.groups() if match else (None, None)
     return [parse(part) if part else None for part in parts]
 
