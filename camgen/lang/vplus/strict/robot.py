@@ -115,7 +115,7 @@ class RobotState(Arm):
         #: Whether the program has set a global variable.
         self._shares = False
 
-    def report(self, line: int, what: str) -> None:
+    def fault(self, line: int, what: str) -> None:
         """Adds a refusal of a line."""
         self.log.find("refused", what, line=line)
 
@@ -257,7 +257,7 @@ class RobotState(Arm):
             self._once = None
             raise Unreadable("a straight motion to joint values is not evaluated")
         if (self._once or self._always)[1] != "%" and not straight:
-            self.report(statement.line, "a joint motion wants its SPEED in percent")
+            self.fault(statement.line, "a joint motion wants its SPEED in percent")
         if isinstance(target, Joints):
             self._count_axes(statement.line, target)
         self.travel(statement.line, target, straight, ROUNDED if self._path else 0.0)
@@ -268,7 +268,7 @@ class RobotState(Arm):
         posed: whether its target is a pose.
         """
         if self._detached:
-            self.report(line, "a motion after DETACH: the robot is not attached to this program")
+            self.fault(line, "a motion after DETACH: the robot is not attached to this program")
             self._detached = False  # one finding is enough
         self._check_speed(line, straight)
         self._check_posture(line, straight, posed)
@@ -316,7 +316,7 @@ class RobotState(Arm):
         """Checks that a precision point has as many joints as those before."""
         count = len(point.values)
         if self.axes and count != self.axes:
-            self.report(line, f"a precision point of {count} axes, others have {self.axes}")
+            self.fault(line, f"a precision point of {count} axes, others have {self.axes}")
         self.axes = self.axes or count
 
     def brake(self, statement: Statement) -> None:
@@ -452,7 +452,7 @@ class RobotState(Arm):
     def delay(self, statement: Statement) -> None:
         """Runs `DELAY` as a dwell, and refuses it."""
         what = "DELAY is uncertain: it delays the next motion; WAIT.EVENT , s is a dwell"
-        self.report(statement.line, what)
+        self.fault(statement.line, what)
         self._pause(statement, words.dwell)
 
     def _pause(self, statement: Statement, parse: Callable[[Expression], float]) -> None:
@@ -464,7 +464,7 @@ class RobotState(Arm):
         """Checks that the robot stands still and is attached."""
         line = statement.line
         if self._moving:
-            self.report(line, f"{what} while the robot may still move: BREAK is missing before it")
+            self.fault(line, f"{what} while the robot may still move: BREAK is missing before it")
         if self._detached:
             self.remark(line, f"{what} after DETACH: the robot may be another program's by then")
 
