@@ -41,7 +41,8 @@ from camgen.model.pose import (
 )
 from camgen.model.program import Joints, MoveC
 
-_MARKS = {"0": 0.0, "E": 0.0, "P": PASS_MM, "C": PASS_MM}
+#: Blends by pass mark, mm. The controller chooses how near `@P` and `@C` pass their target.
+MARKS = {"0": 0.0, "E": 0.0, "P": PASS_MM, "C": PASS_MM}
 #: Marks whose exact meaning is the controller's, with their meaning here.
 _MEANINGS = {
     **dict.fromkeys(("P", "C"), f"blends as near as the controller likes: {PASS_MM:g} mm is shown"),
@@ -64,10 +65,10 @@ def blend_of(run: State, mark: str | Node) -> float:
             return 0.0
         said = number(value)
         return PASS_MM if said < 0 else said
-    if mark in _MARKS:
+    if mark in MARKS:
         if mark in _MEANINGS:
             run.machine.log.fact("pass marks", f"@{mark} {_MEANINGS[mark]}")
-        return _MARKS[mark]
+        return MARKS[mark]
     return float(mark)
 
 

@@ -12,7 +12,8 @@ from camgen.lang.pacscript.values import Rate, Speed, Value, Wrong, number
 from camgen.lang.values import Unknown
 from camgen.model.pose import Pose
 
-_LONGEST_DELAY = 2**31 - 1
+#: Longest delay, ms, and highest number of a tool or work frame (RC8 manual 1943).
+LONGEST_DELAY, LAST_FRAME = 2**31 - 1, 63
 
 Nodes = Sequence[Node]
 
@@ -104,7 +105,7 @@ def change(run: State, parts: Nodes, kind: str) -> None:
         run.machine.log.assume(f"{value.what}, a {kind} number, is taken for the one in force")
         return
     at = int(number(value))
-    if not 0 <= at <= 63:
+    if not 0 <= at <= LAST_FRAME:
         run.machine.log.find("refused", f"{kind} {at}: there are 0 to 63")
         return
     run.machine.change_frame(kind, at)
@@ -130,7 +131,7 @@ def delay(run: State, parts: Nodes) -> None:
         run.machine.log.assume(f"{value.what}, a delay, is taken for 0", value.key)
         return
     said = number(value)
-    if not 0 <= said <= _LONGEST_DELAY:
+    if not 0 <= said <= LONGEST_DELAY:
         raise Wrong(f"a delay of {said:g} ms")
     run.machine.wait(said / 1000)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -10,6 +11,7 @@ from typing import Any, NamedTuple
 
 from camgen.lang.columns import Run
 from camgen.lang.pacscript.expressions import Node, arguments, parse
+from camgen.lang.pacscript.functions import COMPARISONS
 from camgen.lang.pacscript.lines import (
     CLOSING,
     DEFINE,
@@ -389,23 +391,18 @@ def _constant(node: Node) -> float:
             if node.kind == "not"
             else float(node.said) * value
         )
-    if len(node.parts) == 2 and node.kind in _COMPARE:
-        return float(_COMPARE[node.kind](*map(_constant, node.parts)))
+    if len(node.parts) == 2 and node.kind in _OPERATIONS:
+        return float(_OPERATIONS[node.kind](*map(_constant, node.parts)))
     if node.kind == "name":
         return 0.0
     raise Unreadable(f"{node.kind} is not evaluated")
 
 
-_COMPARE: dict[str, Callable[[float, float], float]] = {
-    "=": lambda a, b: a == b,
-    "<>": lambda a, b: a != b,
-    "<": lambda a, b: a < b,
-    ">": lambda a, b: a > b,
-    "<=": lambda a, b: a <= b,
-    ">=": lambda a, b: a >= b,
+_OPERATIONS: dict[str, Callable[[Any, Any], float]] = {
+    **COMPARISONS,
     "and": lambda a, b: bool(a and b),
     "or": lambda a, b: bool(a or b),
-    "+": lambda a, b: a + b,
-    "-": lambda a, b: a - b,
-    "*": lambda a, b: a * b,
+    "+": operator.add,
+    "-": operator.sub,
+    "*": operator.mul,
 }

@@ -13,7 +13,8 @@ from camgen.lang.run import Budget
 from camgen.lang.values import Unknown
 from camgen.model.pose import Pose
 
-_LAST_SIGNAL = 24063
+#: Highest number of an IO (RC8 manual 5512).
+LAST_SIGNAL = 24063
 
 
 class State(ABC):
@@ -118,8 +119,8 @@ class State(ABC):
 
     def set_signal(self, at: int, value: Value) -> None:
         """Set an output."""
-        if at > _LAST_SIGNAL:
-            raise Wrong(f"IO[{at}]: the highest is IO[{_LAST_SIGNAL}]")
+        if at > LAST_SIGNAL:
+            raise Wrong(f"IO[{at}]: the highest is IO[{LAST_SIGNAL}]")
         self.machine.outputs[str(at)] = value
         self._switch(str(at), value)
 

@@ -64,11 +64,11 @@ def read_loop_condition(rest: str) -> Condition | None:
 
 def make_condition(node: Node, wanted: bool = True) -> Condition:
     """The condition of a branch or a loop. wanted: value with which a loop goes on."""
-    is_constant = node.kind == "number" or (node.kind == "name" and node.said in _CONSTANTS)
+    is_constant = node.kind == "number" or (node.kind == "name" and node.said in CONSTANTS)
     return Condition(node, wanted, is_constant, is_unlikely=node.kind in ("<>", "not"))
 
 
-_CONSTANTS = ("true", "on", "false", "off")
+CONSTANTS = frozenset(("true", "on", "false", "off"))
 
 
 def read_case(text: str) -> tuple[str, Node, Node | None]:

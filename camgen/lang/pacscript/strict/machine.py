@@ -8,7 +8,8 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from camgen.lang.pacscript.machine import PASS_MM, RATED, RATED_TURN, Machine
+from camgen.lang.pacscript.machine import RATED, RATED_TURN, Machine
+from camgen.lang.pacscript.motions import MARKS
 from camgen.lang.pacscript.values import Either, Mps, Placed, Speed, Unreadable, Value, name_place
 from camgen.lang.post_options import read_positive, read_signals
 from camgen.lang.programs import Level
@@ -17,8 +18,6 @@ from camgen.model.program import Force, Instruction, Joints, MoveC, MoveJ, MoveL
 
 from .expected import judge_internal, judge_mark, judge_settings, read_expected
 
-#: Blend of a pass mark, mm. The controller chooses how near `@P` and `@C` pass their target.
-_BLENDS = {"0": 0.0, "E": 0.0, "P": PASS_MM, "C": PASS_MM}
 #: Speed of `Mps(1)` by the unit of the controller, mm/s. The first one is used for an open unit.
 _UNITS = {"mm/s": 1.0, "m/s": 1000.0}
 _SIGNALS = {"process": 24}
@@ -112,7 +111,7 @@ class StrictMachine(Machine):
 
     def blend(self, mark: str) -> float:
         """The blend of a new pass mark, mm."""
-        blend = self.blends[mark] = _BLENDS[mark] if mark in _BLENDS else float(mark)
+        blend = self.blends[mark] = MARKS[mark] if mark in MARKS else float(mark)
         if what := judge_mark(self.expected, mark):
             self.remark(what)
         return blend

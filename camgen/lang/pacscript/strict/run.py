@@ -17,6 +17,7 @@ from camgen.lang.pacscript.motion import Motion
 from camgen.lang.pacscript.motions import go
 from camgen.lang.pacscript.run import Run
 from camgen.lang.pacscript.source import Module, Procedure, read_files, stem
+from camgen.lang.pacscript.statements import CONSTANTS
 from camgen.lang.pacscript.values import (
     UNDEFINED,
     Either,
@@ -44,9 +45,8 @@ from .values import TYPES, check_speed, join, require_number, spread
 _CALLS = 20
 _CALL = re.compile(r"(\w+)\s*(?:\((.*)\))?")
 _SHORT = re.compile(r"[pjtvifds]\d{1,9}", re.ASCII)
-#: The parts of expressions, the constants and the functions that are evaluated.
+#: The parts of expressions and the functions that are evaluated.
 _KINDS = frozenset(("number", "left out", "name", "index", "call", "tuple", "sign", *"+-*/"))
-_CONSTANTS = frozenset(("on", "off", "true", "false"))
 _FUNCTIONS = frozenset(("p", "j", "t", "v"))
 
 
@@ -196,7 +196,7 @@ class StrictRun(Run):
         return value
 
     def _check_name(self, name: str) -> None:
-        is_known = name in self.scope.names or name in _CONSTANTS or _SHORT.fullmatch(name)
+        is_known = name in self.scope.names or name in CONSTANTS or _SHORT.fullmatch(name)
         if not is_known:
             raise Unreadable(f"unknown name {name}")
 

@@ -13,7 +13,9 @@ from camgen.lang.pacscript.code import ProcedureCode, make_motions
 from camgen.lang.pacscript.expressions import arguments, parse
 from camgen.lang.pacscript.lines import split_rows, without_comment
 from camgen.lang.pacscript.motion import LINEAR, Motion, read_motion
+from camgen.lang.pacscript.settings import LAST_FRAME, LONGEST_DELAY
 from camgen.lang.pacscript.source import Procedure, Statement
+from camgen.lang.pacscript.state import LAST_SIGNAL
 from camgen.lang.pacscript.statements import TAKE
 from camgen.lang.pacscript.values import Unreadable, index
 from camgen.lang.pacscript.words import name_fault
@@ -27,10 +29,6 @@ from .run import StrictRun
 from .spelling import find_unusual
 from .values import check_speed
 
-#: Largest number of a tool or work frame (manual 1943) and of an IO (manual 5512).
-_LAST_FRAME, _LAST_IO = 63, 24063
-#: Longest delay, ms.
-_LONGEST_DELAY = 2**31 - 1
 _VERB = re.compile(r"([a-z]\w*)\s*(.*)", re.IGNORECASE | re.ASCII | re.DOTALL)
 _ASSIGNMENT = re.compile(r"([a-z]\s*\[[^\]]*\]|([a-z]\w*))\s*=\s*(.+)", re.IGNORECASE | re.ASCII)
 _DECLARATION = re.compile(r"([a-z]\w*)(?:\s+as\s+(\w+))?\s*(?:=\s*(.+))?", re.IGNORECASE | re.ASCII)
@@ -260,8 +258,8 @@ def _define(run: StrictRun, rest: str, *, kind: str) -> None:
 def _read_frame(run: StrictRun, text: str, kind: str, least: int) -> int:
     """The number of a frame. 0 is that of the controller, the flange or the base."""
     chosen = index(run.read_number(text))
-    if not least <= chosen <= _LAST_FRAME:
-        raise Unreadable(f"{kind} {chosen}; there are {least} to {_LAST_FRAME}")
+    if not least <= chosen <= LAST_FRAME:
+        raise Unreadable(f"{kind} {chosen}; there are {least} to {LAST_FRAME}")
     return chosen
 
 
@@ -270,8 +268,8 @@ def _switch(run: StrictRun, rest: str, *, level: float) -> None:
     if match is None:
         raise Unreadable(f"an output of {rest or 'nothing'} is not evaluated")
     io = index(run.read_number(match[1]))
-    if io > _LAST_IO:
-        raise Unreadable(f"IO[{io}]; the highest is IO[{_LAST_IO}]")
+    if io > LAST_SIGNAL:
+        raise Unreadable(f"IO[{io}]; the highest is IO[{LAST_SIGNAL}]")
     run.machine.emit_still(Output(run.machine.signals.get(io, f"IO[{io}]"), level))
 
 
@@ -279,7 +277,7 @@ def _delay(run: StrictRun, rest: str) -> None:
     milliseconds = run.read_number(rest)
     if milliseconds < 0:
         raise Unreadable("a negative delay")
-    if milliseconds > _LONGEST_DELAY:
+    if milliseconds > LONGEST_DELAY:
         raise Unreadable("a delay longer than a controller holds")
     if milliseconds != int(milliseconds):
         what = f"a delay of {milliseconds:g} ms, no whole number; seconds are not meant"

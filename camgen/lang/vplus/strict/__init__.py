@@ -23,6 +23,7 @@ from camgen.lang.post_options import read_positive, read_signals
 from camgen.lang.programs import Executed, Frames
 from camgen.lang.run import Budget, Stopped
 from camgen.lang.values import Unknown
+from camgen.lang.vplus.arm import POSTURES, is_same
 from camgen.lang.vplus.code import FLOW, Translator, compile_routine, read_bounds
 from camgen.lang.vplus.locations import Expression
 from camgen.lang.vplus.names import canonical
@@ -43,7 +44,7 @@ from camgen.model.pose import Pose
 from camgen.model.program import Columns, Instruction, MoveJ, MoveL, splice
 
 from .datafile import read_data
-from .robot import POSTURES, RobotState, Settings, same
+from .robot import RobotState, Settings
 from .scara import check_scara
 
 #: Maximum number of instructions that loops may add to those of the text.
@@ -445,7 +446,7 @@ def _common(given: list[Frame]) -> Frame | None:
         if frame.external != first.external or frame.compound != first.compound:
             return None
         if frame.pose is not pose:
-            if not same(frame.pose, pose):
+            if not is_same(frame.pose, pose):
                 return None
             pose = frame.pose
     return first if first.compound or first.external else None

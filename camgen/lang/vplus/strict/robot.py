@@ -9,15 +9,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from itertools import chain
 from typing import Any, TypeVar
 
-import numpy as np
 from msgspec import Struct
 
 from camgen.lang.log import Log
 from camgen.lang.vplus import words
-from camgen.lang.vplus.arm import PAIRS, ROUNDED, Arm
+from camgen.lang.vplus.arm import PAIRS, ROUNDED, Arm, is_same
 from camgen.lang.vplus.locations import Expression
 from camgen.lang.vplus.names import canonical
 from camgen.lang.vplus.text import (
@@ -35,7 +33,6 @@ from camgen.model.program import Joints, Output, Stop, Wait
 #: Maximum number of texts in the cache of values.
 _KEPT = 4096
 T = TypeVar("T")
-POSTURES = frozenset(chain.from_iterable(PAIRS))
 _PROFILE = re.compile(r"\(\s*(\d{1,9})\s*\)\s*(?=[\d.])")
 #: Postures of the elbow and the wrist, which a SCARA does not have.
 _SIX_AXIS_ONLY = frozenset(PAIRS[1] + PAIRS[2])
@@ -414,7 +411,7 @@ class RobotState(Arm):
         text.finish()
         external = location.frame.external
         tool = None if external else location.in_base()
-        changed = external != self.tool_name or not same(tool, self.tool)
+        changed = external != self.tool_name or not is_same(tool, self.tool)
         self.tool, self.tool_name = tool, external
         if changed and self._last is not None:
             self._at = None
@@ -488,10 +485,3 @@ class RobotState(Arm):
         if not statement.rest:
             what = "without (): what that means is not confirmed"
             self.remark(statement.line, f"{statement.word} {what}")
-
-
-def same(a: Pose | None, b: Pose | None) -> bool:
-    """Whether two poses are equal to the last bit, or both missing."""
-    if a is None or b is None:
-        return a is b
-    return a.origin == b.origin and bool(np.array_equal(a.rotation, b.rotation))
