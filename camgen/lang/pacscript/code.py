@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from itertools import islice
 from typing import Any, NamedTuple
 
 from msgspec import Struct
@@ -28,10 +27,11 @@ from camgen.lang.code import (
 from camgen.lang.columns import Run
 from camgen.lang.pacscript.effects import SILENT
 from camgen.lang.pacscript.expressions import Node, arguments, parse
-from camgen.lang.pacscript.motions import plain as plain_motion
+from camgen.lang.pacscript.lines import Say
+from camgen.lang.pacscript.motions import run_motions
 from camgen.lang.pacscript.orders import Assignment, Calling, declare
-from camgen.lang.pacscript.plain import motions, plain
-from camgen.lang.pacscript.source import Procedure, Say, Statement
+from camgen.lang.pacscript.plain import list_motions
+from camgen.lang.pacscript.source import Procedure, Statement
 from camgen.lang.pacscript.statements import (
     ASSIGN,
     CALL,
@@ -83,16 +83,17 @@ def compile_procedure(procedure: Procedure, say: Say, pac: bool) -> ProcedureCod
 
 
 def _read_statements(statements: Sequence[Statement], compiler: _Compiler) -> None:
-    left = iter(statements)
-    for piece in _MOTIONS.cut("".join(f"{statement.text}\n" for statement in statements)):
-        if isinstance(piece, Run):
-            for item, statement in zip(plain(piece, 0), islice(left, len(piece)), strict=True):
-                compiler.add(
-                    Act(statement.line, do=plain_motion, operand=item, effect=Effect.MOVES)
-                )
+    for line, text in statements:
+        if isinstance(text, Run):
+            compiler.add(make_motions(line, text))
         else:
-            for statement in islice(left, piece.count("\n")):
-                compiler.statement(statement.line, statement.text)
+            compiler.statement(line, text)
+
+
+def make_motions(line: int, run: Run) -> Act:
+    """The step of motions in the usual spelling. Each of them takes a step of the budget."""
+    motions = list_motions(run, line)
+    return Act(line, cost=0, do=run_motions, operand=motions, effect=Effect.MOVES)
 
 
 _OPENS = {
@@ -430,9 +431,3 @@ _FLOW: dict[str, Callable[[_Compiler, str], object]] = {
     "stop": _Compiler.stop,
     "stopend": _Compiler.stop,
 }
-
-
-_MOTIONS = motions(
-    lambda mark: mark.strip()[1:] or "0",
-    lambda speed: parse(speed.partition("=")[2].strip()) if speed else None,
-)

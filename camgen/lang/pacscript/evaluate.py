@@ -95,7 +95,7 @@ def evaluate(run: State, node: Node) -> Value:
     if kind == "call":
         return called(run, str(node.said), node.parts)
     if kind == "tuple":
-        values = tuple(evaluate(run, part) for part in node.parts)
+        values = tuple(run.evaluate(part) for part in node.parts)
         return values[0] if len(values) == 1 else values
     if kind in ("member", "element"):
         return _of_object(run, node)
@@ -109,27 +109,28 @@ def truth(value: Value) -> bool | Unknown:
 
 def _operate(run: State, node: Node) -> Value:
     if node.kind == "sign":
-        value = evaluate(run, node.parts[0])
+        value = run.evaluate(node.parts[0])
         return (
             value
             if node.said == 1.0 and isinstance(value, (float, bool))
-            else negate(value, float(node.said))
+            else negate(run, value, float(node.said))
         )
     if node.kind == "not":
-        value = evaluate(run, node.parts[0])
+        value = run.evaluate(node.parts[0])
         if isinstance(value, Unknown):
             return value
         return not value if isinstance(value, bool) else float(~int(number(value)))
     chain = [node]
     while chain[-1].parts[0].kind in OPERATORS:
         chain.append(chain[-1].parts[0])
-    value = evaluate(run, chain[-1].parts[0])
+    value = run.evaluate(chain[-1].parts[0])
     for one in reversed(chain):
-        value = _combine(one.kind, value, evaluate(run, one.parts[1]))
+        value = run.combine(one.kind, value, run.evaluate(one.parts[1]))
     return value
 
 
-def _combine(sign: str, a: Value, b: Value) -> Value:
+def combine(_run: State, sign: str, a: Value, b: Value) -> Value:
+    """Two values with an operator between them. Raises Unreadable."""
     if sign in ("and", "or"):  # What is known may decide it alone.
         for one, other in ((a, b), (b, a)):
             if (
@@ -141,11 +142,11 @@ def _combine(sign: str, a: Value, b: Value) -> Value:
     return calculate(sign, a, b)
 
 
-def negate(value: Value, sign: float) -> Value:
+def negate(run: State, value: Value, sign: float) -> Value:
     """``value`` times ``sign``."""
     if isinstance(value, (Vector, Joints)):
         return type(value)(tuple(sign * one for one in value.values))  # type: ignore[arg-type]
-    return calculate("*", value, sign)
+    return run.combine("*", value, sign)
 
 
 def name(run: State, said: str) -> Value:
@@ -196,7 +197,7 @@ def stored(run: State, letter: str, at: int) -> Value:
 
 def element_of_letter(run: State, letter: str, parts: tuple[Node, ...]) -> Value:
     """``P[n]``, ``IO[n]``, or an element of an array of the program."""
-    values = [evaluate(run, part) for part in parts]
+    values = [run.evaluate(part) for part in parts]
     if letter in run.scope.names or letter in run.module_scope.names:
         of = name(run, letter)
         if isinstance(of, Array):
@@ -226,16 +227,16 @@ def called(run: State, said: str, parts: tuple[Node, ...]) -> Value:
     if held is None:
         held = run.module_scope.names.get(said)
     if isinstance(held, Array):
-        return element(held, [evaluate(run, part) for part in parts])
+        return element(held, [run.evaluate(part) for part in parts])
     if procedure := run.find_procedure(said):
         return run.call(procedure, parts)
     if held is not None and said not in FUNCTIONS:
         return held if isinstance(held, Unknown) else Unknown(f"an element of {said}")
     if said in _OWN:
-        return _OWN[said](run, [evaluate(run, part) for part in parts])
+        return _OWN[said](run, [run.evaluate(part) for part in parts])
     if said in _PLACES:
         return _tell_place(run, said)
-    values = [evaluate(run, part) for part in parts]
+    values = [run.evaluate(part) for part in parts]
     if said in FUNCTIONS:
         return _constructed(said, values) if said in _MADE else call(said, values)
     if said == "outrange":
@@ -250,7 +251,7 @@ def called(run: State, said: str, parts: tuple[Node, ...]) -> Value:
 def _tell_place(run: State, said: str) -> Value:
     """Where the arm is when the motions so far are done."""
     if _PLACES[said] == "pose":
-        return run.machine.here
+        return run.machine.current_pose
     return run.machine.joints or Unknown(f"the joint values in line {run.machine.line}")
 
 
@@ -277,15 +278,15 @@ def _of_object(run: State, node: Node) -> Value:
     """``object.member`` or an element of what a function gives."""
     of, *rest = node.parts
     if node.kind == "element":
-        value = evaluate(run, of)
-        values = [evaluate(run, part) for part in rest]
+        value = run.evaluate(of)
+        values = [run.evaluate(part) for part in rest]
         return (
             element(value, values)
             if isinstance(value, Array)
             else Unknown("an element of a value that is not known")
         )
     for part in rest:
-        evaluate(run, part)
+        run.evaluate(part)
     said = of.said if of.kind in ("name", "call") else "object"
     return run.machine.unknown(f"{said}.{node.said}")
 
@@ -380,14 +381,14 @@ def assign(run: State, target: Node, value: Value) -> None:
     if target.kind == "name":
         assign_name(run, said, value)
     elif target.kind == "index" and not isinstance(_held(run, said), Array):
-        at = [evaluate(run, part) for part in target.parts]
+        at = [run.evaluate(part) for part in target.parts]
         if at and not isinstance(at[0], Unknown):
             _assign_stored(run, said, index(number(at[0])), value)
     elif target.kind in ("index", "call"):
         _assign_element(run, target, value)
     elif target.kind != "element":  # Of an element of an element no text holds the value.
         for part in target.parts[1:]:
-            evaluate(run, part)
+            run.evaluate(part)
 
 
 def assign_name(run: State, said: str, value: Value) -> None:
@@ -416,7 +417,7 @@ def _assign_stored(run: State, letter: str, at: int, value: Value) -> None:
 def _assign_element(run: State, target: Node, value: Value) -> None:
     said = str(target.said)
     of = run.scope.names.get(said, run.module_scope.names.get(said))
-    at = [evaluate(run, part) for part in target.parts]
+    at = [run.evaluate(part) for part in target.parts]
     if any(isinstance(one, Unknown) for one in at):
         return
     place_of = tuple(int(number(one)) for one in at)
@@ -459,7 +460,7 @@ _NUMBERS = frozenset(("integer", "long", "single", "double"))
 
 def let_part(run: State, which: str, target: Node, value: Value) -> None:
     """``LetX p = v`` and its like. which: the letters after Let."""
-    old = evaluate(run, target)
+    old = run.evaluate(target)
     if isinstance(old, Unknown):
         if which in ("x", "y", "z", "rx", "ry", "rz", "f", "fig"):
             return
@@ -490,7 +491,7 @@ def let_part(run: State, which: str, target: Node, value: Value) -> None:
 
 def let_axis(run: State, target: Node, axis: Value, value: Value) -> None:
     """``LetJ axis, j = v``: one value of a joint value."""
-    old = evaluate(run, target)
+    old = run.evaluate(target)
     if isinstance(old, Unknown):
         return
     if isinstance(axis, Unknown) or isinstance(value, Unknown) or not isinstance(old, Joints):

@@ -320,7 +320,7 @@ def calculate(sign: str, a: Value, b: Value) -> Value:
     if isinstance(a, Placed) or isinstance(b, Placed):
         stored: Any = a if isinstance(a, Placed) else b
         return Unknown(stored.base)
-    if sign in _COMPARISONS:
+    if sign in COMPARISONS:
         return _compare(sign, a, b)
     if sign == "&" or (sign == "+" and isinstance(a, str)):
         joined = text_of(a) + text_of(b)
@@ -340,7 +340,7 @@ def calculate(sign: str, a: Value, b: Value) -> Value:
     return _with_places(sign, a, b)
 
 
-_COMPARISONS: dict[str, Callable[[Any, Any], bool]] = {
+COMPARISONS: dict[str, Callable[[Any, Any], bool]] = {
     "=": lambda a, b: a == b,
     "<>": lambda a, b: a != b,
     "<": lambda a, b: a < b,
@@ -351,7 +351,7 @@ _COMPARISONS: dict[str, Callable[[Any, Any], bool]] = {
 
 
 def _compare(sign: str, a: Value, b: Value) -> bool:
-    compare = _COMPARISONS[sign]
+    compare = COMPARISONS[sign]
     if isinstance(a, str) and isinstance(b, str):
         return compare(a, b)
     if isinstance(a, str) != isinstance(b, str):

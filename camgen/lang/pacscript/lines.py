@@ -1,11 +1,17 @@
-"""PacScript lines: comments, statements that go on, macros, and the words that open and close a procedure."""
+"""PacScript lines: comments, statements that go on, macros, and the ends of procedures."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
 
-#: A line may hold so many bytes (RC8 manual 5225); a line may grow so long before it is given up.
+from camgen.lang.columns import Run
+from camgen.lang.pacscript.plain import MOTIONS
+
+#: Takes the number of a line and a finding about it.
+Say = Callable[[int, str], None]
+
+#: Bytes of a line at most (RC8 manual 5225), and characters beyond which a line does not go on.
 LONGEST_LINE, LONGEST_GROWN = 1024, 8192
 #: Macros may nest so deep.
 DEEPEST_MACRO = 10
@@ -58,21 +64,45 @@ def too_long(row: str) -> bool:
     )
 
 
-def join(rows: list[str], before: int, say: Callable[[int, str], None]) -> list[tuple[int, str]]:
-    """Statements of whole lines, without comments, by the number of their first line, counted from ``before`` on."""
-    found: list[tuple[int, str]] = []
-    first, begun = 0, ""
-    for number, row in enumerate(rows, start=before + 1):
-        if too_long(row):
-            say(number, f"a line of more than {LONGEST_LINE} bytes")
-        text = begun + without_comment(row)
-        first = first if begun else number
-        if text.endswith("_") and GOES_ON.search(text[-2:]) and len(text) < LONGEST_GROWN:
-            begun = text[:-1] + " "
+def join(
+    text: str, before: int, say: Say, remark: Say | None = None
+) -> list[tuple[int, str | Run]]:
+    """The statements of a text, each with the number of its first line.
+
+    A statement is a text of whole lines without comments. Motions in the usual spelling are runs.
+
+    before: number of lines before the text.
+    remark: takes note of a comment that another reader may take for the start of a statement.
+    """
+    found: list[tuple[int, str | Run]] = []
+    number, first, begun = before, 0, ""
+    for piece in MOTIONS.cut(text):
+        if isinstance(piece, Run) and not begun:
+            found.append((number + 1, piece))
+            number += len(piece)
             continue
-        begun = ""
-        if text:
-            found.append((first, text))
+        for row in split_rows(piece):
+            number += 1
+            if too_long(row):
+                say(number, f"a line of more than {LONGEST_LINE} bytes")
+            end = without_comment(row)
+            if remark and row.rstrip().endswith(" _") and not end.endswith("_"):
+                remark(
+                    number, "a comment that ends in _: the next line may be taken for a part of it"
+                )
+            statement = begun + end
+            first = first if begun else number
+            begun = ""
+            if GOES_ON.search(statement[-2:]) and len(statement) < LONGEST_GROWN:
+                begun = statement[:-1] + " "
+            elif statement:
+                found.append((first, statement))
     if begun:
         say(first, "the statement goes on after the last line")
     return found
+
+
+def split_rows(piece: str | Run) -> list[str]:
+    """The lines of a piece of a text."""
+    text = piece if isinstance(piece, str) else piece.source.text
+    return text.removesuffix("\n").split("\n")

@@ -13,6 +13,7 @@ from camgen.lang.pacscript.values import (
     Figured,
     Placed,
     Rate,
+    Speed,
     Value,
     Vector,
     name_place,
@@ -57,8 +58,10 @@ class Scope:
 
 
 class Machine:
-    """State of a run. here: where the TCP is in the work frame in force, or a ``Placed`` where no text holds that;
-    joints: where the axes are, None where the text does not say it.
+    """The state of a run.
+
+    current_pose: pose of the TCP in the work frame in force. `Placed` if the text does not give it.
+    joints: joint values, None if the text does not give them.
     """
 
     def __init__(
@@ -75,10 +78,10 @@ class Machine:
         self.log = Log(lambda: self.line)
         self.globals: dict[tuple[str, int], Value] = {}
         self.outputs: dict[str, Value] = {}
-        self.here: Pose = name_place("where the arm stands at the start")
+        self.current_pose: Pose = name_place("where the arm stands at the start")
         self.joints: Joints | None = None
         self.figure: int | None = None
-        self.internal: float = 100.0
+        self.internal: Speed = 100.0
         self.external: float = 100.0
         self.numbers = {"tool": 0, "work": 0}
         self.defined: dict[tuple[str, int], Pose] = {}
@@ -154,20 +157,20 @@ class Machine:
         old, new = self.pose_of(kind, self.numbers[kind]), self.pose_of(kind, number)
         self.numbers[kind] = number
         self._frame_now.clear()
-        if isinstance(self.here, Placed) or old is None or new is None:
+        if isinstance(self.current_pose, Placed) or old is None or new is None:
             if self.moved:
-                self.here = name_place(f"where the arm stands in line {self.line}")
+                self.current_pose = name_place(f"where the arm stands in line {self.line}")
         elif kind == "work":
-            self.here = new.inverse() @ old @ self.here
+            self.current_pose = new.inverse() @ old @ self.current_pose
         else:
-            self.here = self.here @ old.inverse() @ new
+            self.current_pose = self.current_pose @ old.inverse() @ new
 
     def define_frame(self, kind: str, number: int, pose: Pose) -> None:
         """Writes the definition of a tool or a work frame."""
         self.defined[(kind, number)] = pose
         self._frame_now.clear()
         if self.numbers[kind] == number and self.moved:
-            self.here = name_place(f"where the arm stands in line {self.line}")
+            self.current_pose = name_place(f"where the arm stands in line {self.line}")
 
     def own(self) -> None:
         """A motion needs the arm and its power."""
@@ -184,8 +187,9 @@ class Machine:
         self.log.leave_out(f"{base} is not evaluated: it is told in a frame of that name")
         self.move(MoveL(Pose(IDENTITY, (0.0, 0.0, 0.0)), speed), False, base)
 
-    def speed(self, value: float) -> tuple[float, float]:
+    def speed(self, value: Speed) -> tuple[float, float]:
         """mm/s, and the share of the joints' greatest speeds, 0 where the speed is one of the TCP."""
+        assert isinstance(value, float)
         if isinstance(value, Rate):
             return value.mm_s * self.external / 100, 0.0
         if value != self._told:
@@ -207,12 +211,12 @@ class Machine:
         self.moved, self.passing = True, passing
         target = item.target
         if isinstance(target, Joints):
-            self.here = self._reach(target) or name_place(
+            self.current_pose = self._reach(target) or name_place(
                 f"where the joint values of line {self.line} lead"
             )
             self.joints = target
         else:
-            self.here, self.joints = (
+            self.current_pose, self.joints = (
                 (Placed(target.rotation, target.origin, base) if base else target),
                 None,
             )
@@ -230,7 +234,7 @@ class Machine:
             else work.inverse() @ flange @ tool
         )
 
-    def go_joints(self, target: Joints, speed: float, blend: float, at_once: bool = False) -> None:
+    def go_joints(self, target: Joints, speed: Speed, blend: float, at_once: bool = False) -> None:
         """Moves the axes to values of their own."""
         if len(target.values) > 6:
             if any(target.values[6:]):
@@ -241,27 +245,29 @@ class Machine:
         self.figure = None
 
     def go(
-        self, linear: bool, target: Pose, speed: float, blend: float, at_once: bool = False
+        self, linear: bool, target: Pose, speed: Speed, blend: float, at_once: bool = False
     ) -> None:
         """Moves the TCP to a place, straight or as the axes run."""
-        posture, said = posture_of(target)
-        base = target.base if isinstance(target, Placed) else ""
-        if base:
+        posture, said, base, place = None, None, "", target
+        if type(target) is not Pose:
+            posture, said = posture_of(target)
+            place = Pose(target.rotation, target.origin)
+        if isinstance(target, Placed):
+            base = target.base
             self.log.assume(
                 f"{base} is not in the text: motions to it are told in a frame of that name"
             )
-        place = Pose(target.rotation, target.origin) if posture or base else target
         passing = blend > 0 and not at_once
         mm_s, share = self.speed(speed)
-        if not linear:
+        if linear:
+            item = MoveL(place, mm_s, blend, *self.pressing, posture=posture)
+            self.move(self.pace(item, share, base), passing, base)
+            self.figure = said
+        else:
             self.move(MoveJ(place, mm_s, blend, posture=posture, share=share), passing, base)
-            self.figure = (
-                self.figure if said is None else said
-            )  # -1 keeps the one that the arm has.
-            return
-        item = MoveL(place, mm_s, blend, *self.pressing, posture=posture)
-        self.move(self.pace(item, share, base), passing, base)
-        self.figure = said
+            if said is not None:
+                # Without a figure the arm keeps the one that it has.
+                self.figure = said
 
     def pace(self, item: MoveL | MoveC, share: float, base: str) -> MoveL | MoveC:
         """The motion at the speed that its speed of turning leaves.
@@ -269,9 +275,9 @@ class Machine:
         share: share of the joints' maximum speeds, 0 for a speed of the TCP, which limits no turn.
         base: frame of a `Placed` target, empty for one in the work frame.
         """
-        stands = self.here.base if isinstance(self.here, Placed) else ""
+        stands = self.current_pose.base if isinstance(self.current_pose, Placed) else ""
         limit = Limit(item.speed, math.radians(share * self.rated_turn))
-        paced = pace_motion(item, self.here if stands == base else None, limit)
+        paced = pace_motion(item, self.current_pose if stands == base else None, limit)
         assert not isinstance(paced, MoveJ)
         return paced
 
@@ -304,10 +310,14 @@ class Machine:
             return True
         frame, force = self.forces.get(table, (0, (0.0, 0.0, 0.0)))
         size = math.hypot(*force)
-        if not size or frame not in (1, 2) or (frame == 1 and isinstance(self.here, Placed)):
+        if (
+            not size
+            or frame not in (1, 2)
+            or (frame == 1 and isinstance(self.current_pose, Placed))
+        ):
             return False
         if frame == 1:
-            force = to_vec3(self.here.rotation @ frozen(force))
+            force = to_vec3(self.current_pose.rotation @ frozen(force))
         x, y, z = force
         self.pressing = (size, (x / size, y / size, z / size))
         return True

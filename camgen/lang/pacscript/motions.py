@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from camgen.geometry.arcs import circle, turn_about
 from camgen.lang.pacscript.effects import OMITTED_OPTIONS
-from camgen.lang.pacscript.evaluate import evaluate, fit
-from camgen.lang.pacscript.expressions import Node
+from camgen.lang.pacscript.evaluate import fit
+from camgen.lang.pacscript.expressions import Node, parse
 from camgen.lang.pacscript.functions import numbers
 from camgen.lang.pacscript.machine import PASS_MM, posture_of
 from camgen.lang.pacscript.motion import LINEAR, Axes, Goal, Motion
@@ -17,6 +18,8 @@ from camgen.lang.pacscript.state import State
 from camgen.lang.pacscript.values import (
     Figured,
     Placed,
+    Speed,
+    Unreadable,
     Value,
     Vector,
     Wrong,
@@ -38,7 +41,8 @@ from camgen.model.pose import (
 )
 from camgen.model.program import Joints, MoveC
 
-_MARKS = {"0": 0.0, "E": 0.0, "P": PASS_MM, "C": PASS_MM}
+#: Blends by pass mark, mm. The controller chooses how near `@P` and `@C` pass their target.
+MARKS = {"0": 0.0, "E": 0.0, "P": PASS_MM, "C": PASS_MM}
 #: Marks whose exact meaning is the controller's, with their meaning here.
 _MEANINGS = {
     **dict.fromkeys(("P", "C"), f"blends as near as the controller likes: {PASS_MM:g} mm is shown"),
@@ -55,52 +59,67 @@ _SCARA, _UP = "__scara_robot__", 0.999
 def blend_of(run: State, mark: str | Node) -> float:
     """The blend in mm of a pass mark."""
     if isinstance(mark, Node):
-        value = evaluate(run, mark)
+        value = run.evaluate(mark)
         if isinstance(value, Unknown):
             run.machine.log.assume(f"{value.what} of a pass mark is taken for @0")
             return 0.0
         said = number(value)
         return PASS_MM if said < 0 else said
-    if mark in _MARKS:
+    if mark in MARKS:
         if mark in _MEANINGS:
             run.machine.log.fact("pass marks", f"@{mark} {_MEANINGS[mark]}")
-        return _MARKS[mark]
+        return MARKS[mark]
     return float(mark)
 
 
-def speed_of(run: State, node: Node | None) -> float:
+def speed_of(run: State, expression: str) -> Speed:
+    """The internal speed of a motion in the usual spelling, %.
+
+    expression: its own speed, empty for the one in force.
+    """
+    return _own_speed(run, parse(expression) if expression else None)
+
+
+def _own_speed(run: State, node: Node | None) -> Speed:
     """The internal speed in %, of a motion's own or the one in force."""
     if node is None:
         return run.machine.internal
-    value = evaluate(run, node)
+    value = run.evaluate(node)
     if isinstance(value, tuple):
         run.machine.log.omit("Speed of a motion with more than one value: accelerations")
         value = value[0]
     return checked(run, value)
 
 
-def read_speed(run: State, motion: Motion) -> float:
+def read_speed(run: State, motion: Motion) -> Speed:
     """The internal speed of a motion, %. Notes the options that the body does not have."""
     for name, effect in OMITTED_OPTIONS.items():
         if name in motion.options:
             run.machine.log.omit(f"{name.capitalize()} of a motion: {effect}")
     if motion.at_once:
         run.machine.log.omit("Next: what follows happens on the way; here it waits for the motion")
-    return speed_of(run, motion.options.get("speed"))
+    return _own_speed(run, motion.options.get("speed"))
 
 
-def plain(run: State, item: Plain) -> None:
-    """A motion in the usual spelling."""
-    speed, blend = speed_of(run, item.speed), blend_of(run, item.mark)
-    if item.via is not None:
-        arc(run, item.via, item.target, speed, blend)
-    else:
-        run.machine.go(item.kind == "L", item.target, speed, blend)
+def run_motions(run: State, items: Sequence[Plain]) -> None:
+    """Motions in the usual spelling."""
+    machine, budget = run.machine, run.budget
+    for item in items:
+        machine.line = item.line
+        budget.spend()
+        try:
+            speed, blend = run.speed_of(item.speed), run.blend_of(item.mark)
+            if item.via is not None:
+                run.arc(item.via, item.target, speed, blend)
+            else:
+                machine.go(item.kind == "L", item.target, speed, blend)
+        except Unreadable as error:
+            run.fail_motion(error)
 
 
 def move(run: State, motion: Motion) -> None:
     """``Move``."""
-    speed = read_speed(run, motion)
+    speed = run.read_speed(motion)
     if motion.kind == "s":
         place = name_place(f"the end of the free curve of line {run.machine.line}")
         run.machine.go(True, place, speed, 0.0, motion.at_once)
@@ -108,21 +127,21 @@ def move(run: State, motion: Motion) -> None:
     if motion.kind == "c":
         if len(motion.goals) != 2:
             raise Wrong(f"Move C needs two points, not {len(motion.goals)}")
-        via, end = (place_of(run, goal.value) for goal in motion.goals)
-        arc(run, via, end, speed, blend_of(run, motion.goals[1].mark), motion.at_once)
+        via, end = (run.place_of(goal.value) for goal in motion.goals)
+        run.arc(via, end, speed, run.blend_of(motion.goals[1].mark), motion.at_once)
         return
     if not motion.goals:
         raise Wrong("a motion without a target")
     for goal in motion.goals:
-        target = place_of(run, goal.value)
+        target = run.place_of(goal.value)
         if goal.extended is not None:
             run.machine.log.lose_axes("extended axes move too and are not shown")
-        go(run, LINEAR[motion.kind], target, speed, blend_of(run, goal.mark), motion.at_once)
+        run.go(LINEAR[motion.kind], target, speed, run.blend_of(goal.mark), motion.at_once)
 
 
 def place_of(run: State, node: Node) -> Value:
     """A place to move to: a position, joint values, or one that is not known."""
-    value = evaluate(run, node)
+    value = run.evaluate(node)
     if isinstance(value, tuple):
         value = fit(value, "position")
     if isinstance(value, Vector):
@@ -133,7 +152,7 @@ def place_of(run: State, node: Node) -> Value:
 
 
 def go(
-    run: State, linear: bool, target: Value, speed: float, blend: float, at_once: bool = False
+    run: State, linear: bool, target: Value, speed: Speed, blend: float, at_once: bool = False
 ) -> None:
     """Moves to ``target``."""
     machine = run.machine
@@ -159,8 +178,8 @@ def go(
 def approach(run: State, motion: Motion) -> None:
     """``Approach P|L, reference, [@mark] length``: back from the reference along its tool z."""
     reference, length = _exactly(motion, 2)
-    target, back = place_of(run, reference.value), evaluate(run, length.value)
-    speed, blend = read_speed(run, motion), blend_of(run, length.mark)
+    target, back = run.place_of(reference.value), run.evaluate(length.value)
+    speed, blend = run.read_speed(motion), run.blend_of(length.mark)
     if isinstance(target, Joints):
         target = Unknown("a place before joint values")
     if isinstance(target, Pose):
@@ -169,39 +188,39 @@ def approach(run: State, motion: Motion) -> None:
             if isinstance(back, Unknown)
             else behind(run, target, number(back))
         )
-    go(run, LINEAR[motion.kind], target, speed, blend, motion.at_once)
+    run.go(LINEAR[motion.kind], target, speed, blend, motion.at_once)
 
 
 def depart(run: State, motion: Motion) -> None:
     """``Depart P|L, [@mark] length``: back from here along the tool z."""
     (length,) = _exactly(motion, 1)
-    back = evaluate(run, length.value)
-    speed, blend = read_speed(run, motion), blend_of(run, length.mark)
+    back = run.evaluate(length.value)
+    speed, blend = run.read_speed(motion), run.blend_of(length.mark)
     if isinstance(back, Unknown):
         target: Value = Unknown(f"{back.what} before where the arm stands")
     else:
-        target = behind(run, run.machine.here, number(back))
-    go(run, LINEAR[motion.kind], target, speed, blend, motion.at_once)
+        target = behind(run, run.find_start(), number(back))
+    run.go(LINEAR[motion.kind], target, speed, blend, motion.at_once)
 
 
 def draw(run: State, motion: Motion) -> None:
     """``Draw P|L, [@mark] V(dx, dy, dz)``: by a vector in the work frame, the orientation kept."""
     (way,) = _exactly(motion, 1)
-    value = evaluate(run, way.value)
+    value = run.evaluate(way.value)
     if isinstance(value, tuple):
         value = vector(numbers(list(value)))
     if isinstance(value, Pose):
         value = Vector(value.origin)
     if not isinstance(value, (Vector, Unknown)):
         raise Wrong(f"Draw needs a vector, not {tell(value)}")
-    here = run.machine.here
-    speed, blend = read_speed(run, motion), blend_of(run, way.mark)
+    here = run.find_start()
+    speed, blend = run.read_speed(motion), run.blend_of(way.mark)
     if isinstance(here, Placed) or isinstance(value, Unknown):
         target: Value = Unknown("a place beside where the arm stands")
     else:
         x, y, z = (a + b for a, b in zip(here.origin, value.values, strict=True))
         target = Pose(here.rotation, (x, y, z))
-    go(run, LINEAR[motion.kind], target, speed, blend, motion.at_once)
+    run.go(LINEAR[motion.kind], target, speed, blend, motion.at_once)
 
 
 def _exactly(motion: Motion, count: int) -> tuple[Goal, ...]:
@@ -223,11 +242,11 @@ def behind(run: State, pose: Pose, length: float) -> Pose:
 
 
 def arc(
-    run: State, via: Value, end: Value, speed: float, blend: float, at_once: bool = False
+    run: State, via: Value, end: Value, speed: Speed, blend: float, at_once: bool = False
 ) -> None:
     """Moves through ``via`` to ``end``, in arcs of at most half a circle with their via point half-way."""
     machine = run.machine
-    start = machine.here
+    start = machine.current_pose
     bases = {
         place.base if isinstance(place, Placed) else ""
         for place in (start, via, end)
@@ -248,7 +267,7 @@ def arc(
         center, _, axis, sweep = circle(start.origin, via.origin, end.origin)
     except ValueError:
         machine.log.find("refused", "the three points of the arc are on one line")
-        machine.here = keep_frame(Pose(end.rotation, end.origin), end)
+        machine.current_pose = keep_frame(Pose(end.rotation, end.origin), end)
         return
     said = posture_of(end)[1]
     if said is not None and machine.figure not in (None, said):
@@ -281,7 +300,7 @@ def _turn(
     center: Vec3,
     axis: Vec3,
     sweep: float,
-    manner: tuple[float, float, bool],
+    manner: tuple[Speed, float, bool],
 ) -> None:
     """The pieces of an arc about ``axis`` through ``center``; the tool turns evenly from its start to its end."""
     machine = run.machine
@@ -312,12 +331,12 @@ def rotate(run: State, motion: Motion) -> None:
     normal = {"xy": (0.0, 0.0, 1.0), "yz": (1.0, 0.0, 0.0), "zx": (0.0, 1.0, 0.0)}.get(plane)
     if len(motion.goals) < 2:
         raise Wrong("Rotate needs a plane and an angle")
-    angle = evaluate(run, motion.goals[1].value)
+    angle = run.evaluate(motion.goals[1].value)
     about = (
-        evaluate(run, motion.goals[2].value) if len(motion.goals) > 2 else Vector((0.0, 0.0, 0.0))
+        run.evaluate(motion.goals[2].value) if len(motion.goals) > 2 else Vector((0.0, 0.0, 0.0))
     )
-    speed, blend = read_speed(run, motion), blend_of(run, motion.goals[1].mark)
-    start = machine.here
+    speed, blend = run.read_speed(motion), run.blend_of(motion.goals[1].mark)
+    start = machine.current_pose
     if (
         normal is None
         or isinstance(start, Placed)
@@ -333,11 +352,11 @@ def rotate(run: State, motion: Motion) -> None:
         )
         return
     towards = start.rotation[:, 2].tolist()
-    if not number(evaluate(run, motion.options.get("static", Node("number", 0.0)))):
+    if not number(run.evaluate(motion.options.get("static", Node("number", 0.0)))):
         down = sum(a * b for a, b in zip(normal, towards, strict=True)) < 0
         normal = tuple(-one for one in normal) if down else normal  # type: ignore[assignment]
     sweep = math.radians(number(angle))
-    keeps = number(evaluate(run, motion.options.get("pose", Node("number", 2.0)))) != 1
+    keeps = number(run.evaluate(motion.options.get("pose", Node("number", 2.0)))) != 1
     turned = (
         start.rotation
         if keeps
@@ -374,8 +393,8 @@ def _foot(point: Vec3, about: Vec3, normal: Vec3) -> Vec3:
 def rotate_hand(run: State, motion: Motion) -> None:
     """``RotateH [@mark] angle``: a turn about the tool z."""
     (goal,) = _exactly(motion, 1)
-    angle, here = evaluate(run, goal.value), run.machine.here
-    speed, blend = read_speed(run, motion), blend_of(run, goal.mark)
+    angle, here = run.evaluate(goal.value), run.machine.current_pose
+    speed, blend = run.read_speed(motion), run.blend_of(goal.mark)
     if isinstance(angle, Unknown):
         target: Pose = name_place(f"the end of the turn of line {run.machine.line}")
     else:
@@ -388,13 +407,13 @@ def arch(run: State, motion: Motion) -> None:
     """``ArchMove target, height[, ...]``: up, across and down again."""
     if len(motion.goals) < 2:
         raise Wrong("ArchMove needs a target and a height")
-    target, height = place_of(run, motion.goals[0].value), evaluate(run, motion.goals[1].value)
-    here, speed = run.machine.here, read_speed(run, motion)
+    target, height = run.place_of(motion.goals[0].value), run.evaluate(motion.goals[1].value)
+    here, speed = run.machine.current_pose, run.read_speed(motion)
     stored = isinstance(target, Placed) or isinstance(here, Placed)
     if not isinstance(target, Pose) or stored or isinstance(height, Unknown):
         arch_text = f"the arch of line {run.machine.line}"
         run.log.assume(f"{arch_text} is told without its height: the text does not hold it")
-        go(run, False, target, speed, 0.0)
+        run.go(False, target, speed, 0.0)
         return
     top = min(here.origin[2], target.origin[2]) + number(height)
     for place in (
@@ -408,22 +427,22 @@ def arch(run: State, motion: Motion) -> None:
 def drive(run: State, axes_of_motion: Axes, relative: bool) -> None:
     """``Drive`` by and ``DriveA`` to joint values of single axes."""
     mark, axes, motion = axes_of_motion
-    speed, blend = read_speed(run, motion), blend_of(run, mark)
+    speed, blend = run.read_speed(motion), run.blend_of(mark)
     if isinstance(axes, Node):
-        value = fit(evaluate(run, axes), "joint")
+        value = fit(run.evaluate(axes), "joint")
         if isinstance(value, Joints):
             said: dict[int, Value] = {
                 k + 1: math.degrees(one) for k, one in enumerate(value.values[:6])
             }
         elif isinstance(value, Unknown):
-            go(run, False, value, speed, blend, motion.at_once)
+            run.go(False, value, speed, blend, motion.at_once)
             return
         else:
             raise Wrong(f"{tell(value)} is no joint value")
     else:
         said = {}
         for axis, by in axes:
-            which, amount = evaluate(run, axis), evaluate(run, by)
+            which, amount = run.evaluate(axis), run.evaluate(by)
             if not isinstance(which, Unknown):
                 said[index(number(which))] = _axis_value(amount, int(number(which)))
     _drive(run, said, relative, (speed, blend, motion.at_once))
@@ -436,7 +455,7 @@ def _axis_value(value: Value, axis: int) -> Value:
 
 
 def _drive(
-    run: State, said: dict[int, Value], relative: bool, manner: tuple[float, float, bool]
+    run: State, said: dict[int, Value], relative: bool, manner: tuple[Speed, float, bool]
 ) -> None:
     machine = run.machine
     if any(axis > 6 for axis in said):
@@ -448,7 +467,7 @@ def _drive(
     unknown = next((value for value in said.values() if isinstance(value, Unknown)), None)
     whole = not relative and set(said) >= set(range(1, 7))
     if unknown is not None or not (now or whole):
-        go(run, False, name_place(f"where the axes of line {machine.line} lead"), *manner)
+        run.go(False, name_place(f"where the axes of line {machine.line} lead"), *manner)
         return
     made = [*now, *[0.0] * (max(6 if whole else 0, *said) - len(now))]
     for axis, value in said.items():
@@ -461,4 +480,4 @@ def go_home(run: State, _parts: object) -> None:
     home = run.machine.home
     if not isinstance(home, (Pose, Joints)):
         home = name_place("the home position of the controller")
-    go(run, False, home, run.machine.internal, 0.0)
+    run.go(False, home, run.machine.internal, 0.0)

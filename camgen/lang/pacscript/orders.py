@@ -9,7 +9,6 @@ from camgen.lang.pacscript.evaluate import (
     assign,
     assign_name,
     blank,
-    evaluate,
     fit,
     is_stored,
     let_axis,
@@ -116,16 +115,16 @@ def declare(run: State, declarations: Sequence[Declaration]) -> None:
     """``Dim`` and the other declarations."""
     for name, kind, tops, init in declarations:
         if tops is not None:
-            sizes = [evaluate(run, node) for node in tops]
+            sizes = [run.evaluate(node) for node in tops]
             known = not any(isinstance(size, Unknown) for size in sizes)
             run.scope.kinds[name] = kind
             run.scope.names[name] = Array(
                 tuple(int(number(size)) for size in sizes) if known else (), blank(kind)
             )
-            if init is not None and isinstance(value := evaluate(run, init), Array):
+            if init is not None and isinstance(value := run.evaluate(init), Array):
                 run.scope.names[name] = value.copy()
         elif init is not None:
-            value = evaluate(run, init)
+            value = run.evaluate(init)
             run.scope.kinds[name] = kind
             run.scope.names[name] = copy_value(fit(value, kind))
         elif name not in run.scope.kinds:
@@ -135,7 +134,7 @@ def declare(run: State, declarations: Sequence[Declaration]) -> None:
 
 def define_port(run: State, port: Port) -> None:
     """``DefIO``."""
-    at = evaluate(run, port.number)
+    at = run.evaluate(port.number)
     number_of_port = -1 if isinstance(at, Unknown) else int(number(at))
     run.scope.ios[port.name] = (port.kind, number_of_port)
 
@@ -144,7 +143,7 @@ def set_variable(run: State, assignment: Assignment) -> None:
     """``target = value``."""
     target, value = assignment
     try:
-        assign(run, target, copy_value(evaluate(run, value)))
+        assign(run, target, copy_value(run.evaluate(value)))
     except Unreadable as error:
         # The value from before is no longer the value of the variable.
         if target.kind in ("name", "index", "call"):
@@ -158,7 +157,7 @@ def call(run: State, calling: Calling) -> None:
     name = str(node.said)
     if node.kind == "member":
         for part in calling.values:
-            evaluate(run, part)
+            run.evaluate(part)
         of = node.parts[0]
         module = run.read(run.stems[str(of.said)]) if of.said in run.stems else None
         procedure = module.procedures.get(name) if module is not None else None
@@ -171,7 +170,7 @@ def call(run: State, calling: Calling) -> None:
     if called is not None:
         run.call(called, calling.values)
         return
-    values = [evaluate(run, part) for part in calling.values]
+    values = [run.evaluate(part) for part in calling.values]
     if name == "msgbox":
         run.machine.stop()
         run.machine.passing = False
@@ -197,7 +196,7 @@ def _fill(run: State, name: str, part: Node, value: Value) -> None:
 def start_task(run: State, calling: Calling) -> None:
     """``Run``: a task beside this one."""
     for part in calling.values:
-        evaluate(run, part)
+        run.evaluate(part)
     run.machine.tasks.setdefault(str(calling.target.said).lower(), run.machine.line)
 
 
@@ -205,7 +204,7 @@ def switch(run: State, switching: Switching) -> None:
     """``Set`` and ``Reset``."""
     level: Value = switching.level
     if switching.value is not None:
-        level = evaluate(run, switching.value)
+        level = run.evaluate(switching.value)
     for at in _signals(run, switching.which, switching.upto):
         if isinstance(at, int):
             run.set_signal(at, level)
@@ -218,14 +217,14 @@ def switch(run: State, switching: Switching) -> None:
 
 def _signals(run: State, which: Node, upto: Node | None) -> list[int | str]:
     if upto is not None:
-        ends = evaluate(run, which), evaluate(run, upto)
+        ends = run.evaluate(which), run.evaluate(upto)
         if any(isinstance(end, Unknown) for end in ends):
             run.log.leave_out("outputs whose numbers the text does not hold are left out")
             return []
         first, last = (index(number(end)) for end in ends)
         return list(range(first, min(last, first + 255) + 1))
     if which.kind == "index" and which.said == "io" and which.parts:
-        at = evaluate(run, which.parts[0])
+        at = run.evaluate(which.parts[0])
         if isinstance(at, Unknown):
             run.log.leave_out(
                 f"{at.what}, the number of an output, is not known: it is left out", at.key
@@ -246,9 +245,9 @@ def let(run: State, letting: Letting) -> None:
     if part == "f":
         run.log.fact("posture", "LetF sets the figure of a position")
     if axis is None:
-        let_part(run, part, target, evaluate(run, value))
+        let_part(run, part, target, run.evaluate(value))
     else:
-        let_axis(run, target, evaluate(run, axis), evaluate(run, value))
+        let_axis(run, target, run.evaluate(axis), run.evaluate(value))
 
 
 def omit(run: State, remark: Remark) -> None:
@@ -264,7 +263,7 @@ def lose(run: State, remark: Remark) -> None:
 def wait(run: State, waiting: Waiting) -> None:
     """``Wait``: it is over at once, and its condition holds from then on."""
     condition, others = waiting
-    holds = truth(evaluate(run, condition))
+    holds = truth(run.evaluate(condition))
     if holds is not True:
         given = _find_given(run, condition)
         if holds is False and given:
@@ -294,7 +293,7 @@ def _learn(run: State, node: Node) -> None:
         _learn(run, node.parts[1])
     elif node.kind == "=" and node.parts[0].kind in ("name", "index"):
         try:
-            value = evaluate(run, node.parts[1])
+            value = run.evaluate(node.parts[1])
             if not isinstance(value, Unknown):
                 _set(run, node.parts[0], value)
         except Unreadable:
@@ -307,7 +306,7 @@ def _set(run: State, node: Node, value: Value) -> None:
     """Set a variable or an input to the value that a program has waited for."""
     name = str(node.said)
     if node.kind == "index" and name == "io":
-        at = evaluate(run, node.parts[0])
+        at = run.evaluate(node.parts[0])
         if not isinstance(at, Unknown):
             run.learned[index(number(at))] = value
     elif node.kind == "name" and name.startswith("io") and name[2:].isdecimal():

@@ -10,8 +10,9 @@ from msgspec.structs import replace
 from camgen.lang.beside import sum_up
 from camgen.lang.code import Act, Branch, Effect, Step
 from camgen.lang.flow import Choice, Counter, Flow, Raised, Rules
+from camgen.lang.pacscript import motions
 from camgen.lang.pacscript.code import CountRange, ProcedureCode, compile_procedure
-from camgen.lang.pacscript.evaluate import assign, blank, evaluate, fit
+from camgen.lang.pacscript.evaluate import assign, blank, combine, evaluate, fit
 from camgen.lang.pacscript.expressions import Node
 from camgen.lang.pacscript.functions import calculate
 from camgen.lang.pacscript.machine import Machine, Scope, copy_value
@@ -22,6 +23,7 @@ from camgen.lang.pacscript.source import (
     Parameter,
     Procedure,
     list_included,
+    normalize,
     read_files,
     read_module,
     stem,
@@ -62,38 +64,250 @@ _CHOICES = {
 
 
 class Run(State):
-    """A run. read: a run that has read the same files."""
+    """The run of procedures, for all programs.
+
+    files: files that are given, by name.
+    modules: files that were read, by name.
+    codes: procedures that several files include, by their statements.
+    scopes: names of each file, which it has as long as the program runs.
+    module: file of the procedure that runs.
+    """
 
     faults: type[Exception] = Unreadable
 
-    def __init__(self, files: Mapping[str, str], ask: Ask, read: Run | None = None) -> None:
+    def __init__(self, machine: Machine, budget: Budget, rules: Rules) -> None:
+        super().__init__(machine, budget)
+        self.flow = Flow(self, budget, rules)
+        self.files: dict[str, File] = {}
+        self.modules: dict[str, Module] = {}
+        self.codes: dict[Any, ProcedureCode] = {}
+        self.scopes: dict[str, Scope] = {}
+        self.module = Module("")
+
+    def say(self, line: int, what: str) -> None:
+        """Notes a fault of the text."""
+        self.machine.log.find("refused", what, line=max(1, line))
+
+    def read(self, name: str) -> Module:
+        """The module of a file that is given."""
+        if name not in self.modules:
+            self.modules[name] = read_module(name, self.files, self.machine.assume, self.say)
+        return self.modules[name]
+
+    def _scope_of(self, module: Module) -> Scope:
+        """The names of a file, which it has as long as the program runs."""
+        found = self.scopes.get(module.name)
+        if found is None:
+            found = self.scopes[module.name] = Scope()
+            declared = Procedure("", 0, [], "", module.declarations)
+            before = self.module, self.scope, self.module_scope, self.machine.line
+            self.module, self.scope, self.module_scope = module, found, found
+            self.flow.run(self._code(declared).code)
+            self.module, self.scope, self.module_scope, self.machine.line = before
+        return found
+
+    def _code(self, procedure: Procedure) -> ProcedureCode:
+        if procedure.code is None:
+            key = (procedure.line, tuple(procedure.statements))
+            if key not in self.codes:
+                self.codes[key] = compile_procedure(procedure, self.say, self.module.pac)
+            procedure.code = self.codes[key]
+        code: ProcedureCode = procedure.code
+        return code
+
+    # Procedures.
+
+    def find_procedure(self, name: str) -> tuple[Module, Procedure] | None:
+        """A procedure of this file, or the start of another one."""
+        if (found := self.module.procedures.get(name)) and name != "main":
+            return self.module, found
+        if name in self.stems and name not in RESERVED:
+            module = self.read(self.stems[name])
+            if main := module.procedures.get("main"):
+                return module, main
+        return None
+
+    def find_function(self, name: str) -> bool:
+        """Whether a name without brackets calls a function."""
+        found = self.find_procedure(name)
+        return found is not None and found[1].returns not in ("", "program")
+
+    def call(self, found: tuple[Module, Procedure], parts: tuple[Node, ...]) -> Value:
+        """Calls a procedure; what it gives, 0 of a Sub. Parameters that are not ByVal give their values back."""
+        module, procedure = found
+        self.flow.check_depth("procedures that call each other without end")
+        values = [self.evaluate(part) for part in parts]
+        if len(values) > len(procedure.parameters):
+            self.machine.log.find(
+                "refused",
+                f"{procedure.name} takes {len(procedure.parameters)} values, not {len(values)}",
+            )
+        before, line = (self.module, self.scope, self.module_scope), self.machine.line
+        self.module, self.module_scope = module, self._scope_of(module)
+        try:
+            scope = self._execute(procedure, values)
+        finally:
+            self.module, self.scope, self.module_scope = before
+        self.machine.line = line
+        for parameter, part, value in zip(procedure.parameters, parts, values, strict=False):
+            passed = comparable(self._fit(value, parameter))
+            if comparable(scope.names.get(parameter.name)) != passed:
+                self._give_back(parameter, part, scope)
+        return scope.names.get(procedure.name, 0.0)
+
+    def _give_back(self, parameter: Parameter, part: Node, scope: Scope) -> None:
+        value = scope.names.get(parameter.name)
+        if parameter.by_value or value is None or part.kind not in ("name", "index", "call"):
+            return
+        said = str(part.said)
+        held = self.scope.names.get(said, self.module_scope.names.get(said))
+        if part.kind == "call" and not isinstance(held, Array):
+            return
+        if part.kind == "name" and (held is None or held is value):
+            return
+        if part.kind == "index" and said == "io":
+            return
+        assign(self, part, value)
+
+    def _execute(self, procedure: Procedure, values: list[Value]) -> Scope:
+        scope = Scope()
+        for k, parameter in enumerate(procedure.parameters):
+            value = values[k] if k < len(values) else blank(parameter.kind)
+            scope.kinds[parameter.name] = parameter.kind
+            value = copy_value(value) if parameter.by_value else value
+            scope.names[parameter.name] = (
+                value if isinstance(value, Array) else self._fit(value, parameter)
+            )
+        if procedure.returns not in ("", "program"):
+            scope.names[procedure.name] = (
+                blank(procedure.returns) if procedure.returns != "variant" else 0.0
+            )
+            scope.kinds[procedure.name] = procedure.returns
+        self.scope, code = scope, self._code(procedure)
+        scope.assigned = code.assigned
+        self.flow.run(code.code)
+        return scope
+
+    def _fit(self, value: Value, parameter: Parameter) -> Value:
+        try:
+            return fit(value, parameter.kind)
+        except Unreadable:
+            return value
+
+    # What the engine asks (`camgen.lang.flow.Language`).
+
+    def begin(self, step: Step) -> None:
+        """A step begins."""
+        self.machine.line = step.line
+
+    evaluate = evaluate
+    combine = combine
+    blend_of = motions.blend_of
+    speed_of = motions.speed_of
+    read_speed = motions.read_speed
+    place_of = motions.place_of
+    go = motions.go
+    arc = motions.arc
+    assign = assign
+    to_number = staticmethod(number)
+
+    def matches(self, value: Value, tests: list[tuple[str, Node, Node | None]]) -> bool:
+        """Whether one of the values of a Case is ``value``."""
+        for sign, first, last in tests:
+            low = self.evaluate(first)
+            if last is None:
+                result = calculate(sign, value, low)
+                is_equal = not isinstance(result, Unknown) and bool(result)
+            else:
+                high = self.evaluate(last)
+                is_equal = bool(calculate(">=", value, low)) and bool(calculate("<=", value, high))
+            if is_equal:
+                return True
+        return False
+
+    def open_count(self, count: CountRange) -> Counter:
+        """The counter of ``For``."""
+        first, last, step = (self.evaluate(part) for part in count[1:])
+        for value in (first, last, step):
+            if isinstance(value, Unknown):
+                begin = Unknown(first.what) if isinstance(first, Unknown) else first
+                return Counter(count.counter, begin, unknown=value)
+        return Counter(count.counter, number(first), number(last), number(step))
+
+    def read_state(self) -> object:
+        """The values of all names."""
+        machine = self.machine
+        tables: tuple[Mapping[Any, Value], ...] = (
+            self.scope.names,
+            self.module_scope.names,
+            machine.globals,
+            machine.outputs,
+        )
+        return [dict(zip(table, map(comparable, table.values()), strict=True)) for table in tables]
+
+    def count_instructions(self) -> int:
+        """The number of instructions so far."""
+        return len(self.machine.body)
+
+    def assume(
+        self, choice: Choice, step: Step, unknown: Unknown | None = None, length: int = 0
+    ) -> bool:
+        """Tells a choice of the engine."""
+        del length
+        if choice is Choice.LOOP_ENDLESS:
+            self.log.fact("goes round for ever", f"from line {step.line}: shown once")
+            return True
+        unknown = unknown or Unknown("")
+        if isinstance(step, Branch) and step.condition.value.kind == "call":
+            unknown = Unknown(str(step.condition.value.said))
+        self.log.choose(_CHOICES[choice].format(what=unknown.what, line=step.line), unknown.key)
+        return True
+
+    def report(self, step: Step, error: Exception) -> None:
+        """Tells that a step cannot be carried out."""
+        if isinstance(step, Act) and step.effect is Effect.MOVES:
+            self.fail_motion(error)
+        else:
+            self._tell(error)
+
+    def fail_motion(self, error: Exception) -> None:
+        """Tells that a motion cannot be carried out. It leads to an unknown place."""
+        self._tell(error)
+        self.machine.lose_motion()
+
+    def _tell(self, error: Exception) -> None:
+        if isinstance(error, Wrong):
+            self.log.find("refused", str(error))
+        else:
+            self.log.leave_out(f"{error}: left out")
+
+
+class ProgramRun(Run):
+    """The run of a program of any author, with the tasks that it starts."""
+
+    def __init__(
+        self, files: Mapping[str, str], ask: Ask, parent: ProgramRun | None = None
+    ) -> None:
+        """parent: a run that has read the same files."""
         points, faulty = read_points(ask.points)
         assumed = {key.lower(): float(value) for key, value in ask.assume.items()}
-        super().__init__(Machine(assumed, points))
+        budget = Budget(0, ask.limits.pacscript_steps, "pacscript_steps")
+        super().__init__(Machine(assumed, points), budget, Rules(_DEEPEST))
         self.machine.flange = ask.flange
         for what in faulty:
             self.machine.log.assume(what)
         self.ask = ask
-        self.files: dict[str, File] = read.files if read else read_files(files, self.say)
-        statements = sum(len(file.statements) for file in self.files.values())
-        budget = Budget(statements, ask.limits.pacscript_steps, "pacscript_steps")
-        self.flow = Flow(self, budget, Rules(_DEEPEST))
-        self.modules: dict[str, Module] = read.modules if read else {}
-        self.scopes: dict[str, Scope] = {}
+        if parent is not None:
+            self.files, self.modules, self.codes = parent.files, parent.modules, parent.codes
+        else:
+            texts = {name: normalize(text) for name, text in files.items()}
+            self.files = read_files(texts, self.say)
+        budget.left += sum(file.count_statements() for file in self.files.values())
         ranked = sorted(self.files, key=lambda name: name.endswith(".h"))
         self.stems = {stem(name): name for name in reversed(ranked)}
-        self.module = Module("")
-        #: Procedures that several files include, by their statements.
-        self.codes: dict[Any, ProcedureCode] = read.codes if read else {}
-
-    def say(self, line: int, what: str) -> None:
-        """Notes something that the language does not have."""
-        self.machine.log.find("refused", what, line=max(1, line))
-
-    # From its start to its end.
 
     def whole(self, beside: bool = True) -> Executed:
-        """What the program does. beside: whether the tasks that it starts are looked at."""
+        """Runs the program. beside: whether the tasks that it starts are run too."""
         stopped = None
         try:
             stopped = self._start()
@@ -117,7 +331,7 @@ class Run(State):
             self.ask.limits, pacscript_steps=min(self.ask.limits.pacscript_steps, _MOST_OF_A_TASK)
         )
         for name, line in list(machine.tasks.items())[:_MOST_BESIDE]:
-            other = Run({}, replace(self.ask, entry=name, limits=limits), self)
+            other = ProgramRun({}, replace(self.ask, entry=name, limits=limits), self)
             if isinstance(other._entry(), str):
                 machine.log.fact("other tasks", f"{name}, not shown")
                 machine.log.lose(f"another task, {name}, is not shown", line=line)
@@ -196,184 +410,7 @@ class Run(State):
             for procedure in module.procedures.values():
                 self._code(procedure)
 
-    def read(self, name: str) -> Module:
-        """The module of a file that is given."""
-        if name not in self.modules:
-            self.modules[name] = read_module(name, self.files, self.machine.assume, self.say)
-        return self.modules[name]
-
-    def _scope_of(self, module: Module) -> Scope:
-        """The names of a file, which it has as long as the program runs."""
-        found = self.scopes.get(module.name)
-        if found is None:
-            found = self.scopes[module.name] = Scope()
-            declared = Procedure("", 0, [], "", module.declarations)
-            before = self.module, self.scope, self.module_scope, self.machine.line
-            self.module, self.scope, self.module_scope = module, found, found
-            self.flow.run(self._code(declared).code)
-            self.module, self.scope, self.module_scope, self.machine.line = before
-        return found
-
-    def _code(self, procedure: Procedure) -> ProcedureCode:
-        if procedure.code is None:
-            key = (procedure.line, tuple(procedure.statements))
-            if key not in self.codes:
-                self.codes[key] = compile_procedure(procedure, self.say, self.module.pac)
-            procedure.code = self.codes[key]
-        code: ProcedureCode = procedure.code
-        return code
-
-    # Procedures.
-
-    def find_procedure(self, name: str) -> tuple[Module, Procedure] | None:
-        """A procedure of this file, or the start of another one."""
-        if (found := self.module.procedures.get(name)) and name != "main":
-            return self.module, found
-        if name in self.stems and name not in RESERVED:
-            module = self.read(self.stems[name])
-            if main := module.procedures.get("main"):
-                return module, main
-        return None
-
-    def find_function(self, name: str) -> bool:
-        """Whether a name without brackets calls a function."""
-        found = self.find_procedure(name)
-        return found is not None and found[1].returns not in ("", "program")
-
-    def call(self, found: tuple[Module, Procedure], parts: tuple[Node, ...]) -> Value:
-        """Calls a procedure; what it gives, 0 of a Sub. Parameters that are not ByVal give their values back."""
-        module, procedure = found
-        self.flow.check_depth("procedures that call each other without end")
-        values = [evaluate(self, part) for part in parts]
-        if len(values) > len(procedure.parameters):
-            self.machine.log.find(
-                "refused",
-                f"{procedure.name} takes {len(procedure.parameters)} values, not {len(values)}",
-            )
-        before, line = (self.module, self.scope, self.module_scope), self.machine.line
-        self.module, self.module_scope = module, self._scope_of(module)
-        try:
-            scope = self._execute(procedure, values)
-        finally:
-            self.module, self.scope, self.module_scope = before
-        self.machine.line = line
-        for parameter, part, value in zip(procedure.parameters, parts, values, strict=False):
-            passed = comparable(self._fit(value, parameter))
-            if comparable(scope.names.get(parameter.name)) != passed:
-                self._give_back(parameter, part, scope)
-        return scope.names.get(procedure.name, 0.0)
-
-    def _give_back(self, parameter: Parameter, part: Node, scope: Scope) -> None:
-        value = scope.names.get(parameter.name)
-        if parameter.by_value or value is None or part.kind not in ("name", "index", "call"):
-            return
-        said = str(part.said)
-        held = self.scope.names.get(said, self.module_scope.names.get(said))
-        if part.kind == "call" and not isinstance(held, Array):
-            return
-        if part.kind == "name" and (held is None or held is value):
-            return
-        if part.kind == "index" and said == "io":
-            return
-        assign(self, part, value)
-
-    def _execute(self, procedure: Procedure, values: list[Value]) -> Scope:
-        scope = Scope()
-        for k, parameter in enumerate(procedure.parameters):
-            value = values[k] if k < len(values) else blank(parameter.kind)
-            scope.kinds[parameter.name] = parameter.kind
-            value = copy_value(value) if parameter.by_value else value
-            scope.names[parameter.name] = (
-                value if isinstance(value, Array) else self._fit(value, parameter)
-            )
-        if procedure.returns not in ("", "program"):
-            scope.names[procedure.name] = (
-                blank(procedure.returns) if procedure.returns != "variant" else 0.0
-            )
-            scope.kinds[procedure.name] = procedure.returns
-        self.scope, code = scope, self._code(procedure)
-        scope.assigned = code.assigned
-        self.flow.run(code.code)
-        return scope
-
-    def _fit(self, value: Value, parameter: Parameter) -> Value:
-        try:
-            return fit(value, parameter.kind)
-        except Unreadable:
-            return value
-
-    # What the engine asks (`camgen.lang.flow.Language`).
-
-    def begin(self, step: Step) -> None:
-        """A step begins."""
-        self.machine.line = step.line
-
-    evaluate = evaluate
-    assign = assign
-    to_number = staticmethod(number)
-
-    def matches(self, value: Value, tests: list[tuple[str, Node, Node | None]]) -> bool:
-        """Whether one of the values of a Case is ``value``."""
-        for sign, first, last in tests:
-            low = evaluate(self, first)
-            if last is None:
-                result = calculate(sign, value, low)
-                is_equal = not isinstance(result, Unknown) and bool(result)
-            else:
-                high = evaluate(self, last)
-                is_equal = bool(calculate(">=", value, low)) and bool(calculate("<=", value, high))
-            if is_equal:
-                return True
-        return False
-
-    def open_count(self, count: CountRange) -> Counter:
-        """The counter of ``For``."""
-        first, last, step = (evaluate(self, part) for part in count[1:])
-        for value in (first, last, step):
-            if isinstance(value, Unknown):
-                begin = Unknown(first.what) if isinstance(first, Unknown) else first
-                return Counter(count.counter, begin, unknown=value)
-        return Counter(count.counter, number(first), number(last), number(step))
-
-    def read_state(self) -> object:
-        """The values of all names."""
-        machine = self.machine
-        tables: tuple[Mapping[Any, Value], ...] = (
-            self.scope.names,
-            self.module_scope.names,
-            machine.globals,
-            machine.outputs,
-        )
-        return [dict(zip(table, map(comparable, table.values()), strict=True)) for table in tables]
-
-    def count_instructions(self) -> int:
-        """The number of instructions so far."""
-        return len(self.machine.body)
-
-    def assume(
-        self, choice: Choice, step: Step, unknown: Unknown | None = None, length: int = 0
-    ) -> bool:
-        """Tells a choice of the engine."""
-        del length
-        if choice is Choice.LOOP_ENDLESS:
-            self.log.fact("goes round for ever", f"from line {step.line}: shown once")
-            return True
-        unknown = unknown or Unknown("")
-        if isinstance(step, Branch) and step.condition.value.kind == "call":
-            unknown = Unknown(str(step.condition.value.said))
-        self.log.choose(_CHOICES[choice].format(what=unknown.what, line=step.line), unknown.key)
-        return True
-
-    def report(self, step: Step, error: Exception) -> None:
-        """Tells that a step cannot be carried out."""
-        if isinstance(error, Wrong):
-            self.log.find("refused", str(error))
-        else:
-            self.log.leave_out(f"{error}: left out")
-        if isinstance(step, Act) and step.effect is Effect.MOVES:
-            self.machine.lose_motion()
-
 
 def run_files(files: Mapping[str, str], ask: Ask) -> Executed:
     """What the files say when they are run once."""
-    return Run(files, ask).whole()
+    return ProgramRun(files, ask).whole()

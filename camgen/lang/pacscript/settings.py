@@ -5,25 +5,27 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from camgen.lang.pacscript.evaluate import evaluate, fit
+from camgen.lang.pacscript.evaluate import fit
 from camgen.lang.pacscript.expressions import Node
 from camgen.lang.pacscript.state import State
-from camgen.lang.pacscript.values import Rate, Value, Wrong, number
+from camgen.lang.pacscript.values import Rate, Speed, Value, Wrong, number
 from camgen.lang.values import Unknown
 from camgen.model.pose import Pose
 
-_LONGEST_DELAY = 2**31 - 1
+#: Longest delay, ms, and highest number of a tool or work frame (RC8 manual 1943).
+LONGEST_DELAY, LAST_FRAME = 2**31 - 1, 63
 
 Nodes = Sequence[Node]
 
 
-def checked(run: State, value: Value) -> float:
+def checked(run: State, value: Value) -> Speed:
     """A speed in % that the controller takes."""
     if isinstance(value, Unknown):
-        run.machine.log.assume(
-            f"{value.what}, a speed, is taken for the one in force", value.key, run.machine.internal
-        )
-        return run.machine.internal
+        internal = run.machine.internal
+        assert isinstance(internal, float)
+        what = f"{value.what}, a speed, is taken for the one in force"
+        run.machine.log.assume(what, value.key, internal)
+        return internal
     said = number(value, "a speed")
     if isinstance(said, Rate) or isinstance(value, Rate):
         if value.mm_s <= 0:  # type: ignore[union-attr]
@@ -38,7 +40,7 @@ def checked(run: State, value: Value) -> float:
 def take_arm(run: State, parts: list[Node | None]) -> None:
     """``TakeArm [group] [Keep = 0|1]``."""
     machine = run.machine
-    group, keep = (evaluate(run, node) if node is not None else None for node in parts)
+    group, keep = (run.evaluate(node) if node is not None else None for node in parts)
     machine.armed = True
     if isinstance(keep, float) and keep == 0:
         machine.internal = 100.0
@@ -58,7 +60,7 @@ def motor(run: State, parts: Nodes) -> None:
     """``Motor On|Off``."""
     if not parts:
         raise Wrong("Motor needs On or Off")
-    value = evaluate(run, parts[0])
+    value = run.evaluate(parts[0])
     if not isinstance(value, Unknown):
         run.machine.motor = bool(number(value))
 
@@ -68,7 +70,7 @@ def speed_statement(run: State, parts: Nodes) -> None:
     if not parts:
         raise Wrong("Speed needs a number")
     _omit_accelerations(run, "speed", parts)
-    run.machine.internal = checked(run, evaluate(run, parts[0]))
+    run.machine.internal = checked(run, run.evaluate(parts[0]))
 
 
 def _omit_accelerations(run: State, word: str, parts: Nodes) -> None:
@@ -79,7 +81,7 @@ def _omit_accelerations(run: State, word: str, parts: Nodes) -> None:
 
 def external_speed(run: State, parts: Nodes) -> None:
     """``ExtSpeed`` in percent of the internal one."""
-    value = evaluate(run, parts[0]) if parts else 100.0
+    value = run.evaluate(parts[0]) if parts else 100.0
     _omit_accelerations(run, "extspeed", parts)
     if isinstance(value, Unknown):
         run.machine.log.assume(
@@ -98,12 +100,12 @@ def external_speed(run: State, parts: Nodes) -> None:
 
 def change(run: State, parts: Nodes, kind: str) -> None:
     """``ChangeTool`` and ``ChangeWork``. kind: tool or work."""
-    value = evaluate(run, parts[0]) if parts else 0.0
+    value = run.evaluate(parts[0]) if parts else 0.0
     if isinstance(value, Unknown):
         run.machine.log.assume(f"{value.what}, a {kind} number, is taken for the one in force")
         return
     at = int(number(value))
-    if not 0 <= at <= 63:
+    if not 0 <= at <= LAST_FRAME:
         run.machine.log.find("refused", f"{kind} {at}: there are 0 to 63")
         return
     run.machine.change_frame(kind, at)
@@ -113,7 +115,7 @@ def define(run: State, parts: Nodes, kind: str) -> None:
     """``Tool n, P(...)`` and ``Work n, P(...)``. kind: tool or work."""
     if len(parts) < 2:
         raise Wrong(f"{kind.capitalize()} needs a number and a position")
-    at, pose = evaluate(run, parts[0]), fit(evaluate(run, parts[1]), "position")
+    at, pose = run.evaluate(parts[0]), fit(run.evaluate(parts[1]), "position")
     if isinstance(at, Unknown) or not isinstance(pose, Pose):
         run.machine.log.assume(f"a {kind} frame that the text does not hold")
         return
@@ -122,14 +124,14 @@ def define(run: State, parts: Nodes, kind: str) -> None:
 
 def delay(run: State, parts: Nodes) -> None:
     """``Delay`` in ms."""
-    value = evaluate(run, parts[0]) if parts else None
+    value = run.evaluate(parts[0]) if parts else None
     if value is None:
         raise Wrong("Delay needs a number")
     if isinstance(value, Unknown):
         run.machine.log.assume(f"{value.what}, a delay, is taken for 0", value.key)
         return
     said = number(value)
-    if not 0 <= said <= _LONGEST_DELAY:
+    if not 0 <= said <= LONGEST_DELAY:
         raise Wrong(f"a delay of {said:g} ms")
     run.machine.wait(said / 1000)
 
@@ -138,7 +140,7 @@ def force_parameter(run: State, parts: Nodes) -> None:
     """``ForceParam table, frame, P(fx, fy, fz, ...)``; a table that is on presses so from now on."""
     if len(parts) < 3:
         raise Wrong("ForceParam needs a table, a frame and a force")
-    values: list[Any] = [evaluate(run, node) for node in parts[:3]]
+    values: list[Any] = [run.evaluate(node) for node in parts[:3]]
     force, machine = fit(values[2], "position"), run.machine
     if isinstance(force, Pose) and not any(isinstance(one, Unknown) for one in values):
         table = int(number(values[0]))
@@ -149,7 +151,7 @@ def force_parameter(run: State, parts: Nodes) -> None:
 
 def force_control(run: State, parts: Nodes) -> None:
     """``ForceCtrl True, table`` and ``ForceCtrl False``."""
-    values = [evaluate(run, node) for node in parts]
+    values = [run.evaluate(node) for node in parts]
     machine = run.machine
     if any(isinstance(one, Unknown) for one in values) or not values:
         machine.log.leave_out("force control by values that the text does not hold is left out")
@@ -190,10 +192,10 @@ def cut_short(run: State, parts: Nodes, word: str) -> None:
 
 def _evaluate_all(run: State, parts: Nodes) -> None:
     for node in parts:
-        evaluate(run, node)
+        run.evaluate(node)
 
 
 def set_home(run: State, parts: Nodes) -> None:
     """``Home p``."""
     if parts:
-        run.machine.home = fit(evaluate(run, parts[0]), "position")
+        run.machine.home = fit(run.evaluate(parts[0]), "position")

@@ -2,14 +2,26 @@
 
 from __future__ import annotations
 
+import operator
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import PurePosixPath
 from typing import Any, NamedTuple
 
+from camgen.lang.columns import Run
 from camgen.lang.pacscript.expressions import Node, arguments, parse
-from camgen.lang.pacscript.lines import CLOSING, DEFINE, PARAMETER, expand, join
+from camgen.lang.pacscript.functions import COMPARISONS
+from camgen.lang.pacscript.lines import (
+    CLOSING,
+    DEFINE,
+    PARAMETER,
+    Say,
+    expand,
+    join,
+    split_rows,
+    without_comment,
+)
 from camgen.lang.pacscript.motion import cut_bracket
 from camgen.lang.pacscript.values import Unreadable
 from camgen.lang.pacscript.words import name_fault
@@ -34,10 +46,14 @@ _PREDEFINED = {"__rc8__": "1", "__vertical_robot__": "1", "__scara_robot__": "0"
 
 
 class Statement(NamedTuple):
-    """A statement. line: counted through all files; text: without comment, macros replaced."""
+    """A statement, or motions in the usual spelling.
+
+    line: number of its line, from 1 through all files.
+    text: its text without comment, macros replaced.
+    """
 
     line: int
-    text: str
+    text: str | Run
 
 
 class Parameter(NamedTuple):
@@ -62,8 +78,16 @@ class Procedure:
 
 @dataclass(slots=True)
 class Module:
-    """A file with all that it includes. procedures: by name in small letters, its own start as "main" and those of
-    included files by the file's name; declarations: what stands outside of them; pac: the older dialect.
+    """A file with all that it includes.
+
+    name: its name without folder and suffix.
+    procedures: procedures by name in lower case. The start of the file is "main", that of an
+        included file has the name of that file.
+    declarations: declarations outside the procedures.
+    macros: texts of the macros by name in lower case.
+    included: names of the files that are included.
+    missing: line of the first include of each file that is not given, by name.
+    pac: whether it is in the older dialect.
     """
 
     name: str
@@ -76,29 +100,40 @@ class Module:
 
 
 class File(NamedTuple):
-    """A file as it was given. name: in small letters without folder; statements: of whole lines, by line."""
+    """A file as it was given.
+
+    name: its name in lower case, without a folder.
+    line: number of its first line, from 1 through all files.
+    statements: line and text of each statement, or the motions of several lines.
+    """
 
     name: str
     line: int
-    statements: list[tuple[int, str]]
+    statements: list[tuple[int, str | Run]]
+
+    def count_statements(self) -> int:
+        """The number of statements."""
+        return sum(1 if isinstance(text, str) else len(text) for _, text in self.statements)
 
 
-Say = Callable[[int, str], None]
+def read_files(files: Mapping[str, str], say: Say, remark: Say | None = None) -> dict[str, File]:
+    """The files by name in small letters. Lines are counted through all of them.
 
-
-def read_files(files: Mapping[str, str], say: Say) -> dict[str, File]:
-    """The files by name in small letters; lines are counted through all of them."""
+    remark: function that takes note of a doubtful comment, as in `join`.
+    """
     found: dict[str, File] = {}
     before = 0
     for name, text in files.items():
-        plain = text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
-        rows = strip_mark(plain).split("\n")
-        if rows and not rows[-1]:
-            rows.pop()
         base = base_name(name)
-        found.setdefault(base, File(base, before + 1, join(rows, before, say)))
-        before += len(rows)
+        found.setdefault(base, File(base, before + 1, join(text, before, say, remark)))
+        before += text.count("\n") + (text[-1:] not in ("", "\n"))
     return found
+
+
+def normalize(text: str) -> str:
+    """A text without a byte order mark, with LF line ends."""
+    plain = text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
+    return strip_mark(plain)
 
 
 def base_name(name: str) -> str:
@@ -113,7 +148,8 @@ def stem(name: str) -> str:
 
 def list_included(file: File) -> list[str]:
     """The names of the files that a file includes."""
-    rests = [_DIRECTIVE.fullmatch(text) for _, text in file.statements if text[0] == "#"]
+    texts = [text for _, text in file.statements if isinstance(text, str)]
+    rests = [_DIRECTIVE.fullmatch(text) for text in texts if text[0] == "#"]
     found = [
         _INCLUDE.fullmatch(one[2].strip()) for one in rests if one and one[1].lower() == "include"
     ]
@@ -129,11 +165,11 @@ def read_module(
     module.macros.update(
         {key: f"{value:g}" for key, value in given.items() if key.startswith("__")}
     )
-    _Reader(module, files, say).file(name, 0)
+    Reader(module, files, say).file(name, 0)
     return module
 
 
-class _Reader:
+class Reader:
     """Reads the statements of a file and of what it includes into a module."""
 
     def __init__(self, module: Module, files: Mapping[str, File], say: Say) -> None:
@@ -148,22 +184,41 @@ class _Reader:
         self.start = self.start or name
         start = "main" if depth == 0 else stem(name)
         for line, text in self.files[name].statements:
-            if text[0] == "#":
+            if isinstance(text, str) and text[0] == "#":
                 self.directive(line, text, active, depth)
-            elif all(state == "on" for state in active):
-                if self.module.macros:
-                    try:
-                        text = expand(text, self.module.macros)  # noqa: PLW2901
-                    except ValueError as error:
-                        self.say(line, str(error))
-                        continue
-                self.statement(line, text, start)
+            elif any(state != "on" for state in active):
+                continue
+            elif isinstance(text, str):
+                self.expand(line, text, start)
+            else:
+                self.motions(line, text, start)
         if active:
             self.say(self.files[name].line, "#If has no #EndIf")
         if self.current is not None:
             if self.current.returns != "program":
                 self.say(self.current.line, "the procedure has no end")
             self.current = None
+
+    def motions(self, line: int, run: Run, start: str) -> None:
+        """Motions in the usual spelling. They are read line by line where a macro may change them."""
+        macros = self.module.macros
+        text = run.source.text.lower() if macros else ""
+        if self.current is not None and not any(name in text for name in macros):
+            self.current.statements.append(Statement(line, run))
+            return
+        for number, row in enumerate(split_rows(run), start=line):
+            self.expand(number, without_comment(row), start)
+
+    def expand(self, line: int, text: str, start: str) -> None:
+        """A statement in which macros may stand."""
+        if self.module.macros:
+            try:
+                text = expand(text, self.module.macros)
+            except ValueError as error:
+                self.say(line, str(error))
+                return
+        if text:
+            self.statement(line, text, start)
 
     def directive(self, line: int, text: str, active: list[str], depth: int) -> None:
         """``#...``; active: of each #If around it whether it is on, was on, or is yet to come on."""
@@ -276,11 +331,11 @@ class _Reader:
         )
         self.module.procedures.setdefault(start, self.current)
 
-    def open(self, line: int, found: re.Match[str], start: str) -> None:
+    def open(self, line: int, opening: re.Match[str], start: str) -> None:
         """A Sub or a Function."""
         if self.current is not None and self.current.returns != "program":
-            self.say(line, f"{found[0][:60]} begins inside another procedure")
-        name, rest, inside = found[2].lower(), found[3].strip(), ""
+            self.say(line, f"{opening[0][:60]} begins inside another procedure")
+        name, rest, inside = opening[2].lower(), opening[3].strip(), ""
         try:
             if rest.startswith("("):
                 inside, rest = cut_bracket(rest)
@@ -291,15 +346,17 @@ class _Reader:
         returns = _RETURNS.fullmatch(rest)
         if rest and returns is None:
             self.say(line, f"{rest[:40]} is not understood")
-        if what := "" if name == "main" else name_fault(found[2]):
+        if what := "" if name == "main" else name_fault(opening[2]):
             self.say(line, what)
         kind = (
-            (returns[1].lower() if returns else "variant") if found[1].lower() == "function" else ""
+            (returns[1].lower() if returns else "variant")
+            if opening[1].lower() == "function"
+            else ""
         )
         self.current = Procedure(name, line, parameters, kind)
         name = start if name == "main" else name
         if name in self.module.procedures and self.module.procedures[name].line != line:
-            self.say(line, f"a second procedure {found[2]}")
+            self.say(line, f"a second procedure {opening[2]}")
         else:
             self.module.procedures[name] = self.current
 
@@ -334,23 +391,18 @@ def _constant(node: Node) -> float:
             if node.kind == "not"
             else float(node.said) * value
         )
-    if len(node.parts) == 2 and node.kind in _COMPARE:
-        return float(_COMPARE[node.kind](*map(_constant, node.parts)))
+    if len(node.parts) == 2 and node.kind in _OPERATIONS:
+        return float(_OPERATIONS[node.kind](*map(_constant, node.parts)))
     if node.kind == "name":
         return 0.0
     raise Unreadable(f"{node.kind} is not evaluated")
 
 
-_COMPARE: dict[str, Callable[[float, float], float]] = {
-    "=": lambda a, b: a == b,
-    "<>": lambda a, b: a != b,
-    "<": lambda a, b: a < b,
-    ">": lambda a, b: a > b,
-    "<=": lambda a, b: a <= b,
-    ">=": lambda a, b: a >= b,
+_OPERATIONS: dict[str, Callable[[Any, Any], float]] = {
+    **COMPARISONS,
     "and": lambda a, b: bool(a and b),
     "or": lambda a, b: bool(a or b),
-    "+": lambda a, b: a + b,
-    "-": lambda a, b: a - b,
-    "*": lambda a, b: a * b,
+    "+": operator.add,
+    "-": operator.sub,
+    "*": operator.mul,
 }

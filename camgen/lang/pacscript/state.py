@@ -6,11 +6,15 @@ from abc import ABC, abstractmethod
 
 from camgen.lang.pacscript.expressions import Node
 from camgen.lang.pacscript.machine import Machine, Scope
+from camgen.lang.pacscript.motion import Motion
 from camgen.lang.pacscript.source import Module, Procedure
-from camgen.lang.pacscript.values import Value, Wrong, number
+from camgen.lang.pacscript.values import Speed, Unreadable, Value, Wrong, number
+from camgen.lang.run import Budget
 from camgen.lang.values import Unknown
+from camgen.model.pose import Pose
 
-_LAST_SIGNAL = 24063
+#: Highest number of an IO (RC8 manual 5512).
+LAST_SIGNAL = 24063
 
 
 class State(ABC):
@@ -21,14 +25,61 @@ class State(ABC):
     module_scope: names of its file.
     stems: files by the name under which programs call them.
     learned: inputs as a `Wait` has left them, by their number.
+    budget: steps that the run may take.
     """
 
-    def __init__(self, machine: Machine) -> None:
-        self.machine = machine
+    def __init__(self, machine: Machine, budget: Budget) -> None:
+        self.machine, self.budget = machine, budget
         self.log = machine.log
         self.scope = self.module_scope = Scope()
         self.stems: dict[str, str] = {}
         self.learned: dict[int, Value] = {}
+
+    # -- values and motions. The strict run has rules of its own for them. -------------------------
+
+    @abstractmethod
+    def evaluate(self, node: Node) -> Value:
+        """Return the value of an expression. Raises Unreadable."""
+
+    @abstractmethod
+    def combine(self, sign: str, a: Value, b: Value) -> Value:
+        """Return the value of two values with an operator between them. Raises Unreadable."""
+
+    @abstractmethod
+    def blend_of(self, mark: str | Node) -> float:
+        """Return the blend of a pass mark, mm."""
+
+    @abstractmethod
+    def speed_of(self, expression: str) -> Speed:
+        """Return the internal speed of a motion in the usual spelling, that in force if empty."""
+
+    @abstractmethod
+    def read_speed(self, motion: Motion) -> Speed:
+        """Return the internal speed of a motion. Notes the options that the body does not have."""
+
+    @abstractmethod
+    def place_of(self, node: Node) -> Value:
+        """Return a place to move to."""
+
+    @abstractmethod
+    def go(
+        self, linear: bool, target: Value, speed: Speed, blend: float, at_once: bool = False
+    ) -> None:
+        """Move to a place."""
+
+    @abstractmethod
+    def arc(
+        self, via: Value, end: Value, speed: Speed, blend: float, at_once: bool = False
+    ) -> None:
+        """Move through a place to another one."""
+
+    @abstractmethod
+    def fail_motion(self, error: Unreadable) -> None:
+        """Tell that a motion cannot be carried out."""
+
+    def find_start(self) -> Pose:
+        """Return the place of the arm, for a motion that begins there."""
+        return self.machine.current_pose
 
     # -- procedures ----------------------------------------------------------------------------
 
@@ -68,8 +119,8 @@ class State(ABC):
 
     def set_signal(self, at: int, value: Value) -> None:
         """Set an output."""
-        if at > _LAST_SIGNAL:
-            raise Wrong(f"IO[{at}]: the highest is IO[{_LAST_SIGNAL}]")
+        if at > LAST_SIGNAL:
+            raise Wrong(f"IO[{at}]: the highest is IO[{LAST_SIGNAL}]")
         self.machine.outputs[str(at)] = value
         self._switch(str(at), value)
 

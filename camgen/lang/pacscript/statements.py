@@ -29,7 +29,7 @@ from camgen.lang.pacscript.words import RESERVED
 VERB = re.compile(r"([a-z_]\w*[!#%$]?)\s*(.*)", re.IGNORECASE | re.DOTALL)
 _NAME = re.compile(r"([a-z_]\w*[!#%$]?(?:\s*\.\s*[a-z_]\w*)*)\s*(.*)", re.IGNORECASE | re.DOTALL)
 _EQUALS = re.compile(r'"[^"]*"|[()\[\]]|[<>=]=|=[<>]|<>|=')
-_TAKE = re.compile(r"(?:(.+?)\s*)??(?:,?\s*keep\s*=\s*(.+))?", re.IGNORECASE | re.DOTALL)
+TAKE = re.compile(r"(?:(.+?)\s*)??(?:,?\s*keep\s*=\s*(.+))?", re.IGNORECASE | re.DOTALL)
 _DEFIO = re.compile(r"([a-z_]\w*[!#%$]?)\s*=\s*(\w+)\s*,\s*(.*)", re.IGNORECASE | re.DOTALL)
 _DECLARED = re.compile(
     r"([a-z_]\w*[!#%$]?)\s*(\(.*?\)|\[.*?\])?\s*(?:as\s+(\w+))?\s*(?:=\s*(.+))?",
@@ -64,11 +64,11 @@ def read_loop_condition(rest: str) -> Condition | None:
 
 def make_condition(node: Node, wanted: bool = True) -> Condition:
     """The condition of a branch or a loop. wanted: value with which a loop goes on."""
-    is_constant = node.kind == "number" or (node.kind == "name" and node.said in _CONSTANTS)
+    is_constant = node.kind == "number" or (node.kind == "name" and node.said in CONSTANTS)
     return Condition(node, wanted, is_constant, is_unlikely=node.kind in ("<>", "not"))
 
 
-_CONSTANTS = ("true", "on", "false", "off")
+CONSTANTS = frozenset(("true", "on", "false", "off"))
 
 
 def read_case(text: str) -> tuple[str, Node, Node | None]:
@@ -149,7 +149,7 @@ def _read_drive(_word: str, rest: str) -> Axes:
 
 
 def _read_take(_word: str, rest: str) -> list[Node | None]:
-    match = _TAKE.fullmatch(rest)
+    match = TAKE.fullmatch(rest)
     parts = match.groups() if match else (None, None)
     return [parse(part) if part else None for part in parts]
 

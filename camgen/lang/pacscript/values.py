@@ -60,6 +60,28 @@ class Rate(float):
         return made
 
 
+class Either(Struct, frozen=True):
+    """A number that depends on the unit of `Mps`, which a strict run may leave open.
+
+    values: number for each unit.
+    """
+
+    values: tuple[float, ...]
+
+
+class Mps(Struct, frozen=True):
+    """A speed by `Mps` of a strict run.
+
+    number: speed in the unit of the controller.
+    """
+
+    number: float | Either
+
+
+#: An internal speed: %, a `Rate` of a program of any author, `Mps` of a strict run.
+Speed = float | Mps
+
+
 class Array:
     """An array or what ``Array()`` and ``Split()`` give. tops: the highest index of each dimension, none where it grows
     as it is used; items: those that were set.
@@ -94,7 +116,19 @@ class Array:
 
 
 #: A tuple is what stands in brackets without a name before them: a place in the older dialect.
-Value = float | str | bool | Pose | Joints | Vector | Array | Unknown | tuple["Value", ...]
+Value = (
+    float
+    | str
+    | bool
+    | Pose
+    | Joints
+    | Vector
+    | Array
+    | Unknown
+    | Either
+    | Mps
+    | tuple["Value", ...]
+)
 
 #: The figure of a position that leaves it open (RC8 manual 456).
 UNDEFINED = -1

@@ -8,10 +8,11 @@ into each other unless BREAK stands between them; SPEED without ALWAYS is for on
 from __future__ import annotations
 
 from functools import partial
-from itertools import repeat
+from itertools import chain, repeat
 
 from msgspec.structs import replace
 
+from camgen.model.pose import Pose
 from camgen.model.program import Instruction, Joints, MoveJ, MoveL, Posture
 
 from .text import Frame, Location, Pace, Stretch
@@ -21,6 +22,7 @@ from .variables import Variables
 ROUNDED = 1.0
 #: Posture words that exclude each other.
 PAIRS = (("LEFTY", "RIGHTY"), ("ABOVE", "BELOW"), ("FLIP", "NOFLIP"), ("SINGLE", "MULTIPLE"))
+POSTURES = frozenset(chain.from_iterable(PAIRS))
 
 
 class Arm(Variables):
@@ -159,3 +161,10 @@ class Arm(Variables):
         if unit == "%":
             speed *= self._rated / 100
         return speed * self._monitor
+
+
+def is_same(a: Pose | None, b: Pose | None) -> bool:
+    """Whether two poses are equal to the last bit, or both missing."""
+    if a is None or b is None:
+        return a is b
+    return a.origin == b.origin and bool((a.rotation == b.rotation).all())

@@ -12,7 +12,7 @@ from camgen.lang.log import Log
 from camgen.lang.programs import Ask
 from camgen.model.program import Joints
 
-from .code import GOES, read_label
+from .code import GOES, read_bounds, read_label
 from .flow import CALLED, Machine
 from .locations import Expression, unknown
 from .statements import ENDS, split, unwrap
@@ -97,12 +97,7 @@ class _Reader(Machine):
             raise Unreadable("FOR wants the name of a variable")
         text.subscripts()
         text.expect("=")
-        text.real()
-        text.expect("TO")
-        text.real()
-        if text.accept("STEP"):
-            text.real()
-        text.finish()
+        read_bounds(text)
 
     def _choose(self, _routine: Routine, _index: int, statement: Statement) -> None:
         text = Expression(statement.rest, self)

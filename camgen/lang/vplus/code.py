@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 from camgen.lang.code import (
@@ -24,8 +24,9 @@ from camgen.lang.code import (
     Step,
 )
 
+from .locations import Expression
 from .statements import ENDS
-from .text import Routine, Statement, Stretch, Unreadable
+from .text import Impossible, Routine, Statement, Stretch, Unreadable
 
 GOES = re.compile(r"\bGOTO\s+(\d+)\s*$", re.IGNORECASE)
 #: Characters of a line that count as one instruction.
@@ -37,6 +38,7 @@ _LEAVING = frozenset({"GOTO", "RETURN", "RETURNE", "PAUSE"}) | ENDS
 _END_STATEMENTS = 8
 
 Do = Callable[[Any, Any], object]
+Translate = Callable[["Translator", int, Statement], Step]
 
 
 class Question(NamedTuple):
@@ -66,13 +68,16 @@ class LoopCount(NamedTuple):
     around: int
 
 
-def compile_routine(routine: Routine, do: Do, run_stretch: Do) -> Code:
+def compile_routine(
+    routine: Routine, do: Do, run_stretch: Do, table: Mapping[str, Translate] | None = None
+) -> Code:
     """Return the steps of a program.
 
     do: carries out a statement.
     run_stretch: carries out a stretch.
+    table: words of the flow, those of `FLOW` if None. `do` carries out all others.
     """
-    return _Translator(routine, do, run_stretch).code
+    return Translator(routine, do, run_stretch, FLOW if table is None else table).code
 
 
 def read_label(rest: str) -> int:
@@ -80,6 +85,18 @@ def read_label(rest: str) -> int:
     if not (rest.isdigit() and rest.isascii()) or len(rest) > 5:
         raise Unreadable(f"GOTO wants a label, not {rest[:20] or 'nothing'}")
     return int(rest)
+
+
+def read_bounds(text: Expression) -> tuple[float, float, float]:
+    """Return the first and the last value of a counter and its step."""
+    first = text.real()
+    text.expect("TO")
+    last = text.real()
+    step = text.real() if text.accept("STEP") else 1.0
+    text.finish()
+    if step == 0:
+        raise Impossible("a loop with step 0")
+    return first, last, step
 
 
 def measure_cost(statement: Statement | Stretch) -> int:
@@ -98,15 +115,19 @@ def _do_nothing(_machine: object, _operand: object) -> None:
     """Words that only mark a place, such as the END of an IF."""
 
 
-class _Translator:
+class Translator:
     """Translates the statements of a program in order.
 
+    routine: the program.
     code: the steps so far.
     """
 
-    def __init__(self, routine: Routine, do: Do, run_stretch: Do) -> None:
-        self._routine = routine
+    def __init__(
+        self, routine: Routine, do: Do, run_stretch: Do, table: Mapping[str, Translate]
+    ) -> None:
+        self.routine = routine
         self._do = do
+        self._has_branches = table.get("IF") is Translator._if
         self._starts = [0]
         for index, statement in enumerate(routine.statements):
             steps = 2 if self._is_jump(index, statement) else 1
@@ -119,7 +140,7 @@ class _Translator:
                 self.code.steps.append(act)
                 continue
             try:
-                step = _TRANSLATE.get(statement.word, _Translator._act)(self, index, statement)
+                step = table.get(statement.word, Translator._act)(self, index, statement)
             except Unreadable as error:
                 step = Act(statement.line, do=refuse, operand=str(error))
             step.cost = cost
@@ -133,11 +154,12 @@ class _Translator:
         """Return whether a statement is an IF with GOTO."""
         if not isinstance(statement, Statement) or statement.word != "IF":
             return False
-        return index not in self._routine.partner and bool(GOES.search(statement.rest))
+        is_open = self._has_branches and index not in self.routine.partner
+        return is_open and bool(GOES.search(statement.rest))
 
-    def _after(self, index: int) -> int:
+    def find_end(self, index: int) -> int:
         """Return the step after the block that a statement opens, or after the statement."""
-        return self._starts[self._routine.partner.get(index, index) + 1]
+        return self._starts[self.routine.partner.get(index, index) + 1]
 
     def _act(self, _index: int, statement: Statement) -> Step:
         return Act(statement.line, do=self._do, operand=statement)
@@ -147,10 +169,15 @@ class _Translator:
 
     # -- branches ------------------------------------------------------------------------------
 
+    def refuse_block(self, index: int, statement: Statement) -> Step:
+        """A block that the language does not evaluate: its condition is the statement itself."""
+        after = self.find_end(index)
+        return Branch(statement.line, after, condition=Condition(statement), end=after)
+
     def _if(self, index: int, statement: Statement) -> Step:
-        routine, rest = self._routine, statement.rest
+        routine, rest = self.routine, statement.rest
         jump = GOES.search(rest)
-        after = self._after(index)
+        after = self.find_end(index)
         if jump and index not in routine.partner:
             condition = Condition(Question("IF", rest[: jump.start()]))
             place = routine.labels.get(int(jump[1]), -1)
@@ -170,7 +197,7 @@ class _Translator:
 
     def _leaves(self, start: int, end: int) -> bool:
         """Return whether one of the last statements of a branch leaves for good."""
-        last = self._routine.statements[start:end][-_LAST_STATEMENTS:]
+        last = self.routine.statements[start:end][-_LAST_STATEMENTS:]
         return any(isinstance(item, Statement) and item.word in _LEAVING for item in last)
 
     def _jump_of_if(self, index: int, statement: Statement) -> Step:
@@ -180,13 +207,13 @@ class _Translator:
 
     def _else(self, index: int, statement: Statement) -> Step:
         """The end of a branch, or of a case."""
-        opener = self._routine.opener.get(index, -1)
-        if opener not in self._routine.partner:
+        opener = self.routine.opener.get(index, -1)
+        if opener not in self.routine.partner:
             return self._nothing(statement)
-        return Jump(statement.line, self._after(opener))
+        return Jump(statement.line, self.find_end(opener))
 
     def _case(self, index: int, statement: Statement) -> Step:
-        routine = self._routine
+        routine = self.routine
         if index not in routine.partner:
             raise Unreadable("CASE is not closed")
         cases = []
@@ -196,35 +223,35 @@ class _Translator:
             tests = None if branch.word == "ANY" else branch.rest
             cases.append(Case(tests, self._starts[place + 1]))
         value = CaseValue(statement.rest)
-        return Select(statement.line, self._after(index), value=value, cases=cases)
+        return Select(statement.line, self.find_end(index), value=value, cases=cases)
 
     # -- loops ---------------------------------------------------------------------------------
 
     def _while(self, index: int, statement: Statement) -> Step:
-        if index not in self._routine.partner:
+        if index not in self.routine.partner:
             raise Unreadable("WHILE is not closed")
         condition = Condition(Question("WHILE", statement.rest, ("DO", "")))
-        return LoopStart(statement.line, self._after(index), condition=condition)
+        return LoopStart(statement.line, self.find_end(index), condition=condition)
 
     def _do_loop(self, index: int, statement: Statement) -> Step:
         condition = Condition(Question("DO", statement.rest)) if statement.rest else None
-        return LoopStart(statement.line, self._after(index), condition=condition)
+        return LoopStart(statement.line, self.find_end(index), condition=condition)
 
     def _until(self, index: int, statement: Statement) -> Step:
-        start = self._routine.opener.get(index)
+        start = self.routine.opener.get(index)
         if start is None:
             return self._nothing(statement)
         condition = Condition(Question("UNTIL", statement.rest), wanted=False)
         return LoopEnd(statement.line, self._starts[start], condition=condition)
 
     def _for(self, index: int, statement: Statement) -> Step:
-        if index not in self._routine.partner:
+        if index not in self.routine.partner:
             raise Unreadable("FOR is not closed")
-        return CountStart(statement.line, self._after(index), count=statement.rest)
+        return CountStart(statement.line, self.find_end(index), count=statement.rest)
 
     def _end(self, index: int, statement: Statement) -> Step:
-        start = self._routine.opener.get(index)
-        opener = self._routine.statements[start] if start is not None else None
+        start = self.routine.opener.get(index)
+        opener = self.routine.statements[start] if start is not None else None
         word = opener.word if isinstance(opener, Statement) else ""
         if start is None or word not in ("WHILE", "FOR"):
             return self._nothing(statement)
@@ -233,10 +260,10 @@ class _Translator:
 
     def _exit(self, index: int, statement: Statement) -> Step:
         """EXIT and NEXT: to the step after a loop, or to its last one."""
-        loops = self._routine.loops.get(index, ())
+        loops = self.routine.loops.get(index, ())
         labels = []
         for start in loops:
-            end = self._routine.partner.get(start, index)
+            end = self.routine.partner.get(start, index)
             target = self._starts[end if statement.word == "NEXT" else end + 1]
             labels.append(f"step {target}")
             self.code.labels[labels[-1]] = target
@@ -249,7 +276,7 @@ class _Translator:
         return self._jump(index, statement.line, read_label(statement.rest))
 
     def _jump(self, _index: int, line: int, label: int) -> Step:
-        place = self._routine.labels.get(label)
+        place = self.routine.labels.get(label)
         if place is None:
             reason = f"there is no label {label} in this program"
             return Act(line, do=refuse, operand=reason)
@@ -262,21 +289,22 @@ class _Translator:
         return End(statement.line)
 
 
-_TRANSLATE: dict[str, Callable[[_Translator, int, Statement], Step]] = {
-    "IF": _Translator._if,
-    "ELSE": _Translator._else,
-    "CASE": _Translator._case,
-    "VALUE": _Translator._else,
-    "ANY": _Translator._else,
-    "WHILE": _Translator._while,
-    "DO": _Translator._do_loop,
-    "UNTIL": _Translator._until,
-    "FOR": _Translator._for,
-    "END": _Translator._end,
-    "EXIT": _Translator._exit,
-    "NEXT": _Translator._exit,
-    "GOTO": _Translator._goto,
-    "RETURN": _Translator._return,
-    "RETURNE": _Translator._return,
-    **dict.fromkeys(ENDS, _Translator._halt),
+#: Translators by word of the flow.
+FLOW: dict[str, Translate] = {
+    "IF": Translator._if,
+    "ELSE": Translator._else,
+    "CASE": Translator._case,
+    "VALUE": Translator._else,
+    "ANY": Translator._else,
+    "WHILE": Translator._while,
+    "DO": Translator._do_loop,
+    "UNTIL": Translator._until,
+    "FOR": Translator._for,
+    "END": Translator._end,
+    "EXIT": Translator._exit,
+    "NEXT": Translator._exit,
+    "GOTO": Translator._goto,
+    "RETURN": Translator._return,
+    "RETURNE": Translator._return,
+    **dict.fromkeys(ENDS, Translator._halt),
 }

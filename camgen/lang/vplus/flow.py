@@ -19,7 +19,7 @@ from camgen.lang.values import Unknown
 from camgen.model.program import Joints, MoveC, MoveJ, MoveL
 from camgen.model.text import counted
 
-from .code import CaseValue, LoopCount, Question, compile_routine, measure_cost
+from .code import CaseValue, LoopCount, Question, compile_routine, measure_cost, read_bounds
 from .instructions import MOTIONS, REACTIONS
 from .locations import Expression
 from .names import canonical
@@ -248,14 +248,7 @@ class Machine(Units):
             raise Unreadable(f"{name[:20]!r} is no name")
         name += text.subscripts()
         text.expect("=")
-        first = text.real()
-        text.expect("TO")
-        last = text.real()
-        step = text.real() if text.accept("STEP") else 1.0
-        text.finish()
-        if step == 0:
-            raise Impossible("a loop with step 0")
-        return Counter(name, first, last, step)
+        return Counter(name, *read_bounds(text))
 
     def _is_one_of(self, wanted: float | str, tests: str) -> bool:
         if tests[-1:] != ":":

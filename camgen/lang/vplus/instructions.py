@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from .robot import POSTURES, Robot
+from .arm import POSTURES
+from .robot import Robot
 from .text import Statement
 
 #: They set a reaction of the program to a signal or an error.

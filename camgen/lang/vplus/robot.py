@@ -18,7 +18,7 @@ from camgen.model.pose import Pose, translation, zyz
 from camgen.model.program import Instruction, Joints, Output, Stop, Wait
 
 from . import words
-from .arm import PAIRS, ROUNDED
+from .arm import ROUNDED, is_same
 from .asked import MOST_SIGNAL, RATED, Surroundings
 from .effects import SILENT_SWITCHES
 from .locations import Expression, describe, to_joints, to_values, unknown
@@ -39,7 +39,6 @@ from .text import (
 RATED_TURN = 1200.0
 #: The output of the hand: its numbers are set on the controller.
 HAND = "hand.open"
-POSTURES = frozenset(word for pair in PAIRS for word in pair)
 #: Speeds, % or mm/s, that somebody can mean.
 _LEAST, _MOST = 1e-6, 1e6
 _HERE = re.compile(r"(?<![\w.])HERE(?![\w.])", re.IGNORECASE)
@@ -361,7 +360,7 @@ class Robot(Surroundings):
         )
         self.rest()
         for place, known in enumerate(self.tools):
-            if known.name == tool.name and _alike(known.pose, tool.pose):
+            if known.name == tool.name and is_same(known.pose, tool.pose):
                 self._held = place
                 return
         self.tools.append(tool)
@@ -518,9 +517,3 @@ def describe_any(location: Location) -> str:
     if location.frame.external:
         return describe(location)
     return location.name or "TRANS({:.6g},{:.6g},{:.6g},..)".format(*location.in_base().origin)
-
-
-def _alike(a: Pose | None, b: Pose | None) -> bool:
-    if a is None or b is None:
-        return a is b
-    return a.origin == b.origin and bool((a.rotation == b.rotation).all())

@@ -4,9 +4,8 @@ import math
 import re
 from collections.abc import Iterator
 
-from camgen.lang.pacscript.plain import LINE
+from camgen.lang.pacscript.plain import MOTIONS
 from camgen.lang.pacscript.strict import read
-from camgen.lang.pacscript.strict.motion import MOTIONS
 from camgen.model.program import Joints, MoveJ
 from tests.support.damage import Damage
 from tests.support.examples import is_night
@@ -152,10 +151,10 @@ ARC = f"Move C, P({SECOND}), @0 P({SECOND}, {FIRST})\n"
 PATH = FastPath(
     read=read,
     files=("a.pcs", "Other.pcs"),
-    functions=["camgen.lang.pacscript.strict.carry_out"],
+    functions=["camgen.lang.pacscript.plain.Plain"],
     closed=[("camgen.lang.columns.Template.cut", cut_nothing)],
     template=MOTIONS,
-    lines=LINE,
+    lines=re.compile(r"[^\n]*+\n|[^\n]++"),
     line_end="\n",
     by_hand=BY_HAND,
     signed_zeros=True,

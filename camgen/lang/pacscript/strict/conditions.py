@@ -7,14 +7,20 @@ on the arm. A comparison is decided only if it has the same result for every arm
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from functools import cache
 from itertools import islice
 
-from camgen.lang.pacscript.plain import Plain
+from msgspec import Struct
 
-from .machine import Machine
-from .text import Statement
-from .values import Either, Mps, Unreadable, evaluate, join, spread
+from camgen.lang.pacscript.expressions import Node, parse
+from camgen.lang.pacscript.source import Statement
+from camgen.lang.pacscript.values import Either, Mps, Unreadable, Value
+
+from .machine import StrictMachine
+from .run import StrictRun
+from .spelling import find_unusual
+from .values import join, spread
 
 #: Speeds at 100 % of the slowest and of the fastest arm, mm/s.
 _SLOWEST, _FASTEST = 500.0, 20_000.0
@@ -32,35 +38,48 @@ _COMPARISON = re.compile(r"([^<>=]+)([<>])([^<>=]+)")
 _ASSIGNMENT = re.compile(r"([a-z]\w*)\s*=\s*([^=].*)", re.IGNORECASE | re.ASCII)
 
 
-def carry_out_if(machine: Machine, statements: list[Statement], at: int) -> int | None:
-    """Runs a block `If ... Then` with `Mps` in its condition.
+class Question(Struct, frozen=True):
+    """A block `If ... Then` with `Mps` in its condition.
 
-    A branch may assign values to names. These then depend on the unit. It may have other statements
-    only if no unit takes it.
-    Returns the number of statements of the block, None if it is not such a block.
+    statements: all statements of the block.
+    condition: text of its condition.
+    branches: statements before and after `Else`.
     """
+
+    statements: Sequence[Statement]
+    condition: str
+    branches: tuple[list[Statement], list[Statement]]
+
+
+def read_question(statements: Sequence[Statement], at: int) -> Question | None:
+    """The block at `at`, None if it does not ask for `Mps`."""
     condition = _IF.fullmatch(_text(statements[at]))
     if condition is None or "mps" not in condition[1].lower():
         return None
     branches, count = _branches(statements, at)
-    if count == 0:
-        return None
+    return Question(statements[at : at + count], condition[1], branches) if count else None
+
+
+def ask_question(run: StrictRun, question: Question) -> None:
+    """Runs a block that asks for `Mps`.
+
+    A branch may assign values to names. These then depend on the unit. It may have other statements
+    only if no unit takes it.
+    """
+    machine = run.machine
+    for what in find_unusual(_text(question.statements[0])):
+        machine.remark(what)
     machine.compares_mps = True
-    try:
-        _hold_question(machine, statements[at : at + count])
-        truth = _decide(machine, condition[1])
-        negation = [not value for value in truth]
-        for branch, taken in zip(branches, (truth, negation), strict=True):
-            for statement in branch if any(taken) else ():
-                machine.line = statement.line if isinstance(statement, Plain) else statement[0]
-                _assign(machine, _text(statement), taken)
-    except Unreadable as error:
-        machine.fault(str(error))
-        machine.current_pose = None
-    return count
+    _hold_question(machine, question.statements)
+    truth = _decide(run, question.condition)
+    negation = [not value for value in truth]
+    for branch, taken in zip(question.branches, (truth, negation), strict=True):
+        for statement in branch if any(taken) else ():
+            machine.line = statement.line
+            _assign(run, _text(statement), taken)
 
 
-def _hold_question(machine: Machine, statements: list[Statement]) -> None:
+def _hold_question(machine: StrictMachine, statements: Sequence[Statement]) -> None:
     """Adds the question of the post that a block asks. Any other block is a finding.
 
     A branch that no arm takes is not run, so that it has to be that of the post.
@@ -86,11 +105,12 @@ def _known_questions() -> list[list[list[str]]]:
 
 
 def _text(statement: Statement) -> str:
-    return "" if isinstance(statement, Plain) else statement[1]
+    """The text of a statement, empty for motions in the usual spelling."""
+    return statement.text if isinstance(statement.text, str) else ""
 
 
 def _branches(
-    statements: list[Statement], at: int
+    statements: Sequence[Statement], at: int
 ) -> tuple[tuple[list[Statement], list[Statement]], int]:
     """The statements before and after `Else`, and the number of statements of the block.
 
@@ -115,26 +135,26 @@ def _branches(
     return (then, other), 0
 
 
-def _assign(machine: Machine, text: str, taken: list[bool]) -> None:
+def _assign(run: StrictRun, text: str, taken: list[bool]) -> None:
     """Runs an assignment for the units that take this branch."""
     assignment = _ASSIGNMENT.fullmatch(text)
     if assignment is None:
         raise Unreadable("where Mps decides, only names can be given a value")
-    name = assignment[1].lower()
-    value = evaluate(assignment[2], machine.lookup)
+    target = Node("name", assignment[1].lower())
+    value: Value = run.evaluate(parse(assignment[2]))
     if not all(taken):
-        new, old = spread(value, machine.lookup(name), Either((0.0,) * len(taken)))[:2]
+        new, old = spread(value, run.evaluate(target), Either((0.0,) * len(taken)))[:2]
         by_unit = zip(new, old, taken, strict=True)
         value = join([after if is_taken else before for after, before, is_taken in by_unit])
-    machine.name(name, value)
+    run.set_variable(target, value)
 
 
-def _decide(machine: Machine, condition: str) -> list[bool]:
+def _decide(run: StrictRun, condition: str) -> list[bool]:
     """The truth of a condition, by unit."""
     joints = [word.lower() for word in _WORDS.findall(condition)]
     if len(set(joints)) > 1:
         raise Unreadable("And beside Or is not evaluated")
-    comparisons = [_compare(machine, part) for part in _WORDS.split(_bare(condition))]
+    comparisons = [_compare(run, part) for part in _WORDS.split(_bare(condition))]
     combine = all if joints[:1] == ["and"] else any
     return [combine(values) for values in zip(*comparisons, strict=True)]
 
@@ -150,19 +170,19 @@ def _bare(text: str) -> str:
     return inner if text[:1] == "(" and text[-1:] == ")" and lowest == 0 == depth else text
 
 
-def _compare(machine: Machine, text: str) -> list[bool]:
+def _compare(run: StrictRun, text: str) -> list[bool]:
     """The result of `Mps(...) < n` or `Mps(...) > n`, by unit."""
     comparison = _COMPARISON.fullmatch(_bare(text))
     if comparison is None:
         raise Unreadable(f"{text.strip()[:60]} is not evaluated")
-    left = evaluate(comparison[1].strip(), machine.lookup)
-    right = evaluate(comparison[3].strip(), machine.lookup)
+    left = run.evaluate(parse(comparison[1].strip()))
+    right = run.evaluate(parse(comparison[3].strip()))
     greater = comparison[2] == ">"
     if isinstance(right, Mps):
         left, right, greater = right, left, not greater
     if not isinstance(left, Mps) or not isinstance(right, float):
         raise Unreadable(f"{text.strip()[:60]} is not evaluated")
-    return [_holds(speed, greater, right) for speed in machine.by_unit(left)]
+    return [_holds(speed, greater, right) for speed in run.machine.by_unit(left)]
 
 
 def _holds(mm_s: float, greater: bool, percent: float) -> bool:

@@ -91,10 +91,10 @@ def judge_internal(expected: Expected, internal: object) -> str:
 
 def judge_mark(expected: Expected, mark: str) -> str:
     """The fault of a pass mark that is not that of the options, empty without one."""
-    if mark in ("@E", "@C"):
-        return f"the pass mark {mark}, which no program of the post says"
-    if mark == "@P" and expected.in_mm:
+    if mark in ("E", "C"):
+        return f"the pass mark @{mark}, which no program of the post says"
+    if mark == "P" and expected.in_mm:
         return "@P, by post.pass_mark blends are in mm"
-    if mark not in ("@0", "@P") and not expected.in_mm:
+    if mark not in ("0", "P") and not expected.in_mm:
         return "a blend in mm, by post.pass_mark it is @P"
     return ""

@@ -5,20 +5,22 @@ from __future__ import annotations
 import math
 import re
 import string
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
 
+from camgen.lang.pacscript.expressions import arguments, parse
 from camgen.lang.pacscript.lines import without_comment
-from camgen.lang.pacscript.plain import Plain
+from camgen.lang.pacscript.source import Statement
+from camgen.lang.pacscript.values import Unreadable, index
 from camgen.model.pose import Pose, Vec3
 from camgen.model.program import Force
 
-from .machine import Machine
-from .text import Statement
-from .values import Unreadable, arguments, evaluate, index, number
+from .machine import StrictMachine
+from .run import StrictRun
 
 _NUMBER = r"([-+]?\d+(?:\.\d+)?)"
 _KINDS = ("on", "change", "off")
@@ -26,7 +28,7 @@ _KINDS = ("on", "change", "off")
 _WORK, _TABLES = 2, 10
 
 
-def parameter(machine: Machine, rest: str) -> None:
+def parameter(run: StrictRun, rest: str) -> None:
     """Runs `ForceParam table, frame, P(fx, fy, fz, ...)`.
 
     The force is in N. Only forces in the work frame (frame 2) are read.
@@ -36,8 +38,8 @@ def parameter(machine: Machine, rest: str) -> None:
         raise Unreadable("ForceParam with options is not evaluated")
     if len(parts) < 3:
         raise Unreadable("ForceParam needs 3 values")
-    table, frame = (index(number(part, machine.lookup)) for part in parts[:2])
-    force = evaluate(parts[2], machine.lookup)
+    table, frame = (index(run.read_number(part)) for part in parts[:2])
+    force = run.evaluate(parse(parts[2]))
     if not isinstance(force, Pose):
         raise Unreadable("ForceParam needs P(fx, fy, fz, mx, my, mz)")
     if not np.array_equal(force.rotation, np.eye(3)):
@@ -46,18 +48,20 @@ def parameter(machine: Machine, rest: str) -> None:
         raise Unreadable("a force outside the work frame is not evaluated")
     if not 1 <= table <= _TABLES:
         raise Unreadable(f"the force table {table}; there are 1 to {_TABLES}")
-    _set_force(machine, table, force.origin)
+    _set_force(run.machine, table, force.origin)
 
 
-def _set_force(machine: Machine, table: int, force: Vec3) -> None:
+def _set_force(machine: StrictMachine, table: int, force: Vec3) -> None:
     """Writes a force table, N in the work frame. A force of it that was never on is a finding."""
-    machine.forces[table] = force
+    machine.forces[table] = _WORK, force
+    if machine.table == table:
+        machine.press(table)
     _note_unused(machine, table)
     if machine.table != table:
         machine.unused_forces[table] = machine.line
 
 
-def _note_unused(machine: Machine, *tables: int) -> None:
+def _note_unused(machine: StrictMachine, *tables: int) -> None:
     """Adds findings for forces of tables that were set and never on."""
     for table in tables:
         line = machine.unused_forces.pop(table, 0)
@@ -65,14 +69,15 @@ def _note_unused(machine: Machine, *tables: int) -> None:
             machine.log.find("unusual", f"force table {table} is set and never on", line=line)
 
 
-def finish(machine: Machine) -> None:
+def finish(machine: StrictMachine) -> None:
     """Adds findings for all forces that were set and never on."""
     _note_unused(machine, *machine.unused_forces)
 
 
-def control(machine: Machine, rest: str) -> None:
+def control(run: StrictRun, rest: str) -> None:
     """Runs `ForceCtrl True, table` or `ForceCtrl False`."""
-    values = [number(part, machine.lookup) for part in arguments(rest)]
+    machine = run.machine
+    values = [run.read_number(part) for part in arguments(rest)]
     if not values[0]:
         _off(machine)
     elif len(values) != 2:
@@ -83,19 +88,17 @@ def control(machine: Machine, rest: str) -> None:
         _on(machine, index(values[1]))
 
 
-def _on(machine: Machine, table: int) -> None:
+def _on(machine: StrictMachine, table: int) -> None:
     if machine.table is not None:
         raise Unreadable("force control is on already")
-    machine.table = table
     machine.unused_forces.pop(table, None)
-    newtons, press = machine.pressing()
-    if not newtons:
+    if not machine.press(table):
         machine.fault("force control with no force")
-    machine.emit_still(Force(newtons, press))
+    machine.emit_still(Force(*machine.pressing))
 
 
-def _off(machine: Machine) -> None:
-    machine.table = None
+def _off(machine: StrictMachine) -> None:
+    machine.press(None)
     machine.emit_still(Force(0.0))
 
 
@@ -115,7 +118,7 @@ class Template:
     starts: tuple[str, ...]
 
 
-def templates(options: Mapping[str, object]) -> list[Template]:
+def read_templates(options: Mapping[str, object]) -> list[Template]:
     """The force templates of the options, longer ones first."""
     templates: list[Template] = []
     for kind in _KINDS:
@@ -131,20 +134,35 @@ def may_say(known: list[Template], word: str) -> bool:
     return any(_may_start(start, word) for start in starts)
 
 
-def apply_template(
-    machine: Machine, known: list[Template], statements: list[Statement], at: int
-) -> int:
-    """Runs the force lines of a template from `at` on. Returns their number, 0 without any."""
-    for template in known:
-        values = _match(template, statements[at : at + len(template.patterns)])
+class ForceLines(NamedTuple):
+    """The lines of a template in a text.
+
+    kind: kind of the template.
+    values: values of its places by name.
+    line_count: number of its lines.
+    """
+
+    kind: str
+    values: dict[str, float]
+    line_count: int
+
+
+def read_template(
+    templates: list[Template], statements: Sequence[Statement], at: int
+) -> ForceLines | None:
+    """The lines of a template from `at` on, None without any."""
+    for template in templates:
+        count = len(template.patterns)
+        values = _match(template, statements[at : at + count])
         if values is not None:
-            _carry_out(machine, template.kind, values)
-            return len(template.patterns)
-    return 0
+            return ForceLines(template.kind, values, count)
+    return None
 
 
-def _carry_out(machine: Machine, kind: str, values: dict[str, float]) -> None:
-    if kind == "off":
+def run_template(run: StrictRun, lines: ForceLines) -> None:
+    """Runs the lines of a template."""
+    machine, values = run.machine, lines.values
+    if lines.kind == "off":
         _off(machine)
         return
     vector: Vec3 = (values["x"], values["y"], values["z"])
@@ -152,7 +170,7 @@ def _carry_out(machine: Machine, kind: str, values: dict[str, float]) -> None:
         machine.fault("the newtons of a force line are not those of its vector")
     table = _read_table(values["n"]) if "n" in values else machine.table or 1
     _set_force(machine, table, vector)
-    if kind == "on" and machine.table is None:
+    if lines.kind == "on" and machine.table is None:
         _on(machine, table)
     elif machine.table != table:
         machine.fault("a change of a force that is not on")
@@ -207,17 +225,18 @@ def _may_start(start: str, text: str) -> bool:
     return not (start + first).isascii() or start.lower() == first.lower()
 
 
-def _match(template: Template, statements: list[Statement]) -> dict[str, float] | None:
+def _match(template: Template, statements: Sequence[Statement]) -> dict[str, float] | None:
     if len(statements) < len(template.patterns):
         return None
     values: dict[str, float] = {}
     for statement, pattern, names, start in zip(
         statements, template.patterns, template.places, template.starts, strict=True
     ):
-        # Motions are not read as `Plain` if a template may look like one.
-        if isinstance(statement, Plain) or not _may_start(start, statement[1]):
+        text = statement.text
+        # No motion is in the usual spelling if a template may look like one.
+        if not isinstance(text, str) or not _may_start(start, text):
             return None
-        match = pattern.fullmatch(_bare(statement[1]))
+        match = pattern.fullmatch(_bare(text))
         if match is None:
             return None
         values.update(zip(names, map(float, match.groups()), strict=True))

@@ -1,117 +1,77 @@
-"""State of the controller while a PacScript program runs, and the settings of the program."""
+"""The machine of the strict run: the settings of the program, compared with the options."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from typing import Any
 
-from camgen.lang.log import Log
+from msgspec.structs import replace
+
+from camgen.lang.pacscript.machine import RATED, RATED_TURN, Machine
+from camgen.lang.pacscript.motions import MARKS
+from camgen.lang.pacscript.values import Either, Mps, Placed, Speed, Unreadable, Value, name_place
+from camgen.lang.post_options import read_positive, read_signals
 from camgen.lang.programs import Level
-from camgen.model.pose import Pose, Vec3
-from camgen.model.program import Force, Instruction, MoveC, MoveJ, MoveL, Output, Wait
+from camgen.model.pose import Pose
+from camgen.model.program import Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Wait
 
-from .expected import Expected, judge_internal, judge_mark, judge_settings, read_expected
-from .values import Either, Mps, Unreadable, Value, evaluate, speed
-from .words import TYPES
+from .expected import judge_internal, judge_mark, judge_settings, read_expected
 
-#: Speed at 100 % if the options do not give it, mm/s. It is refused, except for joint motions.
-_RATED = 1000.0
-#: Blend of a pass mark, mm. The controller chooses how near `@P` and `@C` pass their target.
-_BLENDS = {"@0": 0.0, "@E": 0.0, "@P": 1.0, "@C": 1.0}
 #: Speed of `Mps(1)` by the unit of the controller, mm/s. The first one is used for an open unit.
-UNITS = {"mm/s": 1.0, "m/s": 1000.0}
+_UNITS = {"mm/s": 1.0, "m/s": 1000.0}
+_SIGNALS = {"process": 24}
 #: Indices of the questions for the unit of `Mps`, and whether it is a percentage.
 _QUESTIONS = [0, 1]
 #: Maximum relative difference of two equal speeds: single precision.
 _SAME = 1e-6
 
 
-@dataclass(slots=True)
-class Machine:
-    """State of the interpreter.
+class StrictMachine(Machine):
+    """The machine of the strict run.
 
-    rated: speed at 100 %, mm/s, 0 if the options do not give it.
     signals: name of a signal by number of its IO.
-    rated_turn: speed of a reorientation at 100 %, deg/s.
-    units: possible speeds of `Mps(1)`, mm/s: one if the unit is known, else all of `UNITS`.
+    units: possible speeds of `Mps(1)`, mm/s: one if the unit is known, else all of `_UNITS`.
     expected: options that the text must agree with.
-    line: line of the statement that runs.
-    armed: whether the program has the arm.
-    given: whether the arm was given back.
-    motor: whether the motor is on.
-    moved: whether the program has moved.
+    is_rated: whether the options give the speed at 100 %, or its absence is a finding already.
+    given_back: whether the arm was given back.
     settled: whether nothing was set since the settings were last compared with the options.
     stated_external: ExtSpeed of the text, %, 0 without one.
     acceleration: acceleration and deceleration, %. Empty before them and after `Speed`.
     stated_internal: Speed of the text, % or by `Mps`, None without one.
     uses_internal: whether a motion runs at the internal speed.
     blends: blends of the pass marks so far, mm.
-    figure: figure of the arm, None if the text does not state it.
     compares_mps: whether the text compares `Mps` with a percentage.
     questions: indices of the questions of the post that the text has asked before its first motion.
     only_off: whether all instructions so far switch an output or a force off. Posts write these
         before the questions.
     unused_forces: lines of `ForceParam` by table, for forces that are not on yet.
-    passing: whether the last motion passes its target. The next statement may then run early.
-    current_pose: last commanded pose, None if the text does not give it.
-    internal: internal speed, % or by `Mps`.
-    external: external speed, %.
-    numbers: numbers of the tool and work frame.
-    frames: poses of frames by kind and number.
-    forces: force by table, N.
-    table: table of the force that is on, None without one.
-    scopes: values of variables by name, for each running procedure.
-    types: types of declared variables by name, for each running procedure.
-    arrays: values of array elements, by letter and index.
-    body: N instructions.
-    lines: (N,) line of each instruction.
-    log: findings.
-    speeds: cache of speeds by text, for the present values of the variables.
     """
 
-    rated: float
-    signals: Mapping[int, str]
-    rated_turn: float = 500.0
-    units: tuple[float, ...] = tuple(UNITS.values())
-    expected: Expected = field(default_factory=lambda: read_expected({}))
-    line: int = 0
-    armed: bool = False
-    given: bool = False
-    motor: bool = True
-    moved: bool = False
-    settled: bool = False
-    stated_external: float = 0.0
-    acceleration: tuple[float, ...] = ()
-    stated_internal: float | Mps | None = None
-    uses_internal: bool = False
-    blends: dict[str, float] = field(default_factory=dict)
-    figure: int | None = None
-    compares_mps: bool = False
-    questions: list[int] = field(default_factory=list)
-    only_off: bool = True
-    unused_forces: dict[int, int] = field(default_factory=dict)
-    passing: bool = False
-    current_pose: Pose | None = None
-    internal: float | Mps = 100.0
-    external: float = 100.0
-    numbers: dict[str, int] = field(default_factory=lambda: {"tool": 0, "work": 0})
-    frames: dict[tuple[str, int], Pose] = field(default_factory=dict)
-    forces: dict[int, Vec3] = field(default_factory=dict)
-    table: int | None = None
-    scopes: list[dict[str, Value]] = field(default_factory=lambda: [{}])
-    types: list[dict[str, str]] = field(default_factory=lambda: [{}])
-    arrays: dict[tuple[str, int], Value] = field(default_factory=dict)
-    body: list[Instruction] = field(default_factory=list)
-    lines: list[int] = field(default_factory=list)
-    log: Log = field(init=False)
-    speeds: dict[str, float | Mps] = field(default_factory=dict)
-    _open_unit: bool = False
-    #: Last speed by `Mps` and its value in mm/s. Most motions have the speed of the one before.
-    _last: tuple[Mps | None, float] = (None, 0.0)
-
-    def __post_init__(self) -> None:
-        self.log = Log(lambda: self.line)
+    def __init__(self, options: Mapping[str, object]) -> None:
+        super().__init__({}, {})
+        self.signals = read_signals(options, _SIGNALS)
+        self.rated = read_positive(options, "rated", RATED)
+        self.is_rated = read_positive(options, "rated", 0.0) > 0
+        self.rated_turn = read_positive(options, "rated_turn", RATED_TURN)
+        mps = options.get("mps", "ask")
+        known = isinstance(mps, str) and mps in _UNITS
+        self.units = (_UNITS[str(mps)],) if known else tuple(_UNITS.values())
+        self.expected = read_expected(options)
+        self.given_back = False
+        self.settled = False
+        self.stated_external = 0.0
+        self.acceleration: tuple[float, ...] = ()
+        self.stated_internal: Speed | None = None
+        self.uses_internal = False
+        self.blends: dict[str, float] = {}
+        self.compares_mps = False
+        self.questions: list[int] = []
+        self.only_off = True
+        self.unused_forces: dict[int, int] = {}
+        self._has_open_unit = False
+        #: Last speed by `Mps` and its value in mm/s. Most motions have the speed of the one before.
+        self._last: tuple[Mps | None, float] = (None, 0.0)
 
     def fault(self, what: str) -> None:
         """Adds a refusal of the current line. Long quotations are shortened."""
@@ -120,6 +80,16 @@ class Machine:
     def remark(self, what: str) -> None:
         """Adds an unusual finding once."""
         self.log.find("unusual", what, once=what)
+
+    def forget_place(self) -> None:
+        """The arm is at a place that the text does not give."""
+        self.current_pose = name_place(f"where the arm stands in line {self.line}")
+
+    def unknown(self, what: str, key: str = "") -> Value:  # noqa: ARG002
+        """Raises Unreadable: each value is that of the text."""
+        raise Unreadable(f"{what} is not set in the text")
+
+    # -- settings ------------------------------------------------------------------------------
 
     def judge_settings(self) -> None:
         """Adds findings for settings that are not those of the options."""
@@ -139,43 +109,39 @@ class Machine:
         if what:
             self.remark(what)
 
-    def check_questions(self) -> None:
-        """Adds a finding for a speed by `unit` before both questions of the post."""
-        if self.questions != _QUESTIONS:
-            what = (
-                "a speed that depends on the unit of Mps, and the questions of the post for it are"
-            )
-            self.remark(f"{what} not asked before")
-
-    def internal_speed(self) -> float | Mps:
-        """The internal speed, for a motion without a speed of its own."""
-        self.uses_internal = True
-        return self.internal
-
     def blend(self, mark: str) -> float:
-        """The blend of a pass mark, mm."""
-        blend = self.blends.get(mark)
-        if blend is None:
-            blend = self.blends[mark] = _BLENDS[mark] if mark in _BLENDS else float(mark[1:])
-            if what := judge_mark(self.expected, mark):
-                self.remark(what)
+        """The blend of a new pass mark, mm."""
+        blend = self.blends[mark] = MARKS[mark] if mark in MARKS else float(mark)
+        if what := judge_mark(self.expected, mark):
+            self.remark(what)
         return blend
 
-    def lookup(self, key: str | tuple[str, int]) -> Value:
-        """The value of a variable. Raises Unreadable if the text has not set it."""
-        value = self.arrays.get(key) if isinstance(key, tuple) else self.scopes[-1].get(key)
-        if value is None:
-            if isinstance(key, tuple):
-                raise Unreadable(f"{key[0].upper()}[{key[1]}] is not set in the text")
-            raise Unreadable(f"unknown name {key}")
-        return value
+    # -- instructions --------------------------------------------------------------------------
 
-    def emit(self, item: Instruction) -> None:
+    def emit(self, item: Instruction, base: str = "") -> None:  # noqa: ARG002
         """Adds an instruction of the current line."""
         self.body.append(item)
         self.lines.append(self.line)
 
-    def emit_motion(self, item: MoveJ | MoveL | MoveC, passing: bool) -> None:
+    def emit_still(self, item: Output | Wait | Force) -> None:
+        """Adds an instruction that must not run before the arm has arrived."""
+        name = _STILL[type(item)]
+        if self.passing:
+            self.fault(f"{name} after a motion that passes its target: it may come too early")
+            self.passing = False
+        self.only_off = self.only_off and not self.moved and _is_off(item)
+        if self.questions and self.only_off:
+            self.remark("an output or a force is put off after Mps is asked, not before")
+        if not self.armed:
+            self.remark(f"{name} {'after GiveArm' if self.given_back else 'before TakeArm'}")
+        self.emit(item)
+
+    def move(
+        self,
+        item: MoveJ | MoveL | MoveC,
+        passing: bool,
+        base: str = "",  # noqa: ARG002 (the place of each target is known)
+    ) -> None:
         """Adds a motion.
 
         It is refused without the arm or with the motor off. The first one must be a joint motion.
@@ -188,79 +154,78 @@ class Machine:
             self.fault("a motion with the motor off")
         if not self.settled:
             self.judge_settings()
-        self._turn_into(item)
+        if self.figure is not None and item.posture:
+            self._compare_figures(item, item.posture.figure)
         self.moved, self.passing = True, passing
-        self.current_pose = item.target if isinstance(item.target, Pose) else None
-        self.emit(item)
+        self.body.append(item)
+        self.lines.append(self.line)
+        if isinstance(item.target, Pose):
+            self.current_pose = item.target
+        else:
+            self.forget_place()
 
-    def _turn_into(self, item: MoveJ | MoveL | MoveC) -> None:
-        """Updates the figure. A line and an arc must end in the figure in which they start."""
-        figure = item.posture.figure if item.posture else None
-        is_joint_motion = isinstance(item, MoveJ)
-        if figure is not None and not is_joint_motion and self.figure not in (None, figure):
-            what = f"from figure {self.figure} to {figure} along"
-            if isinstance(item, MoveC):
-                self.fault(f"{what} an arc")
-            else:
-                self.remark(f"{what} a line")
-        keeps = is_joint_motion and figure is None and isinstance(item.target, Pose)
-        self.figure = self.figure if keeps else figure
+    def _compare_figures(self, item: MoveJ | MoveL | MoveC, figure: int | None) -> None:
+        """A line and an arc must end in the figure in which they start."""
+        if isinstance(item, MoveJ) or figure in (None, self.figure):
+            return
+        what = f"from figure {self.figure} to {figure} along"
+        if isinstance(item, MoveC):
+            self.fault(f"{what} an arc")
+        else:
+            self.remark(f"{what} a line")
 
-    def emit_still(self, item: Output | Wait | Force) -> None:
-        """Adds an instruction that must not run before the arm has arrived."""
-        name = _STILL[type(item)]
-        if self.passing:
-            self.fault(f"{name} after a motion that passes its target: it may come too early")
-            self.passing = False
-        self.only_off = self.only_off and not self.moved and _is_off(item)
-        if self.questions and self.only_off:
-            self.remark("an output or a force is put off after Mps is asked, not before")
-        if not self.armed:
-            self.remark(f"{name} {'after GiveArm' if self.given else 'before TakeArm'}")
-        self.emit(item)
+    def go_joints(
+        self,
+        target: Joints,
+        speed: Speed,
+        blend: float,
+        at_once: bool = False,  # noqa: ARG002 (`StrictRun.go` has it)
+    ) -> None:
+        """Moves the axes to values of their own."""
+        mm_s, share = self.speed(speed)
+        self.move(MoveJ(target, mm_s, blend, share=share), blend > 0)
+        self.figure = None
 
-    def pressing(self) -> tuple[float, Vec3]:
-        """Newtons and direction of the force that is on. All are 0 without one."""
-        x, y, z = (0.0, 0.0, 0.0) if self.table is None else self.forces[self.table]
-        newtons = math.hypot(x, y, z)
-        if not newtons:
-            return 0.0, (0.0, 0.0, 0.0)
-        return newtons, (x / newtons, y / newtons, z / newtons)
+    # -- speeds --------------------------------------------------------------------------------
 
-    def speed_of(self, text: str) -> float | Mps:
-        """The speed of an expression, for the present values of the variables."""
-        value = self.speeds.get(text)
-        if value is None:
-            value = self.speeds[text] = speed(evaluate(text, self.lookup))
-        return value
+    def internal_speed(self) -> Speed:
+        """The internal speed, for a motion without a speed of its own."""
+        self.uses_internal = True
+        return self.internal
 
-    def mm_per_second(self, value: float | Mps) -> float:
-        """The product of an internal speed and the external speed, mm/s (manual)."""
-        if isinstance(value, Mps):
-            if isinstance(value.number, Either):
-                self.check_questions()
-            if value is not self._last[0]:
-                self._last = value, self._choose_speed(self.by_unit(value))
-            return self._last[1] * self.external / 100
-        if not self.rated:
-            self.fault(f"a speed in percent, taken of {_RATED:g} mm/s; give the option rated")
-            self.rated = _RATED
-        return value / 100 * self.rated * self.external / 100
+    def speed(self, value: Speed) -> tuple[float, float]:
+        """The speed of the TCP, mm/s, and its fraction of the maximum joint speeds.
 
-    def joint_speed(self, value: float | Mps) -> tuple[float, float]:
-        """The speed of a joint motion, mm/s, and its fraction of the maximum joint speeds.
-
-        The fraction is 0 for a speed by `Mps`. Percentages refer to the joint speeds, so that the
-        speed in mm/s is known only if the options give `rated`.
+        It is the product of an internal speed and the external speed (manual). The fraction is 0
+        for a speed by `Mps`.
         """
-        if isinstance(value, Mps):
-            return self.mm_per_second(value), 0.0
-        share = value / 100 * self.external / 100
-        return share * (self.rated or _RATED), share
+        if not isinstance(value, Mps):
+            share = value / 100 * self.external / 100
+            return value / 100 * self.rated * self.external / 100, share
+        if value is not self._last[0]:
+            if isinstance(value.number, Either):
+                self._check_questions()
+            self._last = value, self._choose_speed(self.by_unit(value))
+        return self._last[1] * self.external / 100, 0.0
 
-    def turning(self, value: float) -> float:
-        """The speed of a reorientation, rad/s, by its internal speed, %."""
-        return math.radians(value / 100 * self.external / 100 * self.rated_turn)
+    def pace(self, item: MoveL | MoveC, share: float, base: str) -> MoveL | MoveC:  # noqa: ARG002
+        """The motion with a speed of turning if the TCP keeps its position.
+
+        A percentage of a motion that travels is known only if the options give `rated`.
+        """
+        if not share:
+            return item
+        start = self.current_pose
+        if isinstance(item, MoveL) and isinstance(item.target, Pose):
+            is_still = not isinstance(start, Placed) and start.origin == item.target.origin
+            if is_still:
+                # Even if the turn is smaller than a printed digit. It has no speed in mm/s.
+                return replace(item, turn=math.radians(share * self.rated_turn))
+        if not self.is_rated:
+            self.is_rated = True
+            what = f"a speed in percent, taken of {RATED:g} mm/s; give the option rated"
+            self.fault(what)
+        return item
 
     def by_unit(self, value: Mps) -> list[float]:
         """The speed for each of `units`, mm/s."""
@@ -270,6 +235,14 @@ class Machine:
             numbers = (value.number,) * len(self.units)
         return [number * unit for number, unit in zip(numbers, self.units, strict=True)]
 
+    def _check_questions(self) -> None:
+        """Adds a finding for a speed by `unit` before both questions of the post."""
+        if self.questions != _QUESTIONS:
+            what = (
+                "a speed that depends on the unit of Mps, and the questions of the post for it are"
+            )
+            self.remark(f"{what} not asked before")
+
     def _choose_speed(self, speeds: list[float]) -> float:
         """The speed for the first unit, mm/s.
 
@@ -277,45 +250,13 @@ class Machine:
         compares `Mps` with a percentage.
         """
         slowest, fastest = min(speeds), max(speeds)
-        if fastest - slowest > _SAME * fastest and not self._open_unit:
-            self._open_unit = True
+        if fastest - slowest > _SAME * fastest and not self._has_open_unit:
+            self._has_open_unit = True
             level: Level = "refused" if self.compares_mps else "unusual"
             numbers = " or ".join(f"{speed:g}" for speed in speeds)
             reason = "as the controller reads Mps in mm/s or in m/s; give the option mps"
             self.log.find(level, f"{numbers} mm/s, {reason}")
         return speeds[0]
-
-    def enter(self, types: Mapping[str, str], values: list[Value]) -> None:
-        """Starts a procedure with the values of its parameters."""
-        self.scopes.append({})
-        self.types.append(dict(types))
-        for name, value in zip(types, values, strict=True):
-            self.name(name, value)
-
-    def leave(self) -> None:
-        """Ends a procedure."""
-        self.speeds.clear()
-        self.scopes.pop()
-        self.types.pop()
-
-    def declare(self, name: str, kind: str) -> None:
-        """Declares a name, both lower case."""
-        if name in self.types[-1]:
-            raise Unreadable(f"{name} is declared twice")
-        if kind not in TYPES:
-            raise Unreadable(f"{kind} is no type")
-        self.types[-1][name] = kind
-
-    def name(self, key: str | tuple[str, int], value: Value) -> None:
-        """Sets a variable. Raises Unreadable if its type cannot hold the value."""
-        self.speeds.clear()
-        if isinstance(key, tuple):
-            self.arrays[key] = value
-            return
-        kind = self.types[-1].get(key, "variant")
-        if not TYPES[kind](value):
-            raise Unreadable(f"{key} is {kind.capitalize()} and does not hold this value")
-        self.scopes[-1][key] = value
 
 
 def _is_off(item: Output | Wait | Force) -> bool:
@@ -325,4 +266,4 @@ def _is_off(item: Output | Wait | Force) -> bool:
     return isinstance(item, Force) and item.newtons == 0
 
 
-_STILL: dict[type, str] = {Output: "an output", Wait: "a delay", Force: "a force change"}
+_STILL: dict[type[Any], str] = {Output: "an output", Wait: "a delay", Force: "a force change"}

@@ -10,16 +10,21 @@ import math
 import re
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import partial
 from itertools import groupby
+from typing import NoReturn
 
 import numpy as np
 from msgspec.structs import replace
 
+from camgen.lang.code import Act, Return, Step
+from camgen.lang.flow import Choice, Counter, Flow, Rules
 from camgen.lang.log import Log
 from camgen.lang.post_options import read_positive, read_signals
 from camgen.lang.programs import Executed, Frames
+from camgen.lang.run import Budget, Stopped
+from camgen.lang.values import Unknown
+from camgen.lang.vplus.arm import POSTURES, is_same
+from camgen.lang.vplus.code import FLOW, Translator, compile_routine, read_bounds
 from camgen.lang.vplus.locations import Expression
 from camgen.lang.vplus.names import canonical
 from camgen.lang.vplus.text import (
@@ -34,12 +39,12 @@ from camgen.lang.vplus.text import (
     routines,
 )
 from camgen.lang.vplus.variables import variable
-from camgen.lang.vplus.walk import walk, walk_apart
+from camgen.lang.vplus.walk import walk_apart
 from camgen.model.pose import Pose
 from camgen.model.program import Columns, Instruction, MoveJ, MoveL, splice
 
 from .datafile import read_data
-from .robot import POSTURES, RobotState, Settings, same
+from .robot import RobotState, Settings
 from .scara import check_scara
 
 #: Maximum number of instructions that loops may add to those of the text.
@@ -61,28 +66,18 @@ _MOTIONS = frozenset({"APPRO", "APPROS", "DEPART", "DEPARTS", "MOVE", "MOVES"})
 _OTHER_MOTIONS = frozenset({"ALIGN", "ALTER", "CLOSE", "DRIVE", "MOVEST", "MOVET", "OPEN", "READY"})
 
 
-@dataclass(slots=True)
-class _Loop:
-    start: int
-    end: int
-    name: str
-    last: float
-    step: float
-
-
-class _Exhausted(Exception):
-    """Raised if a program runs more instructions than any program needs."""
-
-
 class Machine(RobotState):
     """The controller: the robot and the programs that it runs."""
+
+    faults: type[Exception] = Unreadable
 
     def __init__(self, programs: Mapping[str, Routine], log: Log, settings: Settings) -> None:
         super().__init__(log, settings)
         self._programs = programs
-        self._budget = _LOOPED
+        self._budget = Budget(_LOOPED, 0.0, "")
         for routine in programs.values():
-            self._budget += sum(map(_length, routine.statements))
+            self._budget.left += sum(map(_length, routine.statements))
+        self._flow = Flow(self, self._budget, Rules(_CALLS, skips_blocks=True))
         self._line = 0
 
     def run(self, routine: Routine) -> None:
@@ -90,98 +85,107 @@ class Machine(RobotState):
         try:
             self._run(routine)
             self.finish(self._line)
-        except _Exhausted:
-            self.report(self._line, "the loops of this program do not come to an end")
+        except Stopped:
+            self.fault(self._line, "the loops of this program do not come to an end")
 
     def _run(self, routine: Routine) -> None:
         self.enter()
         for label, index in routine.labels.items():
             line = _line_at(routine, index)
             self.remark(line, f"label {label}, to which no statement of a post jumps")
-        walk(routine, partial(self._next, routine, []), self._stretch, self._unreadable)
+        code = compile_routine(routine, Machine.act, Machine.run_stretch, _FLOW)
+        for step in code.steps:
+            # Each motion of a stretch takes a step by itself.
+            step.cost = int(not isinstance(step, Act) or not isinstance(step.operand, Stretch))
+        self._flow.run(code)
         self.leave()
 
-    def _stretch(self, plain: Stretch) -> None:
+    def run_stretch(self, plain: Stretch) -> None:
+        """Runs the motions of a stretch."""
         count = len(plain.poses)
-        if count <= self._budget and self.stretch(plain):
-            self._budget -= count
+        if count <= self._budget.left and self.stretch(plain):
+            self._budget.spend(count)
             self._line = plain.line + count - 1
             return
-        walk_apart(plain, self._move_apart, self._unreadable)
+        walk_apart(plain, self._move_apart, self._find_fault)
 
     def _move_apart(self, statement: Statement) -> None:
-        self._spend(statement.line)
+        self._line = statement.line
+        self._budget.spend()
         self.move(statement)
 
-    def _spend(self, line: int) -> None:
-        """Takes the instruction of a line from the budget. Raises _Exhausted at its end."""
-        self._line = line
-        self._budget -= 1
-        if self._budget < 0:
-            raise _Exhausted
-
-    def _unreadable(self, statement: Statement, error: Unreadable) -> None:
-        self.report(statement.line, str(error))
+    def _find_fault(self, statement: Statement, error: Unreadable) -> None:
+        self.fault(statement.line, str(error))
         if statement.word in _MOTIONS:
             self.lost()
 
-    def _next(self, routine: Routine, loops: list[_Loop], index: int, statement: Statement) -> int:
-        """Runs an instruction. Returns the index of the next one."""
-        self._spend(statement.line)
+    # -- answers to the engine (`camgen.lang.flow.Language`) ------------------------------------
+
+    def begin(self, step: Step) -> None:
+        """Takes note that a step runs now."""
+        self._line = step.line
+
+    def report(self, step: Step, error: Exception) -> None:
+        """Adds a finding for a step that cannot be carried out."""
+        assert isinstance(error, Unreadable)
+        operand = step.operand if isinstance(step, Act) else None
+        word = operand.word if isinstance(operand, Statement) else ""
+        self._find_fault(Statement(step.line, word, ""), error)
+
+    def open_count(self, count: str) -> Counter:
+        """The counter of FOR."""
+        name, _, bounds = count.partition("=")
+        name = variable(name.strip())
+        counter = Counter(name, *read_bounds(Expression(bounds, self)))
+        self.store(self._line, name, counter.first)
+        return counter
+
+    def evaluate(self, expression: str | Statement) -> float:
+        """The value of a counter. Raises Unreadable for another block."""
+        if isinstance(expression, Statement):
+            self._refuse(expression.word)
+        return self.real(expression)
+
+    to_number = staticmethod(float)
+
+    def matches(self, value: object, tests: object) -> bool:
+        """Raises Unreadable: no program of a post has cases."""
+        raise Unreadable(f"the case {tests} of {value} is not evaluated")
+
+    def count_instructions(self) -> int:
+        """The number of instructions so far."""
+        return len(self.body)
+
+    def read_state(self) -> None:
+        """Nothing: the budget ends a loop that repeats itself."""
+
+    def assume(
+        self, choice: Choice, step: Step, unknown: Unknown | None = None, length: int = 0
+    ) -> bool:
+        """Raises Unreadable: a strict run has no choices."""
+        del unknown, length
+        raise Unreadable(f"{choice.name} of line {step.line} is not evaluated")
+
+    def act(self, statement: Statement) -> None:
+        """Runs an instruction."""
         word = statement.word
-        if word == "RETURN":
-            if statement.rest:
-                self.report(statement.line, "RETURN stands alone")
-            if index + 1 < len(routine.statements):
-                line = _line_at(routine, index + 1)
-                self.report(line, "a statement after RETURN never runs")
-            return len(routine.statements)
-        if word == "FOR":
-            return self._loop(statement, index, routine.partner, loops)
-        if word == "END":
-            return self._again(index, loops)
         if word in _DOES:
             _DOES[word](self, statement)
         elif word == "TYPE":
             self.remark(statement.line, "TYPE, which no program of the post has")
         else:
             self._refuse(word)
-        return index + 1
 
-    def _loop(
-        self, statement: Statement, index: int, partner: Mapping[int, int], loops: list[_Loop]
-    ) -> int:
-        name, _, bounds = statement.rest.partition("=")
-        name = variable(name.strip())
-        text = Expression(bounds, self)
-        first = text.real()
-        text.expect("TO")
-        last = text.real()
-        step = text.real() if text.accept("STEP") else 1.0
-        text.finish()
-        if step == 0:
-            raise Unreadable("a loop with step 0")
-        if index not in partner:
-            raise Unreadable("a loop without END")
-        self.store(statement.line, name, first)
-        loop = _Loop(index, partner[index], name, last, step)
-        if (first - last) * step > 0:
-            return loop.end + 1
-        loops.append(loop)
-        return index + 1
+    def end(self, statements: Sequence[Statement | Stretch]) -> Return:
+        """Runs a RETURN. statements: its statement and the next one."""
+        statement, *others = statements
+        if isinstance(statement, Statement) and statement.rest:
+            self.fault(statement.line, "RETURN stands alone")
+        if others:
+            self.fault(others[0].line, "a statement after RETURN never runs")
+        return Return(statement.line)
 
-    def _again(self, index: int, loops: list[_Loop]) -> int:
-        if not loops or loops[-1].end != index:
-            return index + 1
-        loop = loops[-1]
-        value = self.real(loop.name) + loop.step
-        self.assign(loop.name, value)
-        if (value - loop.last) * loop.step > 0:
-            loops.pop()
-            return index + 1
-        return loop.start + 1
-
-    def _refuse(self, word: str) -> None:
+    def _refuse(self, word: str) -> NoReturn:
         """Raises Unreadable for a word that is not evaluated."""
         if word in _OTHER_MOTIONS:
             self.lost()
@@ -210,6 +214,18 @@ class Machine(RobotState):
         if statement.word != "AUTO":
             what = "its variables outlive the program, those of AUTO do not"
             self.remark(statement.line, f"{statement.word}: {what}")
+
+
+def _translate_return(translator: Translator, index: int, statement: Statement) -> Act:
+    return Act(statement.line, do=Machine.end, operand=translator.routine.statements[index:][:2])
+
+
+#: The words of the flow. Blocks other than FOR are refused.
+_FLOW = {
+    "RETURN": _translate_return,
+    **{word: FLOW[word] for word in ("FOR", "END")},
+    **dict.fromkeys(("CASE", "DO", "IF", "WHILE"), Translator.refuse_block),
+}
 
 
 def _line_at(routine: Routine, index: int) -> int:
@@ -408,7 +424,7 @@ def _translate(robot: RobotState) -> tuple[Pose | None, Sequence[Instruction], S
         try:
             body.append(_in_base(item, frame))
         except Unreadable as error:
-            robot.report(line, f"the frames of the targets differ, and {error}")
+            robot.fault(line, f"the frames of the targets differ, and {error}")
             continue
         lines.append(line)
     return NULL, body, lines
@@ -430,7 +446,7 @@ def _common(given: list[Frame]) -> Frame | None:
         if frame.external != first.external or frame.compound != first.compound:
             return None
         if frame.pose is not pose:
-            if not same(frame.pose, pose):
+            if not is_same(frame.pose, pose):
                 return None
             pose = frame.pose
     return first if first.compound or first.external else None

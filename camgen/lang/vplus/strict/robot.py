@@ -9,15 +9,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from itertools import chain
 from typing import Any, TypeVar
 
-import numpy as np
 from msgspec import Struct
 
 from camgen.lang.log import Log
 from camgen.lang.vplus import words
-from camgen.lang.vplus.arm import PAIRS, ROUNDED, Arm
+from camgen.lang.vplus.arm import PAIRS, ROUNDED, Arm, is_same
 from camgen.lang.vplus.locations import Expression
 from camgen.lang.vplus.names import canonical
 from camgen.lang.vplus.text import (
@@ -35,7 +33,6 @@ from camgen.model.program import Joints, Output, Stop, Wait
 #: Maximum number of texts in the cache of values.
 _KEPT = 4096
 T = TypeVar("T")
-POSTURES = frozenset(chain.from_iterable(PAIRS))
 _PROFILE = re.compile(r"\(\s*(\d{1,9})\s*\)\s*(?=[\d.])")
 #: Postures of the elbow and the wrist, which a SCARA does not have.
 _SIX_AXIS_ONLY = frozenset(PAIRS[1] + PAIRS[2])
@@ -115,7 +112,7 @@ class RobotState(Arm):
         #: Whether the program has set a global variable.
         self._shares = False
 
-    def report(self, line: int, what: str) -> None:
+    def fault(self, line: int, what: str) -> None:
         """Adds a refusal of a line."""
         self.log.find("refused", what, line=line)
 
@@ -257,7 +254,7 @@ class RobotState(Arm):
             self._once = None
             raise Unreadable("a straight motion to joint values is not evaluated")
         if (self._once or self._always)[1] != "%" and not straight:
-            self.report(statement.line, "a joint motion wants its SPEED in percent")
+            self.fault(statement.line, "a joint motion wants its SPEED in percent")
         if isinstance(target, Joints):
             self._count_axes(statement.line, target)
         self.travel(statement.line, target, straight, ROUNDED if self._path else 0.0)
@@ -268,7 +265,7 @@ class RobotState(Arm):
         posed: whether its target is a pose.
         """
         if self._detached:
-            self.report(line, "a motion after DETACH: the robot is not attached to this program")
+            self.fault(line, "a motion after DETACH: the robot is not attached to this program")
             self._detached = False  # one finding is enough
         self._check_speed(line, straight)
         self._check_posture(line, straight, posed)
@@ -316,7 +313,7 @@ class RobotState(Arm):
         """Checks that a precision point has as many joints as those before."""
         count = len(point.values)
         if self.axes and count != self.axes:
-            self.report(line, f"a precision point of {count} axes, others have {self.axes}")
+            self.fault(line, f"a precision point of {count} axes, others have {self.axes}")
         self.axes = self.axes or count
 
     def brake(self, statement: Statement) -> None:
@@ -414,7 +411,7 @@ class RobotState(Arm):
         text.finish()
         external = location.frame.external
         tool = None if external else location.in_base()
-        changed = external != self.tool_name or not same(tool, self.tool)
+        changed = external != self.tool_name or not is_same(tool, self.tool)
         self.tool, self.tool_name = tool, external
         if changed and self._last is not None:
             self._at = None
@@ -452,7 +449,7 @@ class RobotState(Arm):
     def delay(self, statement: Statement) -> None:
         """Runs `DELAY` as a dwell, and refuses it."""
         what = "DELAY is uncertain: it delays the next motion; WAIT.EVENT , s is a dwell"
-        self.report(statement.line, what)
+        self.fault(statement.line, what)
         self._pause(statement, words.dwell)
 
     def _pause(self, statement: Statement, parse: Callable[[Expression], float]) -> None:
@@ -464,7 +461,7 @@ class RobotState(Arm):
         """Checks that the robot stands still and is attached."""
         line = statement.line
         if self._moving:
-            self.report(line, f"{what} while the robot may still move: BREAK is missing before it")
+            self.fault(line, f"{what} while the robot may still move: BREAK is missing before it")
         if self._detached:
             self.remark(line, f"{what} after DETACH: the robot may be another program's by then")
 
@@ -488,10 +485,3 @@ class RobotState(Arm):
         if not statement.rest:
             what = "without (): what that means is not confirmed"
             self.remark(statement.line, f"{statement.word} {what}")
-
-
-def same(a: Pose | None, b: Pose | None) -> bool:
-    """Whether two poses are equal to the last bit, or both missing."""
-    if a is None or b is None:
-        return a is b
-    return a.origin == b.origin and bool(np.array_equal(a.rotation, b.rotation))

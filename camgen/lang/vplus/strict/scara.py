@@ -23,7 +23,7 @@ def check_scara(robot: RobotState) -> None:
     Tilts are tested in frames that the text defines.
     """
     for line, word in robot.bent.items():
-        robot.report(line, f"{word}: an arm of four axes has no such posture")
+        robot.fault(line, f"{word}: an arm of four axes has no such posture")
     if robot.tool is None:
         return
     flange = robot.tool.rotation[2]
@@ -39,7 +39,7 @@ def check_scara(robot: RobotState) -> None:
             tilts[key] = _tilt(item.target, frame.pose, flange)
         if tilts[key] > _UPRIGHT:
             what = f"the flange {tilts[key]:.4g} deg from straight down"
-            robot.report(line, f"{what}, which an arm of four axes cannot take")
+            robot.fault(line, f"{what}, which an arm of four axes cannot take")
 
 
 def _tilt(target: Pose, frame: Pose, flange: FloatArray) -> float:
