@@ -1,1 +1,1 @@
-"""From a photo to outlines in mm: camera, work plane, to-scale view, part mask, sub-pixel contours (PIST)."""
+"""From a photo to outlines in mm: camera, work plane, rectified view, mask and contours (PIST)."""

@@ -1,7 +1,7 @@
-"""Thin lines and lettering in ink: which pieces of it are lines, and the middles of those.
+"""Finds thin lines and lettering in ink, and their centre lines.
 
-A piece is as wide as twice its area, divided by its pixels that touch the paper, and as long as its area, divided by
-its width.
+A piece of ink is connected ink. Its width is twice its area divided by the number of its pixels
+that touch the paper, and its length is its area divided by its width.
 """
 
 from __future__ import annotations
@@ -19,20 +19,28 @@ from camgen.vision.skeleton import Stroke, graph, skeleton, strokes
 
 BoolArray = NDArray[np.bool_]
 
-#: A piece of ink is a line if its width is at most so much of the picture's longer side (or so many px), and it is so
-#: many widths long.
-_SHARE, _THIN_PX, _LONG = 0.015, 6.0, 4.0
-#: A line with a place so many times as wide is none.
-_WIDEST = 3.0
-#: The steps of the pixels are evened out over so many points before and after.
-_EVEN = 2
-#: The middle of a pixel of ink is so far from the paper, px, where the border runs half-way.
+#: Largest width of a line, as a fraction of the longer side of the picture,
+_MAX_WIDTH_FRACTION = 0.015
+#: or in px, whichever is more.
+_MAX_WIDTH_PX = 6.0
+#: Smallest length of a line, in widths.
+_MIN_LENGTH = 4.0
+#: Largest width of a line at any place, in widths.
+_MAX_BULGE = 3.0
+#: Points before and after a point over which a centre line is averaged: it was a chain of pixels.
+_AVERAGED_POINTS = 2
+#: px: depth of the border in a pixel of ink beside the paper. The border runs through
+#: the middle between the two.
 _HALF_PIXEL = 0.5
 
 
 class Pieces(Struct, frozen=True, eq=False):
-    """Joined pieces of ink. label: (H, W), 0 for paper. lines: (P + 1,) which are lines, by label. width: (P + 1,) px.
-    depth: (H, W) px from the paper.
+    """The P pieces of ink in a picture.
+
+    label: (H, W) int32, number of the piece at each pixel from 1 to P, 0 for paper.
+    lines: (P + 1,), by label: the piece is a line.
+    width: (P + 1,), by label: mean width, px.
+    depth: (H, W) float32, distance of each pixel of ink to the paper, px.
     """
 
     label: NDArray[np.int32]
@@ -41,8 +49,11 @@ class Pieces(Struct, frozen=True, eq=False):
     depth: NDArray[np.float32]
 
 
-def pieces_of(ink: Ink, every: bool) -> Pieces:
-    """The pieces of ``ink``, and which of them are lines; with ``every`` all that are longer than they are wide."""
+def pieces_of(ink: Ink, all_lines: bool) -> Pieces:
+    """Divide ink into pieces and decide which of them are lines.
+
+    all_lines: whether all pieces count as lines.
+    """
     import cv2  # noqa: PLC0415 (loaded only by what needs it)
 
     mask = ink.pixels.view(np.uint8)
@@ -50,67 +61,89 @@ def pieces_of(ink: Ink, every: bool) -> Pieces:
         mask, connectivity=8, ltype=cv2.CV_32S
     )
     depth = np.asarray(cv2.distanceTransform(mask, cv2.DIST_L2, cv2.DIST_MASK_5), np.float32)
-    flat = np.asarray(label, np.int64).ravel()
-    deepest = np.zeros(count, dtype=np.float32)
-    np.maximum.at(deepest, flat, depth.ravel())
-    # Along both sides of a line runs a row of pixels that touch the paper.
-    beside = np.bincount(flat[(mask.ravel() > 0) & (depth.ravel() <= 1)], minlength=count)
-    width = 2 * stats[:, cv2.CC_STAT_AREA] / np.maximum(beside, 1)
-    long = stats[:, cv2.CC_STAT_AREA] / np.maximum(width, 1) ** 2
-    even = 2 * (deepest - _HALF_PIXEL) <= _WIDEST * width
-    side = max(mask.shape)
-    lines = even & (width <= max(_SHARE * side, _THIN_PX)) & (long >= _LONG)
-    if every:
+    flat_label = np.asarray(label, np.int64).ravel()
+    max_depth = np.zeros(count, dtype=np.float32)
+    np.maximum.at(max_depth, flat_label, depth.ravel())
+    # A line has one row of pixels that touch the paper along each side.
+    touches_paper = (mask.ravel() > 0) & (depth.ravel() <= 1)
+    border_pixels = np.bincount(flat_label[touches_paper], minlength=count)
+    area = stats[:, cv2.CC_STAT_AREA]
+    width = 2 * area / np.maximum(border_pixels, 1)
+    length_in_widths = area / np.maximum(width, 1) ** 2
+    has_even_width = 2 * (max_depth - _HALF_PIXEL) <= _MAX_BULGE * width
+    is_narrow = width <= max(_MAX_WIDTH_FRACTION * max(mask.shape), _MAX_WIDTH_PX)
+    lines = has_even_width & is_narrow & (length_in_widths >= _MIN_LENGTH)
+    if all_lines:
         lines = np.ones(count, dtype=np.bool_)
     lines[0] = False
     return Pieces(np.asarray(label, np.int32), lines, width.astype(np.float64), depth)
 
 
 class Middle(Struct, frozen=True, eq=False):
-    """The middle of a line of ink. points: (N, 2) px, N > 1. closed: the last is followed by the first."""
+    """The centre line of a line of ink, or a part of it between junctions.
+
+    points: (N, 2) u, v, px, N > 1.
+    closed: the last point is followed by the first.
+    """
 
     points: FloatArray
     closed: bool
 
 
 def middles_of(pieces: Pieces) -> tuple[list[Middle], BoolArray]:
-    """The middles of the lines, and which pieces (P + 1,) have one: a dot has none."""
+    """Find the centre lines of the pieces that are lines.
+
+    Returns the centre lines, and a mask (P + 1,) of the pieces that have one, by label. In these
+    pieces the centre lines are longer than the piece is wide; a dot has no centre line.
+    """
     mask: Pixels = pieces.lines[pieces.label].view(np.uint8)
-    found = [s for s in strokes(graph(skeleton(mask), None, pieces.depth)) if len(s.points) > 1]
-    owner = [_label(stroke, pieces) for stroke in found]
+    lines = [
+        stroke
+        for stroke in strokes(graph(skeleton(mask), None, pieces.depth))
+        if len(stroke.points) > 1
+    ]
+    owner = [_find_label(stroke, pieces) for stroke in lines]
     length = np.zeros(len(pieces.lines))
-    np.add.at(length, owner, [float(np.abs(np.diff(stroke.points)).sum()) for stroke in found])
-    drawn = pieces.lines & (length > pieces.width)
-    return _evened([stroke for stroke, k in zip(found, owner, strict=True) if drawn[k]]), drawn
+    np.add.at(length, owner, [float(np.abs(np.diff(stroke.points)).sum()) for stroke in lines])
+    has_middle = pieces.lines & (length > pieces.width)
+    kept = [stroke for stroke, label in zip(lines, owner, strict=True) if has_middle[label]]
+    return _average_points(kept), has_middle
 
 
-def _label(stroke: Stroke, pieces: Pieces) -> int:
-    """The piece of a stroke: its own pixels are ink, the places of its junctions need not be."""
-    at = stroke.points
-    inside = pieces.label[np.rint(at.imag).astype(np.int64), np.rint(at.real).astype(np.int64)]
-    return int(inside.max())
+def _find_label(stroke: Stroke, pieces: Pieces) -> int:
+    """The label of the piece of a stroke.
+
+    The largest label along it: junctions are means of pixels, and may lie on paper, which is 0.
+    """
+    columns = np.rint(stroke.points.real).astype(np.int64)
+    rows = np.rint(stroke.points.imag).astype(np.int64)
+    return int(pieces.label[rows, columns].max())
 
 
-def _evened(found: list[Stroke]) -> list[Middle]:
-    """Each stroke with its points as the means of those around them; the ends of open ones stay."""
-    if not found:
+def _average_points(lines: list[Stroke]) -> list[Middle]:
+    """Replace each point by the mean of the points around it; the ends of open lines stay."""
+    if not lines:
         return []
-    count = np.array([len(s.points) for s in found])
-    first, stroke, place = begins(count), owners(count), ramp(count)
-    closed = np.array([s.closed for s in found])[stroke]
-    raw = np.concatenate([s.points for s in found])
-    # As many to both sides, so that an end is not drawn in.
-    room = np.where(closed, _EVEN, np.minimum(np.minimum(place, count[stroke] - 1 - place), _EVEN))
-    total = np.zeros(len(raw), dtype=np.complex128)
-    for by in range(-_EVEN, _EVEN + 1):
-        rows: IntArray = first[stroke] + (place + by) % count[stroke]
-        total += np.where(np.abs(by) <= room, raw[rows], 0.0)
-    even = total / (2 * room + 1)
-    parts = np.split(np.column_stack([even.real, even.imag]), first[1:])
-    return [Middle(points, s.closed) for points, s in zip(parts, found, strict=True)]
+    count = np.array([len(stroke.points) for stroke in lines])
+    first, owner, place = begins(count), owners(count), ramp(count)
+    closed = np.array([stroke.closed for stroke in lines])[owner]
+    points = np.concatenate([stroke.points for stroke in lines])
+    # As many points on both sides, so that an end is not drawn in.
+    to_end = np.minimum(place, count[owner] - 1 - place)
+    reach = np.where(closed, _AVERAGED_POINTS, np.minimum(to_end, _AVERAGED_POINTS))
+    total = np.zeros(len(points), dtype=np.complex128)
+    for offset in range(-_AVERAGED_POINTS, _AVERAGED_POINTS + 1):
+        rows: IntArray = first[owner] + (place + offset) % count[owner]
+        total += np.where(np.abs(offset) <= reach, points[rows], 0.0)
+    mean = total / (2 * reach + 1)
+    parts = np.split(np.column_stack([mean.real, mean.imag]), first[1:])
+    return [Middle(part, stroke.closed) for part, stroke in zip(parts, lines, strict=True)]
 
 
 def piece_of(border: FloatArray, pieces: Pieces) -> int:
-    """The piece of ink that a border (N, 2) px runs around or in: between an ink pixel and a paper one."""
+    """The label of the piece that a border (N, 2), px, runs around or in.
+
+    A point of a border lies between a pixel of ink and one of paper, which has label 0.
+    """
     (u0, v0), (u1, v1) = np.floor(border[0]).astype(int), np.ceil(border[0]).astype(int)
     return int(max(pieces.label[v0, u0], pieces.label[v1, u1]))

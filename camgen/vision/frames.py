@@ -1,8 +1,9 @@
-"""Frames of one view as one picture, and what is wrong with it: blur, light, movement.
+"""Averages the frames of one view to a picture, and warns of blur, bad light and movement.
 
-The mean of n frames has the noise of one divided by the root of n, as far as the noise of frames is independent, and a
-third of a grey value from rounding. Blur is measured at the strongest edges: a step of height h that a Gaussian has
-smoothed rises by h / (sqrt(2 pi) sigma) a pixel where it is steepest.
+The mean of n frames has the noise of a single frame divided by the root of n, if the noise of the
+frames is independent; rounding adds a third of a grey value. Blur is measured at the strongest
+edges: a step of height h that a Gaussian has smoothed rises by h / (sqrt(2 pi) sigma) per pixel
+where it is steepest.
 """
 
 from __future__ import annotations
@@ -21,26 +22,45 @@ from camgen.vision.image import Pixels
 Float32 = NDArray[np.float32]
 
 WHITE = 255
-#: Blur beyond this (px) is told: the outlines of parts are fitted up to about three times of it, ever worse.
-_BLURRED = 2.0
-#: The mean is so many times as blurred as a single frame, and so many px more, where something moved.
-_MOVED_TIMES, _MOVED_PX = 1.5, 0.3
-#: This part of the picture at full white is told; and a picture whose brightest part stays below so much of white.
-_GLARE, _BRIGHT_SHARE, _DIM = 0.01, 0.005, 0.3
-#: Smoothing before the slope is taken, px, and what it and the central difference add to the variance of the blur.
-_SMOOTH = 1.0
-_ADDED = _SMOOTH**2 + 1 / 3
-#: An edge: steepest within so many px, and with so much of the whole contrast, and grey values, within so many px.
-_PEAK_PX, _STEP_PX, _STEP_SHARE, _STEP_GREY = 3, 16, 0.4, 12.0
-#: A step that is wider than this, px, is a slope of light. Fewer edges tell nothing.
-_WIDEST = 60.0
-_FEWEST_EDGES = 20
+#: px: a note warns of more blur than this. Outlines of parts are fitted up to about three times of
+#: it, with growing errors.
+_MAX_BLUR_PX = 2.0
+#: The view moved if the mean is blurred this many times as much as a single frame,
+_MOVED_FACTOR = 1.5
+#: and this many px more.
+_MOVED_PX = 0.3
+#: A note warns if more than this fraction of the pixels is at full white.
+_MAX_CLIPPED = 0.01
+#: Fraction of the pixels that are the brightest part of the picture.
+_BRIGHTEST = 0.005
+#: A note warns if the brightest part is below this fraction of full white.
+_MIN_BRIGHTNESS = 0.3
+#: px: sigma of the smoothing before the slope is measured.
+_SMOOTHING_PX = 1.0
+#: px2: variance that the smoothing and the central difference add to the blur.
+_ADDED_VARIANCE = _SMOOTHING_PX**2 + 1 / 3
+#: px: an edge is the steepest place within this distance.
+_PEAK_PX = 3
+#: px: the step of an edge is measured within this distance.
+_STEP_PX = 16
+#: The step of an edge is at least this fraction of the contrast of the picture,
+_MIN_STEP_FRACTION = 0.4
+#: and at least this many grey values.
+_MIN_STEP = 12.0
+#: px: a step that is wider than this is a slope of light, not an edge.
+_MAX_WIDTH_PX = 60.0
+#: Pixels on edges that a measurement needs, at least.
+_MIN_EDGE_PIXELS = 20
 
 
 class Shot(Struct, frozen=True, eq=False):
-    """Several frames as one picture. pixels: their mean, (H, W, 3) uint8. frames: how many. clipped: the part of the
-    pixels that is at full white in most frames. blur: of the first frame, px; smear: of the mean where movement
-    blurred it most. None: no edges.
+    """Several frames as one picture.
+
+    pixels: mean of the frames, (H, W, 3) uint8.
+    frames: number of frames.
+    clipped: fraction of the pixels that are at full white in most frames.
+    blur: blur of the first frame, px; None without edges.
+    smear: blur of the mean where movement blurred it most, px; None without edges.
     """
 
     pixels: Pixels
@@ -51,7 +71,11 @@ class Shot(Struct, frozen=True, eq=False):
 
 
 class Sum:
-    """The frames so far."""
+    """A sum of frames.
+
+    first: the first frame.
+    frames: number of frames so far.
+    """
 
     def __init__(self) -> None:
         self.first: Pixels = np.zeros((0, 0, 3), dtype=np.uint8)
@@ -60,143 +84,146 @@ class Sum:
         self._clipped: NDArray[np.uint16] = np.zeros(0, dtype=np.uint16)
 
     def add(self, frame: Pixels) -> None:
-        """One more. InputError where it is of another size than those before."""
+        """Add a frame, (H, W, 3) uint8. Raises InputError if its size differs from the first."""
         if not self.frames:
             self.first = frame.copy()
             self._total = np.zeros(frame.shape, dtype=np.uint32)
             self._clipped = np.zeros(frame.shape[:2], dtype=np.uint16)
         elif frame.shape != self.first.shape:
-            sizes = " and ".join(f"{one.shape[1]} x {one.shape[0]}" for one in (self.first, frame))
-            raise InputError(
-                "camera", f"has frames of {sizes} px", remedy="set the camera to one size"
+            sizes = " and ".join(
+                f"{pixels.shape[1]} x {pixels.shape[0]}" for pixels in (self.first, frame)
             )
+            remedy = "set the camera to one size"
+            raise InputError("camera", f"has frames of {sizes} px", remedy=remedy)
         self._total += frame
         self._clipped += (frame == WHITE).any(axis=2)
         self.frames += 1
 
     def shot(self) -> Shot:
-        """The mean, rounded, and its facts."""
+        """The mean of at least one frame, rounded, with its measurements."""
         mean = np.rint(self._total / self.frames).astype(np.uint8)
         clipped = float((2 * self._clipped > self.frames).mean())
         return Shot(mean, self.frames, clipped, edge_blur(self.first), edge_smear(self.first, mean))
 
 
 class _Edges(Struct, frozen=True, eq=False):
-    """The strongest edges of a picture. at: (H, W) bool, where they are steepest. slope, step: (H, W), grey values a
-    pixel, and of the whole step.
+    """The strongest edges of a picture.
+
+    is_edge: (H, W) bool, True at the steepest pixels of the edges.
+    slope: (H, W), grey values per px.
+    step: (H, W), height of the step around each pixel, grey values.
     """
 
-    at: NDArray[np.bool_]
+    is_edge: NDArray[np.bool_]
     slope: Float32
     step: Float32
 
+    def widths(self) -> Float32:
+        """Step divided by slope at each edge pixel, (N,) px."""
+        return self.step[self.is_edge] / self.slope[self.is_edge]
+
 
 def edge_blur(pixels: Pixels) -> float | None:
-    """The blur of the strongest edges, px: the standard deviation of the Gaussian. None where there are none.
+    """Measure the blur of the strongest edges: sigma of the Gaussian, px; None without edges.
 
-    The pixel's own square counts, which is 0.29. What is more than 6 px comes out as about 6.
+    The area of a pixel is included, which alone is a blur of 0.29. Blurs above 6 px are measured as
+    about 6.
     """
     edges = _find_edges(pixels)
-    return None if edges is None else _blur_of(edges.step[edges.at] / edges.slope[edges.at])
+    return None if edges is None else _compute_blur(edges.widths())
 
 
 def edge_smear(first: Pixels, mean: Pixels) -> float | None:
-    """The blur (px) in ``mean`` of those edges of ``first`` that suffered most, a tenth: as one frame of many is
-    sharp where the camera or the part moves, along one direction perhaps.
+    """Measure the blur of those edges of `first` that are most blurred in `mean`, a tenth; px.
+
+    A camera or a part that moves may blur the edges of one direction only, and leaves those of a
+    single frame sharp. Returns None without edges.
     """
     edges = _find_edges(first)
     if edges is None:
         return None
-    left = _dilate(_slope(_smooth(mean)), _PEAK_PX)[edges.at]
-    worst = float(np.quantile(left / edges.slope[edges.at], 0.1))
-    alone = edges.step[edges.at] / edges.slope[edges.at]
-    return _blur_of(alone / max(worst, 1e-3))
+    slope = _dilate(_compute_slope(_smooth(mean)), _PEAK_PX)[edges.is_edge]
+    remaining = float(np.quantile(slope / edges.slope[edges.is_edge], 0.1))
+    return _compute_blur(edges.widths() / max(remaining, 1e-3))
 
 
-def _blur_of(wide: Float32) -> float:
-    """wide: (N,) step by slope of each edge, px."""
-    total = float(np.median(wide)) / math.sqrt(2 * math.pi)
-    return math.sqrt(max(total**2 - _ADDED, 1 / 12))
+def _compute_blur(widths: Float32) -> float:
+    """Sigma of the blur, px, from step divided by slope of each edge, (N,) px."""
+    sigma = float(np.median(widths)) / math.sqrt(2 * math.pi)
+    return math.sqrt(max(sigma**2 - _ADDED_VARIANCE, 1 / 12))
 
 
 def _find_edges(pixels: Pixels) -> _Edges | None:
+    """The strongest edges of a picture, or None if there are too few."""
     smooth = _smooth(pixels)
-    slope = _slope(smooth)
+    slope = _compute_slope(smooth)
     step = _dilate(smooth, _STEP_PX) + _dilate(-smooth, _STEP_PX)
     low, high = np.percentile(smooth[::4, ::4], (1, 99))
-    least = max(_STEP_SHARE * float(high - low), _STEP_GREY)
-    at = (slope >= _dilate(slope, _PEAK_PX)) & (step > least) & (slope * _WIDEST > step)
-    if np.count_nonzero(at) < _FEWEST_EDGES:
+    min_step = max(_MIN_STEP_FRACTION * float(high - low), _MIN_STEP)
+    is_steepest = slope >= _dilate(slope, _PEAK_PX)
+    candidates = is_steepest & (step > min_step) & (slope * _MAX_WIDTH_PX > step)
+    if np.count_nonzero(candidates) < _MIN_EDGE_PIXELS:
         return None
-    # What has the step within reach but is no edge itself, grain on a plateau, is far less steep.
-    wide = np.where(at, step / np.maximum(slope, 1e-6), np.inf)
-    return _Edges(wide < 2 * np.percentile(wide[at], 20), slope, step)
+    # Grain on a plateau may have a step within reach without being an edge: it is far less steep.
+    widths = np.where(candidates, step / np.maximum(slope, 1e-6), np.inf)
+    is_edge = widths < 2 * np.percentile(widths[candidates], 20)
+    return _Edges(is_edge, slope, step)
 
 
 def _smooth(pixels: Pixels) -> Float32:
+    """The grey values (H, W) of a picture, smoothed."""
     import cv2  # noqa: PLC0415 (loaded only by what needs it)
 
     grey = pixels if pixels.ndim == 2 else cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY)
-    return np.asarray(cv2.GaussianBlur(grey.astype(np.float32), (0, 0), _SMOOTH), dtype=np.float32)
+    smooth = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), _SMOOTHING_PX)
+    return np.asarray(smooth, dtype=np.float32)
 
 
-def _slope(smooth: Float32) -> Float32:
-    gv, gu = np.gradient(smooth)
-    return np.asarray(np.hypot(gu, gv), dtype=np.float32)
+def _compute_slope(smooth: Float32) -> Float32:
+    """Length of the gradient (H, W), grey values per px."""
+    down, right = np.gradient(smooth)
+    return np.asarray(np.hypot(right, down), dtype=np.float32)
 
 
 def _dilate(values: Float32, reach: int) -> Float32:
-    """The greatest value within ``reach`` px, a square."""
+    """The maximum of `values` (H, W) in a square around each pixel, `reach` px to each side."""
     import cv2  # noqa: PLC0415 (loaded only by what needs it)
 
-    return np.asarray(
-        cv2.dilate(values, np.ones((2 * reach + 1, 2 * reach + 1), dtype=np.uint8)),
-        dtype=np.float32,
-    )
+    square = np.ones((2 * reach + 1, 2 * reach + 1), dtype=np.uint8)
+    return np.asarray(cv2.dilate(values, square), dtype=np.float32)
 
 
 def judge(shot: Shot) -> tuple[Note, ...]:
-    """What is wrong with the picture, and what to do about it."""
-    notes = [*_judge_blur(shot)]
-    if shot.clipped > _GLARE:
+    """Notes on faults of the picture, with what to do about each; empty for a good picture."""
+    notes = _note_blur(shot)
+    if shot.clipped > _MAX_CLIPPED:
         what = f"{100 * shot.clipped:.1f} % of the picture is at full white, {WHITE}"
         why = "edges beside it move: expose shorter, close the aperture, or take light away"
         notes.append(Note("warning", what, why, strict=True))
-    bright = float(np.quantile(shot.pixels[::2, ::2], 1 - _BRIGHT_SHARE))
-    if bright < _DIM * WHITE:
-        what = f"the picture is dark: its brightest parts have {bright:.0f} of {WHITE}"
+    brightness = float(np.quantile(shot.pixels[::2, ::2], 1 - _BRIGHTEST))
+    if brightness < _MIN_BRIGHTNESS * WHITE:
+        what = f"the picture is dark: its brightest parts have {brightness:.0f} of {WHITE}"
         notes.append(Note("warning", what, "expose longer, or give more light", strict=True))
     return tuple(notes)
 
 
-def _judge_blur(shot: Shot) -> list[Note]:
+def _note_blur(shot: Shot) -> list[Note]:
+    """The note on missing edges, blur or movement, whichever comes first; empty if all is well."""
     if shot.blur is None or shot.smear is None:
-        return [
-            Note(
-                "warning",
-                "the picture shows no edges",
-                "is the lens covered, or far out of focus?",
-                strict=True,
-            )
-        ]
-    if shot.blur > _BLURRED:
-        what = f"edges are blurred by {shot.blur:.1f} px (standard deviation; up to {_BLURRED:g} is fine)"
-        return [
-            Note(
-                "warning",
-                what,
-                "focus the lens, and expose so short that nothing moves meanwhile",
-                strict=True,
-            )
-        ]
-    if shot.smear > _MOVED_TIMES * shot.blur + _MOVED_PX:
-        what = f"camera or part moved: {counted(shot.frames, 'frame')} have edges blurred by {shot.smear:.1f} px"
-        return [
-            Note(
-                "warning",
-                what,
-                f"a single one by {shot.blur:.1f} px; let nothing move",
-                strict=True,
-            )
-        ]
-    return []
+        what = "the picture shows no edges"
+        why = "is the lens covered, or far out of focus?"
+    elif shot.blur > _MAX_BLUR_PX:
+        what = (
+            f"edges are blurred by {shot.blur:.1f} px "
+            f"(standard deviation; up to {_MAX_BLUR_PX:g} is fine)"
+        )
+        why = "focus the lens, and expose so short that nothing moves meanwhile"
+    elif shot.smear > _MOVED_FACTOR * shot.blur + _MOVED_PX:
+        what = (
+            f"camera or part moved: {counted(shot.frames, 'frame')} "
+            f"have edges blurred by {shot.smear:.1f} px"
+        )
+        why = f"a single one by {shot.blur:.1f} px; let nothing move"
+    else:
+        return []
+    return [Note("warning", what, why, strict=True)]

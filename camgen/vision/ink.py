@@ -1,8 +1,9 @@
-"""Ink on paper: which pixels of a drawing are ink, and the borders between the two.
+"""Finds the ink of a drawing on paper, and the borders between ink and paper.
 
-A border runs between an ink pixel and its paper neighbour, at the place where the grey value between the two passes the
-level: in a picture of two values half-way, in an anti-aliased one at the drawn edge to a part of a pixel. Ink pixels
-that touch at a corner are joined, as in Suzuki's border following. What lies beyond the picture is paper.
+A border runs between a pixel of ink and a neighbour of paper, at the place where the grey value
+between the two passes the threshold. In a picture of two grey values that is half-way, in an
+anti-aliased picture it is the drawn edge with sub-pixel accuracy. Pixels of ink that touch at a
+corner are joined, as in Suzuki's border following. Beyond the picture is paper.
 """
 
 from __future__ import annotations
@@ -18,16 +19,20 @@ from camgen.vision.image import Pixels
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
-#: Less contrast than this between ink and paper is noise, grey levels.
-_LEAST_CONTRAST = 8.0
-#: A border stays off the centres of pixels, so that no two of its points are one.
-_BETWEEN = 0.01, 0.99
+#: Grey values: with less contrast than this between ink and paper, the difference is noise.
+_MIN_CONTRAST = 8.0
+#: Smallest and largest distance of a border from the centre of the ink pixel, px. It does not reach
+#: a centre, so that no two of its points are equal.
+_BETWEEN_CENTRES = 0.01, 0.99
 
 
 class Ink(Struct, frozen=True, eq=False):
-    """Ink in a picture with one row and column of paper around it. pixels: (H + 2, W + 2) bool.
+    """Ink in a picture of (H, W) pixels, with one row and column of paper around it.
 
-    grey: of the picture, the same size, float32. level: between ink and paper. why: a sentence.
+    pixels: (H + 2, W + 2) bool, True on ink.
+    grey: (H + 2, W + 2) float32, grey values.
+    level: threshold between ink and paper, grey value.
+    why: description of the threshold and of the border, for a note.
     """
 
     pixels: BoolArray
@@ -37,105 +42,119 @@ class Ink(Struct, frozen=True, eq=False):
 
 
 def ink_of(pixels: Pixels, threshold: float | None, invert: bool) -> Ink | None:
-    """The ink of a picture (H, W) or (H, W, 3); None where it has one grey value only.
+    """Find the ink of a picture (H, W) or (H, W, 3).
 
-    threshold: grey level, None: Otsu's. Ink is what differs from most of the picture's border, unless ``invert``.
+    Ink is the side of the threshold on which less than half of the picture's border lies.
+
+    threshold: grey value; None for the mean of the medians of ink and paper.
+    invert: ink is the other side.
+
+    Returns None if ink and paper do not differ enough, or if all pixels are on one side.
     """
     import cv2  # noqa: PLC0415 (loaded only by what needs it)
 
-    grey = (
-        pixels
-        if pixels.ndim == 2
-        else np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
-    )
-    split = (
-        cv2.threshold(grey, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)[0]
-        if threshold is None
-        else threshold
-    )
+    grey = pixels
+    if pixels.ndim == 3:
+        grey = np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
+    split = threshold
+    if split is None:
+        split = cv2.threshold(grey, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)[0]
     light = grey > split
     if not light.any() or light.all():
         return None
-    bright, dark = _middle(grey, light), _middle(grey, ~light)
-    if bright - dark < _LEAST_CONTRAST:
+    bright, dark = _compute_median(grey, light), _compute_median(grey, ~light)
+    if bright - dark < _MIN_CONTRAST:
         return None
     level = (bright + dark) / 2 if threshold is None else threshold
     light = grey > level
-    rim = np.concatenate([light[0], light[-1], light[:, 0], light[:, -1]])
-    on_dark = 2 * int(rim.sum()) < len(rim)
-    how = f"grey level {short(level, 1)}, " + ("half-way" if threshold is None else "as given")
-    why = f"{how}; the picture's border is mostly {'dark' if on_dark else 'light'}" + (
-        ", inverted" if invert else ""
-    )
-    ink = light == (on_dark != invert)
-    around = np.zeros((ink.shape[0] + 2, ink.shape[1] + 2), dtype=np.bool_)
-    around[1:-1, 1:-1] = ink
-    # The mirror image of the last pixel: the border of what is cut off lies on the picture's edge.
+    border = np.concatenate([light[0], light[-1], light[:, 0], light[:, -1]])
+    is_on_dark = 2 * int(border.sum()) < len(border)
+    how = "half-way" if threshold is None else "as given"
+    why = f"grey level {short(level, 1)}, {how}; "
+    why += f"the picture's border is mostly {'dark' if is_on_dark else 'light'}"
+    if invert:
+        why += ", inverted"
+    ink = light == (is_on_dark != invert)
+    padded_ink = np.zeros((ink.shape[0] + 2, ink.shape[1] + 2), dtype=np.bool_)
+    padded_ink[1:-1, 1:-1] = ink
+    # Ink at the edge of the picture continues as its mirror image about the threshold. So the
+    # border of ink that is cut off lies on the edge.
     values = np.pad(grey.astype(np.float32), 1, mode="edge")
-    mirrored = np.pad(ink, 1, mode="edge") & ~around
-    values[mirrored] = 2 * level - values[mirrored]
-    return Ink(around, values, float(level), why)
+    is_mirrored = np.pad(ink, 1, mode="edge") & ~padded_ink
+    values[is_mirrored] = 2 * level - values[is_mirrored]
+    return Ink(padded_ink, values, float(level), why)
 
 
-def _middle(grey: Pixels, where: BoolArray) -> float:
-    """The median of the pixels ``where``, from their histogram."""
-    counts = np.cumsum(np.bincount(grey[where], minlength=256))
+def _compute_median(grey: Pixels, selected: BoolArray) -> float:
+    """The median of the `selected` pixels, from their histogram."""
+    counts = np.cumsum(np.bincount(grey[selected], minlength=256))
     return float(np.searchsorted(counts, counts[-1] / 2))
 
 
 def borders(ink: Ink) -> list[FloatArray]:
-    """The closed borders of the ink, (N, 2) pixels u, v of the padded picture, in the order of their topmost points.
+    """Follow the closed borders of the ink, in the order of their topmost points.
 
-    With v upwards the ink is on the left: outer borders run counter-clockwise, holes clockwise.
+    With v upwards the ink is on the left: outer borders run counter-clockwise, those of holes
+    clockwise.
+
+    Returns points (N, 2) u, v of each border, pixels of the padded picture.
     """
-    tail, head, way, point = _cracks(ink)
+    tail, head, direction, point = _find_edges(ink)
     order = np.argsort(tail, kind="stable")
-    following = _following(tail[order], head[order], way[order])
+    following = _find_following(tail[order], head[order], direction[order]).tolist()
     points = point[order]
-    loops, seen, links = [], bytearray(len(following)), following.tolist()
-    for first in range(len(links)):
+    loops, seen = [], bytearray(len(following))
+    for first in range(len(following)):
         if seen[first]:
             continue
-        loop, at = [], first
-        while not seen[at]:
-            seen[at] = 1
-            loop.append(at)
-            at = links[at]
+        loop, edge = [], first
+        while not seen[edge]:
+            seen[edge] = 1
+            loop.append(edge)
+            edge = following[edge]
         loops.append(points[loop])
     return loops
 
 
-#: South, west, north, east: to the right of each way lies the next one (v runs down).
+#: Directions 0 to 3 as steps (rows, columns): south, west, north, east. Each one points to the
+#: right of the one before.
 _STEPS = ((1, 0), (0, -1), (-1, 0), (0, 1))
+#: For each direction, the step from the ink pixel to the paper pixel to the right of the edge, and
+#: the corner of the ink pixel at which the edge begins.
+_SIDES = (((0, -1), (0, 0)), ((-1, 0), (0, 1)), ((0, 1), (1, 1)), ((1, 0), (1, 0)))
 
 
-def _cracks(ink: Ink) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
-    """The edges between ink and paper: tail and head as numbers of pixel corners, way 0 to 3, and the place (E, 2).
+def _find_edges(ink: Ink) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
+    """Find the E edges between pixels of ink and of paper; the ink lies to the left.
 
-    Corner (i, j) is the upper left one of pixel (i, j). The ink lies to the left of the way.
+    Returns the numbers of the pixel corners at which they begin and end (E,), their direction (E,)
+    0 to 3, and the place (E, 2) u, v where the grey value passes the threshold. Corner (i, j) is
+    the upper left one of pixel (i, j).
     """
     width = ink.pixels.shape[1] + 1
     columns: list[tuple[IntArray, ...]] = []
     places = []
-    # The paper lies to the right: for each way the pixel beside, and the corner of the ink pixel where the edge begins.
-    for way, (beside, corner) in enumerate(
-        (((0, -1), (0, 0)), ((-1, 0), (0, 1)), ((0, 1), (1, 1)), ((1, 0), (1, 0)))
-    ):
-        i, j = np.nonzero(ink.pixels & ~np.roll(ink.pixels, (-beside[0], -beside[1]), axis=(0, 1)))
+    for direction, (to_paper, corner) in enumerate(_SIDES):
+        is_paper = ~np.roll(ink.pixels, (-to_paper[0], -to_paper[1]), axis=(0, 1))
+        i, j = np.nonzero(ink.pixels & is_paper)
         begin = (i + corner[0]) * width + j + corner[1]
-        step = _STEPS[way]
-        columns.append((begin, begin + step[0] * width + step[1], np.full(len(i), way)))
-        inner, outer = ink.grey[i, j], ink.grey[i + beside[0], j + beside[1]]
-        differ = np.where(inner == outer, 1.0, inner - outer)
-        share = np.clip((inner - ink.level) / differ, *_BETWEEN).astype(np.float64)
-        places.append(np.column_stack([j + share * beside[1], i + share * beside[0]]))
-    tail, head, ways = (np.concatenate(column) for column in zip(*columns, strict=True))
-    return tail, head, ways, np.concatenate(places)
+        step = _STEPS[direction]
+        columns.append((begin, begin + step[0] * width + step[1], np.full(len(i), direction)))
+        inner, outer = ink.grey[i, j], ink.grey[i + to_paper[0], j + to_paper[1]]
+        difference = np.where(inner == outer, 1.0, inner - outer)
+        distance = np.clip((inner - ink.level) / difference, *_BETWEEN_CENTRES).astype(np.float64)
+        places.append(np.column_stack([j + distance * to_paper[1], i + distance * to_paper[0]]))
+    tail, head, directions = (np.concatenate(column) for column in zip(*columns, strict=True))
+    return tail, head, directions, np.concatenate(places)
 
 
-def _following(tail: IntArray, head: IntArray, way: IntArray) -> IntArray:
-    """The edge that follows each, of edges sorted by tail: the only one, or of two the one to the right."""
+def _find_following(tail: IntArray, head: IntArray, direction: IntArray) -> IntArray:
+    """Index of the edge that follows each edge; if there are two, the one to the right.
+
+    The edges are sorted by `tail`.
+    """
     first = np.searchsorted(tail, head)
     second = np.minimum(first + 1, len(tail) - 1)
-    right = (way + 1) % 4
-    return np.where((tail[second] == head) & (way[second] == right), second, first)
+    to_right = (direction + 1) % 4
+    is_second = (tail[second] == head) & (direction[second] == to_right)
+    return np.where(is_second, second, first)

@@ -1,4 +1,4 @@
-"""The one number of a view that is to scale."""
+"""The work plane in a photo: homographies between two planes, fitted and checked for outliers."""
 
 from __future__ import annotations
 
@@ -18,20 +18,25 @@ from camgen.vision.camera.camera import Camera, undistort
 from camgen.vision.camera.sheet_lens import SheetLens
 from camgen.vision.image import Picture
 
-# Homographies between two planes: the direct linear transformation, its refinement, and pairs that do not fit.
+# Homographies: the direct linear transformation (DLT), its refinement, and outliers.
 
-#: Below this ratio of breadth to length a set of points is a line.
+#: Points lie on a line if the ratio of their breadth and length is below this.
 _LINE_RATIO = 0.02
-#: More pairs than this are not all left out one by one, only those with the largest residuals.
-_TRIED = 40
-_ROUNDS = 30
+#: Up to this number of pairs, each one is tested as an outlier.
+_MAX_TESTED = 40
+#: If there are more pairs, this number is tested, those with the largest residuals.
+_FEW_TESTED = 8
+#: Iterations of the refinement, at most.
+_MAX_ITERATIONS = 30
 
 
 class Suspect(Struct, frozen=True):
-    """The pair that fits least. index: its row; error: how far from its image point the others put it, px.
+    """The pair of points that fits least.
 
-    chance: the probability, at most 1, that plain measuring errors look like this one; it cannot be told from five
-    pairs or fewer (then 1).
+    index: row of the pair.
+    error: distance of its image point from where the other pairs put it, px.
+    chance: probability, at most 1, that normal measuring errors cause such an error; 1 for five
+        pairs or fewer, from which it cannot be computed.
     """
 
     index: int
@@ -40,40 +45,43 @@ class Suspect(Struct, frozen=True):
 
 
 def map_points(homography: FloatArray, points: FloatArray) -> FloatArray:
-    """``points`` (N, 2) through ``homography`` (3, 3): (N, 2)."""
+    """Map points (N, 2) by a homography (3, 3) to points (N, 2)."""
     lifted = points @ homography[:, :2].T + homography[:, 2]
-    moved: FloatArray = lifted[:, :2] / lifted[:, 2:]
-    return moved
+    image: FloatArray = lifted[:, :2] / lifted[:, 2:]
+    return image
 
 
 def depth(homography: FloatArray, points: FloatArray) -> FloatArray:
-    """The divisor of each point (N,): of one sign on one side of the horizon, of the other beyond it."""
+    """The divisor (N,) of a homography at points (N, 2); its sign changes at the horizon."""
     divisor: FloatArray = points @ homography[2, :2] + homography[2, 2]
     return divisor
 
 
 def fit_homography(source: FloatArray, image: FloatArray) -> FloatArray:
-    """The homography (3, 3) with the least squared distances in the image; four or more pairs in general position.
+    """Fit a homography (3, 3) to pairs of points, with the least squared distances in the image.
 
-    Its scale is 1 (Frobenius), its sign such that the divisor is positive at the middle of the source points.
+    source, image: (N, 2), four or more pairs in general position.
+
+    Its Frobenius norm is 1, and its divisor is positive at the middle of the source points.
     """
-    to_source, to_image = _normalisation(source), _normalisation(image)
-    start = _dlt(map_points(to_source, source), map_points(to_image, image))
-    # At the middle of the points, (0, 0) here, the divisor is not zero unless the pairs make no sense at all.
-    best = (
-        _refine(start / start[2, 2], map_points(to_source, source), map_points(to_image, image))
-        if start[2, 2]
-        else start
-    )
-    found = np.linalg.inv(to_image) @ best @ to_source
-    found = found / np.linalg.norm(found)
+    to_source, to_image = _make_normalisation(source), _make_normalisation(image)
+    normal_source, normal_image = map_points(to_source, source), map_points(to_image, image)
+    best = _fit_dlt(normal_source, normal_image)
+    # At the middle of the points, (0, 0) here, the divisor is not 0, unless the pairs are nonsense.
+    if best[2, 2]:
+        best = _refine(best / best[2, 2], normal_source, normal_image)
+    homography = np.linalg.inv(to_image) @ best @ to_source
+    homography = homography / np.linalg.norm(homography)
     middle = source.mean(axis=0)[None]
-    whole: FloatArray = found if depth(found, middle)[0] > 0 else -found
-    return whole
+    result: FloatArray = homography if depth(homography, middle)[0] > 0 else -homography
+    return result
 
 
 def in_line(points: FloatArray) -> int | None:
-    """The row without which all other points lie on one line (four points: three of them do); None: there is none."""
+    """The row of `points` (N, 2) without which all others lie on one line; None without one.
+
+    With four points this means that three are on a line.
+    """
     centred = points - points.mean(axis=0)
     count = len(points) - 1
     products = centred[:, :, None] * centred[:, None, :]
@@ -86,125 +94,149 @@ def in_line(points: FloatArray) -> int | None:
 
 
 def suspect(source: FloatArray, image: FloatArray, residuals: FloatArray) -> Suspect:
-    """The pair whose absence makes the others fit best. residuals (N,): of the fit to all, px. Six pairs or more.
+    """Find the pair without which the other pairs fit best. It needs six pairs or more.
 
-    With it the squares sum to a, without it to b. If all errors are normal, a / b - 1 is F-distributed with 2 and
-    2 N - 10 degrees of freedom, so that chance says (b / a)^(N - 5), times N because the worst one was sought.
+    residuals: (N,) of the fit to all pairs, px.
+
+    With the pair the squares sum to a, without it to b. If all errors are normal, a / b - 1 is
+    F-distributed with 2 and 2 N - 10 degrees of freedom. So the probability of such a ratio is
+    (b / a)^(N - 5), times N because the worst of N pairs was chosen.
     """
     count = len(source)
-    order = np.argsort(residuals)[::-1][: count if count <= _TRIED else 8]
-    squares = np.array([_squares_without(source, image, int(i)) for i in order])
+    order = np.argsort(residuals)[::-1][: count if count <= _MAX_TESTED else _FEW_TESTED]
+    squares = np.array([_sum_squares_without(source, image, int(i)) for i in order])
     index = int(order[np.argmin(squares)])
     total = float(residuals @ residuals)
     chance = count * (float(squares.min()) / total) ** (count - 5) if total > 0 else 1.0
-    return Suspect(index, _error_of(source, image, index), min(chance, 1.0))
+    return Suspect(index, _measure_error(source, image, index), min(chance, 1.0))
 
 
 def most_distorted(source: FloatArray, image: FloatArray, camera: FloatArray | None) -> Suspect:
-    """Of five pairs the one whose absence leaves the most plausible picture. camera: matrix (3, 3) or None.
+    """Find the pair of five without which the picture is most plausible.
 
-    Any four pairs fit exactly: which of five is wrong, no residual tells. With a camera the plane's axes must come out
-    equally long and square to each other; without one the picture that is stretched least is believed.
+    Any four pairs fit exactly, so residuals do not show which of five is wrong. With a camera the
+    axes of the plane must have the same length and a right angle; without one the picture that is
+    stretched least is taken.
+
+    camera: camera matrix (3, 3), or None.
     """
     oddness = []
     for i in range(len(source)):
-        rest = np.arange(len(source)) != i
-        found = fit_homography(source[rest], image[rest])
-        oddness.append(_stretch(found, source) if camera is None else skewness(found, camera))
+        others = np.arange(len(source)) != i
+        homography = fit_homography(source[others], image[others])
+        if camera is None:
+            oddness.append(_measure_stretch(homography, source))
+        else:
+            oddness.append(skewness(homography, camera))
     index = int(np.argmin(oddness))
-    return Suspect(index, _error_of(source, image, index), 1.0)
+    return Suspect(index, _measure_error(source, image, index), 1.0)
 
 
 def skewness(homography: FloatArray, camera: FloatArray) -> float:
-    """How far the plane's two axes, seen by the camera (matrix (3, 3)), are from equally long and square; 0: not."""
+    """Deviation of the two axes of a plane, as a camera sees them, from equal and perpendicular.
+
+    camera: camera matrix (3, 3).
+
+    Returns the root of the sum of two squares: the logarithm of the ratio of their lengths, and the
+    cosine of their angle. 0 for a real plane.
+    """
     axes = np.linalg.solve(camera, homography)[:, :2]
     a, b = np.linalg.norm(axes, axis=0)
     return float(np.hypot(np.log(a / b), axes[:, 0] @ axes[:, 1] / (a * b)))
 
 
 def scales(homography: FloatArray, points: FloatArray) -> FloatArray:
-    """Length in the image per length at the source, least and greatest, at each point: (N, 2)."""
+    """Smallest and largest scale (N, 2) at points (N, 2): length in the image per source length."""
     lifted = points @ homography[:, :2].T + homography[:, 2]
-    place = lifted[:, :2] / lifted[:, 2:]
-    jacobian = (homography[None, :2, :2] - place[:, :, None] * homography[None, 2:, :2]) / lifted[
-        :, 2, None, None
-    ]
-    sizes: FloatArray = np.linalg.svd(jacobian, compute_uv=False)[:, ::-1].astype(
-        np.float64, copy=False
-    )
+    image = lifted[:, :2] / lifted[:, 2:]
+    slopes = homography[None, :2, :2] - image[:, :, None] * homography[None, 2:, :2]
+    jacobian = slopes / lifted[:, 2, None, None]
+    values = np.linalg.svd(jacobian, compute_uv=False)[:, ::-1]
+    sizes: FloatArray = values.astype(np.float64, copy=False)
     return sizes
 
 
-def _stretch(homography: FloatArray, source: FloatArray) -> float:
+def _measure_stretch(homography: FloatArray, source: FloatArray) -> float:
+    """Logarithm of the ratio of the largest and the smallest scale; inf beyond the horizon."""
     if depth(homography, source).min() <= 0:
         return np.inf
     all_scales = scales(homography, source)
     return float(np.log(all_scales.max() / all_scales.min()))
 
 
-def _error_of(source: FloatArray, image: FloatArray, index: int) -> float:
-    rest = np.arange(len(source)) != index
-    predicted = map_points(fit_homography(source[rest], image[rest]), source[index : index + 1])
+def _measure_error(source: FloatArray, image: FloatArray, index: int) -> float:
+    """Distance of an image point from where the other pairs put it, px."""
+    others = np.arange(len(source)) != index
+    homography = fit_homography(source[others], image[others])
+    predicted = map_points(homography, source[index : index + 1])
     return float(np.linalg.norm(predicted[0] - image[index]))
 
 
-def _squares_without(source: FloatArray, image: FloatArray, index: int) -> float:
-    rest = np.arange(len(source)) != index
-    if in_line(source[rest]) is not None or in_line(image[rest]) is not None:
+def _sum_squares_without(source: FloatArray, image: FloatArray, index: int) -> float:
+    """Sum of the squared residuals of the other pairs, px2; inf if they are on a line."""
+    others = np.arange(len(source)) != index
+    source, image = source[others], image[others]
+    if in_line(source) is not None or in_line(image) is not None:
         return np.inf
-    return float(
-        np.sum(
-            (map_points(fit_homography(source[rest], image[rest]), source[rest]) - image[rest]) ** 2
-        )
-    )
+    return float(np.sum((map_points(fit_homography(source, image), source) - image) ** 2))
 
 
-def _normalisation(points: FloatArray) -> FloatArray:
-    """To a mean of (0, 0) and a mean distance of sqrt 2 from it (4.4.4), as a homography."""
+def _make_normalisation(points: FloatArray) -> FloatArray:
+    """The homography to a mean of (0, 0) and a mean distance of sqrt 2 from it (4.4.4)."""
     middle = points.mean(axis=0)
     size = np.sqrt(2) / np.linalg.norm(points - middle, axis=1).mean()
     return np.array([[size, 0, -size * middle[0]], [0, size, -size * middle[1]], [0, 0, 1]])
 
 
-def _dlt(source: FloatArray, image: FloatArray) -> FloatArray:
+def _fit_dlt(source: FloatArray, image: FloatArray) -> FloatArray:
+    """Fit a homography (3, 3) by the direct linear transformation."""
     lifted = np.column_stack([source, np.ones(len(source))])
-    nothing = np.zeros_like(lifted)
-    first = np.hstack([lifted, nothing, -image[:, :1] * lifted])
-    second = np.hstack([nothing, lifted, -image[:, 1:] * lifted])
+    zeros = np.zeros_like(lifted)
+    first = np.hstack([lifted, zeros, -image[:, :1] * lifted])
+    second = np.hstack([zeros, lifted, -image[:, 1:] * lifted])
     rows = np.vstack([first, second])
     flat: FloatArray = np.linalg.svd(rows, full_matrices=len(rows) < 9)[2][-1]
     return flat.reshape(3, 3)
 
 
 def _refine(start: FloatArray, source: FloatArray, image: FloatArray) -> FloatArray:
-    """Gauss-Newton on the eight parameters beside the last, which stays 1; a step that does not help ends it."""
+    """Refine a homography (3, 3) by the Gauss-Newton method.
+
+    The last of its nine elements stays 1. A step that does not reduce the squares ends it.
+    """
     lifted = np.column_stack([source, np.ones(len(source))])
-    nothing = np.zeros_like(lifted)
-    best, least = start, np.inf
+    zeros = np.zeros_like(lifted)
+    best, least_squares = start, np.inf
     current = start
-    for _ in range(_ROUNDS):
+    for _ in range(_MAX_ITERATIONS):
         moved = map_points(current, source)
         error = image - moved
         squares = float(np.sum(error**2))
-        if not squares < least * (1 - 1e-12):
+        if not squares < least_squares * (1 - 1e-12):
             break
-        best, least = current, squares
-        near = lifted / depth(current, source)[:, None]
-        first = np.hstack([near, nothing, -moved[:, :1] * near[:, :2]])
-        second = np.hstack([nothing, near, -moved[:, 1:] * near[:, :2]])
+        best, least_squares = current, squares
+        scaled = lifted / depth(current, source)[:, None]
+        first = np.hstack([scaled, zeros, -moved[:, :1] * scaled[:, :2]])
+        second = np.hstack([zeros, scaled, -moved[:, 1:] * scaled[:, :2]])
         step = np.linalg.lstsq(np.vstack([first, second]), error.T.ravel())[0]
         current = current + np.append(step, 0.0).reshape(3, 3)
     return best
 
 
-# The work plane: where the part's top face is in the photo, from point pairs or from a known pose (PIST, section 2).
+# The work plane, from pairs of points or from a known pose (PIST, section 2).
 
-#: A pair is wrong if the others put it this far off, px, and chance would do so less often than once in a thousand.
-_WRONG_PX, _WRONG_CHANCE = 2.0, 1e-3
-#: Pairs contradict each other above this standard error: px, and as a part of their extent.
-_CONTRADICT_PX, _CONTRADICT_PART = 3.0, 0.001
-_LOOK_PX = 1.5
-_SKEW = 0.03
+#: px: a pair is wrong if the other pairs put it at least this far away,
+_WRONG_PX = 2.0
+#: and if chance would do that less often than this.
+_WRONG_CHANCE = 1e-3
+#: px: pairs contradict each other if their standard error is above this,
+_CONTRADICT_PX = 3.0
+#: and above this fraction of their extent.
+_CONTRADICT_FRACTION = 0.001
+#: px: a note names the worst pair if its residual is above this.
+_NOTE_PX = 1.5
+#: Largest skewness of a plane that is seen by a camera.
+_MAX_SKEWNESS = 0.03
 _SOURCE = "[camera] points_px"
 #: What to do if points that the user measured contradict each other, and if those of a sheet do.
 _AGAIN = "measure it again or leave it out"
@@ -215,14 +247,18 @@ _BENDS = "; if the lens bends much, give camera.file (camgen calibrate)"
 class Plane(Struct, frozen=True, eq=False):
     """The work plane in a photo.
 
-    pixel_from_work: (3, 3), work mm to undistorted pixels of the camera (of the photo itself where there is none); its
-    divisor is positive in front of the camera. work_from_pixel: its inverse. residuals_mm, residuals_px: (N,), how far
-    off each pair is; rms_mm and max_mm of them; all 0 and empty where the plane comes from a pose.
+    pixel_from_work: (3, 3), from work mm to undistorted pixels of the camera, or pixels of the
+        photo without a camera. Its divisor is positive in front of the camera.
+    work_from_pixel: its inverse.
+    rms_mm, max_mm: root mean square and maximum of `residuals_mm`; 0 for a plane from a pose.
+    residuals_mm, residuals_px: (N,) distance of each pair of points from its image by the plane;
+        empty for a plane from a pose.
+    notes: notes to the user.
     work_from_pairs: (3, 3), from mm in the plane of the pairs to mm of the work plane above it. The
         camera sees both at the same pixel.
     pairs_px, pairs_mm: (N, 2), the pairs: pixels of the photo, and mm.
-    height: of the work plane above that of the pairs, mm.
-    lens: the camera that the photo of a sheet shows, where no other is given; None without one.
+    height: height of the work plane above that of the pairs, mm.
+    lens: the camera that the photo of a sheet shows, if no other is given; otherwise None.
     """
 
     pixel_from_work: FloatArray
@@ -248,62 +284,66 @@ def plane_from_points(
     names: Sequence[str] = (),
     source: str = _SOURCE,
 ) -> Plane:
-    """The plane through point pairs: ``px`` (N, 2) in the photo, ``mm`` (N, 2) or (N, 3) with z = 0 in the work frame.
+    """Fit the work plane to pairs of points.
 
-    height: distance of the points below the part's top face, mm; needs the camera.
-    names: names of the pairs in messages; empty: pair 1, ...
-    source: where the pairs come from.
+    px: (N, 2), the points in the photo.
+    mm: (N, 2), or (N, 3) with z = 0, the points in the work frame.
+    height: distance of the points below the part's top face, mm; it needs a camera.
+    names: names of the pairs in messages; empty for pair 1, pair 2 and so on.
+    source: origin of the pairs, for messages.
 
     Raises JobError for fewer than four pairs, points on a line, a pair that is clearly wrong, and
     mirrored points.
     """
-    image, work = _check(px, mm, source)
+    image, work = _check_pairs(px, mm, source)
     names = names or [f"pair {i + 1}" for i in range(len(image))]
     if height and camera is None:
-        raise JobError(
-            source,
-            "points below the top face need a camera",
-            remedy="give [camera] file, or height 0",
-        )
-    _in_general_position(image, work, names, source)
+        remedy = "give [camera] file, or height 0"
+        raise JobError(source, "points below the top face need a camera", remedy=remedy)
+    _check_general_position(image, work, names, source)
     ideal = image if camera is None else undistort(camera, image)
     if not np.isfinite(ideal).all():
-        raise JobError(
-            source,
-            "a point lies where the lens model shows nothing",
-            remedy="calibrate with the board in the corners of the photo",
-        )
-    found = fit_homography(work, ideal)
-    residuals = np.linalg.norm(map_points(found, work) - ideal, axis=1)
-    told = [
-        f"{name} (pixel {_point(p)}, work {_point(w)} mm)"
+        remedy = "calibrate with the board in the corners of the photo"
+        raise JobError(source, "a point lies where the lens model shows nothing", remedy=remedy)
+    homography = fit_homography(work, ideal)
+    residuals = np.linalg.norm(map_points(homography, work) - ideal, axis=1)
+    labels = [
+        f"{name} (pixel {_format_point(p)}, work {_format_point(w)} mm)"
         for name, p, w in zip(names, image, work, strict=True)
     ]
-    notes = _consistent(camera, ideal, work, residuals, told, source)
-    _see_from_above(found, work, source)
-    if camera is not None and skewness(found, camera.matrix) > _SKEW:
-        why = "with this camera they cannot all be right: check the pairs, their unit and the camera file"
+    notes = _check_consistency(camera, ideal, work, residuals, labels, source)
+    _check_seen_from_above(homography, work, source)
+    if camera is not None and skewness(homography, camera.matrix) > _MAX_SKEWNESS:
+        why = (
+            "with this camera they cannot all be right: "
+            "check the pairs, their unit and the camera file"
+        )
         notes.append(Note("warning", "the points give x and y different scales", why))
-    back: FloatArray = np.linalg.inv(found).astype(np.float64, copy=False)
-    off = np.linalg.norm(map_points(back, ideal) - work, axis=1)
+    work_from_pixel: FloatArray = np.linalg.inv(homography).astype(np.float64, copy=False)
+    residuals_mm = np.linalg.norm(map_points(work_from_pixel, ideal) - work, axis=1)
     pairs = {"pairs_px": frozen(image), "pairs_mm": frozen(work)}
     if not height or camera is None:
-        return replace(_plane(found, off, residuals, notes), **pairs)
-    raised = raise_plane(found, camera, height)
+        return replace(_make_plane(homography, residuals_mm, residuals, notes), **pairs)
+    raised = raise_plane(homography, camera, height)
     if depth(raised, work).min() <= 0:
         what = f"a top face {short(height, 3)} mm above the points lies behind the camera"
         raise JobError("[camera] height", what, remedy="give the height of the part, in mm")
-    plane = _plane(raised, off, residuals, notes)
-    below = frozen(np.linalg.solve(raised, found))
-    return replace(plane, work_from_pairs=below, height=height, **pairs)
+    plane = _make_plane(raised, residuals_mm, residuals, notes)
+    work_from_pairs = frozen(np.linalg.solve(raised, homography))
+    return replace(plane, work_from_pairs=work_from_pairs, height=height, **pairs)
 
 
 def plane_from_pose(
     camera: Camera, camera_from_work: Pose, source: str = "[camera] plane_from"
 ) -> Plane:
-    """The plane of a known pose: ``camera_from_work`` takes work mm to the camera frame (z forward, y down the photo).
+    """The work plane of a camera with a known pose.
 
-    JobError if the work frame's origin is behind the camera or its z points away from the camera.
+    camera_from_work: pose of the work frame in the camera frame, mm; there z points forward and y
+        down the photo.
+    source: origin of the pose, for messages.
+
+    Raises JobError if the origin of the work frame is behind the camera, or its z points away from
+    the camera.
     """
     normal = camera_from_work.rotation[:, 2]
     origin = np.asarray(camera_from_work.origin)
@@ -313,87 +353,91 @@ def plane_from_pose(
     if not origin[2] > 0:
         raise JobError(source, "the work frame is behind the camera", remedy=remedy)
     if not normal @ origin < 0:
-        raise JobError(
-            source, "the camera sees the part from below, its z points away", remedy=remedy
-        )
-    found = camera.matrix @ np.column_stack([camera_from_work.rotation[:, :2], origin])
+        what = "the camera sees the part from below, its z points away"
+        raise JobError(source, what, remedy=remedy)
+    axes = np.column_stack([camera_from_work.rotation[:, :2], origin])
     nothing = np.zeros(0)
-    return _plane(found, nothing, nothing, [])
+    return _make_plane(camera.matrix @ axes, nothing, nothing, [])
 
 
 def same_pixels(picture: Picture, camera: Camera) -> None:
-    """InputError if the photo cannot have the pixels that the camera was calibrated with."""
+    """Raises InputError if the photo does not have the pixels of the camera's calibration."""
     height, width = picture.pixels.shape[:2]
     if picture.turned:
-        what = "was turned by its Exif orientation, a lens calibration belongs to the pixels of the sensor"
-        raise InputError(
-            picture.name,
-            what,
-            remedy="take it with the camera upright, or save it without the orientation",
+        what = (
+            "was turned by its Exif orientation, "
+            "a lens calibration belongs to the pixels of the sensor"
         )
+        remedy = "take it with the camera upright, or save it without the orientation"
+        raise InputError(picture.name, what, remedy=remedy)
     if (width, height) != tuple(camera.size):
-        what = f"is {width} x {height} px, camera {camera.name} was calibrated with {camera.size[0]} x {camera.size[1]}"
-        raise InputError(
-            picture.name, what, remedy="take photos and calibration with the same camera settings"
+        what = (
+            f"is {width} x {height} px, camera {camera.name} was calibrated with "
+            f"{camera.size[0]} x {camera.size[1]}"
         )
+        remedy = "take photos and calibration with the same camera settings"
+        raise InputError(picture.name, what, remedy=remedy)
 
 
 def pose_of(plane_homography: FloatArray, matrix: FloatArray) -> Pose:
-    """camera_from_work of a plane seen by a camera with this ``matrix`` (3, 3): the nearest rotation, mm."""
+    """The pose camera_from_work of a plane, mm, with the nearest rotation.
+
+    plane_homography: (3, 3), from mm to undistorted px.
+    matrix: camera matrix (3, 3).
+    """
     axes = np.linalg.solve(matrix, plane_homography)
     axes = axes / np.linalg.norm(axes[:, :2], axis=0).mean()
     u, _, v = np.linalg.svd(np.column_stack([axes[:, :2], np.cross(axes[:, 0], axes[:, 1])]))
     return Pose(frozen(u @ v), to_vec3(axes[:, 2]))
 
 
-def _plane(found: FloatArray, off: FloatArray, residuals: FloatArray, notes: list[Note]) -> Plane:
-    found = found / np.linalg.norm(found)
-    rms = math.sqrt(float(off @ off) / len(off)) if len(off) else 0.0
-    most = float(off.max()) if len(off) else 0.0
+def _make_plane(
+    homography: FloatArray, residuals_mm: FloatArray, residuals_px: FloatArray, notes: list[Note]
+) -> Plane:
+    """The plane of a homography from mm to undistorted px, with residuals (N,) or empty ones."""
+    pixel_from_work = homography / np.linalg.norm(homography)
+    rms, largest = 0.0, 0.0
+    if len(residuals_mm):
+        rms = math.sqrt(float(residuals_mm @ residuals_mm) / len(residuals_mm))
+        largest = float(residuals_mm.max())
     return Plane(
-        frozen(found),
-        frozen(np.linalg.inv(found)),
+        frozen(pixel_from_work),
+        frozen(np.linalg.inv(pixel_from_work)),
         rms,
-        most,
-        frozen(off),
-        frozen(residuals),
+        largest,
+        frozen(residuals_mm),
+        frozen(residuals_px),
         tuple(notes),
     )
 
 
-def raise_plane(found: FloatArray, camera: Camera, height: float) -> FloatArray:
-    """The homography of the plane ``height`` mm above that of ``found``, both from mm to undistorted px."""
-    axes = np.linalg.solve(camera.matrix, found)
-    metric = found / np.linalg.norm(axes[:, :2], axis=0).mean()
-    normal = pose_of(found, camera.matrix).rotation[:, 2]
+def raise_plane(homography: FloatArray, camera: Camera, height: float) -> FloatArray:
+    """The homography of the plane that is `height` mm above another, from mm to undistorted px."""
+    axes = np.linalg.solve(camera.matrix, homography)
+    metric = homography / np.linalg.norm(axes[:, :2], axis=0).mean()
+    normal = pose_of(homography, camera.matrix).rotation[:, 2]
     lift = np.zeros((3, 3))
     lift[:, 2] = camera.matrix @ normal * height
     raised: FloatArray = metric + lift
     return raised
 
 
-def _check(px: ArrayLike, mm: ArrayLike, source: str) -> tuple[FloatArray, FloatArray]:
+def _check_pairs(px: ArrayLike, mm: ArrayLike, source: str) -> tuple[FloatArray, FloatArray]:
+    """The pairs as arrays (N, 2) of px and of mm. Raises JobError if they are not valid."""
+    what = "is no list of points"
     try:
         image, work = np.asarray(px, dtype=np.float64), np.asarray(mm, dtype=np.float64)
     except (ValueError, TypeError) as error:
-        raise JobError(
-            source, "is no list of points", remedy="give pairs of numbers, [[u, v], ...]"
-        ) from error
+        raise JobError(source, what, remedy="give pairs of numbers, [[u, v], ...]") from error
     if image.ndim != 2 or image.shape[1] != 2 or work.ndim != 2 or work.shape[1] not in (2, 3):
-        raise JobError(
-            source,
-            "is no list of points",
-            remedy="give pairs of numbers, [[u, v], ...] and [[x, y], ...]",
-        )
+        remedy = "give pairs of numbers, [[u, v], ...] and [[x, y], ...]"
+        raise JobError(source, what, remedy=remedy)
     if len(image) != len(work):
         what = f"{counted(len(image), 'point')} in the photo and {len(work)} in mm"
         raise JobError(source, what, remedy="give as many of both, in the same order")
     if len(image) < 4:
-        raise JobError(
-            source,
-            f"{counted(len(image), 'point pair')}, a plane needs four",
-            remedy="give four or more",
-        )
+        what = f"{counted(len(image), 'point pair')}, a plane needs four"
+        raise JobError(source, what, remedy="give four or more")
     if not (np.isfinite(image).all() and np.isfinite(work).all()):
         raise JobError(source, "holds a number that is not finite", remedy="correct the number")
     if work.shape[1] == 3 and np.abs(work[:, 2]).max() > 1e-9:
@@ -402,16 +446,18 @@ def _check(px: ArrayLike, mm: ArrayLike, source: str) -> tuple[FloatArray, Float
     return image, work[:, :2]
 
 
-def _in_general_position(
+def _check_general_position(
     image: FloatArray, work: FloatArray, names: Sequence[str], source: str
 ) -> None:
+    """Raises JobError for equal points, and for points on a line."""
     for points, kind in ((image, "in the photo"), (work, "in mm")):
         _, first, inverse = np.unique(points, axis=0, return_index=True, return_inverse=True)
-        again = np.flatnonzero(first[inverse] != np.arange(len(points)))
-        if len(again):
-            twin = int(first[inverse][again[0]])
-            what = f"{names[twin]} and {names[int(again[0])]} are the same point {kind}"
-            raise JobError(source, what, _point(points[twin]), "give four or more different points")
+        repeated = np.flatnonzero(first[inverse] != np.arange(len(points)))
+        if len(repeated):
+            twin = int(first[inverse][repeated[0]])
+            what = f"{names[twin]} and {names[int(repeated[0])]} are the same point {kind}"
+            remedy = "give four or more different points"
+            raise JobError(source, what, _format_point(points[twin]), remedy)
         odd = in_line(points)
         if odd is not None:
             others = [name for i, name in enumerate(names) if i != odd]
@@ -420,15 +466,22 @@ def _in_general_position(
             raise JobError(source, f"{which} lie on one line {kind}", remedy=remedy)
 
 
-def _consistent(
+def _check_consistency(
     camera: Camera | None,
     ideal: FloatArray,
     work: FloatArray,
     residuals: FloatArray,
-    told: Sequence[str],
+    labels: Sequence[str],
     source: str,
 ) -> list[Note]:
-    """Notes on how well the pairs agree; JobError with the name of one that is clearly wrong."""
+    """Check how well the pairs agree.
+
+    ideal, work: (N, 2), undistorted px and mm.
+    residuals: (N,) of the fit to all pairs, px.
+    labels: names of the pairs with their points.
+
+    Returns notes. Raises JobError if a pair is clearly wrong, or if they contradict each other.
+    """
     count = len(residuals)
     if count == 4:
         why = "they fit exactly whatever they are; a fifth and a sixth would show an error"
@@ -436,39 +489,41 @@ def _consistent(
     odd = suspect(work, ideal, residuals) if count > 5 else None
     remedy = _AGAIN if source == _SOURCE else _LIES_FLAT + _BENDS * (camera is None)
     if odd is not None and odd.error > _WRONG_PX and odd.chance < _WRONG_CHANCE:
-        what = f"{told[odd.index]} is wrong: the others put it {short(odd.error, 1)} px away"
+        what = f"{labels[odd.index]} is wrong: the others put it {short(odd.error, 1)} px away"
         raise JobError(source, what, remedy=remedy)
     error = math.sqrt(float(residuals @ residuals) / (2 * count - 8))
-    if error > max(_CONTRADICT_PX, _CONTRADICT_PART * float(np.linalg.norm(np.ptp(ideal, axis=0)))):
+    extent = float(np.linalg.norm(np.ptp(ideal, axis=0)))
+    if error > max(_CONTRADICT_PX, _CONTRADICT_FRACTION * extent):
         odd = odd or most_distorted(work, ideal, None if camera is None else camera.matrix)
-        raise JobError(source, _contradiction(odd, told, error), remedy=remedy)
+        what = (
+            f"the point pairs contradict each other by {short(error, 1)} px; "
+            f"most likely wrong is {labels[odd.index]}, "
+            f"which the others put {short(odd.error, 1)} px away"
+        )
+        raise JobError(source, what, remedy=remedy)
     worst = int(np.argmax(residuals))
-    if residuals[worst] > _LOOK_PX:
-        return [
-            Note(
-                "warning",
-                f"{told[worst]} is {short(float(residuals[worst]), 1)} px off the plane of all pairs",
-            )
-        ]
-    return []
+    if residuals[worst] <= _NOTE_PX:
+        return []
+    distance = short(float(residuals[worst]), 1)
+    return [Note("warning", f"{labels[worst]} is {distance} px off the plane of all pairs")]
 
 
-def _contradiction(odd: Suspect, told: Sequence[str], error: float) -> str:
-    return (
-        f"the point pairs contradict each other by {short(error, 1)} px; most likely wrong is {told[odd.index]}, "
-        f"which the others put {short(odd.error, 1)} px away"
-    )
+def _check_seen_from_above(homography: FloatArray, work: FloatArray, source: str) -> None:
+    """Raises JobError if points are behind the camera, or mirrored.
 
-
-def _see_from_above(found: FloatArray, work: FloatArray, source: str) -> None:
-    """A plane seen from above turns about in the photo, where v runs down and y up: its determinant is negative."""
-    if depth(found, work).min() <= 0:
+    In the photo v runs down, and y runs up. So the homography of a plane that is seen from above
+    has a negative determinant.
+    """
+    if depth(homography, work).min() <= 0:
         what = "the points do not lie on a plane in front of the camera"
         raise JobError(source, what, remedy="check that both lists are in the same order")
-    if np.linalg.det(found) > 0:
-        remedy = "seen from above, y runs up where v runs down: check the sign of y, and the order of the points"
+    if np.linalg.det(homography) > 0:
+        remedy = (
+            "seen from above, y runs up where v runs down: "
+            "check the sign of y, and the order of the points"
+        )
         raise JobError(source, "the points are mirrored", remedy=remedy)
 
 
-def _point(values: FloatArray) -> str:
+def _format_point(values: FloatArray) -> str:
     return "[" + ", ".join(short(float(v), 3) for v in values) + "]"

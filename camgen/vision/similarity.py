@@ -1,4 +1,4 @@
-"""The one number of a view that is to scale. It stands apart so that who asks for it loads no OpenCV."""
+"""The scale of a rectified view. The module loads no OpenCV, so that its users need not either."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ from camgen.model.pose import FloatArray
 
 
 def scale_of(work_from_view: FloatArray) -> float:
-    """The mm per pixel of a transform (2, 3) that keeps shapes (PIST eq. 14); InputError for any other."""
+    """The scale, mm per pixel, of a transform (2, 3) that keeps shapes (PIST eq. 14).
+
+    Raises InputError for a transform that stretches or shears.
+    """
     matrix = np.asarray(work_from_view, dtype=np.float64)
     square = matrix[:, :2].T @ matrix[:, :2] if matrix.shape == (2, 3) else np.zeros((2, 2))
     scale = float(np.sqrt(np.trace(square) / 2))

@@ -1,13 +1,16 @@
-"""The centre lines of a mask, one pixel wide, by parallel thinning of its border.
+"""Thins a mask to centre lines of one pixel, and turns these into long strokes.
 
-Guo and Hall, "Parallel thinning with two-subiteration algorithms" (1989): what a pixel's eight neighbours look like
-decides whether it goes, so the neighbours are read as one byte, and two tables of 256 answers say it for all pixels.
+The border of the mask is removed in parallel until only lines are left (Guo and Hall, "Parallel
+thinning with two-subiteration algorithms", 1989). The eight neighbours of a pixel decide whether it
+is removed. So they are read as one byte, and a table of 256 answers for each of the two
+subiterations decides for all pixels. The lines are then a graph of branches between nodes. Short
+spurs are removed, near junctions are merged, and branches that run straight on are joined.
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import cv2
 import numpy as np
@@ -16,94 +19,119 @@ from numpy.typing import NDArray
 
 from camgen.vision.image import Pixels
 
-#: Neighbours from the one above, clockwise; the weight of each in the byte.
-_AROUND = ((-1, 0), (-1, 1), (0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1))
+#: The eight neighbours (rows down, columns right) from the one above, clockwise. Neighbour k has
+#: bit k of the byte.
+_NEIGHBOURS = ((-1, 0), (-1, 1), (0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1))
+#: Weights of the neighbours in the byte, as a filter kernel.
 _KERNEL = np.array([[128, 1, 2], [64, 0, 4], [32, 16, 8]], dtype=np.float32)
-#: While an iteration takes away more than one pixel in so many, all are looked at again.
-_WORTH_LOOKING = 2000
+#: The whole picture is tested as long as an iteration removes more than one pixel of this many.
+_PIXELS_PER_REMOVED = 2000
 
 
 def skeleton(mask: Pixels, keep: Pixels | None = None) -> Pixels:
-    """The centre lines (H, W) of ``mask`` ((H, W) uint8, not 0: inside), 255 on a line, connected as the mask is.
+    """Thin `mask` ((H, W) uint8, not 0 inside) to centre lines, connected as the mask is.
 
-    keep: pixels of the mask that stay whatever they look like; lines then end at them. What touches the border of the
-    picture is thinned as if there were nothing beyond it.
+    Beyond the border of the picture counts as outside.
+
+    keep: (H, W), not 0 at pixels that stay in any case; lines then end at them.
+
+    Returns (H, W) uint8, 255 on a line.
     """
-    found = np.zeros(mask.shape, dtype=np.uint8)
+    lines = np.zeros(mask.shape, dtype=np.uint8)
     u, v, width, height = cv2.boundingRect(mask)
     if not width:
-        return found
-    inside = (slice(v, v + height), slice(u, u + width))
-    rest = np.pad((mask[inside] != 0).astype(np.uint8), 1)
-    free = np.ones_like(rest) if keep is None else np.pad((keep[inside] == 0).astype(np.uint8), 1)
-    rest = _few(*_many(rest, free))
-    found[inside] = rest[1:-1, 1:-1] * np.uint8(255)
-    return found
+        return lines
+    window = (slice(v, v + height), slice(u, u + width))
+    pixels = np.pad((mask[window] != 0).astype(np.uint8), 1)
+    removable = np.ones_like(pixels)
+    if keep is not None:
+        removable = np.pad((keep[window] == 0).astype(np.uint8), 1)
+    pixels = _thin_changed(_thin_all(pixels, removable), removable)
+    lines[window] = pixels[1:-1, 1:-1] * np.uint8(255)
+    return lines
 
 
-def _many(rest: Pixels, free: Pixels) -> tuple[Pixels, Pixels]:
-    """Whole iterations over the picture, as long as they are worth it; and what of the picture is still free to go."""
-    most = cv2.countNonZero(rest) // _WORTH_LOOKING
-    gone = most + 1
-    while gone > most:
-        gone = 0
+def _thin_all(pixels: Pixels, removable: Pixels) -> Pixels:
+    """Iterations over the whole picture, as long as they remove many pixels.
+
+    pixels, removable: (H, W), 0 or 1. Returns the remaining pixels.
+    """
+    limit = cv2.countNonZero(pixels) // _PIXELS_PER_REMOVED
+    removed_count = limit + 1
+    while removed_count > limit:
+        removed_count = 0
         for table in _TABLES:
-            code = cv2.filter2D(rest, cv2.CV_8U, _KERNEL, borderType=cv2.BORDER_CONSTANT)
-            going = cv2.bitwise_and(cv2.bitwise_and(cv2.LUT(code, table), rest), free)
-            gone += cv2.countNonZero(going)
-            rest = np.asarray(cv2.subtract(rest, going), dtype=np.uint8)
-    return rest, free
+            code = cv2.filter2D(pixels, cv2.CV_8U, _KERNEL, borderType=cv2.BORDER_CONSTANT)
+            removed = cv2.bitwise_and(cv2.bitwise_and(cv2.LUT(code, table), pixels), removable)
+            removed_count += cv2.countNonZero(removed)
+            pixels = np.asarray(cv2.subtract(pixels, removed), dtype=np.uint8)
+    return pixels
 
 
-def _few(rest: Pixels, free: Pixels) -> Pixels:
-    """The same for the pixels alone whose neighbours have changed; all are looked at once for each half."""
-    flat, may = rest.ravel(), free.ravel()
-    width = rest.shape[1]
-    step = np.array([down * width + right for down, right in _AROUND])
-    weight = 1 << np.arange(8)
-    changed = [np.flatnonzero(flat & may)] * 2
-    turn = 0
+def _thin_changed(pixels: Pixels, removable: Pixels) -> Pixels:
+    """Iterations over those pixels alone whose neighbours have changed, until nothing changes.
+
+    Each subiteration begins with all pixels. `pixels` (H, W) is changed in place and returned.
+    """
+    flat, flat_removable = pixels.ravel(), removable.ravel()
+    width = pixels.shape[1]
+    steps = np.array([down * width + right for down, right in _NEIGHBOURS])
+    weights = 1 << np.arange(8)
+    # Pixels that each of the two subiterations has to test.
+    changed = [np.flatnonzero(flat & flat_removable)] * 2
+    half = 0
     while len(changed[0]) or len(changed[1]):
-        at = changed[turn]
-        at = at[flat[at] != 0]
-        going = at[_TABLES[turn][flat[at[:, None] + step] @ weight] != 0]
-        flat[going] = 0
-        near = np.unique(going[:, None] + step)
-        near = near[(flat[near] & may[near]) != 0]
-        changed = [near if k == turn else np.union1d(changed[k], near) for k in (0, 1)]
-        turn = 1 - turn
-    return rest
+        tested = changed[half]
+        tested = tested[flat[tested] != 0]
+        codes = flat[tested[:, None] + steps] @ weights
+        removed = tested[_TABLES[half][codes] != 0]
+        flat[removed] = 0
+        near = np.unique(removed[:, None] + steps)
+        near = near[(flat[near] & flat_removable[near]) != 0]
+        other = 1 - half
+        changed[half] = near
+        changed[other] = np.union1d(changed[other], near)
+        half = other
+    return pixels
 
 
-def _table(turn: int) -> Pixels:
-    """For each byte of neighbours 1 where the pixel between them goes in this half of an iteration."""
+def _make_table(half: int) -> Pixels:
+    """Table (256,) of one subiteration: 1 if a pixel with these neighbours is removed."""
     n, ne, e, se, s, sw, w, nw = ((np.arange(256) >> k & 1).astype(bool) for k in range(8))
-    pairs = ((n, ne, e), (e, se, s), (s, sw, w), (w, nw, n))
-    # The runs of neighbours: one, and taking the pixel away parts nothing.
-    runs = sum((~a & (b | c)).astype(int) for a, b, c in pairs)
-    one = sum((a | b).astype(int) for a, b in ((nw, n), (ne, e), (se, s), (sw, w)))
-    other = sum((a | b).astype(int) for a, b in ((n, ne), (e, se), (s, sw), (w, nw)))
-    fewest = np.minimum(one, other)
-    side = (n | ne | ~se) & e if turn else (s | sw | ~nw) & w
-    return np.asarray(((runs == 1) & (fewest >= 2) & (fewest <= 3) & ~side).astype(np.uint8))
+    corners = ((n, ne, e), (e, se, s), (s, sw, w), (w, nw, n))
+    # With a single run of neighbours around the pixel, removing it separates nothing.
+    runs = sum((~a & (b | c)).astype(int) for a, b, c in corners)
+    # Numbers of pairs of adjacent neighbours with a pixel. A line that ends here has only one.
+    first = sum((a | b).astype(int) for a, b in ((nw, n), (ne, e), (se, s), (sw, w)))
+    second = sum((a | b).astype(int) for a, b in ((n, ne), (e, se), (s, sw), (w, nw)))
+    pairs = np.minimum(first, second)
+    # Subiteration 0 removes from the south-west, subiteration 1 from the north-east.
+    is_kept = (n | ne | ~se) & e if half else (s | sw | ~nw) & w
+    is_removed = (runs == 1) & (pairs >= 2) & (pairs <= 3) & ~is_kept
+    return np.asarray(is_removed.astype(np.uint8))
 
 
-_TABLES = (_table(0), _table(1))
+_TABLES = (_make_table(0), _make_table(1))
 
 
-# Centre lines as a graph: branches of pixels between ends, junctions and what they are attached to.
+# Centre lines as a graph: branches of pixels between ends, junctions and kept pixels.
 
 IntArray = NDArray[np.int64]
 Float32 = NDArray[np.float32]
 ComplexArray = NDArray[np.complex128]
 
-#: The eight neighbours as (v, u): the direct ones, then the diagonal ones, each with the two direct ones beside it.
+#: The eight neighbours (rows down, columns right): four direct ones, then four diagonal ones.
 _STEPS = ((-1, 0), (0, 1), (1, 0), (0, -1), (-1, 1), (1, 1), (1, -1), (-1, -1))
-_BESIDE = {4: (0, 1), 5: (1, 2), 6: (2, 3), 7: (3, 0)}
+#: The two direct neighbours on both sides of each diagonal one, as indices of `_STEPS`.
+_DIRECT_OF_DIAGONAL = {4: (0, 1), 5: (1, 2), 6: (2, 3), 7: (3, 0)}
 
 
 class Branch(Struct, eq=False):
-    """A line between two nodes. points: (N,) u + iv px, N >= 2, or 1 for a dot. start, end: its nodes."""
+    """A line between two nodes.
+
+    points: (N,) u + iv, px, N >= 2, or 1 for a dot.
+    start, end: indices of its nodes.
+    """
 
     points: ComplexArray
     start: int
@@ -111,13 +139,19 @@ class Branch(Struct, eq=False):
 
     @property
     def length(self) -> float:
-        """Px."""
+        """Length along the points, px."""
         return float(np.abs(np.diff(self.points)).sum())
 
 
 class Graph(Struct, eq=False):
-    """Branches between nodes 0..N-1. place: (N,) u + iv px. held: (N,) attached to what was kept. depth: (N,) px to
-    the border. A closed line without a node of its own starts and ends at the same one.
+    """Centre lines as branches between N nodes.
+
+    A closed line without a node of its own starts and ends at the same pixel.
+
+    branches: the branches; `start` and `end` are indices of the following arrays.
+    place: (N,) u + iv, px.
+    held: (N,), the node is a kept pixel.
+    depth: (N,), distance to the border of the mask, px.
     """
 
     branches: list[Branch]
@@ -127,123 +161,157 @@ class Graph(Struct, eq=False):
 
 
 def graph(lines: Pixels, kept: Pixels | None, depth: Float32) -> Graph:
-    """The graph of ``lines`` ((H, W), as ``skeleton`` gives them) without the pixels of ``kept``.
+    """Make the graph of centre lines ((H, W), as returned by `skeleton`).
 
-    depth: (H, W) px from each pixel to the border of the mask that was thinned.
+    kept: (H, W), not 0 at kept pixels, which do not belong to the lines; None for none.
+    depth: (H, W), distance of each pixel to the border of the mask that was thinned, px.
     """
-    own = lines if kept is None else cv2.subtract(lines, kept)
-    v, u = np.nonzero(own)
-    width = own.shape[1]
+    line_pixels = lines if kept is None else cv2.subtract(lines, kept)
+    v, u = np.nonzero(line_pixels)
+    width = line_pixels.shape[1]
     flat = v * width + u
-    beside = _neighbours(flat, width)
+    neighbours = _find_neighbours(flat, width)
     place = u + 1j * v
+    # For each pixel of a line the node of the kept pixel that it touches, -1 for none.
     anchor = np.full(len(flat), -1)
     places, held = [place], [np.zeros(len(flat), dtype=bool)]
     if kept is not None and len(flat):
-        row, at = _anchors(u, v, kept)
-        anchor[row] = len(flat) + np.arange(len(row))
-        places.append(at)
-        held.append(np.ones(len(row), dtype=bool))
+        rows, anchor_places = _find_anchors(u, v, kept)
+        anchor[rows] = len(flat) + np.arange(len(rows))
+        places.append(anchor_places)
+        held.append(np.ones(len(rows), dtype=bool))
     place = np.concatenate(places)
-    far = depth[place.imag.astype(np.int64), place.real.astype(np.int64)].astype(np.float64)
-    return Graph(_walk(beside, anchor.tolist(), place), place, np.concatenate(held), far)
+    node_depth = depth[place.imag.astype(np.int64), place.real.astype(np.int64)].astype(np.float64)
+    branches = _find_branches(neighbours, anchor.tolist(), place)
+    return Graph(branches, place, np.concatenate(held), node_depth)
 
 
-def _neighbours(flat: IntArray, width: int) -> list[list[int]]:
-    """By pixel the pixels that it is joined with: a diagonal one only where no direct one leads there."""
+def _find_neighbours(flat: IntArray, width: int) -> list[list[int]]:
+    """Indices of the pixels that each pixel is joined with.
+
+    A diagonal neighbour counts only if no direct neighbour leads to it.
+
+    flat: (N,) row * width + column of each pixel, sorted.
+    """
     if not len(flat):
         return []
-    found = np.full((len(flat), 8), -1)
+    neighbours = np.full((len(flat), 8), -1)
     for k, (down, right) in enumerate(_STEPS):
         wanted = flat + down * width + right
-        at = np.minimum(np.searchsorted(flat, wanted), len(flat) - 1)
-        found[:, k] = np.where(flat[at] == wanted, at, -1)
-    for k, (a, b) in _BESIDE.items():
-        found[(found[:, a] >= 0) | (found[:, b] >= 0), k] = -1
-    # The valid ones of each row, in order.
-    row, column = np.nonzero(found >= 0)
-    return [
-        part.tolist()
-        for part in np.split(found[row, column], np.searchsorted(row, np.arange(1, len(flat))))
-    ]
+        index = np.minimum(np.searchsorted(flat, wanted), len(flat) - 1)
+        neighbours[:, k] = np.where(flat[index] == wanted, index, -1)
+    for k, (a, b) in _DIRECT_OF_DIAGONAL.items():
+        neighbours[(neighbours[:, a] >= 0) | (neighbours[:, b] >= 0), k] = -1
+    row, column = np.nonzero(neighbours >= 0)
+    ends = np.searchsorted(row, np.arange(1, len(flat)))
+    return [part.tolist() for part in np.split(neighbours[row, column], ends)]
 
 
-def _anchors(u: IntArray, v: IntArray, kept: Pixels) -> tuple[IntArray, ComplexArray]:
-    """The pixels that touch what was kept, and where: at a direct neighbour rather than a diagonal one."""
+def _find_anchors(u: IntArray, v: IntArray, kept: Pixels) -> tuple[IntArray, ComplexArray]:
+    """Find the pixels (u, v) that touch a kept pixel.
+
+    Returns their indices (K,) and the kept pixels (K,) u + iv: a direct neighbour if there is one,
+    else a diagonal one.
+    """
     height, width = kept.shape
     touched = np.full(len(u), -1)
     for k in reversed(range(8)):
         down, right = _STEPS[k]
         y, x = v + down, u + right
         inside = (y >= 0) & (x >= 0) & (y < height) & (x < width)
-        hit = inside & (kept[y.clip(0, height - 1), x.clip(0, width - 1)] != 0)
-        touched[hit] = k
-    row = np.flatnonzero(touched >= 0)
-    step = np.array([right + 1j * down for down, right in _STEPS])
-    return row, (u + 1j * v)[row] + step[touched[row]]
+        is_kept = inside & (kept[y.clip(0, height - 1), x.clip(0, width - 1)] != 0)
+        touched[is_kept] = k
+    rows = np.flatnonzero(touched >= 0)
+    steps = np.array([right + 1j * down for down, right in _STEPS])
+    return rows, (u + 1j * v)[rows] + steps[touched[rows]]
 
 
 class _Net(Struct, frozen=True):
-    """By pixel where one can go on to, and whether it is a node; done: pixels between nodes that a branch has."""
+    """The pixels of centre lines while their branches are followed.
 
-    ways: list[list[int]]
-    node: list[bool]
+    neighbours: pixels and anchors that each pixel is joined with. Anchors have indices beyond
+        those of the pixels.
+    is_node: True for each pixel whose number of neighbours is not 2.
+    done: 1 for each pixel through which a branch passes; nodes stay 0.
+    """
+
+    neighbours: list[list[int]]
+    is_node: list[bool]
     done: bytearray
 
-    def run(self, before: int, here: int) -> list[int]:
-        """From ``before`` over ``here`` to the next node, to what was kept, or round to ``before`` again."""
-        chain = [before, here]
-        while here < len(self.node) and not self.node[here] and here != chain[0]:
-            self.done[here] = 1
-            a, b = self.ways[here]
-            before, here = here, b if a == before else a
-            chain.append(here)
+    def follow(self, start: int, first: int) -> list[int]:
+        """Pixels from `start` over `first` to the next node or anchor, or back to `start`."""
+        chain = [start, first]
+        previous, current = start, first
+        while current < len(self.is_node) and not self.is_node[current] and current != start:
+            self.done[current] = 1
+            a, b = self.neighbours[current]
+            previous, current = current, b if a == previous else a
+            chain.append(current)
         return chain
 
 
-def _walk(beside: list[list[int]], anchor: list[int], place: ComplexArray) -> list[Branch]:
-    """All branches: from every node along every way that leaves it, then the lines that have no node."""
-    ways = [[*own, a] if a >= 0 else own for own, a in zip(beside, anchor, strict=True)]
-    net = _Net(ways, [len(own) != 2 for own in ways], bytearray(len(ways)))
-    chains = [chain for k, node in enumerate(net.node) if node for chain in _from_node(net, k)]
-    # From what was kept to what was kept, and after those, closed ones.
-    attached = [k for k in range(len(ways)) if anchor[k] >= 0]
-    for k in (*attached, *range(len(ways))):
-        if not net.node[k] and not net.done[k]:
-            chains.append(net.run(anchor[k], k) if anchor[k] >= 0 else net.run(k, ways[k][0]))
-            net.done[k] = 1
+def _find_branches(
+    neighbours: list[list[int]], anchor: list[int], place: ComplexArray
+) -> list[Branch]:
+    """All branches, first from nodes, then between anchors, then closed lines."""
+    joined = [
+        [*pixels, node] if node >= 0 else pixels
+        for pixels, node in zip(neighbours, anchor, strict=True)
+    ]
+    net = _Net(joined, [len(pixels) != 2 for pixels in joined], bytearray(len(joined)))
+    chains: list[list[int]] = []
+    for pixel, is_node in enumerate(net.is_node):
+        if is_node:
+            chains += _follow_from_node(net, pixel)
+    attached = [pixel for pixel in range(len(joined)) if anchor[pixel] >= 0]
+    for pixel in (*attached, *range(len(joined))):
+        if net.is_node[pixel] or net.done[pixel]:
+            continue
+        if anchor[pixel] >= 0:
+            chains.append(net.follow(anchor[pixel], pixel))
+        else:
+            chains.append(net.follow(pixel, joined[pixel][0]))
+        net.done[pixel] = 1
     return [Branch(place[chain], chain[0], chain[-1]) for chain in chains]
 
 
-def _from_node(net: _Net, start: int) -> Iterator[list[int]]:
-    """The branches of a node that no other node has."""
-    if not net.ways[start]:
-        yield [start]
-    for way in net.ways[start]:
-        # A branch is met from both ends; one of two pixels is known by their order, others by those between.
-        known = way < len(net.node) and (way < start if net.node[way] else net.done[way])
-        if not known:
-            yield net.run(start, way)
+def _follow_from_node(net: _Net, node: int) -> Iterator[list[int]]:
+    """Yield the branches of a node that were not followed from their other end."""
+    if not net.neighbours[node]:
+        yield [node]
+    for first in net.neighbours[node]:
+        is_followed = False
+        if first < len(net.is_node):
+            # Two nodes side by side: the branch belongs to the node with the smaller index.
+            is_followed = first < node if net.is_node[first] else bool(net.done[first])
+        if not is_followed:
+            yield net.follow(node, first)
 
 
-# From the graph of centre lines to long strokes: spurs go, junctions become one place, lines run straight on.
+# From the graph of centre lines to long strokes.
 
-#: A branch that ends nowhere is a spur when it is shorter than so many times the depth (px to the border) at its root,
-#: which is half the width there. The two spurs of a square end are 1.41 depths long, that of a 60 degree corner 2.
-_SPUR = 2.0
-#: Junctions nearer to each other than so many times the depth are one.
-_ONE = 1.0
-#: A line from a junction to itself that is shorter, in depths, is a speck of a hole.
-_LONG_LOOP = 2.0
-#: How far from a junction, in depths, its branches are looked at to see which one goes straight on.
-_LOOK_DEPTHS = 2.0
-#: The least cosine between one branch's way in and the other's way out for which the line runs on: 60 deg of bend.
-_STRAIGHT_COSINE = 0.5
+#: A branch with a free end is a spur if it is shorter than this many depths. The depth at its root,
+#: px to the border, is half the width there. The two spurs of a square end are 1.41 depths long,
+#: that of a corner of 60 deg 2.
+_SPUR_DEPTHS = 2.0
+#: Junctions nearer to each other than this many depths are merged.
+_MERGE_DEPTHS = 1.0
+#: A branch between merged junctions that is at most this many depths long runs around a speck.
+_LOOP_DEPTHS = 2.0
+#: Length of a branch, in depths, over which its direction at a junction is measured.
+_DIRECTION_DEPTHS = 2.0
+#: Smallest cosine of the angle by which a stroke bends at a junction: 60 deg.
+_MIN_COSINE = 0.5
 
 
 class Stroke(Struct, frozen=True, eq=False):
-    """points: (N,) u + iv px, N = 1 for a dot. closed: the last is followed by the first. start, end: whether the line
-    ends there on its own, so that it may be made longer or shorter, not in a junction or at what was kept.
+    """A line through junctions.
+
+    points: (N,) u + iv, px, N = 1 for a dot.
+    closed: the last point is followed by the first.
+    start, end: the first and the last point are free ends, which may be moved along the line. An
+        end in a junction or at a kept pixel is not free.
     """
 
     points: ComplexArray
@@ -252,10 +320,14 @@ class Stroke(Struct, frozen=True, eq=False):
     end: bool
 
 
-class _Tangle(Struct, frozen=True, eq=False):
-    """Branches and their ends: end 2 k is the start of branch k, 2 k + 1 its end.
+class _Junctions(Struct, frozen=True, eq=False):
+    """Branches, and how their ends meet. End 2 k is the start of branch k, end 2 k + 1 its end.
 
-    node: by end, the junction that it is at. meeting: the ends at each junction. place: where it is.
+    net: the graph.
+    branches: the branches that are left of it.
+    node: junction of each end, the node that represents the merged ones.
+    meeting: ends at each junction.
+    place: place of each junction, u + iv, px.
     """
 
     net: Graph
@@ -264,40 +336,42 @@ class _Tangle(Struct, frozen=True, eq=False):
     meeting: dict[int, list[int]]
     place: dict[int, complex]
 
-    def leaving(self, end: int) -> ComplexArray:
-        """The points of a branch as seen from one of its ends."""
+    def points_from(self, end: int) -> ComplexArray:
+        """The points of a branch, beginning at one of its ends."""
         points = self.branches[end // 2].points
         return points[::-1] if end % 2 else points
 
-    def ends_there(self, end: int) -> bool:
-        """Whether nothing else is where this end is."""
+    def is_free(self, end: int) -> bool:
+        """Whether no other end and no kept pixel is where this end is."""
         return len(self.meeting[self.node[end]]) == 1 and not self.net.held[self.node[end]]
 
 
 def strokes(net: Graph) -> list[Stroke]:
-    """The strokes of a graph, every branch that is no spur once."""
-    branches = _prune(net, list(net.branches))
+    """Join the branches of a graph to strokes: first the dots, then the lines.
+
+    Each branch is used once, except spurs and short branches within a merged junction.
+    """
+    branches = _remove_spurs(net, list(net.branches))
     dots = [Stroke(b.points, False, True, True) for b in branches if len(b.points) == 1]
-    branches = [b for b in branches if len(b.points) > 1]
-    place, stands = _contract(net, branches)
-    within = [
-        stands[b.start] == stands[b.end] and b.start != b.end and len(b.points) > 1
-        for b in branches
-    ]
-    branches = [
-        b
-        for b, gone in zip(branches, within, strict=True)
-        if not gone or b.length > _LONG_LOOP * net.depth[b.start]
-    ]
-    node = [stands[n] for b in branches for n in (b.start, b.end)]
+    lines = [b for b in branches if len(b.points) > 1]
+    place, junction_of = _merge_junctions(net, lines)
+    kept: list[Branch] = []
+    for branch in lines:
+        is_merged = junction_of[branch.start] == junction_of[branch.end]
+        is_inside = is_merged and branch.start != branch.end
+        if not is_inside or branch.length > _LOOP_DEPTHS * net.depth[branch.start]:
+            kept.append(branch)
+    node: list[int] = []
+    for branch in kept:
+        node += [junction_of[branch.start], junction_of[branch.end]]
     meeting: dict[int, list[int]] = defaultdict(list)
-    for end, n in enumerate(node):
-        meeting[n].append(end)
-    return dots + _join(_Tangle(net, branches, node, dict(meeting), place))
+    for end, junction in enumerate(node):
+        meeting[junction].append(end)
+    return dots + _join_branches(_Junctions(net, kept, node, dict(meeting), place))
 
 
-def _ends(branches: list[Branch]) -> dict[int, int]:
-    """How many branches meet at each node."""
+def _count_ends(branches: list[Branch]) -> dict[int, int]:
+    """Number of branches that meet at each node."""
     count: dict[int, int] = defaultdict(int)
     for branch in branches:
         count[branch.start] += 1
@@ -305,112 +379,131 @@ def _ends(branches: list[Branch]) -> dict[int, int]:
     return count
 
 
-def _prune(net: Graph, branches: list[Branch]) -> list[Branch]:
-    """Without spurs. A node that loses all its branches is a dot."""
+def _remove_spurs(net: Graph, branches: list[Branch]) -> list[Branch]:
+    """The branches without spurs, at most twice. A node that loses all its branches is a dot."""
     for _ in range(2):
-        count = _ends(branches)
-        left: list[Branch] = []
-        dropped: list[int] = []
+        count = _count_ends(branches)
+        kept: list[Branch] = []
+        roots: list[int] = []
         for branch in branches:
             free = [n for n in (branch.start, branch.end) if count[n] == 1 and not net.held[n]]
             root = branch.start if branch.end in free else branch.end
-            if len(free) == 1 and branch.length < _SPUR * net.depth[root]:
-                dropped.append(root)
+            if len(free) == 1 and branch.length < _SPUR_DEPTHS * net.depth[root]:
+                roots.append(root)
             else:
-                left.append(branch)
-        if not dropped:
+                kept.append(branch)
+        if not roots:
             break
-        kept = _ends(left)
-        lonely = dict.fromkeys(n for n in dropped if not kept[n] and not net.held[n])
-        branches = left + [Branch(net.place[[n]], n, n) for n in lonely]
+        kept_count = _count_ends(kept)
+        lonely = dict.fromkeys(n for n in roots if not kept_count[n] and not net.held[n])
+        branches = kept + [Branch(net.place[[n]], n, n) for n in lonely]
     return branches
 
 
-def _contract(net: Graph, branches: list[Branch]) -> tuple[dict[int, complex], dict[int, int]]:
-    """Which node stands for each, and where it is: nodes nearer to each other than half the width there are one."""
-    count = _ends(branches)
-    stands: dict[int, int] = {n: n for n in count}
+def _merge_junctions(
+    net: Graph, branches: list[Branch]
+) -> tuple[dict[int, complex], dict[int, int]]:
+    """Merge junctions nearer to each other than half the width there.
 
-    def top(n: int) -> int:
-        while stands[n] != n:
-            stands[n] = stands[stands[n]]
-            n = stands[n]
+    Returns the place of each junction, u + iv, by the node that represents it, and the node that
+    represents each node of a branch.
+    """
+    count = _count_ends(branches)
+    # A forest of nodes (union-find): a root represents all nodes of its tree.
+    parent: dict[int, int] = {n: n for n in count}
+
+    def find_root(n: int) -> int:
+        while parent[n] != n:
+            parent[n] = parent[parent[n]]
+            n = parent[n]
         return n
 
-    for b in branches:
-        inner = (
-            count[b.start] > 2 and count[b.end] > 2 and not (net.held[b.start] or net.held[b.end])
-        )
-        if (
-            inner
-            and b.start != b.end
-            and b.length <= _ONE * max(net.depth[b.start], net.depth[b.end])
-        ):
-            stands[top(b.end)] = top(b.start)
-    node = {n: top(n) for n in stands}
+    for branch in branches:
+        start, end = branch.start, branch.end
+        if start == end or count[start] <= 2 or count[end] <= 2:
+            continue
+        if net.held[start] or net.held[end]:
+            continue
+        if branch.length <= _MERGE_DEPTHS * max(net.depth[start], net.depth[end]):
+            parent[find_root(end)] = find_root(start)
+    root_of = {n: find_root(n) for n in parent}
     members: dict[int, list[int]] = defaultdict(list)
-    for n, group in node.items():
-        members[group].append(n)
-    return {group: complex(net.place[own].mean()) for group, own in members.items()}, node
+    for n, root in root_of.items():
+        members[root].append(n)
+    return {root: complex(net.place[nodes].mean()) for root, nodes in members.items()}, root_of
 
 
-def _join(tangle: _Tangle) -> list[Stroke]:
-    """The branches that run on in one another, as strokes."""
-    count = len(tangle.node)
+def _join_branches(junctions: _Junctions) -> list[Stroke]:
+    """Join the branches that continue each other at a junction to strokes."""
+    count = len(junctions.node)
+    # For each end the end of the branch that continues its own one, -1 for none.
     partner = [-1] * count
-    for group, ends in tangle.meeting.items():
-        if len(ends) > 1 and not tangle.net.held[group]:
-            for a, b in _pairs(tangle, ends):
+    for junction, ends in junctions.meeting.items():
+        if len(ends) > 1 and not junctions.net.held[junction]:
+            for a, b in _pair_ends(junctions, ends):
                 partner[a], partner[b] = b, a
-    done = [False] * len(tangle.branches)
-    # Lines first that have a beginning; what is left then is closed.
-    firsts = sorted(range(count), key=lambda end: partner[end] >= 0)
-    return [_run(tangle, partner, done, first) for first in firsts if not done[first // 2]]
+    done = [False] * len(junctions.branches)
+    # First the strokes with an end without a partner. The remaining ones are closed.
+    starts = sorted(range(count), key=lambda end: partner[end] >= 0)
+    return [
+        _follow_stroke(junctions, partner, done, start) for start in starts if not done[start // 2]
+    ]
 
 
-def _pairs(tangle: _Tangle, ends: list[int]) -> list[tuple[int, int]]:
-    """The ends at a junction that go straight on in each other, the straightest first; two alone always do."""
+def _pair_ends(junctions: _Junctions, ends: list[int]) -> list[tuple[int, int]]:
+    """Pair the ends at a junction that continue each other, the straightest pair first.
+
+    Two ends alone always do, others only within the bend of `_MIN_COSINE`.
+    """
     if len(ends) == 2:
         return [(ends[0], ends[1])]
-    out = np.array([_direction(tangle, end) for end in ends])
+    out = np.array([_measure_direction(junctions, end) for end in ends])
     cosine = -(out[:, None] * out.conj()).real
     a, b = np.triu_indices(len(ends), 1)
     pairs: list[tuple[int, int]] = []
     free = set(range(len(ends)))
     for k in np.argsort(-cosine[a, b], kind="stable").tolist():
         i, j = int(a[k]), int(b[k])
-        if i in free and j in free and cosine[i, j] > _STRAIGHT_COSINE:
+        if i in free and j in free and cosine[i, j] > _MIN_COSINE:
             free -= {i, j}
             pairs.append((ends[i], ends[j]))
     return pairs
 
 
-def _direction(tangle: _Tangle, end: int) -> complex:
-    """Unit, out of the junction, as seen from farther away than it is wide."""
-    points = tangle.leaving(end)
-    branch = tangle.branches[end // 2]
-    depth = tangle.net.depth[branch.end if end % 2 else branch.start]
+def _measure_direction(junctions: _Junctions, end: int) -> complex:
+    """Unit vector out of the junction, measured outside of its own width."""
+    points = junctions.points_from(end)
+    branch = junctions.branches[end // 2]
+    depth = junctions.net.depth[branch.end if end % 2 else branch.start]
     near, far = (
-        min(round(depth * k), len(points) - 1) for k in (_ONE / 2, _ONE / 2 + _LOOK_DEPTHS)
+        min(round(depth * depths), len(points) - 1)
+        for depths in (_MERGE_DEPTHS / 2, _MERGE_DEPTHS / 2 + _DIRECTION_DEPTHS)
     )
-    way = points[far] - points[near if far > near else 0]
-    return complex(way / max(abs(way), 1e-9))
+    vector = points[far] - points[near if far > near else 0]
+    return complex(vector / max(abs(vector), 1e-9))
 
 
-def _run(tangle: _Tangle, partner: list[int], done: list[bool], first: int) -> Stroke:
-    """The stroke that begins at the end ``first``, through all junctions where it has a partner."""
-    pieces: list[ComplexArray] = []
-    end = first
+def _follow_stroke(
+    junctions: _Junctions, partner: Sequence[int], done: list[bool], start: int
+) -> Stroke:
+    """The stroke that begins at the end `start`, through all junctions with a partner.
+
+    Its branches are marked in `done`.
+    """
+    parts: list[ComplexArray] = []
+    end = start
     while True:
         done[end // 2] = True
-        pieces += [np.array([tangle.place[tangle.node[end]]]), tangle.leaving(end)[1:-1]]
-        leaving = end ^ 1
-        end = partner[leaving]
+        parts += [
+            np.array([junctions.place[junctions.node[end]]]),
+            junctions.points_from(end)[1:-1],
+        ]
+        last = end ^ 1
+        end = partner[last]
         if end < 0 or done[end // 2]:
             break
-    if end == first:
-        return Stroke(np.concatenate(pieces), True, False, False)
-    pieces.append(np.array([tangle.place[tangle.node[leaving]]]))
-    return Stroke(
-        np.concatenate(pieces), False, tangle.ends_there(first), tangle.ends_there(leaving)
-    )
+    if end == start:
+        return Stroke(np.concatenate(parts), True, False, False)
+    parts.append(np.array([junctions.place[junctions.node[last]]]))
+    free_ends = junctions.is_free(start), junctions.is_free(last)
+    return Stroke(np.concatenate(parts), False, *free_ends)

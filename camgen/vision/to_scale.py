@@ -1,11 +1,12 @@
-"""Photo to a to-scale view of the work plane: lens distortion and perspective out, in one remap (PIST, section 3.1).
+"""Rectifies a photo: the view has constant scale and is perpendicular to the work plane.
 
-A view pixel is a place in mm, that is an undistorted pixel (homography), that is a photo pixel (distortion); the map is
-in ``remap``. The photo is interpolated linearly, which OpenCV 5 does exactly; its cubic and Lanczos kernels, and
-pictures of two channels, are quantised to 1/32 px.
+A pixel of the view is a place in mm. A homography maps it to an undistorted pixel, and the lens
+model maps that to a pixel of the photo. So lens distortion and perspective are removed in one step
+(PIST, section 3.1), by `remap`. The photo is interpolated linearly, which OpenCV 5 does exactly.
+Its cubic and Lanczos kernels, and pictures of two channels, are quantised to 1/32 px.
 
-The scale is the finest that the photo has anywhere in the region, rounded down to three digits: the view is nowhere
-coarser than the photo.
+The scale is the finest that the photo has anywhere in the region, rounded down to three digits: the
+view is nowhere coarser than the photo.
 """
 
 from __future__ import annotations
@@ -24,27 +25,39 @@ from camgen.vision.camera.camera import Camera, distort, undistort
 from camgen.vision.image import Picture, Pixels
 from camgen.vision.plane import Plane, depth, map_points, same_pixels, scales
 
-# The map from view pixels to photo pixels: exact at the nodes of a coarse grid, linear between, used in strips.
+# The map from pixels of the view to pixels of the photo. It is exact at the nodes of a coarse grid
+# and linear between nodes, and is computed in strips.
 
-#: Distances of nodes that are tried, view pixels, and how far off both interpolations may be, photo px.
+#: Distances between nodes that are tried, view pixels.
 _STEPS = (32, 16, 8, 4, 2)
-_CUBIC_ERROR, _LINEAR_ERROR = 0.0002, 0.0015
+#: Largest error of the cubic interpolation between exact nodes, photo pixels.
+_CUBIC_ERROR = 0.0002
+#: Largest error of the linear interpolation between nodes, photo pixels.
+_LINEAR_ERROR = 0.0015
 #: Rows of the map that exist at once: a multiple of every step.
 _STRIP = 128
-#: Where a view pixel has no place in the photo.
+#: Coordinate, px, of a place that the photo does not show.
 _NOWHERE = -1e6
-#: The lens model is used as far out as the corners of the photo reach, and a little further for the nodes around them,
-#: where it does not turn back before; that is looked for in so many directions and in such steps.
-_BEYOND, _DIRECTIONS, _BACK = 1.05, 64, 0.99
-#: Nodes up to so many px outside of the photo matter for what is inside.
+#: The lens model is used a little beyond the corners of the photo, for the nodes around them: this
+#: factor on their distance from the principal point.
+_BEYOND_CORNERS = 1.05
+#: The distance is reduced by this factor until the lens model is defined
+_REDUCTION = 0.99
+#: in this number of directions.
+_DIRECTIONS = 64
+#: px: nodes up to this distance outside of the photo affect pixels inside of it.
 _OUTSIDE_PX = 100.0
 
 
-class Shown(Struct, frozen=True, eq=False):
-    """What a photo of ``size`` (width, height) px shows of a plane, through a camera or as a pinhole (None).
+class PlaneView(Struct, frozen=True, eq=False):
+    """The view of a plane in a photo.
 
-    reach: how far from the camera's principal point the lens model is used, undistorted px. That is beyond the corners
-    of the photo, unless the model turns back before; what the photo shows further out has no place on the plane.
+    camera: camera with its lens; None for a pinhole without distortion.
+    plane: the plane.
+    size: (width, height) of the photo, px.
+    reach: largest distance from the principal point at which the lens model is used, undistorted
+        px. It is beyond the corners of the photo, unless the model is valid only to a smaller
+        radius. Then the photo shows no place of the plane further out.
     """
 
     camera: Camera | None
@@ -53,232 +66,281 @@ class Shown(Struct, frozen=True, eq=False):
     reach: float
 
 
-def show_by(camera: Camera | None, plane: Plane, size: tuple[int, int]) -> Shown:
-    """The plane in a photo of this size, px."""
+def make_plane_view(camera: Camera | None, plane: Plane, size: tuple[int, int]) -> PlaneView:
+    """The view of a plane in a photo of `size` (width, height), px."""
     if camera is None:
-        return Shown(camera, plane, size, np.inf)
+        return PlaneView(camera, plane, size, np.inf)
     middle = camera.matrix[:2, 2]
-    away = np.linalg.norm(undistort(camera, photo_grid(size, 17)) - middle, axis=1)
-    reach = _BEYOND * float(away.max(initial=0, where=np.isfinite(away)))
+    distance = np.linalg.norm(undistort(camera, sample_photo(size, 17)) - middle, axis=1)
+    reach = _BEYOND_CORNERS * float(distance.max(initial=0, where=np.isfinite(distance)))
     angles = np.arange(_DIRECTIONS) * 2 * np.pi / _DIRECTIONS
-    around = np.column_stack([np.cos(angles), np.sin(angles)])
-    while not np.isfinite(distort(camera, middle + reach * around)).all():
-        reach *= _BACK
-    return Shown(camera, plane, size, reach)
+    directions = np.column_stack([np.cos(angles), np.sin(angles)])
+    while not np.isfinite(distort(camera, middle + reach * directions)).all():
+        reach *= _REDUCTION
+    return PlaneView(camera, plane, size, reach)
 
 
-def photo_grid(size: tuple[int, int], count: int) -> FloatArray:
-    """``count`` x ``count`` pixels from corner to corner of the photo: (N, 2)."""
+def sample_photo(size: tuple[int, int], count: int) -> FloatArray:
+    """Pixels (N, 2) of a grid of `count` x `count` from corner to corner of the photo."""
     u, v = np.meshgrid(*(np.linspace(0, length - 1, count) for length in size))
     return np.column_stack([u.ravel(), v.ravel()])
 
 
-def work_from_photo(shown: Shown, px: FloatArray) -> FloatArray:
-    """Places on the plane (N, 2), mm, of photo pixels (N, 2); nan beyond the horizon and the lens model's reach."""
-    ideal, known = px, np.ones(len(px), dtype=np.bool_)
+def work_from_photo(shown: PlaneView, px: FloatArray) -> FloatArray:
+    """Map photo pixels (N, 2) to places on the plane (N, 2), mm.
+
+    nan beyond the horizon and beyond the reach of the lens model.
+    """
+    ideal, is_valid = px, np.ones(len(px), dtype=np.bool_)
     if shown.camera is not None:
         ideal = undistort(shown.camera, px)
-        known = np.linalg.norm(ideal - shown.camera.matrix[:2, 2], axis=1) <= shown.reach
-    front = known & (depth(shown.plane.work_from_pixel, ideal) > 0)
-    found = np.full(ideal.shape, np.nan)
-    found[front] = map_points(shown.plane.work_from_pixel, ideal[front])
-    return found
+        is_valid = np.linalg.norm(ideal - shown.camera.matrix[:2, 2], axis=1) <= shown.reach
+    is_valid &= depth(shown.plane.work_from_pixel, ideal) > 0
+    mm = np.full(ideal.shape, np.nan)
+    mm[is_valid] = map_points(shown.plane.work_from_pixel, ideal[is_valid])
+    return mm
 
 
-def photo_from_work(shown: Shown, mm: FloatArray) -> FloatArray:
-    """Photo pixels (N, 2) of places on the plane (N, 2), mm; far outside for those that the photo does not show."""
-    found, away = _continue(shown, mm)
-    # Only a model that turns back within the photo leaves room there for what lies beyond its reach.
-    hidden = (away > shown.reach) & np.all(
-        (found >= 0) & (found <= np.array(shown.size) - 1), axis=1
-    )
-    found[hidden] = _NOWHERE
-    return found
+def photo_from_work(shown: PlaneView, mm: FloatArray) -> FloatArray:
+    """Map places on the plane (N, 2), mm, to photo pixels (N, 2).
 
-
-def _continue(shown: Shown, mm: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Photo pixels (N, 2), far outside beyond the horizon, and how far from the principal point they are, (N,)
-    undistorted px.
-
-    The lens model says nothing beyond the place where it turns back. Beyond the reach the photo is therefore continued
-    without further distortion, smoothly enough to interpolate.
+    A place that the photo does not show is far outside of it.
     """
-    found, distance = np.full(mm.shape, _NOWHERE), np.zeros(len(mm))
-    front = depth(shown.plane.pixel_from_work, mm) > 0
-    ideal = map_points(shown.plane.pixel_from_work, mm[front]).clip(_NOWHERE / 2, -_NOWHERE / 2)
+    px, distance = _map_smoothly(shown, mm)
+    # A place beyond the reach is inside the photo only if the lens model is not valid everywhere
+    # in the photo. The photo shows something else there.
+    is_inside = np.all((px >= 0) & (px <= np.array(shown.size) - 1), axis=1)
+    px[(distance > shown.reach) & is_inside] = _NOWHERE
+    return px
+
+
+def _map_smoothly(shown: PlaneView, mm: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Map places on the plane (N, 2), mm, to photo pixels, smoothly enough to interpolate.
+
+    The lens model is undefined beyond its valid radius. So beyond the reach the photo is continued
+    without further distortion.
+
+    Returns pixels (N, 2), far outside beyond the horizon, and their distance (N,) from the
+    principal point, undistorted px, which is 0 there and without a camera.
+    """
+    px, distance = np.full(mm.shape, _NOWHERE), np.zeros(len(mm))
+    is_front = depth(shown.plane.pixel_from_work, mm) > 0
+    ideal = map_points(shown.plane.pixel_from_work, mm[is_front]).clip(_NOWHERE / 2, -_NOWHERE / 2)
     if shown.camera is None or not len(ideal):
-        found[front] = ideal
-        return found, distance
+        px[is_front] = ideal
+        return px, distance
     middle = shown.camera.matrix[:2, 2]
-    away = np.linalg.norm(ideal - middle, axis=1)
-    held = middle + (ideal - middle) * (shown.reach / np.maximum(away, shown.reach))[:, None]
-    found[front], distance[front] = distort(shown.camera, held) + (ideal - held), away
-    return found, distance
+    ideal_distance = np.linalg.norm(ideal - middle, axis=1)
+    factor = shown.reach / np.maximum(ideal_distance, shown.reach)
+    within_reach = middle + (ideal - middle) * factor[:, None]
+    px[is_front] = distort(shown.camera, within_reach) + (ideal - within_reach)
+    distance[is_front] = ideal_distance
+    return px, distance
 
 
-def mm_per_pixel(shown: Shown, mm: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The finest and the coarsest mm per photo pixel (N,), over all directions, at places on the plane (N, 2)."""
+def mm_per_pixel(shown: PlaneView, mm: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The finest and the coarsest mm per photo pixel (N,) of all directions, at places (N, 2)."""
     step = 0.25 / scales(shown.plane.pixel_from_work, mm)[:, 1:]
     columns = []
     for axis in np.eye(2):
-        after, before = _continue(shown, mm + step * axis)[0], _continue(shown, mm - step * axis)[0]
+        after, _ = _map_smoothly(shown, mm + step * axis)
+        before, _ = _map_smoothly(shown, mm - step * axis)
         columns.append((after - before) / (2 * step))
-    sizes = np.linalg.svd(np.stack(columns, axis=2), compute_uv=False)
-    return 1 / sizes[:, 0], 1 / sizes[:, 1].clip(np.finfo(float).tiny)
+    px_per_mm = np.linalg.svd(np.stack(columns, axis=2), compute_uv=False)
+    return 1 / px_per_mm[:, 0], 1 / px_per_mm[:, 1].clip(np.finfo(float).tiny)
 
 
 def remap(
-    photo: Pixels, shown: Shown, work_from_view: FloatArray, size: tuple[int, int]
+    photo: Pixels, shown: PlaneView, work_from_view: FloatArray, size: tuple[int, int]
 ) -> tuple[Pixels, NDArray[np.bool_]]:
-    """The view of ``size`` (width, height) pixels, and where the photo shows something; it is black elsewhere."""
+    """Resample a photo to a view of `size` (width, height) pixels.
+
+    work_from_view: (2, 3), from pixels of the view to mm.
+
+    Returns the view, black where the photo shows nothing, and a mask (H, W) of the pixels that it
+    shows.
+    """
     import cv2  # noqa: PLC0415 (loaded only by what needs it)
 
     width, height = size
-    step, nodes = _nodes(shown, work_from_view, size)
-    inside = _in_photo(nodes, shown.size, 0)
-    # The view is nowhere coarser than the photo: neighbouring nodes are at most so far apart in it.
-    around = _in_photo(nodes, shown.size, 2 * step)
+    step, nodes = _make_nodes(shown, work_from_view, size)
+    inside = _is_in_photo(nodes, shown.size, 0)
+    # The view is nowhere coarser than the photo, so neighbouring nodes are at most 2 steps apart.
+    is_near = _is_in_photo(nodes, shown.size, 2 * step)
     view = np.zeros((height, width, *photo.shape[2:]), dtype=photo.dtype)
     valid = np.zeros((height, width), dtype=np.bool_)
     for top in range(0, height, _STRIP):
         rows = min(_STRIP, height - top)
-        near = np.s_[top // step : (top + rows + step - 1) // step + 2]
-        seen = np.flatnonzero(around[near].any(axis=0))
+        node_rows = np.s_[top // step : (top + rows + step - 1) // step + 2]
+        seen = np.flatnonzero(is_near[node_rows].any(axis=0))
         if not len(seen):
             continue
         columns = np.s_[max(int(seen[0]) - 1, 0) : int(seen[-1]) + 2]
-        some = nodes[near, columns]
-        # Node i lies at pixel (i - 1) step + (step - 1) / 2: where resizing by step puts it, one step further out.
-        left, right = columns.start * step, min((columns.start + some.shape[1] - 2) * step, width)
+        strip_nodes = nodes[node_rows, columns]
+        node_height, node_width = strip_nodes.shape[:2]
+        # Node i lies at pixel (i - 1) step + (step - 1) / 2: where resizing by step puts it, one
+        # step further out.
+        left, right = columns.start * step, min((columns.start + node_width - 2) * step, width)
         if left >= right:
             continue
-        wide = cv2.resize(
-            some, (some.shape[1] * step, some.shape[0] * step), interpolation=cv2.INTER_LINEAR
+        resized = cv2.resize(
+            strip_nodes, (node_width * step, node_height * step), interpolation=cv2.INTER_LINEAR
         )
-        places = wide[step : step + rows, step : step + right - left].astype(np.float32, copy=False)
+        places = resized[step : step + rows, step : step + right - left].astype(
+            np.float32, copy=False
+        )
         strip = np.s_[top : top + rows, left:right]
         # One map holds u and v; OpenCV's stubs do not know that the second one is None then.
         border = cv2.BORDER_CONSTANT
-        cv2.remap(photo, places, None, cv2.INTER_LINEAR, dst=view[strip], borderMode=border)  # type: ignore[call-overload]
-        _mark(valid[strip], np.all(inside[near, columns], axis=0), step, places, shown.size)
+        cv2.remap(  # type: ignore[call-overload]
+            photo, places, None, cv2.INTER_LINEAR, dst=view[strip], borderMode=border
+        )
+        inside_columns = np.all(inside[node_rows, columns], axis=0)
+        _mark_valid(valid[strip], inside_columns, step, places, shown.size)
     return view, valid
 
 
-def _in_photo(places: NDArray[np.float32], size: tuple[int, int], room: float) -> NDArray[np.bool_]:
-    """Which places (rows, columns, 2), px, are in the photo or at most ``room`` px outside of it."""
+def _is_in_photo(
+    places: NDArray[np.float32], size: tuple[int, int], margin: float
+) -> NDArray[np.bool_]:
+    """Whether each place (rows, columns, 2), px, is at most `margin` px outside of the photo."""
     import cv2  # noqa: PLC0415 (loaded only by what needs it)
 
-    found = cv2.inRange(places, (-room, -room), (size[0] - 1.0 + room, size[1] - 1.0 + room))
-    return np.asarray(found, dtype=np.bool_)
+    upper = (size[0] - 1.0 + margin, size[1] - 1.0 + margin)
+    return np.asarray(cv2.inRange(places, (-margin, -margin), upper), dtype=np.bool_)
 
 
-def _mark(
+def _mark_valid(
     valid: NDArray[np.bool_],
     inside: NDArray[np.bool_],
     step: int,
     places: NDArray[np.float32],
     size: tuple[int, int],
 ) -> None:
-    """Sets what of a strip the photo shows: pixels between columns of nodes that are all ``inside``, one run of them,
-    are in it; the others are looked at singly.
+    """Set the pixels of a strip (rows, columns) that the photo shows, in `valid`.
+
+    Pixels between columns of nodes that are all inside the photo are inside too, if these columns
+    are consecutive. All other pixels are tested singly.
+
+    inside: True for each column of nodes that are all inside.
+    step: distance between nodes, px.
+    places: (rows, columns, 2), photo pixel of each pixel.
+    size: (width, height) of the photo, px.
     """
-    run = np.flatnonzero(inside)
+    columns = np.flatnonzero(inside)
     start = end = 0
-    if len(run) and run[-1] - run[0] + 1 == len(run):
+    if len(columns) and columns[-1] - columns[0] + 1 == len(columns):
         start, end = (
-            min(max((i - 1) * step + step // 2, 0), valid.shape[1]) for i in run[[0, -1]].tolist()
+            min(max((column - 1) * step + step // 2, 0), valid.shape[1])
+            for column in columns[[0, -1]].tolist()
         )
     valid[:, start:end] = True
     for first, beyond in ((0, start), (end, valid.shape[1])):
         if first < beyond:
-            valid[:, first:beyond] = _in_photo(places[:, first:beyond], size, 0)
+            valid[:, first:beyond] = _is_in_photo(places[:, first:beyond], size, 0)
 
 
-def _nodes(
-    shown: Shown, work_from_view: FloatArray, size: tuple[int, int]
+def _make_nodes(
+    shown: PlaneView, work_from_view: FloatArray, size: tuple[int, int]
 ) -> tuple[int, NDArray[np.float32]]:
-    """The largest step that is exact enough, and photo pixels (rows, columns, 2) of the nodes, one beyond each side.
+    """The nodes of the map at the largest distance that is exact enough.
 
-    Cubic interpolation from the exact nodes to these is off by at most 3/128 of the fourth differences along each axis,
-    linear interpolation between these by 1/16 of the second differences, to either side (see _finer).
+    The error of the cubic interpolation from the exact nodes to these is at most 3/128 of the
+    fourth differences along each axis. The error of the linear interpolation between these is 1/16
+    of the second differences, to either side (see `_interpolate_nodes`).
+
+    Returns the distance in view pixels, and photo pixels (rows, columns, 2) of the nodes, one node
+    beyond each side of the view.
     """
-    exact = next(
-        grid
-        for step in _STEPS
-        if (grid := _exact(shown, work_from_view, size, step)).error * 3 / 128 <= _CUBIC_ERROR
-        or step == _STEPS[-1]
-    )
-    limit = _LINEAR_ERROR * 16
-    step = next(
-        (s for s in _STEPS if s <= exact.step and exact.bend * (s / exact.step) ** 2 <= limit),
-        _STEPS[-1],
-    )
-    return step, _finer(exact, step, size)
+    for exact_step in _STEPS:
+        exact = _compute_exact_nodes(shown, work_from_view, size, exact_step)
+        if exact.fourth_difference * 3 / 128 <= _CUBIC_ERROR:
+            break
+    for step in _STEPS:
+        if step > exact.step:
+            continue
+        if exact.second_difference * (step / exact.step) ** 2 <= _LINEAR_ERROR * 16:
+            break
+    return step, _interpolate_nodes(exact, step, size)
 
 
-class _Exact(Struct, frozen=True, eq=False):
-    """Photo pixels (rows, columns, 2) of nodes ``step`` view pixels apart, two beyond each side and the second of them
-    at least a step; bend, error: the largest sum of second and of fourth differences around the photo, px.
+class _ExactNodes(Struct, frozen=True, eq=False):
+    """Nodes whose photo pixels are computed exactly.
+
+    step: distance between nodes, view pixels.
+    places: (rows, columns, 2), photo pixel of each node. There are two nodes beyond each side of
+        the view, the second one at least a step away.
+    second_difference, fourth_difference: largest differences of this order between nodes around
+        the photo, the sum of both axes, px.
     """
 
     step: int
     places: FloatArray
-    bend: float
-    error: float
+    second_difference: float
+    fourth_difference: float
 
 
-def _exact(shown: Shown, work_from_view: FloatArray, size: tuple[int, int], step: int) -> _Exact:
+def _compute_exact_nodes(
+    shown: PlaneView, work_from_view: FloatArray, size: tuple[int, int], step: int
+) -> _ExactNodes:
     u, v = ((np.arange(-(-length // step) + 5) - 2) * step for length in size)
-    across, along = np.meshgrid(u, v)
-    mm = (
-        np.column_stack([across.ravel(), along.ravel()]) @ work_from_view[:, :2].T
-        + work_from_view[:, 2]
-    )
+    columns, rows = np.meshgrid(u, v)
+    nodes = np.column_stack([columns.ravel(), rows.ravel()])
+    mm = nodes @ work_from_view[:, :2].T + work_from_view[:, 2]
     places = photo_from_work(shown, mm).reshape(len(v), len(u), 2)
-    around = np.all((places > -_OUTSIDE_PX) & (places < np.array(shown.size) + _OUTSIDE_PX), axis=2)
-    return _Exact(step, places, _differences(places, around, 2), _differences(places, around, 4))
+    limit = np.array(shown.size) + _OUTSIDE_PX
+    usable = np.all((places > -_OUTSIDE_PX) & (places < limit), axis=2)
+    second, fourth = (_measure_differences(places, usable, order) for order in (2, 4))
+    return _ExactNodes(step, places, second, fourth)
 
 
-def _differences(places: FloatArray, around: NDArray[np.bool_], order: int) -> float:
-    """The largest differences of this order over neighbours that are all around the photo, both axes together, px."""
+def _measure_differences(places: FloatArray, usable: NDArray[np.bool_], order: int) -> float:
+    """The largest differences of this order between usable neighbours, the sum of both axes, px.
+
+    places: (rows, columns, 2), px.
+    usable: (rows, columns), mask of the nodes that count.
+    """
     total = 0.0
-    for values, usable in ((places, around), (places.swapaxes(0, 1), around.T)):
+    for values, is_usable in ((places, usable), (places.swapaxes(0, 1), usable.T)):
         if len(values) > order:
-            whole = np.all(
-                np.lib.stride_tricks.sliding_window_view(usable, order + 1, axis=0), axis=2
-            )
-            total += float((np.abs(np.diff(values, order, axis=0)) * whole[..., None]).max())
+            windows = np.lib.stride_tricks.sliding_window_view(is_usable, order + 1, axis=0)
+            all_usable = np.all(windows, axis=2)
+            differences = np.abs(np.diff(values, order, axis=0))
+            total += float((differences * all_usable[..., None]).max())
     return total
 
 
-def _finer(exact: _Exact, step: int, size: tuple[int, int]) -> NDArray[np.float32]:
-    """Nodes ``step`` pixels apart at (i - 1) step + (step - 1) / 2, by cubic interpolation between the exact ones.
+def _interpolate_nodes(exact: _ExactNodes, step: int, size: tuple[int, int]) -> NDArray[np.float32]:
+    """Nodes at view pixels (i - 1) step + (step - 1) / 2, by cubic interpolation of exact ones.
 
-    A line between two points of a curve lies on its hollow side, by an eighth of the second difference. The nodes are
-    shifted by half of that to the other side: the error is halved.
+    A line between two points of a curve lies on its hollow side, at a distance of an eighth of the
+    second difference. So the nodes are shifted by half of that to the other side, which halves the
+    error.
     """
-    lost = exact.places[..., 0] == _NOWHERE
+    is_lost = exact.places[..., 0] == _NOWHERE
     places = exact.places
     for axis, length in ((0, size[1]), (1, size[0])):
-        at = ((np.arange(-(-length // step) + 2) - 1) * step + (step - 1) / 2) / exact.step + 2
-        first = np.floor(at).astype(np.int64) - 1
-        weights = _cubic(at - first - 1, (step / exact.step) ** 2 / 16)
+        pixels = (np.arange(-(-length // step) + 2) - 1) * step + (step - 1) / 2
+        position = pixels / exact.step + 2
+        first = np.floor(position).astype(np.int64) - 1
+        weights = _weigh_cubic(position - first - 1, (step / exact.step) ** 2 / 16)
         rows = [first + k for k in range(4)]
         shape = [1] * 3
         shape[axis] = -1
         parts = [
-            np.take(places, row, axis) * w.reshape(shape)
-            for row, w in zip(rows, weights, strict=True)
+            np.take(places, row, axis) * weight.reshape(shape)
+            for row, weight in zip(rows, weights, strict=True)
         ]
         places = parts[0] + parts[1] + parts[2] + parts[3]
-        lost = np.any([np.take(lost, row, axis) for row in rows], axis=0)
-    places[lost] = _NOWHERE
+        is_lost = np.any([np.take(is_lost, row, axis) for row in rows], axis=0)
+    places[is_lost] = _NOWHERE
     return places.astype(np.float32)
 
 
-def _cubic(t: FloatArray, shift: float) -> tuple[FloatArray, ...]:
-    """Weights of four equidistant values for a place ``t`` of 0 to 1 between the middle two: those of Lagrange's cubic
-    less ``shift`` times those of its second derivative.
+def _weigh_cubic(t: FloatArray, shift: float) -> tuple[FloatArray, ...]:
+    """Weights of four equidistant values for a place `t`, 0 to 1 between the middle two.
+
+    They are those of Lagrange's cubic minus `shift` times those of its second derivative.
     """
     return (
         -t * (t - 1) * (t - 2) / 6 - shift * (1 - t),
@@ -288,22 +350,30 @@ def _cubic(t: FloatArray, shift: float) -> tuple[FloatArray, ...]:
     )
 
 
+# The view: its region and scale.
+
+#: x and y from, x and y to, mm.
 Region = tuple[float, float, float, float]
 
 _MM_PER_INCH = 25.4
-#: Without a region, places where a photo pixel is so many times as coarse as the finest one are left out.
-_COARSER = 4.0
-#: A view of more pixels than the photo times this is refused: the plane is seen at too flat an angle.
-_LARGER = 6.0
-#: The photo, or the region, is sampled at so many places along each side to find region and scale.
+#: Without a region, places are left out where a photo pixel is more than this many times as coarse
+#: as the finest one.
+_MAX_COARSENESS = 4.0
+#: A view may have this many times the pixels of the photo. A larger one means that the plane is
+#: seen at too flat an angle.
+_MAX_ENLARGEMENT = 6.0
+#: Samples of the photo, or of the region, along each side, to find region and scale.
 _PHOTO_SAMPLES = 33
 
 
 class ScaledView(Struct, frozen=True, eq=False):
-    """A to-scale picture of the work plane.
+    """A rectified view of the work plane.
 
-    pixels: (H, W) grey or (H, W, 3) blue, green, red; uint8. work_from_view: (2, 3), mm of the centre of pixel (u, v),
-    x to the right, y up. valid: which pixels the photo shows, (H, W) bool; None: all.
+    pixels: (H, W) grey or (H, W, 3) blue, green, red; uint8.
+    work_from_view: (2, 3), from pixel centres (u, v) to mm, x to the right and y up.
+    mm_per_px: scale.
+    valid: (H, W) bool, pixels that the photo shows; None for all.
+    notes: notes to the user.
     """
 
     pixels: Pixels
@@ -319,18 +389,19 @@ def already_to_scale(
     width_mm: float | None = None,
     dpi: float | None = None,
 ) -> ScaledView:
-    """The view of a picture that needs no rectification; the origin is the lower left corner of its lower left pixel.
+    """Make the view of a picture that is to scale already.
 
-    Its scale is one of the three, else the picture's own DPI. JobError for two of them or one that is not positive,
-    InputError if there is none at all.
+    The origin is the lower left corner of its lower left pixel. The scale is one of the three
+    values, else that of the DPI in the picture's file.
+
+    Raises JobError for two values or one that is not positive, InputError without any scale.
     """
     height, width = picture.pixels.shape[:2]
-    ways = {"mm_per_px": mm_per_px, "width_mm": width_mm, "dpi": dpi}
-    given = {name: value for name, value in ways.items() if value is not None}
+    scales_by_name = {"mm_per_px": mm_per_px, "width_mm": width_mm, "dpi": dpi}
+    given = {name: value for name, value in scales_by_name.items() if value is not None}
     if len(given) > 1:
-        raise JobError(
-            "[image]", f"{' and '.join(given)} are both given", remedy="give one of them"
-        )
+        what = f"{' and '.join(given)} are both given"
+        raise JobError("[image]", what, remedy="give one of them")
     for name, value in given.items():
         if not (math.isfinite(value) and value > 0):
             raise JobError(f"[image] {name}", f"must be more than 0, not {value}")
@@ -341,64 +412,59 @@ def already_to_scale(
         elif dots is not None:
             mm_per_px = _MM_PER_INCH / dots
         else:
-            raise _no_scale(picture)
-    notes = (
-        ()
-        if given
-        else (Note("assumed", f"scale of {short(mm_per_px, 5)} mm/px from the file's DPI"),)
-    )
+            raise _describe_missing_scale(picture)
+    notes: tuple[Note, ...] = ()
+    if not given:
+        what = f"scale of {short(mm_per_px, 5)} mm/px from the file's DPI"
+        notes = (Note("assumed", what),)
     s = mm_per_px
-    return ScaledView(
-        picture.pixels, frozen([[s, 0, s / 2], [0, -s, (height - 0.5) * s]]), s, None, notes
-    )
+    work_from_view = frozen([[s, 0, s / 2], [0, -s, (height - 0.5) * s]])
+    return ScaledView(picture.pixels, work_from_view, s, None, notes)
 
 
 def cut_out(view: ScaledView, region: Region | None, coarser: int = 1) -> ScaledView:
-    """What ``view`` shows of ``region`` (mm), in pixels so many times as large. InputError where it shows nothing."""
+    """Cut a region (mm) out of a view, and enlarge its pixels `coarser` times.
+
+    Raises InputError if the view shows nothing of the region.
+    """
     import cv2  # noqa: PLC0415 (loaded only by what needs it)
 
     pixels, matrix = view.pixels, view.work_from_view
     if region is not None:
         height, width = pixels.shape[:2]
         corners = np.array([[region[0], region[3]], [region[2], region[1]]])
-        (left, top), (right, bottom) = (
-            np.linalg.solve(matrix[:, :2], (corners - matrix[:, 2]).T).T.round().astype(int)
-        )
-        left, top, right, bottom = (
-            max(left, 0),
-            max(top, 0),
-            min(right + 1, width),
-            min(bottom + 1, height),
-        )
+        view_corners = np.linalg.solve(matrix[:, :2], (corners - matrix[:, 2]).T).T
+        (left, top), (right, bottom) = view_corners.round().astype(int)
+        left, top = max(left, 0), max(top, 0)
+        right, bottom = min(right + 1, width), min(bottom + 1, height)
         if left >= right or top >= bottom:
             remedy = "check its corners, in mm from the lower left corner of the picture"
-            raise InputError("picture", "does not show the region", _describe(region), remedy)
+            raise InputError("picture", "does not show the region", _format_region(region), remedy)
         pixels = np.ascontiguousarray(pixels[top:bottom, left:right])
         matrix = np.column_stack([matrix[:, :2], matrix @ (left, top, 1.0)])
     if coarser > 1:
         size = (max(pixels.shape[1] // coarser, 1), max(pixels.shape[0] // coarser, 1))
-        whole = pixels[: size[1] * coarser, : size[0] * coarser]
-        pixels = cv2.resize(whole, size, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
+        covered = pixels[: size[1] * coarser, : size[0] * coarser]
+        means = cv2.resize(covered, size, interpolation=cv2.INTER_AREA)
+        pixels = means.astype(np.uint8, copy=False)
         shift = (coarser - 1) / 2
         matrix = np.column_stack([matrix[:, :2] * coarser, matrix @ (shift, shift, 1.0)])
     return ScaledView(pixels, frozen(matrix), view.mm_per_px * coarser, None, view.notes)
 
 
-def _no_scale(picture: Picture) -> InputError:
-    unused = next(
-        (
-            f" ({note.what}: {note.why})"
-            for note in picture.notes
-            if "not used as a scale" in note.what
-        ),
-        "",
+def _describe_missing_scale(picture: Picture) -> InputError:
+    """The error for a picture without a scale, with the reason why its DPI is not used."""
+    unused = ""
+    for note in picture.notes:
+        if "not used as a scale" in note.what:
+            unused = f" ({note.what}: {note.why})"
+            break
+    remedy = (
+        "give [page] size to draw it on paper, [image] mm_per_px or width_mm for a picture that is "
+        "to scale, save it with its DPI, or give [camera] points_px and points_mm, plane_from, or "
+        "markers for a photo"
     )
-    return InputError(
-        picture.name,
-        f"has no scale{unused}",
-        remedy="give [page] size to draw it on paper, [image] mm_per_px or width_mm for a picture that is to scale, "
-        "save it with its DPI, or give [camera] points_px and points_mm, plane_from, or markers for a photo",
-    )
+    return InputError(picture.name, f"has no scale{unused}", remedy=remedy)
 
 
 def rectify(
@@ -408,29 +474,36 @@ def rectify(
     region: Region | None = None,
     coarser: int = 1,
 ) -> ScaledView:
-    """The to-scale view of what the photo shows of the plane, or of ``region`` (x and y from, x and y to, mm).
+    """Rectify a photo: all that it shows of the work plane, or a region.
 
-    coarser: for a look at the whole, which costs less the coarser it is: pixels so many times as large.
-    InputError if the photo does not show the region, or so flatly that the view would be far larger than the photo.
+    camera: camera with its lens; None for a pinhole without distortion.
+    region: x and y from, x and y to, mm; None for all.
+    coarser: factor on the size of the pixels. A coarse view of the whole costs less.
+
+    Raises InputError if the photo does not show the region, or at so flat an angle that the view
+    would be far larger than the photo.
     """
     if camera is not None:
         same_pixels(picture, camera)
     height, width = picture.pixels.shape[:2]
-    shown = show_by(camera, plane, (width, height))
+    shown = make_plane_view(camera, plane, (width, height))
     notes: list[Note] = []
-    box, finest = _whole(shown, picture, notes) if region is None else _part(shown, picture, region)
-    scale = _clean(finest) * coarser
-    left, low = (math.floor(v / scale) for v in box[:2])
-    right, high = (math.ceil(v / scale) for v in box[2:])
-    columns, rows = right - left + 1, high - low + 1
-    if columns * rows > _LARGER * width * height:
-        what = f"its view would have {columns} x {rows} pixels, over {_LARGER:.0f} times those of the photo"
-        raise InputError(
-            picture.name,
-            what,
-            remedy="give a smaller region around the part, or take it from above",
+    if region is None:
+        region, finest = _find_region(shown, picture, notes)
+    else:
+        finest = _find_scale(shown, picture, region)
+    scale = _round_down(finest) * coarser
+    left, bottom = (math.floor(v / scale) for v in region[:2])
+    right, top = (math.ceil(v / scale) for v in region[2:])
+    columns, rows = right - left + 1, top - bottom + 1
+    if columns * rows > _MAX_ENLARGEMENT * width * height:
+        what = (
+            f"its view would have {columns} x {rows} pixels, "
+            f"over {_MAX_ENLARGEMENT:.0f} times those of the photo"
         )
-    work_from_view = frozen([[scale, 0, left * scale], [0, -scale, high * scale]])
+        remedy = "give a smaller region around the part, or take it from above"
+        raise InputError(picture.name, what, remedy=remedy)
+    work_from_view = frozen([[scale, 0, left * scale], [0, -scale, top * scale]])
     pixels, valid = remap(picture.pixels, shown, work_from_view, (columns, rows))
     for array in (pixels, valid):
         array.flags.writeable = False
@@ -440,7 +513,10 @@ def rectify(
 def frame_view(
     view: ScaledView, camera: Camera | None, plane: Plane, size: tuple[int, int]
 ) -> FloatArray:
-    """The border of the view in a photo of ``size`` (width, height), (N, 2) px; nan where the lens shows nothing."""
+    """Photo pixels (N, 2) along the border of a view, in a photo of `size` (width, height).
+
+    A place that the photo does not show is far outside of it.
+    """
     height, width = view.pixels.shape[:2]
     steps = np.linspace(0.0, 1.0, _PHOTO_SAMPLES)[:-1]
     corners = np.array(
@@ -448,32 +524,38 @@ def frame_view(
     )
     sides = corners[:, None] + steps[:, None] * (np.roll(corners, -1, axis=0) - corners)[:, None]
     mm = sides.reshape(-1, 2) @ view.work_from_view[:, :2].T + view.work_from_view[:, 2]
-    return photo_from_work(show_by(camera, plane, size), mm)
+    return photo_from_work(make_plane_view(camera, plane, size), mm)
 
 
-def _whole(shown: Shown, picture: Picture, notes: list[Note]) -> tuple[Region, float]:
-    """Box and finest mm/px of all that the photo shows, but for what is much coarser than its finest place."""
-    places = work_from_photo(shown, photo_grid(shown.size, _PHOTO_SAMPLES))
+def _find_region(shown: PlaneView, picture: Picture, notes: list[Note]) -> tuple[Region, float]:
+    """The region that the photo shows, without places that are much coarser than the finest one.
+
+    Adds a note to `notes` if places are left out. Returns the region and its finest scale, mm/px.
+    Raises InputError if the photo does not show the plane, or only its edge.
+    """
+    places = work_from_photo(shown, sample_photo(shown.size, _PHOTO_SAMPLES))
     front = places[np.isfinite(places).all(axis=1)]
     if not len(front):
-        raise InputError(
-            picture.name, "does not show the work plane", remedy="check the points or the pose"
-        )
+        remedy = "check the points or the pose"
+        raise InputError(picture.name, "does not show the work plane", remedy=remedy)
     finest, coarsest = mm_per_pixel(shown, front)
-    kept = front[coarsest <= _COARSER * finest.min()]
+    kept = front[coarsest <= _MAX_COARSENESS * finest.min()]
     if not len(kept):
-        raise InputError(
-            picture.name, "sees the work plane on edge", remedy="take the photo from above"
-        )
-    part = 1 - len(kept) / len(places)
-    if part > 0:
+        remedy = "take the photo from above"
+        raise InputError(picture.name, "sees the work plane on edge", remedy=remedy)
+    fraction = 1 - len(kept) / len(places)
+    if fraction > 0:
+        what = f"{100 * fraction:.0f} % of the photo left out of the view"
         why = "there it is too far away, or seen too flatly; a part that reaches there is refused"
-        notes.append(Note("assumed", f"{100 * part:.0f} % of the photo left out of the view", why))
+        notes.append(Note("assumed", what, why))
     return (*kept.min(axis=0).tolist(), *kept.max(axis=0).tolist()), float(finest.min())
 
 
-def _part(shown: Shown, picture: Picture, region: Region) -> tuple[Region, float]:
-    """The region, and the finest mm/px of what the photo shows of it."""
+def _find_scale(shown: PlaneView, picture: Picture, region: Region) -> float:
+    """The finest scale, mm/px, at places of the region that the photo shows.
+
+    Raises JobError for an invalid region, InputError if the photo shows nothing of it.
+    """
     x0, y0, x1, y1 = region
     if not (all(map(math.isfinite, region)) and x0 < x1 and y0 < y1):
         remedy = "give [x from, y from, x to, y to] in mm"
@@ -484,15 +566,15 @@ def _part(shown: Shown, picture: Picture, region: Region) -> tuple[Region, float
     inside = places[np.all((px >= 0) & (px <= np.array(shown.size) - 1), axis=1)]
     if not len(inside):
         remedy = "check its corners, in mm of the work frame"
-        raise InputError(picture.name, "does not show the region", _describe(region), remedy)
-    return region, float(mm_per_pixel(shown, inside)[0].min())
+        raise InputError(picture.name, "does not show the region", _format_region(region), remedy)
+    return float(mm_per_pixel(shown, inside)[0].min())
 
 
-def _describe(region: Region) -> str:
+def _format_region(region: Region) -> str:
     return "[" + ", ".join(short(v, 3) for v in region) + "] mm"
 
 
-def _clean(scale: float) -> float:
-    """``scale`` rounded down to three digits."""
+def _round_down(scale: float) -> float:
+    """`scale` rounded down to three digits."""
     digits = 2 - math.floor(math.log10(scale))
     return float(f"{math.floor(scale * 10**digits * (1 + 1e-12))}e{-digits}")

@@ -15,10 +15,10 @@ from camgen.model.job import ImageTable
 from camgen.model.pose import frozen
 from camgen.model.text import counted
 from camgen.vision.image import load
-from camgen.vision.mask.cells import cells_of
-from camgen.vision.mask.channel import remove_shadows, strips
+from camgen.vision.mask.cells import make_cells
+from camgen.vision.mask.channel import interpolate_strips, remove_shadows
 from camgen.vision.mask.clean import clean
-from camgen.vision.mask.level import spread_out
+from camgen.vision.mask.level import interpolate_tiles
 from camgen.vision.mask.part_mask import Mask
 from camgen.vision.mask.part_mask import part_mask as masked
 from camgen.vision.to_scale import ScaledView, already_to_scale
@@ -611,13 +611,16 @@ def test_cells_and_tiles_lie_where_their_pixels_are() -> None:
     """A ramp comes back as itself from cells and tiles, at every pixel but for the last half cell."""
     y, x = np.mgrid[:700, :1501]
     ramp = (x * 0.1 + y * 0.05).astype(np.float32)
-    cells = cells_of(np.dstack([ramp] * 3).astype(np.uint8), None)
+    cells = make_cells(np.dstack([ramp] * 3).astype(np.uint8), None)
     assert cells.size == 2
     exact = cv2.resize(ramp[:, :1500], (750, 350), interpolation=cv2.INTER_AREA)
-    for rows, values in strips(exact, 2, ramp.shape):
+    for rows, values in interpolate_strips(exact, 2, ramp.shape):
         assert np.abs(values - ramp[rows])[1:-1, 1:-2].max() < 1e-4
     tiles = cv2.resize(ramp[:, :1500], (15, 7), interpolation=cv2.INTER_AREA)
-    assert np.abs(spread_out(tiles, 100, (700, 1500)) - ramp[:, :1500])[50:-50, 50:-50].max() < 1e-3
+    assert (
+        np.abs(interpolate_tiles(tiles, 100, (700, 1500)) - ramp[:, :1500])[50:-50, 50:-50].max()
+        < 1e-3
+    )
 
 
 IMAGES = Path(__file__).parents[2].parent / "shared" / "data" / "image"

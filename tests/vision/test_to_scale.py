@@ -12,12 +12,12 @@ from camgen.vision.plane import map_points, plane_from_points, plane_from_pose
 from camgen.vision.to_scale import (
     ScaledView,
     already_to_scale,
+    make_plane_view,
     mm_per_pixel,
     photo_from_work,
-    photo_grid,
     rectify,
     remap,
-    show_by,
+    sample_photo,
     work_from_photo,
 )
 from tests.vision.test_plane import LENS, MATRIX, PINHOLE, looking, seen
@@ -76,7 +76,7 @@ def test_every_view_pixel_comes_from_its_place_in_the_photo(
     rows, columns = view.pixels.shape[:2]
     shown, valid = remap(
         np.dstack([u, v, u]),  # type: ignore[arg-type]
-        show_by(camera, plane, camera.size),
+        make_plane_view(camera, plane, camera.size),
         view.work_from_view,
         (columns, rows),
     )
@@ -94,7 +94,7 @@ def test_a_smooth_pattern_keeps_its_place(camera: Camera) -> None:
     small = Camera(matrix=SMALL.matrix, distortion=camera.distortion, size=SMALL.size, name="")
     pose = looking(15, height=440)
     plane = plane_from_pose(small, pose)
-    mm = work_from_photo(show_by(small, plane, small.size), photo_grid_all(small.size))
+    mm = work_from_photo(make_plane_view(small, plane, small.size), photo_grid_all(small.size))
     waves = 127 + 60 * np.sin(mm[:, 0] * 2 * np.pi / 12) + 60 * np.cos(mm[:, 1] * 2 * np.pi / 12)
     view = rectify(photo_of(small, np.rint(waves)), small, plane)
     x, y = np.moveaxis(places(view), 2, 0) * 2 * np.pi / 12
@@ -174,7 +174,9 @@ def test_all_of_the_photo_is_in_the_view_and_only_that_is_valid() -> None:
     pose = looking(20, about=50)
     plane = plane_from_pose(QUARTER, pose)
     view = rectify(blank(QUARTER), QUARTER, plane)
-    corners = work_from_photo(show_by(QUARTER, plane, QUARTER.size), photo_grid(QUARTER.size, 40))
+    corners = work_from_photo(
+        make_plane_view(QUARTER, plane, QUARTER.size), sample_photo(QUARTER.size, 40)
+    )
     first, last = places(view)[-1, 0], places(view)[0, -1]
     assert np.all(corners.min(axis=0) >= first)
     assert np.all(corners.max(axis=0) <= last)
@@ -207,8 +209,8 @@ def test_a_lens_model_that_turns_back_shows_nothing_twice(focal: float) -> None:
     assert 0 < turned[0] < 640  # OpenCV's formula finds it in the photo: the trap is there
     assert np.isnan(distort(folding, np.array([[321 + 1.2 * focal, 236]]))).all()
     plane = plane_from_pose(folding, looking(0, height=110, at=(200, 150)))
-    shown = show_by(folding, plane, folding.size)
-    seen_mm = work_from_photo(shown, photo_grid(folding.size, 20))
+    shown = make_plane_view(folding, plane, folding.size)
+    seen_mm = work_from_photo(shown, sample_photo(folding.size, 20))
     assert np.isnan(seen_mm).any() == (focal < 700)
     region = (108.0, 58.0, 292.0, 242.0)
     view = rectify(blank(folding), folding, plane, region)
@@ -258,7 +260,9 @@ def test_a_horizon_in_the_photo_does_not_make_an_endless_view(camera: Camera | N
     (note,) = view.notes
     assert "of the photo left out of the view" in note.what
     # What is left is not much coarser than the finest place.
-    fine, coarse = mm_per_pixel(show_by(camera, plane, SMALL.size), places(view)[view.valid][::50])
+    fine, coarse = mm_per_pixel(
+        make_plane_view(camera, plane, SMALL.size), places(view)[view.valid][::50]
+    )
     assert coarse.max() < 4.6 * fine.min()
 
 
@@ -272,7 +276,7 @@ def test_without_a_camera() -> None:
     pose = looking(15, height=110, at=(20, 15))
     pinhole = Camera(matrix=SMALL.matrix, distortion=frozen([]), size=SMALL.size, name="pinhole")
     plane = plane_from_points(None, seen(pinhole, pose, DOTS), DOTS)
-    shown = show_by(None, plane, SMALL.size)
+    shown = make_plane_view(None, plane, SMALL.size)
     assert np.abs(photo_from_work(shown, DOTS) - seen(pinhole, pose, DOTS)).max() < 1e-6
     view = rectify(blank(SMALL), None, plane)
     corners = map_points(

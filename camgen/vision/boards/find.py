@@ -1,10 +1,10 @@
-"""Finding a marker sheet or a ChArUco board in a photo: the work plane without measuring a single point.
+"""Finds a marker sheet or a ChArUco board in a photo, and with it the work plane.
 
-Markers are found by OpenCV in a reduced picture. Their corners are then measured in the full one: the four sides of a
-marker's black border are located along many short profiles across them, a line is fitted to each side (after the lens
-distortion is taken out) and neighbours are intersected. OpenCV's own refinement of outer corners is drawn inwards by
-blur, 0.14 to 0.5 px in renders with a blur of 0.7 px. Its ``CONTOUR`` method errs by 0.5 px, and
-the crossings of the sides by 0.025 px.
+OpenCV finds the markers in a reduced picture. Their corners are then measured in the full one. The
+four sides of a marker's black border are located along many short profiles across them, a line is
+fitted to each side (without the lens distortion), and neighbouring lines are intersected. OpenCV's
+own refinement moves outer corners inwards by blur, 0.14 to 0.5 px in renders with a blur of 0.7 px.
+Its `CONTOUR` method has errors of 0.5 px, and the crossings of the sides 0.025 px.
 
 A ChArUco board has both: the inner corners of its squares, to which saddles are fitted, and the
 markers, whose corners reach further out. The size of the markers is measured by the inner corners,
@@ -47,16 +47,18 @@ from camgen.vision.plane import (
     suspect,
 )
 
-#: Markers are sought in a picture of at most so many pixels.
-_SOUGHT = 2_500_000
-#: A marker is left out if a corner is so far from where the others put it, px, and chance would do so so rarely.
-_WRONG_PX, _WRONG_CHANCE = 0.5, 1e-3
-#: At most this part of the markers is left out; more of them contradict the sheet itself.
-_LEFT_OUT = 0.25
+#: Pixels of the reduced picture in which markers are searched, at most.
+_SEARCHED_PIXELS = 2_500_000
+#: px: a marker is left out if the others put one of its corners at least this far away,
+_WRONG_PX = 0.5
+#: and if chance would do that less often than this.
+_WRONG_CHANCE = 1e-3
+#: Largest fraction of the markers that is left out. If more are wrong, the sheet itself is.
+_MAX_LEFT_OUT = 0.25
 
 #: Marks are left out and the lens is fitted in turn, this number of times at most.
 _LENS_ROUNDS = 5
-#: Corners that the lens moves by less are settled, px.
+#: px: corners have converged if the lens moves them by less.
 _SETTLED_PX = 0.005
 
 #: The size of a board's markers is measured by this number of its inner corners, at least.
@@ -64,26 +66,28 @@ _SIZE_CORNERS = 6
 #: The corners of a marker, in half its sides from its middle.
 _SQUARE = np.array([(-1.0, 1.0), (1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)])
 
-#: Where along a side the profiles lie (corners are rounded by blur), and the samples of a profile, out of the black.
+#: Places of the profiles along a side, 0 to 1. They avoid the corners, which blur has rounded.
 _ALONG = np.linspace(0.12, 0.88, 33)
+#: Samples of a profile, from black to white, in halves of its length.
 _ACROSS = np.linspace(-1, 1, 33)
-#: A marker is so many modules wide, its black border is one.
+#: Modules along the side of a marker. Its black border is one module wide.
 _MODULES = 6
-#: Half the length of a profile: as a part of a module, least, and most in px, for each round.
-_HALF_PART, _HALF_LEAST = 0.45, 1.5
-_HALF_MOST = (8.0, 5.0, 4.0)
+#: Half the length of a profile, as a fraction of a module.
+_HALF_LENGTH = 0.45
+#: px: smallest half length, and largest half length in each round.
+_MIN_HALF_PX, _MAX_HALF_PX = 1.5, (8.0, 5.0, 4.0)
 
 
 class _MarkCorners(NamedTuple):
     """Corners of the marks of a sheet or board: first four of each marker, then the inner corners.
 
     px, mm: (N, 2), in the photo and in the work frame.
-    owners: (N,), the mark of each corner, an index into ``marks``.
-    names: the name of each corner.
-    marks: the name of each mark.
-    middles: (M, 2), mm, the middle of the marker of each marker's corner; (0, 2) where the size of
+    owners: (N,), the mark of each corner, an index into `marks`.
+    names: name of each corner.
+    marks: name of each mark.
+    middles: (M, 2), mm, the middle of the marker of each marker's corner; (0, 2) if the size of
         the markers is known.
-    notes: the notes on the marks.
+    notes: notes on the marks.
     """
 
     px: FloatArray
@@ -103,29 +107,29 @@ class _MarkCorners(NamedTuple):
 def find(
     picture: Picture, camera: Camera | None, target: Sheet | Board, *, height: float = 0.0
 ) -> Plane:
-    """The work plane of a sheet or board that lies in the photo; its work frame is that of Sheet or Board.
+    """Find the work plane of a sheet or board that lies in a photo.
 
-    Without a camera, the corners are asked for their lens, which is ``lens`` of the plane.
+    The work frame is that of the sheet or board. Without a camera, the lens is computed from the
+    corners, and is `lens` of the plane.
 
-    height: of the part's top face above the paper, mm.
+    height: distance of the part's top face above the paper, mm.
 
     Raises InputError for fewer than two markers, or four corners of a board. Raises JobError if
     they contradict each other or all focal lengths.
     """
     if camera is not None:
         same_pixels(picture, camera)
-    marks = (
-        _sheet(picture, camera, target)
-        if isinstance(target, Sheet)
-        else _board(picture, camera, target)
-    )
+    if isinstance(target, Sheet):
+        marks = _find_sheet(picture, camera, target)
+    else:
+        marks = _find_board(picture, camera, target)
     lens = None
     if camera is None:
-        marks, lens = _with_lens(picture, marks, height)
+        marks, lens = _fit_lens(picture, marks, height)
         camera = lens.camera if lens is not None else None
         if height:
             check_focal_length(lens)
-    kept, dropped = _agreeing(marks, camera)
+    kept, dropped = _select_agreeing(marks, camera)
     plane = plane_from_points(
         camera,
         marks.px[kept],
@@ -141,13 +145,15 @@ def find(
     return replace(plane, notes=(*notes, *plane.notes), lens=lens)
 
 
-def _with_lens(
+def _fit_lens(
     picture: Picture, marks: _MarkCorners, height: float
 ) -> tuple[_MarkCorners, SheetLens | None]:
-    """The marks as measured through their own lens, and that lens or None.
+    """Fit the lens, and measure the marks through it.
 
     A mark that contradicts the others is left out of the fit of the lens. Without the lens, marks
     that are right may contradict each other. So both are done in turn.
+
+    Returns the marks, and the lens or None.
     """
     lens: SheetLens | None = None
     height_px, width_px = picture.pixels.shape[:2]
@@ -159,31 +165,37 @@ def _with_lens(
         moved = 0.0
         count = marks.markers
         if count and camera is not None:
-            corners = _measure(_grey(picture.pixels), marks.px[:count].reshape(-1, 4, 2), camera)
+            corners = _measure(
+                _convert_to_grey(picture.pixels), marks.px[:count].reshape(-1, 4, 2), camera
+            )
             again = np.concatenate([corners.reshape(-1, 2), marks.px[count:]])
             moved = float(np.abs(again - marks.px).max())
             marks = _fit_marker_size(marks._replace(px=again), camera)
         before = kept
-        kept, _ = _agreeing(marks, camera)
+        kept, _ = _select_agreeing(marks, camera)
         if np.array_equal(kept, before) and moved < _SETTLED_PX:
             break
     return marks, lens
 
 
 def list_marks(pixels: Pixels, target: Sheet | Board) -> tuple[list[int], list[int]]:
-    """The numbers of the markers of a sheet, or of the corners of a board, that a picture shows, and of the missing."""
+    """List the markers of a sheet, or the inner corners of a board, that a picture shows.
+
+    Returns the numbers of those that it shows, and of those that are missing.
+    """
     if isinstance(target, Sheet):
-        shown = {number for number, _ in _detect(_grey(pixels), len(target.ids))}
+        shown = {number for number, _ in _detect(_convert_to_grey(pixels), len(target.ids))}
         numbers = list(target.ids)
     else:
-        shown = set(_pattern(pixels, target).numbers.tolist())
+        shown = set(_choose_pattern(pixels, target).numbers.tolist())
         numbers = list(range((target.columns - 1) * (target.rows - 1)))
     missing = [number for number in numbers if number not in shown]
     return [number for number in numbers if number in shown], missing
 
 
-def _sheet(picture: Picture, camera: Camera | None, sheet: Sheet) -> _MarkCorners:
-    grey = _grey(picture.pixels)
+def _find_sheet(picture: Picture, camera: Camera | None, sheet: Sheet) -> _MarkCorners:
+    """The markers of a sheet in a photo. Raises InputError for fewer than two."""
+    grey = _convert_to_grey(picture.pixels)
     seen = _detect(grey, len(sheet.ids))
     times = Counter(number for number, _ in seen)
     strange = sorted(set(times) - set(sheet.ids))
@@ -196,22 +208,17 @@ def _sheet(picture: Picture, camera: Camera | None, sheet: Sheet) -> _MarkCorner
     if strange:
         notes.append(Note("warning", f"marker {_list(strange)} ignored", "not on this sheet"))
     if double:
-        notes.append(
-            Note("warning", f"marker {_list(double)} ignored", "in the photo more than once")
-        )
+        why = "in the photo more than once"
+        notes.append(Note("warning", f"marker {_list(double)} ignored", why))
     if len(usable) < 2:
         extra = "".join(f"; {note.what}: {note.why}" for note in notes)
         what = f"shows {len(usable)} of the {len(sheet.ids)} markers of the {sheet.label}{extra}"
-        raise InputError(
-            picture.name,
-            what,
-            remedy="two are needed, four or more are better: see that they are in view",
-        )
+        remedy = "two are needed, four or more are better: see that they are in view"
+        raise InputError(picture.name, what, remedy=remedy)
     if len(usable) < 4:
         what = f"only {len(usable)} of {len(sheet.ids)} markers found"
-        notes.append(
-            Note("warning", what, "the plane is less exact than with four or more around the part")
-        )
+        why = "the plane is less exact than with four or more around the part"
+        notes.append(Note("warning", what, why))
     marks = [number for number, _ in usable]
     corners = _measure(grey, np.array([place for _, place in usable]), camera)
     marker_names = [f"marker {number}" for number in marks]
@@ -227,16 +234,14 @@ def _sheet(picture: Picture, camera: Camera | None, sheet: Sheet) -> _MarkCorner
     )
 
 
-def _board(picture: Picture, camera: Camera | None, board: Board) -> _MarkCorners:
-    pattern = _pattern(picture.pixels, board)
+def _find_board(picture: Picture, camera: Camera | None, board: Board) -> _MarkCorners:
+    """The corners and markers of a board in a photo. Raises InputError for under four corners."""
+    pattern = _choose_pattern(picture.pixels, board)
     if len(pattern.numbers) < 4:
         what = f"shows {counted(len(pattern.numbers), 'corner')} of the {board.label}"
-        raise InputError(
-            picture.name,
-            what,
-            remedy="four are needed; check its squares, its dictionary and the light",
-        )
-    grey = _grey(picture.pixels)
+        remedy = "four are needed; check its squares, its dictionary and the light"
+        raise InputError(picture.name, what, remedy=remedy)
+    grey = _convert_to_grey(picture.pixels)
     inner_px, inner = refine_corners(grey, pattern, board)
     row, column = np.divmod(inner, board.columns - 1)
     inner_mm = np.column_stack([column + 1, board.rows - 1 - row]) * board.square
@@ -265,7 +270,10 @@ def _board(picture: Picture, camera: Camera | None, board: Board) -> _MarkCorner
 
 def _name_corners(markers: Sequence[str]) -> list[str]:
     """The names of the corners of markers."""
-    return [f"{name} corner {corner}" for name in markers for corner in (1, 2, 3, 4)]
+    names: list[str] = []
+    for marker in markers:
+        names += [f"{marker} corner {corner}" for corner in (1, 2, 3, 4)]
+    return names
 
 
 def _fit_marker_size(marks: _MarkCorners, camera: Camera | None) -> _MarkCorners:
@@ -286,12 +294,13 @@ def _fit_marker_size(marks: _MarkCorners, camera: Camera | None) -> _MarkCorners
     return marks._replace(mm=mm)
 
 
-def _pattern(pixels: Pixels, board: Board) -> Pattern:
+def _choose_pattern(pixels: Pixels, board: Board) -> Pattern:
     """The board in the pattern with more corners, the newer one if both have as many."""
-    return max(patterns(_grey(pixels), board), key=lambda pattern: len(pattern.numbers))
+    return max(patterns(_convert_to_grey(pixels), board), key=lambda pattern: len(pattern.numbers))
 
 
 def _note_pattern(pattern: Pattern, board: Board) -> tuple[Note, ...]:
+    """The note on the pattern of a board for which there are two; none for other boards."""
     if not has_two_patterns(board):
         return ()
     which = "before OpenCV 4.6" if pattern.legacy else "of OpenCV 4.6 and later"
@@ -351,36 +360,35 @@ def _missing_lines(pattern: Pattern, board: Board) -> tuple[Note, ...]:
 
 
 def _note_missing(missing: int, side: _Side, board: Board) -> Note:
-    lines = (
-        f"the {side.name} {side.line}"
-        if missing == 1
-        else f"the {missing} {side.name} {side.line}s"
-    )
+    lines = f"the {side.name} {side.line}"
+    if missing > 1:
+        lines = f"the {missing} {side.name} {side.line}s"
     what = f"no corner of {lines} of the {board.label} is found"
     if side.name != "lower":
-        return Note(
-            "assumed", what, "covered, or out of the picture: the origin does not depend on it"
-        )
-    off = short(missing * board.square, 3)
+        why = "covered, or out of the picture: the origin does not depend on it"
+        return Note("assumed", what, why)
+    shift = short(missing * board.square, 3)
     why = (
         "the origin is its lower left corner: if the board has "
-        f"{counted(board.rows - missing, 'row')} of squares, all is {off} mm too far up; "
+        f"{counted(board.rows - missing, 'row')} of squares, all is {shift} mm too far up; "
         "count its squares, or uncover them"
     )
     return Note("warning", what, why, strict=True)
 
 
-def _agreeing(marks: _MarkCorners, camera: Camera | None) -> tuple[NDArray[np.bool_], list[str]]:
+def _select_agreeing(
+    marks: _MarkCorners, camera: Camera | None
+) -> tuple[NDArray[np.bool_], list[str]]:
     """The corners that are kept, and the names of the marks that are left out.
 
     A mark is left out if a corner of it is clearly wrong.
     """
     ideal = marks.px if camera is None else undistort(camera, marks.px)
-    # A mark where the lens model shows nothing says nothing.
+    # A mark beyond the valid radius of the lens model cannot be used.
     kept = ~np.isin(marks.owners, marks.owners[~np.isfinite(ideal).all(axis=1)])
     dropped: list[int] = []
-    most = int(_LEFT_OUT * len(set(marks.owners.tolist())))
-    while len(dropped) < most and np.count_nonzero(kept) > 5:
+    max_dropped = int(_MAX_LEFT_OUT * len(set(marks.owners.tolist())))
+    while len(dropped) < max_dropped and np.count_nonzero(kept) > 5:
         px, mm = ideal[kept], marks.mm[kept]
         residuals = np.linalg.norm(map_points(fit_homography(mm, px), mm) - px, axis=1)
         odd = suspect(mm, px, residuals)
@@ -392,64 +400,77 @@ def _agreeing(marks: _MarkCorners, camera: Camera | None) -> tuple[NDArray[np.bo
     return kept, [marks.marks[owner] for owner in sorted(dropped)]
 
 
-# -- in the picture
+# Markers in the picture.
 
 
-def _grey(pixels: Pixels) -> Pixels:
+def _convert_to_grey(pixels: Pixels) -> Pixels:
     import cv2  # noqa: PLC0415 (loaded only by what needs it)
 
-    return (
-        pixels
-        if pixels.ndim == 2
-        else cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY).astype(np.uint8, copy=False)
-    )
+    if pixels.ndim == 2:
+        return pixels
+    return cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY).astype(np.uint8, copy=False)
 
 
 def _detect(grey: Pixels, expected: int) -> list[tuple[int, FloatArray]]:
-    """(number, corners (4, 2)) of the markers in the picture; reduced first, in full if that shows less than half."""
+    """Find the markers in the reduced picture; in the full one if it shows under half of them.
+
+    expected: number of markers.
+
+    Returns the number and the corners (4, 2), px, of each marker.
+    """
     import cv2  # noqa: PLC0415 (loaded only by what needs it)
 
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{DICTIONARY}"))
     detector = cv2.aruco.ArucoDetector(dictionary, cv2.aruco.DetectorParameters())
 
-    def seen(picture: Pixels, step: FloatArray) -> list[tuple[int, FloatArray]]:
+    def detect_in(picture: Pixels, step: FloatArray) -> list[tuple[int, FloatArray]]:
         places, ids, _ = detector.detectMarkers(picture)
         if not places:
             return []
         full = [(np.asarray(place, dtype=np.float64)[0] + 0.5) * step - 0.5 for place in places]
         return list(zip(map(int, np.asarray(ids).ravel()), full, strict=True))
 
-    found: list[tuple[int, FloatArray]] = []
+    markers: list[tuple[int, FloatArray]] = []
     height, width = grey.shape
-    reduction = int(np.ceil(np.sqrt(grey.size / _SOUGHT)))
+    reduction = int(np.ceil(np.sqrt(grey.size / _SEARCHED_PIXELS)))
     if reduction > 1:
         size = (width // reduction, height // reduction)
         small = cv2.resize(grey, size, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
-        found = seen(small, np.array([width / size[0], height / size[1]]))
-    if 2 * len(found) < expected:
-        found = max(found, seen(grey, np.ones(2)), key=len)
-    return found
+        markers = detect_in(small, np.array([width / size[0], height / size[1]]))
+    if 2 * len(markers) < expected:
+        markers = max(markers, detect_in(grey, np.ones(2)), key=len)
+    return markers
 
 
 def _measure(grey: Pixels, corners: FloatArray, camera: Camera | None) -> FloatArray:
-    """The corners (M, 4, 2) of black squares on white, clockwise in the photo, where lines along their sides meet."""
-    for most in _HALF_MOST:
-        edge = _edges(grey, corners, most)
+    """Measure the corners of black squares on white, where lines along their sides meet.
+
+    corners: (M, 4, 2) approximate corners, clockwise in the photo, px.
+
+    Returns corners (M, 4, 2), px.
+    """
+    for max_half in _MAX_HALF_PX:
+        edge = _locate_sides(grey, corners, max_half)
         flat = edge.reshape(-1, 2)
         ideal = (flat if camera is None else undistort(camera, flat)).reshape(edge.shape)
-        met = _intersections(ideal).reshape(-1, 2)
-        corners = (met if camera is None else distort(camera, met)).reshape(corners.shape)
+        crossings = _intersect_sides(ideal).reshape(-1, 2)
+        if camera is not None:
+            crossings = distort(camera, crossings)
+        corners = crossings.reshape(corners.shape)
     return corners
 
 
-def _edges(grey: Pixels, corners: FloatArray, most: float) -> FloatArray:
-    """Points (M, 4, P, 2) on each side, px: the centre of the rise of grey along profiles across it."""
+def _locate_sides(grey: Pixels, corners: FloatArray, max_half: float) -> FloatArray:
+    """Points (M, 4, P, 2) on each side, px: the centre of the rise of grey along profiles.
+
+    max_half: largest half length of a profile, px.
+    """
     import cv2  # noqa: PLC0415 (loaded only by what needs it)
 
     side = np.roll(corners, -1, axis=1) - corners
     length = np.linalg.norm(side, axis=2)
     outwards = np.stack([side[..., 1], -side[..., 0]], axis=2) / length[..., None]
-    half = np.clip(_HALF_PART * length / _MODULES, _HALF_LEAST, most)
+    half = np.clip(_HALF_LENGTH * length / _MODULES, _MIN_HALF_PX, max_half)
     across = half[..., None, None] * outwards[:, :, None, :]
     middles = corners[:, :, None, :] + _ALONG[:, None] * side[:, :, None, :]
     places = (middles[:, :, :, None, :] + _ACROSS[:, None] * across[:, :, :, None, :]).reshape(
@@ -462,26 +483,27 @@ def _edges(grey: Pixels, corners: FloatArray, most: float) -> FloatArray:
     rise = np.diff(np.asarray(light, dtype=np.float64), axis=1)
     total = rise.sum(axis=1)
     centre = (_ACROSS[:-1] + _ACROSS[1:]) / 2
-    # No rise at all: a side that is covered. Its middle is as good as any, the marker will not agree with the others.
-    at = np.where(total > 0, rise @ centre / np.where(total > 0, total, 1), 0).clip(-1, 1)
-    edge: FloatArray = middles + at.reshape(middles.shape[:3])[..., None] * across
+    # A side without any rise is covered. Its middle is taken; the marker contradicts the others.
+    offset = np.where(total > 0, rise @ centre / np.where(total > 0, total, 1), 0).clip(-1, 1)
+    edge: FloatArray = middles + offset.reshape(middles.shape[:3])[..., None] * across
     return edge
 
 
-def _intersections(edge: FloatArray) -> FloatArray:
-    """Corners (M, 4, 2): where the lines through the points (M, 4, P, 2) of each side and of the one before it meet."""
+def _intersect_sides(edge: FloatArray) -> FloatArray:
+    """Corners (M, 4, 2): crossings of the line of each side and of that of the side before it.
+
+    edge: (M, 4, P, 2) points on each side.
+    """
     middle = edge.mean(axis=2)
     spread = edge - middle[:, :, None, :]
-    normal = np.linalg.eigh(np.einsum("mspi,mspj->msij", spread, spread))[1][
-        ..., 0
-    ]  # least spread first
+    # The first eigenvector has the least spread.
+    normal = np.linalg.eigh(np.einsum("mspi,mspj->msij", spread, spread))[1][..., 0]
     before = np.roll(normal, 1, axis=1)
-    walls = np.stack([before, normal], axis=2)
-    offsets = np.stack(
-        [(before * np.roll(middle, 1, axis=1)).sum(axis=2), (normal * middle).sum(axis=2)], axis=2
-    )
-    met: FloatArray = np.linalg.solve(walls, offsets[..., None])[..., 0]
-    return met
+    normals = np.stack([before, normal], axis=2)
+    offset_before = (before * np.roll(middle, 1, axis=1)).sum(axis=2)
+    offsets = np.stack([offset_before, (normal * middle).sum(axis=2)], axis=2)
+    corners: FloatArray = np.linalg.solve(normals, offsets[..., None])[..., 0]
+    return corners
 
 
 def _list(numbers: Sequence[int]) -> str:

@@ -23,7 +23,7 @@ from camgen.model.errors import JobError
 from camgen.model.part import Note
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
-from camgen.vision.camera.calibrate import holds
+from camgen.vision.camera.calibrate import can_undistort_border
 from camgen.vision.camera.camera import Camera, undistort
 from camgen.vision.camera.sheet_lens import SheetLens
 from camgen.vision.plane import depth, fit_homography, map_points
@@ -252,7 +252,7 @@ def lens_of_sheet(
         k1, k2 = camera.distortion[:2].tolist()
         lens = f"k1 {short(k1, 4)}, k2 {short(k2, 4)}, {length}"
         fits += f", {rms[1]:.2f} px with it"
-    if not holds(camera):
+    if not can_undistort_border(camera):
         fits += "; it does not reach the corners of the photo"
     note = _note(camera, lens, f"{fits}; {source}")
     return SheetLens(camera, bends, bounds, is_known, frozen(deviations), note)

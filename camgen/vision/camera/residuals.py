@@ -1,4 +1,9 @@
-"""The residuals of a calibration as one SVG file: where in the photo they point which way, and how large per photo."""
+"""Draws the residuals of a calibration as an SVG file.
+
+A residual is a corner as seen in the photo minus the corner as calculated, px. The page shows where
+in the photo the residuals point in which direction, all residuals around a common zero, and the rms
+of each photo.
+"""
 
 from __future__ import annotations
 
@@ -13,139 +18,175 @@ from camgen.model.pose import FloatArray
 from camgen.model.text import escape, short
 from camgen.vision.camera.calibrate import Calibration
 
-#: Page mm: the photo fits into this box; beside it the bars; below it the cloud of all residuals.
-_WIDE, _HIGH, _MARGIN, _TOP = 180.0, 135.0, 8.0, 20.0
-_BARS, _NAMES, _LINE_HEIGHT_MM = 46.0, 34.0, 4.2
+# All lengths are mm on the page. The bars stand beside the photo, the cloud below it.
+
+#: Largest width and height of the photo.
+_MAX_WIDTH, _MAX_HEIGHT = 180.0, 135.0
+#: Space around everything, and space at the top for two lines of text.
+_MARGIN, _TOP = 8.0, 20.0
+#: Width of the bars with their numbers, and of the names beside them.
+_BARS, _NAMES = 46.0, 34.0
+#: Distance between lines of text.
+_LINE_HEIGHT = 4.2
+#: Side of the square of the cloud.
 _CLOUD = 52.0
-#: A residual as large as the rms is drawn so long, page mm, or a little less: the factor is a round one.
-_ARROW_MM = 3.0
-#: Directions are coloured around the circle in so many steps, so that a pattern of the lens shows as areas of a colour.
+#: Length of a stroke for a residual as large as the rms, or a little less: the factor is round.
+_STROKE = 3.0
+#: Directions with a colour of their own, around the circle. A pattern of the lens shows as areas of
+#: one colour.
 _HUES = 12
-#: Names in the list of photos are cut to so many characters.
-_MOST_LETTERS = 18
+#: Characters of the name of a photo, at most.
+_MAX_LETTERS = 18
 
-_STYLE = """\
-.bg{fill:#fff}.frame{fill:none;stroke:#9aa0a6;stroke-width:.3}.axis{stroke:#9aa0a6;stroke-width:.2;fill:none}
-text{font-family:system-ui,Helvetica,Arial,sans-serif;font-size:3.1px;fill:#202124}.big{font-size:4.6px;font-weight:600}
-.bar{fill:#1f6feb}.warn{fill:#d0103a}.r{text-anchor:end}.arrow{fill:none;stroke-width:.3;stroke-linecap:round}
-.dot{stroke-width:.7;stroke-linecap:round;fill:none;opacity:.6}.cross{stroke:#5f6368;stroke-width:.35}
-@media (prefers-color-scheme:dark){.bg{fill:#17181b}text{fill:#e8eaed}.warn{fill:#ff6b81}.cross{stroke:#bdc1c6}}"""
+_STYLE = (
+    ".bg{fill:#fff}.frame{fill:none;stroke:#9aa0a6;stroke-width:.3}"
+    ".axis{stroke:#9aa0a6;stroke-width:.2;fill:none}\n"
+    "text{font-family:system-ui,Helvetica,Arial,sans-serif;font-size:3.1px;fill:#202124}"
+    ".big{font-size:4.6px;font-weight:600}\n"
+    ".bar{fill:#1f6feb}.warn{fill:#d0103a}.r{text-anchor:end}"
+    ".arrow{fill:none;stroke-width:.3;stroke-linecap:round}\n"
+    ".dot{stroke-width:.7;stroke-linecap:round;fill:none;opacity:.6}"
+    ".cross{stroke:#5f6368;stroke-width:.35}\n"
+    "@media (prefers-color-scheme:dark){.bg{fill:#17181b}text{fill:#e8eaed}"
+    ".warn{fill:#ff6b81}.cross{stroke:#bdc1c6}}"
+)
 
 
-def svg(found: Calibration, title: str) -> str:
-    """The picture as SVG text, sized in mm, legible on light and dark."""
-    width, height = found.camera.size
-    scale = min(_WIDE / width, _HIGH / height)
-    wide, high = width * scale, height * scale
-    lines = len(found.used) + 2 + len(found.left_out) + bool(found.left_out)
-    page_w = 2 * _MARGIN + wide + 8 + _NAMES + _BARS
-    page_h = _TOP + max(high + 10 + _CLOUD, lines * _LINE_HEIGHT_MM) + _MARGIN
-    factor = _round_factor(found.rms / _ARROW_MM * scale)
-    said = f"{short(found.rms, 3)} px rms; strokes {short(factor, 1)} times their length in px, coloured by direction"
+def svg(calibration: Calibration, title: str) -> str:
+    """Draw the residuals as SVG text, sized in mm, for light and dark screens."""
+    width, height = calibration.camera.size
+    scale = min(_MAX_WIDTH / width, _MAX_HEIGHT / height)
+    photo_width, photo_height = width * scale, height * scale
+    lines = len(calibration.used) + 2 + len(calibration.left_out) + bool(calibration.left_out)
+    page_width = 2 * _MARGIN + photo_width + 8 + _NAMES + _BARS
+    page_height = _TOP + max(photo_height + 10 + _CLOUD, lines * _LINE_HEIGHT) + _MARGIN
+    factor = _choose_factor(calibration.rms / _STROKE * scale)
+    legend = (
+        f"{short(calibration.rms, 3)} px rms; strokes {short(factor, 1)} times their length in px, "
+        "coloured by direction"
+    )
     return "\n".join(
         [
-            f'<svg xmlns="http://www.w3.org/2000/svg" width="{page_w:.2f}mm" height="{page_h:.2f}mm" '
-            f'viewBox="0 0 {page_w:.2f} {page_h:.2f}">',
-            f"<title>{_text(title)}</title>",
+            '<svg xmlns="http://www.w3.org/2000/svg" '
+            f'width="{page_width:.2f}mm" height="{page_height:.2f}mm" '
+            f'viewBox="0 0 {page_width:.2f} {page_height:.2f}">',
+            f"<title>{_escape(title)}</title>",
             f"<style>{_STYLE}</style>",
             '<rect class="bg" width="100%" height="100%"/>',
-            f'<text class="big" x="{_MARGIN}" y="9">{_text(title)}</text>',
-            f'<text x="{_MARGIN}" y="15">{said}</text>',
-            *_arrows(found, scale, factor),
-            *_cloud(found, _TOP + high + 8),
-            *_bars(found, _MARGIN + wide + 8),
+            f'<text class="big" x="{_MARGIN}" y="9">{_escape(title)}</text>',
+            f'<text x="{_MARGIN}" y="15">{legend}</text>',
+            *_draw_strokes(calibration, scale, factor),
+            *_draw_cloud(calibration, _TOP + photo_height + 8),
+            *_draw_bars(calibration, _MARGIN + photo_width + 8),
             "</svg>\n",
         ]
     )
 
 
-def _arrows(found: Calibration, scale: float, factor: float) -> Iterator[str]:
-    """The photo's frame, the principal point, and a stroke from where each corner was calculated to where it was seen,
-    lengthened. One path per direction.
+def _draw_strokes(calibration: Calibration, scale: float, factor: float) -> Iterator[str]:
+    """Yield the frame of the photo, the strokes and the principal point.
+
+    A stroke begins at the corner as calculated and points to the corner as seen. There is one SVG
+    path per direction.
+
+    scale: page mm per px.
+    factor: length of a stroke divided by that of its residual to scale.
     """
-    width, height = (v * scale for v in found.camera.size)
-    yield f'<rect class="frame" x="{_MARGIN}" y="{_TOP}" width="{width:.2f}" height="{height:.2f}"/>'
-    corners = np.concatenate([one.seen.corners for one in found.used])
-    errors = np.concatenate([one.errors for one in found.used])
+    width, height = (length * scale for length in calibration.camera.size)
+    yield (
+        f'<rect class="frame" x="{_MARGIN}" y="{_TOP}" width="{width:.2f}" height="{height:.2f}"/>'
+    )
+    corners = np.concatenate([photo.seen.corners for photo in calibration.used])
+    errors = np.concatenate([photo.errors for photo in calibration.used])
     # The centre of the first pixel is (0, 0): the photo begins half a pixel before it.
     start = (corners - errors + 0.5) * scale + (_MARGIN, _TOP)
     end = start + errors * (factor * scale)
-    hue = _hues(errors)
-    for step in range(_HUES):
+    hues = _compute_hues(errors)
+    for hue in range(_HUES):
+        rows = hues == hue
         strokes = [
             f"M{x0:.2f} {y0:.2f}L{x1:.2f} {y1:.2f}"
-            for (x0, y0), (x1, y1) in zip(
-                start[hue == step].tolist(), end[hue == step].tolist(), strict=True
-            )
+            for (x0, y0), (x1, y1) in zip(start[rows].tolist(), end[rows].tolist(), strict=True)
         ]
         if strokes:
-            yield f'<path class="arrow" stroke="{_colour(step)}" d="{"".join(strokes)}"/>'
-    x, y = ((found.camera.matrix[:2, 2] + 0.5) * scale + (_MARGIN, _TOP)).tolist()
+            yield f'<path class="arrow" stroke="{_format_colour(hue)}" d="{"".join(strokes)}"/>'
+    principal_point = calibration.camera.matrix[:2, 2]
+    x, y = ((principal_point + 0.5) * scale + (_MARGIN, _TOP)).tolist()
     yield f'<path class="cross" d="M{x - 2:.2f} {y:.2f}h4M{x:.2f} {y - 2:.2f}v4"/>'
 
 
-def _cloud(found: Calibration, top: float) -> Iterator[str]:
-    """All residuals as dots about their zero, in a square of a round number of px."""
-    errors = np.concatenate([one.errors for one in found.used])
-    most = float(np.abs(errors).max())
-    reach = _round_up(most) if most > 0 else 1.0
+def _draw_cloud(calibration: Calibration, top: float) -> Iterator[str]:
+    """Yield all residuals as dots around a common zero, in a square with a round number of px."""
+    errors = np.concatenate([photo.errors for photo in calibration.used])
+    largest = float(np.abs(errors).max())
+    reach = _round_up(largest) if largest > 0 else 1.0
     half = _CLOUD / 2
     x, y = _MARGIN + half, top + half
     yield f'<rect class="frame" x="{_MARGIN}" y="{top:.2f}" width="{_CLOUD}" height="{_CLOUD}"/>'
     yield f'<path class="axis" d="M{_MARGIN} {y:.2f}h{_CLOUD}M{x:.2f} {top:.2f}v{_CLOUD}"/>'
     dots = errors * (half / reach) + (x, y)
-    hue = _hues(errors)
-    for step in range(_HUES):
-        marks = [f"M{u:.2f} {v:.2f}h0" for u, v in dots[hue == step].tolist()]
+    hues = _compute_hues(errors)
+    for hue in range(_HUES):
+        marks = [f"M{u:.2f} {v:.2f}h0" for u, v in dots[hues == hue].tolist()]
         if marks:
-            yield f'<path class="dot" stroke="{_colour(step)}" d="{"".join(marks)}"/>'
+            yield f'<path class="dot" stroke="{_format_colour(hue)}" d="{"".join(marks)}"/>'
     words = ("all corners, seen less calculated:", f"the square is {short(2 * reach, 6)} px wide")
+    left = _MARGIN + _CLOUD + 4
     for i, line in enumerate(words):
-        yield f'<text x="{_MARGIN + _CLOUD + 4:.2f}" y="{top + 5 + i * _LINE_HEIGHT_MM:.2f}">{line}</text>'
+        yield f'<text x="{left:.2f}" y="{top + 5 + i * _LINE_HEIGHT:.2f}">{line}</text>'
 
 
-def _bars(found: Calibration, left: float) -> Iterator[str]:
-    """The rms of each photo, and the photos left out."""
-    longest = max(one.rms for one in found.used) or 1.0
+def _draw_bars(calibration: Calibration, left: float) -> Iterator[str]:
+    """Yield the rms of each photo as a bar, then the names of the photos that were left out."""
+    largest = max(photo.rms for photo in calibration.used) or 1.0
     y = _TOP + 3
     yield f'<text x="{left:.2f}" y="{y:.2f}">px rms of each photo</text>'
-    for one in found.used:
-        y += _LINE_HEIGHT_MM
-        length = (_BARS - 14) * one.rms / longest
-        yield f'<text x="{left:.2f}" y="{y:.2f}">{_name(one.name)}</text>'
-        yield f'<rect class="bar" x="{left + _NAMES:.2f}" y="{y - 2.6:.2f}" width="{length:.2f}" height="3"/>'
-        yield f'<text x="{left + _NAMES + length + 1.5:.2f}" y="{y:.2f}">{short(one.rms, 3)}</text>'
-    if found.left_out:
-        y += 2 * _LINE_HEIGHT_MM
+    bar_left = left + _NAMES
+    for photo in calibration.used:
+        y += _LINE_HEIGHT
+        length = (_BARS - 14) * photo.rms / largest
+        yield f'<text x="{left:.2f}" y="{y:.2f}">{_shorten_name(photo.name)}</text>'
+        yield (
+            f'<rect class="bar" x="{bar_left:.2f}" y="{y - 2.6:.2f}" '
+            f'width="{length:.2f}" height="3"/>'
+        )
+        text_left = bar_left + length + 1.5
+        yield f'<text x="{text_left:.2f}" y="{y:.2f}">{short(photo.rms, 3)}</text>'
+    if calibration.left_out:
+        y += 2 * _LINE_HEIGHT
         yield f'<text class="warn" x="{left:.2f}" y="{y:.2f}">left out</text>'
-    for other in found.left_out:
-        y += _LINE_HEIGHT_MM
-        hint = f"<title>{_text(other.why)}</title>"
-        yield f'<text class="warn" x="{left:.2f}" y="{y:.2f}">{_name(other.name)}{hint}</text>'
+    for unused in calibration.left_out:
+        y += _LINE_HEIGHT
+        hint = f"<title>{_escape(unused.why)}</title>"
+        name = _shorten_name(unused.name)
+        yield f'<text class="warn" x="{left:.2f}" y="{y:.2f}">{name}{hint}</text>'
 
 
-def _hues(errors: FloatArray) -> NDArray[np.int64]:
-    turn = np.arctan2(errors[:, 1], errors[:, 0]) / (2 * np.pi)
-    return np.rint(turn * _HUES).astype(np.int64) % _HUES
+def _compute_hues(errors: FloatArray) -> NDArray[np.int64]:
+    """Number of the colour, 0 to `_HUES` - 1, for the direction of each residual (N, 2)."""
+    revolutions = np.arctan2(errors[:, 1], errors[:, 0]) / (2 * np.pi)
+    return np.rint(revolutions * _HUES).astype(np.int64) % _HUES
 
 
-def _colour(step: int) -> str:
-    return f"hsl({360 * step // _HUES},70%,45%)"
+def _format_colour(hue: int) -> str:
+    return f"hsl({360 * hue // _HUES},70%,45%)"
 
 
-def _round_factor(mm_per_long: float) -> float:
-    """How many times longer: 1, 2 or 5 times a power of ten."""
-    return 1 / _round_up(mm_per_long) if mm_per_long > 0 else 1.0
+def _choose_factor(inverse: float) -> float:
+    """The largest factor of 1, 2 or 5 times a power of ten whose inverse is not below `inverse`."""
+    return 1 / _round_up(inverse) if inverse > 0 else 1.0
 
 
 def _round_up(value: float) -> float:
+    """The smallest of 1, 2 or 5 times a power of ten that is not below `value` (> 0)."""
     power = 10.0 ** math.floor(math.log10(value))
     return next(step * power for step in (1, 2, 5, 10) if step * power >= value * (1 - 1e-9))
 
 
-def _name(text: str) -> str:
-    return _text(text if len(text) <= _MOST_LETTERS else "..." + text[3 - _MOST_LETTERS :])
+def _shorten_name(text: str) -> str:
+    """The name of a photo for the page; only the end of a long one."""
+    return _escape(text if len(text) <= _MAX_LETTERS else "..." + text[3 - _MAX_LETTERS :])
 
 
-def _text(text: str) -> str:
+def _escape(text: str) -> str:
     return escape(one_line(text))

@@ -1,7 +1,8 @@
-"""What an OpenCV FileStorage says, as plain values: YAML 1.0, XML or JSON (OpenCV, "File Input and Output using XML /
-YAML / JSON files").
+"""Parses an OpenCV FileStorage into plain values: YAML 1.0, XML or JSON.
 
-Parsed by the libraries of the formats. OpenCV's own reader ends the process on some damaged files (double free).
+See OpenCV, "File Input and Output using XML / YAML / JSON files". The files are parsed by the
+libraries of the formats, as OpenCV's own reader ends the process on some damaged files (double
+free).
 """
 
 from __future__ import annotations
@@ -15,20 +16,27 @@ from camgen.model.errors import InputError
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted
 
-#: Text, a list or named values: what all three formats consist of.
+#: A value of a file: text, a list, or named values. All three formats consist of these.
 Stored = str | list["Stored"] | dict[str, "Stored"]
 AGAIN = "copy it again, or calibrate with camgen calibrate"
-#: More numbers than these are no matrix of a camera; an alias of YAML may stand for many.
-_MOST_NUMBERS = 100
-_MATRIX = ("rows", "cols", "data")
+#: Numbers of a matrix, at most. A matrix of a camera has fewer; aliases of YAML may make millions.
+_MAX_NUMBERS = 100
+_MATRIX_KEYS = ("rows", "cols", "data")
+#: Numbers that are not finite, in lower case and without a sign: of YAML, JSON and XML.
+_NOT_FINITE = (".inf", ".nan", "inf", "nan", "infinity")
+#: Characters of a text that a message quotes, at most.
+_MAX_QUOTED = 40
 
 
 def parse_stored(file: str, text: str) -> dict[str, Stored]:
-    """The named values of a FileStorage. InputError for text that is none of its formats, or holds no named values."""
-    start = text.lstrip()[:1]
-    read = _xml if start == "<" else _json if start == "{" else parse_yaml
+    """Parse a FileStorage in any of its formats into its named values.
+
+    Raises InputError for text in none of the formats, and for text without named values.
+    """
+    first = text.lstrip()[:1]
+    parse = {"<": _parse_xml, "{": _parse_json}.get(first, parse_yaml)
     try:
-        root = read(file, text)
+        root = parse(file, text)
     except RecursionError as error:
         raise InputError(file, "cannot be read: nested too deep", remedy=AGAIN) from error
     if not isinstance(root, dict) or not root or not all(isinstance(key, str) for key in root):
@@ -37,111 +45,143 @@ def parse_stored(file: str, text: str) -> dict[str, Stored]:
 
 
 def parse_yaml(file: str, text: str) -> Stored:
-    """YAML as strings, lists and maps, with whatever tag. InputError with the line for what is none."""
+    """Parse YAML into strings, lists and maps; tags are ignored.
+
+    Raises InputError for invalid YAML, with the line.
+    """
     import yaml  # noqa: PLC0415 (loaded only by what needs it)
 
-    # OpenCV writes "%YAML:1.0" for YAML's own "%YAML 1.0". The line stays, for the numbers of the others.
+    # OpenCV writes "%YAML:1.0" for "%YAML 1.0". A comment in its place keeps the line numbers.
     head, _, rest = text.partition("\n")
     plain = f"#\n{rest}" if head.lstrip().startswith("%YAML") else text
     try:
-        found: Stored = yaml.load(plain, Loader=yaml.BaseLoader)
+        value: Stored = yaml.load(plain, Loader=yaml.BaseLoader)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
         where = f"line {mark.line + 1}" if mark else ""
-        raise InputError(
-            file, f"is no YAML: {error.problem or error.context}", where, AGAIN
-        ) from error
+        what = f"is no YAML: {error.problem or error.context}"
+        raise InputError(file, what, where, AGAIN) from error
     except (yaml.YAMLError, RecursionError) as error:
         reason = "nested too deep" if isinstance(error, RecursionError) else str(error)
         raise InputError(file, f"is no YAML: {reason}", remedy=AGAIN) from error
-    except (TypeError, ValueError) as error:  # a list or a map for a key
+    except (TypeError, ValueError) as error:  # A list or a map is used as a key.
         raise InputError(file, "is no YAML: a key that is no name", remedy=AGAIN) from error
-    return found
+    return value
 
 
-def _json(file: str, text: str) -> Stored:
+def _parse_json(file: str, text: str) -> Stored:
+    """Parse JSON; numbers stay text. Raises InputError for invalid JSON, with the line."""
     try:
-        return _plain(json.loads(text, parse_int=str, parse_float=str, parse_constant=str))
+        value = json.loads(text, parse_int=str, parse_float=str, parse_constant=str)
     except json.JSONDecodeError as error:
         raise InputError(file, f"is no JSON: {error.msg}", f"line {error.lineno}", AGAIN) from error
+    return _convert_json(value)
 
 
-def _plain(value: object) -> Stored:
+def _convert_json(value: object) -> Stored:
     if isinstance(value, dict):
-        return {key: _plain(one) for key, one in value.items()}
-    return [_plain(one) for one in value] if isinstance(value, list) else str(value)
+        return {key: _convert_json(child) for key, child in value.items()}
+    if isinstance(value, list):
+        return [_convert_json(child) for child in value]
+    return str(value)
 
 
-def _xml(file: str, text: str) -> Stored:
+def _parse_xml(file: str, text: str) -> Stored:
+    """Parse XML. Raises InputError for invalid XML, with the line.
+
+    A document type or an entity is refused: entities could make a short text very long.
+    """
     if "<!" in text.replace("<!--", ""):
-        raise InputError(
-            file, "holds a document type or an entity, which no camera file needs", remedy=AGAIN
-        )
+        what = "holds a document type or an entity, which no camera file needs"
+        raise InputError(file, what, remedy=AGAIN)
     try:
         root = ElementTree.fromstring(text.lstrip())
     except ElementTree.ParseError as error:
         line = error.position[0]
-        raise InputError(
-            file, f"is no XML: {str(error).partition(':')[0]}", f"line {line}", AGAIN
-        ) from error
-    return _element(root)
+        what = f"is no XML: {str(error).partition(':')[0]}"
+        raise InputError(file, what, f"line {line}", AGAIN) from error
+    return _convert_element(root)
 
 
-def _element(node: ElementTree.Element) -> Stored:
-    """Named children, a list of those called _, or text: of several words a list."""
+def _convert_element(node: ElementTree.Element) -> Stored:
+    """Convert an element to its named children, or to a list if all are called `_`.
+
+    An element without children is its text, or a list if the text has several words and no quotes.
+    """
     if len(node):
         if all(child.tag == "_" for child in node):
-            return [_element(child) for child in node]
-        return {child.tag: _element(child) for child in node}
+            return [_convert_element(child) for child in node]
+        return {child.tag: _convert_element(child) for child in node}
     text = (node.text or "").strip()
     words = text.split()
-    return text.strip('"') if len(words) < 2 or text.startswith('"') else list[Stored](words)
+    if len(words) < 2 or text.startswith('"'):
+        return text.strip('"')
+    return list[Stored](words)
 
 
 def find_numbers(file: str, key: str, value: Stored) -> FloatArray:
-    """The numbers of a matrix of OpenCV (2-D), of plain lists (1-D or 2-D) or of one number (0-D). InputError where
-    they are none, or not as many as their matrix says.
+    """Convert a value to an array of floats.
+
+    key: name of the value, for errors.
+    value: a matrix of OpenCV with rows, cols and data (2-D result), a list of numbers (1-D), a list
+        of lists of equal length (2-D), or a single number (0-D).
+
+    A number that is not finite becomes nan. Raises InputError for anything else, for more than
+    `_MAX_NUMBERS`, and for a matrix whose size is not rows times cols.
     """
-    if isinstance(value, dict) and all(name in value for name in _MATRIX):
-        rows, columns = (_count(file, f"{key}: {name}", value[name]) for name in _MATRIX[:2])
-        data = value["data"]
-        numbers = (
-            find_numbers(file, key, [data] if isinstance(data, str) else data)
-            if data
-            else np.zeros(0)
-        )
-        if numbers.size != rows * columns:
-            what = f"{key} says {rows} x {columns} and holds {counted(numbers.size, 'number')}"
-            raise InputError(file, what, remedy=AGAIN)
-        return numbers.reshape(rows, columns)
+    if isinstance(value, dict) and all(name in value for name in _MATRIX_KEYS):
+        return _convert_matrix(file, key, value)
     if isinstance(value, list):
-        rows_of = [one if isinstance(one, list) else [one] for one in value[: _MOST_NUMBERS + 1]]
-        lengths = {len(row) for row in rows_of}
-        flat = (
-            [one for row in rows_of for one in row[: _MOST_NUMBERS + 1]]
-            if len(lengths) == 1
-            else []
-        )
-        if not flat or len(flat) > _MOST_NUMBERS:
-            raise InputError(file, f"{key} is no matrix of numbers", remedy=AGAIN)
-        found = np.array([_number(file, key, one) for one in flat])
-        return found.reshape(len(rows_of), -1) if isinstance(value[0], list) else found
+        return _convert_list(file, key, value)
     if isinstance(value, dict):
         raise InputError(file, f"{key} is no matrix of numbers", remedy=AGAIN)
-    return np.array(_number(file, key, value))
+    return np.array(_convert_number(file, key, value))
 
 
-def _count(file: str, key: str, value: Stored) -> int:
+def _convert_matrix(file: str, key: str, value: dict[str, Stored]) -> FloatArray:
+    rows, columns = (
+        _convert_count(file, f"{key}: {name}", value[name]) for name in ("rows", "cols")
+    )
+    data = value["data"]
+    numbers = np.zeros(0)
+    if data:
+        # XML has a single number as text, without a list.
+        numbers = find_numbers(file, key, [data] if isinstance(data, str) else data)
+    if numbers.size != rows * columns:
+        what = f"{key} says {rows} x {columns} and holds {counted(numbers.size, 'number')}"
+        raise InputError(file, what, remedy=AGAIN)
+    return numbers.reshape(rows, columns)
+
+
+def _convert_list(file: str, key: str, value: list[Stored]) -> FloatArray:
+    # One number more than allowed is enough to find out that there are too many.
+    limit = _MAX_NUMBERS + 1
+    rows = [row if isinstance(row, list) else [row] for row in value[:limit]]
+    flat: list[Stored] = []
+    if len({len(row) for row in rows}) == 1:
+        for row in rows:
+            flat += row[:limit]
+    if not flat or len(flat) > _MAX_NUMBERS:
+        raise InputError(file, f"{key} is no matrix of numbers", remedy=AGAIN)
+    numbers = np.array([_convert_number(file, key, number) for number in flat])
+    return numbers.reshape(len(rows), -1) if isinstance(value[0], list) else numbers
+
+
+def _convert_count(file: str, key: str, value: Stored) -> int:
+    """A number of rows or columns. Raises InputError for anything else."""
     number = find_numbers(file, key, value) if isinstance(value, str) else np.array(-1.0)
-    if not (0 <= number <= _MOST_NUMBERS) or number % 1:
+    if not (0 <= number <= _MAX_NUMBERS) or number % 1:
         raise InputError(file, f"{key} is no number of rows or columns", remedy=AGAIN)
     return int(number)
 
 
-def _number(file: str, key: str, value: Stored) -> float:
-    """A float of these formats. Python's float takes more than that (1_000): what is no plain number is named."""
+def _convert_number(file: str, key: str, value: Stored) -> float:
+    """A float as these formats spell it; nan for one that is not finite.
+
+    Raises InputError for anything else, also for 1_000, which Python's `float` accepts.
+    """
     text = value if isinstance(value, str) else "a list"
-    if text.lower().lstrip("+-") in (".inf", ".nan", "inf", "nan", "infinity"):
+    if text.lower().lstrip("+-") in _NOT_FINITE:
         return float("nan")
     try:
         if "_" in text:
@@ -152,5 +192,5 @@ def _number(file: str, key: str, value: Stored) -> float:
 
 
 def cut(text: str) -> str:
-    """A text for a message, quoted, not too long."""
-    return repr(text if len(text) <= 40 else text[:40] + "...")
+    """Quote a text for a message, shortened to `_MAX_QUOTED` characters."""
+    return repr(text if len(text) <= _MAX_QUOTED else text[:_MAX_QUOTED] + "...")

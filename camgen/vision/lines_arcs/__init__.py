@@ -1,1 +1,1 @@
-"""From sub-pixel outlines to lines and arcs: runs, fits, joints, and one polish of the whole chain."""
+"""Converts sub-pixel outlines to lines and arcs: runs, fits, joints, and a fit of whole chains."""

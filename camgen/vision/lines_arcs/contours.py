@@ -1,7 +1,7 @@
-"""Outlines to contours of lines and arcs in mm: what a drawing of the part would have held.
+"""Converts outlines to contours of lines and arcs in mm, as a drawing of the part would have them.
 
-The points of an outline are noisy, and rounded where the part has a corner. A line or an arc through many of them is
-far better known than each of them, and a corner is where two of those cross.
+The points of an outline are noisy, and the blur rounds its corners. A line or an arc through many
+points is far more exact than each point, and a corner is where two of them cross.
 """
 
 from __future__ import annotations
@@ -52,20 +52,25 @@ from camgen.vision.similarity import scale_of
 
 # Outlines divided into runs for lines and arcs: the order of the steps.
 
-_ROUNDS, _RELAXED, _CORNERS = 3, 2, 3
-#: Fewer points than this are no feature.
-_LEAST_POINTS = 3
-#: The shift by the blur is not believed beyond this, px: the arc is as small as the blur.
-_MOST_SHIFT = 0.3
+#: Rounds of measuring the noise, moving ends and merging.
+_ROUNDS = 3
+#: In each round, times that the ends between runs are moved,
+_END_ROUNDS = 2
+#: and times that roundings of corners are removed.
+_CORNER_ROUNDS = 3
+#: Points of a run, at least. Fewer do not show a feature.
+_MIN_POINTS = 3
+#: px: largest shift of an arc by the blur. With a larger one the arc is as small as the blur.
+_MAX_SHIFT = 0.3
 
 
 class Divided(Struct, frozen=True, eq=False):
-    """Outlines as runs.
+    """L outlines, divided into runs.
 
-    points: (N,) px, put right for the blur.
+    points: (N,) px, corrected for the blur.
     runs, curves: lines and arcs.
-    joints: corners and touches, one at the end of each run.
-    counts: (N,) whether no corner has rounded a point.
+    joints: corners and tangential joints, one at the end of each run.
+    counts: (N,) the point counts, as no corner has rounded it.
     noise: (L,) standard deviation of a point across its outline, px.
     """
 
@@ -80,43 +85,48 @@ class Divided(Struct, frozen=True, eq=False):
 def divide_loops(
     loops: Rings, halfway: ComplexArray, sigma: FloatArray, blur: FloatArray
 ) -> Divided:
-    """Lines and arcs of closed loops of points where the grey value is half-way; sigma, blur (L,) px."""
-    weight, told = np.ones(len(halfway)), sigma
-    runs, level = divide(loops, halfway, told, blur)
+    """Divide closed loops of points into lines and arcs.
+
+    halfway: (N,) points whose grey value is the mean of those inside and outside, px.
+    sigma: (L,) noise of the points that the picture predicts, px.
+    blur: (L,) sigma of the blur, px.
+    """
+    weight, predicted = np.ones(len(halfway)), sigma
+    runs, level = divide(loops, halfway, predicted, blur)
     for _ in range(_ROUNDS):
         curves = fit_runs(runs, loops, halfway, weight, sigma)[1]
         residuals = residuals_of(runs, loops, halfway, curves)
         measured = measure(runs, loops, residuals, weight, blur)
         single, sigma = (
-            np.where(np.isnan(noise), level, np.maximum(noise, told)) for noise in measured
+            np.where(np.isnan(noise), level, np.maximum(noise, predicted)) for noise in measured
         )
-        for _ in range(_RELAXED):
+        for _ in range(_END_ROUNDS):
             _, curves, _ = fit_runs(runs, loops, halfway, weight, sigma)
             runs = relax(runs, loops, halfway, curves, sigma)
             _, curves, _ = fit_runs(runs, loops, halfway, weight, sigma)
             weight = trim(runs, loops, halfway, curves, single, blur)
-        for _ in range(_CORNERS):
-            runs, curves = _without_corners(runs, loops, halfway, weight, sigma, blur)
-            found = joints(curves, runs, loops, halfway, sigma, blur)
-            weight = clear(found, curves, runs, loops, halfway) * trim(
-                runs, loops, halfway, curves, single, blur
-            )
+        for _ in range(_CORNER_ROUNDS):
+            runs, curves = _remove_roundings(runs, loops, halfway, weight, sigma, blur)
+            corners = joints(curves, runs, loops, halfway, sigma, blur)
+            is_clear = clear(corners, curves, runs, loops, halfway)
+            weight = is_clear * trim(runs, loops, halfway, curves, single, blur)
         runs = merge(runs, loops, halfway, weight, sigma)
-    curves = _curves(runs, loops, halfway, weight, sigma)
-    points = _put_right(runs, loops, halfway, curves, blur)
-    curves = _curves(runs, loops, points, weight, sigma)
-    found = joints(curves, runs, loops, points, sigma, blur)
-    counts = clear(found, curves, runs, loops, points)
-    return Divided(points, runs, curves, found, counts, single)
+    curves = _fit_oriented(runs, loops, halfway, weight, sigma)
+    points = _correct_blur(runs, loops, halfway, curves, blur)
+    curves = _fit_oriented(runs, loops, points, weight, sigma)
+    corners = joints(curves, runs, loops, points, sigma, blur)
+    counts = clear(corners, curves, runs, loops, points)
+    return Divided(points, runs, curves, corners, counts, single)
 
 
-def _curves(
+def _fit_oriented(
     runs: Runs, loops: Rings, points: ComplexArray, weight: FloatArray, sigma: FloatArray
 ) -> Curves:
+    """Fit a line or arc to each run, signed in the direction of the run."""
     return orient(fit_runs(runs, loops, points, weight, sigma)[1], runs, loops, points)
 
 
-def _without_corners(
+def _remove_roundings(
     runs: Runs,
     loops: Rings,
     points: ComplexArray,
@@ -124,56 +134,71 @@ def _without_corners(
     sigma: FloatArray,
     blur: FloatArray,
 ) -> tuple[Runs, Curves]:
-    """The runs without those that are the picture's rounding of a corner, or next to nothing."""
-    curves = _curves(runs, loops, points, weight, sigma)
-    small = (runs.count < _LEAST_POINTS) & runs.several()
-    small &= ~walls(curves, runs, loops, points, sigma)
-    small |= small_corners(curves, runs, loops, points, blur)
-    if not small.any():
+    """Remove runs that are only the rounded picture of a corner, or have hardly any points."""
+    curves = _fit_oriented(runs, loops, points, weight, sigma)
+    is_small = (runs.count < _MIN_POINTS) & runs.several()
+    is_small &= ~walls(curves, runs, loops, points, sigma)
+    is_small |= small_corners(curves, runs, loops, points, blur)
+    if not is_small.any():
         return runs, curves
-    runs = _give_away(runs, loops, small, curves)
-    return runs, _curves(runs, loops, points, weight, sigma)
+    runs = _give_away(runs, loops, is_small, curves)
+    return runs, _fit_oriented(runs, loops, points, weight, sigma)
 
 
 def _give_away(runs: Runs, loops: Rings, small: BoolArray, curves: Curves) -> Runs:
-    """``small`` runs given to their neighbours, half each: of neighbours the one that bends most."""
+    """Give the points of small runs to their neighbours, half to each.
+
+    If two neighbours are small, only the one that bends more is given away.
+    """
     after, before = runs.following(), runs.before()
     rank = np.empty(len(runs), dtype=np.int64)
     rank[np.argsort(np.abs(curves.curvature), kind="stable")] = np.arange(len(runs))
     rank = np.where(small, rank, -1)
-    gone = np.flatnonzero(small & (rank > rank[before]) & (rank > rank[after]))
+    removed = np.flatnonzero(small & (rank > rank[before]) & (rank > rank[after]))
     first, count = runs.first.copy(), runs.count.copy()
-    half = runs.count[gone] // 2
-    rest = runs.count[gone] - half
-    # A run between two that go gets a share of both.
-    np.add.at(count, before[gone], half)
-    np.add.at(count, after[gone], rest)
-    np.add.at(first, after[gone], -rest)
+    half = runs.count[removed] // 2
+    other_half = runs.count[removed] - half
+    # A run between two removed ones gets points of both, which `np.add.at` adds up.
+    np.add.at(count, before[removed], half)
+    np.add.at(count, after[removed], other_half)
+    np.add.at(first, after[removed], -other_half)
     keep = np.ones(len(runs), dtype=np.bool_)
-    keep[gone] = False
+    keep[removed] = False
     return within(Runs(first[keep], count[keep], runs.loop[keep]), loops)
 
 
-def _put_right(
+def _correct_blur(
     runs: Runs, loops: Rings, points: ComplexArray, curves: Curves, blur: FloatArray
 ) -> ComplexArray:
-    """The points of arcs moved away from their centre by what the blur has moved them towards it, s^2 / (2 r)."""
+    """Move the points of arcs away from the centre.
+
+    A blur of sigma s has moved those of an arc of radius r towards it by s^2 / (2 r).
+    """
     rows, _ = runs.rows(loops)
-    which = np.repeat(np.arange(len(runs)), runs.count)
-    shift = (curves.curvature * blur[runs.loop] ** 2 / 2).clip(-_MOST_SHIFT, _MOST_SHIFT)
+    owner = np.repeat(np.arange(len(runs)), runs.count)
+    shift = (curves.curvature * blur[runs.loop] ** 2 / 2).clip(-_MAX_SHIFT, _MAX_SHIFT)
     moved = points.copy()
-    moved[rows] += shift[which] * normals(curves.take(which), points[rows])
+    moved[rows] += shift[owner] * normals(curves.take(owner), points[rows])
     return moved
 
 
-#: What the picture hides beside noise, px: the pattern of its pixels, and distortion that the camera model leaves.
-_HIDDEN = 0.02
+# Contours of lines and arcs.
+
+#: px: errors of a point that are not noise: the pattern of the pixels, and the distortion that the
+#: camera model leaves.
+_SYSTEMATIC_PX = 0.02
 
 
 class OutlineFit(Struct, frozen=True):
-    """How well a contour follows its outline: rms_mm and max_mm of the points away from rounded corners, and how many
-    lines and arcs it has. doubtful: stretches that no line or arc follows, kept as lines, of lines_mm in all; places:
-    their middles, mm. cut: px2 of small loops that were cut off.
+    """Deviations of a contour from its outline, and the spots where it is not fitted.
+
+    rms_mm, max_mm: distances of the points that no corner has rounded, root mean square and
+        maximum, mm.
+    lines, arcs: number of lines and of arcs.
+    doubtful: number of stretches that no line or arc follows, and that are kept as lines.
+    lines_mm: total length of these stretches, mm.
+    places: x and y of their middles, mm.
+    cut: area of small loops that were cut off, px2.
     """
 
     rms_mm: float
@@ -189,78 +214,92 @@ class OutlineFit(Struct, frozen=True):
 def primitives(
     outlines: Sequence[Outline], work_from_view: FloatArray, layer: str = "0"
 ) -> tuple[tuple[Contour, ...], tuple[OutlineFit, ...], tuple[Note, ...]]:
-    """The ``outlines`` (view pixels) as contours in the work frame (mm), and how well each fits.
+    """Convert outlines (view pixels) to contours in the work frame (mm).
 
-    work_from_view: (2, 3), mm of a pixel centre; a similarity, v may run against y. Outer contours run
-    counter-clockwise, holes clockwise; arcs are half a circle at most. Stretches that no line or arc follows soundly
-    are kept as lines within the noise of their points. A contour whose points cross themselves is cut off at small
-    loops, and left out if they are large; notes say so. Every decision is made in pixels: the scale has no say.
-    Raises InputError if the view is not to scale.
+    Outer contours run counter-clockwise, holes clockwise; an arc is at most half a circle.
+    Stretches that no line or arc follows are kept as lines within the noise of their points. A
+    contour whose points cross loses small loops, and is left out if the loops are large; notes
+    report this. All decisions are made in pixels, so the scale has no influence.
+
+    work_from_view: (2, 3), from pixel centres to mm, a similarity; v may run against y.
+
+    Returns the contours, how well each one fits, and notes. Raises InputError if the view is not to
+    scale.
     """
     matrix = np.asarray(work_from_view, dtype=np.float64)
     scale_of(matrix)
     if not outlines:
         return (), (), ()
-    loops = rings(np.array([len(o.halfway) for o in outlines]))
-    halfway = np.concatenate([o.halfway for o in outlines]) @ np.array([1, 1j])
-    sigma = np.array([np.hypot(o.sigma, _HIDDEN) for o in outlines])
-    parts = divide_loops(loops, halfway, sigma, np.array([o.blur for o in outlines]))
+    loops = rings(np.array([len(outline.halfway) for outline in outlines]))
+    halfway = np.concatenate([outline.halfway for outline in outlines]) @ np.array([1, 1j])
+    sigma = np.array([np.hypot(outline.sigma, _SYSTEMATIC_PX) for outline in outlines])
+    parts = divide_loops(loops, halfway, sigma, np.array([outline.blur for outline in outlines]))
     rows, begin = parts.runs.rows(loops)
     ends = np.searchsorted(parts.runs.loop, np.arange(len(outlines) + 1))
     contours: list[Contour] = []
     fits: list[OutlineFit] = []
     notes: list[Note] = []
     for k, outline in enumerate(outlines):
-        mine = np.arange(ends[k], ends[k + 1])
-        stop = begin[mine[-1]] + parts.runs.count[mine[-1]]
-        found = _contour(parts, mine, rows[begin[mine[0]] : stop], outline.blur, matrix)
-        if found is None:
-            notes.append(
-                Note("skipped", f"outline {k + 1} crosses itself", "the mask is too ragged there")
-            )
-        else:
-            contours.append(Contour(*found[0], True, layer, f"c{len(contours) + 1}"))
-            fits.append(found[1])
-    return tuple(contours), tuple(fits), (*notes, *_tell_lines(contours, fits))
+        runs = np.arange(ends[k], ends[k + 1])
+        stop = begin[runs[-1]] + parts.runs.count[runs[-1]]
+        shape = _make_contour(parts, runs, rows[begin[runs[0]] : stop], outline.blur, matrix)
+        if shape is None:
+            what = f"outline {k + 1} crosses itself"
+            notes.append(Note("skipped", what, "the mask is too ragged there"))
+            continue
+        (points, bulges), fit = shape
+        contours.append(Contour(points, bulges, True, layer, f"c{len(contours) + 1}"))
+        fits.append(fit)
+    return tuple(contours), tuple(fits), (*notes, *_note_lines(contours, fits))
 
 
-def _tell_lines(contours: Sequence[Contour], fits: Sequence[OutlineFit]) -> tuple[Note, ...]:
-    """What was kept as lines, and what was cut off."""
+def _note_lines(contours: Sequence[Contour], fits: Sequence[OutlineFit]) -> tuple[Note, ...]:
+    """Notes on stretches that are kept as lines, and on loops that were cut off."""
     notes = []
-    of = [k for k, fit in enumerate(fits) if fit.doubtful]
-    if of:
-        count, length = sum(fits[k].doubtful for k in of), sum(fits[k].lines_mm for k in of)
-        what = f"{counted(count, 'stretch', 'stretches')} of {counted(len(of), 'outline')} kept as lines"
-        what += f", {short(length, 1)} mm in all"
-        ids, places = (
-            tuple(contours[k].id for k in of),
-            tuple(p for k in of for p in fits[k].places),
+    doubtful = [k for k, fit in enumerate(fits) if fit.doubtful]
+    if doubtful:
+        count = sum(fits[k].doubtful for k in doubtful)
+        length = sum(fits[k].lines_mm for k in doubtful)
+        what = (
+            f"{counted(count, 'stretch', 'stretches')} of {counted(len(doubtful), 'outline')} "
+            f"kept as lines, {short(length, 1)} mm in all"
         )
-        notes.append(Note("warning", what, "no lines and arcs follow them soundly", ids, places))
+        ids = tuple(contours[k].id for k in doubtful)
+        places: list[tuple[float, float]] = []
+        for k in doubtful:
+            places += fits[k].places
+        why = "no lines and arcs follow them soundly"
+        notes.append(Note("warning", what, why, ids, tuple(places)))
     cut = [k for k, fit in enumerate(fits) if fit.cut]
     if cut:
-        what = f"{short(sum(fits[k].cut for k in cut), 1)} px2 of {counted(len(cut), 'outline')} cut off"
+        area = sum(fits[k].cut for k in cut)
+        what = f"{short(area, 1)} px2 of {counted(len(cut), 'outline')} cut off"
         why = "small loops where they cross themselves"
         notes.append(Note("warning", what, why, tuple(contours[k].id for k in cut)))
     return tuple(notes)
 
 
-_Found = tuple[tuple[FloatArray, FloatArray], OutlineFit]
+#: Points (N, 2) and bulges (N,) of a contour, mm, and how well it fits.
+_FittedContour = tuple[tuple[FloatArray, FloatArray], OutlineFit]
 
 
-def _contour(
-    parts: Divided, mine: IntArray, rows: IntArray, blur: float, matrix: FloatArray
-) -> _Found | None:
-    """Points and bulges in mm of the runs ``mine`` of one outline, whose points are ``rows``; None if it fails."""
+def _make_contour(
+    parts: Divided, runs: IntArray, rows: IntArray, blur: float, matrix: FloatArray
+) -> _FittedContour | None:
+    """The contour of one outline, or None if it crosses itself too much.
+
+    runs: numbers of its runs.
+    rows: rows of its points.
+    """
     points, counts = parts.points[rows], parts.counts[rows]
-    sigma = float(parts.noise[parts.runs.loop[mine[0]]])
-    circle = _circle(parts, mine, points, sigma, matrix) if len(mine) == 1 else None
-    if circle is not None:
-        return circle
-    if len(mine) == 1:
-        chain, piece = _points_only(points), np.zeros(len(points), dtype=np.int64)
+    sigma = float(parts.noise[parts.runs.loop[runs[0]]])
+    if len(runs) == 1:
+        circle = _make_circle(parts, runs, points, sigma, matrix)
+        if circle is not None:
+            return circle
+        chain, piece = _make_point_chain(points), np.zeros(len(points), dtype=np.int64)
     else:
-        chain, piece = _chain(parts, mine, points, counts)
+        chain, piece = _fit_chain(parts, runs, points, counts)
     if len(chain.corners) < 3 and chain.straight.all():
         fillets, bad = no_fillets(chain), np.ones(len(chain.corners), dtype=np.bool_)
     else:
@@ -270,74 +309,89 @@ def _contour(
     sound = make_sound(chain, fillets, bad, points, piece, astray_beyond(sigma))
     if sound is None:
         return None
-    shape = _in_work(sound.ring.corners, sound.ring.bulges, matrix)
+    shape = _convert_to_work(sound.ring.corners, sound.ring.bulges, matrix)
     error = errors(chain, points, piece)[counts & (sound.drawn == FITTED)[piece]]
     middles, lengths = stretches_of(sound.drawn, points, piece)
-    fit = _fit(error, shape[1], matrix)
-    places = tuple((x, y) for x, y in _in_work(middles, np.zeros(len(middles)), matrix)[0].tolist())
+    fit = _measure_fit(error, shape[1], matrix)
+    middles_mm, _ = _convert_to_work(middles, np.zeros(len(middles)), matrix)
+    places = tuple((x, y) for x, y in middles_mm.tolist())
     lines_mm = scale_of(matrix) * float(lengths.sum())
     return shape, replace(
         fit, doubtful=len(places), lines_mm=lines_mm, places=places, cut=sound.cut
     )
 
 
-def _points_only(points: ComplexArray) -> FittedChain:
-    """A chain of one piece that is no curve: points that no circle follows."""
-    one = np.ones(1, dtype=np.bool_)
-    return FittedChain(points[:1], np.zeros(1), one, ~one)
+def _make_point_chain(points: ComplexArray) -> FittedChain:
+    """A chain of a single piece without a curve, for points that no circle follows."""
+    smooth = np.zeros(1, dtype=np.bool_)
+    return FittedChain(points[:1], np.zeros(1), ~smooth, smooth)
 
 
-def _fit(error: FloatArray, bulges: FloatArray, matrix: FloatArray) -> OutlineFit:
-    """error: distances of points, px."""
-    size = scale_of(matrix) * np.abs(error)
+def _measure_fit(error: FloatArray, bulges: FloatArray, matrix: FloatArray) -> OutlineFit:
+    """Measure how well a contour with these bulges (N,) fits.
+
+    error: (M,) distances of its points, px.
+    """
+    distance = scale_of(matrix) * np.abs(error)
     arcs = int((bulges != 0).sum())
-    rms, most = (float(np.sqrt((size**2).mean())), float(size.max())) if len(size) else (0.0, 0.0)
-    return OutlineFit(rms, most, len(bulges) - arcs, arcs)
+    rms, largest = 0.0, 0.0
+    if len(distance):
+        rms, largest = float(np.sqrt((distance**2).mean())), float(distance.max())
+    return OutlineFit(rms, largest, len(bulges) - arcs, arcs)
 
 
-def _circle(
-    parts: Divided, mine: IntArray, points: ComplexArray, sigma: float, matrix: FloatArray
-) -> _Found | None:
-    """A whole circle as two arcs; None where the points are not on one, or not all around."""
-    curve = parts.curves.take(mine)
+def _make_circle(
+    parts: Divided, runs: IntArray, points: ComplexArray, sigma: float, matrix: FloatArray
+) -> _FittedContour | None:
+    """A whole circle as two arcs, or None if the points are not on a circle or not all around it.
+
+    runs: the number of its single run.
+    """
+    curve = parts.curves.take(runs)
     bend = float(curve.curvature[0])
     if bend == 0:
         return None
     centre = complex(curve.origin[0] - (curve.form[0, 1] + 1j * curve.form[0, 2]) / bend)
     error = curve.distances(points[None])[0]
-    around = abs(float(np.ptp(np.unwrap(np.angle(points - centre)))))
-    if around < np.pi or np.sqrt((error**2).mean()) > astray_beyond(sigma):
+    angle = abs(float(np.ptp(np.unwrap(np.angle(points - centre)))))
+    if angle < np.pi or np.sqrt((error**2).mean()) > astray_beyond(sigma):
         return None
     corners = np.array([centre + 1 / abs(bend), centre - 1 / abs(bend)])
-    shape = _in_work(corners, np.full(2, np.sign(bend)), matrix)
-    return shape, _fit(error, shape[1], matrix)
+    shape = _convert_to_work(corners, np.full(2, np.sign(bend)), matrix)
+    return shape, _measure_fit(error, shape[1], matrix)
 
 
-def _chain(
-    parts: Divided, mine: IntArray, points: ComplexArray, counts: BoolArray
+def _fit_chain(
+    parts: Divided, runs: IntArray, points: ComplexArray, counts: BoolArray
 ) -> tuple[FittedChain, IntArray]:
-    """Lines and arcs through the points of several runs, and which of them each point belongs to."""
-    piece = np.repeat(np.arange(len(mine)), parts.runs.count[mine])
-    curves = parts.curves.take(mine)
-    corners, smooth = np.roll(parts.joints.vertex[mine], 1), np.roll(parts.joints.smooth[mine], 1)
+    """Fit a chain of lines and arcs to the points of several runs.
+
+    Returns the chain, and the piece (N,) that each point belongs to.
+    """
+    piece = np.repeat(np.arange(len(runs)), parts.runs.count[runs])
+    curves = parts.curves.take(runs)
+    corners, smooth = np.roll(parts.joints.vertex[runs], 1), np.roll(parts.joints.smooth[runs], 1)
     after = np.roll(corners, -1)
-    turn = np.angle(tangents(curves, after) * tangents(curves, corners).conj())
-    way = np.bincount(piece, np.append(np.abs(np.diff(points)), 0.0))
-    # The directions at both ends tell the sweep but for whole turns.
-    turn += 2 * np.pi * np.round((curves.curvature * way - turn) / (2 * np.pi))
+    sweep = np.angle(tangents(curves, after) * tangents(curves, corners).conj())
+    length = np.bincount(piece, np.append(np.abs(np.diff(points)), 0.0))
+    # The directions at both ends determine the sweep up to whole revolutions.
+    sweep += 2 * np.pi * np.round((curves.curvature * length - sweep) / (2 * np.pi))
     straight = curves.curvature == 0
-    bulges = np.where(straight, 0.0, np.tan(turn.clip(-6.25, 6.25) / 4))
-    return polish(
-        FittedChain(corners, bulges, straight, smooth), points, piece, counts.astype(np.float64)
-    ), piece
+    bulges = np.where(straight, 0.0, np.tan(sweep.clip(-6.25, 6.25) / 4))
+    chain = FittedChain(corners, bulges, straight, smooth)
+    return polish(chain, points, piece, counts.astype(np.float64)), piece
 
 
-def _in_work(
+def _convert_to_work(
     corners: ComplexArray, bulges: FloatArray, matrix: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Points (N, 2) mm and bulges, the part on the left."""
+    """Convert corners (N,) in px to points (N, 2) in mm; the part is on the left of the contour.
+
+    Returns the points and their bulges (N,).
+    """
     points = np.column_stack([corners.real, corners.imag]) @ matrix[:, :2].T + matrix[:, 2]
     if np.linalg.det(matrix[:, :2]) < 0:
         return frozen(points), frozen(0.0 - bulges)
-    # Not mirrored, so the part is on the right: the other way round, which turns the bulges too.
+    # The view is not mirrored, so the part is on the right. The contour is reversed, and with it
+    # the bulges.
     return frozen(points[::-1]), frozen(0.0 - np.roll(bulges[::-1], -1))

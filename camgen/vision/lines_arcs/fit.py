@@ -1,9 +1,9 @@
-"""Lines and circles fitted to many runs of points at once, from sums over each run (Taubin 1991).
+"""Fits lines and circles to many runs of points at once, from sums over each run (Taubin 1991).
 
-A curve is A (x^2 + y^2) + B x + C y + D = 0 with B^2 + C^2 - 4 A D = 1 about an origin of its own: a circle, or for
-A = 0 a line. Its distance from a point is 2 F / (1 + sqrt(1 + 4 A F)), F being the left side, without a special case
-for circles that are almost lines. Sums are kept about a point near the run, and moved when runs are joined, so that
-no digits are lost far from the picture's corner.
+A curve is F = A (x^2 + y^2) + B x + C y + D = 0 with B^2 + C^2 - 4 A D = 1 about an origin of its
+own. It is a circle, or for A = 0 a line. Its distance from a point is 2 F / (1 + sqrt(1 + 4 A F)),
+without a special case for circles that are almost lines. Sums are about a point near the run, and
+are moved when runs are joined, so that no digits are lost far from the corner of the picture.
 """
 
 from __future__ import annotations
@@ -19,17 +19,26 @@ from camgen.model.tolerance import NONZERO
 
 BoolArray = NDArray[np.bool_]
 
-#: Numbers that tell a line and an arc, one end of each included; an arc counts one more, so that it takes four sigma
-#: of a bend, not three, to be none of the one line in a hundred that noise bends.
-_LINE_NUMBERS, _ARC_NUMBERS = 3, 5
-#: An arc that leaves its chord by less (px) is a line: residual distortion of the photo bends lines by as much.
+#: Numbers of a line, with one end.
+_LINE_NUMBERS = 3
+#: Numbers of an arc, with one end, and one more. So a bend has to reach four sigma, not three:
+#: noise bends one line in a hundred by three.
+_ARC_NUMBERS = 5
+#: px: an arc that leaves its chord by less is a line. The remaining distortion of a photo bends
+#: lines by as much.
 _FLAT_PX = 0.05
-_FEWEST_FOR_ARC = 4
-_NEWTON = 8
+#: Points of an arc, at least.
+_MIN_ARC_POINTS = 4
+#: Iterations of Newton's method for the smallest eigenvalue.
+_NEWTON_ITERATIONS = 8
 
 
 class Sums(Struct, frozen=True, eq=False):
-    """For P runs: origin (P,) and the sums (P, 10) of 1, x, y, xx, xy, yy, xz, yz, z, zz about it, z = xx + yy."""
+    """Sums over the points of P runs.
+
+    origin: (P,) origin of the sums, px.
+    sums: (P, 10) sums of 1, x, y, xx, xy, yy, xz, yz, z, zz about the origin, with z = xx + yy.
+    """
 
     origin: ComplexArray
     sums: FloatArray
@@ -40,7 +49,12 @@ class Sums(Struct, frozen=True, eq=False):
 
 
 class Curves(Struct, frozen=True, eq=False):
-    """origin (P,) px; form (P, 4): A, B, C, D about it; sse (P,): sum of squared distances of the run, px2."""
+    """P lines and circles.
+
+    origin: (P,) origin of each curve, px.
+    form: (P, 4) A, B, C, D about the origin.
+    sse: (P,) sum of the squared distances of the points of the run, px2.
+    """
 
     origin: ComplexArray
     form: FloatArray
@@ -60,12 +74,17 @@ class Curves(Struct, frozen=True, eq=False):
 
     @property
     def curvature(self) -> FloatArray:
-        """(P,) 1/px, 0 for lines."""
+        """Signed curvature (P,), 1/px, 0 for lines."""
         return np.asarray(2 * self.form[:, 0])
 
 
 def sum_runs(points: ComplexArray, weight: FloatArray, first: IntArray) -> Sums:
-    """Sums over runs of consecutive ``points`` (N,) that begin at the rows ``first`` (P,)."""
+    """Sum over runs of consecutive points.
+
+    points: (N,) u + iv, px.
+    weight: (N,) weight of each point.
+    first: (P,) row of the first point of each run.
+    """
     count = np.diff(np.append(first, len(points)))
     origin = points[first + count // 2]
     local = points - np.repeat(origin, count)
@@ -76,7 +95,7 @@ def sum_runs(points: ComplexArray, weight: FloatArray, first: IntArray) -> Sums:
 
 
 def move_sums(runs: Sums, origin: ComplexArray) -> Sums:
-    """The same sums about other origins (P,)."""
+    """Move sums to other origins (P,), px."""
     shift = origin - runs.origin
     a, b = shift.real, shift.imag
     n, x, y, xx, xy, yy, xz, yz, z, zz = runs.sums.T
@@ -98,16 +117,16 @@ def move_sums(runs: Sums, origin: ComplexArray) -> Sums:
     return Sums(origin, np.stack(columns, axis=1))
 
 
-def join_sums(one: Sums, two: Sums) -> Sums:
-    """Sums of each run of ``one`` together with that of ``two``, about their common centre."""
-    n = np.maximum(one.sums[:, 0] + two.sums[:, 0], 1e-12)
-    share = two.sums[:, 0] / n
-    middle = one.origin + (two.origin - one.origin) * share
-    return Sums(middle, move_sums(one, middle).sums + move_sums(two, middle).sums)
+def join_sums(first: Sums, second: Sums) -> Sums:
+    """Join each run of `first` with that of `second`; the origin is between, by their weights."""
+    total = np.maximum(first.sums[:, 0] + second.sums[:, 0], 1e-12)
+    fraction = second.sums[:, 0] / total
+    origin = first.origin + (second.origin - first.origin) * fraction
+    return Sums(origin, move_sums(first, origin).sums + move_sums(second, origin).sums)
 
 
 def lines(runs: Sums) -> Curves:
-    """The line of least squared distances of each run."""
+    """Fit a line to each run, with the least sum of squared distances."""
     n, x, y, xx, xy, yy = runs.sums[:, :6].T
     n = np.maximum(n, 1e-12)
     mx, my = x / n, y / n
@@ -120,13 +139,13 @@ def lines(runs: Sums) -> Curves:
 
 
 def circles(runs: Sums) -> Curves:
-    """The circle or line of each run that Taubin's fit finds: nearly unbiased, also for short arcs."""
+    """Fit a circle or line to each run by Taubin's method, nearly unbiased also for short arcs."""
     n = np.maximum(runs.sums[:, 0], 1e-12)
     middle = (runs.sums[:, 1] + 1j * runs.sums[:, 2]) / n
     centred = move_sums(runs, runs.origin + middle)
     _, _, _, xx, xy, yy, xz, yz, z, zz = centred.sums.T
     size = np.sqrt(np.maximum(4 * z / n, 1e-12))
-    value, vector = _smallest((zz - z * z / n) / size**2, xx, yy, xz / size, yz / size, xy)
+    value, vector = _find_smallest((zz - z * z / n) / size**2, xx, yy, xz / size, yz / size, xy)
     a, b, c = vector[0] / size, vector[1], vector[2]
     d = -a * z / n
     norm = np.sqrt(np.maximum(b * b + c * c - 4 * a * d, 1e-30))
@@ -134,24 +153,27 @@ def circles(runs: Sums) -> Curves:
     return Curves(centred.origin, form, np.maximum(value, 0.0))
 
 
-def _smallest(
+def _find_smallest(
     p: FloatArray, q: FloatArray, r: FloatArray, pq: FloatArray, pr: FloatArray, qr: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """The smallest eigenvalue (P,), and its unit vector (3, P), of symmetric matrices with the diagonal p, q, r.
+    """The smallest eigenvalue (P,) and its unit vector (3, P) of symmetric 3 x 3 matrices.
 
-    Newton's method on the characteristic polynomial from 0 comes from below and cannot pass the smallest root of a
-    matrix without negative ones; ten times as fast as LAPACK one by one.
+    The matrices have no negative eigenvalues. So Newton's method on the characteristic polynomial,
+    which starts at 0, approaches the smallest root from below. It is ten times as fast as LAPACK
+    with one matrix at a time.
+
+    p, q, r: (P,) the diagonal.
+    pq, pr, qr: (P,) the elements beside it.
     """
     c2, c1 = p + q + r, q * r - qr * qr + p * r - pr * pr + p * q - pq * pq
     c0 = p * (q * r - qr * qr) - pq * (pq * r - qr * pr) + pr * (pq * qr - q * pr)
     value = np.zeros_like(p)
-    for _ in range(_NEWTON):
+    for _ in range(_NEWTON_ITERATIONS):
         slope = (3 * value - 2 * c2) * value + c1
-        value = value - (((value - c2) * value + c1) * value - c0) / np.where(
-            np.abs(slope) > NONZERO, slope, 1.0
-        )
+        slope = np.where(np.abs(slope) > NONZERO, slope, 1.0)
+        value = value - (((value - c2) * value + c1) * value - c0) / slope
     p, q, r = p - value, q - value, r - value
-    # The vector is square to all rows: the cross product of those two that are least parallel.
+    # The vector is perpendicular to all rows: the cross product of the two that are least parallel.
     crosses = np.array(
         [
             [pq * qr - pr * q, pr * pq - p * qr, p * q - pq * pq],
@@ -161,31 +183,36 @@ def _smallest(
     )
     norm = (crosses**2).sum(axis=1)
     chosen = np.argmax(norm, axis=0)
-    every = np.arange(len(value))
-    return value, crosses[chosen, :, every].T / np.sqrt(np.maximum(norm[chosen, every], NONZERO))
+    matrices = np.arange(len(value))
+    length = np.sqrt(np.maximum(norm[chosen, matrices], NONZERO))
+    return value, crosses[chosen, :, matrices].T / length
 
 
 def numbers_of(curves: Curves) -> IntArray:
-    """(P,) count of the numbers of each curve and one end of it."""
+    """Count the numbers of each curve with one end of it, (P,)."""
     return np.where(curves.form[:, 0] == 0, _LINE_NUMBERS, _ARC_NUMBERS)
 
 
 def best(runs: Sums, sigma: FloatArray, price: float) -> tuple[Curves, FloatArray]:
-    """Line or circle for each run, whichever is told cheaper, and its price (P,): squared distances in units of the
-    noise ``sigma`` (P,) px, and ``price`` for each number of the curve and for one end.
+    """Fit a line or circle to each run, whichever has the lower price.
+
+    The price is the sum of squared distances in units of the noise, plus `price` for each number of
+    the curve and of one end.
+
+    sigma: (P,) noise of the points of each run, px.
+
+    Returns the curves and their prices (P,).
     """
     straight, round_ = lines(runs), circles(runs)
-    cost0 = straight.sse / sigma**2 + _LINE_NUMBERS * price
-    cost1 = round_.sse / sigma**2 + _ARC_NUMBERS * price
-    extent = np.sqrt(
-        np.maximum(runs.sums[:, 3] + runs.sums[:, 5], 0) * 12 / np.maximum(runs.sums[:, 0], 1)
+    line_cost = straight.sse / sigma**2 + _LINE_NUMBERS * price
+    arc_cost = round_.sse / sigma**2 + _ARC_NUMBERS * price
+    count, squares = runs.sums[:, 0], runs.sums[:, 3] + runs.sums[:, 5]
+    extent = np.sqrt(np.maximum(squares, 0) * 12 / np.maximum(count, 1))
+    is_flat = np.abs(round_.curvature) * extent**2 / 8 < _FLAT_PX
+    is_line = (line_cost <= arc_cost) | is_flat | (count < _MIN_ARC_POINTS)
+    curves = Curves(
+        np.where(is_line, straight.origin, round_.origin),
+        np.where(is_line[:, None], straight.form, round_.form),
+        np.where(is_line, straight.sse, round_.sse),
     )
-    flat = (np.abs(round_.curvature) * extent**2 / 8 < _FLAT_PX) | (
-        runs.sums[:, 0] < _FEWEST_FOR_ARC
-    )
-    line = (cost0 <= cost1) | flat
-    return Curves(
-        np.where(line, straight.origin, round_.origin),
-        np.where(line[:, None], straight.form, round_.form),
-        np.where(line, straight.sse, round_.sse),
-    ), np.where(line, cost0, cost1)
+    return curves, np.where(is_line, line_cost, arc_cost)

@@ -1,4 +1,8 @@
-"""Where neighbouring lines and arcs meet: at a corner that the picture has rounded, or tangentially."""
+"""Finds where neighbouring lines and arcs meet: at corners, or tangentially.
+
+The blur of the picture rounds a sharp corner. So the points near a corner do not show where it is;
+it is computed as the crossing of the two curves.
+"""
 
 from __future__ import annotations
 
@@ -12,34 +16,47 @@ from camgen.model.pose import FloatArray
 from camgen.vision.lines_arcs.fit import BoolArray, Curves
 from camgen.vision.lines_arcs.runs import Runs, within
 
-#: Turn of a sharp corner, and how far from it the half-way level of its picture passes, in units of the blur:
-#: where a Gaussian of sigma 1 has half its weight in a wedge of that shape. Computed by quadrature.
+#: rad: angles by which a sharp corner turns.
 TURNS = np.radians([0, 10, 20, 30, 45, 60, 75, 90, 105, 120, 135, 150, 160, 170])
+#: Distances at which the half-way threshold passes these corners in the picture, in sigmas of the
+#: blur: where a Gaussian has half its weight in a wedge of this angle. Computed by quadrature.
 PASSES = np.array(
     [0, 0.07, 0.141, 0.213, 0.328, 0.454, 0.599, 0.771, 0.988, 1.285, 1.741, 2.604, 3.884, 7.739]
 )
-#: Beyond so many blurs from the other edge the picture of a corner is that of a straight edge, within 0.02 px.
-_ROUND = 2.5
-#: Roundings (px) that are lost in the noise, and that are not.
-_SHOWN = (0.05, 0.2)
-#: A rounding is that of the picture up to so many times what is expected, and so many px.
-_ROUNDING_SLACK, _ROUNDING_PX = 1.5, 0.25
-#: Joints that turn by less (rad) may be tangential; a gap of so many sigma, and px, between the curves is none.
-_SHALLOW = np.radians(30.0)
-_SIGMAS, _GAP_PX = 4.0, 0.03
+#: Distance from the other edge of a corner, in sigmas of the blur, at which the picture of an edge
+#: is straight within 0.02 px.
+_CORNER_REACH = 2.5
+#: px: a rounding below the first is lost in the noise, one above the second is visible.
+_VISIBLE_ROUNDING = (0.05, 0.2)
+#: A run is only the rounding of a corner if it passes the vertex at up to this many times the
+#: expected distance,
+_ROUNDING_FACTOR = 1.5
+#: and up to this many px more.
+_ROUNDING_PX = 0.25
+#: rad: a joint that turns by less may be tangential.
+_MAX_TANGENTIAL_TURN = np.radians(30.0)
+#: Standard deviations of the noise within which curves touch,
+_SIGMAS = 4.0
+#: and px more.
+_GAP_PX = 0.03
+#: px: distance from the ends of the runs at which their curves may cross or touch.
 _NEAR_PX = 4.0
-#: A tangential joint lies within this share of the shorter of its two runs.
-_JOINT_SHARE = 0.25
-#: Lowest wall, px.
-_WALL_PX = 0.5
+#: A tangential joint lies within this fraction of the shorter of its two runs.
+_JOINT_FRACTION = 0.25
+#: px: smallest height of a wall, beside the noise.
+_MIN_WALL_PX = 0.5
 #: Points that a short line and a short arc keep.
-_CORE = (3, 4)
+_MIN_POINTS = (3, 4)
 
 
 class CornerJoints(Struct, frozen=True, eq=False):
-    """For each run the joint at its end, with the run after it. vertex (P,) px; turn (P,) rad, signed; crossing (P,):
-    whether the curves cross there; smooth (P,): whether they touch within the noise. zone (P,): px around the vertex
-    that the blur has rounded.
+    """The joints of P runs: each run's end with the beginning of the run after it.
+
+    vertex: (P,) place of the joint, px.
+    turn: (P,) change of direction, rad, signed.
+    crossing: (P,) the curves cross there.
+    smooth: (P,) the curves touch within the noise, and the joint is tangential.
+    zone: (P,) distance from the vertex up to which the blur has rounded the corner, px.
     """
 
     vertex: ComplexArray
@@ -50,15 +67,15 @@ class CornerJoints(Struct, frozen=True, eq=False):
 
 
 def orient(curves: Curves, runs: Runs, loops: Rings, points: ComplexArray) -> Curves:
-    """The same curves, signed so that 1j times the gradient of the form points along the run."""
-    middle = _row(runs, loops, runs.count // 2)
-    before, after = (
-        _row(runs, loops, np.maximum(runs.count // 2 - 1, 0)),
-        _row(runs, loops, runs.count // 2 + 1),
-    )
-    along = 1j * _gradient(curves, points[middle])
-    wrong = ((points[after] - points[before]) * along.conj()).real < 0
-    return Curves(curves.origin, np.where(wrong[:, None], -curves.form, curves.form), curves.sse)
+    """Choose the sign of each curve so that 1j times its gradient points along its run."""
+    half = runs.count // 2
+    middle = _find_rows(runs, loops, half)
+    before = _find_rows(runs, loops, np.maximum(half - 1, 0))
+    after = _find_rows(runs, loops, half + 1)
+    direction = 1j * _compute_gradient(curves, points[middle])
+    is_opposite = ((points[after] - points[before]) * direction.conj()).real < 0
+    form = np.where(is_opposite[:, None], -curves.form, curves.form)
+    return Curves(curves.origin, form, curves.sse)
 
 
 def joints(
@@ -69,35 +86,47 @@ def joints(
     sigma: FloatArray,
     blur: FloatArray,
 ) -> CornerJoints:
-    """Joints of oriented ``curves`` with those that follow; sigma, blur (L,) px."""
+    """Find the joint of each oriented curve with the one that follows.
+
+    sigma: (L,) noise of the points of each loop, px.
+    blur: (L,) sigma of the blur of each loop, px.
+    """
     after = runs.following()
-    end = points[_row(runs, loops, runs.count)]
-    near = (points[_row(runs, loops, runs.count - 1)] + end) / 2
-    other = curves.take(after)
-    vertex, crossing = crossings(curves, other, near)
-    s = blur[runs.loop]
-    turn = _turn(curves, other, vertex)
-    crossing &= np.abs(vertex - near) < _NEAR_PX + zone_of(turn, s)
-    foot = np.where(crossing, vertex, near)
-    smooth, touch = _touching(curves, other, foot, sigma[runs.loop], runs.count, runs.count[after])
-    smooth &= ~crossing | (np.abs(turn) < _SHALLOW)
-    vertex = np.where(smooth, touch, np.where(crossing, vertex, _between(curves, other, near)))
-    turn = _turn(curves, other, vertex)
-    return CornerJoints(vertex, turn, crossing, smooth, np.where(smooth, 0.0, zone_of(turn, s)))
+    end = points[_find_rows(runs, loops, runs.count)]
+    near = (points[_find_rows(runs, loops, runs.count - 1)] + end) / 2
+    following = curves.take(after)
+    vertex, crossing = crossings(curves, following, near)
+    run_blur = blur[runs.loop]
+    turn = _compute_turn(curves, following, vertex)
+    crossing &= np.abs(vertex - near) < _NEAR_PX + zone_of(turn, run_blur)
+    start = np.where(crossing, vertex, near)
+    smooth, touch = _find_touching(
+        curves, following, start, sigma[runs.loop], runs.count, runs.count[after]
+    )
+    smooth &= ~crossing | (np.abs(turn) < _MAX_TANGENTIAL_TURN)
+    between = _find_middle(curves, following, near)
+    vertex = np.where(smooth, touch, np.where(crossing, vertex, between))
+    turn = _compute_turn(curves, following, vertex)
+    zone = np.where(smooth, 0.0, zone_of(turn, run_blur))
+    return CornerJoints(vertex, turn, crossing, smooth, zone)
 
 
-def crossings(one: Curves, two: Curves, near: ComplexArray) -> tuple[ComplexArray, BoolArray]:
-    """The crossing (P,) of each pair next to ``near``, by Newton's method, and whether there is one."""
+def crossings(first: Curves, second: Curves, near: ComplexArray) -> tuple[ComplexArray, BoolArray]:
+    """Find the crossing (P,) of each pair of curves next to `near` (P,), by Newton's method.
+
+    Returns the crossings, px, and whether there is one, (P,).
+    """
     point = near.copy()
     miss = np.full(len(near), np.inf)
     for _ in range(12):
-        f, g = one.distances(point), two.distances(point)
+        f, g = first.distances(point), second.distances(point)
         miss = np.hypot(f, g)
-        a, b = normals(one, point), normals(two, point)
+        a, b = normals(first, point), normals(second, point)
         cross = (a.conj() * b).imag
         cross = np.where(np.abs(cross) < 1e-6, 1e-6, cross)
         step = 1j * (f * b - g * a) / cross
         size = np.abs(step)
+        # Steps of more than 20 px are shortened.
         point = point + step * np.minimum(1.0, 20.0 / np.maximum(size, 1e-12))
     return point, miss < 1e-6
 
@@ -105,166 +134,192 @@ def crossings(one: Curves, two: Curves, near: ComplexArray) -> tuple[ComplexArra
 def small_corners(
     curves: Curves, runs: Runs, loops: Rings, points: ComplexArray, blur: FloatArray
 ) -> BoolArray:
-    """Which runs (P,) are no more than the picture's rounding of a corner between their neighbours."""
+    """Find the runs that are only the rounded picture of a corner between their neighbours.
+
+    blur: (L,) sigma of the blur of each loop, px.
+
+    Returns a mask (P,) of the runs.
+    """
     after, before = runs.following(), runs.before()
-    one, two = curves.take(before), curves.take(after)
-    middle = points[_row(runs, loops, runs.count // 2)]
-    vertex, crossing = crossings(one, two, middle)
-    s = blur[runs.loop]
-    turn = _turn(one, two, vertex)
-    zone = zone_of(turn, s)
-    first, last = (
-        points[_row(runs, loops, np.zeros_like(after))],
-        points[_row(runs, loops, runs.count - 1)],
-    )
+    previous, following = curves.take(before), curves.take(after)
+    middle = points[_find_rows(runs, loops, runs.count // 2)]
+    vertex, crossing = crossings(previous, following, middle)
+    run_blur = blur[runs.loop]
+    turn = _compute_turn(previous, following, vertex)
+    zone = zone_of(turn, run_blur)
+    first = points[_find_rows(runs, loops, np.zeros_like(after))]
+    last = points[_find_rows(runs, loops, runs.count - 1)]
     reach = np.maximum(np.abs(first - vertex), np.abs(last - vertex))
-    inwards = 1j * np.sign(turn) * tangents(one, vertex) * np.exp(0.5j * turn)
-    # The place nearest to the vertex may just have gone to a neighbour.
-    depth = _depths(
-        within(Runs(runs.first - 2, runs.count + 4, runs.loop), loops),
-        loops,
-        points,
-        vertex,
-        inwards,
-    )
-    expected = np.interp(np.abs(turn), TURNS, PASSES) * s
-    found = (
+    inwards = 1j * np.sign(turn) * tangents(previous, vertex) * np.exp(0.5j * turn)
+    # Two points of each neighbour count too: the one nearest to the vertex may belong to it.
+    wider = within(Runs(runs.first - 2, runs.count + 4, runs.loop), loops)
+    depth = _measure_depths(wider, loops, points, vertex, inwards)
+    expected = np.interp(np.abs(turn), TURNS, PASSES) * run_blur
+    is_small = (
         crossing
         & (before != after)
         & (reach < 1.5 * zone + 2.0)
-        & (depth < _ROUNDING_SLACK * expected + _ROUNDING_PX)
+        & (depth < _ROUNDING_FACTOR * expected + _ROUNDING_PX)
     )
-    return np.asarray(found & (depth > -0.5))
+    return np.asarray(is_small & (depth > -0.5))
 
 
 def walls(
     curves: Curves, runs: Runs, loops: Rings, points: ComplexArray, sigma: FloatArray
 ) -> BoolArray:
-    """(P,) whether neighbours pass on both sides of a run: it is a wall, as in a shallow notch."""
-    first, last = (points[_row(runs, loops, place)] for place in (0 * runs.count, runs.count - 1))
+    """Find the runs whose neighbours pass on both sides of their middle: walls of a shallow step.
+
+    sigma: (L,) noise of the points of each loop, px.
+
+    Returns a mask (P,) of the runs.
+    """
+    first, last = (
+        points[_find_rows(runs, loops, place)] for place in (0 * runs.count, runs.count - 1)
+    )
     middle = (first + last) / 2
     before = curves.take(runs.before()).distances(middle)
     after = curves.take(runs.following()).distances(middle)
-    height = _SIGMAS * sigma[runs.loop] + _WALL_PX
-    return np.asarray((before * after < 0) & (np.abs(before - after) > height))
+    min_height = _SIGMAS * sigma[runs.loop] + _MIN_WALL_PX
+    return np.asarray((before * after < 0) & (np.abs(before - after) > min_height))
 
 
-def _depths(
+def _measure_depths(
     runs: Runs, loops: Rings, points: ComplexArray, vertex: ComplexArray, inwards: ComplexArray
 ) -> FloatArray:
-    """How far ``inwards`` (P,) of its vertex each run passes: the lowest point of a parabola over its lowest three."""
+    """Distance (P,) at which each run passes its vertex in the direction `inwards` (P,), px.
+
+    It is the lowest point of a parabola through the lowest point of the run and its neighbours.
+    """
     rows, begin = runs.rows(loops)
-    which = owners(runs.count)
-    local = (points[rows] - vertex[which]) * inwards[which].conj()
-    low = np.minimum.reduceat(local.real, begin)
+    owner = owners(runs.count)
+    local = (points[rows] - vertex[owner]) * inwards[owner].conj()
+    lowest = np.minimum.reduceat(local.real, begin)
     place = np.full(len(runs), -1)
-    hit = np.flatnonzero(local.real <= low[which])
-    place[which[hit]] = hit - begin[which[hit]]
-    around = np.stack(
-        [(points[_row(runs, loops, place + k)] - vertex) * inwards.conj() for k in (-1, 0, 1)]
+    is_lowest = np.flatnonzero(local.real <= lowest[owner])
+    place[owner[is_lowest]] = is_lowest - begin[owner[is_lowest]]
+    three = np.stack(
+        [(points[_find_rows(runs, loops, place + k)] - vertex) * inwards.conj() for k in (-1, 0, 1)]
     )
-    return valley(around.imag, around.real)
+    return valley(three.imag, three.real)
 
 
 def valley(x: FloatArray, y: FloatArray) -> FloatArray:
-    """The lowest value (P,) of parabolas through three points each, x and y (3, P); of the points, if there is none."""
+    """The lowest value (P,) of parabolas through three points each, `x` and `y` (3, P).
+
+    The lowest of the three points if the parabola has no minimum, or one far below the points.
+    """
     with np.errstate(all="ignore"):
         first, second = (y[1] - y[0]) / (x[1] - x[0]), (y[2] - y[1]) / (x[2] - x[1])
         bend = (second - first) / (x[2] - x[0])
         slope = first + bend * (x[1] - x[0])
-        lowest = y[1] - slope * slope / (4 * bend)
-    low = y.min(axis=0)
-    found: FloatArray = np.where(
-        np.isfinite(lowest) & (bend > 0) & (lowest > low - 0.5), lowest, low
-    )
-    return found
+        minimum = y[1] - slope * slope / (4 * bend)
+    lowest_point = y.min(axis=0)
+    is_usable = np.isfinite(minimum) & (bend > 0) & (minimum > lowest_point - 0.5)
+    result: FloatArray = np.where(is_usable, minimum, lowest_point)
+    return result
 
 
 def clear(
-    found: CornerJoints, curves: Curves, runs: Runs, loops: Rings, points: ComplexArray
+    corners: CornerJoints, curves: Curves, runs: Runs, loops: Rings, points: ComplexArray
 ) -> BoolArray:
-    """(N,) which points of the loops count: those that no corner has rounded, as long as a run keeps a few."""
+    """Select the points (N,) of the loops that no corner has rounded.
+
+    A short run keeps a few points in its middle in any case, as they are rounded least.
+    """
     before = runs.before()
     rows, begin = runs.rows(loops)
-    which = owners(runs.count)
+    owner = owners(runs.count)
     z = points[rows]
-    ahead = np.abs(z - found.vertex[which]) / np.maximum(found.zone[which], 1e-9)
-    behind = np.abs(z - found.vertex[before][which]) / np.maximum(found.zone[before][which], 1e-9)
-    clear = np.minimum(ahead, behind)
+    to_end = np.abs(z - corners.vertex[owner]) / np.maximum(corners.zone[owner], 1e-9)
+    start, start_zone = corners.vertex[before][owner], corners.zone[before][owner]
+    to_start = np.abs(z - start) / np.maximum(start_zone, 1e-9)
     keep = np.zeros(len(points), dtype=np.bool_)
-    counts = clear >= 1.0
-    enough = np.add.reduceat(counts.astype(np.int64), begin)
-    # A short run keeps its middle, the least rounded of what there is.
-    core = np.where(curves.curvature == 0, *_CORE)
+    is_clear = np.minimum(to_end, to_start) >= 1.0
+    clear_count = np.add.reduceat(is_clear.astype(np.int64), begin)
+    min_count = np.where(curves.curvature == 0, *_MIN_POINTS)
     place = ramp(runs.count)
-    third = np.maximum((runs.count - core) // 2, 0)[which]
-    middle = (place >= third) & (place < runs.count[which] - third)
-    keep[rows] = counts | ((enough < core)[which] & middle)
+    margin = np.maximum((runs.count - min_count) // 2, 0)[owner]
+    is_middle = (place >= margin) & (place < runs.count[owner] - margin)
+    keep[rows] = is_clear | ((clear_count < min_count)[owner] & is_middle)
     return keep
 
 
-def _row(runs: Runs, loops: Rings, place: IntArray) -> IntArray:
-    """The row (P,) of the point at ``place`` of each run, counted from its first."""
+def _find_rows(runs: Runs, loops: Rings, place: IntArray) -> IntArray:
+    """The row (P,) of the point at `place` (P,) of each run, counted from its first point."""
     base = loops.first[runs.loop]
     return np.asarray(base + (runs.first - base + place) % loops.count[runs.loop])
 
 
-def _gradient(curves: Curves, points: ComplexArray) -> ComplexArray:
+def _compute_gradient(curves: Curves, points: ComplexArray) -> ComplexArray:
+    """Gradient (P,) of each curve's form at a point, as a complex number."""
     local = points - curves.origin
     return np.asarray(2 * curves.form[:, 0] * local + curves.form[:, 1] + 1j * curves.form[:, 2])
 
 
 def normals(curves: Curves, points: ComplexArray) -> ComplexArray:
-    """Unit vectors (P,) in which the distance from the curves grows."""
-    gradient = _gradient(curves, points)
+    """Unit vectors (P,) at points (P,) in which the signed distance from the curves grows."""
+    gradient = _compute_gradient(curves, points)
     size = np.abs(gradient)
     return np.asarray(gradient / np.maximum(size, 1e-9))
 
 
 def tangents(curves: Curves, points: ComplexArray) -> ComplexArray:
-    """Unit directions of travel (P,) of oriented curves at points (P,) of theirs."""
+    """Unit vectors (P,) along oriented curves at points (P,) on them, as their runs go."""
     return 1j * normals(curves, points)
 
 
-def _turn(one: Curves, two: Curves, vertex: ComplexArray) -> FloatArray:
-    return np.asarray(np.angle(tangents(two, vertex) * tangents(one, vertex).conj()))
+def _compute_turn(first: Curves, second: Curves, vertex: ComplexArray) -> FloatArray:
+    """Angle (P,) by which the direction changes from the first to the second curve, rad."""
+    return np.asarray(np.angle(tangents(second, vertex) * tangents(first, vertex).conj()))
 
 
 def zone_of(turn: FloatArray, blur: FloatArray) -> FloatArray:
-    """Distance from the vertex within which the other edge is nearer than a few blurs; less if it does not show."""
+    """Distance from the vertex (P,) up to which the blur rounds a corner, px.
+
+    There the other edge is nearer than `_CORNER_REACH` sigmas. It is less, down to 0, if the
+    rounding is lost in the noise.
+    """
     size = np.abs(turn)
     sine = np.where(size > np.pi / 2, np.maximum(np.sin(size), 0.25), 1.0)
-    shown = np.interp(np.interp(size, TURNS, PASSES) * blur, _SHOWN, (0.0, 1.0))
-    return np.asarray(_ROUND * blur / sine * shown)
+    rounding = np.interp(size, TURNS, PASSES) * blur
+    visible = np.interp(rounding, _VISIBLE_ROUNDING, (0.0, 1.0))
+    return np.asarray(_CORNER_REACH * blur / sine * visible)
 
 
-def _between(one: Curves, two: Curves, near: ComplexArray) -> ComplexArray:
-    """Half-way between the feet of ``near`` on both curves."""
-    feet = [near - curves.distances(near) * normals(curves, near) for curves in (one, two)]
+def _find_middle(first: Curves, second: Curves, near: ComplexArray) -> ComplexArray:
+    """The middle (P,) between the feet of `near` (P,) on both curves."""
+    feet = [near - curves.distances(near) * normals(curves, near) for curves in (first, second)]
     return (feet[0] + feet[1]) / 2
 
 
-def _touching(
-    one: Curves,
-    two: Curves,
+def _find_touching(
+    first: Curves,
+    second: Curves,
     near: ComplexArray,
     sigma: FloatArray,
-    count: IntArray,
-    other: IntArray,
+    first_count: IntArray,
+    second_count: IntArray,
 ) -> tuple[BoolArray, ComplexArray]:
-    """Whether the curves touch within their noise close to ``near``, and where."""
-    apart = one.distances(near) - two.distances(near)
-    bend = two.curvature - one.curvature
-    bent = np.abs(bend) > 1e-5
-    safe = np.where(bent, bend, 1.0)
-    # Along the tangent the two part as apart - theta x - bend x^2 / 2; where that is least, they touch.
-    theta = np.angle(tangents(two, near) * tangents(one, near).conj())
-    x = np.where(bent, -theta / safe, 0.0)
-    least = apart - theta * x - bend * x * x / 2
-    allowed = _SIGMAS * sigma * np.sqrt(4.0 / count + 4.0 / other) + _GAP_PX
-    # A line and what is nearly one touch anywhere: not beyond the points that tell the joint.
+    """Find the points close to `near` (P,) at which two curves touch within their noise.
+
+    sigma: (P,) noise, px.
+    first_count, second_count: (P,) number of points of each curve.
+
+    Returns whether the curves touch (P,), and where (P,), px.
+    """
+    gap = first.distances(near) - second.distances(near)
+    bend = second.curvature - first.curvature
+    is_bent = np.abs(bend) > 1e-5
+    safe_bend = np.where(is_bent, bend, 1.0)
+    # Along the tangent the gap is gap - theta x - bend x^2 / 2. The curves touch where it is least.
+    theta = np.angle(tangents(second, near) * tangents(first, near).conj())
+    x = np.where(is_bent, -theta / safe_bend, 0.0)
+    least_gap = gap - theta * x - bend * x * x / 2
+    allowed = _SIGMAS * sigma * np.sqrt(4.0 / first_count + 4.0 / second_count) + _GAP_PX
+    # A line and a curve that is nearly one touch anywhere. The joint is not farther away than the
+    # points that determine it.
     reach = _NEAR_PX + 2 * np.sqrt(2 * allowed / np.maximum(np.abs(bend), 1e-5))
-    reach = np.minimum(reach, _NEAR_PX + _JOINT_SHARE * np.minimum(count, other))
-    touch = near + x * tangents(one, near)
-    touch = _between(one, two, touch)
-    return bent & (np.abs(least) < allowed) & (np.abs(x) < reach), touch
+    shorter = np.minimum(first_count, second_count)
+    reach = np.minimum(reach, _NEAR_PX + _JOINT_FRACTION * shorter)
+    touch = _find_middle(first, second, near + x * tangents(first, near))
+    return is_bent & (np.abs(least_gap) < allowed) & (np.abs(x) < reach), touch

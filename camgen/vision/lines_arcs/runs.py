@@ -1,8 +1,9 @@
-"""Closed outlines divided into runs of points that are one line or one arc each.
+"""Divides closed outlines into runs of points, each of which is one line or one arc.
 
-Runs of two points are joined, cheapest first and all over the picture at once, as long as one curve for both is told
-in fewer numbers than two (minimum description length; the noise is known). Then every end between two runs goes to
-where both together fit best, and what has become too small is given to its neighbours.
+Runs of two points are merged, the cheapest pairs first and all over the picture at once, as long as
+one curve for both needs fewer numbers than two (minimum description length; the noise is known).
+Then each end between two runs is moved to where both fit best together, and points that the blur of
+a corner has moved are left out.
 """
 
 from __future__ import annotations
@@ -16,23 +17,29 @@ from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
 from camgen.vision.lines_arcs.fit import BoolArray, Curves, Sums, best, join_sums, sum_runs
 
-#: Points of the runs that everything begins with.
-_BLOCK = 2
-#: What one number of a curve must gain, in squared noise.
+#: Points of the first runs.
+_FIRST_POINTS = 2
+#: Squared noise that one number of a curve must save.
 PRICE = 8.0
-#: A point farther from its run's curve than this many sigma belongs to a rounded corner; it does not count.
+#: Standard deviations of the noise: a point farther from the curve of its run belongs to a rounded
+#: corner, and does not count.
 _FAR_SIGMAS = 4.0
-#: Beyond this many sigma it does not matter how far.
-_LOST_SIGMAS = 40.0
-#: A corner is rounded for so many blurs to each side.
-_ROUNDED = 2.5
-_ROUNDS = 60
+#: Standard deviations beyond which the distance makes no difference any more.
+_MAX_SIGMAS = 40.0
+#: Sigmas of the blur, to each side, over which a corner is rounded.
+_ROUNDED_REACH = 2.5
+#: Rounds of merging, at most. Many pairs are merged in each.
+_MAX_ROUNDS = 60
 
 
 class Runs(Struct, frozen=True, eq=False):
-    """P runs of points, loop after loop and in order along each: first (P,) row, count (P,), loop (P,).
+    """P runs of points, loop after loop and in order along each loop.
 
-    A run may go over the end of its loop.
+    A run may pass over the end of its loop to its beginning.
+
+    first: (P,) row of the first point.
+    count: (P,) number of points.
+    loop: (P,) number of the loop.
     """
 
     first: IntArray
@@ -43,21 +50,21 @@ class Runs(Struct, frozen=True, eq=False):
         return len(self.first)
 
     def following(self) -> IntArray:
-        """(P,) the run after each along its loop."""
+        """The run after each run along its loop, (P,)."""
         return following(np.bincount(self.loop))
 
     def before(self) -> IntArray:
-        """(P,) the run before each along its loop."""
-        found = np.empty(len(self.first), dtype=np.int64)
-        found[self.following()] = np.arange(len(found))
-        return found
+        """The run before each run along its loop, (P,)."""
+        before = np.empty(len(self.first), dtype=np.int64)
+        before[self.following()] = np.arange(len(before))
+        return before
 
     def several(self) -> BoolArray:
-        """(P,) whether the loop of each run has another one."""
+        """Whether the loop of each run has more than one run, (P,)."""
         return np.asarray(np.bincount(self.loop)[self.loop] > 1)
 
     def rows(self, loops: Rings) -> tuple[IntArray, IntArray]:
-        """Rows (N,) of the points run after run, and where each run begins among them (P,)."""
+        """Rows (N,) of the points, run after run, and the index (P,) at which each run begins."""
         place = stretches(self.first, self.count)
         loop = np.repeat(self.loop, self.count)
         base = loops.first[loop]
@@ -65,17 +72,24 @@ class Runs(Struct, frozen=True, eq=False):
 
 
 def blocks(loops: Rings) -> Runs:
-    """Runs of about two points."""
-    parts = np.maximum(loops.count // _BLOCK, 1)
+    """Divide the loops into runs of about two points."""
+    parts = np.maximum(loops.count // _FIRST_POINTS, 1)
     loop, k = owners(parts), ramp(parts)
-    low, high = k * loops.count[loop] // parts[loop], (k + 1) * loops.count[loop] // parts[loop]
+    low = k * loops.count[loop] // parts[loop]
+    high = (k + 1) * loops.count[loop] // parts[loop]
     return Runs(loops.first[loop] + low, high - low, loop)
 
 
 def fit_runs(
     runs: Runs, loops: Rings, points: ComplexArray, weight: FloatArray, sigma: FloatArray
 ) -> tuple[Sums, Curves, FloatArray]:
-    """Sums, curves and prices of the runs; weight (N,): which points count; sigma (L,) px."""
+    """Fit a line or arc to each run.
+
+    weight: (N,) weight of each point.
+    sigma: (L,) noise of the points of each loop, px.
+
+    Returns the sums, the curves, and their prices (P,) in squared noise.
+    """
     rows, begin = runs.rows(loops)
     sums = sum_runs(points[rows], weight[rows], begin)
     curves, cost = best(sums, sigma[runs.loop], PRICE)
@@ -85,91 +99,114 @@ def fit_runs(
 def merge(
     runs: Runs, loops: Rings, points: ComplexArray, weight: FloatArray, sigma: FloatArray
 ) -> Runs:
-    """Neighbours joined until none gains by it. Points that do not count at a corner must be paid when it goes."""
+    """Merge neighbouring runs until no merge lowers the price.
+
+    A corner between two runs has points that do not count. They must be paid for if it vanishes.
+
+    weight: (N,) 1 for points that count, else 0.
+    sigma: (L,) noise of the points of each loop, px.
+    """
     sums, _, cost = fit_runs(runs, loops, points, weight, sigma)
-    begins, ends = _left_out(runs, loops, weight)
-    for _ in range(_ROUNDS):
+    begins, ends = _count_left_out(runs, loops, weight)
+    for _ in range(_MAX_ROUNDS):
         after = runs.following()
         pair = join_sums(sums, sums.take(after))
-        both = best(pair, sigma[runs.loop], PRICE)[1]
-        paid = _FAR_SIGMAS**2 * (ends + begins[after])
-        gain = cost + cost[after] - both - paid
-        gain[~runs.several()] = -np.inf
-        chosen = _choose_joins(runs, after, gain)
+        pair_cost = best(pair, sigma[runs.loop], PRICE)[1]
+        corner_cost = _FAR_SIGMAS**2 * (ends + begins[after])
+        saving = cost + cost[after] - pair_cost - corner_cost
+        saving[~runs.several()] = -np.inf
+        chosen = _choose_merges(runs, after, saving)
         if not len(chosen):
             break
-        gone = after[chosen]
+        merged = after[chosen]
         sums.sums[chosen], sums.origin[chosen] = pair.sums[chosen], pair.origin[chosen]
-        # What was paid stays paid: it is taken off the price that the next joint is compared with.
-        cost[chosen] = both[chosen]
-        ends[chosen] = ends[gone]
+        # The price of a vanished corner is paid once: it is not added to that of the merged run.
+        cost[chosen] = pair_cost[chosen]
+        ends[chosen] = ends[merged]
         count = runs.count.copy()
-        count[chosen] += runs.count[gone]
+        count[chosen] += runs.count[merged]
         keep = np.ones(len(runs), dtype=np.bool_)
-        keep[gone] = False
+        keep[merged] = False
         runs = Runs(runs.first[keep], count[keep], runs.loop[keep])
         sums, cost, begins, ends = sums.take(keep), cost[keep], begins[keep], ends[keep]
     return runs
 
 
-def _left_out(runs: Runs, loops: Rings, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """How many points do not count in the first and in the second half of each run (P,)."""
+def _count_left_out(runs: Runs, loops: Rings, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Number of points that do not count in the first and in the second half of each run (P,)."""
     rows, begin = runs.rows(loops)
-    early = ramp(runs.count) < np.repeat(runs.count, runs.count) / 2
-    out = 1.0 - weight[rows]
-    return np.add.reduceat(out * early, begin), np.add.reduceat(out * ~early, begin)
+    is_first_half = ramp(runs.count) < np.repeat(runs.count, runs.count) / 2
+    left_out = 1.0 - weight[rows]
+    first = np.add.reduceat(left_out * is_first_half, begin)
+    return first, np.add.reduceat(left_out * ~is_first_half, begin)
 
 
-def _choose_joins(runs: Runs, after: IntArray, gain: FloatArray) -> IntArray:
-    """Runs to be joined with the one after: what gains, and costs less than joining either of the two elsewhere."""
+def _choose_merges(runs: Runs, after: IntArray, saving: FloatArray) -> IntArray:
+    """Choose runs to be merged with the run after them.
+
+    Their merge saves something, and saves more than a merge of either of the two with its other
+    neighbour.
+    """
     before = runs.before()
-    # Gains of the same size are told apart by a number without pattern, so that many are chosen at a time.
-    level = np.floor(-gain / PRICE * 4)
-    tie = (np.arange(len(gain)) * 2654435761) % 4294967296
-    rank = np.empty(len(gain), dtype=np.int64)
-    rank[np.lexsort([tie, level])] = np.arange(len(gain))
-    low = (rank < rank[before]) | (before == np.arange(len(after)))
-    low &= (rank < rank[after]) | (after == np.arange(len(after)))
-    return np.flatnonzero(low & (gain > 0))
+    # Savings of about the same size are ordered by a number without pattern, so that many pairs
+    # are chosen at a time.
+    level = np.floor(-saving / PRICE * 4)
+    tie = (np.arange(len(saving)) * 2654435761) % 4294967296
+    rank = np.empty(len(saving), dtype=np.int64)
+    rank[np.lexsort([tie, level])] = np.arange(len(saving))
+    is_best = (rank < rank[before]) | (before == np.arange(len(after)))
+    is_best &= (rank < rank[after]) | (after == np.arange(len(after)))
+    return np.flatnonzero(is_best & (saving > 0))
 
 
 def relax(
     runs: Runs, loops: Rings, points: ComplexArray, curves: Curves, sigma: FloatArray
 ) -> Runs:
-    """Every end between two runs where both together fit best; the middle of each run stays with it."""
+    """Move each end between two runs to where both fit best together.
+
+    The middle of each run stays with it.
+
+    sigma: (L,) noise of the points of each loop, px.
+    """
     several, after = runs.several(), runs.following()
     half = runs.count // 2
     # From the middle of each run to the middle of the next.
     size = np.where(several, runs.count - half + half[after], runs.count)
     rows, begin = Runs(runs.first + half, size, runs.loop).rows(loops)
-    which = owners(size)
-    cap = (_LOST_SIGMAS * sigma[runs.loop])[which] ** 2
-    own = np.minimum(curves.take(which).distances(points[rows]) ** 2, cap)
-    other = np.minimum(curves.take(after[which]).distances(points[rows]) ** 2, cap)
-    total = np.append(0.0, np.cumsum(own - other))
-    # How far each run ends later than it did, and the next one begins.
-    later = np.where(several, half + _lowest(total, begin, size) - runs.count, 0)
+    owner = owners(size)
+    limit = (_MAX_SIGMAS * sigma[runs.loop])[owner] ** 2
+    first = np.minimum(curves.take(owner).distances(points[rows]) ** 2, limit)
+    second = np.minimum(curves.take(after[owner]).distances(points[rows]) ** 2, limit)
+    total = np.append(0.0, np.cumsum(first - second))
+    # Number of points by which each run ends later than before, and the next one begins later.
+    later = np.where(several, half + _find_lowest(total, begin, size) - runs.count, 0)
     start = np.empty_like(later)
     start[after] = later
     return within(Runs(runs.first + start, runs.count - start + later, runs.loop), loops)
 
 
 def within(runs: Runs, loops: Rings) -> Runs:
-    """The same runs with their first rows counted around their loops."""
+    """The runs with first rows that lie within their loops."""
     base = loops.first[runs.loop]
     return Runs(base + (runs.first - base) % loops.count[runs.loop], runs.count, runs.loop)
 
 
-def _lowest(total: FloatArray, begin: IntArray, size: IntArray) -> IntArray:
-    """For each span, after how many of its rows the running sum ``total`` (N + 1,) is lowest; at least one on each side
-    where there are two.
+def _find_lowest(total: FloatArray, begin: IntArray, size: IntArray) -> IntArray:
+    """Number of rows of each span (P,) after which the running sum `total` (N + 1,) is lowest.
+
+    The first one of equal values counts. In a span of two rows or more at least one row is on
+    either side.
+
+    begin, size: (P,) first row and number of rows of each span.
     """
     place, span, local = np.arange(len(total) - 1), owners(size), ramp(size)
-    value = np.where((local > 0) | (size[span] < 2), total[place] - total[begin[span]], np.inf)
-    low = np.minimum.reduceat(value, begin)
-    hit = np.flatnonzero(value <= low[span])
+    is_allowed = (local > 0) | (size[span] < 2)
+    value = np.where(is_allowed, total[place] - total[begin[span]], np.inf)
+    lowest = np.minimum.reduceat(value, begin)
+    is_lowest = np.flatnonzero(value <= lowest[span])
     first = np.full(len(begin), -1)
-    first[span[hit][::-1]] = local[hit][::-1]
+    # Backwards, so that the first one is assigned last.
+    first[span[is_lowest][::-1]] = local[is_lowest][::-1]
     return first
 
 
@@ -181,16 +218,25 @@ def trim(
     sigma: FloatArray,
     blur: FloatArray,
 ) -> FloatArray:
-    """Weights (N,): 0 for points at the ends of a run, as far as the blur may round them, that are off its curve."""
+    """Leave out points that the blur of a corner has moved away from the curve of their run.
+
+    They are at the ends of a run, within reach of the blur. A run that would keep fewer than half
+    of its points, or fewer than 3, keeps them all.
+
+    sigma: (L,) noise of the points of each loop, px.
+    blur: (L,) sigma of the blur of each loop, px.
+
+    Returns the weight (N,) of each point, 0 or 1.
+    """
     rows, begin = runs.rows(loops)
-    which = owners(runs.count)
-    far = (
-        np.abs(curves.take(which).distances(points[rows])) >= _FAR_SIGMAS * sigma[runs.loop][which]
-    )
+    owner = owners(runs.count)
+    distance = np.abs(curves.take(owner).distances(points[rows]))
+    is_far = distance >= _FAR_SIGMAS * sigma[runs.loop][owner]
     place = ramp(runs.count)
-    from_end = np.minimum(place, runs.count[which] - 1 - place)
-    off = far & (from_end < _ROUNDED * blur[runs.loop][which] + 1)
-    few = np.add.reduceat((~off).astype(np.int64), begin) < np.maximum(0.5 * runs.count, 3)
+    from_end = np.minimum(place, runs.count[owner] - 1 - place)
+    is_moved = is_far & (from_end < _ROUNDED_REACH * blur[runs.loop][owner] + 1)
+    remaining = np.add.reduceat((~is_moved).astype(np.int64), begin)
+    keeps_all = remaining < np.maximum(0.5 * runs.count, 3)
     weight = np.empty(len(points))
-    weight[rows] = ~off | few[which]
+    weight[rows] = ~is_moved | keeps_all[owner]
     return weight

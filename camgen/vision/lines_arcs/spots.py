@@ -1,6 +1,7 @@
-"""What of an outline is kept as lines: the pieces of a chain that do not follow their points, or that cross another.
+"""Keeps parts of an outline as lines: pieces of a chain that do not follow their points, or cross.
 
-Only the spot is: the rest of the outline stays fitted. All in pixels, so that the scale of a picture decides nothing.
+Only such a spot is kept as lines, the rest of the outline stays fitted. All lengths are in pixels,
+so the scale of a picture does not influence any decision.
 """
 
 from __future__ import annotations
@@ -17,20 +18,27 @@ from camgen.model.pose import FloatArray
 from camgen.vision.lines_arcs.fit import BoolArray
 from camgen.vision.lines_arcs.polish import Fillets, FittedChain, along, repair, roundings
 
-#: How a piece is drawn: as it was fitted, as lines thinned out within the noise, as lines from point to point.
+#: How a piece is drawn: as it was fitted, as lines that are thinned out within the noise, or as
+#: lines from point to point.
 FITTED, THINNED, POINTS = 0, 1, 2
-#: Arcs are flattened to this (px) to see whether a contour crosses itself.
+#: px: largest distance of an arc from the lines that replace it in the test for crossings.
 _CHORD = 0.02
-#: No point is farther from the ring than this, px, and the noise.
-_LEFT = 1.0
-#: Looks at what crosses, until all is drawn from point to point: a spot grows by its neighbours each time.
-_LOOKS = 12
-#: What is cut off an outline that crosses itself, of its area, at most.
-_MOST_CUT = 0.02
+#: px: largest distance of a point from the ring, beside the noise.
+_MAX_DISTANCE = 1.0
+#: Rounds of tests, at most. In each round a spot grows by its neighbours. After that all pieces are
+#: drawn from point to point.
+_MAX_ROUNDS = 12
+#: Largest fraction of the area of an outline that is cut off where it crosses itself.
+_MAX_CUT = 0.02
 
 
 class Ring(Struct, frozen=True, eq=False):
-    """A closed ring. corners (M,) px; bulges (M,) of the segments that leave them; piece (M,): what they belong to."""
+    """A closed ring of M segments.
+
+    corners: (M,) px.
+    bulges: (M,) bulge of the segment that leaves each corner.
+    piece: (M,) piece of the chain that each segment belongs to.
+    """
 
     corners: ComplexArray
     bulges: FloatArray
@@ -38,7 +46,12 @@ class Ring(Struct, frozen=True, eq=False):
 
 
 class Sound(Struct, frozen=True, eq=False):
-    """A ring that does not cross itself. drawn (K,): how each piece is. cut: px2 of small loops that were cut off."""
+    """A ring that does not cross itself.
+
+    ring: the ring.
+    drawn: (K,) FITTED, THINNED or POINTS, for each piece of the chain.
+    cut: area of small loops that were cut off, px2.
+    """
 
     ring: Ring
     drawn: IntArray
@@ -51,78 +64,85 @@ def make_sound(
     bad: BoolArray,
     points: ComplexArray,
     piece: IntArray,
-    off: float,
+    tolerance: float,
 ) -> Sound | None:
-    """``chain`` as a ring that does not cross itself, ``bad`` (K,) pieces as lines within ``off`` px of their points.
+    """Draw a chain as a ring that does not cross itself.
 
-    So are pieces that pass points of theirs by, a spike of a pixel or two. Pieces that cross are drawn as lines too,
-    then from point to point, then so are their neighbours; where the points themselves cross, in a slit of a pixel,
-    the small loop is cut off. None where too much would be.
+    Bad pieces are drawn as lines near their points, and so are pieces that miss a point, such as a
+    spike of a pixel or two. Pieces that cross are drawn as lines too, then from point to point,
+    then also their neighbours. If the points themselves cross, as in a slit of a pixel, the small
+    loop is cut off.
+
+    bad: (K,) the piece does not follow its points.
+    piece: (N,) piece to which each point belongs.
+    tolerance: largest distance of lines from their points, px.
+
+    Returns None if too much would be cut off.
     """
     drawn = np.where(bad, THINNED, FITTED)
-    farthest = _LEFT + off + roundings(chain, fillets, points, piece)
-    for _ in range(_LOOKS):
-        ring = halve(_lay(chain, fillets, drawn, points, piece, off))
-        pairs = _crossings(ring)
+    max_distance = _MAX_DISTANCE + tolerance + roundings(chain, fillets, points, piece)
+    for _ in range(_MAX_ROUNDS):
+        ring = halve(_draw_ring(chain, fillets, drawn, points, piece, tolerance))
+        pairs = _find_crossings(ring)
         if not len(pairs):
-            left = np.unique(piece[_far(ring, points) > farthest])
-            left = left[drawn[left] == FITTED]
-            if not len(left):
+            missing = np.unique(piece[_measure_distances(ring, points) > max_distance])
+            missing = missing[drawn[missing] == FITTED]
+            if not len(missing):
                 return Sound(ring, drawn)
             drawn = drawn.copy()
-            drawn[left] = THINNED
+            drawn[missing] = THINNED
             continue
         crossing = np.unique(ring.piece[pairs])
-        raised = np.minimum(drawn[crossing] + 1, POINTS)
         if (drawn[crossing] == POINTS).all():
-            sound = _cut(ring, drawn)
+            sound = _cut_loops(ring, drawn)
             if sound is not None:
                 return sound
-            crossing = np.unique(
-                np.concatenate([crossing - 1, crossing, crossing + 1]) % len(drawn)
-            )
-            raised = np.minimum(drawn[crossing] + 1, POINTS)
+            neighbours = np.concatenate([crossing - 1, crossing, crossing + 1])
+            crossing = np.unique(neighbours % len(drawn))
         drawn = drawn.copy()
-        drawn[crossing] = raised
+        drawn[crossing] = np.minimum(drawn[crossing] + 1, POINTS)
     drawn = np.full(len(drawn), POINTS)
-    return _cut(halve(_lay(chain, fillets, drawn, points, piece, off)), drawn)
+    return _cut_loops(halve(_draw_ring(chain, fillets, drawn, points, piece, tolerance)), drawn)
 
 
-def _lay(
+def _draw_ring(
     chain: FittedChain,
     fillets: Fillets,
     drawn: IntArray,
     points: ComplexArray,
     piece: IntArray,
-    off: float,
+    tolerance: float,
 ) -> Ring:
-    bad = drawn != FITTED
+    """The ring of a chain whose pieces are drawn as `drawn` (K,) states."""
     kept = np.ones(len(points), dtype=np.bool_)
     if (drawn == THINNED).any():
-        kept = _few(points, drawn[piece] == THINNED, off)
-    return Ring(*repair(chain, fillets, bad, points[kept], piece[kept]))
+        kept = _select_points(points, drawn[piece] == THINNED, tolerance)
+    return Ring(*repair(chain, fillets, drawn != FITTED, points[kept], piece[kept]))
 
 
-def _few(points: ComplexArray, thinned: BoolArray, off: float) -> BoolArray:
-    """(N,) which points are kept: of stretches of ``thinned`` (N,) ones those that lines within ``off`` px need."""
-    ends = thinned & ~(np.roll(thinned, 1) & np.roll(thinned, -1))
-    fixed = ~thinned | ends
-    fixed[[0, -1]] = True
-    rows = np.flatnonzero(fixed)
+def _select_points(points: ComplexArray, thinned: BoolArray, tolerance: float) -> BoolArray:
+    """Select the points (N,) that lines within `tolerance` px of all points need.
+
+    Only points in stretches of `thinned` (N,) points are left out.
+    """
+    is_end = thinned & ~(np.roll(thinned, 1) & np.roll(thinned, -1))
+    is_fixed = ~thinned | is_end
+    is_fixed[[0, -1]] = True
     plane = np.column_stack([points.real, points.imag])
+    ends = np.array([0, len(points)])
+    polylines = Polylines(plane, np.zeros(len(points)), ends, np.flatnonzero(is_fixed))
     kept = np.zeros(len(points), dtype=np.bool_)
-    kept[thin(Polylines(plane, np.zeros(len(points)), np.array([0, len(points)]), rows), off)] = (
-        True
-    )
+    kept[thin(polylines, tolerance)] = True
     return kept
 
 
 def halve(ring: Ring) -> Ring:
-    """Arcs of more than half a circle as two."""
-    none = np.zeros(len(ring.corners), dtype=np.bool_)
-    middle = along(FittedChain(ring.corners, ring.bulges, none, none), 0.5)
-    large = np.flatnonzero(np.abs(ring.bulges) > 1)
-    half = np.where(np.abs(ring.bulges) > 1, np.tan(np.arctan(ring.bulges) / 2), ring.bulges)
+    """Divide each arc of more than half a circle into two."""
+    nowhere = np.zeros(len(ring.corners), dtype=np.bool_)
+    middle = along(FittedChain(ring.corners, ring.bulges, nowhere, nowhere), 0.5)
+    is_large = np.abs(ring.bulges) > 1
+    large = np.flatnonzero(is_large)
+    half = np.where(is_large, np.tan(np.arctan(ring.bulges) / 2), ring.bulges)
     corners = np.insert(ring.corners, large + 1, middle[large])
     return Ring(
         corners,
@@ -131,100 +151,114 @@ def halve(ring: Ring) -> Ring:
     )
 
 
-def _crossings(ring: Ring) -> IntArray:
-    """Pairs (P, 2) of segments of ``ring`` that meet elsewhere than where one ends and the next begins; i < j."""
-    plane, owner = _flat(ring)
+def _find_crossings(ring: Ring) -> IntArray:
+    """Pairs (P, 2) of segments that meet elsewhere than at their common end, the smaller one first.
+
+    Empty if the ring does not cross itself.
+    """
+    plane, owner = _flatten(ring)
     if len(plane) > 2 and shapely.is_valid(shapely.Polygon(plane)):
         return np.zeros((0, 2), dtype=np.int64)
-    short = shapely.linestrings(np.stack([plane, np.roll(plane, -1, axis=0)], axis=1))
-    a, b = shapely.STRtree(short).query(short, predicate="intersects")
-    apart = (b - a) % len(short)
-    far = (a < b) & (apart > 1) & (apart < len(short) - 1)
-    pairs = np.column_stack([owner[a[far]], owner[b[far]]])
+    lines = shapely.linestrings(np.stack([plane, np.roll(plane, -1, axis=0)], axis=1))
+    a, b = shapely.STRtree(lines).query(lines, predicate="intersects")
+    offset = (b - a) % len(lines)
+    is_apart = (a < b) & (offset > 1) & (offset < len(lines) - 1)
+    pairs = np.column_stack([owner[a[is_apart]], owner[b[is_apart]]])
     if not len(pairs):
-        # It runs back on itself from one segment to the next.
-        ways = np.roll(plane, -1, axis=0) - plane
-        turn = np.einsum("nd,nd->n", ways, np.roll(ways, -1, axis=0))
-        back = int(np.argmin(turn))
+        # The ring runs back on itself from one line to the next: where it turns most.
+        vectors = np.roll(plane, -1, axis=0) - plane
+        products = np.einsum("nd,nd->n", vectors, np.roll(vectors, -1, axis=0))
+        back = int(np.argmin(products))
         pairs = np.array([[owner[back], owner[(back + 1) % len(owner)]]])
     return np.unique(np.sort(pairs, axis=1), axis=0)
 
 
-def _flat(ring: Ring) -> tuple[FloatArray, IntArray]:
-    """The ring as points (L, 2) px of lines, and the segment (L,) that each line belongs to."""
+def _flatten(ring: Ring) -> tuple[FloatArray, IntArray]:
+    """Replace the arcs of a ring by lines.
+
+    Returns the points (L, 2) of the lines, px, and the segment (L,) that each line belongs to.
+    """
     sweep = 4 * np.arctan(np.abs(ring.bulges))
     chord = np.abs(np.roll(ring.corners, -1) - ring.corners)
     radius = chord / (2 * np.maximum(np.sin(sweep / 2), 1e-9))
     # An arc of angle a leaves its chord by r (1 - cos(a / 2)), about r a^2 / 8.
-    count = np.maximum(np.ceil(sweep / np.sqrt(8 * _CHORD / np.maximum(radius, _CHORD))), 1).astype(
-        np.int64
-    )
-    owner, share = owners(count), ramp(count) / np.repeat(count, count)
-    none = np.zeros(len(owner), dtype=np.bool_)
-    places = _places(FittedChain(ring.corners, ring.bulges, none, none), owner, share)
+    step = np.sqrt(8 * _CHORD / np.maximum(radius, _CHORD))
+    count = np.maximum(np.ceil(sweep / step), 1).astype(np.int64)
+    owner, fraction = owners(count), ramp(count) / np.repeat(count, count)
+    places = _find_places(ring, owner, fraction)
     return np.column_stack([places.real, places.imag]), owner
 
 
-def _far(ring: Ring, points: ComplexArray) -> FloatArray:
-    """Distances (N,) px of ``points`` from the ring."""
-    plane, _ = _flat(ring)
+def _measure_distances(ring: Ring, points: ComplexArray) -> FloatArray:
+    """Distances (N,) of `points` (N,) from the ring, px."""
+    plane, _ = _flatten(ring)
     line = shapely.linestrings(np.append(plane, plane[:1], axis=0))
     shapely.prepare(line)
-    found: FloatArray = shapely.distance(shapely.points(points.real, points.imag), line)
-    return found
+    distances: FloatArray = shapely.distance(shapely.points(points.real, points.imag), line)
+    return distances
 
 
-def _places(chain: FittedChain, owner: IntArray, share: FloatArray) -> ComplexArray:
-    """The place at ``share`` (N,) of the piece ``owner`` (N,) each."""
-    a, b, sweep = (
-        c[owner] for c in (chain.corners, np.roll(chain.corners, -1), 4 * np.arctan(chain.bulges))
-    )
-    arc = np.abs(sweep) > 1e-6
-    safe = np.where(arc, sweep, 1.0)
-    part = np.where(arc, np.expm1(1j * safe * share) / np.expm1(1j * safe), share)
-    return np.asarray(a + (b - a) * part)
+def _find_places(ring: Ring, owner: IntArray, fraction: FloatArray) -> ComplexArray:
+    """The places (N,) at `fraction` (N,) of the segments `owner` (N,)."""
+    a, b = ring.corners[owner], np.roll(ring.corners, -1)[owner]
+    sweep = (4 * np.arctan(ring.bulges))[owner]
+    is_arc = np.abs(sweep) > 1e-6
+    safe = np.where(is_arc, sweep, 1.0)
+    on_arc = np.expm1(1j * safe * fraction) / np.expm1(1j * safe)
+    return np.asarray(a + (b - a) * np.where(is_arc, on_arc, fraction))
 
 
-def _cut(ring: Ring, drawn: IntArray) -> Sound | None:
-    """``ring`` without the small loops in which lines from point to point cross; None if it is more than that."""
-    whole, cut = abs(_area(ring.corners)), 0.0
+def _cut_loops(ring: Ring, drawn: IntArray) -> Sound | None:
+    """Cut off the small loops of a ring in which lines from point to point cross.
+
+    Returns None if other pieces cross, or if more than `_MAX_CUT` of the area would be cut off.
+    """
+    ring_area, cut = abs(_compute_area(ring.corners)), 0.0
     while True:
-        pairs = _crossings(ring)
+        pairs = _find_crossings(ring)
         if not len(pairs):
             return Sound(ring, drawn, cut)
         count = len(ring.corners)
         inner = pairs[:, 1] - pairs[:, 0]
-        swapped = inner > count / 2
-        first = np.where(swapped, pairs[:, 1], pairs[:, 0])
-        size = np.where(swapped, count - inner, inner)
+        is_swapped = inner > count / 2
+        first = np.where(is_swapped, pairs[:, 1], pairs[:, 0])
+        size = np.where(is_swapped, count - inner, inner)
         k = int(np.argmin(size))
         loop = (first[k] + 1 + np.arange(size[k])) % count
-        if count - len(loop) < 3 or (drawn[ring.piece[np.append(loop, first[k])]] != POINTS).any():
+        loop_pieces = ring.piece[np.append(loop, first[k])]
+        if count - len(loop) < 3 or (drawn[loop_pieces] != POINTS).any():
             return None
-        cut += abs(_area(ring.corners[loop]))
-        if cut > _MOST_CUT * whole:
+        cut += abs(_compute_area(ring.corners[loop]))
+        if cut > _MAX_CUT * ring_area:
             return None
         keep = np.ones(count, dtype=np.bool_)
         keep[loop] = False
         ring = Ring(ring.corners[keep], ring.bulges[keep], ring.piece[keep])
 
 
-def _area(corners: ComplexArray) -> float:
+def _compute_area(corners: ComplexArray) -> float:
+    """Signed area of a polygon, px2."""
     return float((corners.conj() * np.roll(corners, -1)).imag.sum() / 2)
 
 
 def stretches_of(
     drawn: IntArray, points: ComplexArray, piece: IntArray
 ) -> tuple[ComplexArray, FloatArray]:
-    """The middles (S,) and the lengths (S,) px of the stretches that are drawn as lines."""
-    lines = (drawn != FITTED)[piece]
-    if not lines.any():
+    """Find the stretches of an outline that are drawn as lines.
+
+    drawn: (K,) state of each piece.
+    piece: (N,) piece to which each point belongs.
+
+    Returns the middles (S,) and the lengths (S,) of the stretches, px.
+    """
+    is_line = (drawn != FITTED)[piece]
+    if not is_line.any():
         return np.zeros(0, dtype=complex), np.zeros(0)
-    # From where an outline is fitted, so that no stretch is divided.
-    turn = 0 if lines.all() else int(np.argmin(lines))
-    lines, places = np.roll(lines, -turn), np.roll(points, -turn)
+    # Begin at a fitted point, so that no stretch is divided.
+    start = 0 if is_line.all() else int(np.argmin(is_line))
+    is_line, places = np.roll(is_line, -start), np.roll(points, -start)
     step = np.abs(np.roll(places, -1) - places)
-    begin = np.flatnonzero(lines & ~np.append(False, lines[:-1]))
-    stop = np.flatnonzero(lines & ~np.append(lines[1:], False)) + 1
-    way = np.append(0.0, np.cumsum(step))
-    return places[(begin + stop) // 2], way[stop] - way[begin]
+    begin = np.flatnonzero(is_line & ~np.append(False, is_line[:-1]))
+    stop = np.flatnonzero(is_line & ~np.append(is_line[1:], False)) + 1
+    length = np.append(0.0, np.cumsum(step))
+    return places[(begin + stop) // 2], length[stop] - length[begin]

@@ -1,7 +1,9 @@
-"""The picture in cells, means of n x n pixels: where bench and light are learned, at a small part of the cost.
+"""Divides a picture into cells, means of n x n pixels, and fits the bench behind the part in them.
 
-What is slow in the picture (light, tones, which side is the bench) is found here; only the last comparison is made at
-every pixel.
+Light, tones and the bench change slowly over the picture. So they are measured in the cells, at a
+small part of the cost; only the last comparison is made at every pixel. The bench is the background
+of the part. It is a smooth surface, fitted robustly: cells that belong to something else do not
+pull it away.
 """
 
 from __future__ import annotations
@@ -13,54 +15,72 @@ from numpy.typing import NDArray
 
 from camgen.model.tolerance import SIGMAS_OF_MEDIAN
 
-# Smooth surfaces through a picture's cells, blind to what does not belong to them.
+# Smooth surfaces through the cells of a picture.
 
 Doubles = NDArray[np.float64]
+#: Rows and columns of cells.
 Places = tuple[NDArray[np.intp], NDArray[np.intp]]
 
-_MOST_SAMPLES = 4_000
-#: Tukey's biweight: 95 % efficient for normal noise, blind to what is farther out (Beaton and Tukey 1974).
+#: Cells of a fit, at most: more cost time and change little.
+_MAX_SAMPLES = 4_000
+#: Sigmas at which a value has no weight any more. Tukey's biweight with this constant is 95 %
+#: efficient for normal noise (Beaton and Tukey 1974).
 _TUKEY = 4.685
-_LEAST_SIGMA = 0.4
-_SECOND, _FOURTH = (tuple((m, n) for n in range(d + 1) for m in range(d + 1 - n)) for d in (2, 4))
-#: Turns of least absolute values, which bear a third of outliers without a start, and of the biweight after them.
-_ABSOLUTE, _BIWEIGHT = 10, 6
+#: Grey values: a standard deviation of a fit is at least this, so that it is never 0.
+_MIN_SIGMA = 0.4
+#: Iterations of least absolute values. They need no start and bear a third of outliers.
+_ABSOLUTE_ITERATIONS = 10
+#: Iterations of the biweight, which follow them.
+_BIWEIGHT_ITERATIONS = 6
+
+#: Exponents of x and of y in the terms of a surface.
+Powers = tuple[tuple[int, int], ...]
 
 
-def some(where: NDArray[np.bool_]) -> Places:
-    """Rows and columns of at most ``_MOST_SAMPLES`` true cells, evenly spread."""
-    places = np.flatnonzero(where)
-    rows, columns = np.divmod(places[:: len(places) // _MOST_SAMPLES + 1], where.shape[1])
+def _list_powers(degree: int) -> Powers:
+    """Exponents of all products of x and y up to the power `degree`."""
+    powers: list[tuple[int, int]] = []
+    for n in range(degree + 1):
+        powers += [(m, n) for m in range(degree + 1 - n)]
+    return tuple(powers)
+
+
+_QUADRATIC, _QUARTIC = _list_powers(2), _list_powers(4)
+
+
+def sample_cells(mask: NDArray[np.bool_]) -> Places:
+    """Rows and columns of at most `_MAX_SAMPLES` true cells of `mask` (h, w), evenly spread."""
+    places = np.flatnonzero(mask)
+    rows, columns = np.divmod(places[:: len(places) // _MAX_SAMPLES + 1], mask.shape[1])
     return rows, columns
 
 
-def quadratic(shape: tuple[int, ...], at: Places) -> Doubles:
-    """(N, 6): the products of x and y up to the second power at the places; x and y run from -1 to 1."""
-    return _products(shape, at, _SECOND)
+def compute_quadratic_terms(shape: tuple[int, ...], places: Places) -> Doubles:
+    """Products of x and y up to the second power, (N, 6), at N cells of a picture of `shape`.
+
+    x and y run from -1 to 1 over the picture.
+    """
+    return _compute_terms(shape, places, _QUADRATIC)
 
 
-def quartic(shape: tuple[int, ...], at: Places) -> Doubles:
-    """(N, 15): the same up to the fourth power, as the light of a lens falls off."""
-    return _products(shape, at, _FOURTH)
-
-
-def _products(shape: tuple[int, ...], at: Places, powers: tuple[tuple[int, int], ...]) -> Doubles:
-    x, y = _axes(shape)
-    u, v = ([np.ones_like(c[k])] for c, k in ((x, at[1]), (y, at[0])))
+def _compute_terms(shape: tuple[int, ...], places: Places, powers: Powers) -> Doubles:
+    x, y = _compute_axes(shape)
+    rows, columns = places
+    x_powers, y_powers = [np.ones_like(x[columns])], [np.ones_like(y[rows])]
     for _ in range(max(max(powers))):
-        u.append(u[-1] * x[at[1]])
-        v.append(v[-1] * y[at[0]])
-    return np.column_stack([u[m] * v[n] for m, n in powers])
+        x_powers.append(x_powers[-1] * x[columns])
+        y_powers.append(y_powers[-1] * y[rows])
+    return np.column_stack([x_powers[m] * y_powers[n] for m, n in powers])
 
 
-def surface(shape: tuple[int, ...], c: Doubles) -> NDArray[np.float32]:
-    """(h, w): the surface of the 6 or 15 coefficients."""
-    powers = _SECOND if len(c) == len(_SECOND) else _FOURTH
+def evaluate_surface(shape: tuple[int, ...], coefficients: Doubles) -> NDArray[np.float32]:
+    """Values (h, w) of a surface with 6 (second power) or 15 coefficients (fourth power)."""
+    powers = _QUADRATIC if len(coefficients) == len(_QUADRATIC) else _QUARTIC
     degree = max(max(powers))
     table = np.zeros((degree + 1, degree + 1))
-    for (m, n), factor in zip(powers, c.tolist(), strict=True):
+    for (m, n), factor in zip(powers, coefficients.tolist(), strict=True):
         table[n, m] = factor
-    x, y = _axes(shape)
+    x, y = _compute_axes(shape)
     rows, columns = (
         np.vander(axis, degree + 1, increasing=True).astype(np.float32) for axis in (y, x)
     )
@@ -68,67 +88,87 @@ def surface(shape: tuple[int, ...], c: Doubles) -> NDArray[np.float32]:
     return np.asarray(np.einsum("im,jm->ij", rows @ table.astype(np.float32), columns), np.float32)
 
 
-def _axes(shape: tuple[int, ...]) -> tuple[Doubles, Doubles]:
+def _compute_axes(shape: tuple[int, ...]) -> tuple[Doubles, Doubles]:
+    """Coordinates x of all columns and y of all rows, at the middle of the cells."""
     x, y = ((np.arange(n) * 2 + 1) / n - 1 for n in (shape[1], shape[0]))
     return x, y
 
 
-def robust(basis: Doubles, wanted: Doubles, turns: int = _ABSOLUTE) -> tuple[Doubles, float]:
-    """Coefficients and spread by re-weighted least squares, ``turns`` of them least absolute values."""
+def fit_robustly(
+    terms: Doubles, wanted: Doubles, absolute_iterations: int = _ABSOLUTE_ITERATIONS
+) -> tuple[Doubles, float]:
+    """Fit `wanted` (N,) by the columns of `terms` (N, c), robust against outliers.
+
+    Iteratively re-weighted least squares: the weights first minimize the absolute values of the
+    residuals, then they are Tukey's biweight.
+
+    Returns the coefficients (c,) and the standard deviation of the residuals without outliers.
+    """
     weights = np.ones_like(wanted)
-    # A little on the diagonal: three columns of cells, or a bench of one tone, do not settle all coefficients.
-    ridge = 1e-7 * np.eye(basis.shape[1]) * float(np.square(basis).sum(axis=0).max())
-    for turn in range(turns + _BIWEIGHT):
-        scaled = basis * weights[:, None]
-        c = np.asarray(np.linalg.solve(scaled.T @ basis + ridge, scaled.T @ wanted), np.float64)
-        off = np.asarray(wanted - basis @ c, np.float64)
-        sigma = spread(off)
-        weights = (
-            np.asarray(1 / np.maximum(np.abs(off), sigma / 4))
-            if turn < turns
-            else biweight(off, sigma)
+    # A little on the diagonal: with three columns of cells, or a bench of one tone, the cells do
+    # not determine all coefficients.
+    ridge = 1e-7 * np.eye(terms.shape[1]) * float(np.square(terms).sum(axis=0).max())
+    for iteration in range(absolute_iterations + _BIWEIGHT_ITERATIONS):
+        weighted = terms * weights[:, None]
+        coefficients = np.asarray(
+            np.linalg.solve(weighted.T @ terms + ridge, weighted.T @ wanted), np.float64
         )
-    return c, sigma
+        residuals = np.asarray(wanted - terms @ coefficients, np.float64)
+        sigma = _measure_spread(residuals)
+        if iteration < absolute_iterations:
+            weights = np.asarray(1 / np.maximum(np.abs(residuals), sigma / 4))
+        else:
+            weights = _compute_biweight(residuals, sigma)
+    return coefficients, sigma
 
 
-def spread(off: NDArray[np.floating]) -> float:
-    """Standard deviation of most of the values, from their median distance to 0; never 0."""
-    return (
-        max(_LEAST_SIGMA, SIGMAS_OF_MEDIAN * float(np.median(np.abs(off))))
-        if off.size
-        else _LEAST_SIGMA
-    )
+def _measure_spread(residuals: NDArray[np.floating]) -> float:
+    """Standard deviation from the median distance to 0, so that outliers do not count.
+
+    At least `_MIN_SIGMA`, also for an empty array.
+    """
+    if not residuals.size:
+        return _MIN_SIGMA
+    return max(_MIN_SIGMA, SIGMAS_OF_MEDIAN * float(np.median(np.abs(residuals))))
 
 
-def biweight(off: Doubles, sigma: float) -> Doubles:
-    """What each value counts: 1 to 0."""
+def _compute_biweight(residuals: Doubles, sigma: float) -> Doubles:
+    """Tukey's biweight of each residual: 1 at 0, falling to 0 at `_TUKEY` sigmas."""
     return np.asarray(
-        np.square(np.clip(1 - np.square(off / (_TUKEY * sigma)), 0, None)), np.float64
+        np.square(np.clip(1 - np.square(residuals / (_TUKEY * sigma)), 0, None)), np.float64
     )
 
 
-def covariance(values: Doubles) -> Doubles:
-    """(c, c) of (N, c)."""
-    off = values - values.mean(axis=0)
-    return np.asarray(off.T @ off / len(off), np.float64)
+def compute_covariance(values: Doubles) -> Doubles:
+    """Covariance matrix (c, c) of N rows `values` (N, c)."""
+    deviations = values - values.mean(axis=0)
+    return np.asarray(deviations.T @ deviations / len(deviations), np.float64)
 
+
+# The cells of a picture.
 
 Floats = NDArray[np.float32]
 Bools = NDArray[np.bool_]
 Bytes = NDArray[np.uint8]
 
-#: So many cells at most, about: enough for parts of 1/500 of the picture's width, and for 3 ms per step.
-_CELLS = 200_000
-#: More noise than this in a cell, of 255, is smoothed away.
-_NOISE = 1.0
-#: The rim is so wide, of the shorter side. It should be bench.
-_RIM = 0.03
+#: Cells of a picture, at most about this number: enough for parts of 1/500 of the width of the
+#: picture, and for 3 ms per step.
+_MAX_CELLS = 200_000
+#: Grey values of noise in a cell, a standard deviation. More is smoothed away.
+_MAX_NOISE = 1.0
+#: Width of the rim as a fraction of the shorter side. The rim should be bench.
+_RIM_FRACTION = 0.03
 
 
 class Cells(Struct, frozen=True, eq=False):
-    """values: (h, w) or (h, w, 3) float32 means. valid: (h, w), all their pixels are. size: px along a cell's side.
+    """A picture in cells.
 
-    Cell (i, j) covers the pixels from size * i to size * i + size - 1; a rest at the right and at the bottom has none.
+    Cell (i, j) covers the pixels from size * i to size * i + size - 1. Columns at the right and
+    rows at the bottom that do not fill a cell belong to none.
+
+    values: (h, w) grey or (h, w, 3) blue, green, red, float32: mean of the pixels of each cell.
+    valid: (h, w), True if the photo shows all pixels of the cell.
+    size: side of a cell, px.
     """
 
     values: Floats
@@ -137,66 +177,91 @@ class Cells(Struct, frozen=True, eq=False):
 
 
 class Bench(Struct, frozen=True, eq=False):
-    """The bench as it would be without the part. values: (h, w) float32, smooth. sigma: spread of bench cells."""
+    """The bench, which is the background of the part, in one channel.
+
+    values: (h, w) float32, the smooth values that the cells would have without the part.
+    sigma: standard deviation of the cells of the bench from `values`.
+    """
 
     values: Floats
     sigma: float
 
 
-def cells_of(pixels: Bytes, valid: Bools | None) -> Cells:
-    """``pixels``, (H, W) or (H, W, 3), in cells."""
+def make_cells(pixels: Bytes, valid: Bools | None) -> Cells:
+    """Divide a picture (H, W) or (H, W, 3) into cells.
+
+    valid: (H, W), the pixels that the photo shows; None for all.
+    """
     height, width = pixels.shape[:2]
-    size = max(1, min(round(np.sqrt(height * width / _CELLS)), height, width))
-    values = _calm(shrunk(pixels, size).astype(np.float32))
+    size = max(1, min(round(np.sqrt(height * width / _MAX_CELLS)), height, width))
+    values = _smooth_noise(shrink(pixels, size).astype(np.float32))
     if valid is None:
         return Cells(values, np.ones(values.shape[:2], np.bool_), size)
-    return Cells(values, shrunk(valid.view(np.uint8) * np.uint8(255), size) == 255, size)
+    return Cells(values, shrink(valid.view(np.uint8) * np.uint8(255), size) == 255, size)
 
 
-def _calm(values: Floats) -> Floats:
-    """Smoothed where cells of a pixel or two leave too much of the noise."""
-    off = 2 * values[:, 2:-2] - values[:, :-4] - values[:, 4:]
-    noise = SIGMAS_OF_MEDIAN * float(np.median(np.abs(off[::2]))) / 6**0.5 if off.size else 0.0
-    if noise <= _NOISE:
+def _smooth_noise(values: Floats) -> Floats:
+    """Smooth the cells if their noise is above `_MAX_NOISE`, as in cells of a pixel or two.
+
+    The noise is measured between cells two columns apart.
+    """
+    differences = 2 * values[:, 2:-2] - values[:, :-4] - values[:, 4:]
+    if not differences.size:
         return values
-    sigma = min(max(noise / _NOISE / (2 * np.pi**0.5), 0.6), 1.5)
+    median = float(np.median(np.abs(differences[::2])))
+    noise = SIGMAS_OF_MEDIAN * median / 6**0.5
+    if noise <= _MAX_NOISE:
+        return values
+    sigma = min(max(noise / _MAX_NOISE / (2 * np.pi**0.5), 0.6), 1.5)
     return np.asarray(cv2.GaussianBlur(values, (0, 0), sigma), np.float32)
 
 
-def shrunk(pixels: Bytes, size: int) -> Bytes:
-    """Means of ``size`` x ``size`` pixels, rounded: the cells need no fractions, they are averaged again."""
+def shrink(pixels: Bytes, size: int) -> Bytes:
+    """Means of `size` x `size` pixels, rounded to whole grey values.
+
+    Cells need no fractions, as they are averaged again.
+    """
     rows, columns = pixels.shape[0] // size, pixels.shape[1] // size
-    whole = pixels[: rows * size, : columns * size]
-    return np.asarray(cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA), np.uint8)
+    covered = pixels[: rows * size, : columns * size]
+    return np.asarray(cv2.resize(covered, (columns, rows), interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def depth(inside: Bools) -> Floats:
-    """Distance of each cell of ``inside`` to the nearest cell that is not, the picture's border not counted; cells."""
-    return np.asarray(cv2.distanceTransform(inside.view(np.uint8), cv2.DIST_L2, 5), np.float32)
+def measure_depth(region: Bools) -> Floats:
+    """Distance (h, w) of each cell of `region` to the nearest cell outside of it, cells.
+
+    0 outside. The border of the picture does not count as outside.
+    """
+    return np.asarray(cv2.distanceTransform(region.view(np.uint8), cv2.DIST_L2, 5), np.float32)
 
 
-def inner_cells(inside: Bools) -> Bools:
-    """The cells of ``inside`` whose eight neighbours are in it too: those on a boundary are not."""
-    eroded = cv2.erode(inside.view(np.uint8), np.ones((3, 3), np.uint8))
+def select_inner_cells(region: Bools) -> Bools:
+    """The cells of `region` (h, w) whose eight neighbours belong to it too."""
+    eroded = cv2.erode(region.view(np.uint8), np.ones((3, 3), np.uint8))
     return np.asarray(eroded.view(np.bool_))
 
 
-def rim(valid: Bools) -> Bools:
-    """The cells along the border of the valid ones."""
+def select_rim(valid: Bools) -> Bools:
+    """The valid cells along the border of the valid area, (h, w); at least two cells wide."""
     framed = cv2.copyMakeBorder(valid.view(np.uint8), 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
-    deep = cv2.distanceTransform(framed, cv2.DIST_L2, 5)[1:-1, 1:-1]
-    return np.asarray(valid & (deep <= max(2.0, _RIM * min(valid.shape))), np.bool_)
+    depth = cv2.distanceTransform(framed, cv2.DIST_L2, 5)[1:-1, 1:-1]
+    return np.asarray(valid & (depth <= max(2.0, _RIM_FRACTION * min(valid.shape))), np.bool_)
 
 
-def bench_of(values: Floats, valid: Bools) -> Bench:
-    """The bench in one channel: a smooth surface, first through the rim, then through all that agrees with it as well.
+def fit_bench(values: Floats, valid: Bools) -> Bench:
+    """Fit the bench in one channel `values` (h, w) by a smooth surface.
 
-    Robust: the part, and what else is no bench, may cover a third of the rim.
+    First a surface of the second power through the rim, then one of the fourth power through the
+    rim and all cells that agree with the first. The part and other things may cover a third of the
+    rim.
     """
-    edge = rim(valid)
-    at = some(edge)
-    c, sigma = robust(quadratic(valid.shape, at), values[at].astype(np.float64))
-    near = edge | (valid & (np.abs(values - surface(valid.shape, c)) < 4 * sigma))
-    at = some(near)
-    c, sigma = robust(quartic(valid.shape, at), values[at].astype(np.float64), turns=4)
-    return Bench(surface(valid.shape, c), sigma)
+    rim = select_rim(valid)
+    places = sample_cells(rim)
+    wanted = values[places].astype(np.float64)
+    coefficients, sigma = fit_robustly(compute_quadratic_terms(valid.shape, places), wanted)
+    distance = np.abs(values - evaluate_surface(valid.shape, coefficients))
+    places = sample_cells(rim | (valid & (distance < 4 * sigma)))
+    # Light that falls off through a lens needs the fourth power.
+    terms = _compute_terms(valid.shape, places, _QUARTIC)
+    wanted = values[places].astype(np.float64)
+    coefficients, sigma = fit_robustly(terms, wanted, absolute_iterations=4)
+    return Bench(evaluate_surface(valid.shape, coefficients), sigma)

@@ -1,4 +1,9 @@
-"""What part and bench differ in: one number per pixel, and the first idea of the part in cells."""
+"""Finds the part in one channel of a picture: grey, a colour, or the difference from another photo.
+
+Bench is the background of the part. A channel is one number per pixel in which part and bench
+differ. The part is found in cells of the channel, and its border is then drawn again at local
+thresholds.
+"""
 
 from __future__ import annotations
 
@@ -19,43 +24,57 @@ from camgen.vision.mask.cells import (
     Bytes,
     Cells,
     Floats,
-    bench_of,
-    cells_of,
-    covariance,
-    depth,
-    inner_cells,
-    quadratic,
-    rim,
-    robust,
-    some,
-    surface,
+    compute_covariance,
+    compute_quadratic_terms,
+    evaluate_surface,
+    fit_bench,
+    fit_robustly,
+    make_cells,
+    measure_depth,
+    sample_cells,
+    select_inner_cells,
+    select_rim,
 )
-from camgen.vision.mask.level import BAND_BEGIN_PX, Levels, halfway, spread_out
+from camgen.vision.mask.level import (
+    BAND_BEGIN_PX,
+    Thresholds,
+    interpolate_tiles,
+    measure_thresholds,
+)
 
-#: The part differs from the bench by so many spreads of the bench, and so many values of 255.
-_LEAST_SPREADS, _LEAST_CONTRAST = 6.0, 5.0
-#: The tone next to the bench's: so many percent of the part are nearer. A soft shadow is less, and weaker.
-_NEAR_TONE = 15
-#: A bench is rough if this difference may be texture. Then it is averaged with a Gaussian of these
-#: standard deviations, cells.
-_ROUGH, _SCALES = 12.0, (3.0, 8.0)
-#: Shares of the usual difference of a part from its bench: cells deep in the part with more are
-#: part, and so are holes with more in the mean.
-_CORE_SHARE, _HOLE_SHARE = 0.75, 0.5
-#: The share of strong cells in a piece of a part, at least.
-_LEAST_SEEDS = 0.05
-#: Cells on a boundary are less deep, with one more for a blur.
-MIXED = 1.5
-#: A part is so many cells at least.
-_FEW = 4
-_TURNS = 2
-_STRIP = 64
+#: Smallest difference of the part from the bench, in standard deviations of the bench.
+_MIN_SIGMAS = 6.0
+#: Smallest difference of the part from the bench, grey values.
+_MIN_CONTRAST = 5.0
+#: Percent of the part that is nearer to the bench than the tone next to the bench. A soft shadow is
+#: a smaller share, and weaker.
+_NEAR_TONE_PERCENT = 15
+#: Grey values: the bench is rough if its texture may differ by more than this.
+_ROUGH = 12.0
+#: Standard deviations of the Gaussians with which a rough bench is averaged, cells.
+_SMOOTHING_SCALES = (3.0, 8.0)
+#: A cell deep in the part belongs to it if it has this fraction of the usual difference.
+_CORE_FRACTION = 0.75
+#: A hole is filled if its mean difference has this fraction of the usual one.
+_HOLE_FRACTION = 0.5
+#: Fraction of the cells of a piece of the part that are seeds, at least.
+_MIN_SEED_FRACTION = 0.05
+#: Cells: depth up to which a cell may be a mixture of part and bench. A cell on the boundary has 1.
+_MIXED_DEPTH = 1.5
+#: Cells of a part, at least.
+_MIN_PART_CELLS = 4
+#: Times that a border is drawn again, and that a fit is repeated.
+_ITERATIONS = 2
+#: Rows of cells that are interpolated at a time.
+_STRIP_ROWS = 64
 
 
 class Channel(Struct, frozen=True, eq=False):
-    """pixels: makes the channel, (H, W) uint8 or float32. cells: (h, w), the same in cells.
+    """One number per pixel.
 
-    black: its value where there is no light; None for a difference, on which light has no say.
+    pixels: makes the channel, (H, W) uint8 or float32, when it is called.
+    cells: (h, w), the channel in cells.
+    black: value of a pixel without light. None for a difference, on which light has no influence.
     """
 
     pixels: Callable[[], Bytes | Floats]
@@ -63,241 +82,298 @@ class Channel(Struct, frozen=True, eq=False):
     black: float | None = 0.0
 
 
-class Found(Struct, frozen=True, eq=False):
-    """A part found in a channel. part: (h, w)."""
+class Segmentation(Struct, frozen=True, eq=False):
+    """Part and bench, distinguished in one channel.
+
+    channel: the channel.
+    part: (h, w), True in the cells of the part.
+    thresholds: local thresholds between part and bench.
+    bench: the bench in this channel.
+    """
 
     channel: Channel
     part: Bools
-    levels: Levels
+    thresholds: Thresholds
     bench: Bench
 
     @property
-    def clear(self) -> float:
-        """Contrast against the spread of the bench."""
-        return abs(self.levels.contrast) / max(self.levels.without, self.bench.sigma)
+    def clarity(self) -> float:
+        """Contrast in standard deviations of the bench."""
+        return abs(self.thresholds.contrast) / max(self.thresholds.outside_sigma, self.bench.sigma)
 
 
-def differing(values: Floats, cells: Cells, bench: Bench, invert: bool = False) -> Bools | None:
-    """The cells on the side of the bench, lighter or darker, where more differs.
+def find_differing_cells(
+    values: Floats, cells: Cells, bench: Bench, invert: bool = False
+) -> Bools | None:
+    """Find the cells (h, w) that are lighter, or those that are darker, than the bench.
 
-    invert: the other side.
+    The side with the larger sum of differences is the part, with `invert` the other side. Returns
+    None if no part stands out.
 
-    The threshold is halfway to the part's tone next to the bench's, if it has several. The texture
-    of a bench may reach it. Cells above it belong to the part only in one piece with cells that no
-    texture reaches (hysteresis, Canny 1986).
+    The threshold is halfway to the tone of the part next to that of the bench, if the part has
+    several. The texture of a bench may reach it. Cells above it belong to the part only in one
+    piece with cells that no texture reaches (hysteresis, Canny 1986).
     """
-    off = np.where(cells.valid, values - bench.values, np.float32(0))
-    least = max(_LEAST_SPREADS * bench.sigma, _LEAST_CONTRAST)
-    seeds = [side * off > least for side in (-1, 1)]
-    amounts = [float(np.abs(off[strong]).sum()) for strong in seeds]
-    side = (-1, 1)[(amounts[1] > amounts[0]) ^ invert]
+    difference = np.where(cells.valid, values - bench.values, np.float32(0))
+    minimum = max(_MIN_SIGMAS * bench.sigma, _MIN_CONTRAST)
+    seeds = [side * difference > minimum for side in (-1, 1)]
+    side = _choose_side(difference, seeds, invert)
     part = seeds[(side + 1) // 2]
-    threshold = _threshold(side * off, part, inner_cells(part))
-    if threshold >= least:
-        return np.asarray(side * off > threshold, np.bool_)
-    if least > _ROUGH:
+    threshold = _compute_threshold(side * difference, part, select_inner_cells(part))
+    if threshold >= minimum:
+        return np.asarray(side * difference > threshold, np.bool_)
+    if minimum > _ROUGH:
         rough = [
-            _find_seeds(side * off, part, cells) for side, part in zip((-1, 1), seeds, strict=True)
+            _find_seeds(side * difference, strong, cells)
+            for side, strong in zip((-1, 1), seeds, strict=True)
         ]
-        amounts = [float(np.abs(off[strong]).sum()) for strong, _ in rough]
-        side = (-1, 1)[(amounts[1] > amounts[0]) ^ invert]
+        side = _choose_side(difference, [strong for strong, _ in rough], invert)
         part, inner = rough[(side + 1) // 2]
-        threshold = _threshold(side * off, part, inner)
+        threshold = _compute_threshold(side * difference, part, inner)
     if not threshold:
         return None
-    whole = np.asarray(side * off > max(threshold, _LEAST_CONTRAST), np.bool_)
-    return _with_seeds(whole, part, _FEW)
+    above = np.asarray(side * difference > max(threshold, _MIN_CONTRAST), np.bool_)
+    return _select_seeded_pieces(above, part, _MIN_PART_CELLS)
 
 
-def _threshold(off: Floats, part: Bools, inner: Bools) -> float:
-    """Halfway to the tone of a part next to the bench's; 0 without a part.
+def _choose_side(difference: Floats, seeds: list[Bools], invert: bool) -> int:
+    """-1 if the darker `seeds` (first) have the larger sum of differences, else 1."""
+    darker, lighter = (float(np.abs(difference[strong]).sum()) for strong in seeds)
+    return (-1, 1)[(lighter > darker) ^ invert]
+
+
+def _compute_threshold(difference: Floats, part: Bools, inner: Bools) -> float:
+    """Half the difference of the part's tone next to that of the bench; 0 without a part.
+
+    At least a quarter of the median difference of the part.
 
     inner: the cells of the part without its boundary, which is a mixture.
     """
-    tones = off[inner if np.count_nonzero(inner) >= _FEW else part]
-    if tones.size < _FEW:
+    tones = difference[inner if np.count_nonzero(inner) >= _MIN_PART_CELLS else part]
+    if tones.size < _MIN_PART_CELLS:
         return 0.0
-    near, middle = np.percentile(tones, [_NEAR_TONE, 50]).tolist()
-    return float(max(near / 2, middle / 4))
+    near, median = np.percentile(tones, [_NEAR_TONE_PERCENT, 50]).tolist()
+    return float(max(near / 2, median / 4))
 
 
-def _find_seeds(off: Floats, part: Bools, cells: Cells) -> tuple[Bools, Bools]:
+def _find_seeds(difference: Floats, part: Bools, cells: Cells) -> tuple[Bools, Bools]:
     """The cells that no texture of a rough bench reaches, and those that lie deep among them.
 
-    off: (h, w), the difference from the bench.
-    part: (h, w), the cells that no texture of a single cell reaches.
+    Texture averages out over several cells, and the part does not.
 
-    Texture averages out over some cells, and the part does not.
+    difference: (h, w), the difference from the bench.
+    part: (h, w), the cells that no texture of a single cell reaches.
     """
-    seeds, inner = part.copy(), inner_cells(part)
-    edge = rim(cells.valid)
-    for scale in _SCALES:
-        smooth = np.asarray(cv2.GaussianBlur(off, (0, 0), scale), np.float32)
-        spread = SIGMAS_OF_MEDIAN * float(np.median(np.abs(smooth[edge])))
-        strong = smooth > max(_LEAST_SPREADS * spread, _LEAST_CONTRAST)
-        seeds |= strong & (off > 0)
-        inner |= depth(strong) > MIXED + 2 * scale
+    seeds, inner = part.copy(), select_inner_cells(part)
+    rim = select_rim(cells.valid)
+    for scale in _SMOOTHING_SCALES:
+        smooth = np.asarray(cv2.GaussianBlur(difference, (0, 0), scale), np.float32)
+        sigma = SIGMAS_OF_MEDIAN * float(np.median(np.abs(smooth[rim])))
+        strong = smooth > max(_MIN_SIGMAS * sigma, _MIN_CONTRAST)
+        seeds |= strong & (difference > 0)
+        inner |= measure_depth(strong) > _MIXED_DEPTH + 2 * scale
     return seeds, np.asarray(inner & seeds, np.bool_)
 
 
-def _with_seeds(part: Bools, seeds: Bools, least: int = 1) -> Bools:
-    """The pieces of ``part`` in which ``least`` cells, and a share of all, are seeds."""
+def _select_seeded_pieces(part: Bools, seeds: Bools, min_seeds: int = 1) -> Bools:
+    """The connected pieces of `part` (h, w) with enough cells that are `seeds` (h, w).
+
+    Enough are `min_seeds` cells and `_MIN_SEED_FRACTION` of the piece.
+    """
     count, owners = cv2.connectedComponents(part.view(np.uint8), connectivity=4)
-    sizes, seeded = (
-        np.bincount(cells, minlength=count) for cells in (owners.ravel(), owners[seeds])
-    )
-    kept = seeded >= np.maximum(least, _LEAST_SEEDS * sizes)
-    kept[0] = False
-    return np.asarray(kept[owners], np.bool_)
+    sizes = np.bincount(owners.ravel(), minlength=count)
+    seed_counts = np.bincount(owners[seeds], minlength=count)
+    selected = seed_counts >= np.maximum(min_seeds, _MIN_SEED_FRACTION * sizes)
+    selected[0] = False
+    return np.asarray(selected[owners], np.bool_)
 
 
-def split_at(values: Floats, cells: Cells, threshold: float, invert: bool = False) -> Bools:
-    """The cells on the other side of the threshold than most of the rim."""
+def split_at_threshold(
+    values: Floats, cells: Cells, threshold: float, invert: bool = False
+) -> Bools:
+    """The cells (h, w) on the other side of the threshold than most of the rim.
+
+    With `invert`, those on the side of the rim.
+    """
     above = values > threshold
-    bench_above = float(np.mean(above[rim(cells.valid)])) > 0.5
+    bench_above = float(np.mean(above[select_rim(cells.valid)])) > 0.5
     return np.asarray((above ^ bench_above ^ invert) & cells.valid, np.bool_)
 
 
-def otsu(values: Floats, cells: Cells) -> float:
-    """Otsu's threshold of the valid cells (Otsu 1979)."""
-    seen = np.clip(np.rint(values[cells.valid]), 0, 255).astype(np.uint8)
-    return float(cv2.threshold(seen, 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)[0]) + 0.5
+def compute_otsu_threshold(values: Floats, cells: Cells) -> float:
+    """Otsu's threshold of the valid cells, between two whole grey values (Otsu 1979)."""
+    rounded = np.clip(np.rint(values[cells.valid]), 0, 255).astype(np.uint8)
+    threshold = cv2.threshold(rounded, 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)[0]
+    return float(threshold) + 0.5
 
 
-def settle(
+def redraw_part(
     channel: Channel, part: Bools | None, cells: Cells, bench: Bench | None = None
-) -> Found | None:
-    """``part`` drawn again at the local levels until it stays, twice at most.
+) -> Segmentation | None:
+    """Draw the border of `part` (h, w) again at local thresholds, until it stays or twice.
 
-    None: there is no part, or no bench.
+    Only the border moves. A tone of the part may cross the threshold inside the part, and so may
+    the texture of the bench outside of it.
 
-    Only its border moves. A part of several tones crosses the level within it, and the texture of a
-    bench does beside it.
+    Returns None if there is no part, no bench, or no contrast.
     """
-    bench = bench or bench_of(channel.cells, cells.valid)
+    bench = bench or fit_bench(channel.cells, cells.valid)
     if part is None:
         return None
-    pieces, inner = part, depth(part) > MIXED + BAND_BEGIN_PX / cells.size
-    off = np.where(cells.valid, np.abs(channel.cells - bench.values), np.float32(0))
-    usual = float(np.median(off[inner])) if inner.any() else np.inf
-    core = inner & (off > _CORE_SHARE * usual)
-    for _ in range(_TURNS):
-        levels = _levels(channel, part, cells, bench)
-        if levels is None:
+    first_part = part
+    inner = measure_depth(part) > _MIXED_DEPTH + BAND_BEGIN_PX / cells.size
+    difference = np.where(cells.valid, np.abs(channel.cells - bench.values), np.float32(0))
+    usual = float(np.median(difference[inner])) if inner.any() else np.inf
+    core = inner & (difference > _CORE_FRACTION * usual)
+    for _ in range(_ITERATIONS):
+        thresholds = _measure_part(channel, part, cells, bench)
+        if thresholds is None:
             return None
-        whole = _with_seeds(beyond_level(channel, levels, cells) | core, pieces)
-        before, part = part, _fill_holes(whole, off, _HOLE_SHARE * usual)
-        if same(part, before):
-            return Found(channel, part, levels, bench)
-    levels = _levels(channel, part, cells, bench)
-    return None if levels is None else Found(channel, part, levels, bench)
+        beyond = select_part_cells(channel, thresholds, cells) | core
+        previous = part
+        part = _fill_holes(
+            _select_seeded_pieces(beyond, first_part), difference, _HOLE_FRACTION * usual
+        )
+        if is_same_part(part, previous):
+            return Segmentation(channel, part, thresholds, bench)
+    thresholds = _measure_part(channel, part, cells, bench)
+    return None if thresholds is None else Segmentation(channel, part, thresholds, bench)
 
 
-def beyond_level(channel: Channel, levels: Levels, cells: Cells) -> Bools:
-    """The cells on the part's side of the local levels."""
-    level = spread_out(levels.tiles, levels.tile, cells.valid.shape)
-    side = np.less if levels.contrast < 0 else np.greater
-    return np.asarray(side(channel.cells, level) & cells.valid, np.bool_)
+def select_part_cells(channel: Channel, thresholds: Thresholds, cells: Cells) -> Bools:
+    """The cells (h, w) on the part's side of the local thresholds."""
+    level = interpolate_tiles(thresholds.tiles, thresholds.tile, cells.valid.shape)
+    compare = np.less if thresholds.contrast < 0 else np.greater
+    return np.asarray(compare(channel.cells, level) & cells.valid, np.bool_)
 
 
-def _fill_holes(part: Bools, off: Floats, largest: float) -> Bools:
-    """``part`` with the holes that differ from the bench by more than ``largest`` in the mean.
+def _fill_holes(part: Bools, difference: Floats, limit: float) -> Bools:
+    """`part` with the holes whose mean difference from the bench is above `limit`.
 
-    off: (h, w), the difference.
+    difference: (h, w), the difference of each cell.
     """
-    if not (off[~part] > largest).any():
+    if not (difference[~part] > limit).any():
         return part
     count, owners = cv2.connectedComponents((~part).view(np.uint8), connectivity=4)
     owner = owners.ravel()
     sizes = np.bincount(owner, minlength=count)
-    means = np.bincount(owner, off.ravel(), minlength=count) / np.maximum(sizes, 1)
-    return np.asarray((means > largest)[owners] | part, np.bool_)
+    means = np.bincount(owner, difference.ravel(), minlength=count) / np.maximum(sizes, 1)
+    return np.asarray((means > limit)[owners] | part, np.bool_)
 
 
-def as_it_is(channel: Channel, part: Bools, cells: Cells) -> Found | None:
-    """``part`` where it was found, only measured."""
-    bench = bench_of(channel.cells, cells.valid)
-    levels = _levels(channel, part, cells, bench)
-    return Found(channel, part, levels, bench) if levels is not None else None
+def measure_part(channel: Channel, part: Bools, cells: Cells) -> Segmentation | None:
+    """A segmentation with `part` (h, w) as it is; only thresholds and bench are measured.
+
+    Returns None if there is no part, no bench, or no contrast.
+    """
+    bench = fit_bench(channel.cells, cells.valid)
+    thresholds = _measure_part(channel, part, cells, bench)
+    return Segmentation(channel, part, thresholds, bench) if thresholds is not None else None
 
 
-def _levels(channel: Channel, part: Bools | None, cells: Cells, bench: Bench) -> Levels | None:
+def _measure_part(
+    channel: Channel, part: Bools | None, cells: Cells, bench: Bench
+) -> Thresholds | None:
+    """The thresholds between `part` (h, w) and the bench, or None if they cannot be measured."""
     if part is None or not part.any() or not (cells.valid & ~part).any():
         return None
-    levels = halfway(channel.cells, part, cells, bench, channel.black)
-    return levels if levels.contrast else None
+    thresholds = measure_thresholds(channel.cells, part, cells, bench, channel.black)
+    return thresholds if thresholds.contrast else None
 
 
-def same(one: Bools, other: Bools) -> bool:
-    """Are the two the same but for cells on the boundary?"""
-    apart = np.count_nonzero(inner_cells(one ^ other))
-    return bool(apart <= max(2, 0.002 * min(np.count_nonzero(one), np.count_nonzero(other))))
+def is_same_part(first: Bools, second: Bools) -> bool:
+    """Whether two masks (h, w) differ only along their boundaries, or by 0.2 % of the smaller."""
+    count = np.count_nonzero(select_inner_cells(first ^ second))
+    smaller = min(np.count_nonzero(first), np.count_nonzero(second))
+    return bool(count <= max(2, 0.002 * smaller))
 
 
-def strips(cells: Floats, size: int, shape: tuple[int, ...]) -> Iterator[tuple[slice, Floats]]:
-    """``cells`` interpolated to all pixels, a few rows at a time: a whole picture of it would be ten times as large."""
-    rows = cells.shape[0]
-    for first in range(0, rows, _STRIP):
-        last = min(first + _STRIP, rows)
+def interpolate_strips(
+    values: Floats, size: int, shape: tuple[int, ...]
+) -> Iterator[tuple[slice, Floats]]:
+    """Interpolate cells to the pixels of a picture of `shape`, a few rows at a time.
+
+    The whole picture at once would need ten times the memory.
+
+    values: (h, w) or (h, w, c).
+    size: side of a cell, px.
+
+    Yields the pixel rows of each strip and their values.
+    """
+    rows = values.shape[0]
+    for first in range(0, rows, _STRIP_ROWS):
+        last = min(first + _STRIP_ROWS, rows)
+        # One row of cells more on both sides, so that strips agree where they meet.
         low, high = max(0, first - 1), min(rows, last + 1)
         top, bottom = first * size, shape[0] if last == rows else last * size
-        whole = cv2.resize(cells[low:high], (cells.shape[1] * size, (high - low) * size))
-        beside, below = shape[1] - whole.shape[1], max(0, bottom - low * size - whole.shape[0])
-        whole = cv2.copyMakeBorder(whole, 0, below, 0, beside, cv2.BORDER_REPLICATE)
-        yield (
-            slice(top, bottom),
-            np.asarray(whole[top - low * size : bottom - low * size], np.float32),
-        )
+        strip = cv2.resize(values[low:high], (values.shape[1] * size, (high - low) * size))
+        right, below = shape[1] - strip.shape[1], max(0, bottom - low * size - strip.shape[0])
+        strip = cv2.copyMakeBorder(strip, 0, below, 0, right, cv2.BORDER_REPLICATE)
+        inside = strip[top - low * size : bottom - low * size]
+        yield slice(top, bottom), np.asarray(inside, np.float32)
 
 
-# The part as what differs from a photo of the empty bench.
+# The part as the difference from a photo of the empty bench.
 
 
 class _Light(Struct, frozen=True, eq=False):
-    """gains: (h, w, c). offsets: (c,)."""
+    """Change of the light between two photos: photo = gain * other photo + offset.
+
+    gains: (h, w, c), in cells.
+    offsets: (c,), grey values.
+    """
 
     gains: Floats
     offsets: Floats
 
 
-#: The bench of the other photo must come back to within this, of 255: sigma of a cell.
-_FIT = 10.0
-#: Cells of the bench agree with a fit to within this, of 255; and the pairs of cells tried.
-_SAME_BENCH, _PAIRS = 6.0, 400
-#: Light changes by less: a gain of nothing would turn any bench into one of one tone.
-_LEAST_GAIN = 0.2
+#: Grey values: standard deviation with which a cell of the other photo's bench has to fit.
+_MAX_FIT_SIGMA = 10.0
+#: Grey values: a cell that differs less from a fit agrees with it.
+_AGREEMENT = 6.0
+#: Pairs of cells that are tried for a fit.
+_PAIRS = 400
+#: Smallest gain. Light changes by less; a gain near 0 would turn any bench into one of one tone.
+_MIN_GAIN = 0.2
 
 
-def find_by_background(pixels: Bytes, cells: Cells, empty: Bytes, name: str) -> Found | None:
-    """The part in the channel of the difference; None where nothing differs. InputError: another bench."""
-    before = cells_of(empty, None).values
+def find_by_background(pixels: Bytes, cells: Cells, empty: Bytes, name: str) -> Segmentation | None:
+    """Find the part in the channel of the difference from a photo of the empty bench.
+
+    empty: the photo, of the shape of `pixels`.
+    name: file of the picture, for errors.
+
+    Returns None if nothing differs. Raises InputError if the other photo shows another bench.
+    """
+    before = make_cells(empty, None).values
     now, before = (a.reshape(*a.shape[:2], -1) for a in (cells.values, before))
-    fits = [_light(before[..., k], now[..., k], cells.valid, name) for k in range(now.shape[2])]
-    light = _Light(np.dstack([g for g, _ in fits]), np.array([o for _, o in fits], np.float32))
+    light = _fit_light(before, now, cells.valid, name, "of the empty bench")
     difference = np.asarray(now - light.gains * before - light.offsets, np.float32)
-    size = _along(None, difference)
-    part = differing(size, cells, bench_of(size, cells.valid))
+    size = _project_difference(None, difference)
+    part = find_differing_cells(size, cells, fit_bench(size, cells.valid))
     if part is None or not (cells.valid & ~part).any():
         return None
     tone = np.median(now[part], axis=0).astype(np.float32)
-    for axis in (_axis(difference, part, cells), None):
-        usual = float(np.median(_along(axis, tone - now + difference)[part]))
-        even = _Even(axis, tone, usual)
-        pixelwise = partial(_difference, pixels, empty, light, even, cells.size)
-        channel = Channel(pixelwise, even.apply(now, difference), black=None)
-        found = settle(channel, part, cells)
-        # Where a part is here lighter and there darker than the bench, only the size of the difference shows it all.
-        if found is not None and (axis is None or same(found.part, part)):
-            return found
+    for axis in (_find_axis(difference, part, cells), None):
+        expected = _project_difference(axis, tone - now + difference)
+        even = _EvenDifference(axis, tone, float(np.median(expected[part])))
+        compute_pixels = partial(_compute_difference, pixels, empty, light, even, cells.size)
+        channel = Channel(compute_pixels, even.apply(now, difference), black=None)
+        segmentation = redraw_part(channel, part, cells)
+        if segmentation is None:
+            continue
+        # A part that is lighter than the bench here and darker there shows in the size alone.
+        if axis is None or is_same_part(segmentation.part, part):
+            return segmentation
     return None
 
 
-class _Even(Struct, frozen=True, eq=False):
+class _EvenDifference(Struct, frozen=True, eq=False):
     """A difference that is the same wherever the part covers the bench, whatever texture it covers.
 
-    axis: (1, c), the direction in colours; None for the size of the difference.
-    tone: (c,), the part's.
-    usual: difference of the part from the bench.
+    axis: (1, c), direction in colours; None for the size of the difference.
+    tone: (c,), colour of the part.
+    usual: median difference of the part from the bench, along `axis`.
     """
 
     axis: Floats | None
@@ -305,213 +381,267 @@ class _Even(Struct, frozen=True, eq=False):
     usual: float
 
     def apply(self, now: Floats, difference: Floats) -> Floats:
-        """(h, w) of a picture (h, w, c) and its difference from the bench (h, w, c).
+        """Even out the difference (h, w, c) of a picture `now` (h, w, c) from the bench.
 
-        The difference is scaled by that which the part's tone has there, at most threefold.
+        It is scaled by the difference that the tone of the part has at each place, at most
+        threefold. Returns (h, w).
         """
         usual = abs(self.usual)
-        expected = np.maximum(
-            np.abs(_along(self.axis, self.tone - now + difference)), max(usual / 3, 1e-3)
-        )
-        return np.asarray(_along(self.axis, difference) * (usual / expected), np.float32)
+        at_tone = np.abs(_project_difference(self.axis, self.tone - now + difference))
+        expected = np.maximum(at_tone, max(usual / 3, 1e-3))
+        scaled = _project_difference(self.axis, difference) * (usual / expected)
+        return np.asarray(scaled, np.float32)
 
 
 def remove_shadows(pixels: Bytes, other: Bytes, name: str) -> Bytes:
-    """The brighter of two photos with the lamp in two places, in the light of the first.
+    """The brighter one of two photos, pixel by pixel, in the light of the first.
 
-    A shadow that is in one of them only is gone. The pictures are (H, W) or (H, W, 3).
-    name: file of ``other``. Raises InputError if it shows another place.
+    The lamp has another place in each. A shadow that is in one photo only is removed.
+
+    pixels, other: the photos, (H, W) or (H, W, 3).
+    name: file of `other`, for errors.
+
+    Raises InputError if `other` shows another place.
     """
-    now, before = (cells_of(photo, None).values for photo in (pixels, other))
+    now, before = (make_cells(photo, None).values for photo in (pixels, other))
     now, before = (values.reshape(*values.shape[:2], -1) for values in (now, before))
     valid = np.ones(now.shape[:2], np.bool_)
-    which = "with the lamp moved"
-    fits = [_light(before[..., k], now[..., k], valid, name, which) for k in range(now.shape[2])]
-    gains, offsets = np.dstack([gain for gain, _ in fits]), np.array([o for _, o in fits])
+    light = _fit_light(before, now, valid, name, "with the lamp moved")
     brighter = np.empty_like(pixels)
     size = max(1, pixels.shape[0] // now.shape[0])
-    for rows, gain in strips(gains, size, pixels.shape):
-        lit = gain.reshape(pixels[rows].shape) * other[rows] + offsets.astype(np.float32)
+    for rows, gain in interpolate_strips(light.gains, size, pixels.shape):
+        lit = gain.reshape(pixels[rows].shape) * other[rows] + light.offsets
         brighter[rows] = np.maximum(pixels[rows], np.rint(lit.clip(0, 255)).astype(np.uint8))
     return brighter
 
 
-def _light(
-    before: Floats, now: Floats, valid: Bools, name: str, which: str = "of the empty bench"
-) -> tuple[Floats, float]:
-    """Gain (h, w) and offset that turn the bench of another photo into the bench of the photo.
+def _fit_light(before: Floats, now: Floats, valid: Bools, name: str, which: str) -> _Light:
+    """Fit the light of each channel of the photo `before` (h, w, c) to that of `now` (h, w, c).
 
-    which: name of the other photo in messages.
+    name, which: file and name of the other photo, for errors.
+
+    Raises InputError if the other photo shows another bench.
+    """
+    gains, offsets = [], []
+    for k in range(now.shape[2]):
+        gain, offset = _fit_channel_light(before[..., k], now[..., k], valid, name, which)
+        gains.append(gain)
+        offsets.append(offset)
+    return _Light(np.dstack(gains), np.array(offsets, np.float32))
+
+
+def _fit_channel_light(
+    before: Floats, now: Floats, valid: Bools, name: str, which: str
+) -> tuple[Floats, float]:
+    """Gain (h, w) and offset that turn the bench of the other photo into the bench of the photo.
 
     Gain and offset of a rim of one tone are ambiguous, and a large part hides the bench. So the
     fit starts from the rim and from lines through pairs of cells. The fit with which more cells
     agree is the result.
     """
-    starts = (rim(valid), _find_bench(before, now, valid))
-    fits = [_agree(before, now, where, valid) for where in starts]
+    starts = (select_rim(valid), _find_bench_cells(before, now, valid))
+    fits = [_fit_agreeing(before, now, start, valid) for start in starts]
     gain, offset, sigma, _ = max(fits, key=lambda fit: fit[3])
-    if sigma > _FIT:
-        raise _other_bench(name, which)
+    if sigma > _MAX_FIT_SIGMA:
+        what = f"the photo {which} shows another place, or the camera was moved"
+        remedy = "take both with the camera fixed, or choose another [image] mask"
+        raise InputError(name, what, remedy=remedy)
     return gain, offset
 
 
-def _find_bench(before: Floats, now: Floats, valid: Bools) -> Bools:
-    """The cells that agree with the most common gain and offset.
+def _find_bench_cells(before: Floats, now: Floats, valid: Bools) -> Bools:
+    """The cells (h, w) that agree with the most common gain and offset.
 
-    Lines through pairs of cells are tried (Fischler and Bolles 1981).
+    Lines through random pairs of cells are tried (RANSAC, Fischler and Bolles 1981).
     """
-    at = some(valid)
-    b, n = before[at], now[at]
+    places = sample_cells(valid)
+    b, n = before[places], now[places]
     first, second = np.random.default_rng(0).integers(0, len(b), (2, _PAIRS))
-    differs = np.abs(b[second] - b[first]) > _SAME_BENCH
+    differs = np.abs(b[second] - b[first]) > _AGREEMENT
     first, second = first[differs], second[differs]
     gains = (n[second] - n[first]) / (b[second] - b[first])
-    likely = (gains > _LEAST_GAIN) & (gains < 1 / _LEAST_GAIN)
+    likely = (gains > _MIN_GAIN) & (gains < 1 / _MIN_GAIN)
+    # The last candidate has gain 1, for a bench of one tone.
     gains, first = np.append(gains[likely], np.float32(1)), first[likely]
     offsets = np.append(n[first] - gains[:-1] * b[first], np.median(n - b))
     counts = [
-        np.count_nonzero(np.abs(n - gain * b - offset) < _SAME_BENCH)
+        np.count_nonzero(np.abs(n - gain * b - offset) < _AGREEMENT)
         for gain, offset in zip(gains, offsets, strict=True)
     ]
     best = int(np.argmax(counts))
-    off = np.abs(now - gains[best] * before - offsets[best])
-    return np.asarray(valid & (off < _SAME_BENCH), np.bool_)
+    residuals = np.abs(now - gains[best] * before - offsets[best])
+    return np.asarray(valid & (residuals < _AGREEMENT), np.bool_)
 
 
-def _agree(
-    before: Floats, now: Floats, where: Bools, valid: Bools
+def _fit_agreeing(
+    before: Floats, now: Floats, start: Bools, valid: Bools
 ) -> tuple[Floats, float, float, int]:
-    """The fit to the cells ``where``, repeated with all that agree, and how many agree then."""
-    for _ in range(_TURNS):
-        gain, offset, sigma = _fit_gain(before, now, where)
-        off = np.abs(now - gain * before - offset)
-        where = np.asarray(valid & (off < 4 * sigma), np.bool_)
-    count = int(np.count_nonzero(valid & (off < _SAME_BENCH)))
-    return gain, offset, sigma, count if gain.min() > _LEAST_GAIN else 0
+    """Fit gain and offset to the cells `start` (h, w), then to all cells that agree.
+
+    Returns gain (h, w), offset, standard deviation of the fit, and the number of cells that agree
+    at the end; 0 if a gain is too small.
+    """
+    selected = start
+    for _ in range(_ITERATIONS):
+        gain, offset, sigma = _fit_gain(before, now, selected)
+        residuals = np.abs(now - gain * before - offset)
+        selected = np.asarray(valid & (residuals < 4 * sigma), np.bool_)
+    count = int(np.count_nonzero(valid & (residuals < _AGREEMENT)))
+    return gain, offset, sigma, count if gain.min() > _MIN_GAIN else 0
 
 
-def _fit_gain(before: Floats, now: Floats, where: Bools) -> tuple[Floats, float, float]:
-    """Gain, offset and what is left, a standard deviation."""
-    at = some(where)
-    b, wanted = (values[at].astype(np.float64) for values in (before, now))
-    # In hundreds, so that the offset is as easily moved as the gain.
-    basis = np.column_stack([quadratic(where.shape, at) * (b / 100)[:, None], np.ones_like(b)])
-    # The change is sought: where a bench of one tone does not tell gain from offset, the smaller one is taken.
-    c, sigma = robust(basis, wanted - b)
-    return surface(where.shape, c[:6] / 100) + np.float32(1), float(c[6]), sigma
+def _fit_gain(before: Floats, now: Floats, selected: Bools) -> tuple[Floats, float, float]:
+    """Fit gain (h, w), a quadratic surface, and offset to the `selected` cells (h, w).
+
+    Returns gain, offset and the standard deviation of the residuals.
+    """
+    places = sample_cells(selected)
+    b, wanted = (values[places].astype(np.float64) for values in (before, now))
+    # In hundreds of grey values, so that gain and offset have terms of the same size.
+    gain_terms = compute_quadratic_terms(selected.shape, places) * (b / 100)[:, None]
+    terms = np.column_stack([gain_terms, np.ones_like(b)])
+    # The fit is to the change. On a bench of one tone gain and offset are ambiguous; then the
+    # smallest change is taken.
+    c, sigma = fit_robustly(terms, wanted - b)
+    return evaluate_surface(selected.shape, c[:6] / 100) + np.float32(1), float(c[6]), sigma
 
 
-def _other_bench(name: str, which: str) -> InputError:
-    what = f"the photo {which} shows another place, or the camera was moved"
-    return InputError(
-        name, what, remedy="take both with the camera fixed, or choose another [image] mask"
+def _find_axis(difference: Floats, part: Bools, cells: Cells) -> Floats:
+    """The direction in colours (1, c) in which the part differs most clearly from the bench."""
+    outside, inside = (
+        difference[region].astype(np.float64) for region in (~part & cells.valid, part)
     )
-
-
-def _axis(apart: Floats, part: Bools, cells: Cells) -> Floats:
-    """(1, c): the direction, in colours, in which the part differs most clearly."""
-    outside, inside = (apart[where].astype(np.float64) for where in (~part & cells.valid, part))
-    spread = covariance(inside) + covariance(outside) + 2 * np.eye(apart.shape[2])
-    axis = np.linalg.solve(spread, np.median(inside, axis=0))
-    # Upwards in brightness, so that a dark part is below the level here as well.
+    noise = 2 * np.eye(difference.shape[2])
+    covariance = compute_covariance(inside) + compute_covariance(outside) + noise
+    axis = np.linalg.solve(covariance, np.median(inside, axis=0))
+    # Upwards in brightness, so that a dark part is below the threshold here as well.
     length = float(np.abs(axis).sum()) * (1 if axis.sum() >= 0 else -1)
-    return (
-        np.asarray(axis / length, np.float32)[None, :]
-        if length
-        else np.ones((1, len(axis)), np.float32)
-    )
+    if not length:
+        return np.ones((1, len(axis)), np.float32)
+    return np.asarray(axis / length, np.float32)[None, :]
 
 
-def _difference(pixels: Bytes, empty: Bytes, light: _Light, even: _Even, size: int) -> Floats:
-    """(H, W): the even difference at every pixel."""
-    out = np.empty(pixels.shape[:2], np.float32)
-    for rows, gain in strips(light.gains, size, out.shape):
-        shape = (*out[rows].shape, -1)
+def _compute_difference(
+    pixels: Bytes, empty: Bytes, light: _Light, even: _EvenDifference, size: int
+) -> Floats:
+    """The even difference (H, W) of all pixels from the photo of the empty bench.
+
+    size: side of a cell of `light`, px.
+    """
+    result = np.empty(pixels.shape[:2], np.float32)
+    for rows, gain in interpolate_strips(light.gains, size, result.shape):
+        shape = (*result[rows].shape, -1)
         now, before = (a[rows].reshape(shape).astype(np.float32) for a in (pixels, empty))
-        apart = np.asarray(now - gain.reshape(shape) * before - light.offsets, np.float32)
-        out[rows] = even.apply(now, apart)
-    return out
+        difference = now - gain.reshape(shape) * before - light.offsets
+        result[rows] = even.apply(now, np.asarray(difference, np.float32))
+    return result
 
 
-def _along(axis: Floats | None, apart: Floats) -> Floats:
-    """(h, w): the component along ``axis`` of a difference (h, w, c), or its size."""
+def _project_difference(axis: Floats | None, difference: Floats) -> Floats:
+    """Component (h, w) of a difference (h, w, c) along `axis` (1, c).
+
+    None: its size, the root of the mean square.
+    """
     if axis is None:
-        return np.asarray(np.sqrt(np.square(apart).mean(axis=2)), np.float32)
-    return np.asarray(apart @ axis[0], np.float32)
+        return np.asarray(np.sqrt(np.square(difference).mean(axis=2)), np.float32)
+    return np.asarray(difference @ axis[0], np.float32)
 
 
-# Part and bench told apart by colour.
+# The part by its colour.
 
+#: Red, green, blue, 0 to 255.
 Colour = tuple[float, float, float]
 
-#: Distances in L*a*b* times this are counted as grey levels are: 100 is black against white.
-_SCALE = 2.55
+#: Factor on distances in L*a*b*, in which black and white are 100 apart, so that they count as grey
+#: values do.
+_LAB_SCALE = 2.55
 
 
-def find_by_colour(pixels: Bytes, cells: Cells, given: Colour | None) -> Found | None:
-    """The part in the channel in which it stands out by its colour. None where nothing does.
+def find_by_colour(pixels: Bytes, cells: Cells, given: Colour | None) -> Segmentation | None:
+    """Find the part in the channel in which it stands out by its colour.
 
-    given: (red, green, blue), 0 to 255: the bench's colour if most of the rim has it, else the part's. None: that of
-    the bench is measured at the rim.
+    given: the colour of the bench if most of the rim has it, else the colour of the part. None: the
+        colour of the bench is measured at the rim.
+
+    Returns None if no part stands out.
     """
-    surfaces = np.dstack([bench_of(cells.values[..., k], cells.valid).values for k in range(3)])
-    distance = _distance(cells.values, surfaces)
+    bench = _fit_bench_colours(cells)
+    distance = _measure_lab_distance(cells.values, bench)
     if given is None:
-        part = differing(distance, cells, bench_of(distance, cells.valid))
+        part = find_differing_cells(distance, cells, fit_bench(distance, cells.valid))
     else:
-        known = np.broadcast_to(np.array(given[::-1], np.float32), cells.values.shape)
-        away = _distance(cells.values, known)
-        far = away > otsu(away, cells)
-        if float(np.mean(far[rim(cells.valid)])) < 0.5:
-            surfaces, part = known, far & cells.valid
+        blue_green_red = np.array(given[::-1], np.float32)
+        given_colours = np.broadcast_to(blue_green_red, cells.values.shape)
+        from_given = _measure_lab_distance(cells.values, given_colours)
+        differs = from_given > compute_otsu_threshold(from_given, cells)
+        if float(np.mean(differs[select_rim(cells.valid)])) < 0.5:
+            bench, part = given_colours, differs & cells.valid
         else:
-            part = (away < distance) & cells.valid
+            part = (from_given < distance) & cells.valid
     if part is None or not part.any() or not (cells.valid & ~part).any():
         return None
-    return _project(pixels, cells, part) or _by_distance(pixels, cells, surfaces, part)
+    segmentation = _segment_projection(pixels, cells, part)
+    return segmentation or _segment_distance(pixels, cells, bench, part)
 
 
-def find_beside_shadow(pixels: Bytes, cells: Cells) -> Found | None:
-    """The part in a channel in which a shadow on the bench does not show. None where nothing does.
+def find_beside_shadow(pixels: Bytes, cells: Cells) -> Segmentation | None:
+    """Find the part in a channel in which a shadow on the bench does not show.
 
     A shadow has the colour of the bench in less light: it lies between black and the bench's
     colour. What counts is the distance from that line.
+
+    Returns None if no part stands out.
     """
-    bench = np.dstack([bench_of(cells.values[..., k], cells.valid).values for k in range(3)])
-    # The nearest place on the line, as a share of the bench's light.
+    bench = _fit_bench_colours(cells)
+    # The nearest place on the line, as a fraction of the bench's light.
     light = (cells.values * bench).sum(axis=2) / np.square(bench).sum(axis=2).clip(1)
     nearest = light.clip(0, 1)[..., None] * bench
     distance = np.sqrt(np.square(cells.values - nearest).sum(axis=2)).astype(np.float32)
-    part = differing(distance, cells, bench_of(distance, cells.valid))
+    part = find_differing_cells(distance, cells, fit_bench(distance, cells.valid))
     if part is None or not part.any() or not (cells.valid & ~part).any():
         return None
-    return _project(pixels, cells, part)
+    return _segment_projection(pixels, cells, part)
 
 
-def _distance(colours: Floats, bench: Floats) -> Floats:
-    """(h, w): distance of two pictures in L*a*b*, times ``_SCALE``."""
-    apart = _lab(colours) - _lab(bench)
-    return np.asarray(np.sqrt(np.square(apart).sum(axis=2)) * np.float32(_SCALE), np.float32)
+def _fit_bench_colours(cells: Cells) -> Floats:
+    """Colours (h, w, 3) of the bench without the part: blue, green, red."""
+    return np.dstack([fit_bench(cells.values[..., k], cells.valid).values for k in range(3)])
 
 
-def _lab(colours: Floats) -> Floats:
+def _measure_lab_distance(colours: Floats, other: Floats) -> Floats:
+    """Distance (h, w) of two pictures (h, w, 3) in L*a*b*, times `_LAB_SCALE`."""
+    difference = _convert_to_lab(colours) - _convert_to_lab(other)
+    distance = np.sqrt(np.square(difference).sum(axis=2))
+    return np.asarray(distance * np.float32(_LAB_SCALE), np.float32)
+
+
+def _convert_to_lab(colours: Floats) -> Floats:
     scaled = np.clip(colours, 0, 255).astype(np.float32) / np.float32(255)
     return np.asarray(cv2.cvtColor(scaled, cv2.COLOR_BGR2Lab), np.float32)
 
 
-def _project(pixels: Bytes, cells: Cells, part: Bools) -> Found | None:
-    """Fisher's linear discriminant of bench and part, if it tells them apart as the distance does: one colour each."""
-    pure = inner_cells(part), inner_cells(~part) & cells.valid
-    if not (pure[0].any() and pure[1].any()):
+def _segment_projection(pixels: Bytes, cells: Cells, part: Bools) -> Segmentation | None:
+    """Segment the channel of Fisher's linear discriminant between bench and `part` (h, w).
+
+    It separates a part and a bench of one colour each. Returns None if it finds another part.
+    """
+    inner_part = select_inner_cells(part)
+    inner_bench = select_inner_cells(~part) & cells.valid
+    if not (inner_part.any() and inner_bench.any()):
         return None
-    inside, outside = (cells.values[where].astype(np.float64) for where in pure)
-    spread = sum(covariance(one) for one in (inside, outside)) + 2 * np.eye(3)
-    axis = np.linalg.solve(spread, inside.mean(axis=0) - outside.mean(axis=0))
-    axis *= 1 if axis.sum() >= 0 else -1  # upwards in brightness
+    inside, outside = (
+        cells.values[region].astype(np.float64) for region in (inner_part, inner_bench)
+    )
+    # A little noise, so that the matrix can be inverted.
+    noise = 2 * np.eye(3)
+    covariance = compute_covariance(inside) + compute_covariance(outside) + noise
+    axis = np.linalg.solve(covariance, inside.mean(axis=0) - outside.mean(axis=0))
+    axis *= 1 if axis.sum() >= 0 else -1  # Upwards in brightness.
     ends = np.percentile(cells.values[cells.valid] @ axis, [0, 100])
     if not np.ptp(ends):
         return None
-    # Over 20 to 235, so that noise is not cut off; in whole numbers finer than a file has them.
+    # The values run from 20 to 235, so that noise is not cut off and rounding to whole numbers is
+    # finer than in the file.
     gain = 215 / np.ptp(ends)
     weights = np.append(axis * gain, 20 - ends[0] * gain)[None, :]
     channel = Channel(
@@ -519,68 +649,83 @@ def _project(pixels: Bytes, cells: Cells, part: Bools) -> Found | None:
         np.asarray(cells.values @ weights[0, :3] + weights[0, 3], np.float32),
         black=float(weights[0, 3]),
     )
-    found = settle(channel, part, cells)
-    return found if found is not None and same(found.part, part) else None
+    segmentation = redraw_part(channel, part, cells)
+    if segmentation is None or not is_same_part(segmentation.part, part):
+        return None
+    return segmentation
 
 
-def _by_distance(pixels: Bytes, cells: Cells, bench: Floats, part: Bools) -> Found | None:
-    """The distance itself, at every pixel: a part of several colours."""
+def _segment_distance(
+    pixels: Bytes, cells: Cells, bench: Floats, part: Bools
+) -> Segmentation | None:
+    """Segment the distance in colour from the bench (h, w, 3), for a part of several colours."""
 
-    def everywhere() -> Floats:
-        far = np.empty(pixels.shape[:2], np.float32)
-        for rows, there in strips(np.ascontiguousarray(bench), cells.size, far.shape):
-            far[rows] = _distance(pixels[rows].astype(np.float32), there)
-        return far
+    def compute_pixels() -> Floats:
+        distance = np.empty(pixels.shape[:2], np.float32)
+        strips = interpolate_strips(np.ascontiguousarray(bench), cells.size, distance.shape)
+        for rows, bench_rows in strips:
+            colours = pixels[rows].astype(np.float32)
+            distance[rows] = _measure_lab_distance(colours, bench_rows)
+        return distance
 
-    return settle(Channel(everywhere, _distance(cells.values, bench), black=None), part, cells)
-
-
-# Noise that would break the boundary up is smoothed away before the comparison, and only then.
-
-#: Half the contrast is so many sigmas of the noise: one pixel in 150 000 is on the wrong side.
-_CLEAR_SIGMAS = 4.5
-_LEAST_NOISE, _MOST_NOISE = 0.8, 2.5
-#: Measured so far from the boundary, px: with the neighbours, the blur is out of reach.
-_CLEAN = 5.0
+    in_cells = _measure_lab_distance(cells.values, bench)
+    return redraw_part(Channel(compute_pixels, in_cells, black=None), part, cells)
 
 
-def quiet(
-    grey: Bytes | Floats, found: Found, cells: Cells
+# Noise that would break up the boundary is smoothed away.
+
+#: Half the contrast in sigmas of the noise, at least. At 4.5 one pixel in 150 000 is on the wrong
+#: side of the threshold.
+_MIN_NOISE_RATIO = 4.5
+#: px: sigma of the weakest and of the strongest smoothing.
+_MIN_SMOOTHING, _MAX_SMOOTHING = 0.8, 2.5
+#: px: distance from the boundary at which noise is measured, out of reach of the blur.
+_NOISE_DISTANCE = 5.0
+
+
+def smooth_noise(
+    grey: Bytes | Floats, segmentation: Segmentation, cells: Cells
 ) -> tuple[Bytes | Floats, tuple[Note, ...]]:
-    """``grey``, or, where its noise is too strong for the contrast, smoothed (float32), with a note.
+    """Smooth a channel `grey` (H, W) if its noise is too strong for the contrast.
 
     A smoothed boundary of radius r moves by sigma^2 / 2 r towards its centre.
+
+    Returns `grey` itself without a note, or the smoothed channel (float32) with a note.
     """
-    deep = 1 + _CLEAN / cells.size
+    min_depth = 1 + _NOISE_DISTANCE / cells.size
+    regions = (segmentation.part, ~segmentation.part & cells.valid)
     noise = max(
-        _noise(grey, depth(side) >= deep, cells.size)
-        for side in (found.part, ~found.part & cells.valid)
+        _measure_noise(grey, measure_depth(region) >= min_depth, cells.size) for region in regions
     )
-    clear = abs(found.levels.contrast) / 2 / max(noise, 1e-6)
-    if clear >= _CLEAR_SIGMAS:
+    contrast = abs(segmentation.thresholds.contrast)
+    ratio = contrast / 2 / max(noise, 1e-6)
+    if ratio >= _MIN_NOISE_RATIO:
         return grey, ()
-    # Gauss's bell of this sigma reduces white noise by sigma * 2 sqrt(pi) (a half more is for neighbours that agree).
-    sigma = float(
-        np.clip(1.5 * _CLEAR_SIGMAS / clear / (2 * np.sqrt(np.pi)), _LEAST_NOISE, _MOST_NOISE)
-    )
+    # A Gaussian of this sigma divides white noise by sigma * 2 sqrt(pi). A half more is for noise
+    # of neighbours that is alike.
+    wanted = 1.5 * _MIN_NOISE_RATIO / ratio / (2 * np.sqrt(np.pi))
+    sigma = float(np.clip(wanted, _MIN_SMOOTHING, _MAX_SMOOTHING))
     what = f"picture smoothed by {short(sigma, 1)} px"
-    why = f"its noise is {short(noise, 1)}, part and bench are {short(abs(found.levels.contrast), 0)} apart"
+    why = f"its noise is {short(noise, 1)}, part and bench are {short(contrast, 0)} apart"
     smooth = np.asarray(cv2.GaussianBlur(grey.astype(np.float32), (0, 0), sigma), np.float32)
     return smooth, (Note("assumed", what, why),)
 
 
-def _noise(grey: Bytes | Floats, where: Bools, size: int) -> float:
-    """Standard deviation of a pixel against its neighbours, two pixels away along the row, in the cells ``where``.
+def _measure_noise(grey: Bytes | Floats, region: Bools, size: int) -> float:
+    """Noise of the pixels in the middle of the cells of `region` (h, w), a standard deviation.
 
-    Two, since rectifying makes next neighbours agree.
+    Each pixel is compared with its neighbours two pixels away along the row, as rectifying makes
+    next neighbours alike. 0 without such cells, and in a picture of fewer than 5 columns.
+
+    size: side of a cell, px.
     """
-    rows, columns = some(where)
-    v, u = (
-        rows * size + size // 2,
-        np.clip(columns * size + size // 2, 2, max(2, grey.shape[1] - 3)),
-    )
     if grey.shape[1] < 5:
         return 0.0
+    rows, columns = sample_cells(region)
+    v = rows * size + size // 2
+    u = np.clip(columns * size + size // 2, 2, max(2, grey.shape[1] - 3))
     left, centre, right = (grey[v, u + k].astype(np.float32) for k in (-2, 0, 2))
-    off = 2 * centre - left - right
-    return SIGMAS_OF_MEDIAN * float(np.median(np.abs(off))) / np.sqrt(6) if off.size else 0.0
+    differences = 2 * centre - left - right
+    if not differences.size:
+        return 0.0
+    return float(SIGMAS_OF_MEDIAN * float(np.median(np.abs(differences))) / np.sqrt(6))

@@ -1,8 +1,9 @@
-"""Which pixels of a to-scale view show the part (PIST, section 3.2), and the grey value of its boundary.
+"""Finds the pixels of a rectified view that show the part, and the threshold at its boundary.
 
-The bench is what touches the border of the picture. What is slow in the picture (light, tones) is learned in cells of
-some pixels, ``cells``; ``level`` has the grey value of the boundary and what is assumed of the camera's
-tones; ``channel`` makes one channel of a coloured picture, or of two.
+The bench is the background of the part: what touches the border of the picture. Light and tones
+change slowly, so they are measured in cells of several pixels (`cells`). `level` measures the
+threshold, and describes how the tones of the camera are assumed to be. `channel` makes one channel
+of a picture in colour, or of two pictures. The method is that of PIST, section 3.2.
 """
 
 from __future__ import annotations
@@ -20,59 +21,84 @@ from camgen.model.errors import InputError, JobError
 from camgen.model.job import ImageTable
 from camgen.model.part import Note
 from camgen.model.text import counted, short
-from camgen.vision.mask.cells import Bools, Bytes, Cells, Floats, bench_of, cells_of, inner_cells
+from camgen.vision.mask.cells import (
+    Bools,
+    Bytes,
+    Cells,
+    Floats,
+    fit_bench,
+    make_cells,
+    select_inner_cells,
+)
 from camgen.vision.mask.channel import (
     Channel,
     Colour,
-    Found,
-    as_it_is,
-    beyond_level,
-    differing,
+    Segmentation,
+    compute_otsu_threshold,
     find_beside_shadow,
     find_by_background,
     find_by_colour,
-    otsu,
-    quiet,
-    same,
-    settle,
-    split_at,
+    find_differing_cells,
+    is_same_part,
+    measure_part,
+    redraw_part,
+    select_part_cells,
+    smooth_noise,
+    split_at_threshold,
 )
 from camgen.vision.mask.clean import clean
-from camgen.vision.mask.doubt import Doubt, find_doubt, first_tone, other_levels, show_doubt
-from camgen.vision.mask.level import beyond, spread_out
+from camgen.vision.mask.doubt import (
+    UncertainRegions,
+    draw_uncertain_regions,
+    find_main_tone,
+    find_uncertain_regions,
+    shift_threshold,
+)
+from camgen.vision.mask.level import interpolate_tiles, select_part_pixels
 from camgen.vision.mask.shadow import find_part_beside_shadow
-from camgen.vision.mask.touching import Meeting, meetings
+from camgen.vision.mask.touching import TouchingPlace, find_touching_places
 from camgen.vision.to_scale import ScaledView
 
-# The methods by name, and how ``auto`` chooses among them.
+# The methods by name, and how `auto` chooses among them.
 
 Method = Literal["auto", "otsu", "threshold", "color", "background", "adaptive", "alpha"]
 
-#: A part is clear if its contrast is so many times the spread of the bench.
-_CLEAR_CONTRAST = 6.0
-#: The light is even if the bench varies by less than this over the picture.
-_EVEN = 0.15
-#: Colour shows more than grey if so much of what it finds is missing there.
-_MORE = 0.05
-#: So many cells are enough to choose.
-_ENOUGH = 30_000
-#: A picture has colour if its channels differ by so much somewhere.
-_COLOURED = 8.0
-#: A given threshold that is off the middle by so much of the contrast is worth a note: a quarter of the blur.
-_OFF_MIDDLE = 0.1
-#: What differs from the bench the other way is worth a note from so much of the part on.
-_OTHER_SIDE = 0.05
-#: An area that is left out as a shadow has at most this share of the part's, else it may be a part.
-#: From this share on there is a note.
-_MOST_SHADOW, _LEAST_SHADOW = 0.4, 0.01
-#: The opacity of the part, of 255, is at least this.
+#: A part is clear if its contrast is this many standard deviations of the bench.
+_MIN_CLARITY = 6.0
+#: The light is even if the bench varies by at most this fraction over the picture.
+_EVEN_LIGHT = 0.15
+#: Colour shows more than grey if this fraction of the part by colour is missing in grey.
+_MIN_MISSING = 0.05
+#: Cells that are enough to choose between colour and grey.
+_CHOICE_CELLS = 30_000
+#: Grey values: a picture has colour if its channels differ by more than this somewhere.
+_MIN_COLOUR = 8.0
+#: A note warns of a given threshold that is off the middle by more than this fraction of the
+#: contrast: that moves the outline by a quarter of the sigma of the blur.
+_MAX_OFF_MIDDLE = 0.1
+#: A note names things on the other side of the bench's grey value from this fraction of the part's
+#: area on.
+_MIN_OTHER_SIDE = 0.05
+#: An area that is left out as a shadow has at most this fraction of the part's area, else it may be
+#: a part.
+_MAX_SHADOW = 0.4
+#: A note names a shadow that is left out from this fraction of the part's area on.
+_MIN_SHADOW = 0.01
+#: Smallest opacity of a part, of 255.
 HALF_OPAQUE = 127.5
-#: Places of a note that are shown, the largest ones.
-_MOST_PLACES = 20
+#: Places that a note lists, the largest ones.
+_MAX_PLACES = 20
 
 
-class Asked(Struct, frozen=True, eq=False):
-    """The settings. name: of the file, for errors."""
+class MaskOptions(Struct, frozen=True, eq=False):
+    """The settings of the segmentation.
+
+    method: the method, or auto.
+    threshold: given grey value between part and bench, None for none.
+    color: given colour of bench or part, None for none.
+    invert: the part is on the other side of the bench than where it would be found.
+    name: file of the picture, for errors.
+    """
 
     method: Method
     threshold: float | None
@@ -82,36 +108,51 @@ class Asked(Struct, frozen=True, eq=False):
 
 
 class MaskChoice(Struct, frozen=True, eq=False):
-    """What was found and how. level: a given one, instead of halfway. others: what other ways found, by name, where
-    ``auto`` has looked at them.
+    """A segmentation and the method that made it.
+
+    method: the method.
+    why: reason for the method, a sentence.
+    segmentation: part and bench.
+    level: given threshold; None for the measured thresholds of the segmentation.
+    notes: notes to the user.
+    others: parts (h, w) that other methods found, by name, if `auto` has tried these.
     """
 
     method: Method
     why: str
-    found: Found
+    segmentation: Segmentation
     level: float | None = None
     notes: tuple[Note, ...] = ()
     others: dict[str, Bools] = {}
 
 
-def choose_mask(pixels: Bytes, empty: Bytes | None, cells: Cells, asked: Asked) -> MaskChoice:
-    """The part by the method asked for. InputError where it shows none."""
-    if asked.method == "background" and empty is not None:
-        choice = _background(pixels, empty, cells, asked)
+def choose_mask(
+    pixels: Bytes, empty: Bytes | None, cells: Cells, options: MaskOptions
+) -> MaskChoice:
+    """Segment a picture by the method of the options.
+
+    pixels: (H, W) or (H, W, 3).
+    empty: view of the empty bench, for the method background; its shape is that of `pixels`.
+    cells: `pixels` in cells.
+
+    Raises InputError if the method finds no part.
+    """
+    if options.method == "background" and empty is not None:
+        choice = _segment_by_background(pixels, empty, cells, options)
     else:
-        choice = _METHODS[asked.method](pixels, cells, asked)
+        choice = _METHODS[options.method](pixels, cells, options)
     if choice is not None:
         return choice
     what = "shows no part: nothing in it stands out from the bench along its border"
-    if asked.method != "auto":
-        what = f'shows no part that [image] mask = "{asked.method}" tells from the bench'
+    if options.method != "auto":
+        what = f'shows no part that [image] mask = "{options.method}" tells from the bench'
     remedy = (
         "put the part on a bench of another colour, in even light, or choose another [image] mask"
     )
-    raise InputError(asked.name, what, remedy=remedy)
+    raise InputError(options.name, what, remedy=remedy)
 
 
-def _grey(pixels: Bytes, cells: Cells) -> Channel:
+def _make_grey_channel(pixels: Bytes, cells: Cells) -> Channel:
     if pixels.ndim == 2:
         return Channel(lambda: pixels, cells.values)
     grey = cv2.cvtColor(cells.values, cv2.COLOR_BGR2GRAY)
@@ -121,172 +162,224 @@ def _grey(pixels: Bytes, cells: Cells) -> Channel:
     )
 
 
-def _otsu(pixels: Bytes, cells: Cells, asked: Asked) -> MaskChoice | None:
-    channel = _grey(pixels, cells)
-    level = otsu(channel.cells, cells)
-    found = settle(channel, split_at(channel.cells, cells, level, asked.invert), cells)
-    return (
-        MaskChoice("otsu", f"Otsu's threshold, {short(level, 1)}, finds the part", found)
-        if found
-        else None
-    )
+def _segment_by_otsu(pixels: Bytes, cells: Cells, options: MaskOptions) -> MaskChoice | None:
+    channel = _make_grey_channel(pixels, cells)
+    level = compute_otsu_threshold(channel.cells, cells)
+    part = split_at_threshold(channel.cells, cells, level, options.invert)
+    segmentation = redraw_part(channel, part, cells)
+    if segmentation is None:
+        return None
+    why = f"Otsu's threshold, {short(level, 1)}, finds the part"
+    return MaskChoice("otsu", why, segmentation)
 
 
-def _threshold(pixels: Bytes, cells: Cells, asked: Asked) -> MaskChoice | None:
-    channel = _grey(pixels, cells)
-    level = asked.threshold if asked.threshold is not None else otsu(channel.cells, cells)
-    found = as_it_is(channel, split_at(channel.cells, cells, level, asked.invert), cells)
-    if found is None:
+def _segment_by_threshold(pixels: Bytes, cells: Cells, options: MaskOptions) -> MaskChoice | None:
+    """The part at a given threshold, which is used as it is; Otsu's threshold without a given one.
+
+    A note warns of a threshold that is not halfway between part and bench.
+    """
+    channel = _make_grey_channel(pixels, cells)
+    level = options.threshold
+    if level is None:
+        level = compute_otsu_threshold(channel.cells, cells)
+    part = split_at_threshold(channel.cells, cells, level, options.invert)
+    segmentation = measure_part(channel, part, cells)
+    if segmentation is None:
         return None
     notes: tuple[Note, ...] = ()
-    middle, contrast = found.levels.middle, abs(found.levels.contrast)
-    if abs(level - middle) > _OFF_MIDDLE * contrast:
-        what = f"the threshold {short(level, 1)} is not halfway between part and bench ({short(middle, 1)})"
+    middle = segmentation.thresholds.middle
+    if abs(level - middle) > _MAX_OFF_MIDDLE * abs(segmentation.thresholds.contrast):
+        what = (
+            f"the threshold {short(level, 1)} is not halfway between part and bench "
+            f"({short(middle, 1)})"
+        )
         notes = (Note("warning", what, "the outline lies beside the edge, by a part of its blur"),)
-    return MaskChoice("threshold", f"the threshold {short(level, 1)} is given", found, level, notes)
+    why = f"the threshold {short(level, 1)} is given"
+    return MaskChoice("threshold", why, segmentation, level, notes)
 
 
-def _adaptive(pixels: Bytes, cells: Cells, asked: Asked) -> MaskChoice | None:
-    channel = _grey(pixels, cells)
-    bench = bench_of(channel.cells, cells.valid)
-    found = settle(channel, differing(channel.cells, cells, bench, asked.invert), cells, bench)
-    if found is None:
+def _segment_adaptively(pixels: Bytes, cells: Cells, options: MaskOptions) -> MaskChoice | None:
+    channel = _make_grey_channel(pixels, cells)
+    bench = fit_bench(channel.cells, cells.valid)
+    part = find_differing_cells(channel.cells, cells, bench, options.invert)
+    segmentation = redraw_part(channel, part, cells, bench)
+    if segmentation is None:
         return None
-    return MaskChoice(
-        "adaptive",
-        "the threshold follows the light on the bench",
-        found,
-        notes=_other_side(found, cells),
-    )
+    why = "the threshold follows the light on the bench"
+    notes = _note_other_side(segmentation, cells)
+    return MaskChoice("adaptive", why, segmentation, notes=notes)
 
 
-def _other_side(found: Found, cells: Cells) -> tuple[Note, ...]:
-    """A note on what differs from the bench the other way, if that is more than glare or dirt."""
-    dark = found.levels.contrast < 0
-    off = (found.channel.cells - found.bench.values) * (1 if dark else -1)
-    other = (off > abs(found.levels.contrast) / 2) & cells.valid
-    part = np.count_nonzero(inner_cells(other)) / np.count_nonzero(found.part)
-    if part < _OTHER_SIDE:
+def _note_other_side(segmentation: Segmentation, cells: Cells) -> tuple[Note, ...]:
+    """A note if much is lighter than the bench beside a dark part, or darker beside a light one.
+
+    Glare and dirt are too small for a note.
+    """
+    contrast = segmentation.thresholds.contrast
+    is_dark = contrast < 0
+    difference = segmentation.channel.cells - segmentation.bench.values
+    other_side = (difference * (1 if is_dark else -1) > abs(contrast) / 2) & cells.valid
+    area = np.count_nonzero(select_inner_cells(other_side))
+    fraction = area / np.count_nonzero(segmentation.part)
+    if fraction < _MIN_OTHER_SIDE:
         return ()
-    what = f"what is {'lighter' if dark else 'darker'} than the bench is not taken for the part"
-    why = f"it is {100 * part:.0f} % as large; set [image] invert to take it instead, or give background for both"
+    tone = "lighter" if is_dark else "darker"
+    what = f"what is {tone} than the bench is not taken for the part"
+    why = (
+        f"it is {100 * fraction:.0f} % as large; set [image] invert to take it instead, "
+        "or give background for both"
+    )
     return (Note("warning", what, why),)
 
 
-def _color(pixels: Bytes, cells: Cells, asked: Asked) -> MaskChoice | None:
+def _segment_by_colour(pixels: Bytes, cells: Cells, options: MaskOptions) -> MaskChoice | None:
+    """The part by its colour. Raises InputError for a grey picture."""
     if pixels.ndim == 2:
-        raise InputError(
-            asked.name, "is grey", remedy='[image] mask = "color" needs a picture in colour'
-        )
-    found = find_by_colour(pixels, cells, asked.color)
-    why = (
-        "the bench's colour is measured along the border"
-        if asked.color is None
-        else "a colour is given"
-    )
-    return MaskChoice("color", why, found) if found else None
+        remedy = '[image] mask = "color" needs a picture in colour'
+        raise InputError(options.name, "is grey", remedy=remedy)
+    segmentation = find_by_colour(pixels, cells, options.color)
+    if segmentation is None:
+        return None
+    why = "a colour is given"
+    if options.color is None:
+        why = "the bench's colour is measured along the border"
+    return MaskChoice("color", why, segmentation)
 
 
-def _background(pixels: Bytes, empty: Bytes, cells: Cells, asked: Asked) -> MaskChoice | None:
-    found = find_by_background(pixels, cells, empty, asked.name)
-    return MaskChoice("background", "a photo of the empty bench is given", found) if found else None
+def _segment_by_background(
+    pixels: Bytes, empty: Bytes, cells: Cells, options: MaskOptions
+) -> MaskChoice | None:
+    segmentation = find_by_background(pixels, cells, empty, options.name)
+    if segmentation is None:
+        return None
+    return MaskChoice("background", "a photo of the empty bench is given", segmentation)
 
 
-def _auto(pixels: Bytes, cells: Cells, asked: Asked) -> MaskChoice | None:
-    """Grey, if it shows the part clearly and all of it, else colour: grey is nearer to what a lens and a blur do."""
-    grey = _adaptive(pixels, cells, asked)
-    few = _few_coloured(pixels, cells, asked) if _find_coloured(cells) else None
-    choice = _choose(pixels, cells, asked, grey, few)
+def _segment_automatically(pixels: Bytes, cells: Cells, options: MaskOptions) -> MaskChoice | None:
+    """Grey, if it shows the part clearly and all of it, else colour.
+
+    Grey is preferred because lens and blur act on it most directly.
+    """
+    grey = _segment_adaptively(pixels, cells, options)
+    has_colour = _has_colour(cells)
+    sampled = _sample_by_colour(pixels, cells, options) if has_colour else None
+    choice = _choose_grey_or_colour(pixels, cells, options, grey, sampled)
     if choice is None:
         return None
+    choice = replace(choice, others=_list_others(cells, options, choice, grey, sampled))
+    if has_colour and _find_uncertain(choice, cells, 0.0) is not None:
+        return _leave_out_shadow(pixels, cells, choice)
+    return choice if choice.method == "color" else _leave_out_moved_outline(choice, cells)
+
+
+def _list_others(
+    cells: Cells,
+    options: MaskOptions,
+    choice: MaskChoice,
+    grey: MaskChoice | None,
+    sampled: MaskChoice | None,
+) -> dict[str, Bools]:
+    """Parts (h, w) of other methods by name, to be compared with the chosen one.
+
+    A method counts if it shows the part clearly, one threshold only in even light.
+
+    grey: the part in grey.
+    sampled: the part by its colour, in a sample of the cells.
+    """
     others: dict[str, Bools] = {}
-    # A method has a say where it tells the part clearly, one threshold where the light is even.
-    if grey is not None and grey.found.clear >= _CLEAR_CONTRAST:
-        others["adaptive"] = grey.found.part
-        if _variation_of_light(grey.found, cells) <= _EVEN:
-            values = grey.found.channel.cells
-            others["otsu"] = split_at(values, cells, otsu(values, cells), asked.invert)
-    if few is not None and few.found.clear >= _CLEAR_CONTRAST and choice.method != "color":
-        others["color"] = _as_many(few.found.part, cells.valid.shape)
-    choice = replace(choice, others=others)
-    if _find_coloured(cells) and _doubt(choice, cells, 0.0) is not None:
-        return _without_shadow(pixels, cells, choice)
-    return choice if choice.method == "color" else _without_moved_outline(choice, cells)
+    if grey is not None and grey.segmentation.clarity >= _MIN_CLARITY:
+        others["adaptive"] = grey.segmentation.part
+        if _measure_light_variation(grey.segmentation, cells) <= _EVEN_LIGHT:
+            values = grey.segmentation.channel.cells
+            threshold = compute_otsu_threshold(values, cells)
+            others["otsu"] = split_at_threshold(values, cells, threshold, options.invert)
+    if sampled is None or choice.method == "color":
+        return others
+    if sampled.segmentation.clarity >= _MIN_CLARITY:
+        others["color"] = _expand_sample(sampled.segmentation.part, cells.valid.shape)
+    return others
 
 
-def _without_moved_outline(choice: MaskChoice, cells: Cells) -> MaskChoice:
-    """The part without a shadow that is its own outline, moved; else ``choice``."""
-    bare = find_part_beside_shadow(choice.found, cells)
+def _leave_out_moved_outline(choice: MaskChoice, cells: Cells) -> MaskChoice:
+    """The part without a shadow that is its own outline, moved; `choice` itself without one."""
+    bare = find_part_beside_shadow(choice.segmentation, cells)
     if bare is None:
         return choice
     what = "a shadow or a wall is left out: it is the outline of the part, moved"
     why = f"by {bare.shift * cells.size:.0f} px of the view; if it is part, give image.threshold"
     note = Note("warning", what, f"{why}; look at the preview")
-    others = {"with its shadow": choice.found.part}
+    others = {"with its shadow": choice.segmentation.part}
     notes = (*choice.notes, note)
-    return replace(choice, found=bare.segmentation, notes=notes, others=others)
+    return replace(choice, segmentation=bare.segmentation, notes=notes, others=others)
 
 
-def _without_shadow(pixels: Bytes, cells: Cells, choice: MaskChoice) -> MaskChoice:
-    """The part without its shadow, if the colour of the bench shows one; else ``choice``."""
-    beside = find_beside_shadow(pixels, cells)
-    if beside is None or beside.clear < _CLEAR_CONTRAST or first_tone(beside) is not None:
+def _leave_out_shadow(pixels: Bytes, cells: Cells, choice: MaskChoice) -> MaskChoice:
+    """The part without its shadow, if the colour of the bench shows one; else `choice` itself."""
+    bare = find_beside_shadow(pixels, cells)
+    if bare is None or bare.clarity < _MIN_CLARITY or find_main_tone(bare) is not None:
         return choice
-    if choice.method == "color" and same(beside.part, choice.found.part):
+    if choice.method == "color" and is_same_part(bare.part, choice.segmentation.part):
         return replace(choice, others={})
-    area = np.count_nonzero(beside.part)
-    left_out = np.count_nonzero(choice.found.part & ~beside.part)
-    if _more(beside.part, choice.found.part) or left_out > _MOST_SHADOW * area:
+    area = np.count_nonzero(bare.part)
+    shadow_area = np.count_nonzero(choice.segmentation.part & ~bare.part)
+    if _has_more(bare.part, choice.segmentation.part) or shadow_area > _MAX_SHADOW * area:
         return choice
     notes: tuple[Note, ...] = ()
-    if left_out > _LEAST_SHADOW * area:
+    if shadow_area > _MIN_SHADOW * area:
         what = "a shadow beside the part is left out: it has the colour of the bench in less light"
         why = "if it is part, choose another image.mask; look at the preview"
         notes = (Note("warning", what, why),)
-    return MaskChoice(
-        "color", f"a shadow does not show in it; {_apart(beside)}", beside, notes=notes
-    )
+    why = f"a shadow does not show in it; {_describe_contrast(bare)}"
+    return MaskChoice("color", why, bare, notes=notes)
 
 
-def _doubt(choice: MaskChoice, cells: Cells, least: float) -> Doubt | None:
-    """The places that other methods, levels or tones see differently.
+def _find_uncertain(choice: MaskChoice, cells: Cells, min_area: float) -> UncertainRegions | None:
+    """The regions that other methods, thresholds or tones classify differently; None without any.
 
-    least: area of a place, px2.
+    min_area: area of the smallest region, px2.
     """
     if choice.method == "alpha":
         return None
-    others = {**other_levels(choice.found, cells), **choice.others}
-    tone = first_tone(choice.found)
+    others = {**shift_threshold(choice.segmentation, cells), **choice.others}
+    tone = find_main_tone(choice.segmentation)
     if tone is not None:
         others["one tone of it"] = tone
-    return find_doubt(choice.found.part, others, cells, least)
+    return find_uncertain_regions(choice.segmentation.part, others, cells, min_area)
 
 
-def _choose(
-    pixels: Bytes, cells: Cells, asked: Asked, grey: MaskChoice | None, few: MaskChoice | None
+def _choose_grey_or_colour(
+    pixels: Bytes,
+    cells: Cells,
+    options: MaskOptions,
+    grey: MaskChoice | None,
+    sampled: MaskChoice | None,
 ) -> MaskChoice | None:
-    reason = _for_colour(few, grey)
-    colour = _color(pixels, cells, asked) if reason else None
+    """Choose the part in grey, or by its colour if there is a reason for that.
+
+    grey: the part in grey.
+    sampled: the part by its colour, in a sample of the cells.
+
+    Returns None if neither shows a part.
+    """
+    reason = _explain_colour(sampled, grey)
+    colour = _segment_by_colour(pixels, cells, options) if reason else None
     if colour is not None:
-        return _because(colour, reason)
+        return _with_reason(colour, reason)
     if grey is None:
         return None
-    if grey.found.clear < _CLEAR_CONTRAST:
-        note = Note(
-            "warning",
-            "part and bench hardly differ",
-            "look at the mask, or give [image] background",
-        )
-        return MaskChoice(
-            grey.method, f"{grey.why}; {_apart(grey.found)}", grey.found, notes=(*grey.notes, note)
-        )
-    return _by_light(cells, asked, grey)
+    if grey.segmentation.clarity >= _MIN_CLARITY:
+        return _choose_by_light(cells, options, grey)
+    remedy = "look at the mask, or give [image] background"
+    note = Note("warning", "part and bench hardly differ", remedy)
+    choice = _with_reason(grey, grey.why)
+    return replace(choice, notes=(*grey.notes, note))
 
 
 def is_cut_out(alpha: Bytes) -> bool:
     """Whether a picture shows a cut-out part: most of its border is transparent, and not all of it.
 
     Round corners and holes do not make a cut-out.
+
     alpha: (H, W), 0 transparent to 255 opaque.
     """
     rows = (alpha[0], alpha[-1], alpha[1:-1, 0], alpha[1:-1, -1])
@@ -294,110 +387,120 @@ def is_cut_out(alpha: Bytes) -> bool:
     return bool(2 * np.count_nonzero(border) > len(border) and alpha.max() > HALF_OPAQUE)
 
 
-def _alpha(pixels: Bytes, cells: Cells, options: Asked) -> MaskChoice | None:
+def _segment_by_alpha(pixels: Bytes, cells: Cells, options: MaskOptions) -> MaskChoice | None:
     """The opaque area of a view of the transparency. Half-covered pixels are half opaque."""
-    channel = _grey(pixels, cells)
+    channel = _make_grey_channel(pixels, cells)
     part = ((channel.cells > HALF_OPAQUE) ^ options.invert) & cells.valid
-    outline = as_it_is(channel, np.asarray(part, np.bool_), cells)
+    segmentation = measure_part(channel, np.asarray(part, np.bool_), cells)
+    if segmentation is None:
+        return None
     why = "the picture is transparent around it; image.mask chooses by grey or color"
-    return MaskChoice("alpha", why, outline, HALF_OPAQUE) if outline else None
+    return MaskChoice("alpha", why, segmentation, HALF_OPAQUE)
 
 
-def _few_coloured(pixels: Bytes, cells: Cells, asked: Asked) -> MaskChoice | None:
-    """The part by its colour in some of the cells, evenly spread."""
-    step = _step(cells.valid.shape)
-    few = Cells(
+def _sample_by_colour(pixels: Bytes, cells: Cells, options: MaskOptions) -> MaskChoice | None:
+    """The part by its colour in a sample of the cells, evenly spread."""
+    step = _compute_sample_step(cells.valid.shape)
+    sample = Cells(
         np.ascontiguousarray(cells.values[::step, ::step]),
         cells.valid[::step, ::step].copy(),
         cells.size * step,
     )
-    return _color(pixels, few, asked)
+    return _segment_by_colour(pixels, sample, options)
 
 
-def _step(shape: tuple[int, ...]) -> int:
-    return max(1, math.isqrt(shape[0] * shape[1] // _ENOUGH))
+def _compute_sample_step(shape: tuple[int, ...]) -> int:
+    """Step in rows and in columns that leaves about `_CHOICE_CELLS` of the cells."""
+    return max(1, math.isqrt(shape[0] * shape[1] // _CHOICE_CELLS))
 
 
-def _as_many(few: Bools, shape: tuple[int, ...]) -> Bools:
-    """Some of the cells spread to all of ``shape``."""
-    step = _step(shape)
-    return np.asarray(
-        few.repeat(step, axis=0).repeat(step, axis=1)[: shape[0], : shape[1]], np.bool_
-    )
+def _expand_sample(sample: Bools, shape: tuple[int, ...]) -> Bools:
+    """A sample of the cells, each one repeated, in an array of `shape`."""
+    step = _compute_sample_step(shape)
+    expanded = sample.repeat(step, axis=0).repeat(step, axis=1)
+    return np.asarray(expanded[: shape[0], : shape[1]], np.bool_)
 
 
-def _for_colour(colour: MaskChoice | None, grey: MaskChoice | None) -> str:
-    """Why colour is better than grey; empty if it is not. Judged by some of the cells."""
-    if colour is None or colour.found.clear < _CLEAR_CONTRAST:
+def _explain_colour(sampled: MaskChoice | None, grey: MaskChoice | None) -> str:
+    """The reason to prefer colour to grey; empty if there is no reason.
+
+    sampled: the part by its colour, in a sample of the cells.
+    """
+    if sampled is None or sampled.segmentation.clarity < _MIN_CLARITY:
         return ""
-    if grey is None or grey.found.clear < _CLEAR_CONTRAST:
+    if grey is None or grey.segmentation.clarity < _MIN_CLARITY:
         return "part and bench differ in colour more clearly than in grey"
-    step = _step(grey.found.part.shape)
-    more = _more(colour.found.part, grey.found.part[::step, ::step].copy())
-    return "colour shows more of the part than grey does" if more else ""
+    step = _compute_sample_step(grey.segmentation.part.shape)
+    grey_part = grey.segmentation.part[::step, ::step].copy()
+    if _has_more(sampled.segmentation.part, grey_part):
+        return "colour shows more of the part than grey does"
+    return ""
 
 
-def _by_light(cells: Cells, asked: Asked, grey: MaskChoice) -> MaskChoice:
-    """Otsu's threshold, the simpler method, if the light is even and it finds the same."""
-    varies = _variation_of_light(grey.found, cells)
-    if varies > _EVEN:
-        return _because(grey, f"the light varies by {100 * varies:.0f} % over the picture")
-    channel = grey.found.channel
-    plain = split_at(channel.cells, cells, otsu(channel.cells, cells), asked.invert)
-    if not same(plain, grey.found.part):
-        return _because(
-            grey,
-            "one threshold for the whole picture finds something else than the bench's rim says",
+def _choose_by_light(cells: Cells, options: MaskOptions, grey: MaskChoice) -> MaskChoice:
+    """Name Otsu's threshold, the simpler method, if the light is even and it finds the same part.
+
+    The segmentation is that of `grey` in any case.
+    """
+    variation = _measure_light_variation(grey.segmentation, cells)
+    if variation > _EVEN_LIGHT:
+        return _with_reason(grey, f"the light varies by {100 * variation:.0f} % over the picture")
+    values = grey.segmentation.channel.cells
+    threshold = compute_otsu_threshold(values, cells)
+    part = split_at_threshold(values, cells, threshold, options.invert)
+    if not is_same_part(part, grey.segmentation.part):
+        reason = (
+            "one threshold for the whole picture finds something else than the bench's rim says"
         )
-    return _because(MaskChoice("otsu", "", grey.found, notes=grey.notes), "the light is even")
+        return _with_reason(grey, reason)
+    otsu = MaskChoice("otsu", "", grey.segmentation, notes=grey.notes)
+    return _with_reason(otsu, "the light is even")
 
 
-def _variation_of_light(found: Found, cells: Cells) -> float:
-    """By how much the bench varies over the picture, of its value in the middle."""
-    low, middle, high = np.percentile(found.bench.values[cells.valid], [1, 50, 99]).tolist()
-    return float((high - low) / max(middle, 1.0))
+def _measure_light_variation(segmentation: Segmentation, cells: Cells) -> float:
+    """Variation of the bench over the picture, as a fraction of its median grey value."""
+    values = segmentation.bench.values[cells.valid]
+    low, median, high = np.percentile(values, [1, 50, 99]).tolist()
+    return float((high - low) / max(median, 1.0))
 
 
-def _because(choice: MaskChoice, reason: str) -> MaskChoice:
-    return MaskChoice(
-        choice.method, f"{reason}; {_apart(choice.found)}", choice.found, notes=choice.notes
-    )
+def _with_reason(choice: MaskChoice, reason: str) -> MaskChoice:
+    """The choice with a reason and its contrast as `why`, and with the measured thresholds."""
+    why = f"{reason}; {_describe_contrast(choice.segmentation)}"
+    return MaskChoice(choice.method, why, choice.segmentation, notes=choice.notes)
 
 
-def _apart(found: Found) -> str:
-    levels = found.levels
-    side = "darker" if levels.contrast < 0 else "lighter"
-    what = "grey levels " + side if found.channel.black == 0 else "levels of colour apart"
-    return f"the part is {abs(levels.contrast):.0f} {what}, the bench varies by {_variation(found)}"
+def _describe_contrast(segmentation: Segmentation) -> str:
+    contrast = segmentation.thresholds.contrast
+    sigma = max(segmentation.thresholds.outside_sigma, segmentation.bench.sigma)
+    side = "darker" if contrast < 0 else "lighter"
+    is_grey = segmentation.channel.black == 0
+    what = "grey levels " + side if is_grey else "levels of colour apart"
+    return f"the part is {abs(contrast):.0f} {what}, the bench varies by {short(sigma, 1)}"
 
 
-def _variation(found: Found) -> str:
-    return short(max(found.levels.without, found.bench.sigma), 1)
-
-
-def _find_coloured(cells: Cells) -> bool:
+def _has_colour(cells: Cells) -> bool:
+    """Whether a picture is in colour, judged by every second cell."""
     if cells.values.ndim == 2:
         return False
     blue, green, red = (cells.values[::2, ::2, k] for k in range(3))
-    return bool(
-        (np.abs(red - green) + np.abs(blue - green))[cells.valid[::2, ::2]].max(initial=0)
-        > _COLOURED
-    )
+    differences = (np.abs(red - green) + np.abs(blue - green))[cells.valid[::2, ::2]]
+    return bool(differences.max(initial=0) > _MIN_COLOUR)
 
 
-def _more(colour: Bools, grey: Bools) -> bool:
-    """Does the one have a good deal that the other has not, boundaries aside?"""
-    around = cv2.dilate(grey.view(np.uint8), np.ones((5, 5), np.uint8)).view(np.bool_)
-    return bool(np.count_nonzero(colour & ~around) > _MORE * np.count_nonzero(colour))
+def _has_more(first: Bools, second: Bools) -> bool:
+    """Whether much of the part `first` (h, w) is missing in `second` (h, w), boundaries aside."""
+    around = cv2.dilate(second.view(np.uint8), np.ones((5, 5), np.uint8)).view(np.bool_)
+    return bool(np.count_nonzero(first & ~around) > _MIN_MISSING * np.count_nonzero(first))
 
 
-_METHODS: dict[Method, Callable[[Bytes, Cells, Asked], MaskChoice | None]] = {
-    "auto": _auto,
-    "otsu": _otsu,
-    "threshold": _threshold,
-    "color": _color,
-    "adaptive": _adaptive,
-    "alpha": _alpha,
+_METHODS: dict[Method, Callable[[Bytes, Cells, MaskOptions], MaskChoice | None]] = {
+    "auto": _segment_automatically,
+    "otsu": _segment_by_otsu,
+    "threshold": _segment_by_threshold,
+    "color": _segment_by_colour,
+    "adaptive": _segment_adaptively,
+    "alpha": _segment_by_alpha,
 }
 
 
@@ -405,12 +508,19 @@ _DEFAULTS = ImageTable()
 
 
 class Mask(Struct, frozen=True, eq=False):
-    """The part in a view. pixels: (H, W) uint8, 255 part and 0 bench, read-only.
+    """The part in a view.
 
-    method: the one used. why: a sentence. grey: (H, W) uint8 or float32, in which the boundary is where ``level`` is, a
-    number or (H, W) float32; the part is below it if ``dark``, else above. Beside dropped specks and filled holes, and
-    where the photo shows nothing, ``pixels`` is exactly that side. doubt: (H, W), 255 where other methods than the one
-    that ``auto`` chose see it differently by more than a border; None where none does.
+    pixels: (H, W) uint8, 255 part and 0 bench, read-only. A pixel is part if `grey` is on the
+        part's side of `level`, with these exceptions: where the photo shows nothing, dropped
+        specks, filled holes, tones within the part and texture of the bench beyond `level`.
+    method: the method that was used.
+    why: reason for the method, a sentence.
+    grey: (H, W) uint8 or float32, channel in which the boundary of the part is at `level`.
+    level: threshold of all pixels, or (H, W) float32.
+    dark: the part is below `level`, else it is above.
+    notes: notes to the user.
+    doubt: (H, W) uint8, 255 at pixels that other methods classify differently by more than a
+        border; None if there are no such pixels.
     """
 
     pixels: Bytes
@@ -429,118 +539,128 @@ def part_mask(
     background: ScaledView | None = None,
     name: str = "picture",
 ) -> Mask:
-    """The mask of the part, or parts, in ``view``. ``name`` is the file's, for errors.
+    """Make the mask of the part, or of the parts, in a view.
 
-    background: the same view of the empty bench. A setting of one method chooses it where ``mask`` is auto. threshold:
-    grey value. color: of the bench or of the part, [red, green, blue]. invert: the part is on the other side of the
-    threshold, or of the bench's grey, than where it was found. min_area: mm2; smaller pieces and holes are noise.
-    JobError: settings that do not fit together. InputError: no part, or one that touches the border of what the photo
-    shows.
+    settings: the table image of the job. Where its `mask` is auto, a threshold or a color chooses
+        the method that uses it. Pieces and holes below `min_area` (mm2) are noise.
+    background: view of the empty bench at the same scale; it chooses the method background.
+    name: file of the picture, for errors.
+
+    Raises JobError for settings that do not fit together; InputError if there is no part, or if it
+    touches the border of what the photo shows; NoSafeProgram if no part dominates the mask.
     """
-    _check(view, background)
-    asked = Asked(
-        _method(settings, background), settings.threshold, _colour(settings), settings.invert, name
-    )
-    cells = cells_of(view.pixels, view.valid)
+    _check_background(view, background)
+    method, colour = _choose_method(settings, background), _check_colour(settings)
+    options = MaskOptions(method, settings.threshold, colour, settings.invert, name)
+    cells = make_cells(view.pixels, view.valid)
     if not cells.valid.any():
-        raise InputError(
-            name, "shows nothing of the work plane", remedy="check the work plane and the region"
-        )
-    choice = choose_mask(
-        view.pixels, None if background is None else background.pixels, cells, asked
-    )
-    channel, levels = choice.found.channel, choice.found.levels
-    grey, notes = quiet(channel.pixels(), choice.found, cells)
-    level: float | Floats = levels.middle if choice.level is None else float(choice.level)
-    if choice.level is None and not levels.even:
-        level = spread_out(levels.tiles, levels.tile * cells.size, grey.shape)
-    dark = levels.contrast < 0
-    pixels = beyond(grey, level, dark)
+        remedy = "check the work plane and the region"
+        raise InputError(name, "shows nothing of the work plane", remedy=remedy)
+    empty = None if background is None else background.pixels
+    choice = choose_mask(view.pixels, empty, cells, options)
+    segmentation, thresholds = choice.segmentation, choice.segmentation.thresholds
+    grey, notes = smooth_noise(segmentation.channel.pixels(), segmentation, cells)
+    level: float | Floats = thresholds.middle if choice.level is None else float(choice.level)
+    if choice.level is None and not thresholds.even:
+        level = interpolate_tiles(thresholds.tiles, thresholds.tile * cells.size, grey.shape)
+    dark = thresholds.contrast < 0
+    pixels = select_part_pixels(grey, level, dark)
     if choice.level is None:
-        _keep_found(pixels, choice.found, cells)
+        _restore_segmentation(pixels, segmentation, cells)
     if view.valid is not None:
         pixels[~view.valid] = 0
     accepts_specks = "specks" in settings.accept
     notes += clean(pixels, view, settings.min_area, name, accepts_specks=accepts_specks)
-    doubt = _doubt(choice, cells, settings.min_area / view.mm_per_px**2)
-    if doubt is not None:
-        notes += (_note_doubt(doubt, cells, view),)
+    uncertain = _find_uncertain(choice, cells, settings.min_area / view.mm_per_px**2)
+    doubt: Bytes | None = None
+    if uncertain is not None:
+        notes += (_note_uncertain(uncertain, cells, view),)
+        doubt = draw_uncertain_regions(uncertain, cells, pixels.shape)
+    notes += _note_touching(find_touching_places(pixels, cells), cells, view)
     # Views, since the grey picture may be the caller's own.
     pixels, grey = pixels.view(), grey.view()
     for array in (pixels, grey, level):
         if isinstance(array, np.ndarray):
             array.flags.writeable = False
-    notes += _note_meetings(meetings(pixels, cells), cells, view)
-    in_doubt = None if doubt is None else show_doubt(doubt, cells, pixels.shape)
-    return Mask(
-        pixels, choice.method, choice.why, grey, level, dark, choice.notes + notes, in_doubt
-    )
+    return Mask(pixels, choice.method, choice.why, grey, level, dark, choice.notes + notes, doubt)
 
 
-def _keep_found(pixels: Bytes, segmentation: Found, cells: Cells) -> None:
-    """Sets the pixels where the level alone contradicts the segmentation.
+def _restore_segmentation(pixels: Bytes, segmentation: Segmentation, cells: Cells) -> None:
+    """Set the pixels where the threshold alone contradicts the segmentation, in place.
 
     These are tones within the part, and the texture of the bench. The border is left as it is.
     """
     part = segmentation.part
-    differs = beyond_level(segmentation.channel, segmentation.levels, cells) ^ part
+    beyond = select_part_cells(segmentation.channel, segmentation.thresholds, cells)
+    differs = beyond ^ part
     if not differs.any():
         return
     around = cv2.dilate(differs.view(np.uint8), np.ones((3, 3), np.uint8)).view(np.bool_)
-    at = [
+    cell_of_row, cell_of_column = (
         np.minimum(np.arange(count) // cells.size, limit - 1)
         for count, limit in zip(pixels.shape, differs.shape, strict=True)
-    ]
+    )
     for side, value in ((part, 255), (~part, 0)):
-        inner = around & inner_cells(side)
-        pixels[inner[np.ix_(*at)]] = value
+        inner = around & select_inner_cells(side)
+        pixels[inner[np.ix_(cell_of_row, cell_of_column)]] = value
 
 
-def _note_doubt(doubt: Doubt, cells: Cells, view: ScaledView) -> Note:
-    """What other methods see differently, and where."""
+def _note_uncertain(uncertain: UncertainRegions, cells: Cells, view: ScaledView) -> Note:
+    """The note on uncertain regions, with the methods that differ and the largest places."""
     mm2 = (cells.size * view.mm_per_px) ** 2
-    count = len(doubt.places)
-    what = f"{counted(count, 'place')}, {short(int(doubt.where.sum()) * mm2, 1)} mm2 in all, "
-    what += f"{'are' if count > 1 else 'is'} part or bench by the method: a shadow, a shine, or uneven light?"
-    by = ", ".join(f"{name} by {short(size * mm2, 1)} mm2" for name, size in doubt.by)
-    why = f"others differ there: {by}; look at the preview, set image.mask or image.threshold, or give image.background"
-    return Note(
-        "warning",
-        what,
-        why,
-        places=_in_work([(u, v) for v, u in doubt.places[:_MOST_PLACES]], cells, view),
+    count = len(uncertain.places)
+    what = (
+        f"{counted(count, 'place')}, {short(int(uncertain.cells.sum()) * mm2, 1)} mm2 in all, "
+        f"{'are' if count > 1 else 'is'} part or bench by the method: "
+        "a shadow, a shine, or uneven light?"
     )
+    methods = ", ".join(
+        f"{name} by {short(size * mm2, 1)} mm2" for name, size in uncertain.by_method
+    )
+    why = (
+        f"others differ there: {methods}; look at the preview, set image.mask or image.threshold, "
+        "or give image.background"
+    )
+    middles = [(u, v) for v, u in uncertain.places[:_MAX_PLACES]]
+    return Note("warning", what, why, places=_convert_to_work(middles, cells, view))
 
 
-def _note_meetings(found: list[Meeting], cells: Cells, view: ScaledView) -> tuple[Note, ...]:
-    if not found:
+def _note_touching(
+    touching: list[TouchingPlace], cells: Cells, view: ScaledView
+) -> tuple[Note, ...]:
+    """The note on parts that touch or overlap, with the first places; none without a place."""
+    if not touching:
         return ()
-    what = f"parts seem to touch or overlap in {counted(len(found), 'place')}: taken for one, with one outline"
+    listed = touching[:_MAX_PLACES]
+    what = (
+        f"parts seem to touch or overlap in {counted(len(touching), 'place')}: "
+        "taken for one, with one outline"
+    )
     lengths = ", ".join(
-        f"{short(m.length * cells.size * view.mm_per_px, 1)} mm" for m in found[:_MOST_PLACES]
+        f"{short(place.length * cells.size * view.mm_per_px, 1)} mm" for place in listed
     )
-    why = f"two sharp notches face each other there, {lengths} apart; move the parts apart, or crop with image.region"
-    return (
-        Note(
-            "warning",
-            what,
-            why,
-            places=_in_work([m.middle for m in found[:_MOST_PLACES]], cells, view),
-        ),
+    why = (
+        f"two sharp notches face each other there, {lengths} apart; "
+        "move the parts apart, or crop with image.region"
     )
+    places = _convert_to_work([place.middle for place in listed], cells, view)
+    return (Note("warning", what, why, places=places),)
 
 
-def _in_work(
-    places: Sequence[tuple[float, float]], cells: Cells, view: ScaledView
+def _convert_to_work(
+    points: Sequence[tuple[float, float]], cells: Cells, view: ScaledView
 ) -> tuple[tuple[float, float], ...]:
-    """Places u, v in cells as x, y in mm."""
-    at = np.array([[*place, 1.0] for place in places]) * (cells.size, cells.size, 1.0)
-    at[:, :2] += (cells.size - 1) / 2
-    return tuple((x, y) for x, y in (at @ view.work_from_view.T).tolist())
+    """Convert points (u, v) in cells to (x, y) in the work frame, mm."""
+    pixels = np.array([[*point, 1.0] for point in points]) * (cells.size, cells.size, 1.0)
+    pixels[:, :2] += (cells.size - 1) / 2
+    return tuple((x, y) for x, y in (pixels @ view.work_from_view.T).tolist())
 
 
-def _method(settings: ImageTable, background: ScaledView | None) -> Method:
-    """The method meant: one that needs a setting must have it, and a setting alone is enough."""
+def _choose_method(settings: ImageTable, background: ScaledView | None) -> Method:
+    """The method of the settings; where that is auto, the one that a given value is for.
+
+    Raises JobError for a method without the value that it needs.
+    """
     given: dict[Method, bool] = {
         "background": background is not None,
         "threshold": settings.threshold is not None,
@@ -548,35 +668,39 @@ def _method(settings: ImageTable, background: ScaledView | None) -> Method:
     }
     method = settings.mask
     if method in ("background", "threshold") and not given[method]:
-        raise JobError(
-            "[image] mask",
-            f'"{method}" needs [image] {method}',
-            remedy="give it, or choose another",
-        )
-    if method == "auto":
-        return next((one for one, is_given in given.items() if is_given), method)
-    return method
+        what = f'"{method}" needs [image] {method}'
+        raise JobError("[image] mask", what, remedy="give it, or choose another")
+    if method != "auto":
+        return method
+    for candidate, is_given in given.items():
+        if is_given:
+            return candidate
+    return "auto"
 
 
-def _colour(settings: ImageTable) -> Colour | None:
+def _check_colour(settings: ImageTable) -> Colour | None:
+    """The colour of the settings, None for none. Raises JobError for an invalid one."""
     if settings.color is None:
         return None
-    if not (len(settings.color) == 3 and all(0 <= c <= 255 for c in settings.color)):
+    if len(settings.color) != 3 or not all(0 <= value <= 255 for value in settings.color):
         what = f"{settings.color} is no colour"
         raise JobError("[image] color", what, remedy="give [red, green, blue], each 0 to 255")
     red, green, blue = settings.color
     return red, green, blue
 
 
-def _check(view: ScaledView, background: ScaledView | None) -> None:
-    if background is not None and background.pixels.shape != view.pixels.shape:
-        shapes = " and ".join(_describe(one) for one in (background, view))
-        remedy = "take both with the same camera and settings, and treat both alike"
-        raise JobError(
-            "[image] background", f"its picture and the photo differ: {shapes}", remedy=remedy
-        )
+def _check_background(view: ScaledView, background: ScaledView | None) -> None:
+    """Raises JobError if the view of the empty bench has another size or number of channels."""
+    if background is None or background.pixels.shape == view.pixels.shape:
+        return
+    what = (
+        f"its picture and the photo differ: {_describe_picture(background)} "
+        f"and {_describe_picture(view)}"
+    )
+    remedy = "take both with the same camera and settings, and treat both alike"
+    raise JobError("[image] background", what, remedy=remedy)
 
 
-def _describe(view: ScaledView) -> str:
+def _describe_picture(view: ScaledView) -> str:
     height, width = view.pixels.shape[:2]
     return f"{width} x {height} px in {'grey' if view.pixels.ndim == 2 else 'colour'}"

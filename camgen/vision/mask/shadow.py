@@ -15,9 +15,9 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.vision.mask.cells import Bools, Cells
-from camgen.vision.mask.channel import Found
-from camgen.vision.mask.doubt import first_tone
-from camgen.vision.mask.level import at_tiles, halfway
+from camgen.vision.mask.channel import Segmentation
+from camgen.vision.mask.doubt import find_main_tone
+from camgen.vision.mask.level import average_tiles, measure_thresholds
 
 #: A shadow and the moved part agree in this share of both together, at least.
 _AGREES = 0.8
@@ -36,17 +36,17 @@ class PartBesideShadow(Struct, frozen=True, eq=False):
     shift: the length of the vector, cells.
     """
 
-    segmentation: Found
+    segmentation: Segmentation
     shift: float
 
 
-def find_part_beside_shadow(grey: Found, cells: Cells) -> PartBesideShadow | None:
+def find_part_beside_shadow(grey: Segmentation, cells: Cells) -> PartBesideShadow | None:
     """The part without the shadow that is joined to it; None if it has none.
 
     grey: the part with its shadow, in the grey picture. A shadow that differs more from the bench
         than the part does is not found.
     """
-    tone = first_tone(grey)
+    tone = find_main_tone(grey)
     if tone is None:
         return None
     whole = _largest(grey.part)
@@ -69,7 +69,7 @@ def find_part_beside_shadow(grey: Found, cells: Cells) -> PartBesideShadow | Non
     return None if segmentation is None else PartBesideShadow(segmentation, length)
 
 
-def _between(grey: Found, part: Bools, shadow: Bools, cells: Cells) -> Found | None:
+def _between(grey: Segmentation, part: Bools, shadow: Bools, cells: Cells) -> Segmentation | None:
     """The part at levels halfway between its tone and that of the shadow, in the bench's light.
 
     None if no such level has the shadow on the side of the bench.
@@ -79,20 +79,20 @@ def _between(grey: Found, part: Bools, shadow: Bools, cells: Cells) -> Found | N
     if not _LEAST_GAP < (tones[1] - tones[0]) / (1 - tones[0]) < 1:
         return None
     level = np.asarray(light * np.float32(sum(tones) / 2), np.float32)
-    side = np.less if grey.levels.contrast < 0 else np.greater
+    side = np.less if grey.thresholds.contrast < 0 else np.greater
     redrawn = np.asarray(side(values, level) & cells.valid, np.bool_)
-    levels = halfway(values, redrawn, cells, grey.bench, grey.channel.black)
-    if not levels.contrast:
+    thresholds = measure_thresholds(values, redrawn, cells, grey.bench, grey.channel.black)
+    if not thresholds.contrast:
         return None
-    # The contrast of the part is that to its shadow: no level beyond that has a say.
+    # The contrast of the part is that to its shadow: no threshold beyond that has a say.
     inside, outside = (float(np.median(values[area])) for area in (part, shadow))
-    tiles = at_tiles(level, levels.tile)
-    levels = replace(levels, tiles=tiles, even=False, inside=inside, outside=outside)
-    return Found(grey.channel, redrawn, levels, grey.bench)
+    tiles = average_tiles(level, thresholds.tile)
+    thresholds = replace(thresholds, tiles=tiles, even=False, inside=inside, outside=outside)
+    return Segmentation(grey.channel, redrawn, thresholds, grey.bench)
 
 
 def _find_shift(part: Bools, rest: Bools) -> tuple[int, int]:
-    """The vector (rows, columns), cells, that makes the moved part agree best with ``rest``."""
+    """The vector (rows, columns), cells, that makes the moved part agree best with `rest`."""
     rows, columns = np.flatnonzero(part.any(axis=1)), np.flatnonzero(part.any(axis=0))
     reach = int(_MOST_SHIFT * max(np.ptp(rows), np.ptp(columns))) + 1
     shape = [cv2.getOptimalDFTSize(side + reach) for side in part.shape]
@@ -117,14 +117,14 @@ def _moved(area: Bools, shift: tuple[int, int]) -> Bools:
 
 
 def _opened(area: Bools) -> Bools:
-    """``area`` without strips of two cells or fewer: blurred borders."""
+    """`area` without strips of two cells or fewer: blurred borders."""
     kernel = np.ones((3, 3), np.uint8)
     opened = cv2.morphologyEx(area.view(np.uint8), cv2.MORPH_OPEN, kernel)
     return np.asarray(opened, np.uint8).view(np.bool_)
 
 
 def _largest(area: Bools) -> Bools:
-    """The largest piece of ``area``; none of an empty one."""
+    """The largest piece of `area`; none of an empty one."""
     if not area.any():
         return area
     _, owners, stats, _ = cv2.connectedComponentsWithStats(area.view(np.uint8), connectivity=4)
