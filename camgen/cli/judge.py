@@ -26,7 +26,7 @@ from camgen.lang.programs import (
 from camgen.model.errors import CamgenError, InputError, JobError, NoSafeProgram, one_line
 from camgen.model.job import Job
 from camgen.model.pose import tell_frame
-from camgen.model.text import counted
+from camgen.model.text import counted, duration
 from camgen.read.files import Files
 
 Row = tuple[str, str]
@@ -140,6 +140,18 @@ def name_files(executed: Executed, place: Places) -> Executed:
         assumed=tuple(replace(one, what=told(one.what)) for one in executed.assumed),
         stopped=executed.stopped and (executed.stopped[0], told(executed.stopped[1])),
     )
+
+
+def tell_time(seconds: float, untimed: int) -> str:
+    """The time of a program as text.
+
+    seconds: time of the motions of the arm, s.
+    untimed: number of motions of external axes, whose time is not known.
+    """
+    if not untimed:
+        return f"about {duration(seconds)}"
+    motions = counted(untimed, "motion")
+    return f"not known: {motions} of external axes; the arm moves for about {duration(seconds)}"
 
 
 def check_page(name: str) -> None:

@@ -21,6 +21,7 @@ from camgen.cli.judge import (
     name_files,
     rows_of,
     tell_findings,
+    tell_time,
     verdict,
 )
 from camgen.cli.motion_file import MotionFile
@@ -38,7 +39,7 @@ from camgen.model.job import Job
 from camgen.model.plugins import entries
 from camgen.model.pose import Pose
 from camgen.model.program import Columns, ToolChange
-from camgen.model.text import counted, duration, short
+from camgen.model.text import counted, short
 from camgen.post import Post
 from camgen.post.contract import prepare_program
 from camgen.post.limits import limit_tolerance
@@ -161,7 +162,8 @@ def _judge(asked: _Asked, says: Voice) -> int:
     motions = sum_up(Columns(told.body))
     if told.body is not executed.body:
         motions = replace(motions, counts=sum_up(Columns(executed.body)).counts)
-    rows = [("language", language.about), *_rows(motions, _lines(texts)), *rows_of(executed, place)]
+    rows = [("language", language.about), *_rows(motions, _lines(texts), executed.untimed)]
+    rows += rows_of(executed, place)
     rows += [("told", f"{note.what} ({note.why})") for note in told.notes]
     error = verdict(executed, paths[0], place)
     if error is None and not (executed.body or executed.assumed or executed.facts):
@@ -405,13 +407,13 @@ def _lines(texts: Mapping[str, str]) -> int:
     return sum(text.count("\n") for text in texts.values())
 
 
-def _rows(motions: Motions, lines: int) -> list[tuple[str, str]]:
+def _rows(motions: Motions, lines: int, untimed: int = 0) -> list[tuple[str, str]]:
     kinds = [counted(n, _NAMES[kind]) for kind, n in motions.counts.items() if n]
     rows = [("program", f"{counted(lines, 'line')}: {', '.join(kinds) or 'no instruction'}")]
     rows.append(("straight", length(motions.straight)))
     rows.append(("arcs", length(motions.arc)))
     rows.append(("joint", f"{length(motions.joint)} between the ends"))
-    rows.append(("time", f"about {duration(motions.seconds)}"))
+    rows.append(("time", tell_time(motions.seconds, untimed)))
     if motions.speeds[1] > 0:
         rows.append(
             ("speed", " to ".join(dict.fromkeys(short(v, 3) for v in motions.speeds)) + " mm/s")

@@ -16,7 +16,7 @@ from pathlib import Path
 from msgspec import Struct
 
 from camgen.check.report import sum_up
-from camgen.cli.judge import add_harm, ask_of, find_own, name_files, verdict
+from camgen.cli.judge import add_harm, ask_of, find_own, name_files, tell_time, verdict
 from camgen.cli.program_texts import read_texts
 from camgen.cli.say import Voice, table
 from camgen.lang.programs import LEVELS, Executed, Finding, Language, Places, list_languages
@@ -24,7 +24,7 @@ from camgen.lang.taught import as_far_as_known
 from camgen.model.errors import CamgenError, InputError, JobError
 from camgen.model.job import Job
 from camgen.model.program import Columns
-from camgen.model.text import counted, duration
+from camgen.model.text import counted
 from camgen.model.version import __version__
 from camgen.read.files import Files
 
@@ -49,7 +49,8 @@ class Judged(Struct, frozen=True, eq=False):
     language: name of its language, empty if it could not be read.
     findings: its findings, in order of line.
     place: file and line of a line that is counted through all files.
-    seconds: time of its motion, s.
+    seconds: time of the motions of the arm, s.
+    untimed: number of motions of external axes, whose time is not known.
     exit_code: the code with which `camgen verify` ends for it alone.
     error: the line of its error, empty without one.
     """
@@ -59,6 +60,7 @@ class Judged(Struct, frozen=True, eq=False):
     findings: tuple[Finding, ...]
     place: Places
     seconds: float
+    untimed: int
     exit_code: int
     error: str
 
@@ -195,14 +197,15 @@ def _verify_group(
         request = ask_of(language, arguments, Job(), files)
         executed = add_harm(language.run(texts, request), texts)
     except CamgenError as error:
-        return Judged(names, _name(language), (), Places({}), 0.0, error.exit_code, str(error))
+        return Judged(names, _name(language), (), Places({}), 0.0, 0, error.exit_code, str(error))
     if len(group) > 1:
         executed = name_files(executed, place)
     refusal = verdict(executed, group[0], place)
     code = 0 if refusal is None else refusal.exit_code
     findings = (*executed.findings, *_stop(executed))
     seconds = sum_up(Columns(as_far_as_known(executed).body)).seconds
-    return Judged(names, language.name, findings, place, seconds, code, "")
+    untimed = executed.untimed
+    return Judged(names, language.name, findings, place, seconds, untimed, code, "")
 
 
 def _stop(executed: Executed) -> tuple[Finding, ...]:
@@ -219,7 +222,7 @@ def _as_table(judged: Sequence[Judged], others: int) -> str:
         more = f" and {counted(len(program.names) - 1, 'more file')}"
         name = program.names[0] + (more if len(program.names) > 1 else "")
         counts = [str(program.count(level)) for level in LEVELS]
-        time = program.error or f"about {duration(program.seconds)}"
+        time = program.error or tell_time(program.seconds, program.untimed)
         rows.append((name, program.language or "-", *counts, time, str(program.exit_code)))
     codes = Counter(program.exit_code for program in judged)
     summary = f"{counted(len(judged), 'program')}: {codes[0]} without refusal or danger"
@@ -232,6 +235,7 @@ def _as_data(program: Judged) -> dict[str, object]:
         "files": program.names,
         "language": program.language,
         "seconds": program.seconds,
+        "untimed": program.untimed,
         "exit_code": program.exit_code,
         "error": program.error,
         "findings": [

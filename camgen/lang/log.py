@@ -42,6 +42,7 @@ class Log:
         self.facts: dict[str, dict[str, int]] = {}
         self.lost: dict[str, int] = {}
         self.omitted: dict[str, int] = {}
+        self.untimed = 0
         self._findings: dict[tuple[int, str], Level] = {}
         self._kinds: set[str] = set()
 
@@ -90,8 +91,12 @@ class Log:
         self.assume(what, key, line=line)
         self.lose(what, line=line)
 
-    def lose_axes(self, what: str) -> None:
-        """Add a loss of motions of external axes, which no program of camgen has."""
+    def lose_axes(self, what: str, is_moving: bool = True) -> None:
+        """Add a loss of motions of external axes, which no program of camgen has.
+
+        is_moving: whether such an axis moves, which takes a time that is not known.
+        """
+        self.untimed += is_moving
         self.fact("external axes", what)
         self.lose(f"external axes: {what}")
 

@@ -161,6 +161,7 @@ class Executed(Struct, frozen=True, eq=False):
     lost: line and text of effects without which no other machine may run the body.
     omitted: line and text of effects that another machine does without, such as accelerations.
     stopped: line and reason where the run ended too early, None if it ended as the text says.
+    untimed: number of motions of external axes. Their time is not known.
     """
 
     body: Sequence[Instruction]
@@ -173,6 +174,7 @@ class Executed(Struct, frozen=True, eq=False):
     lost: tuple[tuple[int, str], ...] = ()
     omitted: tuple[tuple[int, str], ...] = ()
     stopped: tuple[int, str] | None = None
+    untimed: int = 0
 
     @property
     def work(self) -> Pose | None:
@@ -303,6 +305,7 @@ _EXECUTED = {
     "facts": be(tuple, "a tuple of pairs of texts"),
     "lost": be(tuple, "a tuple of lines with texts"),
     "omitted": be(tuple, "a tuple of lines with texts"),
+    "untimed": be(int, "a number of motions"),
 }
 
 

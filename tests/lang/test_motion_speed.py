@@ -282,3 +282,26 @@ def test_a_slow_turn_from_an_unknown_place_is_reported():
         "SPEED with 1 % of turning: where the motion begins is not known"
     ]
     assert run_vplus(slow[0], slow[2]).omitted == ()
+
+
+def track(x: float, at: str) -> str:
+    """A straight motion along x of an arm on a track, whose place is `at`, mm."""
+    axes = f"[{at},9E9,9E9,9E9,9E9,9E9]"
+    return f"MoveL [[{x},0,0],{DOWN},[0,0,0,0],{axes}],v100,fine,tA\\WObj:=wA;"
+
+
+@pytest.mark.parametrize(
+    ("lines", "untimed"),
+    [
+        ([track(0, "0"), track(100, "0")], 1),
+        ([track(0, "0"), track(0, "500")], 2),
+        ([line(10, "v100"), line(20, "v100")], 0),
+    ],
+)
+def test_motions_of_external_axes_of_rapid_are_counted(lines: list[str], untimed: int) -> None:
+    # The joint motion at the start has no external axes, so that the first value moves the track.
+    assert run_rapid(*lines).untimed == untimed
+
+
+def test_an_axis_of_its_own_has_no_known_time() -> None:
+    assert run_rapid("IndAMove STN_1,1\\ToAbsPos:=90,20;").untimed == 1

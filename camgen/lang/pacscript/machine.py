@@ -346,6 +346,7 @@ class Machine:
             self.log.list_lost(),
             self.log.list_omitted(),
             stopped,
+            self.log.untimed,
         )
 
 

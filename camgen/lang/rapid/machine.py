@@ -130,6 +130,7 @@ class Machine:
     scope: Frame = field(default_factory=lambda: Frame(None, Home("")))
     line: int = 0
     position: RobotPosition = field(default_factory=RobotPosition)
+    external: Value | None = None  # values of the external axes in the last target
     displaced: Pose | None = None
     speed_override: float = 1.0
     speed_most: float = 0.0

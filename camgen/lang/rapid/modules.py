@@ -65,5 +65,6 @@ def _answer(machine: Machine, stopped: tuple[int, str] | None) -> Executed:
         facts=machine.log.list_facts("; ", 8),
         lost=machine.log.list_lost(),
         omitted=machine.log.list_omitted(),
+        untimed=machine.log.untimed,
         stopped=stopped,
     )

@@ -445,8 +445,14 @@ def _posture(rest: tuple[Value, ...]) -> Posture | None:
 
 
 def _tell_external(machine: Machine, axes: Value) -> None:
+    """Adds a loss if a target has values of external axes.
+
+    They move if the last target had others.
+    """
+    before, machine.external = machine.external, axes
     if isinstance(axes, tuple) and any(type(v) is float and v < _NINES for v in axes):
-        machine.log.lose_axes("have values in the targets; they are not shown")
+        is_moving = before is not None and axes != before
+        machine.log.lose_axes("have values in the targets; they are not shown", is_moving)
 
 
 def _emit_arc(
