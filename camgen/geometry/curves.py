@@ -165,7 +165,7 @@ def bspline(
 
     control: (N, D).
     knots: (N + degree + 1,), not decreasing.
-    weights: (N,), positive. None, or another number of weights, stands for 1 throughout.
+    weights: (N,), positive. None or an empty array stands for 1 throughout.
 
     Raises ValueError if the numbers do not make a spline.
     """
@@ -175,8 +175,11 @@ def bspline(
         points, knot_count = counted(count, "control point"), counted(len(knots), "knot")
         raise ValueError(f"{points}, {knot_count} and degree {degree} make no spline")
     weight = np.ones(count)
-    if weights is not None and len(weights) == count:
+    if weights is not None and len(weights):
         weight = np.asarray(weights, dtype=np.float64)
+    if len(weight) != count:
+        points, weight_count = counted(count, "control point"), counted(len(weight), "weight")
+        raise ValueError(f"{points} and {weight_count} make no spline")
     if not np.all(weight > 0):
         raise ValueError("a weight that is not positive")
     homogeneous = np.column_stack([control * weight[:, None], weight])

@@ -179,6 +179,7 @@ def test_each_curve_gets_its_own_outline_whatever_the_degree() -> None:
         (4, [0, 0, 1, 1], 3, None),
         (4, [0] * 8, 3, None),
         (4, [0, 0, 0, 0, 1, 1, 1, 1], 3, [1, 0, 1, 1]),
+        (4, [0, 0, 0, 0, 1, 1, 1, 1], 3, [1, 1, 1]),
         (3, [0] * 8, 4, None),
     ],
 )
