@@ -486,7 +486,10 @@ def _find_odd_turns_on(trace: Trace, process: Process) -> Marks:
 
 
 def _find_odd_speeds(trace: Trace) -> Marks:
-    """Yield runs of a speed that is far from the speeds before and after, along one path."""
+    """Yield runs of a speed that is far from the speeds before and after, along one path.
+
+    A run that is slower than travel has no finding if it is the only level one: it is the feed.
+    """
     path = np.flatnonzero(~trace.is_joint)
     if len(path) < _LEAST:
         return
@@ -497,13 +500,14 @@ def _find_odd_speeds(trace: Trace) -> Marks:
         before, after = speed[1:-1] / speed[:-2], speed[1:-1] / speed[2:]
         odd = np.fmin(before, after) >= _RATIO
         odd |= np.fmax(before, after) <= 1 / _RATIO
-    flat = np.abs(trace.end[:, 2] - trace.start[:, 2]) < _SAME_HEIGHT
+    is_level = np.abs(trace.end[first, 2] - trace.start[first, 2]) < _SAME_HEIGHT
+    is_work = is_level & (speed < trace.speed.max())
     for run in (np.flatnonzero(odd) + 1).tolist():
-        motion = int(first[run])
-        if flat[motion] and _counts(speed, speed[run]) == 1:
+        is_only = is_work[run] and np.count_nonzero(is_work) == 1
+        if is_level[run] and not is_only and _counts(speed, speed[run]) == 1:
             value = short(float(speed[run]), 3)
             what = f"the motion runs at {value} mm/s"
-            yield motion, f"{what}, ten times more or less than the motions beside it"
+            yield int(first[run]), f"{what}, ten times more or less than the motions beside it"
 
 
 def _counts(values: FloatArray, value: float) -> int:

@@ -307,3 +307,18 @@ def test_the_shared_faults_have_findings(language: str) -> None:
     assert {f"{language}/{name}" for name in unseen} == {
         name for name in UNSEEN if name.startswith(f"{language}/")
     }
+
+
+def test_the_feed_of_the_only_path_is_no_odd_speed() -> None:
+    body = [
+        MoveL(pose(0, 0, 20), TRAVEL),
+        MoveL(pose(0, 0), 50.0),
+        MoveL(pose(10, 0), 1.0),
+        MoveL(pose(10, 10), 1.0),
+        MoveL(pose(10, 10, 20), TRAVEL),
+        MoveL(pose(0, 0, 20), TRAVEL),
+    ]
+    assert harm_of(body) == []
+    # With a second path at another feed, one of the two is odd.
+    second = [MoveL(pose(40, 0), 50.0), MoveL(pose(50, 0), 20.0), MoveL(pose(50, 0, 20), TRAVEL)]
+    assert [line for _, line, _ in harm_of([*body, *second])] == [3]
