@@ -39,7 +39,7 @@ from camgen.model.program import Joints, ToolChange
 from camgen.model.text import counted, duration, grouped, short
 from camgen.pipeline import ProgramFile, Result, build, program_files
 from camgen.pipeline.memory import no_collector
-from camgen.pipeline.motion import list_reasons
+from camgen.pipeline.motion import list_reasons, tell_motions
 from camgen.pipeline.stock import why_unproven
 from camgen.plan.steps import name_of
 from camgen.post.verify import list_uncompared
@@ -167,9 +167,7 @@ def _motion(result: Result) -> Row:
         reasons = "; ".join(proof.unproven) if proof else "it was not examined"
         return ("motion", f"not proven: {reasons}", "look")
     contours = counted(proof.contours, "contour")
-    what = f"{contours}, {length(proof.length)}, in {counted(proof.motions, 'motion')}"
-    if proof.unplaced.at_home:
-        what += f" and {proof.unplaced.at_home} to or from home"
+    what = f"{contours}, {length(proof.length)}, in {tell_motions(proof)}"
     if gaps := list_reasons(proof):
         return ("motion", f"{what}; not proven: {'; '.join(gaps)}", "look")
     return ("motion", f"verified: {what}", "good")

@@ -111,7 +111,7 @@ def compare_text(
     if controller is None:
         unknown.append("rounded corners: it is not known how the controller passes them")
     result = proof.prove_motion(part, job, [program], (), rounding, controller)
-    what = f"{counted(result.contours, 'contour')} in {counted(result.motions, 'motion')}"
+    what = f"{counted(result.contours, 'contour')} in {tell_motions(result)}"
     if not result.findings:
         gaps = list_reasons(result, controller is not None)
         reasons = "; ".join([*unknown, *gaps])
@@ -120,6 +120,16 @@ def compare_text(
     where = f"{place(first.line)}: " if first.line else ""
     more = counted(len(result.findings), "difference")
     return f"not proven: {more} from what the job asks for, first {where}{first.text}"
+
+
+def tell_motions(result: MotionProof) -> str:
+    """The numbers of motions as text: those compared with the drawing, and those by their ends."""
+    what = counted(result.motions, "motion")
+    if result.unplaced.at_home:
+        what += f" and {result.unplaced.at_home} to or from home"
+    if result.unplaced.begins:
+        what += f" and {result.unplaced.begins} from where the machine stands"
+    return what
 
 
 def list_reasons(result: MotionProof, knows_home: bool = True) -> tuple[str, ...]:

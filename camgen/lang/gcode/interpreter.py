@@ -352,8 +352,8 @@ class Interpreter:
     to_number = staticmethod(float)
 
     def matches(self, value: float, tests: object) -> bool:
-        """G-code has no cases."""
-        raise NotImplementedError
+        """Raises LineError: G-code has no cases."""
+        raise LineError(f"the case {tests} of {value:g} is not evaluated")
 
     def open_count(self, count: OWord) -> Counter:
         """The rounds of a repeat."""
@@ -376,8 +376,9 @@ class Interpreter:
     def assume(
         self, choice: Choice, step: Step, unknown: Unknown | None = None, length: int = 0
     ) -> bool:
-        """No choice: each value of G-code is known, or assumed where it is read."""
-        raise NotImplementedError
+        """Raises LineError: each value of G-code is known, or assumed where it is read."""
+        del unknown, length
+        raise LineError(f"{choice.name} of line {step.line} is not evaluated")
 
     def report(self, _step: Step, error: Exception) -> None:
         """Refuse a word of the flow. The run goes on after it, unless the machine stops."""
