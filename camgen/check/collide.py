@@ -126,7 +126,7 @@ def check_clear(
     for begin in range(0, max(len(course.joints) - 1, 1), _ROWS):
         rows = course.joints[begin : begin + _ROWS + 1]
         others = motion(where.apart, rows, FINE, near, APART)
-        working = motion(where.work, rows, STEP, apart=APART)
+        working = motion(where.work, rows, STEP, deviation=APART)
         for scene, check in ((where.apart, others), (where.work, working)):
             if check.hit:
                 collisions.append(_collision(scene, course, begin + check.at, check.pair))
@@ -222,7 +222,7 @@ def _find_in_runs(
 ) -> list[_Collision]:
     """The first collision of each run."""
     joints = [course.joints[first : last + 1] for first, last in runs]
-    checked = motions(scene, joints, STEP, apart=APART)
+    checked = motions(scene, joints, STEP, deviation=APART)
     return [
         _collision(scene, course, first + result.at, result.pair)
         for (first, _), result in zip(runs, checked, strict=True)

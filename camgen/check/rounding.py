@@ -163,10 +163,10 @@ def _are_clear(
     tests = motions(where.apart, list(programmed[tight]), FINE, needed, bow)
     clear[tight] = np.array([0.0 if test.hit else test.clearance for test in tests]) >= needed
     if where.work.pairs:
-        tests = motions(where.work, list(rounded), STEP, apart=bow)
+        tests = motions(where.work, list(rounded), STEP, deviation=bow)
         clear &= ~np.array([test.hit for test in tests])
     if where.strict is not None and is_strict.any():
-        tests = motions(where.strict, list(rounded[is_strict]), STEP, apart=bow)
+        tests = motions(where.strict, list(rounded[is_strict]), STEP, deviation=bow)
         clear[is_strict] &= ~np.array([test.hit for test in tests])
     return clear
 

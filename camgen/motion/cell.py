@@ -85,7 +85,7 @@ def room_of(where: Surroundings, setup: Setup) -> FreeSpace:
         courses = follow_all(setup, several)
         rows = [course.joints for course in courses]
         beside = motions(where.apart, rows, FINE, where.margin, APART)
-        working = motions(where.work, rows, STEP, apart=APART)
+        working = motions(where.work, rows, STEP, deviation=APART)
         return [_say(where, *one) for one in zip(courses, beside, working, strict=True)]
 
     def gaps(joints: FloatArray) -> FloatArray:

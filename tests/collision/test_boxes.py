@@ -7,7 +7,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from camgen.collision.boxes import Boxes, least_apart, meet
-from camgen.collision.mesh import Mesh, _through, body, distance, find_struck, inside, make_mesh
+from camgen.collision.mesh import (
+    Mesh,
+    _count_crossings,
+    body,
+    distance,
+    find_struck,
+    inside,
+    make_mesh,
+)
 from camgen.collision.tree import ask, grow
 from camgen.model.part import Solid
 from camgen.model.pose import frozen, rotation_about, rotation_about_axis
@@ -178,7 +186,9 @@ def test_rays_through_corners_and_edges_count_once() -> None:
     expected = (np.abs(points) < 2).all(axis=1)
     assert inside(mesh(block), points).tolist() == expected.tolist()
     for axis in range(3):
-        assert _through(mesh(block).tree, points, axis).tolist() == (2.0 * expected).tolist()
+        assert (
+            _count_crossings(mesh(block).tree, points, axis).tolist() == (2.0 * expected).tolist()
+        )
 
 
 def test_a_box_within_a_block_strikes_it_and_one_in_a_hollow_does_not() -> None:

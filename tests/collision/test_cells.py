@@ -8,7 +8,7 @@ import pytest
 import camgen
 from camgen.collision.boxes import Boxes
 from camgen.collision.cells import PASSED, UNKNOWN, divide_space
-from camgen.collision.mesh import _surface, find_struck, inside, make_mesh
+from camgen.collision.mesh import _meet_surface, find_struck, inside, make_mesh
 from camgen.geometry.rotations import from_vectors
 from camgen.model.part import Solid
 
@@ -34,7 +34,7 @@ def boxes_around(solid: Solid, count: int) -> Boxes:
 def test_what_meets_a_closed_mesh_is_what_its_triangles_say(solid: Solid) -> None:
     mesh, boxes = make_mesh(solid), boxes_around(solid, 4000)
     assert mesh.closed
-    expected = inside(mesh, boxes.centres) | _surface(mesh.tree, boxes)
+    expected = inside(mesh, boxes.centres) | _meet_surface(mesh.tree, boxes)
     assert 0.1 < expected.mean() < 0.9
     np.testing.assert_array_equal(find_struck(mesh, boxes), expected)
 
@@ -42,7 +42,7 @@ def test_what_meets_a_closed_mesh_is_what_its_triangles_say(solid: Solid) -> Non
 def test_no_box_that_meets_the_surface_is_far_from_its_cells(solid: Solid) -> None:
     mesh, boxes = make_mesh(solid), boxes_around(solid, 4000)
     near = divide_space(mesh.tree.corners).near(boxes.centres, boxes.reach)
-    met = _surface(mesh.tree, boxes)
+    met = _meet_surface(mesh.tree, boxes)
     assert near[met].all()
     assert (~near).mean() > 0.2
 

@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from camgen.collision import motion as motion_module
 from camgen.collision.boxes import Boxes
-from camgen.collision.hits import clearance, hits, least, place
+from camgen.collision.hits import clearance, hits, least_of_each, place
 from camgen.collision.mesh import Mesh, inside, make_mesh
 from camgen.collision.motion import (
     closing,
@@ -278,7 +278,9 @@ def test_the_clearance_is_the_least_gap() -> None:
         edge_on = 17 - 5 * math.sqrt(2)
         assert clearance(tested, joints, 50.0) == pytest.approx([12, edge_on, 0], abs=1e-5)
         assert clearance(tested, joints, 11.0) == pytest.approx([11, edge_on, 0], abs=1e-5)
-        assert least(tested, joints[:2], 50.0).distance == pytest.approx(edge_on, abs=1e-5)
+        owner = np.zeros(2, dtype=np.int64)
+        (nearest,) = least_of_each(tested, joints[:2], owner, np.array([50.0]))
+        assert nearest.distance == pytest.approx(edge_on, abs=1e-5)
         assert clearance(tested, at(90, 0, 0, 0), 50.0).tolist() == [50.0]
         # Farther than all else, the tool is 53 mm below the second arm.
         assert clearance(tested, at(90, 0, 0, 0), 60.0) == pytest.approx([53], abs=1e-5)

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from camgen.collision import pairs
 from camgen.collision.cell import around
 from camgen.collision.describe import describe_hit, describe_joints, find_depth
-from camgen.collision.hits import GrowthTable, clearance, find_meetings, hits, least
+from camgen.collision.hits import GrowthTable, clearance, find_meetings, hits, least_of_each
 from camgen.collision.motion import motion
 from camgen.collision.pairs import _SLACKS_MM
 from camgen.collision.scene import Scene, Wall, scene
@@ -98,27 +98,27 @@ def true_distance(angle: float, x: float, y: float) -> float:
     return min(flat_distance(corners_of(*plate) @ turn, post) for plate in (*PLATES, BACK))
 
 
-@pytest.fixture(scope="module")
-def between() -> Scene:
-    """The pillar stands between the prongs."""
-    return scene(fork(), obstacles=(pillar(60, 0),))
-
-
-@pytest.mark.parametrize("as_mesh", [False, True])
-def test_a_pillar_between_the_prongs_is_free_as_far_as_it_is(as_mesh: bool) -> None:
+@pytest.fixture(scope="module", params=[False, True], ids=["box", "mesh"])
+def between(request: pytest.FixtureRequest) -> Scene:
+    """The pillar, a box or a mesh, stands between the prongs."""
     size = tuple(2 * half for half in PILLAR)
-    wall = Wall("pillar", block(size), translation(60, 0, 0)) if as_mesh else pillar(60, 0)
-    cell_scene = scene(fork(), obstacles=(wall,))
+    wall = Wall("pillar", block(size), translation(60, 0, 0)) if request.param else pillar(60, 0)
+    return scene(fork(), obstacles=(wall,))
+
+
+def test_a_pillar_between_the_prongs_is_free_as_far_as_it_is(between: Scene) -> None:
     angles = np.linspace(-1.2, 1.2, 97)
     true = np.array([true_distance(angle, 60, 0) for angle in angles])
     for near in (0.0, 5.0):
-        is_hit = hits(cell_scene, turned(angles), near=near) >= 0
+        is_hit = hits(between, turned(angles), near=near) >= 0
         sure = np.abs(true - near) > 1e-6
         assert (is_hit == (true <= near))[sure].all()
         assert 10 < is_hit.sum() < 90
-    free = clearance(cell_scene, turned(angles), 15.0)
+    free = clearance(between, turned(angles), 15.0)
     assert free == pytest.approx(np.minimum(true, 15.0), abs=1e-5)
-    nearest = least(cell_scene, turned(angles[true > 0]), 100.0)
+    joints = turned(angles[true > 0])
+    owner = np.zeros(len(joints), dtype=np.int64)
+    (nearest,) = least_of_each(between, joints, owner, np.array([100.0]))
     assert nearest.distance == pytest.approx(true[true > 0].min(), abs=1e-5)
 
 

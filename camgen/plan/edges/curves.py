@@ -50,7 +50,7 @@ def plan_curves(part: Part, job: Job, cell: Cell, watch: Watch) -> EdgePlan:
     )
 
     def surround(other: Job, tip: float) -> Surroundings:
-        return around(other, cell, part.solid, tip, beside=points)
+        return around(other, cell, part.solid, tip, worked=points)
 
     task = LineTask(lines, surround, _note_faces(part, job), "curve")
     return plan_ways(part, job, cell, watch, task)
