@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 from collections import Counter
+from itertools import product
 
 import pytest
 
@@ -18,6 +19,7 @@ from docs.make.reading import (
     draw_modules,
     format_results,
     read_answers,
+    read_questions,
 )
 
 
@@ -41,6 +43,15 @@ def test_three_modules_of_each_folder_are_drawn() -> None:
     assert Counter(path.split("/")[1] for path in drawn) == dict.fromkeys(FOLDERS, DRAWN)
     assert len(set(drawn)) == len(drawn)
     assert drawn == draw_modules()
+    assert [module.path for module in read_questions()] == drawn
+
+
+def test_each_module_has_ten_questions_with_an_answer() -> None:
+    modules = read_questions()
+    assert len(modules) == DRAWN * len(FOLDERS) == 24
+    for module in modules:
+        assert len(module.questions) == 10, module.path
+        assert all(question.text and question.answer for question in module.questions), module.path
 
 
 def test_the_table_counts_each_verdict_once() -> None:
@@ -55,6 +66,13 @@ def test_the_table_counts_each_verdict_once() -> None:
         "b.py": [0, 0, 0, 1, 1, 0],
         "all": [0, 0, 1, 2, 1, 0],
     }
+
+
+def test_the_table_of_the_data_has_all_its_verdicts() -> None:
+    answers = read_answers()
+    sums = _read_table(format_results([module.path for module in read_questions()], answers))["all"]
+    counts = Counter((row.when, row.verdict) for row in answers)
+    assert sums == [counts[when, verdict] for when, verdict in product(TIMES, VERDICTS)]
 
 
 def test_each_question_has_at_most_one_answer_before_and_one_after() -> None:
