@@ -218,8 +218,8 @@ def find_meetings(
 ) -> Tests:
     """The tests that meet at joint values (N, J).
 
-    growth: growth of all boxes; growth of standing boxes is ignored. A test that does not meet meets
-        nothing in any part of that growth either.
+    growth: growth of all boxes; growth of standing boxes is ignored. A test that does not meet,
+        meets nothing in any part of that growth either.
     near: (N,) clearance at which bodies collide, mm.
     tests: the only tests that are made; None for all.
     """

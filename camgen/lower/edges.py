@@ -122,7 +122,7 @@ def _approach(piece: PathLink, process: ProcessTable) -> Iterator[Instruction]:
     if slow <= 0 or not np.isnan(way.via[-1, 0]):
         yield from _along(way, piece.speed)
         return
-    ahead = _cut(way, 1 - slow / last) if slow < last else way.head
+    ahead = _cut(way, 1 - slow / last) if slow < last else way.slice(0, len(way) - 1)
     yield from _along(ahead, piece.speed)
     yield MoveL(_pose(way.rotation[-1], way.position[-1]), plunge(process))
 

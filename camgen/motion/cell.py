@@ -23,9 +23,9 @@ from camgen.robots.kinematics.joint_limits import within
 from camgen.robots.kinematics.reasons import tell_limit
 from camgen.robots.models import Robot
 
-#: mm: what two bodies may enter each other before a motion in between is found to collide.
+#: mm: depth to which two bodies may enter each other between two samples without a collision.
 STEP = 2.0
-#: The same where it is found how near they come, mm.
+#: mm: this depth if the clearance is measured as well.
 FINE = 0.5
 
 
@@ -79,38 +79,38 @@ def setup_of(robot: Robot, cell: Cell, where: Surroundings) -> Setup:
 def room_of(where: Surroundings, setup: Setup) -> FreeSpace:
     """The free space of a cell, with the collision tests of motions along edges and links."""
 
-    def look(several: Sequence[SampledMotion]) -> list[Blockage | float]:
+    def test(several: Sequence[SampledMotion]) -> list[Blockage | float]:
         if not several:
             return []
-        courses = follow_all(setup, several)
-        rows = [course.joints for course in courses]
-        beside = motions(where.apart, rows, FINE, where.margin, APART)
+        paths = follow_all(setup, several)
+        rows = [path.joints for path in paths]
+        with_margin = motions(where.apart, rows, FINE, where.margin, APART)
         working = motions(where.work, rows, STEP, deviation=APART)
-        return [_say(where, *one) for one in zip(courses, beside, working, strict=True)]
+        return list(map(partial(_find_blockage, where), paths, with_margin, working))
 
-    def gaps(joints: FloatArray) -> FloatArray:
-        return (
-            clearance(where.apart, joints, where.margin)
-            if where.margin > 0
-            else np.zeros(len(joints))
-        )
+    def measure_gaps(joints: FloatArray) -> FloatArray:
+        if where.margin > 0:
+            return clearance(where.apart, joints, where.margin)
+        return np.zeros(len(joints))
 
-    return FreeSpace(where.level, where.low, where.high, where.room, where.margin, look, gaps)
+    return FreeSpace(
+        where.level, where.low, where.high, where.room, where.margin, test, measure_gaps
+    )
 
 
-def _say(
-    where: Surroundings, course: JointPath, beside: MotionCheck, working: MotionCheck
+def _find_blockage(
+    where: Surroundings, path: JointPath, with_margin: MotionCheck, working: MotionCheck
 ) -> Blockage | float:
-    """The first place where a motion fails, by its joints or a collision; else its clearance, mm."""
-    if len(course.lost):
-        return Blockage("jump", "the joints cannot follow", float(course.lost[0]))
-    found = [
-        (met.at, scene.pairs[met.pair])
-        for scene, met in ((where.apart, beside), (where.work, working))
-        if met.hit
-    ]
-    if not found:
-        return beside.clearance
-    first, pair = min(found, key=lambda one: (one[0], where.scene.pairs.index(one[1])))
-    at = np.interp(first, np.arange(len(course.at)), course.at)
-    return Blockage("collision", f"collision, {' against '.join(pair)}", float(at))
+    """The first place at which joints or a collision stop a motion, or its clearance, mm."""
+    if len(path.lost):
+        return Blockage("jump", "the joints cannot follow", float(path.lost[0]))
+    collisions = []
+    for scene, check in ((where.apart, with_margin), (where.work, working)):
+        if check.hit:
+            pair = scene.pairs[check.pair]
+            collisions.append((check.at, where.scene.pairs.index(pair)))
+    if not collisions:
+        return with_margin.clearance
+    first, index = min(collisions)
+    at = np.interp(first, np.arange(len(path.at)), path.at)
+    return Blockage("collision", f"collision, {name_pair(where.scene, index)}", float(at))

@@ -18,18 +18,18 @@ from camgen.motion.setup import EdgeMotion, UnreachableEdge, feed_of
 
 
 def edge_path(motion: EdgeMotion, edge: Line, job: Job) -> ToolPath:
-    """The motion along ``edge`` as a tool path."""
+    """The motion along `edge` as a tool path."""
     layer, operation = (edge.kind, "edges") if isinstance(edge, Edge) else (edge.layer, "trace")
-    way = motion.way
-    axis = frozen(way.rotation[:, :, 2])
+    path = motion.way
+    axis = frozen(path.rotation[:, :, 2])
     press = np.stack([np.concatenate([axis[:1], axis[:-1]]), axis], axis=1)
     feed = feed_of(motion, edge.length - sum(motion.trimmed), job.process)
     return ToolPath(
         id=motion.id,
         layer=layer,
         table=waypoints(
-            position=way.position,
-            via=way.via,
+            position=path.position,
+            via=path.via,
             axis=axis,
             force_direction=press,
             force=job.process.force,
@@ -71,7 +71,7 @@ def left_out(
 ) -> list[Note]:
     """Notes on edges, curves and pieces of them without a motion.
 
-    pieces: result of ``list_pieces``.
+    pieces: result of `list_pieces`.
     """
     notes = []
     for edge in lost:

@@ -422,7 +422,7 @@ def test_reaching_tells_how_far_it_is() -> None:
     known = {edge.id: edge for edge in mesh.read(source(PARTS / "rfa1.stl")).edges}
     told: list[int] = []
     edges = [known[one.id] for one in motions[:2]]
-    reach_ways([(edge, poses(edge, 2.0)) for edge in edges], setup, tell=told.append)
+    reach_ways([(edge, poses(edge, 2.0)) for edge in edges], setup, on_progress=told.append)
     assert told == [0, 1]
 
 
