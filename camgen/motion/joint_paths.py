@@ -17,8 +17,8 @@ from camgen.motion.pose_paths import Index, PosePath, PoseSampler
 from camgen.motion.setup import SampledMotion, Setup, flange_poses
 from camgen.robots.kinematics.inverse import nearest
 
-#: mm: half-way between two rows no point of arm and tool is farther from its place with evenly
-#: running joints.
+#: mm: no point of arm and tool deviates by more from its place with evenly running joints, at the
+#: middle of two rows.
 APART = 0.02
 #: A segment is halved this number of times, down to a 4096th. Then no joint values lead along it.
 _HALVINGS = 12
@@ -31,7 +31,7 @@ class JointPath(Struct, frozen=True, eq=False):
     than necessary.
 
     joints: (D, J) joint values, rad or mm.
-    at: (D,) their places in rows of the pose path: 2.25 is a quarter of the way from row 2 to 3.
+    at: (D,) their places in rows of the pose path: 2.25 is between rows 2 and 3.
     lost: rows of the pose path after which no joint values lead along it.
     """
 

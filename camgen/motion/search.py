@@ -180,8 +180,8 @@ def search(
 ) -> EdgeMotion | str:
     """The cheapest motion along a pose path with orientations of `grid`.
 
-    Without a motion, the obstacle of the last one that collided is returned; empty if there was
-    none.
+    Without a motion, the obstacle of the last one that collided is returned, or an empty text if no
+    motion collided.
 
     edge: id of the edge.
     max_lean: largest tilt of the tool axis, between rows too, rad.

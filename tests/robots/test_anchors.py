@@ -247,6 +247,6 @@ def test_costs_that_add_up_are_those_that_are_chosen(monkeypatch: pytest.MonkeyP
         return np.array(costs)
 
     short = check_reach(plan, ARM, "part")
-    monkeypatch.setattr(continuity, "_along", stepwise)
+    monkeypatch.setattr(continuity, "_add_rows", stepwise)
     assert check_reach(plan, ARM, "part").joints.tolist() == short.joints.tolist()
     assert np.degrees(np.ptp(short.joints[:, 5])) > 360

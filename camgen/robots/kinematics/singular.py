@@ -1,4 +1,4 @@
-"""How far configurations are from where an arm loses a direction of motion."""
+"""Distances of joint values from singularities, where an arm loses a direction of motion."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _THREE_PARALLEL = ("wrist beside axis 1", "elbow straight", "axes 4 and 6 parall
 
 
 def singularities(robot: Robot) -> tuple[str, ...]:
-    """The names of the columns of ``from_singular``."""
+    """The names of the columns of `from_singular`."""
     if isinstance(robot.arm, Gantry):
         return ()
     if isinstance(robot.arm, Scara):
@@ -28,9 +28,10 @@ def singularities(robot: Robot) -> tuple[str, ...]:
 
 
 def from_singular(robot: Robot, joints: FloatArray) -> FloatArray:
-    """How far configurations (..., J) are from each kind of singularity, rad (..., K); nan stays nan.
+    """Distances of joint values (..., J) from each kind of singularity, rad (..., K); nan for nan.
 
-    For an arm without a closed form it is the least singular value of its Jacobian, lengths divided by the mean lever.
+    For an arm without a closed form it is the smallest singular value of its Jacobian, with lengths
+    divided by the mean lever.
     """
     if isinstance(robot.arm, Gantry):
         return np.empty((*joints.shape[:-1], 0))
@@ -42,9 +43,9 @@ def from_singular(robot: Robot, joints: FloatArray) -> FloatArray:
     if robot.arm:
         return spherical.singularities(robot.arm, theta_of(robot, robot.arm, joints))
     flat = joints.reshape(-1, joints.shape[-1])
-    good = np.isfinite(flat).all(axis=1)
-    least = np.full(len(flat), np.nan)
-    moved, _, _ = jacobian(robot, flat[good])
+    is_finite = np.isfinite(flat).all(axis=1)
+    smallest = np.full(len(flat), np.nan)
+    moved, _, _ = jacobian(robot, flat[is_finite])
     moved[:, :3] /= robot.lever
-    least[good] = np.linalg.svd(moved, compute_uv=False)[:, -1]
-    return least.reshape(*joints.shape[:-1], 1)
+    smallest[is_finite] = np.linalg.svd(moved, compute_uv=False)[:, -1]
+    return smallest.reshape(*joints.shape[:-1], 1)

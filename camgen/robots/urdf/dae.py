@@ -64,7 +64,7 @@ class _Document:
         self.by_id = {key: element for element in root.iter() if (key := element.get("id"))}
 
     def read(self) -> tuple[FloatArray, Triangles]:
-        """All that the scene shows."""
+        """Everything that the scene shows."""
         unit = self.root.find("asset/unit")
         metres = 1.0 if unit is None else float(unit.get("meter", "1"))
         scene = self.root.find("scene/instance_visual_scene")
