@@ -18,8 +18,9 @@ from camgen.robots.catalogue import robots
 from camgen.robots.kinematics.arms import Spherical
 from camgen.robots.kinematics.forward import flange, frames
 from camgen.robots.kinematics.inverse import inverse
-from camgen.robots.kinematics.joint_limits import copies, theta_of, within
+from camgen.robots.kinematics.joint_limits import theta_of, within
 from camgen.robots.models import Robot
+from tests.support.turned import add_turns
 
 #: Of a robot; one whose joints are found by iteration is asked for a tenth.
 POSES = 10_000
@@ -94,7 +95,7 @@ def table_of_poses(poses: int) -> None:
         forward = best_seconds(partial(frames, of, joints), 5)
         solutions = inverse(of, rotations, origins)
         mm, rad = errors(of, solutions, joints)
-        every = copies(of, solutions).reshape(len(joints), -1, len(of.joints))
+        every = add_turns(of, solutions).reshape(len(joints), -1, len(of.joints))
         off = np.abs(np.where(np.isnan(every), math.inf, every) - joints[:, None]).max(axis=2)
         again = 100 * (off.min(axis=1) < 1e-6).mean()
         count = np.isfinite(solutions[:, :, 0]).sum(axis=1)

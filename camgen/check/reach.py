@@ -112,8 +112,7 @@ def interpolate_joints(
     """The joint values (R, J) with more rows on the way to those in ``free`` (R,), all joints together: no joint turns
     by more than 2 deg from row to row, and the flange moves by about 10 mm at most. And where the old rows are (R,).
     """
-    turning = np.array([not joint.sliding for joint in robot.joints])
-    angle = (np.abs(np.diff(joints, axis=0)) * turning).max(axis=1, initial=0.0)
+    angle = (np.abs(np.diff(joints, axis=0)) * robot.revolute).max(axis=1, initial=0.0)
     parts = np.where(free[1:], np.maximum(np.ceil(angle / _STEP_JOINT - 1e-9), 1), 1).astype(
         np.int64
     )

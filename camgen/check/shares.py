@@ -141,8 +141,7 @@ def _rate(robot: Robot, travel: FloatArray, share: float) -> float:
     travel: (J,) rad or mm from the start to the end.
     share: share of the joints' maximum speeds.
     """
-    turns = np.array([not joint.sliding for joint in robot.joints])
-    longest = np.abs(travel)[turns].max(initial=0.0)
+    longest = np.abs(travel)[robot.revolute].max(initial=0.0)
     if not longest:
         return 0.0
     return _floor(float(longest * share / (np.abs(travel) / robot.speeds).max()))

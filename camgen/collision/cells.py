@@ -12,6 +12,7 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from camgen.geometry.ragged import owners, ramp
+from camgen.geometry.vectors import add_coordinates, lengths
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import NONZERO
@@ -124,7 +125,7 @@ def _tile(corners: FloatArray, size: float) -> tuple[FloatArray, FloatArray]:
     them. The rectangles are in rows along the longest side. A row ends where its triangle ends.
     """
     a, b, c = np.ascontiguousarray(corners.transpose(1, 0, 2))
-    ab, bc, ca = _squares(b - a), _squares(c - b), _squares(a - c)
+    ab, bc, ca = (add_coordinates(side * side) for side in (b - a, c - b, a - c))
     longest = np.maximum(np.maximum(ab, bc), ca)
     # The corners are renamed so that ab is the longest side and c is above it.
     ab_is_longest = (ab == longest)[:, None]
@@ -137,7 +138,7 @@ def _tile(corners: FloatArray, size: float) -> tuple[FloatArray, FloatArray]:
     along = (b - a) / np.maximum(width, NONZERO)[:, None]
     foot = ((c - a) * along).sum(axis=1)
     up = c - a - foot[:, None] * along
-    rows = _count_parts(np.sqrt(_squares(up)), size)
+    rows = _count_parts(lengths(up), size)
     triangle = owners(rows)
     fraction = ramp(rows) / rows[triangle]
     left, span = foot[triangle] * fraction, width[triangle] * (1 - fraction)
@@ -151,12 +152,6 @@ def _tile(corners: FloatArray, size: float) -> tuple[FloatArray, FloatArray]:
     return middles, (half[:, None] * np.abs(along[triangle]) + np.abs(half_up))[row]
 
 
-def _count_parts(lengths: FloatArray, size: float) -> IntArray:
-    """Numbers (N,) of parts no longer than `size` into which `lengths` (N,) are divided."""
-    return np.asarray(np.maximum(np.ceil(lengths / size), 1), dtype=np.int64)
-
-
-def _squares(vectors: FloatArray) -> FloatArray:
-    """The squared lengths (N,) of vectors (N, 3)."""
-    x, y, z = vectors.T
-    return np.asarray(x * x + y * y + z * z)
+def _count_parts(length: FloatArray, size: float) -> IntArray:
+    """Numbers (N,) of parts no longer than `size` into which lengths (N,) are divided."""
+    return np.asarray(np.maximum(np.ceil(length / size), 1), dtype=np.int64)

@@ -605,7 +605,6 @@ def _lower(scene: Scene, joints: FloatArray, owner: IntArray, nearest: _NearestP
 
 
 def _measure_pairs(scene: Scene, rows: _Rows, nearest: _NearestPairs) -> None:
-    """Lower `nearest` to the distances of pairs of boxes, or of their meshes."""
     placed = rows.placed
     distances = nearest.distance[rows.place][:, None, None]
     row, test = _find_near_pairs(scene, placed.grown(distances * scene.moving[:, None]))

@@ -29,6 +29,7 @@ from camgen.collision.hits import (
 from camgen.collision.pairs import Travel
 from camgen.collision.scene import Scene
 from camgen.geometry.ragged import offsets, owners, ramp
+from camgen.geometry.vectors import lengths
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 
@@ -181,11 +182,11 @@ def _find_nearest(
     nearest = [Nearest(0.0, -1, -1) for _ in several]
     tables = [k for k, near in enumerate(nears) if near > 0]
     if tables:
-        lengths = np.array([len(several[k]) for k in tables])
+        counts = np.array([len(several[k]) for k in tables])
         joints = np.concatenate([several[k] for k in tables])
         limits = np.array([nears[k] for k in tables])
-        measured = least_of_each(scene, joints, owners(lengths), limits)
-        for k, result, begin in zip(tables, measured, offsets(lengths).tolist(), strict=False):
+        measured = least_of_each(scene, joints, owners(counts), limits)
+        for k, result, begin in zip(tables, measured, offsets(counts).tolist(), strict=False):
             nearest[k] = Nearest(result.distance, result.row - begin, result.pair)
     return nearest
 
@@ -402,20 +403,16 @@ def _see_from(boxes: Boxes, others: Boxes) -> Boxes:
 
 def _measure_distances(start: Boxes, end: Boxes) -> FloatArray:
     """The distance of the middle of each box, plus those of the ends of its axes, (N, B) mm."""
-    moved, turned = end.centres - start.centres, end.axes - start.axes
-    distances = np.sqrt(moved[..., 0] ** 2 + moved[..., 1] ** 2 + moved[..., 2] ** 2)
+    distances, turned = lengths(end.centres - start.centres), end.axes - start.axes
     for k in range(3):
-        axis = turned[..., k]
-        length = np.sqrt(axis[..., 0] ** 2 + axis[..., 1] ** 2 + axis[..., 2] ** 2)
-        distances += length * start.half[..., k]
+        distances += lengths(turned[..., k]) * start.half[..., k]
     return np.asarray(distances)
 
 
 def _sum_angles(scene: Scene, waypoints: FloatArray) -> FloatArray:
     """The sum of the angles of all revolute joints from row to row (K - 1,), rad."""
-    is_revolute = np.array([not joint.sliding for joint in scene.robot.joints])
     turns = np.abs(np.diff(waypoints @ scene.robot.coupling.T, axis=0))
-    return np.asarray(turns[:, is_revolute].sum(axis=1))
+    return np.asarray(turns[:, scene.robot.revolute].sum(axis=1))
 
 
 def levers(scene: Scene, travel: FloatArray) -> FloatArray:

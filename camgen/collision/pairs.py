@@ -24,6 +24,7 @@ connected, from a base that is outside: before one is within, another one meets 
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache
@@ -33,7 +34,8 @@ import fcl  # type: ignore[import-untyped]
 import numpy as np
 from msgspec import Struct
 
-from camgen.collision.mesh import distance, join_surfaces, make_model, pick_outermost
+from camgen.collision.boxes import Boxes
+from camgen.collision.mesh import body, distance, join_surfaces, make_model, pick_outermost
 from camgen.collision.swept import SweptSolid
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray, Pose
@@ -164,9 +166,9 @@ def pair_up(
         slacks += (_SMALL_SLACK_MM,)
     return MeshPair(
         (first.frame, second.frame),
-        tuple(fcl.CollisionObject(*_with_transform(*part)) for part in first.parts),
+        tuple(itertools.starmap(_make_object, first.parts)),
         tuple((fcl.CollisionObject(part[0]), part[1]) for part in second.parts),
-        tuple(fcl.CollisionObject(*_with_transform(*part)) for part in second.parts),
+        tuple(itertools.starmap(_make_object, second.parts)),
         (first.points, second.points),
         (first.boxes if second.is_mesh else (), second.boxes if first.is_mesh else ()),
         joints,
@@ -179,8 +181,8 @@ def pair_up(
     )
 
 
-def _with_transform(geometry: Any, pose: Pose) -> tuple[Any, Any]:
-    return geometry, fcl.Transform(pose.rotation, np.asarray(pose.origin))
+def _make_object(geometry: Any, pose: Pose) -> Any:
+    return fcl.CollisionObject(geometry, fcl.Transform(pose.rotation, np.asarray(pose.origin)))
 
 
 def come_within(robot: Robot, pair: MeshPair, joints: FloatArray, limit: FloatArray) -> BoolArray:
@@ -372,7 +374,6 @@ def _place_each(robot: Robot, pair: MeshPair, joints: FloatArray) -> Iterator[_R
 
 
 def _move(pair: MeshPair, placed: _Relative) -> None:
-    """Move the objects of the second body to their poses."""
     rotation, shift = placed
     for item, pose in pair.second:
         origin = shift + rotation @ np.asarray(pose.origin)
@@ -407,18 +408,14 @@ def _have_boxes_apart(
             is_apart[rows] = True
             for box in boxes:
                 pose = box.link_from_box
-                axes = rotations[rows] @ pose.rotation
                 centres = origins[rows] + rotations[rows] @ np.asarray(pose.origin)
-                sizes = 2 * (np.asarray(box.half) + margin[rows, None])
-                for row, *placed in zip(rows.tolist(), axes, centres, sizes.tolist(), strict=True):
-                    is_apart[row] = is_apart[row] and not _meet_any(meshes, [_make_box(*placed)])
+                half = np.asarray(box.half) + margin[rows, None]
+                grown = Boxes(centres, rotations[rows] @ pose.rotation, half)
+                for k, row in enumerate(rows.tolist()):
+                    is_apart[row] = is_apart[row] and not _meet_any(meshes, [body(grown, k)])
             if is_apart[rows].mean() < _WORTH_SHARE:
                 break
     return is_apart
-
-
-def _make_box(axes: FloatArray, centre: FloatArray, sizes: list[float]) -> Any:
-    return fcl.CollisionObject(fcl.Box(*sizes), fcl.Transform(axes, centre))
 
 
 def _distance(pair: MeshPair, placed: _Relative) -> float:
@@ -434,7 +431,6 @@ def _distance(pair: MeshPair, placed: _Relative) -> float:
 
 
 def _is_within(sweep: Sweep, placed: _Relative) -> bool:
-    """Whether a corner of the other body is within the solid."""
     rotation, shift = placed
     if sweep.is_first:
         rotation, shift = rotation.T, -shift @ rotation

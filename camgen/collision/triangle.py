@@ -173,11 +173,10 @@ class _TriangleGrowth(Struct, frozen=True, eq=False):
         moved: (K, 3, J) joint values of the serial chain at the corners, minus those at the middle.
         """
         largest = np.abs(moved).max(axis=1)
-        is_revolute = np.array([not joint.sliding for joint in bounds.scene.robot.joints])
         return cls(
             bounds.scene,
             set_out(bounds.scene.robot, links, moved),
-            largest[:, is_revolute].sum(axis=1),
+            largest[:, bounds.scene.robot.revolute].sum(axis=1),
             largest @ bounds.levers,
             largest @ bounds.closing,
             deviation,

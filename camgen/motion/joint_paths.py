@@ -73,7 +73,6 @@ def follow_closely(
 
 
 def _insert(old: FloatArray, kept: Index, middle: Index, added: FloatArray) -> FloatArray:
-    """One table with `old` at the rows `kept` and `added` at the rows `middle`."""
     table = np.empty((len(old) + len(added), *old.shape[1:]))
     table[kept], table[middle] = old, added
     return table

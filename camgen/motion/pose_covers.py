@@ -126,7 +126,6 @@ def _trace(rows: _Rows, states: States, transitions: Steps) -> list[CoverChain]:
 
 
 def _trace_chain(rows: _Rows, states: States, transitions: Steps, row: int) -> CoverChain:
-    """The chain that ends at a row."""
     end = np.unravel_index(rows.ending[row], states.usable.shape[1:])
     orientation, branch, turn = (int(k) for k in end)
     passed, moves = [(orientation, turn)], []

@@ -6,7 +6,6 @@ Other orientations are searched only if the nominal one fails or does not keep t
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from functools import cache
 
 import numpy as np
 from msgspec.structs import replace
@@ -29,7 +28,6 @@ from camgen.motion.setup import (
 from camgen.robots.kinematics.continuity import Choice, follow_each
 from camgen.robots.kinematics.reasons import why
 
-_grid = cache(grid)
 _NONE = OrientationFreedom()
 #: Fraction of the tilt that rows on arcs may have. The tool axis leans more between two rows.
 _ON_ARCS = 0.9
@@ -156,7 +154,7 @@ def _list_grids(kind: str, freedom: OrientationFreedom, path: PosePath) -> list[
     steps += [replace(freedom, tilt=0.0)] if freedom.roll else []
     fraction = _ON_ARCS if np.isfinite(path.via).any() else 1.0
     steps += [replace(freedom, tilt=fraction * freedom.tilt)] if freedom.tilt > 0 else []
-    return list(map(_grid, steps))
+    return list(map(grid, steps))
 
 
 def widest_grid(freedom: OrientationFreedom, path: PosePath) -> Grid:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from camgen.geometry.arcs import Spans
-from camgen.geometry.vectors import cross, dots, lengths
+from camgen.geometry.vectors import add_coordinates, cross, dots, lengths
 from camgen.model.cell import Dynamics
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import NONZERO
@@ -205,15 +205,9 @@ def _measure_pass(path: FloatArray, corner: FloatArray) -> FloatArray:
     """(K,) distance, mm, at which polylines (K, P, 3) pass points (K, 3)."""
     start, step = path[:, :-1], np.diff(path, axis=1)
     arm = corner[:, None] - start
-    fraction = _dots(arm, step) / np.maximum(_dots(step, step), NONZERO)
+    fraction = add_coordinates(arm * step) / np.maximum(add_coordinates(step * step), NONZERO)
     offset = arm - np.clip(fraction, 0.0, 1.0)[..., None] * step
-    return np.asarray(np.sqrt(_dots(offset, offset).min(axis=1)))
-
-
-def _dots(first: FloatArray, second: FloatArray) -> FloatArray:
-    """(K, P) products of vectors (K, P, 3) with (K, P, 3) or (K, 1, 3)."""
-    x, y, z = (first[..., axis] * second[..., axis] for axis in range(3))
-    return np.asarray(x + y + z)
+    return np.asarray(lengths(offset).min(axis=1))
 
 
 def _distance(motion: Spans, points: FloatArray) -> FloatArray:
@@ -227,19 +221,19 @@ def _distance(motion: Spans, points: FloatArray) -> FloatArray:
 
 def _distance_to_lines(motion: Spans, points: FloatArray) -> FloatArray:
     arm = points - motion.start[:, None]
-    along = _dots(arm, motion.along[:, None])
+    along = add_coordinates(arm * motion.along[:, None])
     along = np.clip(along, 0.0, motion.length[:, None])
     offset = arm - along[..., None] * motion.along[:, None]
-    return np.asarray(np.sqrt(_dots(offset, offset)))
+    return np.asarray(lengths(offset))
 
 
 def _distance_to_arcs(arcs: Spans, points: FloatArray) -> FloatArray:
     arm = points - (arcs.via - arcs.radius[:, None] * arcs.towards)[:, None]
-    x = _dots(arm, arcs.towards[:, None])
-    y = _dots(arm, arcs.along[:, None])
-    above = np.maximum(_dots(arm, arm) - x**2 - y**2, 0.0)
+    x = add_coordinates(arm * arcs.towards[:, None])
+    y = add_coordinates(arm * arcs.along[:, None])
+    above = np.maximum(add_coordinates(arm * arm) - x**2 - y**2, 0.0)
     across = np.sqrt((np.hypot(x, y) - arcs.radius[:, None]) ** 2 + above)
     arms = [points - end[:, None] for end in (arcs.start, arcs.end)]
-    ends = [np.sqrt(_dots(arm, arm)) for arm in arms]
+    ends = [lengths(arm) for arm in arms]
     within = np.abs(np.arctan2(y, x)) <= arcs.sweep[:, None] / 2
     return np.asarray(np.where(within, across, np.minimum(*ends)))

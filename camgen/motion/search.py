@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import cache
 from itertools import product
 
 import numpy as np
@@ -56,6 +57,7 @@ class Grid(Struct, frozen=True, eq=False):
     moves: Index
 
 
+@cache
 def grid(freedom: OrientationFreedom) -> Grid:
     """The tilts within the cone of `freedom`, each with all rolls (about z).
 
@@ -297,9 +299,8 @@ def _can_stay(
     joints, safe: (D, C, B, J) and (D, C, B), at the samples.
     """
     moved = np.diff(joints, axis=0)
-    is_revolute: BoolArray = np.array([not joint.sliding for joint in robot.joints])
-    whole = np.rint(moved / math.tau) * is_revolute
-    steady = (np.abs(moved - math.tau * whole) <= _STEP_JUMP)[..., is_revolute].all(axis=-1)
+    whole = np.rint(moved / math.tau) * robot.revolute
+    steady = (np.abs(moved - math.tau * whole) <= _STEP_JUMP)[..., robot.revolute].all(axis=-1)
     unwound = joints[:-1]
     whole[np.isnan(whole)] = 0.0
     if whole.any():

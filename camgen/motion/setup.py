@@ -22,10 +22,6 @@ def all_clear(joints: FloatArray) -> NDArray[np.bool_]:
     return np.ones(len(joints), dtype=bool)
 
 
-def _never_apart(joints: FloatArray, _: FloatArray) -> FloatArray:
-    return np.zeros(len(joints))
-
-
 class Setup(Struct, frozen=True, eq=False):
     """A robot, its work and its tool.
 
@@ -43,7 +39,7 @@ class Setup(Struct, frozen=True, eq=False):
     flange_from_tool: Pose
     clear: Callable[[FloatArray], NDArray[np.bool_]] = all_clear
     hit: Callable[[FloatArray], str] = lambda _: "something"
-    apart: Callable[[FloatArray, FloatArray], FloatArray] = _never_apart
+    apart: Callable[[FloatArray, FloatArray], FloatArray] = lambda joints, _: np.zeros(len(joints))
     roomy: Callable[[FloatArray], NDArray[np.bool_]] = all_clear
 
 

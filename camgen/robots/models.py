@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from typing import Literal
 
+import numpy as np
 from msgspec import Struct
 
-from camgen.model.part import IntArray
+from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray, Pose, Vec3
 from camgen.robots.chain import Joint
 from camgen.robots.kinematics.arms import Arm, Gantry, Scara, Spherical
@@ -113,6 +114,11 @@ class Robot(Struct, frozen=True, eq=False):
     def fastest(self) -> FloatArray:
         """(J,) maximum speeds of the joints in the job."""
         return self.speeds if self.held is None else self.held
+
+    @property
+    def revolute(self) -> BoolArray:
+        """(J,) whether each joint is revolute; others slide."""
+        return np.array([not joint.sliding for joint in self.joints])
 
     @property
     def kind(self) -> Kind:

@@ -86,7 +86,9 @@ def equip(cell: Cell, job: Job, arm: Robot | None = None, meshes: Meshes = ()) -
         home = Joints(tuple(v if k in sliding else math.radians(v) for k, v in values))
     if arm is not None and isinstance(home, Pose) and table.base_from_work is None:
         work = _home_work(arm, home, tool)
-    name, robot = _name(table.robot) or cell.name, table.robot or cell.robot
+    # A URDF is named by its file.
+    name = table.robot.replace("\\", "/").rpartition("/")[2] or cell.name
+    robot = table.robot or cell.robot
     return Workcell(
         name, work, tool, home, cell.sliding, robot, cell.pace, arm, meshes, fixtures=fixtures
     )
@@ -131,11 +133,6 @@ def _home_work(machine: Robot, home: Pose, tool: Pose) -> Pose:
 
     _, origins = flange(machine, machine.home[None])
     return translation(*(origins[0] - np.asarray((home @ tool.inverse()).origin)).tolist())
-
-
-def _name(robot: str) -> str:
-    """The name of `cell.robot` for messages; for a URDF the name of the file."""
-    return robot.replace("\\", "/").rpartition("/")[2]
 
 
 def _choose_home(arm: Robot, cell: Cell, builtin: Joints) -> Joints:

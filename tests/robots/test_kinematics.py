@@ -14,12 +14,13 @@ from camgen.robots.kinematics.arms import Spherical, recognise
 from camgen.robots.kinematics.continuity import Choice, Stuck, follow
 from camgen.robots.kinematics.forward import flange, frames, set_out
 from camgen.robots.kinematics.inverse import inverse, nearest
-from camgen.robots.kinematics.joint_limits import copies, theta_of, turns, within
+from camgen.robots.kinematics.joint_limits import theta_of, turns, within
 from camgen.robots.kinematics.reasons import Reason, why
 from camgen.robots.kinematics.singular import from_singular
 from camgen.robots.kinematics.spherical import branch, shortfall
 from camgen.robots.models import Robot
 from tests.support.arm_models import ARMS, by_hand
+from tests.support.turned import add_turns
 
 DOWN = frozen(np.diag([1.0, -1.0, -1.0]))
 CLOSED = [of for of in robots() if of.arm]
@@ -73,7 +74,7 @@ def test_joints_are_found_again(of: Robot, data: st.DataObject) -> None:
     assert mm < 1e-6
     assert rad < 1e-9
     if within(of, joints) and from_singular(of, joints).min(initial=1.0) > 1e-4:
-        every = copies(of, solutions).reshape(-1, len(joints))
+        every = add_turns(of, solutions).reshape(-1, len(joints))
         assert np.nanmin(np.abs(every - joints).max(axis=1)) < 1e-6
 
 
@@ -181,7 +182,7 @@ def test_out_of_reach_is_said_in_millimetres() -> None:
 
 def test_copies_are_whole_turns_within_the_limits() -> None:
     of = robot("IRB 2400")  # axis 1 +-180, axis 4 +-200, axis 6 +-400
-    rows = copies(of, np.radians([[10, 0, 0, 170, 30, 20]]))[0]
+    rows = add_turns(of, np.radians([[10, 0, 0, 170, 30, 20]]))[0]
     found = np.degrees(rows[np.isfinite(rows[:, 0])])
     assert sorted(np.round(found[:, [0, 3, 5]]).tolist()) == [
         [10, -190, -340], [10, -190, 20], [10, -190, 380], [10, 170, -340], [10, 170, 20], [10, 170, 380],

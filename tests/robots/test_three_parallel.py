@@ -22,7 +22,7 @@ from camgen.robots.kinematics.inverse import inverse
 from camgen.robots.kinematics.joint_limits import theta_of
 from camgen.robots.kinematics.reasons import Reason, why
 from camgen.robots.kinematics.singular import from_singular
-from camgen.robots.kinematics.three_parallel import ThreeParallel, branch
+from camgen.robots.kinematics.three_parallel import ThreeParallel, _measure_ahead
 from camgen.robots.models import Robot
 
 #: d, a, mm, of the joints of two arms as the maker publishes them, and alpha, rad, of both.
@@ -94,7 +94,9 @@ def test_the_place_of_a_solution_is_its_branch() -> None:
     assert isinstance(cobot.arm, ThreeParallel)
     poses = np.array([place(UR5E, row) for row in joints])
     solutions = inverse(cobot, poses[:, :3, :3], poses[:, :3, 3])
-    flags = branch(cobot.arm, theta_of(cobot, cobot.arm, solutions))
+    theta = theta_of(cobot, cobot.arm, solutions)
+    flags = 4 * (_measure_ahead(cobot.arm, theta) < 0)
+    flags = flags + 2 * (np.sin(theta[..., 2]) < 0) + (np.sin(theta[..., 4]) < 0)
     reached = np.isfinite(solutions[..., 0])
     assert (flags == np.arange(8))[reached].all()
 

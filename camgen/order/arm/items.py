@@ -267,7 +267,6 @@ def compute_state_joints(
     else:
         found = inverse(robot, *goal, robot.home)[np.arange(len(owner)), branch[owner]]
     unwound, steady = _unwind(robot, items, found, first)
-    turning = np.array([not joint.sliding for joint in robot.joints])
     off = (
         near
         - unwound[
@@ -275,7 +274,7 @@ def compute_state_joints(
         ]
     )
     off = np.where(
-        turning & np.isfinite(off),
+        robot.revolute & np.isfinite(off),
         np.rint(np.where(np.isfinite(off), off, 0.0) / math.tau) * math.tau,
         0.0,
     )
@@ -295,17 +294,16 @@ def _unwind(
     joints: (S, ..., J) at the samples of E items, one item after the other.
     first: (E + 1,) the first row of each item.
     """
-    turning = np.array([not joint.sliding for joint in robot.joints])
     owner = owners(np.diff(first))
     before = np.concatenate([item.before for item in items]) + first[owner]
     before[first[:-1]] = first[:-1]
     moved = np.nan_to_num(joints - joints[before], nan=math.inf)
     whole = np.where(
-        turning & np.isfinite(moved),
+        robot.revolute & np.isfinite(moved),
         np.rint(np.where(np.isfinite(moved), moved, 0.0) / math.tau),
         0.0,
     )
-    jumps = (np.abs(moved - math.tau * whole) > _JUMP)[..., turning].any(axis=-1)
+    jumps = (np.abs(moved - math.tau * whole) > _JUMP)[..., robot.revolute].any(axis=-1)
     steady = ~np.logical_or.reduceat(jumps, first[:-1], axis=0)
     sums = np.cumsum(whole, axis=0)
     sums -= sums[first[:-1]][owner]

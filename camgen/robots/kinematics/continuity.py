@@ -312,8 +312,7 @@ def _close_ends(
 
 def _leaps(robot: Robot, moved: FloatArray, jump: float) -> NDArray[np.bool_]:
     """Whether a revolute joint turns by more than `jump` rad in changes (..., J)."""
-    is_revolute = np.array([not joint.sliding for joint in robot.joints])
-    return np.asarray((np.abs(moved) > jump)[..., is_revolute].any(axis=-1))
+    return np.asarray((np.abs(moved) > jump)[..., robot.revolute].any(axis=-1))
 
 
 def _add_turns(solutions: FloatArray, table: Index) -> FloatArray:

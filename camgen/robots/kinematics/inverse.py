@@ -30,7 +30,7 @@ def inverse(
     for three parallel axes (`three_parallel.BRANCHES`), 2 for SCARA and 1 for slides. For other
     arms the first `damped.SEEDS` solutions are returned. Only the reach counts, and
     `joint_limits.within` tests the limits. A revolute joint is given within half a turn of the
-    middle of its limits, and `joint_limits.copies` adds the other turn counts.
+    middle of its limits, and `joint_limits.turns` has the other turn counts.
     """
     rotations = np.asarray(rotations, dtype=np.float64)
     origins = np.asarray(origins, dtype=np.float64)
@@ -59,8 +59,7 @@ def nearest(
         return damped.refine(robot, rotations, origins, guess)
     solutions = inverse(robot, rotations, origins, guess[:, None])
     change = (solutions - guess[:, None]) @ robot.coupling.T
-    is_revolute = np.array([not joint.sliding for joint in robot.joints])
-    change -= np.where(is_revolute, np.rint(change / math.tau) * math.tau, 0.0)
+    change -= np.where(robot.revolute, np.rint(change / math.tau) * math.tau, 0.0)
     largest = np.abs(change).max(axis=2)
     best = np.where(np.isnan(largest), math.inf, largest).argmin(axis=1)
     return np.asarray(guess + change[np.arange(len(guess)), best] @ uncoupling(robot).T)

@@ -125,10 +125,9 @@ def _step(moved: FloatArray, error: FloatArray) -> FloatArray:
 
 def _remove_repeated(robot: Robot, solutions: FloatArray) -> FloatArray:
     """`solutions` (N, S, J) without repeated ones, up to whole turns; nan at the end of a row."""
-    is_revolute = np.array([not joint.sliding for joint in robot.joints])
     change = solutions[:, :, None] - solutions[:, None]
     turned = np.remainder(change + math.pi, math.tau) - math.pi
-    change = np.where(is_revolute, turned, change)
+    change = np.where(robot.revolute, turned, change)
     is_same: NDArray[np.bool_] = np.abs(change).max(axis=3) < _SAME_SOLUTION
     is_repeated = (is_same & np.tri(solutions.shape[1], k=-1, dtype=bool)).any(axis=2)
     is_lost = is_repeated | np.isnan(solutions[:, :, 0])

@@ -54,7 +54,7 @@ def _middles(robot: Robot) -> tuple[FloatArray, FloatArray]:
     """Middles of the limits of the serial chain, and whole turns, 0 for slides (J,), rad or mm."""
     rod = np.isfinite(robot.serial_limits[:, 0])
     middle = np.where(rod[:, None], robot.serial_limits, robot.limits).mean(axis=1)
-    return frozen(middle), frozen(math.tau * ~np.array([joint.sliding for joint in robot.joints]))
+    return frozen(middle), frozen(math.tau * robot.revolute)
 
 
 @lru_cache(maxsize=16)
@@ -91,7 +91,7 @@ def turns(robot: Robot) -> NDArray[np.int64]:
     is_alone &= np.isinf(robot.serial_limits[:, 0])
     low, high = robot.limits.T
     limit = ((high - low) / 2 + math.pi + _ON_LIMIT) // math.tau
-    limit *= is_alone & ~np.array([joint.sliding for joint in robot.joints])
+    limit *= is_alone & robot.revolute
     ranges = [range(-count, count + 1) for count in limit.astype(np.int64).tolist()]
     table = np.array(list(itertools.product(*ranges)), dtype=np.int64)
     table.setflags(write=False)
@@ -122,13 +122,3 @@ def _keep_limits(values: FloatArray, limits: FloatArray) -> NDArray[np.bool_]:
     """Whether values of a joint are within its limits (2,); False for nan."""
     low, high = limits.tolist()
     return np.asarray((values >= low - _ON_LIMIT) & (values <= high + _ON_LIMIT))
-
-
-def copies(robot: Robot, solutions: FloatArray) -> FloatArray:
-    """The joint values (..., T, J) with each of the turn counts `turns` for `solutions` (..., J).
-
-    They are nan beyond a limit.
-    """
-    table = turns(robot)
-    turned = np.asarray(solutions)[..., None, :] + math.tau * table
-    return np.where(within_turned(robot, solutions, table)[..., None], turned, np.nan)

@@ -29,7 +29,7 @@ def fastest(robot: Robot, joints: FloatArray, tip: Vec3) -> tuple[float, float]:
     moves, rotation, _ = jacobian(robot, joints)
     flange = moves @ rate
     velocity = flange[:, :3] + np.cross(flange[:, 3:], rotation @ np.asarray(tip))
-    turning = np.abs(rate[[not joint.sliding for joint in robot.joints]]).max(initial=0.0)
+    turning = np.abs(rate[robot.revolute]).max(initial=0.0)
     return float(np.linalg.norm(velocity, axis=1).max()), float(turning)
 
 

@@ -119,16 +119,15 @@ def _explain_gap(
     jump: float,
 ) -> Reason:
     """The reason why no step leads from `reached` (M, J) to the solutions (B, J) of a row."""
-    is_revolute = np.array([not joint.sliding for joint in robot.joints])
     moved = solutions[None] - reached[:, None]
-    moved = np.where(is_revolute, np.remainder(moved + math.pi, math.tau) - math.pi, moved)
-    leaps = np.abs(moved)[..., is_revolute].max(axis=-1)
+    moved = np.where(robot.revolute, np.remainder(moved + math.pi, math.tau) - math.pi, moved)
+    leaps = np.abs(moved)[..., robot.revolute].max(axis=-1)
     after = (reached[:, None] + moved)[leaps <= jump]
     if len(after):
         explain = _explain_singularity if within(robot, after).any() else _explain_limit
         return explain(robot, after, row)
     before, branch = np.unravel_index(leaps.argmin(), leaps.shape)
-    joint = int(np.where(is_revolute, np.abs(moved[before, branch]), 0.0).argmax())
+    joint = int(np.where(robot.revolute, np.abs(moved[before, branch]), 0.0).argmax())
     amount = float(leaps[before, branch])
     text = f"{robot.joints[joint].name} would turn by {_degrees(amount)} at once"
     ends = np.stack([reached[before], solutions[branch]])

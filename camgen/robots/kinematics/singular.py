@@ -10,21 +10,21 @@ from camgen.robots.kinematics.arms import Gantry, Scara
 from camgen.robots.kinematics.forward import jacobian
 from camgen.robots.kinematics.joint_limits import theta_of
 from camgen.robots.kinematics.three_parallel import ThreeParallel
-from camgen.robots.models import Robot
+from camgen.robots.models import Kind, Robot
 
-_SPHERICAL = ("wrist above axis 1", "elbow straight", "wrist straight")
-_THREE_PARALLEL = ("wrist beside axis 1", "elbow straight", "axes 4 and 6 parallel")
+#: Names of the columns of `from_singular`, by the kind of the robot.
+_NAMES: dict[Kind, tuple[str, ...]] = {
+    "spherical-wrist": ("wrist above axis 1", "elbow straight", "wrist straight"),
+    "three-parallel": ("wrist beside axis 1", "elbow straight", "axes 4 and 6 parallel"),
+    "scara": ("elbow straight",),
+    "cartesian": (),
+    "serial": ("arm stretched or axes in line",),
+}
 
 
 def singularities(robot: Robot) -> tuple[str, ...]:
     """The names of the columns of `from_singular`."""
-    if isinstance(robot.arm, Gantry):
-        return ()
-    if isinstance(robot.arm, Scara):
-        return ("elbow straight",)
-    if isinstance(robot.arm, ThreeParallel):
-        return _THREE_PARALLEL
-    return _SPHERICAL if robot.arm else ("arm stretched or axes in line",)
+    return _NAMES[robot.kind]
 
 
 def from_singular(robot: Robot, joints: FloatArray) -> FloatArray:

@@ -13,7 +13,6 @@ import math
 
 import numpy as np
 from msgspec import Struct
-from numpy.typing import NDArray
 
 from camgen.model.pose import FloatArray, Pose, frozen
 from camgen.robots.chain import AtZero
@@ -209,13 +208,6 @@ def shortfall(arm: ThreeParallel, rotations: FloatArray, origins: FloatArray) ->
     distance = np.hypot(sight.ahead - arm.a1, sight.height[:, None] - arm.c1)
     least = (_beyond(arm, distance) - abs(arm.c5)).min(axis=1)
     return np.asarray(np.maximum(least, sight.lacking))
-
-
-def branch(arm: ThreeParallel, theta: FloatArray) -> NDArray[np.int64]:
-    """The branch of theta (..., 6)."""
-    flags = 4 * (_measure_ahead(arm, theta) < 0)
-    flags = flags + 2 * (np.sin(theta[..., 2]) < 0) + (np.sin(theta[..., 4]) < 0)
-    return np.asarray(flags, dtype=np.int64)
 
 
 def singularities(arm: ThreeParallel, theta: FloatArray) -> FloatArray:

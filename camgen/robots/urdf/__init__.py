@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 from msgspec.structs import replace
-from numpy.typing import NDArray
 
 from camgen.model.errors import InputError
 from camgen.model.limits import tell
@@ -185,15 +184,14 @@ def _find_home(robot: Robot) -> FloatArray:
     singularities. Otherwise as few joints as possible are bent by 30 deg.
     """
     low, high = robot.limits.T
-    is_revolute = np.array([not joint.sliding for joint in robot.joints])
-    rest = np.where((low < 0) & (high > 0) & is_revolute, 0.0, (low + high) / 2)
+    rest = np.where((low < 0) & (high > 0) & robot.revolute, 0.0, (low + high) / 2)
     best, best_value = rest, -1.0
-    for count in range(min(int(is_revolute.sum()), 2) + 1):
-        bends = _list_bends(np.flatnonzero(is_revolute).tolist(), count)
+    for count in range(min(int(robot.revolute.sum()), 2) + 1):
+        bends = _list_bends(np.flatnonzero(robot.revolute).tolist(), count)
         homes = np.array([_bend(rest, joints) for joints in bends])
         homes = homes[((low <= homes) & (homes <= high)).all(axis=1)]
         # The first of equal values is chosen.
-        values = _measure_singular_values(robot, homes, is_revolute).round(9)
+        values = _measure_singular_values(robot, homes).round(9)
         if values.max(initial=-1.0) > best_value:
             best, best_value = homes[values.argmax()], float(values.max())
         if best_value >= _MIN_SINGULAR_VALUE:
@@ -202,7 +200,7 @@ def _find_home(robot: Robot) -> FloatArray:
 
 
 def _list_bends(joints: list[int], count: int) -> Iterator[tuple[tuple[int, int], ...]]:
-    """Each choice of `count` joints, each joint with each sign."""
+    """Each choice of `count` joints with each combination of signs."""
     for chosen in itertools.combinations(joints, count):
         for signs in itertools.product((1, -1), repeat=count):
             yield tuple(zip(chosen, signs, strict=True))
@@ -215,14 +213,12 @@ def _bend(rest: FloatArray, joints: tuple[tuple[int, int], ...]) -> FloatArray:
     return values
 
 
-def _measure_singular_values(
-    robot: Robot, joints: FloatArray, is_revolute: NDArray[np.bool_]
-) -> FloatArray:
+def _measure_singular_values(robot: Robot, joints: FloatArray) -> FloatArray:
     """The smallest singular value of the Jacobian at joint values (N, J), (N,).
 
     Lengths are divided by the mean lever of the arm, also those of slides.
     """
     moved, _, _ = jacobian(robot, joints)
     moved[:, :3] /= robot.lever
-    moved[:, :, ~is_revolute] *= robot.lever
+    moved[:, :, ~robot.revolute] *= robot.lever
     return np.asarray(np.linalg.svd(moved, compute_uv=False)[:, -1])

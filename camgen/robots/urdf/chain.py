@@ -147,7 +147,6 @@ def _find_joints_below(description: Description) -> dict[str, list[RawJoint]]:
 
 
 def _list_joints(joint_above: dict[str, RawJoint], tip: str) -> list[RawJoint]:
-    """The joints from the root to a tip."""
     joints: list[RawJoint] = []
     while tip in joint_above:
         joints.append(joint_above[tip])
@@ -180,7 +179,6 @@ def _find_tip(description: Description, counts: dict[str, int], root: str) -> tu
 
 
 def _check_single(description: Description, names: list[str]) -> str:
-    """The only name. Raises InputError if there are several."""
     if len(names) > 1:
         raise InputError(
             description.file,
