@@ -52,16 +52,17 @@ class Words(Struct, frozen=True, eq=False):
 
 
 def postures(robot: Robot, joints: FloatArray, straight: NDArray[np.bool_]) -> list[Posture | None]:
-    """The posture of each row of joint values (N, J), rad or mm; None if nothing is sure.
+    """The posture of each row of joint values (N, J), rad or mm, None if nothing of it is sure.
 
-    The rows are the values at the ends of consecutive motions. Equal rows share one posture.
+    The rows are the values at the ends of consecutive motions. Equal postures are one object.
 
     straight: (N,) whether a motion is a line or an arc, which must end in the figure in which it
-        starts (RC8 manual, Move C). If axis 4 or 6 passes half a turn on it, or ends at half a
-        turn, where the controller may see it on either side, the figure is left out. Then the arm
-        keeps to the nearest one.
+        starts (RC8 manual, Move C).
 
-    Nothing is sure of an arm without a known controller, such as most arms from a URDF.
+    The figure is left out, so that the arm keeps to the nearest one, if a straight motion starts in
+    another figure, or if axis 4 or 6 ends at half a turn, where the controller may see it on either
+    side. The words of V+ are left out unless they are sure in all rows. Nothing is sure of an arm
+    without a known controller, such as most arms from a URDF.
     """
     count = len(joints)
     if not robot.controller:
