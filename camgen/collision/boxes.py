@@ -11,7 +11,7 @@ from camgen.model.tolerance import PARALLEL_EDGES
 
 #: The other two axes of x, y and z, in cyclic order.
 _NEXT, _LAST = [1, 2, 0], [2, 0, 1]
-#: Sine of the angle between two edges below which `least_apart` leaves out their product.
+#: Sine of the angle between two edges below which `bound_distances` leaves out their product.
 _SLIGHT = 1e-3
 
 
@@ -99,7 +99,7 @@ def meet(a: Boxes, b: Boxes) -> BoolArray:
     return touches
 
 
-def least_apart(a: Boxes, b: Boxes) -> FloatArray:
+def bound_distances(a: Boxes, b: Boxes) -> FloatArray:
     """A lower bound of the distance of boxes a (n,) and b (n,), mm (n,); negative if they meet.
 
     It is the largest gap along the 15 axes of `meet`. That is the distance itself, unless the

@@ -41,7 +41,7 @@ class Cells(Struct, frozen=True, eq=False):
     sums: NDArray[np.int32]
     state: NDArray[np.int8]
 
-    def of(self, points: FloatArray) -> tuple[IntArray, IntArray]:
+    def locate(self, points: FloatArray) -> tuple[IntArray, IntArray]:
         """Rows (n,) of the points (N, 3) that are in the grid, and the index (n,) of their cells.
 
         An index counts the cells of the flattened array `state`.

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from camgen.collision.boxes import Boxes, least_apart
+from camgen.collision.boxes import Boxes, bound_distances
 from camgen.collision.hits import place
 from camgen.collision.mesh import find_struck
 from camgen.collision.scene import Scene, name_pair
@@ -51,7 +51,7 @@ def find_depth(scene: Scene, joints: FloatArray, pair: int) -> float | None:
     boxes = Boxes(placed.centres[0], placed.axes[0], placed.half[0])
     tests = np.flatnonzero(scene.of_pair == pair)
     if len(tests):
-        distances = least_apart(boxes[scene.first[tests]], boxes[scene.second[tests]])
+        distances = bound_distances(boxes[scene.first[tests]], boxes[scene.second[tests]])
         return max(-float(distances.min()), 0.0)
     (target,) = [target for target in scene.targets if pair in target.of_strike]
     frame = target.base_from_mesh

@@ -10,8 +10,8 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.collision import pairs
-from camgen.collision.boxes import Boxes, all_of_three, least_apart, meet
-from camgen.collision.mesh import body, distance, find_struck
+from camgen.collision.boxes import Boxes, all_of_three, bound_distances, meet
+from camgen.collision.mesh import find_struck, make_box_object, measure_distance
 from camgen.collision.pairs import Travel
 from camgen.collision.scene import Scene, Target, narrow
 from camgen.geometry.ragged import each_once, ramp, run_lengths
@@ -609,14 +609,14 @@ def _measure_pairs(scene: Scene, rows: _Rows, nearest: _NearestPairs) -> None:
     distances = nearest.distance[rows.place][:, None, None]
     row, test = _find_near_pairs(scene, placed.grown(distances * scene.moving[:, None]))
     first, second = placed.pick(row, scene.first[test]), placed.pick(row, scene.second[test])
-    candidates = rows.make_candidates(row, scene.of_pair[test], least_apart(first, second))
+    candidates = rows.make_candidates(row, scene.of_pair[test], bound_distances(first, second))
     _raise_bounds(scene, candidates, nearest)
     _measure_candidates(
         scene,
         candidates,
         nearest,
         lambda batch, limit: candidates.bound[batch] < limit,
-        lambda k: distance(body(first, k), body(second, k)),
+        lambda k: measure_distance(make_box_object(first, k), make_box_object(second, k)),
     )
 
 
@@ -637,7 +637,7 @@ def _measure_strikes(scene: Scene, target: Target, rows: _Rows, nearest: _Neares
         candidates,
         nearest,
         may_be_nearer,
-        lambda k: distance(target.mesh.surface, body(boxes, k)),
+        lambda k: measure_distance(target.mesh.surface, make_box_object(boxes, k)),
     )
 
 
@@ -651,7 +651,9 @@ def _raise_bounds(scene: Scene, candidates: _Candidates, nearest: _NearestPairs)
         closer = scene.closer[pair]
         if closer is not None:
             rows = np.flatnonzero((candidates.pair == pair) & (bound < limit))
-            raised = pairs.at_least(scene.robot, closer, candidates.joints[rows], limit[rows])
+            raised = pairs.bound_distances(
+                scene.robot, closer, candidates.joints[rows], limit[rows]
+            )
             bound[rows] = np.maximum(bound[rows], raised)
 
 
@@ -693,7 +695,7 @@ def _measure_candidates(
             if closer is None:
                 measured = measure_boxes(k)
             else:
-                measured = pairs.measure(scene.robot, closer, candidates.joints[k])
+                measured = pairs.measure_pair(scene.robot, closer, candidates.joints[k])
             if measured < nearest.distance[index]:
                 nearest.distance[index] = measured
                 nearest.row[index] = candidates.row[k]

@@ -18,7 +18,7 @@ from msgspec import Struct
 
 from camgen.collision.boxes import Boxes, all_of_three
 from camgen.collision.cells import OUTSIDE, PASSED, UNKNOWN, WITHIN, Cells, divide_space
-from camgen.collision.tree import BITS, BoxTree, ask, grow
+from camgen.collision.tree import BITS, BoxTree, make_tree, search_tree
 from camgen.geometry.ragged import each_once
 from camgen.geometry.vectors import cross
 from camgen.model.part import BoolArray, IntArray, Solid
@@ -51,7 +51,7 @@ class Mesh(Struct, frozen=True, eq=False, dict=True):
     @cached_property
     def outermost(self) -> FloatArray:
         """The corners (K, 3) that lie farthest outward."""
-        return pick_outermost(self.tree.corners.reshape(-1, 3))
+        return select_outermost(self.tree.corners.reshape(-1, 3))
 
     @cached_property
     def cells(self) -> Cells:
@@ -65,7 +65,7 @@ def make_mesh(solid: Solid) -> Mesh:
 
     50,000 triangles take 0.2 s, and a search for the place of a part needs it hundreds of times.
     """
-    tree = grow(solid.vertices[solid.faces])
+    tree = make_tree(solid.vertices[solid.faces])
     low, high = tree.corners.min(axis=(0, 1)), tree.corners.max(axis=(0, 1))
     box = Boxes(frozen((low + high) / 2), frozen(np.eye(3)), frozen((high - low) / 2))
     return Mesh(tree, box, make_model(solid.vertices, solid.faces), _is_closed(solid))
@@ -86,7 +86,7 @@ _CUBE = np.array(list(itertools.product((-1, 0, 1), repeat=3)))
 _OUTWARD = _CUBE[np.abs(_CUBE).sum(axis=1) % 2 == 1]
 
 
-def pick_outermost(points: FloatArray) -> FloatArray:
+def select_outermost(points: FloatArray) -> FloatArray:
     """The points (K, 3) of `points` (N, 3) that lie farthest along the axes and between them."""
     return frozen(points[np.unique((points @ _OUTWARD.T).argmax(axis=0))])
 
@@ -124,23 +124,23 @@ def find_struck(mesh: Mesh, boxes: Boxes) -> BoolArray:
 
 
 def _are_inside(mesh: Mesh, points: FloatArray) -> BoolArray:
-    """`inside`, by the state of cells where that is enough.
+    """`are_inside`, by the state of cells where that is enough.
 
     If the surface does not pass a cell, all of its points are on the same side as its middle. If
     the surface is open, they get the answer for the middle.
     """
     cells = mesh.cells
-    rows, cell = cells.of(points)
+    rows, cell = cells.locate(points)
     states = cells.state.reshape(-1)
     unknown = each_once(cell[states[cell] == UNKNOWN])
     if len(unknown):
-        states[unknown] = np.where(inside(mesh, cells.middles(unknown)), WITHIN, OUTSIDE)
+        states[unknown] = np.where(are_inside(mesh, cells.middles(unknown)), WITHIN, OUTSIDE)
     state = states[cell]
     is_inside = np.zeros(len(points), dtype=np.bool_)
     is_inside[rows[state == WITHIN]] = True
     passed = rows[state == PASSED]
     if len(passed):
-        is_inside[passed] = inside(mesh, points[passed])
+        is_inside[passed] = are_inside(mesh, points[passed])
     return is_inside
 
 
@@ -175,7 +175,7 @@ def _meet_surface(tree: BoxTree, boxes: Boxes) -> BoolArray:
         distance = np.abs(_project(offset, axes.take(which, axis=2)))
         return all_of_three((distance <= half.take(which, axis=1)).T)
 
-    which, triangle, is_struck = ask(tree, len(boxes.centres), meet_nodes, has_corner)
+    which, triangle, is_struck = search_tree(tree, len(boxes.centres), meet_nodes, has_corner)
     corners = tree.corners.take(triangle, axis=0).transpose(1, 2, 0) - centres.take(which, axis=1)
     box_axes = axes.take(which, axis=2)
     turned = np.stack([_project(corner, box_axes) for corner in corners])
@@ -208,7 +208,7 @@ def _meet_triangles(corners: FloatArray, half: FloatArray) -> BoolArray:
     return meets
 
 
-def inside(mesh: Mesh, points: FloatArray) -> BoolArray:
+def are_inside(mesh: Mesh, points: FloatArray) -> BoolArray:
     """Whether points (N, 3) are in the part (N,).
 
     Crossings of the surface are counted along both rays of an axis: +1 for each exit, -1 for each
@@ -232,7 +232,7 @@ def _count_crossings(tree: BoxTree, points: FloatArray, axis: int) -> FloatArray
         in_u = (low[u] <= at_u) & (at_u <= high[u])
         return np.flatnonzero(in_u & (low[v] <= at_v) & (at_v <= high[v]))
 
-    which, triangle, _ = ask(tree, len(points), meet_nodes)
+    which, triangle, _ = search_tree(tree, len(points), meet_nodes)
     corners, ray = tree.corners[triangle][..., [u, v, axis]], points[which][:, [u, v, axis]]
     facing = _count_turns(corners, ray)
     hit = facing != 0
@@ -264,7 +264,7 @@ def _count_turns(corners: FloatArray, points: FloatArray) -> FloatArray:
     return total
 
 
-def body(boxes: Boxes, which: int) -> Any:
+def make_box_object(boxes: Boxes, which: int) -> Any:
     """A collision object of fcl for one of the boxes (n,), by its index."""
     x, y, z = (2 * boxes.half[which]).tolist()
     return fcl.CollisionObject(
@@ -272,7 +272,7 @@ def body(boxes: Boxes, which: int) -> Any:
     )
 
 
-def distance(first: Any, second: Any) -> float:
+def measure_distance(first: Any, second: Any) -> float:
     """The distance of two objects of fcl that do not meet, mm.
 
     A negative distance, which results from rounding, counts as 0.

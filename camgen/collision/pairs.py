@@ -35,7 +35,13 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.collision.boxes import Boxes
-from camgen.collision.mesh import body, distance, join_surfaces, make_model, pick_outermost
+from camgen.collision.mesh import (
+    join_surfaces,
+    make_box_object,
+    make_model,
+    measure_distance,
+    select_outermost,
+)
 from camgen.collision.swept import SweptSolid
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray, Pose
@@ -128,24 +134,24 @@ class MeshPair(Struct, frozen=True, eq=False):
 
 
 @lru_cache(maxsize=64)
-def model_of(link: Link) -> Any:
+def make_link_model(link: Link) -> Any:
     """The model of fcl for all surfaces of a link, made once for any number of scenes."""
     return make_model(*join_surfaces(link))
 
 
 @lru_cache(maxsize=64)
-def link_points(link: Link) -> FloatArray:
+def list_link_points(link: Link) -> FloatArray:
     """The corners (K, 3) of the surfaces of a link that lie farthest outward."""
-    return pick_outermost(join_surfaces(link)[0])
+    return select_outermost(join_surfaces(link)[0])
 
 
-def box_part(box: Box) -> tuple[Any, Pose]:
+def make_box_part(box: Box) -> tuple[Any, Pose]:
     """The geometry of fcl for a cuboid, and its pose in the frame of the link."""
     x, y, z = box.half
     return fcl.Box(2 * x, 2 * y, 2 * z), box.link_from_box
 
 
-def pair_up(
+def make_pair(
     first: Shape,
     second: Shape,
     levers: FloatArray,
@@ -189,7 +195,7 @@ def come_within(robot: Robot, pair: MeshPair, joints: FloatArray, limit: FloatAr
     """Whether the two bodies come within `limit` (N,) mm at joint values (N, J); 0 is to meet."""
     is_near = _have_near_points(robot, pair, joints, limit)
     rows = np.flatnonzero(~is_near)
-    rows = rows[at_least(robot, pair, joints[rows], limit[rows]) <= limit[rows]]
+    rows = rows[bound_distances(robot, pair, joints[rows], limit[rows]) <= limit[rows]]
     for row, placed in zip(rows.tolist(), _place_each(robot, pair, joints[rows]), strict=True):
         is_near[row] = _distance(pair, placed) <= limit[row]
     return is_near
@@ -249,11 +255,11 @@ def may_come_within(
     if travel is not None and (wider := pair.wider()) is not None:
         solid_limit = travel.turned[:, wider.joints] @ wider.levers + travel.extra
         rows = np.flatnonzero(solid_limit < limit)
-        bound = at_least(robot, wider, joints[rows], solid_limit[rows], worth)
+        bound = bound_distances(robot, wider, joints[rows], solid_limit[rows], worth)
         is_near[rows] = bound <= solid_limit[rows]
     rows = np.flatnonzero(is_near)
     rows = rows[~_have_near_points(robot, pair, joints[rows], limit[rows])]
-    is_near[rows] = at_least(robot, pair, joints[rows], limit[rows], worth) <= limit[rows]
+    is_near[rows] = bound_distances(robot, pair, joints[rows], limit[rows], worth) <= limit[rows]
     return is_near
 
 
@@ -274,13 +280,13 @@ def _have_near_points(
     return is_near
 
 
-def measure(robot: Robot, pair: MeshPair, joints: FloatArray) -> float:
+def measure_pair(robot: Robot, pair: MeshPair, joints: FloatArray) -> float:
     """The distance at joint values (J,), mm; 0 if the bodies meet."""
     (placed,) = _place_each(robot, pair, joints[None])
     return _distance(pair, placed)
 
 
-def at_least(
+def bound_distances(
     robot: Robot, pair: MeshPair, joints: FloatArray, enough: FloatArray, worth: int = 1
 ) -> FloatArray:
     """Lower bounds of the distance at joint values (N, J), mm (N,); they may be negative.
@@ -290,7 +296,7 @@ def at_least(
     """
     bound = np.full(len(joints), -math.inf)
     if (wider := pair.wider()) is not None:
-        bound = at_least(robot, wider, joints, enough, worth)
+        bound = bound_distances(robot, wider, joints, enough, worth)
     is_open = _raise(robot, pair, joints, enough, bound, max(worth, _MANY))
     rows = np.flatnonzero(is_open & (bound <= enough))
     if worth < _MANY and len(rows):
@@ -412,7 +418,9 @@ def _have_boxes_apart(
                 half = np.asarray(box.half) + margin[rows, None]
                 grown = Boxes(centres, rotations[rows] @ pose.rotation, half)
                 for k, row in enumerate(rows.tolist()):
-                    is_apart[row] = is_apart[row] and not _meet_any(meshes, [body(grown, k)])
+                    is_apart[row] = is_apart[row] and not _meet_any(
+                        meshes, [make_box_object(grown, k)]
+                    )
             if is_apart[rows].mean() < _WORTH_SHARE:
                 break
     return is_apart
@@ -426,7 +434,7 @@ def _distance(pair: MeshPair, placed: _Relative) -> float:
     least = math.inf
     for item in pair.first:
         for other, _ in pair.second:
-            least = min(least, distance(item, other))
+            least = min(least, measure_distance(item, other))
     return least
 
 

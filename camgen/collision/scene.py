@@ -19,10 +19,10 @@ from camgen.collision.pairs import (
     MeshPair,
     Shape,
     Sweep,
-    box_part,
-    link_points,
-    model_of,
-    pair_up,
+    list_link_points,
+    make_box_part,
+    make_link_model,
+    make_pair,
 )
 from camgen.collision.swept import enlarge_levers, measure_roundness, sweep
 from camgen.geometry.vectors import cross
@@ -129,7 +129,7 @@ class _Body(Struct, frozen=True, eq=False):
         if self.link is not None:
             return _shape_link(self.link, self.frame)
         points = np.concatenate([*map(_corners, self.boxes)])
-        parts = tuple(map(box_part, self.boxes))
+        parts = tuple(map(make_box_part, self.boxes))
         return Shape(self.frame, parts, points, self.boxes, is_mesh=False)
 
 
@@ -368,7 +368,7 @@ def _pair_meshes(robot: Robot, first: _Body, second: _Body) -> MeshPair | None:
         return None
     if first.link is not None and second.link is not None:
         return _pair_links(robot, (first.link, first.frame), (second.link, second.frame))
-    return pair_up(first.shape(), second.shape(), _bound_levers(robot, first, second))
+    return make_pair(first.shape(), second.shape(), _bound_levers(robot, first, second))
 
 
 #: A link with meshes, and its index.
@@ -381,7 +381,7 @@ def _pair_links(robot: Robot, first: _NumberedLink, second: _NumberedLink) -> Me
     bodies = [_Body(link.name, frame, link.boxes, link=link) for link, frame in (first, second)]
     levers = _bound_levers(robot, *bodies)
     wider = cache(lambda: _widen(robot, first, second, levers))
-    return pair_up(bodies[0].shape(), bodies[1].shape(), levers, wider)
+    return make_pair(bodies[0].shape(), bodies[1].shape(), levers, wider)
 
 
 def _widen(
@@ -408,10 +408,10 @@ def _widen(
     _, (link, frame), (other, other_frame), about = min(choices, key=lambda choice: choice[0])
     solid, (points, _) = sweep(link, *about), join_surfaces(other)
     # The solid holds its link, so the points of the link are in it.
-    swept = Shape(frame, ((solid.model, _NO_SHIFT),), link_points(link), ())
+    swept = Shape(frame, ((solid.model, _NO_SHIFT),), list_link_points(link), ())
     other_shape = _shape_link(other, other_frame)
     is_first = frame < other_frame
-    return pair_up(
+    return make_pair(
         swept if is_first else other_shape,
         other_shape if is_first else swept,
         enlarge_levers(levers),
@@ -420,7 +420,7 @@ def _widen(
 
 
 def _shape_link(link: Link, frame: int) -> Shape:
-    return Shape(frame, ((model_of(link), _NO_SHIFT),), link_points(link), link.boxes)
+    return Shape(frame, ((make_link_model(link), _NO_SHIFT),), list_link_points(link), link.boxes)
 
 
 def _bound_levers(robot: Robot, first: _Body, second: _Body) -> FloatArray:

@@ -34,7 +34,7 @@ class BoxTree(Struct, frozen=True, eq=False):
     highs: tuple[FloatArray, ...]
 
 
-def grow(corners: FloatArray) -> BoxTree:
+def make_tree(corners: FloatArray) -> BoxTree:
     """The tree of triangles (F, 3, 3), F > 0. Neighbours along the curve of Morton are siblings."""
     middles = corners.mean(axis=1)
     span = np.maximum(np.ptp(middles, axis=0).max(), 1e-9)
@@ -63,14 +63,14 @@ def _spread(values: IntArray) -> IntArray:
 
 #: Gets queries (n, 1), and lower and upper corners of the eight children of a node for each of
 #: them, both (3, n, 8). Returns the indices (m,), among these n * 8, of children to be searched.
-Meets = Callable[[IntArray, FloatArray, FloatArray], IntArray]
+FindMeeting = Callable[[IntArray, FloatArray, FloatArray], IntArray]
 #: Gets queries (n,), and a corner of a triangle in a node for each of them (3, n). Returns (n,)
 #: whether that answers the query.
-Known = Callable[[IntArray, FloatArray], BoolArray]
+IsAnswered = Callable[[IntArray, FloatArray], BoolArray]
 
 
-def ask(
-    tree: BoxTree, count: int, meets: Meets, known: Known | None = None
+def search_tree(
+    tree: BoxTree, count: int, meets: FindMeeting, known: IsAnswered | None = None
 ) -> tuple[IntArray, IntArray, BoolArray]:
     """Search the tree for the queries 0 to `count` - 1.
 
@@ -98,7 +98,7 @@ def ask(
 
 
 def _meet_in_blocks(
-    lows: FloatArray, highs: FloatArray, query: IntArray, node: IntArray, meets: Meets
+    lows: FloatArray, highs: FloatArray, query: IntArray, node: IntArray, meets: FindMeeting
 ) -> IntArray:
     """The pairs of a query and a child of its node that meet (m,), tested block by block.
 

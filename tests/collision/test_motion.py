@@ -9,7 +9,7 @@ from msgspec.structs import replace
 from camgen.collision import motion as motion_module
 from camgen.collision.boxes import Boxes
 from camgen.collision.hits import clearance, hits, least_of_each, place
-from camgen.collision.mesh import Mesh, inside, make_mesh
+from camgen.collision.mesh import Mesh, are_inside, make_mesh
 from camgen.collision.motion import (
     closing,
     measure_apart,
@@ -550,14 +550,14 @@ def test_one_axis_is_asked_only_where_the_triangles_bound_a_body() -> None:
         )
         assert mesh.closed == closed
         points = np.array([[3.0, 4.0, 5.0], [30.0, 0.0, 0.0], [3.0, 4.0, 25.0]])
-        assert inside(mesh, points).tolist() == [True, False, False]
+        assert are_inside(mesh, points).tolist() == [True, False, False]
     loose = made.vertices[made.faces].reshape(-1, 3)
     apart = np.arange(len(loose)).reshape(-1, 3)
     mesh = make_mesh(
         Solid("b", "b", "mm", frozen(loose), apart, frozen(made.face_normals), (), (), ())
     )
     assert not mesh.closed
-    assert inside(mesh, np.array([[3.0, 4.0, 5.0]])).tolist() == [True]
+    assert are_inside(mesh, np.array([[3.0, 4.0, 5.0]])).tolist() == [True]
 
 
 def two_bars() -> Scene:

@@ -180,7 +180,7 @@ def test_bounds_are_no_more_than_the_distance_and_what_is_far_is_known_to_be() -
         for begin in range(0, 150, together):
             rows = slice(begin, begin + together)
             values, distance, limit = turned(angles[rows]), true[rows], room[rows]
-            bound = pairs.at_least(between.robot, closer, values, limit)
+            bound = pairs.bound_distances(between.robot, closer, values, limit)
             assert (bound <= distance + 1e-5).all()
             may_come = pairs.may_come_within(between.robot, closer, values, limit)
             assert (may_come | (distance > limit - 1e-6)).all()

@@ -139,8 +139,8 @@ def test_a_solid_is_no_farther_than_its_link(cell_scene: Scene, pair: MeshPair) 
     joints = rows(300, 3)
     wider = pair.wider()
     assert wider is not None
-    bounds = pairs.at_least(arm, wider, joints, np.full(len(joints), 1e6))
-    true = np.array([pairs.measure(arm, pair, row) for row in joints])
+    bounds = pairs.bound_distances(arm, wider, joints, np.full(len(joints), 1e6))
+    true = np.array([pairs.measure_pair(arm, pair, row) for row in joints])
     assert (bounds <= true + 1e-6).all()
     # It is of use: where the block is beside the bar and where it is not.
     assert (bounds > 5).sum() > 50
@@ -156,8 +156,8 @@ def test_a_link_within_a_solid_is_not_apart_from_it() -> None:
     assert wider.sweep is not None
     assert not wider.sweep.is_first
     joints = rows(20, 4)
-    assert (pairs.at_least(inside.robot, wider, joints, np.full(20, 1e6)) <= 0).all()
-    assert min(pairs.measure(inside.robot, closer, row) for row in joints) > 35
+    assert (pairs.bound_distances(inside.robot, wider, joints, np.full(20, 1e6)) <= 0).all()
+    assert min(pairs.measure_pair(inside.robot, closer, row) for row in joints) > 35
     assert not pairs.meet(inside.robot, closer, joints).any()
 
 
@@ -172,7 +172,7 @@ def test_no_joint_brings_bodies_nearer_than_its_lever(cell_scene: Scene) -> None
             turn = np.zeros(6)
             turn[int(rng.choice(closer.joints))] = rng.uniform(-0.2, 0.2)
             moved = closer.levers @ np.abs(turn[closer.joints])
-            before, after = (pairs.measure(arm, closer, each) for each in (row, row + turn))
+            before, after = (pairs.measure_pair(arm, closer, each) for each in (row, row + turn))
             assert abs(before - after) <= moved + 1e-6
             used += int(abs(before - after) > 0.5 * moved)
     assert used > 5
@@ -205,7 +205,7 @@ def test_the_joint_that_sweeps_a_solid_does_not_count_and_nothing_is_missed(
     assert (loose & ~tight).sum() > 10
     for row in np.flatnonzero(~tight).tolist():
         around = joints[row] + rng.uniform(-1.0, 1.0, (12, 6)) * turned[row]
-        assert min(pairs.measure(arm, pair, values) for values in around) > more[row]
+        assert min(pairs.measure_pair(arm, pair, values) for values in around) > more[row]
 
 
 def test_pairs_of_boxes_first_give_the_same_answer(cell_scene: Scene) -> None:
