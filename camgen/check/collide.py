@@ -13,7 +13,7 @@ from camgen.check.lost import join_losses
 from camgen.check.reach import Reach
 from camgen.collision.cell import Surroundings
 from camgen.collision.describe import describe_hit
-from camgen.collision.motion import motion, motions
+from camgen.collision.motion import check_motion, check_motions
 from camgen.collision.scene import PART, Scene
 from camgen.geometry.ragged import ends_run, offsets, run_lengths
 from camgen.model.errors import Blocked, Loss
@@ -125,8 +125,8 @@ def check_clear(
     close: list[Near] = []
     for begin in range(0, max(len(course.joints) - 1, 1), _ROWS):
         rows = course.joints[begin : begin + _ROWS + 1]
-        others = motion(where.apart, rows, FINE, near, APART)
-        working = motion(where.work, rows, STEP, deviation=APART)
+        others = check_motion(where.apart, rows, FINE, near, APART)
+        working = check_motion(where.work, rows, STEP, deviation=APART)
         for scene, check in ((where.apart, others), (where.work, working)):
             if check.hit:
                 collisions.append(_collision(scene, course, begin + check.at, check.pair))
@@ -157,7 +157,7 @@ def _find_near(
     kinds = columns.path[motion_of[1:]] * 2 + columns.works[motion_of[1:]]
     runs = list(pairwise([0, *np.cumsum(run_lengths(kinds)).tolist()]))
     joints = [course.joints[rows[0] + first : rows[0] + last + 1] for first, last in runs]
-    checks = motions(where.apart, joints, FINE, near, APART)
+    checks = check_motions(where.apart, joints, FINE, near, APART)
     close = []
     for (first, _), check in zip(runs, checks, strict=True):
         if check.nearest < 0:
@@ -222,7 +222,7 @@ def _find_in_runs(
 ) -> list[_Collision]:
     """The first collision of each run."""
     joints = [course.joints[first : last + 1] for first, last in runs]
-    checked = motions(scene, joints, STEP, deviation=APART)
+    checked = check_motions(scene, joints, STEP, deviation=APART)
     return [
         _collision(scene, course, first + result.at, result.pair)
         for (first, _), result in zip(runs, checked, strict=True)

@@ -17,7 +17,7 @@ from msgspec.structs import replace
 
 from camgen.check.collide import Clear, Near, check_clear
 from camgen.check.reach import MotionRows, Reach, ends, interpolate_joints, sample_motions, trace
-from camgen.collision.cell import Surroundings, around
+from camgen.collision.cell import Surroundings, make_surroundings
 from camgen.collision.motion import measure_apart
 from camgen.geometry.arcs import arc_middles
 from camgen.model.errors import NoSafeProgram
@@ -77,7 +77,7 @@ def check_machine(program: Program, job: Job, cell: Workcell, file: str) -> Mach
     for section in _split(program, job):
         reach = check_travel(section.program, machine, file)
         with_tool = replace(cell, flange_from_tool=section.program.flange_from_tool)
-        scene = around(replace(job, tool=section.tool), with_tool, None)
+        scene = make_surroundings(replace(job, tool=section.tool), with_tool, None)
         course = trace(reach, machine, partial(measure_apart, scene.scene), file)
         clears.append(check_clear(scene, reach, course, machine, file))
         reaches.append(replace(reach, owner=reach.owner + section.shift))

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec import Struct
 
-from camgen.collision.hits import clearance, hits
+from camgen.collision.hits import find_collisions, measure_clearance
 from camgen.collision.mesh import make_mesh
-from camgen.collision.scene import Allowed, Scene, Wall, narrow, scene
+from camgen.collision.scene import Allowed, Scene, Wall, make_scene, narrow
 from camgen.geometry.corners import Corners, corners_of
 from camgen.geometry.resting import turn_down
 from camgen.model.cell import Cell
@@ -85,7 +85,7 @@ class Surroundings(Struct, frozen=True, eq=False):
         return not self.rims.isdisjoint(contours)
 
 
-def around(
+def make_surroundings(
     job: Job,
     cell: Workcell,
     solid: Solid | None,
@@ -115,12 +115,12 @@ def around(
     tool: tuple[Link, ...] = (Link("tool", (shaft,)),)
     if holder:
         flange = Pose(IDENTITY, (0.0, 0.0, 0.0))
-        tool += (Link("holder", tuple(box_between(flange, *box) for box in holder)),)
+        tool += (Link("holder", tuple(make_box(flange, *box) for box in holder)),)
     part = make_mesh(solid) if solid is not None else ()
     overlaps = _find_overlaps(robot, tool)
     untested = _list_untested(robot, overlaps)
     allowed = Allowed(contact, tip, overlaps)
-    whole = scene(robot, tool, (*standing, *walls), part, base_from_work, allowed)
+    whole = make_scene(robot, tool, (*standing, *walls), part, base_from_work, allowed)
     close = _find_close(robot, whole, tool, job.cell.margin)
     is_work = [pair == ("tool", "part") or pair in close for pair in whole.pairs]
     notes += tuple(
@@ -165,11 +165,11 @@ def _find_close(
     pairs = [k for k, pair in enumerate(scene.pairs) if moving.issuperset(pair)]
     home = robot.home[None]
     # Nearly always all of them are farther apart.
-    if float(clearance(narrow(scene, pairs), home, margin)[0]) >= margin:
+    if float(measure_clearance(narrow(scene, pairs), home, margin)[0]) >= margin:
         return {}
     distances: dict[tuple[str, str], float] = {}
     for k in pairs:
-        distance = float(clearance(narrow(scene, [k]), home, margin)[0])
+        distance = float(measure_clearance(narrow(scene, [k]), home, margin)[0])
         if distance < margin:
             distances[scene.pairs[k]] = distance
     return distances
@@ -192,7 +192,7 @@ def _find_overlaps(robot: Robot, tool: tuple[Link, ...]) -> tuple[tuple[str, str
     last = next(links for joints, links in _WRISTS if count >= joints)
     wrist = {link.name for link in robot.links[-last:]}
     bodies = {body.name for body in tool}
-    bare = scene(robot, tool)
+    bare = make_scene(robot, tool)
     overlapping: list[tuple[str, str]] = []
     for k in _find_meeting(bare, robot.home[None]):
         pair = bare.pairs[k]
@@ -202,7 +202,7 @@ def _find_overlaps(robot: Robot, tool: tuple[Link, ...]) -> tuple[tuple[str, str
         if not (is_spared or is_tool):
             rng = np.random.default_rng(1)
             spread = rng.uniform(robot.limits[:, 0], robot.limits[:, 1], (_SAMPLES, count))
-            is_spared = bool((hits(narrow(bare, [k]), spread) >= 0).all())
+            is_spared = bool((find_collisions(narrow(bare, [k]), spread) >= 0).all())
         if is_spared:
             overlapping.append(pair)
     return tuple(overlapping)
@@ -210,10 +210,10 @@ def _find_overlaps(robot: Robot, tool: tuple[Link, ...]) -> tuple[tuple[str, str
 
 def _find_meeting(tested: Scene, joints: FloatArray) -> list[int]:
     """The indices of pairs that meet at any of the joint values (N, J)."""
-    if (hits(tested, joints) < 0).all():
+    if (find_collisions(tested, joints) < 0).all():
         return []
     pairs = range(len(tested.pairs))
-    return [k for k in pairs if (hits(narrow(tested, [k]), joints) >= 0).any()]
+    return [k for k in pairs if (find_collisions(narrow(tested, [k]), joints) >= 0).any()]
 
 
 def _list_untested(robot: Robot, overlaps: tuple[tuple[str, str], ...]) -> tuple[Untested, ...]:
@@ -245,7 +245,7 @@ def _make_standing(
         fixtures = []
         for number, shape in enumerate(table.fixtures or (), 1):
             if isinstance(shape, list):
-                box = box_between(base_from_work, *corners_of("cell.fixtures", shape))
+                box = make_box(base_from_work, *corners_of("cell.fixtures", shape))
                 fixtures.append(Link(f"fixture {number}", (box,)))
         return tuple(fixtures), ()
     upright = Pose(turn_upright(table.rests_on), (0.0, 0.0, 0.0))
@@ -258,7 +258,7 @@ def _make_standing(
         "the part stands on a table",
         "say what it stands on: cell.fixtures, [] for nothing",
     )
-    box = box_between(base_from_work @ upright.inverse(), *corners)
+    box = make_box(base_from_work @ upright.inverse(), *corners)
     return (Link("table", (box,)),), (note,)
 
 
@@ -273,7 +273,7 @@ def turn_upright(rests_on: Sequence[float] | None) -> FloatArray:
     return turn_down(np.asarray(rests_on) / length)
 
 
-def box_between(frame: Pose, low: FloatArray, high: FloatArray) -> Box:
+def make_box(frame: Pose, low: FloatArray, high: FloatArray) -> Box:
     """The box between two corners in `frame`."""
     return Box(frame @ translation(*to_vec3((low + high) / 2)), to_vec3((high - low) / 2))
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from camgen.collision.boxes import Boxes, bound_distances
-from camgen.collision.hits import place
+from camgen.collision.hits import place_boxes
 from camgen.collision.mesh import find_struck
 from camgen.collision.scene import Scene, name_pair
 from camgen.model.pose import FloatArray
@@ -47,7 +47,7 @@ def find_depth(scene: Scene, joints: FloatArray, pair: int) -> float | None:
     """
     if scene.closer[pair] is not None:
         return None
-    placed = place(scene, joints[None])
+    placed = place_boxes(scene, joints[None])
     boxes = Boxes(placed.centres[0], placed.axes[0], placed.half[0])
     tests = np.flatnonzero(scene.of_pair == pair)
     if len(tests):

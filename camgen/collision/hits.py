@@ -23,7 +23,7 @@ from camgen.robots.kinematics.forward import frames
 ROWS = 1024
 
 
-def hits(
+def find_collisions(
     scene: Scene,
     joints: FloatArray,
     grow: float | FloatArray = 0.0,
@@ -44,7 +44,7 @@ def hits(
     colliding = np.full(len(joints), -1, dtype=np.int64)
     for begin in range(0, len(joints), ROWS):
         rows = slice(begin, begin + ROWS)
-        bare = place(scene, joints[rows])
+        bare = place_boxes(scene, joints[rows])
         limits = grow[rows] + near[rows, None]
         placed = bare.grown((grow[rows] + near[rows, None] * scene.moving)[..., None])
         row, test = _find_near_pairs(scene, placed)
@@ -72,14 +72,14 @@ def split_off_meshes(scene: Scene) -> tuple[Scene, ...]:
 
 
 def are_clear(scenes: Sequence[Scene], joints: FloatArray, near: float = 0.0) -> BoolArray:
-    """Whether nothing collides in any scene at joint values (N, J), (N,); see `hits`.
+    """Whether nothing collides in any scene at joint values (N, J), (N,); see `find_collisions`.
 
     Scenes that are tested quickly should come first.
     """
     is_clear = np.ones(len(joints), dtype=np.bool_)
     for scene in scenes:
         rows = np.flatnonzero(is_clear)
-        is_clear[rows] = hits(scene, joints[rows], near=near) < 0
+        is_clear[rows] = find_collisions(scene, joints[rows], near=near) < 0
     return is_clear
 
 
@@ -140,14 +140,14 @@ _CORNERS = math.sqrt(3.0)
 Tests = tuple[IntArray, IntArray]
 
 
-def tests_of(tests: Tests, which: BoolArray) -> Tests:
+def select_tests(tests: Tests, which: BoolArray) -> Tests:
     """The tests of some rows. which: (N,) whether a row is kept; the kept rows are renumbered."""
     row, test = tests
     kept = which[row]
     return (np.cumsum(which) - 1)[row[kept]], test[kept]
 
 
-def share_tests(tests: Tests, parts: int) -> Tests:
+def divide_tests(tests: Tests, parts: int) -> Tests:
     """The tests of each row, for each of `parts` new rows into which it is divided."""
     rows = (tests[0][:, None] * parts + np.arange(parts)).ravel()
     order = np.argsort(rows, kind="stable")
@@ -248,7 +248,9 @@ def find_near(scene: Scene, joints: FloatArray, grow: FloatArray) -> Tests:
     near = []
     for begin in range(0, len(joints), ROWS):
         rows = slice(begin, begin + ROWS)
-        grown = place(scene, joints[rows]).grown(_CORNERS * (grow[rows] * scene.moving)[..., None])
+        grown = place_boxes(scene, joints[rows]).grown(
+            _CORNERS * (grow[rows] * scene.moving)[..., None]
+        )
         tests = [_find_near_pairs(scene, grown)]
         first = len(scene.first)
         for target in scene.targets:
@@ -293,7 +295,7 @@ def _test_all(
     scene: Scene, joints: FloatArray, growth: GrowthTable, near: FloatArray
 ) -> Iterator[_Results]:
     """Make all tests of boxes that are near, see `find_meetings`."""
-    bare, grow = place(scene, joints), growth.grow
+    bare, grow = place_boxes(scene, joints), growth.grow
     limits = grow + near[:, None] * scene.moving
     row, test = _find_near_pairs(scene, bare.grown(_CORNERS * limits[..., None]))
     yield row, test, _test_pairs(scene, (joints, bare), (row, test), growth, near)
@@ -412,7 +414,7 @@ def check_finite(joints: FloatArray) -> FloatArray:
     return np.asarray(joints, dtype=np.float64)
 
 
-def place(scene: Scene, joints: FloatArray) -> Boxes:
+def place_boxes(scene: Scene, joints: FloatArray) -> Boxes:
     """All boxes at joint values (N, J), in the base frame: (N, B)."""
     rotations, origins = frames(scene.robot, check_finite(joints))
     # One matrix product for all poses of a box takes an eighth of the time of a product for each.
@@ -530,7 +532,7 @@ class _NearestPairs(Struct, frozen=True, eq=False):
         return cls(distance, none, none.copy())
 
 
-def clearance(scene: Scene, joints: FloatArray, near: float) -> FloatArray:
+def measure_clearance(scene: Scene, joints: FloatArray, near: float) -> FloatArray:
     """The clearance of all pairs at joint values (N, J), mm (N,).
 
     It is 0 at a collision, and at most `near`. It is exact to 1e-6 mm. The time grows with the
@@ -543,10 +545,10 @@ def clearance(scene: Scene, joints: FloatArray, near: float) -> FloatArray:
     return distances
 
 
-def least_of_each(
+def find_nearest_pairs(
     scene: Scene, joints: FloatArray, owner: IntArray, near: FloatArray
 ) -> list[Nearest]:
-    """The smallest `clearance` of each of n groups of joint values that do not collide.
+    """The smallest clearance of each of n groups of joint values that do not collide.
 
     It is cheaper than to measure each clearance.
 
@@ -598,7 +600,7 @@ def _lower(scene: Scene, joints: FloatArray, owner: IntArray, nearest: _NearestP
     """Lower `nearest` at the places `owner` (N,) to the distances at joint values (N, J)."""
     for begin in range(0, len(joints), ROWS):
         index = np.arange(begin, min(begin + ROWS, len(joints)))
-        rows = _Rows(joints[index], place(scene, joints[index]), index, owner[index])
+        rows = _Rows(joints[index], place_boxes(scene, joints[index]), index, owner[index])
         _measure_pairs(scene, rows, nearest)
         for target in scene.targets:
             _measure_strikes(scene, target, rows, nearest)

@@ -19,12 +19,12 @@ from camgen.collision.hits import (
     Nearest,
     Tests,
     check_finite,
+    divide_tests,
+    find_collisions,
     find_meetings,
-    hits,
-    least_of_each,
-    place,
-    share_tests,
-    tests_of,
+    find_nearest_pairs,
+    place_boxes,
+    select_tests,
 )
 from camgen.collision.pairs import Travel
 from camgen.collision.scene import Scene
@@ -71,7 +71,7 @@ class MotionCheck(Struct, frozen=True):
         return self.pair >= 0
 
 
-def motion(
+def check_motion(
     scene: Scene, waypoints: FloatArray, step: float, near: float = 0.0, deviation: float = 0.0
 ) -> MotionCheck:
     """The first collision of a motion, or its clearance.
@@ -88,17 +88,17 @@ def motion(
     missed is less deep than half a step and `deviation`, or twice that if both bodies move. The
     clearance at any moment is lower than the one returned by no more than that.
     """
-    return motions(scene, [waypoints], step, near, deviation)[0]
+    return check_motions(scene, [waypoints], step, near, deviation)[0]
 
 
-def motions(
+def check_motions(
     scene: Scene,
     several: Sequence[FloatArray],
     step: float,
     near: float | FloatArray = 0.0,
     deviation: float = 0.0,
 ) -> list[MotionCheck]:
-    """`motion` of each of L motions, in a fraction of the time if they are short.
+    """`check_motion` of each of L motions, in a fraction of the time if they are short.
 
     near: mm, one for all or one for each (L,).
     """
@@ -124,7 +124,7 @@ def _check(
     *,
     is_hasty: bool,
 ) -> list[MotionCheck | None]:
-    """The checks of `motions`.
+    """The checks of `check_motions`.
 
     near: (L,) mm, of each motion.
     is_hasty: whether a motion is examined only up to a place that is found early to collide. None
@@ -136,7 +136,7 @@ def _check(
     distances = np.array([nearest.distance for nearest in sparse])
     at, first, is_cut = _find_undecided(scene, lines, step, distances, deviation, is_hasty)
     rows = _interpolate(lines.waypoints, at)
-    pairs, splits = hits(scene, rows), first[1:-1]
+    pairs, splits = find_collisions(scene, rows), first[1:-1]
     collides = np.logical_or.reduceat(pairs >= 0, first[:-1])
     limits = np.where(is_cut | collides, 0.0, distances)
     closer = _find_nearest(scene, np.split(rows, splits), limits.tolist())
@@ -171,21 +171,21 @@ def _measure_sparse(
     if not any(nears):
         return [Nearest(0.0, -1, -1) for _ in several]
     begins = offsets(list(map(len, several)))[:-1]
-    collides = np.logical_or.reduceat(hits(scene, np.concatenate(several)) >= 0, begins)
+    collides = np.logical_or.reduceat(find_collisions(scene, np.concatenate(several)) >= 0, begins)
     return _find_nearest(scene, several, np.where(collides, 0.0, nears).tolist())
 
 
 def _find_nearest(
     scene: Scene, several: Sequence[FloatArray], nears: Sequence[float]
 ) -> list[Nearest]:
-    """`least_of_each` of tables of joint values; 0 for a table whose `near` is not above 0."""
+    """`find_nearest_pairs` of tables of joint values; 0 for a table whose `near` is not above 0."""
     nearest = [Nearest(0.0, -1, -1) for _ in several]
     tables = [k for k, near in enumerate(nears) if near > 0]
     if tables:
         counts = np.array([len(several[k]) for k in tables])
         joints = np.concatenate([several[k] for k in tables])
         limits = np.array([nears[k] for k in tables])
-        measured = least_of_each(scene, joints, owners(counts), limits)
+        measured = find_nearest_pairs(scene, joints, owners(counts), limits)
         for k, result, begin in zip(tables, measured, offsets(counts).tolist(), strict=False):
             nearest[k] = Nearest(result.distance, result.row - begin, result.pair)
     return nearest
@@ -202,7 +202,7 @@ class _Lines(Struct, frozen=True, eq=False):
     box_paths: (R, B) longest path of any point of each box up to each place, mm.
     paths: (R,) longest path of any point up to each place, mm, with a gap between two motions.
     turned: (R, J) path of each joint of the serial chain up to each place, rad or mm.
-    closing: (J, P) see `closing`.
+    closing: (J, P) see `bound_closing`.
     """
 
     waypoints: FloatArray
@@ -236,7 +236,7 @@ class _Lines(Struct, frozen=True, eq=False):
             np.vstack([np.zeros(len(scene.frame)), np.cumsum(moves, axis=0)]),
             np.append(0.0, np.cumsum(longest)),
             np.vstack([np.zeros(serial.shape[1]), np.cumsum(turns, axis=0)]),
-            closing(scene, np.abs(serial).max(axis=0)),
+            bound_closing(scene, np.abs(serial).max(axis=0)),
         )
 
 
@@ -285,7 +285,7 @@ def _find_undecided(
         is_long = width[line] > step
         middles = begins[~is_long] + width[line[~is_long]] / 2
         undecided.append((line[~is_long], np.interp(middles, lines.paths, lines.numbers)))
-        tests = None if tests is None else tests_of(tests, is_long)
+        tests = None if tests is None else select_tests(tests, is_long)
         line, begins = line[is_long], begins[is_long]
         places = np.interp(begins + width[line] * _START_MIDDLE_END, lines.paths, index)
         grow = _measure_changes(lines.box_paths, places)
@@ -301,7 +301,7 @@ def _find_undecided(
             # Most collisions are long, and only the first place of a motion matters.
             centres = begins + width[line] / 2
             tested = np.flatnonzero(meets & (centres < last[line]))
-            struck = tested[hits(scene, rows[tested]) >= 0]
+            struck = tested[find_collisions(scene, rows[tested]) >= 0]
             np.minimum.at(last, line[struck], centres[struck])
             meets &= begins <= last[line]
         # If nearly all are undecided, so are most of their halves. Quarters are tested next.
@@ -312,7 +312,7 @@ def _find_undecided(
         steps = width[line[::parts]][:, None] * np.arange(parts)
         begins = (begins[meets][:, None] + steps).ravel()
         # A test that does not meet in a stretch does not meet in its parts.
-        tests = share_tests(tests_of((row, test), meets), parts)
+        tests = divide_tests(select_tests((row, test), meets), parts)
     owner, at = (np.concatenate(column) for column in zip(*undecided, strict=True))
     order = np.lexsort((at, owner))
     first = offsets(np.bincount(owner, minlength=len(start)))
@@ -343,10 +343,10 @@ def measure_moves(scene: Scene, waypoints: FloatArray) -> FloatArray:
     """
     straight = np.empty((len(waypoints) - 1, len(scene.frame)))
     for begin in range(0, len(straight), ROWS):
-        placed = place(scene, waypoints[begin : begin + ROWS + 1])
+        placed = place_boxes(scene, waypoints[begin : begin + ROWS + 1])
         straight[begin : begin + ROWS] = _measure_distances(placed[:-1], placed[1:])
     serial = waypoints @ scene.robot.coupling.T
-    by_levers = np.abs(np.diff(serial, axis=0)) @ levers(scene, np.abs(serial).max(axis=0))
+    by_levers = np.abs(np.diff(serial, axis=0)) @ bound_levers(scene, np.abs(serial).max(axis=0))
     return np.asarray(straight + _sum_angles(scene, waypoints)[:, None] * by_levers)
 
 
@@ -358,7 +358,7 @@ def measure_apart(scene: Scene, first: FloatArray, second: FloatArray) -> FloatA
     distances = np.zeros(len(first))
     for begin in range(0, len(first), ROWS):
         rows = slice(begin, begin + ROWS)
-        start, end = place(scene, first[rows]), place(scene, second[rows])
+        start, end = place_boxes(scene, first[rows]), place_boxes(scene, second[rows])
         distances[rows] = _measure_distances(start, end).max(axis=1, initial=0.0)
     return distances
 
@@ -381,7 +381,7 @@ def measure_closer(scene: Scene, first: FloatArray, second: FloatArray) -> Float
     bounds = np.zeros(len(first))
     for begin in range(0, len(first), ROWS):
         rows = slice(begin, begin + ROWS)
-        start, end = (place(scene, joints[rows]) for joints in (first, second))
+        start, end = (place_boxes(scene, joints[rows]) for joints in (first, second))
         boxes = np.flatnonzero(alone)
         distances = _measure_distances(start[:, boxes], end[:, boxes])
         between = [
@@ -415,7 +415,7 @@ def _sum_angles(scene: Scene, waypoints: FloatArray) -> FloatArray:
     return np.asarray(turns[:, scene.robot.revolute].sum(axis=1))
 
 
-def levers(scene: Scene, travel: FloatArray) -> FloatArray:
+def bound_levers(scene: Scene, travel: FloatArray) -> FloatArray:
     """Upper bounds of the distance that a joint moves any point of a box, mm per rad or mm (J, B).
 
     For a revolute joint it is the distance of the point from the origin of the joint, with the
@@ -434,17 +434,17 @@ def levers(scene: Scene, travel: FloatArray) -> FloatArray:
     return bounds
 
 
-def closing(scene: Scene, travel: FloatArray) -> FloatArray:
+def bound_closing(scene: Scene, travel: FloatArray) -> FloatArray:
     """Upper bounds of the distance by which a joint brings two boxes of a pair nearer (J, P).
 
     mm per rad or mm. Only joints between the links of both boxes count, with the lever of the box
     farther along the chain. Meshes of links have levers of their own.
 
-    travel: argument of `levers`.
+    travel: argument of `bound_levers`.
     """
     first, second = scene.frame[scene.first], scene.frame[scene.second]
     low, high = np.minimum(first, second), np.maximum(first, second)
-    lever = levers(scene, travel)[:, np.where(first > second, scene.first, scene.second)]
+    lever = bound_levers(scene, travel)[:, np.where(first > second, scene.first, scene.second)]
     joint = np.arange(len(lever))[:, None]
     approach = np.where((joint >= low) & (joint < high), lever, 0.0)
     for number, closer in enumerate(scene.closer):

@@ -51,7 +51,7 @@ class Target(Struct, frozen=True, eq=False):
 
 
 class Scene(Struct, frozen=True, eq=False):
-    """A cell ready to be tested, made by `scene`.
+    """A cell ready to be tested, made by `make_scene`.
 
     pairs: names of the two bodies of each pair, in the order in which they are tested: the robot
         and its tool against themselves, then against obstacles, then against the part.
@@ -155,7 +155,7 @@ class Allowed(Struct, frozen=True):
     pairs: tuple[tuple[str, str], ...] = ()
 
 
-def scene(
+def make_scene(
     robot: Robot,
     tool: tuple[Link, ...] = (),
     obstacles: tuple[Link | Wall, ...] = (),

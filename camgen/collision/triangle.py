@@ -15,14 +15,14 @@ from camgen.collision.hits import (
     GrowthTable,
     Tests,
     check_finite,
+    divide_tests,
     find_meetings,
     find_near,
     join_tests,
     meet_again,
-    share_tests,
-    tests_of,
+    select_tests,
 )
-from camgen.collision.motion import closing, levers
+from camgen.collision.motion import bound_closing, bound_levers
 from camgen.collision.pairs import Travel
 from camgen.collision.scene import Scene
 from camgen.geometry.ragged import ramp, run_lengths
@@ -62,7 +62,7 @@ def are_free(
     is_free = np.ones(groups, dtype=bool)
     serial = check_finite(corners) @ scene.robot.coupling.T
     travel = np.abs(serial).max(axis=(0, 1), initial=0.0)
-    bounds = _JointBounds(scene, levers(scene, travel), closing(scene, travel))
+    bounds = _JointBounds(scene, bound_levers(scene, travel), bound_closing(scene, travel))
     deviations = np.broadcast_to(deviation, groups)
     pending = _Pending(
         corners,
@@ -85,7 +85,7 @@ def are_free(
             middle = batch.corners[wholes].mean(axis=1)
             groups_of_wholes = batch.owner[wholes]
             growth = GrowthTable(deviations[groups_of_wholes][:, None])
-            wholes_tests = tests_of((row, test), wholes)
+            wholes_tests = select_tests((row, test), wholes)
             nears = np.full(len(middle), near)
             colliding, _ = find_meetings(scene, middle, growth, nears, wholes_tests)
             is_free[groups_of_wholes[colliding]] = False
@@ -98,8 +98,8 @@ def are_free(
 class _JointBounds(Struct, frozen=True, eq=False):
     """Bounds of the distances by which joints move bodies.
 
-    levers: (J, B) see `levers`.
-    closing: (J, P) see `closing`.
+    levers: (J, B) see `bound_levers`.
+    closing: (J, P) see `bound_closing`.
     """
 
     scene: Scene
@@ -229,7 +229,10 @@ class _Pending(Struct, frozen=True, eq=False):
 
     def select(self, which: BoolArray) -> _Pending:
         return _Pending(
-            self.corners[which], self.owner[which], self.depth[which], tests_of(self.tests, which)
+            self.corners[which],
+            self.owner[which],
+            self.depth[which],
+            select_tests(self.tests, which),
         )
 
     def join(self, other: _Pending) -> _Pending:
@@ -248,4 +251,4 @@ def _split(batch: _Pending, which: BoolArray, row: IntArray, test: IntArray) -> 
     four = six[:, _FOUR].reshape(-1, *corners.shape[1:])
     owner = np.repeat(batch.owner[which], len(_FOUR))
     depth = np.repeat(batch.depth[which] + 1, len(_FOUR))
-    return _Pending(four, owner, depth, share_tests(tests_of((row, test), which), len(_FOUR)))
+    return _Pending(four, owner, depth, divide_tests(select_tests((row, test), which), len(_FOUR)))

@@ -9,8 +9,8 @@ import numpy as np
 
 from camgen.collision.cell import Surroundings
 from camgen.collision.describe import describe_hit
-from camgen.collision.hits import are_clear, clearance, hits, split_off_meshes
-from camgen.collision.motion import MotionCheck, measure_apart, motions
+from camgen.collision.hits import are_clear, find_collisions, measure_clearance, split_off_meshes
+from camgen.collision.motion import MotionCheck, check_motions, measure_apart
 from camgen.collision.scene import Scene, name_pair
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError, NoSafeProgram
@@ -43,7 +43,7 @@ def home_of(robot: Robot, cell: Cell, scene: Scene) -> FloatArray:
     if not within(robot, home):
         what = f"at home {tell_limit(robot, home)}"
         raise JobError("job", what, "cell.home", "give a home within the limits")
-    pair = int(hits(scene, home[None])[0])
+    pair = int(find_collisions(scene, home[None])[0])
     if pair >= 0:
         raise NoSafeProgram(
             "job",
@@ -70,7 +70,7 @@ def setup_of(robot: Robot, cell: Cell, where: Surroundings) -> Setup:
         cell.base_from_work,
         cell.flange_from_tool,
         clear,
-        lambda joints: name_pair(scene, int(hits(scene, joints[None])[0])),
+        lambda joints: name_pair(scene, int(find_collisions(scene, joints[None])[0])),
         partial(measure_apart, scene),
         keep_margin if where.margin > 0 else clear,
     )
@@ -84,13 +84,13 @@ def room_of(where: Surroundings, setup: Setup) -> FreeSpace:
             return []
         paths = follow_all(setup, several)
         rows = [path.joints for path in paths]
-        with_margin = motions(where.apart, rows, FINE, where.margin, APART)
-        working = motions(where.work, rows, STEP, deviation=APART)
+        with_margin = check_motions(where.apart, rows, FINE, where.margin, APART)
+        working = check_motions(where.work, rows, STEP, deviation=APART)
         return list(map(partial(_find_blockage, where), paths, with_margin, working))
 
     def measure_gaps(joints: FloatArray) -> FloatArray:
         if where.margin > 0:
-            return clearance(where.apart, joints, where.margin)
+            return measure_clearance(where.apart, joints, where.margin)
         return np.zeros(len(joints))
 
     return FreeSpace(

@@ -17,8 +17,8 @@ import numpy as np
 from msgspec import Struct, field
 from msgspec.structs import replace
 
-from camgen.collision.cell import around
-from camgen.collision.hits import hits
+from camgen.collision.cell import make_surroundings
+from camgen.collision.hits import find_collisions
 from camgen.geometry.resting import RestingFace, find_resting_faces, make_rotation_down, turn_down
 from camgen.model.advice import drop_place
 from camgen.model.errors import JobError, NoSafeProgram
@@ -608,7 +608,7 @@ def examine(case: Case, spot: Spot) -> Reached:
     samples = stand.samples
     nothing = Reached(np.zeros((1, len(case.paths))), np.zeros(1))
     cell = replace(stand.cell, base_from_work=case.base_from_work(spot))
-    scene = around(stand.job, cell, case.solid, case.tip).scene
+    scene = make_surroundings(stand.job, cell, case.solid, case.tip).scene
     if not len(samples.owner):
         return nothing
     try:
@@ -630,7 +630,7 @@ def examine(case: Case, spot: Spot) -> Reached:
         if not len(pending):
             break
         tested = flat[first[pending] + number]
-        clear = hits(scene, values[tested]) < 0
+        clear = find_collisions(scene, values[tested]) < 0
         is_free[pending] = clear
         room[pending] = np.where(clear, margins.ravel()[tested], 0.0)
     share = np.clip(room, 0.0, _ROOM).mean(keepdims=True) / _ROOM

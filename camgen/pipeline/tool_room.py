@@ -14,7 +14,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.collision.boxes import Boxes, meet
-from camgen.collision.cell import Surroundings, around
+from camgen.collision.cell import Surroundings, make_surroundings
 from camgen.collision.mesh import find_struck
 from camgen.model.job import Job
 from camgen.model.part import BoolArray, IntArray, Solid
@@ -86,7 +86,7 @@ def make_samples(
     tip: mm that the edges may enter the tool.
     """
     freedom = freedom_of(job)
-    around_part = around(job, cell, solid, tip)
+    around_part = make_surroundings(job, cell, solid, tip)
     position, owner, rotation, weights = [], [], [], []
     count = 0
     for number, path in enumerate(paths.values()):

@@ -14,8 +14,8 @@ import camgen
 from bench.robots.parts import joints_on, touches, turned, unfounded
 from bench.support.motions import place_motion
 from camgen.check import Checks
-from camgen.collision.motion import measure_apart, motion
-from camgen.collision.scene import Allowed, Scene, scene
+from camgen.collision.motion import check_motion, measure_apart
+from camgen.collision.scene import Allowed, Scene, make_scene
 from camgen.model.errors import Blocked, Loss, NoSafeProgram
 from camgen.model.pose import IDENTITY, FloatArray, Pose, frozen, rotation_about, translation
 from camgen.motion.joint_paths import APART, follow_all, follow_closely
@@ -43,7 +43,7 @@ SHORT = PosePath(
 
 def tool_scene(obstacles: tuple[Link, ...] = ()) -> Scene:
     rod = Link("tool", (Box(translation(0.0, 0.0, 50.0), (3.0, 3.0, 50.0)),))
-    return scene(ARM, (rod,), obstacles)
+    return make_scene(ARM, (rod,), obstacles)
 
 
 def setup() -> Setup:
@@ -123,9 +123,9 @@ def test_what_stands_on_the_line_is_met_though_evenly_run_joints_pass_it() -> No
     place = tips(half)[0] + np.array(BASE.origin) - away / np.linalg.norm(away) * 0.02
     pin = (Link("pin", (Box(Pose(IDENTITY, tuple(place.tolist())), (0.01, 0.01, 0.01)),)),)
     thin = Link("tool", (Box(translation(0.0, 0.0, 99.95), (0.01, 0.01, 0.05)),))
-    tested = scene(ARM, (thin,), pin)
-    assert motion(tested, middle.joints, 0.02).pair >= 0
-    assert motion(tested, ends(), 0.02).pair < 0
+    tested = make_scene(ARM, (thin,), pin)
+    assert check_motion(tested, middle.joints, 0.02).pair >= 0
+    assert check_motion(tested, ends(), 0.02).pair < 0
 
 
 # -- whole builds ------------------------------------------------------------------------------------------------------
@@ -385,8 +385,8 @@ def test_only_the_tip_may_enter_the_part_deeper(at: float, met: bool) -> None:
         Pose(turn, tuple((origin + turn @ [7.7, 0.0, at + 20.0]).tolist())), (5.0, 5.0, 20.0)
     )
     for tip, verdict in ((0.0, at < 99.9), (0.4, met)):
-        tested = scene(ARM, (rod,), (), (wall,), allowed=Allowed(0.1, tip))
-        found = motion(tested, joints, 1.0)
+        tested = make_scene(ARM, (rod,), (), (wall,), allowed=Allowed(0.1, tip))
+        found = check_motion(tested, joints, 1.0)
         assert (found.pair >= 0 and tested.pairs[found.pair] == ("tool", "part")) is verdict
 
 

@@ -10,8 +10,8 @@ import trimesh
 from msgspec.structs import replace
 
 import camgen
-from camgen.collision.cell import around
-from camgen.collision.hits import hits
+from camgen.collision.cell import make_surroundings
+from camgen.collision.hits import find_collisions
 from camgen.model.cell import Cell
 from camgen.model.errors import NoSafeProgram
 from camgen.model.job import CellTable, Job
@@ -38,7 +38,7 @@ def scene(fixtures: list[list[float]], margin: float = 2.0) -> tuple[Setup, Free
     job = Job(cell=CellTable(robot="IRB 120", fixtures=fixtures, margin=margin))
     home = Joints(tuple(ARM.home.tolist()))
     cell = equip(Cell("arm", translation(0, 0, 0), translation(0, 0, 100), home), job, ARM)
-    where = around(job, cell, None)
+    where = make_surroundings(job, cell, None)
     setup = setup_of(ARM, cell, where)
     return setup, room_of(where, setup)
 
@@ -136,7 +136,7 @@ def test_edges_under_a_roof_are_left_by_ways_that_are_searched_for(
     assert any("found by search" in note.what for note in result.notes)
     assert result.reach is not None
     assert result.where is not None
-    assert (hits(result.where.scene, result.reach.joints) < 0).all()
+    assert (find_collisions(result.where.scene, result.reach.joints) < 0).all()
     # From edge to home and back by way of joint values that are neither.
     swings = [one for one in result.program.body if isinstance(one, MoveJ)]
     assert len(swings) > 2 * len(result.tour.paths) + 2

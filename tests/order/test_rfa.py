@@ -12,8 +12,8 @@ import pytest
 from camgen_posts.rapid import Rapid
 from msgspec.structs import replace
 
-from camgen.collision.cell import around
-from camgen.collision.hits import hits
+from camgen.collision.cell import make_surroundings
+from camgen.collision.hits import find_collisions
 from camgen.collision.scene import Scene
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray, Pose
@@ -51,7 +51,7 @@ WALL = Blockage("collision", "link 5 against wall", 0.0)
 @cache
 def cell(part: str) -> tuple[Setup, FreeSpace, tuple[EdgeMotion, ...]]:
     solid, job = mesh.read(source(PARTS / f"{part}.stl")), load(PARTS / f"{part}.toml")
-    where = around(job, equip(Rapid.cell(), job, ARM), solid)
+    where = make_surroundings(job, equip(Rapid.cell(), job, ARM), solid)
     setup = setup_of(ARM, equip(Rapid.cell(), job), where)
     chosen = select(solid, [job.input.select])
     edges = [edge for edge in solid.edges if edge.id in chosen]
@@ -119,18 +119,18 @@ def test_a_way_out_ends_above_the_level_and_the_joints_follow_it(part: str) -> N
         assert np.allclose(one.joints[0], end[1], atol=1e-9)
         assert frames[-1, 2, 3] >= room.level - 1e-6
         assert np.abs(np.diff(one.dense, axis=0)).max() <= math.radians(15) + 1e-9
-        assert (hits(scene_of(part), one.dense) < 0).all()
+        assert (find_collisions(scene_of(part), one.dense) < 0).all()
 
 
 @cache
 def scene_of(part: str) -> Scene:
     solid, job = mesh.read(source(PARTS / f"{part}.stl")), load(PARTS / f"{part}.toml")
-    return around(job, equip(Rapid.cell(), job, ARM), solid).scene
+    return make_surroundings(job, equip(Rapid.cell(), job, ARM), solid).scene
 
 
 def test_the_level_is_half_the_holder_and_the_safety_above_the_part() -> None:
     solid, job = mesh.read(source(PARTS / "rfa1.stl")), load(PARTS / "rfa1.toml")
-    where = around(job, equip(Rapid.cell(), job, ARM), solid)
+    where = make_surroundings(job, equip(Rapid.cell(), job, ARM), solid)
     top = 640.0 + 70.0  # the part stands at 640 mm and is 70 mm high
     assert where.level == pytest.approx(top + math.hypot(70, 70) / 2 + 10.0)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from camgen.collision.scene import scene
+from camgen.collision.scene import make_scene
 from camgen.robots.catalogue import robot
 from camgen.robots.models import Box, Surface
 from camgen.robots.urdf.boxes import around, is_own_hull
@@ -214,7 +214,7 @@ def test_a_flat_mesh_has_a_thin_box() -> None:
 def test_neighbours_alone_touch() -> None:
     of = robot(str(ROBOTS / "cobot.urdf"))
     assert of.touching == tuple((k, k + 1) for k in range(6))
-    made = scene(of)
+    made = make_scene(of)
     assert ("world", "forearm") in made.pairs
     assert ("wrist_1", "wrist_3") in made.pairs
 

@@ -9,7 +9,7 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.collision.cell import around
+from camgen.collision.cell import make_surroundings
 from camgen.model.job import Job
 from camgen.model.part import Note
 from camgen.model.path import ToolPath, Tour
@@ -266,7 +266,7 @@ def _prepare(
     arm = cell.arm
     assert arm is not None
     # The search tests for collisions without the margin, which ``roomy`` tests beside it.
-    wide = around(job, cell, None)
+    wide = make_surroundings(job, cell, None)
     scene = replace(wide, margin=0.0)
     setup = replace(setup_of(arm, cell, scene), clear=clear_of(scene.scene))
     seams = job.tour.seam == "any" and not request.fixed and arm.arm is not None

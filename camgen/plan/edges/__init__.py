@@ -10,7 +10,7 @@ from typing import Literal
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.collision.cell import Surroundings, around
+from camgen.collision.cell import Surroundings, make_surroundings
 from camgen.model.cell import Cell
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job
@@ -64,7 +64,7 @@ def plan_edges(part: Part, job: Job, cell: Cell | None, watch: Watch) -> EdgePla
     contacts = find_contacts(edges.values(), job, direction)
 
     def surround(other: Job, tip: float) -> Surroundings:
-        return around(other, cell, solid, tip)
+        return make_surroundings(other, cell, solid, tip)
 
     ways = ((edge, poses(edge, job.operation.offset, direction)) for edge in edges.values())
     task = LineTask(ways, surround, _note_contacts(contacts), "edge", contacts)
