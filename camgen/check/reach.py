@@ -23,7 +23,7 @@ from camgen.model.pose import FloatArray
 from camgen.model.program import Joints, MoveC, MoveJ, Program
 from camgen.model.text import short
 from camgen.motion.joint_paths import JointPath, follow_closely
-from camgen.motion.pose_paths import Index, PosePath, counts, divide, rows
+from camgen.motion.pose_paths import Index, PosePath, count_parts, divide, rows
 from camgen.motion.setup import Setup, flange_poses
 from camgen.robots.kinematics.continuity import Stuck, Ties, follow
 from camgen.robots.kinematics.forward import flange
@@ -63,7 +63,8 @@ def sample_motions(program: Program, way: PosePath) -> MotionRows:
         free[own[1:]],
         1,
         np.maximum(
-            counts(way, STEP, _STEP_TURN), np.ceil(way.spans.sweep / _STEP_SWEEP).astype(np.int64)
+            count_parts(way, STEP, _STEP_TURN),
+            np.ceil(way.spans.sweep / _STEP_SWEEP).astype(np.int64),
         ),
     )
     motion = np.concatenate([own[:1], np.repeat(own[1:], parts)])

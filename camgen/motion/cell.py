@@ -29,7 +29,7 @@ STEP = 2.0
 FINE = 0.5
 
 
-def home_of(robot: Robot, cell: Cell, scene: Scene) -> FloatArray:
+def find_home(robot: Robot, cell: Cell, scene: Scene) -> FloatArray:
     """(J,) the joint values at home.
 
     Raises JobError if their number is not that of the joints, or if they are beyond the limits.
@@ -54,7 +54,7 @@ def home_of(robot: Robot, cell: Cell, scene: Scene) -> FloatArray:
     return home
 
 
-def setup_of(robot: Robot, cell: Cell, where: Surroundings) -> Setup:
+def make_setup(robot: Robot, cell: Cell, where: Surroundings) -> Setup:
     """The set-up of a cell for motions along edges: arm, frames and collision tests."""
     scene = where.scene
     clear = partial(are_clear, split_off_meshes(scene))
@@ -76,7 +76,7 @@ def setup_of(robot: Robot, cell: Cell, where: Surroundings) -> Setup:
     )
 
 
-def room_of(where: Surroundings, setup: Setup) -> FreeSpace:
+def make_free_space(where: Surroundings, setup: Setup) -> FreeSpace:
     """The free space of a cell, with the collision tests of motions along edges and links."""
 
     def test(several: Sequence[SampledMotion]) -> list[Blockage | float]:

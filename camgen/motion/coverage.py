@@ -20,9 +20,9 @@ from camgen.model.job import ProcessTable
 from camgen.model.part import BoolArray, Line
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import SAME_POINT_MM
-from camgen.motion.pose_chains import CHANGE, PoseChain, States, Steps, steps
+from camgen.motion.pose_chains import CHANGE, PoseChain, States, Steps, find_steps
 from camgen.motion.pose_covers import CoverChain, find_cover
-from camgen.motion.pose_paths import Index, PosePath, counts, cut, divide, join, rows
+from camgen.motion.pose_paths import Index, PosePath, count_parts, cut, divide, join, rows
 from camgen.motion.reach import widest_grid
 from camgen.motion.search import (
     Grid,
@@ -393,7 +393,7 @@ class Coverage(Struct, frozen=True, eq=False):
         parts = _divide_evenly(path, turn)
         stations = divide(path, parts)
         states = make_states(setup, stations, choice, _JUMP)
-        transitions = steps(replace(setup.robot, speeds=setup.robot.fastest), states, _JUMP)
+        transitions = find_steps(replace(setup.robot, speeds=setup.robot.fastest), states, _JUMP)
         turning = CHANGE * (np.arange(len(states.moves)) > 0)[:, None, None]
         along_edge = (lengths / parts)[owners(parts)]
         feed = feed_at_tip(stations.length / along_edge, self.process)
@@ -570,7 +570,7 @@ def _divide_evenly(path: PosePath, turn: float) -> Index:
     turn: largest turn of the tool between two stations, rad.
     """
     step = max(_STATION_MM, float(path.length.sum()) / _MAX_STRETCHES)
-    return counts(path, step, turn)
+    return count_parts(path, step, turn)
 
 
 def _close(ladder: _Ladder, failure: _Failure, failures: Index) -> None:

@@ -72,7 +72,7 @@ class Steps(Struct, frozen=True, eq=False):
     before: NDArray[np.int16]
 
 
-def steps(robot: Robot, states: States, jump: float) -> Steps:
+def find_steps(robot: Robot, states: States, jump: float) -> Steps:
     """All steps, by the shortest rotation of each joint.
 
     jump: rad; steps in which a revolute joint turns by more are left out.
@@ -133,7 +133,9 @@ def add_steps(
     return total
 
 
-def cheapest(robot: Robot, states: States, steps: Steps, start: FloatArray) -> PoseChain | None:
+def find_cheapest_chain(
+    robot: Robot, states: States, steps: Steps, start: FloatArray
+) -> PoseChain | None:
     """The chain of least cost from joint values `start` (J,), None if there is no chain.
 
     Its cost is the sum of the times of its steps, in which the slowest joint counts, of the changes

@@ -40,7 +40,7 @@ class PosePath(Struct, frozen=True, eq=False):
     def reversed(self) -> PosePath:
         """The poses in opposite order."""
         return PosePath(
-            frozen(self.position[::-1]), backwards(self.via), frozen(self.rotation[::-1])
+            frozen(self.position[::-1]), reverse_via(self.via), frozen(self.rotation[::-1])
         )
 
     def slice(self, first: int, stop: int) -> PosePath:
@@ -65,12 +65,12 @@ class PosePath(Struct, frozen=True, eq=False):
         return angles_between(self.rotation[:-1], self.rotation[1:])
 
 
-def backwards(via: FloatArray) -> FloatArray:
+def reverse_via(via: FloatArray) -> FloatArray:
     """`PosePath.via` of the reversed path."""
     return frozen(np.concatenate([_STRAIGHT, via[:0:-1]]))
 
 
-def counts(path: PosePath, length: float, turn: float) -> Index:
+def count_parts(path: PosePath, length: float, turn: float) -> Index:
     """(N - 1,) numbers of equal parts of at most `length` mm and `turn` rad of each segment."""
     parts = np.maximum(path.length / length, path.turn / turn)
     return np.asarray(np.maximum(np.ceil(parts - 1e-9), 1), dtype=np.int64)

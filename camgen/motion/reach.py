@@ -14,7 +14,7 @@ from camgen.model.part import BoolArray, Line
 from camgen.model.pose import frozen
 from camgen.model.text import short
 from camgen.motion.pose_paths import PosePath, divide, rows
-from camgen.motion.search import Grid, can_stand, grid, search
+from camgen.motion.search import Grid, can_stand, make_grid, search
 from camgen.motion.setup import (
     JUMP,
     MARGIN,
@@ -38,7 +38,7 @@ _TOGETHER = 32
 _Result = EdgeMotion | UnreachableEdge
 
 
-def reach_ways(
+def reach_paths(
     paths: Iterable[tuple[Line, PosePath | UnreachableEdge]],
     setup: Setup,
     freedom: OrientationFreedom = _NONE,
@@ -154,7 +154,7 @@ def _list_grids(kind: str, freedom: OrientationFreedom, path: PosePath) -> list[
     steps += [replace(freedom, tilt=0.0)] if freedom.roll else []
     fraction = _ON_ARCS if np.isfinite(path.via).any() else 1.0
     steps += [replace(freedom, tilt=fraction * freedom.tilt)] if freedom.tilt > 0 else []
-    return list(map(grid, steps))
+    return list(map(make_grid, steps))
 
 
 def widest_grid(freedom: OrientationFreedom, path: PosePath) -> Grid:

@@ -14,8 +14,8 @@ from msgspec.structs import replace
 from camgen.geometry.rotations import from_vectors, turns_about_z
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray, frozen
-from camgen.motion.pose_chains import PoseChain, States, Steps, cheapest, steps
-from camgen.motion.pose_paths import Index, PosePath, counts, divide, rows
+from camgen.motion.pose_chains import PoseChain, States, Steps, find_cheapest_chain, find_steps
+from camgen.motion.pose_paths import Index, PosePath, count_parts, divide, rows
 from camgen.motion.rolls import rolls_of
 from camgen.motion.setup import (
     JUMP,
@@ -58,7 +58,7 @@ class Grid(Struct, frozen=True, eq=False):
 
 
 @cache
-def grid(freedom: OrientationFreedom) -> Grid:
+def make_grid(freedom: OrientationFreedom) -> Grid:
     """The tilts within the cone of `freedom`, each with all rolls (about z).
 
     Tilts are across the edge (about y) and along it (about x).
@@ -89,7 +89,7 @@ def grid(freedom: OrientationFreedom) -> Grid:
     return Grid(from_vectors(tilts) @ spin, cost, moves[is_useful])
 
 
-def lean(nominal: FloatArray, actual: FloatArray) -> tuple[FloatArray, FloatArray]:
+def measure_lean(nominal: FloatArray, actual: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The tilt and the roll from nominal to actual orientations (N, 3, 3), (N,) rad each.
 
     They are the swing and the twist of the rotation: the angle between the z axes, and the rotation
@@ -103,7 +103,9 @@ def lean(nominal: FloatArray, actual: FloatArray) -> tuple[FloatArray, FloatArra
 # Joint values for a table of poses: D samples by C orientations. A branch keeps its column.
 
 
-def solutions(robot: Robot, rotations: FloatArray, origins: FloatArray, moves: Index) -> FloatArray:
+def find_solutions(
+    robot: Robot, rotations: FloatArray, origins: FloatArray, moves: Index
+) -> FloatArray:
     """The joint values (D, C, B, J) of all branches for poses of the flange, nan for none.
 
     Without a closed form the solutions of the first pose are followed: first from orientation to
@@ -188,10 +190,10 @@ def search(
     edge: id of the edge.
     max_lean: largest tilt of the tool axis, between rows too, rad.
     """
-    parts = counts(path, _ROW_MM, _ROW_TURN)
+    parts = count_parts(path, _ROW_MM, _ROW_TURN)
     knots = Knots(path, divide(path, parts), parts)
     states = make_states(setup, knots.way, grid)
-    transitions = steps(setup.robot, states, _KNOT_JUMP)
+    transitions = find_steps(setup.robot, states, _KNOT_JUMP)
     checked: set[int] = set()
     collision = ""
     for _ in range(_TRIES):
@@ -217,7 +219,9 @@ def _choose_clear(
     checked: rows whose colliding states are closed; rows are added to it.
     """
     collision = ""
-    while (chain := cheapest(setup.robot, states, transitions, setup.robot.home)) is not None:
+    while (
+        chain := find_cheapest_chain(setup.robot, states, transitions, setup.robot.home)
+    ) is not None:
         colliding = np.flatnonzero(~setup.clear(chain.joints)).tolist()
         unchecked = sorted(set(colliding) - checked)
         if not unchecked:
@@ -245,11 +249,11 @@ def make_states(
         are kept.
     """
     robot, table, is_whole = setup.robot, turns(setup.robot), pieces_jump is None
-    parts = counts(knots, _SAMPLE_MM, _SAMPLE_TURN)
+    parts = count_parts(knots, _SAMPLE_MM, _SAMPLE_TURN)
     at, samples = rows(parts), divide(knots, parts)
     orientations = samples.rotation[:, None] @ grid.nominal_from_tool
     goal = flange_poses(setup, samples.position[:, None], orientations)
-    joints = solutions(robot, *goal, grid.moves)
+    joints = find_solutions(robot, *goal, grid.moves)
     idle = np.zeros((joints.shape[2], len(robot.joints)), dtype=np.bool_)
     if pieces_jump is not None:
         idle = ~_pass_half_turns(robot, joints, max(pieces_jump, _STEP_JUMP))
@@ -321,7 +325,7 @@ def can_stand(setup: Setup, position: FloatArray, rotation: FloatArray, grid: Gr
     """
     robot = setup.robot
     goal = flange_poses(setup, position[:, None], rotation[:, None] @ grid.nominal_from_tool)
-    joints = solutions(robot, *goal, grid.moves)
+    joints = find_solutions(robot, *goal, grid.moves)
     usable = np.asarray(within_turned(robot, joints, turns(robot)).any(axis=-1))
     usable[usable] = _are_safe(robot, joints[usable])
     stands = np.zeros(len(position), dtype=np.bool_)
@@ -371,7 +375,7 @@ def prove(
     hit = np.flatnonzero(~setup.clear(joints.joints))
     if len(hit):
         return _stretch(at, int(hit[0])), setup.hit(joints.joints[hit[0]])
-    tilt, roll = lean(divide(knots.way, parts).rotation, dense.rotation)
+    tilt, roll = measure_lean(divide(knots.way, parts).rotation, dense.rotation)
     # Between two rows on an arc the axis leans more if their tilts or rolls differ.
     steep = np.flatnonzero(tilt > max(max_lean, _CUT) + _EVEN)
     if len(steep):

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from camgen.model.job import ProcessTable
 from camgen.model.pose import FloatArray, Pose, frozen
-from camgen.motion.pose_paths import Index, PosePath, counts
+from camgen.motion.pose_paths import Index, PosePath, count_parts
 from camgen.robots.models import Robot
 
 
@@ -223,7 +223,7 @@ MARGIN = math.radians(2)
 
 def dense_parts(path: PosePath) -> Index:
     """The number of parts into which each segment of a pose path is divided to be examined."""
-    return counts(path, _SAMPLE_MM, _SAMPLE_TURN)
+    return count_parts(path, _SAMPLE_MM, _SAMPLE_TURN)
 
 
 def flange_poses(

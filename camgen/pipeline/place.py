@@ -26,9 +26,9 @@ from camgen.model.job import Job
 from camgen.model.part import BoolArray, Edge, Part, Solid
 from camgen.model.pose import FloatArray, Pose, fixed_xyz, rotation_about, to_vec3
 from camgen.model.text import counted
-from camgen.motion.cell import home_of
+from camgen.motion.cell import find_home
 from camgen.motion.coverage import SHORTEST_MM
-from camgen.motion.pose_paths import PosePath, counts, divide
+from camgen.motion.pose_paths import PosePath, count_parts, divide
 from camgen.motion.setup import MARGIN, FoldedEdge, Setup, flange_poses
 from camgen.pipeline import Result, build
 from camgen.pipeline.tool_room import Samples, make_samples
@@ -612,7 +612,7 @@ def examine(case: Case, spot: Spot) -> Reached:
     if not len(samples.owner):
         return nothing
     try:
-        home_of(case.robot, cell, scene)
+        find_home(case.robot, cell, scene)
     except NoSafeProgram:
         return nothing
     (joints,), (margins,) = _find_joints(case, [spot], samples)
@@ -684,7 +684,7 @@ def _mark(edge: PosePath, pieces: Sequence[PosePath]) -> BoolArray:
     middles = (edge.position[1:] + edge.position[:-1]) / 2
     nearest = np.full(len(middles), math.inf)
     for piece in pieces:
-        dense = divide(piece, counts(piece, _MARK_MM / 2, math.inf)).position
+        dense = divide(piece, count_parts(piece, _MARK_MM / 2, math.inf)).position
         distances = np.linalg.norm(middles[:, None] - dense[None], axis=2).min(axis=1)
         nearest = np.minimum(nearest, distances)
     return np.asarray(nearest <= _MARK_MM)

@@ -19,7 +19,7 @@ from camgen.collision.mesh import find_struck
 from camgen.model.job import Job
 from camgen.model.part import BoolArray, IntArray, Solid
 from camgen.model.pose import FloatArray, Pose
-from camgen.motion.pose_paths import PosePath, counts, divide
+from camgen.motion.pose_paths import PosePath, count_parts, divide
 from camgen.motion.reach import widest_grid
 from camgen.motion.rolls import freedom_of
 from camgen.robots.workcell import Workcell
@@ -90,7 +90,7 @@ def make_samples(
     position, owner, rotation, weights = [], [], [], []
     count = 0
     for number, path in enumerate(paths.values()):
-        samples = divide(path, counts(path, _SAMPLE_MM, _SAMPLE_TURN))
+        samples = divide(path, count_parts(path, _SAMPLE_MM, _SAMPLE_TURN))
         grid = widest_grid(freedom, path)
         turned = samples.rotation[:, None] @ grid.nominal_from_tool
         has_room = _find_room(around_part, cell, samples.position, turned)

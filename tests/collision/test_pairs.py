@@ -26,7 +26,7 @@ from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.pose import IDENTITY, Pose, frozen, pose_from_values, translation
 from camgen.model.program import Joints
-from camgen.motion.cell import home_of
+from camgen.motion.cell import find_home
 from camgen.robots.catalogue import robot
 from camgen.robots.kinematics.forward import frames
 from camgen.robots.models import Box, Link, Robot, Surface
@@ -290,4 +290,4 @@ def test_a_home_beyond_its_limits_is_no_collision() -> None:
     with pytest.raises(
         JobError, match=r"at home axis 2 is beyond its limit by 10 deg \(cell.home\)"
     ):
-        home_of(arm, cell, make_scene(arm))
+        find_home(arm, cell, make_scene(arm))

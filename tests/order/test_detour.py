@@ -17,7 +17,7 @@ from camgen.model.errors import NoSafeProgram
 from camgen.model.job import CellTable, Job
 from camgen.model.pose import FloatArray, translation
 from camgen.model.program import Joints, MoveJ
-from camgen.motion.cell import room_of, setup_of
+from camgen.motion.cell import make_free_space, make_setup
 from camgen.motion.setup import Blockage, FreeSpace, SampledMotion, Setup
 from camgen.order.edges import detour
 from camgen.order.edges.detour import find_detour
@@ -39,8 +39,8 @@ def scene(fixtures: list[list[float]], margin: float = 2.0) -> tuple[Setup, Free
     home = Joints(tuple(ARM.home.tolist()))
     cell = equip(Cell("arm", translation(0, 0, 0), translation(0, 0, 100), home), job, ARM)
     where = make_surroundings(job, cell, None)
-    setup = setup_of(ARM, cell, where)
-    return setup, room_of(where, setup)
+    setup = make_setup(ARM, cell, where)
+    return setup, make_free_space(where, setup)
 
 
 def even(way: FloatArray, parts: int = 400) -> FloatArray:

@@ -17,10 +17,10 @@ from camgen.collision.hits import find_collisions
 from camgen.collision.scene import Scene
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray, Pose
-from camgen.motion.cell import room_of, setup_of
+from camgen.motion.cell import make_free_space, make_setup
 from camgen.motion.limits import LinkSpeeds
 from camgen.motion.pose_paths import PosePath
-from camgen.motion.reach import reach_ways
+from camgen.motion.reach import reach_paths
 from camgen.motion.setup import (
     Blockage,
     EdgeMotion,
@@ -52,11 +52,15 @@ WALL = Blockage("collision", "link 5 against wall", 0.0)
 def cell(part: str) -> tuple[Setup, FreeSpace, tuple[EdgeMotion, ...]]:
     solid, job = mesh.read(source(PARTS / f"{part}.stl")), load(PARTS / f"{part}.toml")
     where = make_surroundings(job, equip(Rapid.cell(), job, ARM), solid)
-    setup = setup_of(ARM, equip(Rapid.cell(), job), where)
+    setup = make_setup(ARM, equip(Rapid.cell(), job), where)
     chosen = select(solid, [job.input.select])
     edges = [edge for edge in solid.edges if edge.id in chosen]
     found = reach(edges, setup, 2.0, "mean", OrientationFreedom(math.radians(15), roll=True))
-    return setup, room_of(where, setup), tuple(one for one in found if isinstance(one, EdgeMotion))
+    return (
+        setup,
+        make_free_space(where, setup),
+        tuple(one for one in found if isinstance(one, EdgeMotion)),
+    )
 
 
 def no_turns(*_: object) -> IntArray:
@@ -422,7 +426,7 @@ def test_reaching_tells_how_far_it_is() -> None:
     known = {edge.id: edge for edge in mesh.read(source(PARTS / "rfa1.stl")).edges}
     told: list[int] = []
     edges = [known[one.id] for one in motions[:2]]
-    reach_ways([(edge, poses(edge, 2.0)) for edge in edges], setup, on_progress=told.append)
+    reach_paths([(edge, poses(edge, 2.0)) for edge in edges], setup, on_progress=told.append)
     assert told == [0, 1]
 
 

@@ -15,7 +15,7 @@ from camgen.model.part import Note
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
-from camgen.motion.cell import home_of, room_of, setup_of
+from camgen.motion.cell import find_home, make_free_space, make_setup
 from camgen.motion.limits import LinkSpeeds, limits_of, link_speeds, turn_speed
 from camgen.motion.pose_paths import PosePath
 from camgen.motion.reach import reach_along
@@ -268,7 +268,7 @@ def _prepare(
     # The search tests for collisions without the margin, which ``roomy`` tests beside it.
     wide = make_surroundings(job, cell, None)
     scene = replace(wide, margin=0.0)
-    setup = replace(setup_of(arm, cell, scene), clear=clear_of(scene.scene))
+    setup = replace(make_setup(arm, cell, scene), clear=clear_of(scene.scene))
     seams = job.tour.seam == "any" and not request.fixed and arm.arm is not None
     paths = request.tour.paths
     items = [lay_out(path, job.process.clearance, seams and not path.pinned) for path in paths]
@@ -281,13 +281,13 @@ def _prepare(
     if rolls.free is not None:
         profiles, lost = _find_others(setup, paths, items, states, rolls, job)
     limits = limits_of(arm, cell.pace, job.process.travel_speed)
-    cost_model = CostModel(tuple(items), limits, home_of(arm, cell, scene.scene), lines)
+    cost_model = CostModel(tuple(items), limits, find_home(arm, cell, scene.scene), lines)
     options = SearchOptions(
         may_reorder=not request.fixed and job.tour.method == "best",
         any_roll=job.tool.symmetric and arm.arm is not None,
         least_height=job.process.least_height,
     )
-    free_space = room_of(replace(scene, margin=GRAZE), setup)
+    free_space = make_free_space(replace(scene, margin=GRAZE), setup)
     problem = TourProblem(setup, free_space, cost_model, states, request.rules, options)
     roomy = None
     if rolls.free is not None and wide.margin != 0:

@@ -19,7 +19,7 @@ from camgen.geometry.rotations import from_axes, sideways, turned_about_z
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
-from camgen.motion.search import solutions
+from camgen.motion.search import find_solutions
 from camgen.motion.setup import MARGIN, Setup, flange_poses
 from camgen.plan.pieces import lengths_along
 from camgen.robots.kinematics.inverse import inverse, nearest
@@ -176,10 +176,10 @@ def find_states(
         ends = offsets([len(item) for item in group])
         # Without a closed form the joints of a row depend on those before it along its path.
         if robot.arm:
-            joints = np.split(solutions(robot, *goal, around), ends[1:-1])
+            joints = np.split(find_solutions(robot, *goal, around), ends[1:-1])
         else:
             rows = [slice(*pair) for pair in pairwise(ends.tolist())]
-            joints = [solutions(robot, goal[0][own], goal[1][own], around) for own in rows]
+            joints = [find_solutions(robot, goal[0][own], goal[1][own], around) for own in rows]
         found += [
             _states(robot, item, own, table, angles)
             for item, own in zip(group, joints, strict=True)

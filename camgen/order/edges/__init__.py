@@ -14,7 +14,7 @@ from camgen.model.job import Job
 from camgen.model.part import Note
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted, short
-from camgen.motion.cell import home_of, room_of, setup_of
+from camgen.motion.cell import find_home, make_free_space, make_setup
 from camgen.motion.edge_paths import edge_path, left_out, list_pieces, none_left
 from camgen.motion.limits import link_speeds
 from camgen.motion.setup import EdgeMotion, Setup, feed_factor
@@ -37,13 +37,15 @@ def order_edges(plan: EdgePlan, job: Job, cell: Cell | None, watch: Watch) -> Ed
             "job", "edges of 3-D parts need an arm", "--post", "give rapid, pacscript or vplus"
         )
     edges = {edge.id: edge for edge in plan.edges}
-    setup = setup_of(cell.arm, cell, plan.where)
-    home = home_of(cell.arm, cell, plan.where.scene)
+    setup = make_setup(cell.arm, cell, plan.where)
+    home = find_home(cell.arm, cell, plan.where.scene)
     watch("linking")
     best, lifted = job.tour.method == "best", job.process.force > 0
     process, where = job.process, plan.where
-    strict = None if where.strict is None else room_of(replace(where, work=where.strict), setup)
-    place = RouteCell(setup, room_of(where, setup), home, where.rims, strict)
+    strict = (
+        None if where.strict is None else make_free_space(replace(where, work=where.strict), setup)
+    )
+    place = RouteCell(setup, make_free_space(where, setup), home, where.rims, strict)
     options = RouteOptions(
         link_speeds(process, cell.pace, pressed=lifted), best, lifted, plan.barred
     )

@@ -18,11 +18,11 @@ from camgen.model.limits import tell
 from camgen.model.part import Edge, Line, Note, Part, Solid
 from camgen.model.program import Joints
 from camgen.model.text import counted, short
-from camgen.motion.cell import home_of, room_of, setup_of
+from camgen.motion.cell import find_home, make_free_space, make_setup
 from camgen.motion.coverage import Coverage
 from camgen.motion.edge_paths import edge_path, left_out, list_pieces, none_left, note_gaps
 from camgen.motion.pose_paths import PosePath, measure_to
-from camgen.motion.reach import can_end, reach_ways
+from camgen.motion.reach import can_end, reach_paths
 from camgen.motion.rolls import freedom_of
 from camgen.motion.setup import (
     Blockage,
@@ -100,7 +100,7 @@ def plan_ways(part: Part, job: Job, cell: Workcell, watch: Watch, task: LineTask
     assert cell.arm is not None
     noun, freedom = task.noun, freedom_of(job)
     where = task.surround(job, 0.0)
-    home_of(cell.arm, cell, where.scene)
+    find_home(cell.arm, cell, where.scene)
     watch("reaching")
     listed = list(task.ways)
     lines = {line.id: line for line, _ in listed}
@@ -115,9 +115,9 @@ def plan_ways(part: Part, job: Job, cell: Workcell, watch: Watch, task: LineTask
         if tip:
             at_rims = task.surround(job, tip)
             where = replace(at_rims, rims=frozenset(task.contacts), strict=where.work)
-        setup = setup_of(cell.arm, cell, where)
-        space = room_of(where, setup)
-        results = _clear_between(reach_ways(group, setup, freedom, tell), space)
+        setup = make_setup(cell.arm, cell, where)
+        space = make_free_space(where, setup)
+        results = _clear_between(reach_paths(group, setup, freedom, tell), space)
         coverage = Coverage(setup, space, freedom, job.process)
         pieces |= search.find(group, results, coverage)
         reached |= {line.id: result for (line, _), result in zip(group, results, strict=True)}
@@ -167,8 +167,8 @@ def _attempt(
         bare = replace(job.cell, margin=0.0)
         other = replace(job, tool=replace(job.tool, axis_tilt=tilt), cell=bare)
         where = task.surround(other, tip)
-        setup = setup_of(arm, cell, where)
-        return setup, room_of(where, setup)
+        setup = make_setup(arm, cell, where)
+        return setup, make_free_space(where, setup)
 
     def attempt(other: Job, names: Sequence[str]) -> list[EdgeMotion | UnreachableEdge]:
         freedom = freedom_of(other)
@@ -177,7 +177,7 @@ def _attempt(
             setup, space = place(other.tool.axis_tilt, tip)
             shaped = [(line, way) for line, way in group if isinstance(way, PosePath)]
             able = list(compress(shaped, can_end(setup, [way for _, way in shaped], freedom)))
-            results += _clear_between(reach_ways(able, setup, freedom), space)
+            results += _clear_between(reach_paths(able, setup, freedom), space)
         return results
 
     return attempt

@@ -9,7 +9,7 @@ import numpy as np
 from camgen.model.job import Job
 from camgen.model.part import Edge
 from camgen.model.pose import FloatArray
-from camgen.motion.pose_paths import PosePath, counts, divide
+from camgen.motion.pose_paths import PosePath, count_parts, divide
 from camgen.motion.setup import dense_parts
 from camgen.plan.edges.last_face import Offset
 from camgen.plan.edges.poses import poses
@@ -39,7 +39,7 @@ def _depth(edge: Edge, job: Job, radius: float, direction: Offset) -> float:
     tool, drawn = (poses(edge, offset, direction) for offset in (job.operation.offset, 0.0))
     if not isinstance(tool, PosePath) or not isinstance(drawn, PosePath):
         return 0.0
-    points = divide(drawn, counts(drawn, _LOOK_MM, _LOOK_TURN)).position
+    points = divide(drawn, count_parts(drawn, _LOOK_MM, _LOOK_TURN)).position
     looks = divide(tool, dense_parts(tool))
     return max(
         (

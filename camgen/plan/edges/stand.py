@@ -17,7 +17,7 @@ from camgen.model.job import Job
 from camgen.model.part import FEATURE_ANGLE, Curve, IntArray, Solid
 from camgen.model.pose import TOOL_DOWN, FloatArray, frozen, rotation_from_fixed_xyz
 from camgen.model.text import counted, short
-from camgen.motion.pose_paths import PosePath, counts, divide, rows
+from camgen.motion.pose_paths import PosePath, count_parts, divide, rows
 from camgen.motion.setup import UnreachableEdge
 
 #: mm: a face is looked at so often along a curve; of the looks the rows stay that the axis needs to be so near, rad.
@@ -94,7 +94,7 @@ def _as_given(curve: Curve) -> PosePath | UnreachableEdge:
 
 def _square_to_faces(way: PosePath, name: str, solid: Solid) -> PosePath | UnreachableEdge:
     """The way with tool z against the normal of the nearest face, turned about it as little as it goes along."""
-    parts = counts(way, _LOOK_MM, math.tau)
+    parts = count_parts(way, _LOOK_MM, math.tau)
     looks = divide(way, parts)
     axis = -nearest(solid, looks.position).normal
     jump = angles(axis[:-1], axis[1:])
