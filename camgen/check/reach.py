@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 
 from camgen.check.lost import Lost, Stretch, find_lost, join_losses
 from camgen.geometry.arcs import arc_middles
-from camgen.geometry.ragged import ends_run, owners, ramp
+from camgen.geometry.ragged import ends_run, offsets, owners, ramp
 from camgen.model.errors import Blocked, JobError, Loss
 from camgen.model.pose import FloatArray
 from camgen.model.program import Joints, MoveC, MoveJ, Program
 from camgen.model.text import short
 from camgen.motion.joint_paths import JointPath, follow_closely
-from camgen.motion.pose_paths import Index, PosePath, count_parts, divide, rows
+from camgen.motion.pose_paths import Index, PosePath, count_parts, divide
 from camgen.motion.setup import Setup, flange_poses
 from camgen.robots.kinematics.continuity import Stuck, Ties, follow
 from camgen.robots.kinematics.forward import flange
@@ -103,7 +103,7 @@ def _through_middles(way: PosePath, program: Program) -> tuple[PosePath, Index]:
     rotation = finer.rotation.copy()
     columns = program.columns
     vias = columns.via_rotation[np.searchsorted(columns.arcs, np.flatnonzero(turning))]
-    rotation[rows(parts)[turning] - 1] = np.stack(columns.table)[vias]
+    rotation[offsets(parts)[turning] - 1] = np.stack(columns.table)[vias]
     return PosePath(finer.position, finer.via, rotation), own
 
 
@@ -118,16 +118,16 @@ def interpolate_joints(
         np.int64
     )
     if not free[1:].any():
-        return joints, rows(parts)
+        return joints, offsets(parts)
     dense = _between(joints, parts)
     own = np.repeat(free[1:], parts)
     looked = np.append(own, False) | np.append(False, own)
     place = np.zeros((len(dense), 3))
     place[looked] = flange(robot, dense[looked])[1]
     moved = np.linalg.norm(np.diff(place, axis=0), axis=1) * own
-    longest = np.maximum.reduceat(moved, rows(parts)[:-1])
+    longest = np.maximum.reduceat(moved, offsets(parts)[:-1])
     parts = parts * np.maximum(np.ceil(longest / STEP), 1).astype(np.int64)
-    return _between(joints, parts), rows(parts)
+    return _between(joints, parts), offsets(parts)
 
 
 def _between(joints: FloatArray, parts: Index) -> FloatArray:
@@ -137,7 +137,7 @@ def _between(joints: FloatArray, parts: Index) -> FloatArray:
     found = np.concatenate(
         [joints[:1], joints[segment] + share[:, None] * np.diff(joints, axis=0)[segment]]
     )
-    found[rows(parts)] = joints
+    found[offsets(parts)] = joints
     return found
 
 

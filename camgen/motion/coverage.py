@@ -15,14 +15,14 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.geometry.ragged import owners
+from camgen.geometry.ragged import offsets, owners
 from camgen.model.job import ProcessTable
 from camgen.model.part import BoolArray, Line
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import SAME_POINT_MM
 from camgen.motion.pose_chains import CHANGE, PoseChain, States, Steps, find_steps
 from camgen.motion.pose_covers import CoverChain, find_cover
-from camgen.motion.pose_paths import Index, PosePath, count_parts, cut, divide, join, rows
+from camgen.motion.pose_paths import Index, PosePath, count_parts, cut, divide, join
 from camgen.motion.reach import widest_grid
 from camgen.motion.search import (
     Grid,
@@ -190,7 +190,7 @@ class _Ladder(Struct, frozen=True, eq=False):
 
     def locate(self, station: float) -> tuple[int, float]:
         """The segment of a station, or of a place between two, and its position there, 0 to 1."""
-        first = rows(self.parts)[:-1]
+        first = offsets(self.parts)[:-1]
         segment = int(np.searchsorted(first, station, "right")) - 1
         return segment, float((station - first[segment]) / self.parts[segment])
 

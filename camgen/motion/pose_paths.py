@@ -79,11 +79,11 @@ def count_parts(path: PosePath, length: float, turn: float) -> Index:
 def divide(path: PosePath, parts: Index) -> PosePath:
     """The pose path with segment i divided into `parts[i - 1]` equal ones.
 
-    Row i becomes row `rows(parts)[i]`.
+    Row i becomes row `offsets(parts)[i]`.
     """
     segment, after = owners(parts), ramp(parts) + 1
     fraction = 1.0 / parts[segment]
-    spans, kept = path.spans, rows(parts)
+    spans, kept = path.spans, offsets(parts)
     position = np.concatenate([path.position[:1], spans.point(after * fraction, segment)])
     position[kept] = path.position
     via = np.concatenate([_STRAIGHT, spans.point((after - 0.5) * fraction, segment)])
@@ -155,8 +155,3 @@ def join(paths: Sequence[PosePath]) -> PosePath:
         np.concatenate([paths[0].via, *(path.via[1:] for path in rest)]),
         np.concatenate([paths[0].rotation, *(path.rotation[1:] for path in rest)]),
     )
-
-
-def rows(parts: Index) -> Index:
-    """(N,) rows of the original poses after `divide`."""
-    return offsets(parts)

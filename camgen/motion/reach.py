@@ -10,10 +10,11 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 from msgspec.structs import replace
 
+from camgen.geometry.ragged import offsets
 from camgen.model.part import BoolArray, Line
 from camgen.model.pose import frozen
 from camgen.model.text import short
-from camgen.motion.pose_paths import PosePath, divide, rows
+from camgen.motion.pose_paths import PosePath, divide
 from camgen.motion.search import Grid, can_stand, make_grid, search
 from camgen.motion.setup import (
     JUMP,
@@ -196,7 +197,7 @@ def _reach_nominal(setup: Setup, paths: Sequence[tuple[str, PosePath]]) -> list[
             text = f"collision, {setup.hit(choice.joints[hit[0]])}, {place}"
             results.append(UnreachableEdge(name, "collision", text))
             continue
-        at, dense, zero = rows(count), frozen(choice.joints), frozen(np.zeros(len(sampled)))
+        at, dense, zero = offsets(count), frozen(choice.joints), frozen(np.zeros(len(sampled)))
         joints_at = frozen(choice.joints[at])
         results.append(EdgeMotion(name, False, path, joints_at, sampled, dense, at, zero, zero))
     return results

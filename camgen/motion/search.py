@@ -11,11 +11,12 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
+from camgen.geometry.ragged import offsets
 from camgen.geometry.rotations import from_vectors, turns_about_z
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray, frozen
 from camgen.motion.pose_chains import PoseChain, States, Steps, find_cheapest_chain, find_steps
-from camgen.motion.pose_paths import Index, PosePath, count_parts, divide, rows
+from camgen.motion.pose_paths import Index, PosePath, count_parts, divide
 from camgen.motion.rolls import rolls_of
 from camgen.motion.setup import (
     JUMP,
@@ -250,7 +251,7 @@ def make_states(
     """
     robot, table, is_whole = setup.robot, turns(setup.robot), pieces_jump is None
     parts = count_parts(knots, _SAMPLE_MM, _SAMPLE_TURN)
-    at, samples = rows(parts), divide(knots, parts)
+    at, samples = offsets(parts), divide(knots, parts)
     orientations = samples.rotation[:, None] @ grid.nominal_from_tool
     goal = flange_poses(setup, samples.position[:, None], orientations)
     joints = find_solutions(robot, *goal, grid.moves)
@@ -311,9 +312,9 @@ def _can_stay(
         # Whole turns from each sample to the last one of its stretch.
         none = np.zeros((1, *whole.shape[1:]))
         to_end = np.concatenate([np.cumsum(whole[::-1], axis=0)[::-1], none])
-        unwound = unwound + math.tau * (to_end[:-1] - to_end[np.repeat(rows(parts)[1:], parts)])
+        unwound = unwound + math.tau * (to_end[:-1] - to_end[np.repeat(offsets(parts)[1:], parts)])
     can = within_turned(robot, unwound, table) & np.asarray(steady & safe[:-1])[..., None]
-    return np.asarray(np.logical_and.reduceat(can, rows(parts)[:-1], axis=0))
+    return np.asarray(np.logical_and.reduceat(can, offsets(parts)[:-1], axis=0))
 
 
 def can_stand(setup: Setup, position: FloatArray, rotation: FloatArray, grid: Grid) -> BoolArray:
@@ -362,7 +363,7 @@ def prove(
         knots.way, rotation=frozen(knots.way.rotation @ grid.nominal_from_tool[chain.orientation])
     )
     parts = dense_parts(actual)
-    dense, at = divide(actual, parts), rows(parts)
+    dense, at = divide(actual, parts), offsets(parts)
     joints = follow(
         setup.robot,
         *flange_poses(setup, dense.position, dense.rotation),
@@ -411,7 +412,7 @@ def _choose_rows(knots: Knots, chain: PoseChain) -> tuple[Index, PosePath]:
 
     They are the ends of all segments, and all rows of segments in which the orientation changes.
     """
-    at = rows(knots.parts)
+    at = offsets(knots.parts)
     changes = np.add.reduceat(chain.moves != 0, at[:-1]) > 0
     is_kept = np.append(True, np.repeat(changes, knots.parts))
     is_kept[at] = True

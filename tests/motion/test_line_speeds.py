@@ -5,9 +5,10 @@ import math
 import numpy as np
 import pytest
 
+from camgen.geometry.ragged import offsets
 from camgen.model.pose import FloatArray, frozen
 from camgen.motion.limits import LinkSpeeds, line_speeds
-from camgen.motion.pose_paths import PosePath, divide, rows
+from camgen.motion.pose_paths import PosePath, divide
 from camgen.motion.setup import JUMP, dense_parts, flange_poses
 from camgen.robots.kinematics.continuity import Choice, follow
 from tests.motion.test_reach import CELL
@@ -55,7 +56,7 @@ def test_no_joint_is_too_fast_between_two_samples(
     path = PosePath(np.array([start, end], dtype=float), np.full((2, 3), np.nan), rotation)
     parts = dense_parts(path)
     looks = divide(path, parts)
-    (speed,) = line_speeds(CELL, FAST, looks, run(looks), rows(parts))
+    (speed,) = line_speeds(CELL, FAST, looks, run(looks), offsets(parts))
     fine = divide(path, np.array([math.ceil(2 * float(path.length.sum()))]))
     rates = np.abs(np.diff(run(fine), axis=0)) / fine.length[:, None]
     share = float((rates * speed / CELL.robot.fastest).max())
@@ -68,7 +69,7 @@ def test_a_corner_of_a_link_slows_neither_of_its_segments() -> None:
     down = frozen(np.stack([np.diag([1.0, -1.0, -1.0])] * 3))
     path = PosePath(corners, np.full((3, 3), np.nan), down)
     parts = dense_parts(path)
-    samples, at = divide(path, parts), rows(parts)
+    samples, at = divide(path, parts), offsets(parts)
     joints = run(samples)
     together = line_speeds(CELL, FAST, samples, joints, at)
     for k in range(2):

@@ -13,9 +13,10 @@ from itertools import islice
 import numpy as np
 from msgspec import Struct
 
+from camgen.geometry.ragged import offsets
 from camgen.model.pose import FloatArray, frozen
 from camgen.motion.limits import LinkSpeeds, line_speeds
-from camgen.motion.pose_paths import PosePath, divide, rows
+from camgen.motion.pose_paths import PosePath, divide
 from camgen.motion.setup import (
     JUMP,
     MARGIN,
@@ -136,7 +137,7 @@ def _run(
         ways, parts, dense, starts, followed, strict=True
     ):
         if isinstance(found, Choice) and np.abs(found.joints[0] - joints).max() < 1e-6:
-            at = rows(own)
+            at = offsets(own)
             speed = line_speeds(setup, speeds, looks, found.joints, at)
             none = frozen(joints[None][:0])
             made.append(
