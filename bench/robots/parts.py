@@ -32,7 +32,7 @@ from camgen.collision.hits import find_collisions
 from camgen.collision.scene import Scene
 from camgen.model.pose import FloatArray, Pose
 from camgen.motion.pose_paths import PosePath, divide
-from camgen.motion.setup import JUMP, MARGIN, Setup, dense_parts, flange_poses
+from camgen.motion.setup import JUMP, MARGIN, Setup, compute_flange_poses, count_samples
 from camgen.plan.edges.poses import poses
 from camgen.read.solid import STEP, mesh_file
 from camgen.robots.kinematics.continuity import Choice, follow
@@ -192,9 +192,12 @@ def unfounded(result: camgen.Result, job: camgen.Job, samples: int) -> tuple[int
     for note in lost:
         way = poses(edges[note.ids[0]], job.operation.offset)
         assert isinstance(way, PosePath)
-        looks = divide(way, dense_parts(way))
+        looks = divide(way, count_samples(way))
         chosen = follow(
-            arm, *flange_poses(setup, looks.position, looks.rotation), margin=MARGIN, jump=JUMP
+            arm,
+            *compute_flange_poses(setup, looks.position, looks.rotation),
+            margin=MARGIN,
+            jump=JUMP,
         )
         assert isinstance(chosen, Choice)
         joints = joints_along(result.cell, way, chosen.joints[0], samples)

@@ -27,7 +27,7 @@ from camgen.model.pose import FloatArray
 from camgen.model.program import MoveC, Program, ToolChange, put_off_first
 from camgen.model.text import short
 from camgen.motion.pose_paths import PosePath
-from camgen.motion.setup import Setup, flange_poses
+from camgen.motion.setup import Setup, compute_flange_poses
 from camgen.robots.kinematics.inverse import inverse
 from camgen.robots.kinematics.joint_limits import excess, within
 from camgen.robots.models import Robot
@@ -141,7 +141,7 @@ def check_travel(program: Program, machine: Robot, file: str) -> Reach:
     setup = Setup(machine, program.base_from_work, program.flange_from_tool)
 
     def find_axes(position: FloatArray, rotation: FloatArray) -> FloatArray:
-        return inverse(machine, *flange_poses(setup, position, rotation))[:, 0]
+        return inverse(machine, *compute_flange_poses(setup, position, rotation))[:, 0]
 
     axes = find_axes(rows.way.position, rows.way.rotation)
     leaning = np.flatnonzero(np.isnan(axes).any(axis=1))

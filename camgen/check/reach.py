@@ -24,7 +24,7 @@ from camgen.model.program import Joints, MoveC, MoveJ, Program
 from camgen.model.text import short
 from camgen.motion.joint_paths import JointPath, follow_closely
 from camgen.motion.pose_paths import Index, PosePath, count_parts, divide
-from camgen.motion.setup import Setup, flange_poses
+from camgen.motion.setup import Setup, compute_flange_poses
 from camgen.robots.kinematics.continuity import Stuck, Ties, follow
 from camgen.robots.kinematics.forward import flange
 from camgen.robots.kinematics.joint_limits import within
@@ -246,7 +246,7 @@ def _follow(
 ) -> FloatArray:
     """The joint values (R, J) of all rows, one stretch between anchors after the other."""
     setup = Setup(robot, program.base_from_work, program.flange_from_tool)
-    rotations, origins = flange_poses(setup, found.way.position, found.way.rotation)
+    rotations, origins = compute_flange_poses(setup, found.way.position, found.way.rotation)
     joints = np.empty((len(origins), len(robot.home)))
     fixed = found.at[~program.columns.posed]
     joints[fixed] = anchors

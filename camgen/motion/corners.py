@@ -47,7 +47,7 @@ class Flow(Struct, frozen=True):
     floor: float
 
 
-def corner_tolerance(job: Job, operation: str) -> float:
+def compute_corner_tolerance(job: Job, operation: str) -> float:
     """Distance by which the path of an `operation` may be rounded in a corner, mm."""
     if job.tolerance.corner is not None:
         return job.tolerance.corner
@@ -135,7 +135,7 @@ def _narrow(pairs: Transitions, tolerance: FloatArray, pace: Dynamics) -> FloatA
     return blend
 
 
-def hold_orientation(blend: FloatArray, bend: FloatArray, pace: Dynamics) -> FloatArray:
+def limit_blends(blend: FloatArray, bend: FloatArray, pace: Dynamics) -> FloatArray:
     """Blends (K,) that keep the orientation within `JUMP`: `blend`, smaller, or 0.
 
     bend: (K,) change of the angular velocity per length of the path at the corner, with its axis,

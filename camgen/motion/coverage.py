@@ -40,8 +40,8 @@ from camgen.motion.setup import (
     OrientationFreedom,
     SampledMotion,
     Setup,
-    feed_at_tip,
-    flange_poses,
+    compute_flange_poses,
+    compute_tip_feed,
 )
 from camgen.robots.kinematics.continuity import Choice, follow
 from camgen.robots.kinematics.joint_limits import turns
@@ -396,7 +396,7 @@ class Coverage(Struct, frozen=True, eq=False):
         transitions = find_steps(replace(setup.robot, speeds=setup.robot.fastest), states, _JUMP)
         turning = CHANGE * (np.arange(len(states.moves)) > 0)[:, None, None]
         along_edge = (lengths / parts)[owners(parts)]
-        feed = feed_at_tip(stations.length / along_edge, self.process)
+        feed = compute_tip_feed(stations.length / along_edge, self.process)
         slowest = (stations.length / feed)[:, None, None, None]
         in_time = np.where(transitions.time - turning <= slowest, transitions.time, math.inf)
         too_fast = _have_any(transitions.time) & ~_have_any(in_time)
@@ -523,7 +523,7 @@ class Coverage(Struct, frozen=True, eq=False):
         """The stretches that take a joint longer than the tool at the feed of the piece."""
         length = piece.knots.way.length
         along_edge = float(ladder.lengths.sum()) - sum(piece.trimmed)
-        feed = feed_at_tip(length.sum() / along_edge, self.process)
+        feed = compute_tip_feed(length.sum() / along_edge, self.process)
         moved = np.abs(np.diff(piece.chain.joints, axis=0)) / self.setup.robot.fastest
         return np.flatnonzero(moved.max(axis=1) > (1 + _SAME_TIME) * length / feed)
 
@@ -544,7 +544,9 @@ class Coverage(Struct, frozen=True, eq=False):
             return none
         samples = divide(ladder.stations.slice(low, low + 2), np.array([_PARTS_BEYOND]))
         turned = samples.rotation @ choice.nominal_from_tool[chain.orientation[end]]
-        goals = [goal[::beyond] for goal in flange_poses(self.setup, samples.position, turned)]
+        goals = [
+            goal[::beyond] for goal in compute_flange_poses(self.setup, samples.position, turned)
+        ]
         start = chain.joints[end]
         while parts > 0:
             rotations, origins = (goal[: parts + 1] for goal in goals)

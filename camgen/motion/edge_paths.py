@@ -14,16 +14,16 @@ from camgen.model.path import ToolPath, waypoints
 from camgen.model.pose import frozen
 from camgen.model.text import counted, short
 from camgen.model.tolerance import SAME_POINT_MM
-from camgen.motion.setup import EdgeMotion, UnreachableEdge, feed_of
+from camgen.motion.setup import EdgeMotion, UnreachableEdge, compute_feed
 
 
-def edge_path(motion: EdgeMotion, edge: Line, job: Job) -> ToolPath:
+def make_tool_path(motion: EdgeMotion, edge: Line, job: Job) -> ToolPath:
     """The motion along `edge` as a tool path."""
     layer, operation = (edge.kind, "edges") if isinstance(edge, Edge) else (edge.layer, "trace")
     path = motion.way
     axis = frozen(path.rotation[:, :, 2])
     press = np.stack([np.concatenate([axis[:1], axis[:-1]]), axis], axis=1)
-    feed = feed_of(motion, edge.length - sum(motion.trimmed), job.process)
+    feed = compute_feed(motion, edge.length - sum(motion.trimmed), job.process)
     return ToolPath(
         id=motion.id,
         layer=layer,
@@ -41,7 +41,9 @@ def edge_path(motion: EdgeMotion, edge: Line, job: Job) -> ToolPath:
     )
 
 
-def none_left(part: Part, count: int, first: UnreachableEdge, noun: str = "edge") -> NoSafeProgram:
+def make_no_edge_error(
+    part: Part, count: int, first: UnreachableEdge, noun: str = "edge"
+) -> NoSafeProgram:
     """The error if no line of a part can be processed.
 
     count: number of the lines.
@@ -64,7 +66,7 @@ def list_pieces(
     return pieces
 
 
-def left_out(
+def note_left_out(
     lost: Sequence[UnreachableEdge],
     lines: Mapping[str, Line],
     pieces: Mapping[str, tuple[Line, float]] = MappingProxyType({}),

@@ -23,8 +23,8 @@ from camgen.motion.setup import (
     OrientationFreedom,
     Setup,
     UnreachableEdge,
-    dense_parts,
-    flange_poses,
+    compute_flange_poses,
+    count_samples,
 )
 from camgen.robots.kinematics.continuity import Choice, follow_each
 from camgen.robots.kinematics.reasons import why
@@ -174,9 +174,9 @@ def _describe_search(freedom: OrientationFreedom, collision: str) -> str:
 
 def _reach_nominal(setup: Setup, paths: Sequence[tuple[str, PosePath]]) -> list[_Result]:
     """The motion along each pose path in the nominal orientation, or the reason for none."""
-    parts = [dense_parts(path) for _, path in paths]
+    parts = [count_samples(path) for _, path in paths]
     samples = [divide(path, count) for (_, path), count in zip(paths, parts, strict=True)]
-    goals = [flange_poses(setup, path.position, path.rotation) for path in samples]
+    goals = [compute_flange_poses(setup, path.position, path.rotation) for path in samples]
     choices = follow_each(setup.robot, goals, [setup.robot.home] * len(goals), MARGIN, JUMP)
     results: list[_Result] = []
     joints = [choice.joints for choice in choices if isinstance(choice, Choice)]

@@ -42,12 +42,12 @@ class Rolls(Struct, frozen=True):
         return neighbour % len(self.angles)
 
 
-def is_free(tool: ToolTable) -> bool:
+def has_rolls(tool: ToolTable) -> bool:
     """Whether the tool has more than one roll."""
     return tool.symmetric or tool.turn is not None
 
 
-def turns_of(tool: ToolTable) -> tuple[float, ...] | None:
+def read_rolls(tool: ToolTable) -> tuple[float, ...] | None:
     """The rolls of `tool.turn`, rad, in order, 0 among them; None if the job lists none.
 
     Raises JobError if the setting is invalid.
@@ -79,7 +79,7 @@ def turns_of(tool: ToolTable) -> tuple[float, ...] | None:
     return tuple(math.radians(k * step) for k in range(first, last + 1))
 
 
-def rolls_of(freedom: OrientationFreedom, count: int) -> Rolls:
+def list_rolls(freedom: OrientationFreedom, count: int) -> Rolls:
     """The rolls of `freedom`; `count` of them, evenly spread, if any roll is allowed."""
     if not freedom.roll:
         return Rolls((0.0,), False, True)
@@ -92,8 +92,8 @@ def rolls_of(freedom: OrientationFreedom, count: int) -> Rolls:
     return Rolls(freedom.turns, is_round and len(freedom.turns) > 1, is_steady)
 
 
-def freedom_of(job: Job) -> OrientationFreedom:
+def find_freedom(job: Job) -> OrientationFreedom:
     """The freedom that the job leaves for the orientation of the tool."""
-    turns = turns_of(job.tool)
+    turns = read_rolls(job.tool)
     has_roll = job.tool.symmetric or turns is not None
     return OrientationFreedom(math.radians(job.tool.axis_tilt), has_roll, turns)

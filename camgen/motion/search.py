@@ -17,15 +17,15 @@ from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray, frozen
 from camgen.motion.pose_chains import PoseChain, States, Steps, find_cheapest_chain, find_steps
 from camgen.motion.pose_paths import Index, PosePath, count_parts, divide
-from camgen.motion.rolls import rolls_of
+from camgen.motion.rolls import list_rolls
 from camgen.motion.setup import (
     JUMP,
     MARGIN,
     EdgeMotion,
     OrientationFreedom,
     Setup,
-    dense_parts,
-    flange_poses,
+    compute_flange_poses,
+    count_samples,
 )
 from camgen.robots.kinematics import iterative as damped
 from camgen.robots.kinematics.continuity import Choice, follow
@@ -65,7 +65,7 @@ def make_grid(freedom: OrientationFreedom) -> Grid:
     Tilts are across the edge (about y) and along it (about x).
     """
     steps = range(-_STEPS, _STEPS + 1) if freedom.tilt > 0 else range(1)
-    rolls = rolls_of(freedom, _ROLLS)
+    rolls = list_rolls(freedom, _ROLLS)
     cells = [
         (a, b, r)
         for a, b, r in product(steps, steps, range(len(rolls.angles)))
@@ -150,7 +150,7 @@ def _follow(
 #: mm and rad between two rows of the search, over which the orientation may change.
 _ROW_MM, _ROW_TURN = 50.0, math.radians(30)
 #: mm and rad between two samples of the search. Its result is proved at the samples of
-#: `dense_parts`.
+#: `count_samples`.
 _SAMPLE_MM, _SAMPLE_TURN = 10.0, math.radians(10)
 #: rad: largest angle of a joint from one row of the search to the next, and from one sample to the
 #: next.
@@ -253,7 +253,7 @@ def make_states(
     parts = count_parts(knots, _SAMPLE_MM, _SAMPLE_TURN)
     at, samples = offsets(parts), divide(knots, parts)
     orientations = samples.rotation[:, None] @ grid.nominal_from_tool
-    goal = flange_poses(setup, samples.position[:, None], orientations)
+    goal = compute_flange_poses(setup, samples.position[:, None], orientations)
     joints = find_solutions(robot, *goal, grid.moves)
     idle = np.zeros((joints.shape[2], len(robot.joints)), dtype=np.bool_)
     if pieces_jump is not None:
@@ -325,7 +325,9 @@ def can_stand(setup: Setup, position: FloatArray, rotation: FloatArray, grid: Gr
     position, rotation: poses in the work frame, (K, 3) and (K, 3, 3).
     """
     robot = setup.robot
-    goal = flange_poses(setup, position[:, None], rotation[:, None] @ grid.nominal_from_tool)
+    goal = compute_flange_poses(
+        setup, position[:, None], rotation[:, None] @ grid.nominal_from_tool
+    )
     joints = find_solutions(robot, *goal, grid.moves)
     usable = np.asarray(within_turned(robot, joints, turns(robot)).any(axis=-1))
     usable[usable] = _are_safe(robot, joints[usable])
@@ -362,11 +364,11 @@ def prove(
     actual = replace(
         knots.way, rotation=frozen(knots.way.rotation @ grid.nominal_from_tool[chain.orientation])
     )
-    parts = dense_parts(actual)
+    parts = count_samples(actual)
     dense, at = divide(actual, parts), offsets(parts)
     joints = follow(
         setup.robot,
-        *flange_poses(setup, dense.position, dense.rotation),
+        *compute_flange_poses(setup, dense.position, dense.rotation),
         chain.joints[0],
         MARGIN,
         JUMP,

@@ -194,20 +194,20 @@ class EdgeMotion(Struct, frozen=True, eq=False):
         return freed if max(freed) > 1e-6 else None
 
 
-def feed_of(motion: EdgeMotion, length: float, process: ProcessTable) -> float:
+def compute_feed(motion: EdgeMotion, length: float, process: ProcessTable) -> float:
     """Feed of the TCP, mm/s, with which the contact runs at `process.feed`.
 
     length: length of the edge, mm.
     """
-    return float(feed_at_tip(feed_factor(motion, length), process))
+    return float(compute_tip_feed(compute_feed_factor(motion, length), process))
 
 
-def feed_at_tip(factor: FloatArray | float, process: ProcessTable) -> FloatArray:
+def compute_tip_feed(factor: FloatArray | float, process: ProcessTable) -> FloatArray:
     """Feed of the TCP, mm/s, for lengths of its path divided by those of the edge."""
     return np.asarray(process.feed * np.minimum(factor, process.max_feed_factor))
 
 
-def feed_factor(motion: EdgeMotion, length: float) -> float:
+def compute_feed_factor(motion: EdgeMotion, length: float) -> float:
     """Length of the path of the TCP divided by that of the edge, `length` mm."""
     return float(motion.way.length.sum()) / length if length > 0 else 1.0
 
@@ -221,12 +221,12 @@ _SAMPLE_MM, _SAMPLE_TURN, JUMP = 5.0, math.radians(5), math.radians(15)
 MARGIN = math.radians(2)
 
 
-def dense_parts(path: PosePath) -> Index:
+def count_samples(path: PosePath) -> Index:
     """The number of parts into which each segment of a pose path is divided to be examined."""
     return count_parts(path, _SAMPLE_MM, _SAMPLE_TURN)
 
 
-def flange_poses(
+def compute_flange_poses(
     setup: Setup, position: FloatArray, rotation: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Rotations (..., 3, 3) and origins (..., 3) of the flange in the base, for poses of the TCP.

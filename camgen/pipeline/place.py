@@ -29,7 +29,7 @@ from camgen.model.text import counted
 from camgen.motion.cell import find_home
 from camgen.motion.coverage import SHORTEST_MM
 from camgen.motion.pose_paths import PosePath, count_parts, divide
-from camgen.motion.setup import MARGIN, FoldedEdge, Setup, flange_poses
+from camgen.motion.setup import MARGIN, FoldedEdge, Setup, compute_flange_poses
 from camgen.pipeline import Result, build
 from camgen.pipeline.tool_room import Samples, make_samples
 from camgen.plan import Watch, ignore_stages
@@ -589,7 +589,7 @@ def _find_joints(
     goals = []
     for spot in spots:
         setup = Setup(case.robot, case.base_from_work(spot), cell.flange_from_tool)
-        goals.append(flange_poses(setup, position, samples.rotation))
+        goals.append(compute_flange_poses(setup, position, samples.rotation))
     rotations, origins = (np.concatenate(parts) for parts in zip(*goals, strict=True))
     joints = inverse(case.robot, rotations, origins, case.robot.home)
     margins = np.full(joints.shape[:2], -math.inf)

@@ -21,7 +21,7 @@ from camgen.model.part import BoolArray, IntArray, Solid
 from camgen.model.pose import FloatArray, Pose
 from camgen.motion.pose_paths import PosePath, count_parts, divide
 from camgen.motion.reach import widest_grid
-from camgen.motion.rolls import freedom_of
+from camgen.motion.rolls import find_freedom
 from camgen.robots.workcell import Workcell
 
 #: mm, rad: distance of the samples of an edge.
@@ -85,7 +85,7 @@ def make_samples(
     cell: the cell of the stand; where the part is before the arm does not matter.
     tip: mm that the edges may enter the tool.
     """
-    freedom = freedom_of(job)
+    freedom = find_freedom(job)
     around_part = make_surroundings(job, cell, solid, tip)
     position, owner, rotation, weights = [], [], [], []
     count = 0

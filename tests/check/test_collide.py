@@ -20,7 +20,7 @@ from camgen.model.errors import Blocked, Loss, NoSafeProgram
 from camgen.model.pose import IDENTITY, FloatArray, Pose, frozen, rotation_about, translation
 from camgen.motion.joint_paths import APART, follow_all, follow_closely
 from camgen.motion.pose_paths import PosePath
-from camgen.motion.setup import SampledMotion, Setup, flange_poses
+from camgen.motion.setup import SampledMotion, Setup, compute_flange_poses
 from camgen.pipeline import programs
 from camgen.plan.edges import LineTask
 from camgen.plan.edges.contact import find_contacts
@@ -52,7 +52,7 @@ def setup() -> Setup:
 
 def ends() -> FloatArray:
     start = np.array([[0.0, 0.4, 0.2, 0.1, 0.8, 0.0]])
-    rotations, origins = flange_poses(setup(), SHORT.position, SHORT.rotation)
+    rotations, origins = compute_flange_poses(setup(), SHORT.position, SHORT.rotation)
     first = nearest(ARM, rotations[:1], origins[:1], start)
     return np.concatenate([first, nearest(ARM, rotations[1:], origins[1:], first)])
 

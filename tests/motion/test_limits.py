@@ -5,7 +5,7 @@ import pytest
 from msgspec.structs import replace
 
 from camgen.model.cell import Dynamics
-from camgen.motion.limits import MotionLimits, from_rest, limits_of
+from camgen.motion.limits import MotionLimits, make_limits, time_from_rest
 from camgen.robots.catalogue import robot
 from camgen.robots.kinematics.rates import held_share
 
@@ -26,7 +26,7 @@ def driven(way: float, speed: float, gain: float) -> float:
     ("way", "speed", "gain"), [(2.0, 1.0, 4.0), (0.1, 1.0, 4.0), (0.25, 1.0, 4.0)]
 )
 def test_from_rest_to_rest(way: float, speed: float, gain: float) -> None:
-    assert float(from_rest(np.array(way), speed, gain)) == pytest.approx(
+    assert float(time_from_rest(np.array(way), speed, gain)) == pytest.approx(
         driven(way, speed, gain), rel=0.01
     )
 
@@ -58,7 +58,7 @@ def test_a_table_of_times_is_each_of_them() -> None:
 
 def test_without_accelerations_full_speed_takes_the_ramp_of_the_controller() -> None:
     arm = robot("VS-060")
-    limits = limits_of(arm, Dynamics(ramp=0.5), 100.0)
+    limits = make_limits(arm, Dynamics(ramp=0.5), 100.0)
     np.testing.assert_allclose(limits.joint_accelerations * 0.5, arm.speeds)
 
 

@@ -16,10 +16,10 @@ from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
 from camgen.motion.cell import find_home, make_free_space, make_setup
-from camgen.motion.limits import LinkSpeeds, limits_of, link_speeds, turn_speed
+from camgen.motion.limits import LinkSpeeds, choose_link_speeds, compute_joint_speed, make_limits
 from camgen.motion.pose_paths import PosePath
 from camgen.motion.reach import reach_along
-from camgen.motion.rolls import freedom_of, rolls_of
+from camgen.motion.rolls import find_freedom, list_rolls
 from camgen.motion.setup import EdgeMotion, OrientationFreedom, Setup, UnreachableEdge
 from camgen.order.arm.items import (
     Item,
@@ -148,8 +148,8 @@ def order_with_turns(
     """
     assert cell.arm is not None
     tour = request.tour
-    freedom = replace(freedom_of(job), tilt=0.0)
-    rolls = rolls_of(freedom, _TURNS if cell.arm.arm is not None else _FEW_TURNS)
+    freedom = replace(find_freedom(job), tilt=0.0)
+    rolls = list_rolls(freedom, _TURNS if cell.arm.arm is not None else _FEW_TURNS)
     prepared = _prepare(request, job, cell, _Rolls(rolls.angles, freedom), lines=False)
     problem, lost = prepared.problem, prepared.lost
     kept = [k for k in range(len(tour.paths)) if k not in lost]
@@ -166,7 +166,7 @@ def order_with_turns(
         lost[k] = "it collides in every posture and with every turn that is tried"
     prepared = replace(prepared, problem=problem, lost=lost | linked.lost)
     what = "turns of the tool" if freedom.roll else "ways between the paths"
-    speeds = link_speeds(job.process, cell.pace)
+    speeds = choose_link_speeds(job.process, cell.pace)
     return _make_tour(tour, prepared, linked, f"{what} chosen by joint time", speeds)
 
 
@@ -280,7 +280,7 @@ def _prepare(
     lost: dict[int, str] = {}
     if rolls.free is not None:
         profiles, lost = _find_others(setup, paths, items, states, rolls, job)
-    limits = limits_of(arm, cell.pace, job.process.travel_speed)
+    limits = make_limits(arm, cell.pace, job.process.travel_speed)
     cost_model = CostModel(tuple(items), limits, find_home(arm, cell, scene.scene), lines)
     options = SearchOptions(
         may_reorder=not request.fixed and job.tour.method == "best",
@@ -432,7 +432,9 @@ def _choose_speeds(
     start, chosen = problem.cost_model.home, []
     for k in [*linked.solution.order, -1]:
         rows = [start, *(linked.back if k < 0 else linked.to.get(k, ()))]
-        chosen.append(tuple(turn_speed(problem.setup, a, b, speeds) for a, b in pairwise(rows)))
+        chosen.append(
+            tuple(compute_joint_speed(problem.setup, a, b, speeds) for a, b in pairwise(rows))
+        )
         start = start if k < 0 else linked.solution.states.leave[k]
     return chosen
 

@@ -20,7 +20,7 @@ from camgen.model.part import BoolArray, IntArray
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 from camgen.motion.search import find_solutions
-from camgen.motion.setup import MARGIN, Setup, flange_poses
+from camgen.motion.setup import MARGIN, Setup, compute_flange_poses
 from camgen.plan.pieces import lengths_along
 from camgen.robots.kinematics.inverse import inverse, nearest
 from camgen.robots.kinematics.joint_limits import turns, within, within_turned
@@ -172,7 +172,7 @@ def find_states(
     for group in _groups(items, len(angles)):
         position = np.concatenate([item.position for item in group])
         rotation = np.concatenate([item.rotation for item in group])[:, None] @ spin
-        goal = flange_poses(setup, position[:, None], rotation)
+        goal = compute_flange_poses(setup, position[:, None], rotation)
         ends = offsets([len(item) for item in group])
         # Without a closed form the joints of a row depend on those before it along its path.
         if robot.arm:
@@ -261,7 +261,7 @@ def compute_state_joints(
     first = offsets([len(item) for item in items])
     owner = owners(np.diff(first))
     rotation = np.concatenate([item.rotation for item in items]) @ turned_about_z(turn)[owner]
-    goal = flange_poses(setup, np.concatenate([item.position for item in items]), rotation)
+    goal = compute_flange_poses(setup, np.concatenate([item.position for item in items]), rotation)
     if robot.arm is None:
         found = _follow(robot, goal, items, first, near)
     else:

@@ -20,10 +20,16 @@ from camgen.model.program import Joints
 from camgen.model.text import counted, short
 from camgen.motion.cell import find_home, make_free_space, make_setup
 from camgen.motion.coverage import Coverage
-from camgen.motion.edge_paths import edge_path, left_out, list_pieces, none_left, note_gaps
+from camgen.motion.edge_paths import (
+    list_pieces,
+    make_no_edge_error,
+    make_tool_path,
+    note_gaps,
+    note_left_out,
+)
 from camgen.motion.pose_paths import PosePath, measure_to
 from camgen.motion.reach import can_end, reach_paths
-from camgen.motion.rolls import freedom_of
+from camgen.motion.rolls import find_freedom
 from camgen.motion.setup import (
     Blockage,
     EdgeMotion,
@@ -98,7 +104,7 @@ class LineTask(Struct, frozen=True, eq=False):
 def plan_ways(part: Part, job: Job, cell: Workcell, watch: Watch, task: LineTask) -> EdgePlan:
     """The motions along the lines of a task. Raises NoSafeProgram if the arm reaches none."""
     assert cell.arm is not None
-    noun, freedom = task.noun, freedom_of(job)
+    noun, freedom = task.noun, find_freedom(job)
     where = task.surround(job, 0.0)
     find_home(cell.arm, cell, where.scene)
     watch("reaching")
@@ -132,17 +138,17 @@ def plan_ways(part: Part, job: Job, cell: Workcell, watch: Watch, task: LineTask
     for result in whole:
         motions += [result] if isinstance(result, EdgeMotion) else pieces.get(result.id, ())
     if not motions:
-        raise none_left(part, len(lines), lost[0], noun)
+        raise make_no_edge_error(part, len(lines), lost[0], noun)
     notes = search.notes()
     for edge in explained:
         if edge.id in pieces:
             line, reason = lines[edge.id], edge.reason
             notes += note_gaps(line, pieces[edge.id], reason, job.operation.trim)
-    paths = tuple(edge_path(motion, lines[motion.line], job) for motion in motions)
+    paths = tuple(make_tool_path(motion, lines[motion.line], job) for motion in motions)
     return EdgePlan(
         part,
         paths,
-        (*part.notes, *where.notes, *task.notes, *left_out(lost, lines), *notes, *more),
+        (*part.notes, *where.notes, *task.notes, *note_left_out(lost, lines), *notes, *more),
         edges=tuple(lines.values()),
         motions=tuple(motions),
         unreached=tuple(lost),
@@ -171,7 +177,7 @@ def _attempt(
         return setup, make_free_space(where, setup)
 
     def attempt(other: Job, names: Sequence[str]) -> list[EdgeMotion | UnreachableEdge]:
-        freedom = freedom_of(other)
+        freedom = find_freedom(other)
         results: list[EdgeMotion | UnreachableEdge] = []
         for group, tip in task.by_contact([ways[name] for name in names]):
             setup, space = place(other.tool.axis_tilt, tip)
@@ -266,12 +272,12 @@ def leave_out(
     edges = {edge.id: edge for edge in plan.edges}
     pieces = list_pieces(plan.motions, edges)
     if not paths:
-        raise none_left(plan.part, len(edges), more[0], plan.noun)
+        raise make_no_edge_error(plan.part, len(edges), more[0], plan.noun)
     return replace(
         plan,
         paths=paths,
         made=paths,
         motions=tuple(motion for motion in plan.motions if motion.id not in gone),
         unreached=(*plan.unreached, *more),
-        notes=(*plan.notes, *left_out(more, edges, pieces)),
+        notes=(*plan.notes, *note_left_out(more, edges, pieces)),
     )
