@@ -26,7 +26,7 @@ from camgen.model.part import Solid
 from camgen.model.pose import FloatArray, frozen, pose_from_values, translation
 from camgen.robots.catalogue import robot
 from camgen.robots.kinematics.inverse import inverse
-from camgen.robots.kinematics.joint_limits import within
+from camgen.robots.kinematics.joint_limits import are_within_limits
 from camgen.robots.models import Box, Link, Robot
 
 #: Poses all over the robot's range, a fifth as many at the part; poses/s.
@@ -54,7 +54,7 @@ def near(of: Robot, centre: tuple[float, float, float], count: int) -> FloatArra
     rotations *= np.linalg.det(rotations)[:, None, None]
     every = inverse(of, rotations, origins).reshape(-1, len(of.joints))
     every = every[np.isfinite(every).all(axis=1)]
-    return np.asarray(rng.permutation(every[within(of, every)])[:count])
+    return np.asarray(rng.permutation(every[are_within_limits(of, every)])[:count])
 
 
 def disagreements(loop: Loop, tested: Scene, joints: FloatArray) -> int:

@@ -29,7 +29,7 @@ from camgen.model.text import short
 from camgen.motion.pose_paths import PosePath
 from camgen.motion.setup import Setup, compute_flange_poses
 from camgen.robots.kinematics.inverse import inverse
-from camgen.robots.kinematics.joint_limits import excess, within
+from camgen.robots.kinematics.joint_limits import are_within_limits, measure_excess
 from camgen.robots.models import Robot
 from camgen.robots.workcell import Workcell
 
@@ -165,9 +165,9 @@ def _check_limits(
     row = np.append(np.arange(len(rows.way)), segment + 1)
     position = np.concatenate([rows.way.position, extremes])
     axes = find_axes(position, rows.way.rotation[row])
-    if within(machine, axes).all():
+    if are_within_limits(machine, axes).all():
         return
-    beyond = excess(machine, axes)
+    beyond = measure_excess(machine, axes)
     worst = int(beyond.max(axis=1).argmax())
     axis = int(beyond[worst].argmax())
     value = float(axes[worst, axis])

@@ -27,7 +27,7 @@ from camgen.motion.pose_paths import Index, PosePath, count_parts, divide
 from camgen.motion.setup import Setup, compute_flange_poses
 from camgen.robots.kinematics.continuity import Stuck, Ties, follow
 from camgen.robots.kinematics.forward import flange
-from camgen.robots.kinematics.joint_limits import within
+from camgen.robots.kinematics.joint_limits import are_within_limits
 from camgen.robots.models import Robot
 from camgen.robots.posture import postures
 from camgen.robots.workcell import machine_wanted
@@ -210,7 +210,7 @@ def _anchors(program: Program, robot: Robot, file: str) -> FloatArray:
                 "job", what, "cell.robot", "give cell.home for this robot, or another post"
             )
     anchors = np.array(targets)
-    beyond = places[~within(robot, anchors)]
+    beyond = places[~are_within_limits(robot, anchors)]
     if 0 in beyond:
         raise JobError(
             "job",

@@ -17,7 +17,7 @@ from camgen.model.program import MoveJ, Program
 from camgen.model.tolerance import NONZERO
 from camgen.motion.limits import measure_point_speed, round_down, slow_down
 from camgen.robots.kinematics.forward import flange
-from camgen.robots.kinematics.rates import fastest, held_share
+from camgen.robots.kinematics.rates import find_held_fraction, measure_fastest
 from camgen.robots.models import Robot
 from camgen.robots.workcell import Workcell
 
@@ -129,10 +129,10 @@ def _share(robot: Robot, joints: FloatArray, tip: Vec3, speed: float, turn: floa
     travel = joints[-1] - joints[0]
     if not travel.any():
         return 0.0
-    moved, turning = fastest(robot, joints, tip)
+    moved, turning = measure_fastest(robot, joints, tip)
     fastest_turn = min(turn or _FASTEST_TURN, _FASTEST_TURN)
     bounds = (limit / rate for limit, rate in ((speed, moved), (fastest_turn, turning)) if rate > 0)
-    return _floor(min([held_share(robot, travel), *bounds]))
+    return _floor(min([find_held_fraction(robot, travel), *bounds]))
 
 
 def _rate(robot: Robot, travel: FloatArray, share: float) -> float:

@@ -29,7 +29,7 @@ from camgen.geometry.ragged import ramp, run_lengths
 from camgen.geometry.vectors import cross, lengths
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
-from camgen.robots.kinematics.forward import frames, set_out
+from camgen.robots.kinematics.forward import compute_velocities, frames
 
 #: Maximum number of times that a triangle is split.
 _SPLITS = 4
@@ -143,7 +143,7 @@ class _TriangleGrowth(Struct, frozen=True, eq=False):
     angles times the distance by the levers (`measure_moves`). The second bound is the distance by
     the levers alone, which is smaller in wide triangles. The smaller one counts.
 
-    starts: (J + 1, K, 3, 6) motions of the links at the middle towards the corners, see `set_out`.
+    starts: (J + 1, K, 3, 6) motions of the links at the middle towards the corners, see `compute_velocities`.
     angles: (K,) sum of the angles of all revolute joints, rad.
     box_limits, pair_limits: (K, B) and (K, P) distances by the levers, mm.
     deviation: (K,) distance by which any point of a body may be elsewhere, mm.
@@ -175,7 +175,7 @@ class _TriangleGrowth(Struct, frozen=True, eq=False):
         largest = np.abs(moved).max(axis=1)
         return cls(
             bounds.scene,
-            set_out(bounds.scene.robot, links, moved),
+            compute_velocities(bounds.scene.robot, links, moved),
             largest[:, bounds.scene.robot.revolute].sum(axis=1),
             largest @ bounds.levers,
             largest @ bounds.closing,

@@ -19,8 +19,8 @@ from camgen.model.pose import FloatArray, frozen
 from camgen.model.program import Joints
 from camgen.motion.joint_paths import APART, JointPath, follow_all
 from camgen.motion.setup import Blockage, FreeSpace, SampledMotion, Setup
-from camgen.robots.kinematics.joint_limits import within
-from camgen.robots.kinematics.reasons import tell_limit
+from camgen.robots.kinematics.joint_limits import are_within_limits
+from camgen.robots.kinematics.reasons import describe_limit
 from camgen.robots.models import Robot
 
 #: mm: depth to which two bodies may enter each other between two samples without a collision.
@@ -40,8 +40,8 @@ def find_home(robot: Robot, cell: Cell, scene: Scene) -> FloatArray:
     if len(home) != len(robot.joints):
         what = f"{robot.name} has {len(robot.joints)} joints, home has {len(home)}"
         raise JobError("job", what, "cell.home", "give home for this robot")
-    if not within(robot, home):
-        what = f"at home {tell_limit(robot, home)}"
+    if not are_within_limits(robot, home):
+        what = f"at home {describe_limit(robot, home)}"
         raise JobError("job", what, "cell.home", "give a home within the limits")
     pair = int(find_collisions(scene, home[None])[0])
     if pair >= 0:

@@ -44,7 +44,7 @@ from camgen.motion.setup import (
     compute_tip_feed,
 )
 from camgen.robots.kinematics.continuity import Choice, follow
-from camgen.robots.kinematics.joint_limits import turns
+from camgen.robots.kinematics.joint_limits import list_turn_counts
 from camgen.robots.models import Robot
 
 #: mm: shorter pieces are not worked.
@@ -596,7 +596,9 @@ def _turn_to_home(robot: Robot, chain: PoseChain) -> PoseChain:
     lower = np.ceil((robot.limits[:, 0] - _ON_LIMIT - low) / math.tau)
     upper = (robot.limits[:, 1] + _ON_LIMIT - high) // math.tau
     whole = np.clip(np.rint((robot.home - (low + high) / 2) / math.tau), lower, upper)
-    return replace(chain, joints=chain.joints + math.tau * whole * turns(robot).any(axis=0))
+    return replace(
+        chain, joints=chain.joints + math.tau * whole * list_turn_counts(robot).any(axis=0)
+    )
 
 
 def _choose_start(chains: list[CoverChain], last: int) -> int:

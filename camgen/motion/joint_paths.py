@@ -15,7 +15,7 @@ from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray
 from camgen.motion.pose_paths import Index, PosePath, PoseSampler
 from camgen.motion.setup import SampledMotion, Setup, compute_flange_poses
-from camgen.robots.kinematics.inverse import nearest
+from camgen.robots.kinematics.inverse import find_nearest
 
 #: mm: no point of arm and tool deviates by more from its place with evenly running joints, at the
 #: middle of two rows.
@@ -60,7 +60,7 @@ def follow_closely(
         kept = offsets(1 + is_open)
         middle, place = kept[before] + 1, (at[before] + at[before + 1]) / 2
         even = (joints[before] + joints[before + 1]) / 2
-        exact = nearest(setup.robot, *compute_flange_poses(setup, *sampler.poses(place)), even)
+        exact = find_nearest(setup.robot, *compute_flange_poses(setup, *sampler.poses(place)), even)
         is_missing: BoolArray = np.asarray(np.isnan(exact).any(axis=1))
         lost.append(at[before[is_missing]])
         exact = np.where(is_missing[:, None], even, exact)

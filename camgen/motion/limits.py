@@ -15,7 +15,7 @@ from camgen.model.tolerance import NONZERO
 from camgen.motion.pose_paths import Index, PosePath
 from camgen.motion.setup import Setup
 from camgen.robots.kinematics.forward import flange
-from camgen.robots.kinematics.rates import fastest, held_share
+from camgen.robots.kinematics.rates import find_held_fraction, measure_fastest
 from camgen.robots.models import Robot
 
 #: From this speed on, mm/s, speeds of lines are whole numbers.
@@ -228,10 +228,10 @@ def compute_joint_speed(
     if speeds.share == 0:
         return speeds.free, 0.0
     samples = start + np.linspace(0.0, 1.0, _LOOKS)[:, None] * (end - start)
-    moved, _ = fastest(setup.robot, samples, setup.flange_from_tool.origin)
+    moved, _ = measure_fastest(setup.robot, samples, setup.flange_from_tool.origin)
     if moved == 0:
         return speeds.part, 0.0
-    allowed = min(speeds.share, held_share(setup.robot, end - start), speeds.free / moved)
+    allowed = min(speeds.share, find_held_fraction(setup.robot, end - start), speeds.free / moved)
     by_points = speeds.point / max(moved, measure_point_speed(setup.robot, setup.apart, samples))
     share = math.floor(min(allowed, by_points) * _SHARES) / _SHARES
     if by_points < allowed:

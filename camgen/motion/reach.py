@@ -27,7 +27,7 @@ from camgen.motion.setup import (
     count_samples,
 )
 from camgen.robots.kinematics.continuity import Choice, follow_each
-from camgen.robots.kinematics.reasons import why
+from camgen.robots.kinematics.reasons import explain_stuck
 
 _NONE = OrientationFreedom()
 #: Fraction of the tilt that rows on arcs may have. The tool axis leans more between two rows.
@@ -187,7 +187,7 @@ def _reach_nominal(setup: Setup, paths: Sequence[tuple[str, PosePath]]) -> list[
         paths, parts, samples, goals, choices, strict=True
     ):
         if not isinstance(choice, Choice):
-            reason = why(setup.robot, *goal, choice, MARGIN, JUMP)
+            reason = explain_stuck(setup.robot, *goal, choice, MARGIN, JUMP)
             text = f"{reason.text}, {_describe_place(sampled, reason.row)}"
             results.append(UnreachableEdge(name, reason.kind, text))
             continue

@@ -30,8 +30,8 @@ from camgen.motion.setup import (
 from camgen.robots.kinematics import iterative as damped
 from camgen.robots.kinematics.continuity import Choice, follow
 from camgen.robots.kinematics.inverse import inverse
-from camgen.robots.kinematics.joint_limits import turns, within_turned, wrap
-from camgen.robots.kinematics.singular import from_singular
+from camgen.robots.kinematics.joint_limits import are_turned_within_limits, list_turn_counts, wrap
+from camgen.robots.kinematics.singular import measure_singularity_distance
 from camgen.robots.models import Robot
 
 # The orientations that a tool may have instead of the nominal one: a small grid of tilts and rolls.
@@ -249,7 +249,7 @@ def make_states(
         the middle of its limits. None for the whole path: then only branches that reach each row
         are kept.
     """
-    robot, table, is_whole = setup.robot, turns(setup.robot), pieces_jump is None
+    robot, table, is_whole = setup.robot, list_turn_counts(setup.robot), pieces_jump is None
     parts = count_parts(knots, _SAMPLE_MM, _SAMPLE_TURN)
     at, samples = offsets(parts), divide(knots, parts)
     orientations = samples.rotation[:, None] @ grid.nominal_from_tool
@@ -259,7 +259,7 @@ def make_states(
     if pieces_jump is not None:
         idle = ~_pass_half_turns(robot, joints, max(pieces_jump, _STEP_JUMP))
         table = table[~table[:, idle.all(axis=0)].any(axis=1)]
-    usable = within_turned(robot, joints[at], table)
+    usable = are_turned_within_limits(robot, joints[at], table)
     usable &= ~(idle[:, None] & (table != 0)).any(axis=2)
     stands = np.asarray(usable.any(axis=-1))
     stands[stands] = _are_safe(robot, joints[at][stands])
@@ -291,7 +291,7 @@ def _pass_half_turns(robot: Robot, joints: FloatArray, jump: float) -> BoolArray
 def _are_safe(robot: Robot, joints: FloatArray) -> BoolArray:
     """Whether joint values (..., J) are solutions and far enough from singularities, (...)."""
     with np.errstate(invalid="ignore"):
-        distance = from_singular(robot, joints).min(axis=-1, initial=math.inf)
+        distance = measure_singularity_distance(robot, joints).min(axis=-1, initial=math.inf)
         return np.asarray(np.isfinite(joints[..., 0]) & (distance >= MARGIN))
 
 
@@ -313,7 +313,9 @@ def _can_stay(
         none = np.zeros((1, *whole.shape[1:]))
         to_end = np.concatenate([np.cumsum(whole[::-1], axis=0)[::-1], none])
         unwound = unwound + math.tau * (to_end[:-1] - to_end[np.repeat(offsets(parts)[1:], parts)])
-    can = within_turned(robot, unwound, table) & np.asarray(steady & safe[:-1])[..., None]
+    can = (
+        are_turned_within_limits(robot, unwound, table) & np.asarray(steady & safe[:-1])[..., None]
+    )
     return np.asarray(np.logical_and.reduceat(can, offsets(parts)[:-1], axis=0))
 
 
@@ -329,7 +331,9 @@ def can_stand(setup: Setup, position: FloatArray, rotation: FloatArray, grid: Gr
         setup, position[:, None], rotation[:, None] @ grid.nominal_from_tool
     )
     joints = find_solutions(robot, *goal, grid.moves)
-    usable = np.asarray(within_turned(robot, joints, turns(robot)).any(axis=-1))
+    usable = np.asarray(
+        are_turned_within_limits(robot, joints, list_turn_counts(robot)).any(axis=-1)
+    )
     usable[usable] = _are_safe(robot, joints[usable])
     stands = np.zeros(len(position), dtype=np.bool_)
     # The nominal orientation is tested first, then a few others. The rest is tested only if none of

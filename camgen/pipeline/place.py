@@ -38,8 +38,8 @@ from camgen.plan.edges.contact import find_contacts
 from camgen.plan.edges.last_face import offset_along
 from camgen.plan.edges.poses import measure_line, poses
 from camgen.robots.kinematics.inverse import inverse
-from camgen.robots.kinematics.joint_limits import excess
-from camgen.robots.kinematics.singular import from_singular
+from camgen.robots.kinematics.joint_limits import measure_excess
+from camgen.robots.kinematics.singular import measure_singularity_distance
 from camgen.robots.models import Robot
 from camgen.robots.workcell import Workcell
 
@@ -595,8 +595,10 @@ def _find_joints(
     margins = np.full(joints.shape[:2], -math.inf)
     exists = np.isfinite(joints).all(axis=-1)
     values = joints[exists]
-    singularity_distance = from_singular(case.robot, values).min(axis=-1, initial=math.inf)
-    room = -excess(case.robot, values).max(axis=-1)
+    singularity_distance = measure_singularity_distance(case.robot, values).min(
+        axis=-1, initial=math.inf
+    )
+    room = -measure_excess(case.robot, values).max(axis=-1)
     margins[exists] = np.where(singularity_distance >= MARGIN, room, -math.inf)
     shape = len(spots), len(position)
     return joints.reshape(*shape, *joints.shape[1:]), margins.reshape(*shape, -1)

@@ -34,7 +34,7 @@ class AtZero(Struct, frozen=True, eq=False):
     base_from_flange: Pose
 
 
-def at_zero(joints: tuple[Joint, ...], flange: Pose) -> AtZero:
+def make_zero_chain(joints: tuple[Joint, ...], flange: Pose) -> AtZero:
     """The chain with every joint at 0. flange: last_joint_from_flange."""
     base_from_joint = Pose(frozen(np.eye(3)), (0.0, 0.0, 0.0))
     points, directions = [], []

@@ -17,8 +17,8 @@ from camgen.model.errors import JobError
 from camgen.model.pose import FloatArray
 from camgen.model.program import Posture
 from camgen.robots.kinematics.arms import Scara, Spherical
-from camgen.robots.kinematics.joint_limits import theta_of
-from camgen.robots.kinematics.spherical import branch
+from camgen.robots.kinematics.joint_limits import compute_theta
+from camgen.robots.kinematics.spherical import find_branch
 from camgen.robots.models import Robot
 
 #: Fig that means "keep the present figure".
@@ -106,7 +106,7 @@ def abb_confdata(robot: Robot, joints: FloatArray) -> Numbers:
     arm = _six_axes(robot, "confdata")
     degrees = _degrees(joints)
     cf = np.floor_divide(degrees[:, [0, 3, 5]], 90.0)
-    arm_flags = branch(arm, theta_of(robot, arm, joints)) & 6
+    arm_flags = find_branch(arm, compute_theta(robot, arm, joints)) & 6
     if np.isfinite(robot.serial_limits).any():
         return Numbers(np.column_stack([cf, np.zeros(len(cf))]).astype(np.int64), arm_flags < 4)
     cfx = arm_flags + (degrees[:, 4] < 0)
@@ -123,7 +123,7 @@ def denso_figure(robot: Robot, joints: FloatArray) -> Numbers:
     if not isinstance(robot.arm, Spherical):
         return Numbers(np.full(len(joints), ANY_FIGURE), np.zeros(len(joints), dtype=bool))
     degrees = _degrees(joints)
-    flags = branch(robot.arm, theta_of(robot, robot.arm, joints))
+    flags = find_branch(robot.arm, compute_theta(robot, robot.arm, joints))
     is_lefty = flags < 4
     figure = _LEFTY + _BELOW * ((flags & 2) > 0) + _NONFLIP * (degrees[:, 4] >= 0)
     figure += _SIX_DOUBLE * _is_double(degrees[:, 5]) + _FOUR_DOUBLE * _is_double(degrees[:, 3])
@@ -146,7 +146,7 @@ def vplus_switches(robot: Robot, joints: FloatArray) -> Words:
         side = np.where(degrees[:, 1] > 0, "RIGHTY", "LEFTY").tolist()
         return Words(tuple(zip(side, last, strict=True)), np.ones(len(joints), dtype=bool))
     arm = _six_axes(robot, "V+ switches")
-    flags = branch(arm, theta_of(robot, arm, joints))
+    flags = find_branch(arm, compute_theta(robot, arm, joints))
     side = np.where(flags < 4, "LEFTY", "RIGHTY").tolist()
     elbow = np.where(flags & 2, "BELOW", "ABOVE").tolist()
     wrist = np.where(degrees[:, 4] >= 0, "NOFLIP", "FLIP").tolist()

@@ -26,7 +26,7 @@ from camgen.plan.edges import LineTask
 from camgen.plan.edges.contact import find_contacts
 from camgen.robots.catalogue import robot
 from camgen.robots.kinematics.forward import flange
-from camgen.robots.kinematics.inverse import nearest
+from camgen.robots.kinematics.inverse import find_nearest
 from camgen.robots.models import Box, Link
 from tests.support.arm_models import by_hand
 
@@ -53,8 +53,8 @@ def setup() -> Setup:
 def ends() -> FloatArray:
     start = np.array([[0.0, 0.4, 0.2, 0.1, 0.8, 0.0]])
     rotations, origins = compute_flange_poses(setup(), SHORT.position, SHORT.rotation)
-    first = nearest(ARM, rotations[:1], origins[:1], start)
-    return np.concatenate([first, nearest(ARM, rotations[1:], origins[1:], first)])
+    first = find_nearest(ARM, rotations[:1], origins[:1], start)
+    return np.concatenate([first, find_nearest(ARM, rotations[1:], origins[1:], first)])
 
 
 def tips(joints: FloatArray) -> FloatArray:

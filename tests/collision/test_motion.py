@@ -29,7 +29,7 @@ from camgen.model.part import Solid
 from camgen.model.pose import Pose, frozen, rotation_about, translation
 from camgen.robots.catalogue import robot, robots
 from camgen.robots.kinematics.forward import flange, frames
-from camgen.robots.kinematics.joint_limits import within
+from camgen.robots.kinematics.joint_limits import are_within_limits
 from camgen.robots.models import Box, Link, Robot
 
 SIGNS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
@@ -72,7 +72,7 @@ def block(size: tuple[float, float, float]) -> Mesh:
 def some(of: Robot, count: int, seed: int = 0) -> np.ndarray:
     rng = np.random.default_rng(seed)
     values = rng.uniform(of.limits[:, 0], of.limits[:, 1], (8 * count, len(of.joints)))
-    return values[within(of, values)][:count]
+    return values[are_within_limits(of, values)][:count]
 
 
 def name_of(tested: Scene, joints: np.ndarray) -> list[str]:

@@ -11,7 +11,7 @@ from camgen.collision.triangle import are_free
 from camgen.model.part import Solid
 from camgen.model.pose import frozen, translation
 from camgen.robots.catalogue import robot
-from camgen.robots.kinematics.joint_limits import within
+from camgen.robots.kinematics.joint_limits import are_within_limits
 from camgen.robots.models import Box, Link, Robot
 
 #: How far the corners of a triangle are apart, rad; slides move 100 mm a rad.
@@ -37,7 +37,7 @@ def test_nothing_is_near_in_what_is_called_free(name: str, near: float) -> None:
     tested, rng = cell_of(arm), np.random.default_rng(3)
     units = np.where([joint.sliding for joint in arm.joints], 100.0, 1.0)
     middle = rng.uniform(arm.limits[:, 0], arm.limits[:, 1], (8000, len(arm.joints)))
-    middle = middle[within(arm, middle)]
+    middle = middle[are_within_limits(arm, middle)]
     # Those of them where something is near, but nothing meets: they are neither free nor not at first sight.
     middle = middle[
         (find_collisions(tested, middle, near=near) < 0)

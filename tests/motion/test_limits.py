@@ -7,7 +7,7 @@ from msgspec.structs import replace
 from camgen.model.cell import Dynamics
 from camgen.motion.limits import MotionLimits, make_limits, time_from_rest
 from camgen.robots.catalogue import robot
-from camgen.robots.kinematics.rates import held_share
+from camgen.robots.kinematics.rates import find_held_fraction
 
 LIMITS = MotionLimits(np.array([1.0, 2.0]), np.array([4.0, 5.0]), 100.0, 1000.0)
 
@@ -67,7 +67,7 @@ def test_joints_that_a_job_holds_back_are_held_back_in_free_space_too() -> None:
     held = replace(arm, held=arm.speeds * np.array([0.25, 1, 1, 1, 1, 1]))
     a, b = np.zeros(6), np.array([1.0, 0.2, 0, 0, 0, 0.1])
     # The first joint is the slowest for its way, and may run at a quarter of its speed.
-    assert held_share(arm, b - a) == 1.0
-    assert held_share(held, b - a) == pytest.approx(0.25)
+    assert find_held_fraction(arm, b - a) == 1.0
+    assert find_held_fraction(held, b - a) == pytest.approx(0.25)
     # Another joint sets the time: the first one needs no more than its quarter.
-    assert held_share(held, np.array([0.01, 1.0, 0, 0, 0, 0])) == 1.0
+    assert find_held_fraction(held, np.array([0.01, 1.0, 0, 0, 0, 0])) == 1.0

@@ -13,10 +13,10 @@ from camgen.motion.pose_chains import CHANGE, States, find_cheapest_chain, find_
 from camgen.motion.search import make_grid, measure_lean
 from camgen.motion.setup import OrientationFreedom
 from camgen.robots.catalogue import robot
-from camgen.robots.kinematics.joint_limits import turns
+from camgen.robots.kinematics.joint_limits import list_turn_counts
 
 SCARA = robot("Cobra s600")
-TABLE = turns(SCARA)
+TABLE = list_turn_counts(SCARA)
 JUMP = math.radians(120)
 START = np.array([0.1, -0.2, 50.0, 0.3])
 #: Three orientations in a row.

@@ -23,7 +23,7 @@ from camgen.order.edges import detour
 from camgen.order.edges.detour import find_detour
 from camgen.pipeline import Result
 from camgen.robots.catalogue import robot
-from camgen.robots.kinematics.joint_limits import within
+from camgen.robots.kinematics.joint_limits import are_within_limits
 from camgen.robots.workcell import equip
 
 ARM = robot("IRB 120")
@@ -58,7 +58,7 @@ def test_a_wall_is_gone_round_with_the_margin(margin: float) -> None:
     assert way is not None
     assert np.array_equal(way[[0, -1]], [LEFT, RIGHT])
     rows = even(way)
-    assert within(ARM, rows).all()
+    assert are_within_limits(ARM, rows).all()
     assert setup.clear(rows).all()
     # Between two looks a way may come nearer by a little.
     where = scene(WALL, 0.8 * margin)[0]

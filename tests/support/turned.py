@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from camgen.model.pose import FloatArray
-from camgen.robots.kinematics.joint_limits import turns, within_turned
+from camgen.robots.kinematics.joint_limits import are_turned_within_limits, list_turn_counts
 from camgen.robots.models import Robot
 
 
@@ -16,6 +16,6 @@ def add_turns(robot: Robot, solutions: FloatArray) -> FloatArray:
 
     They are nan beyond a limit.
     """
-    table = turns(robot)
+    table = list_turn_counts(robot)
     turned = np.asarray(solutions)[..., None, :] + math.tau * table
-    return np.where(within_turned(robot, solutions, table)[..., None], turned, np.nan)
+    return np.where(are_turned_within_limits(robot, solutions, table)[..., None], turned, np.nan)

@@ -22,9 +22,13 @@ from camgen.model.pose import FloatArray
 from camgen.motion.search import find_solutions
 from camgen.motion.setup import MARGIN, Setup, compute_flange_poses
 from camgen.plan.pieces import lengths_along
-from camgen.robots.kinematics.inverse import inverse, nearest
-from camgen.robots.kinematics.joint_limits import turns, within, within_turned
-from camgen.robots.kinematics.singular import from_singular
+from camgen.robots.kinematics.inverse import find_nearest, inverse
+from camgen.robots.kinematics.joint_limits import (
+    are_turned_within_limits,
+    are_within_limits,
+    list_turn_counts,
+)
+from camgen.robots.kinematics.singular import measure_singularity_distance
 from camgen.robots.models import Robot
 
 #: mm between two looks along a path, and the most looks at one.
@@ -166,7 +170,7 @@ def find_states(
     its first gate to its last, or, of a closed one, from its first: joints keep their limits, 2 deg from singularities
     and go on without a jump. around: (M, C) as ``Grid.moves``, for arms whose joints are followed.
     """
-    robot, table = setup.robot, turns(setup.robot)
+    robot, table = setup.robot, list_turn_counts(setup.robot)
     spin = turned_about_z(angles)
     found: list[States] = []
     for group in _groups(items, len(angles)):
@@ -206,12 +210,12 @@ def _states(
     unwound, all_steady = _unwind(robot, [item], found, np.array([0, len(item)]))
     steady = all_steady[0]
     there = np.isfinite(found).all(axis=(0, 3))
-    away = from_singular(robot, np.where(np.isfinite(found), found, 0.0)).min(
+    away = measure_singularity_distance(robot, np.where(np.isfinite(found), found, 0.0)).min(
         axis=(0, -1), initial=math.inf
     )
     sound: BoolArray = np.logical_and.reduce([steady, there, away >= item.off])
     good = sound.reshape(*sound.shape, 1) & np.logical_and.reduce(
-        within_turned(robot, unwound, table), axis=0
+        are_turned_within_limits(robot, unwound, table), axis=0
     )
     turn, branch, copy = np.nonzero(good)
     shift = math.tau * table[copy]
@@ -280,8 +284,8 @@ def compute_state_joints(
     )
     joints = unwound + off[owner]
     off = np.array([item.off for item in items])[owner]
-    sound = within(robot, joints) & (
-        from_singular(robot, joints).min(axis=-1, initial=math.inf) >= off
+    sound = are_within_limits(robot, joints) & (
+        measure_singularity_distance(robot, joints).min(axis=-1, initial=math.inf) >= off
     )
     return StateJoints(joints, first, steady & np.logical_and.reduceat(sound, first[:-1]))
 
@@ -334,5 +338,5 @@ def _follow(
         at = first[some] + look
         guess = found[first[some] + [items[k].before[look] for k in some]] if look else near[some]
         known = np.flatnonzero(np.isfinite(guess).all(axis=1))
-        found[at[known]] = nearest(robot, goal[0][at[known]], goal[1][at[known]], guess[known])
+        found[at[known]] = find_nearest(robot, goal[0][at[known]], goal[1][at[known]], guess[known])
     return found

@@ -14,7 +14,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.model.pose import FloatArray, Pose, frozen, to_vec3
-from camgen.robots.chain import AtZero, Joint, at_zero
+from camgen.robots.chain import AtZero, Joint, make_zero_chain
 from camgen.robots.kinematics.three_parallel import ThreeParallel, measure
 
 #: Tolerance within which axes are parallel or square or meet: mm, and sine of an angle.
@@ -86,7 +86,7 @@ Arm = Spherical | ThreeParallel | Scara | Gantry
 
 def recognise(joints: tuple[Joint, ...], flange: Pose) -> Arm | None:
     """The closed form of a chain, None if it has none. flange: last_joint_from_flange."""
-    zero = at_zero(joints, flange)
+    zero = make_zero_chain(joints, flange)
     slides = "".join("-|"[joint.sliding] for joint in joints)
     if slides == "------":
         return _spherical(zero, _LENGTH, _ANGLE) or _three_parallel(zero)
@@ -97,7 +97,7 @@ def recognise(joints: tuple[Joint, ...], flange: Pose) -> Arm | None:
     return None
 
 
-def resembling(joints: tuple[Joint, ...], flange: Pose) -> Spherical | None:
+def find_resembling_arm(joints: tuple[Joint, ...], flange: Pose) -> Spherical | None:
     """The arm with a spherical wrist that six revolute axes resemble, None if they do not.
 
     It gives first guesses. Axes 5 and 6 may pass axis 4 at any distance, and directions may be from
@@ -105,7 +105,7 @@ def resembling(joints: tuple[Joint, ...], flange: Pose) -> Spherical | None:
     """
     if len(joints) != 6 or any(joint.sliding for joint in joints):
         return None
-    return _spherical(at_zero(joints, flange), math.inf, _ROUNDED)
+    return _spherical(make_zero_chain(joints, flange), math.inf, _ROUNDED)
 
 
 def _square(a: FloatArray, b: FloatArray, slack: float = _ANGLE) -> bool:

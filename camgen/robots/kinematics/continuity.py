@@ -19,8 +19,8 @@ from camgen.geometry.ragged import offsets
 from camgen.model.pose import FloatArray
 from camgen.robots.kinematics import iterative as damped
 from camgen.robots.kinematics.inverse import inverse
-from camgen.robots.kinematics.joint_limits import turns, within_turned, wrap
-from camgen.robots.kinematics.singular import from_singular
+from camgen.robots.kinematics.joint_limits import are_turned_within_limits, list_turn_counts, wrap
+from camgen.robots.kinematics.singular import measure_singularity_distance
 from camgen.robots.models import Robot
 
 # Candidates: joint values of every row, with the branches in columns that continue smoothly.
@@ -29,7 +29,7 @@ from camgen.robots.models import Robot
 _FREE = 2e-9
 
 
-def candidates(
+def find_candidates(
     robot: Robot, rotations: FloatArray, origins: FloatArray, start: FloatArray
 ) -> FloatArray:
     """The joint values (N, B, J) of all branches along a path, nan for no solution.
@@ -49,7 +49,7 @@ def _solve(
     start: FloatArray,
     paths: Sequence[slice],
 ) -> FloatArray:
-    """`candidates` of several paths, for arms with a closed form.
+    """`find_candidates` of several paths, for arms with a closed form.
 
     start: (J,), or (N, 1, J) for each row.
     paths: rows of each path.
@@ -57,7 +57,9 @@ def _solve(
     solutions = inverse(robot, rotations, origins, start)
     if robot.kind != "spherical-wrist":
         return solutions
-    free = np.asarray((from_singular(robot, solutions)[:, :, ::2] < _FREE).any(axis=2))
+    free = np.asarray(
+        (measure_singularity_distance(robot, solutions)[:, :, ::2] < _FREE).any(axis=2)
+    )
     if free.any():
         solutions = solutions.copy()
         for rows in paths:
@@ -162,7 +164,7 @@ def follow(
 ) -> Choice | Stuck:
     """The joint values along a path that take the least time within all limits.
 
-    If none lead along the whole path, the place where they end is returned, and `reasons.why`
+    If none lead along the whole path, the place where they end is returned, and `reasons.explain_stuck`
     explains it. The time is the sum over the rows, in which the slowest joint counts, from `start`
     to the last row and to `ties.end`.
 
@@ -172,7 +174,7 @@ def follow(
     jump: largest angle of a revolute joint from row to row, rad.
     """
     start = robot.home if start is None else start
-    solutions = candidates(robot, rotations, origins, start)
+    solutions = find_candidates(robot, rotations, origins, start)
     usable = _find_usable(robot, solutions, margin)
     return _choose(robot, solutions, usable, start, jump, ties)
 
@@ -212,8 +214,8 @@ def _choose(
 ) -> Choice | Stuck:
     """`follow` among candidates (N, B, J). usable: (N, B, T), see `_find_usable`."""
     columns = np.flatnonzero(usable.any(axis=(0, 2)))
-    is_needed = _find_needed(turns(robot), usable)
-    table = turns(robot)[is_needed]
+    is_needed = _find_needed(list_turn_counts(robot), usable)
+    table = list_turn_counts(robot)[is_needed]
     kept, usable = solutions[:, columns], usable[:, columns][:, :, is_needed]
     first = _add_turns(kept[0], table) - start
     may_start = usable[0] & ~(ties.joined & _leaps(robot, first, jump))
@@ -322,9 +324,9 @@ def _add_turns(solutions: FloatArray, table: Index) -> FloatArray:
 
 def _find_usable(robot: Robot, solutions: FloatArray, margin: float) -> NDArray[np.bool_]:
     """Whether candidates keep the limits and the margin, with each of the turn counts (N, B, T)."""
-    usable = within_turned(robot, solutions, turns(robot))
+    usable = are_turned_within_limits(robot, solutions, list_turn_counts(robot))
     if margin > 0 and robot.kind != "cartesian":
-        usable &= (from_singular(robot, solutions).min(axis=2) >= margin)[..., None]
+        usable &= (measure_singularity_distance(robot, solutions).min(axis=2) >= margin)[..., None]
     return usable
 
 

@@ -51,7 +51,9 @@ def flange(robot: Robot, joints: FloatArray) -> tuple[FloatArray, FloatArray]:
     return last @ robot.flange.rotation, origins[:, -1] + last @ np.asarray(robot.flange.origin)
 
 
-def set_out(robot: Robot, links: tuple[FloatArray, FloatArray], moved: FloatArray) -> FloatArray:
+def compute_velocities(
+    robot: Robot, links: tuple[FloatArray, FloatArray], moved: FloatArray
+) -> FloatArray:
     """The velocities of links for changes of the joint values, (J + 1, N, C, 6).
 
     Columns: rad about the axes of the base, and mm of the point of the link at its origin.

@@ -11,7 +11,12 @@ from camgen.robots.kinematics import iterative as damped
 from camgen.robots.kinematics import planar as flat
 from camgen.robots.kinematics import spherical, three_parallel
 from camgen.robots.kinematics.arms import Gantry, Scara
-from camgen.robots.kinematics.joint_limits import joints_of, theta_of, uncoupling, wrap
+from camgen.robots.kinematics.joint_limits import (
+    compute_joints,
+    compute_theta,
+    invert_coupling,
+    wrap,
+)
 from camgen.robots.kinematics.three_parallel import ThreeParallel
 from camgen.robots.models import Robot
 
@@ -29,8 +34,8 @@ def inverse(
     The number of branches B is 8 for spherical wrists, in the order of `spherical.BRANCHES`, and
     for three parallel axes (`three_parallel.BRANCHES`), 2 for SCARA and 1 for slides. For other
     arms the first `damped.SEEDS` solutions are returned. Only the reach counts, and
-    `joint_limits.within` tests the limits. A revolute joint is given within half a turn of the
-    middle of its limits, and `joint_limits.turns` has the other turn counts.
+    `joint_limits.are_within_limits` tests the limits. A revolute joint is given within half a turn of the
+    middle of its limits, and `joint_limits.list_turn_counts` has the other turn counts.
     """
     rotations = np.asarray(rotations, dtype=np.float64)
     origins = np.asarray(origins, dtype=np.float64)
@@ -40,15 +45,17 @@ def inverse(
     if arm is None:
         return wrap(robot, damped.solve(robot, rotations, origins))
     if isinstance(arm, Scara):
-        return joints_of(robot, arm, flat.scara_angles(arm, rotations, origins))
+        return compute_joints(robot, arm, flat.scara_angles(arm, rotations, origins))
     kept = np.full(len(robot.joints), np.nan) if near is None else near
-    theta = theta_of(robot, arm, kept)
+    theta = compute_theta(robot, arm, kept)
     if isinstance(arm, ThreeParallel):
-        return joints_of(robot, arm, three_parallel.angles(arm, rotations, origins, theta))
-    return joints_of(robot, arm, spherical.angles(arm, rotations, origins, theta))
+        return compute_joints(
+            robot, arm, three_parallel.compute_angles(arm, rotations, origins, theta)
+        )
+    return compute_joints(robot, arm, spherical.compute_angles(arm, rotations, origins, theta))
 
 
-def nearest(
+def find_nearest(
     robot: Robot, rotations: FloatArray, origins: FloatArray, guess: FloatArray
 ) -> FloatArray:
     """The joint values for each pose that are nearest to `guess` (N, J); nan for no solution.
@@ -62,4 +69,4 @@ def nearest(
     change -= np.where(robot.revolute, np.rint(change / math.tau) * math.tau, 0.0)
     largest = np.abs(change).max(axis=2)
     best = np.where(np.isnan(largest), math.inf, largest).argmin(axis=1)
-    return np.asarray(guess + change[np.arange(len(guess)), best] @ uncoupling(robot).T)
+    return np.asarray(guess + change[np.arange(len(guess)), best] @ invert_coupling(robot).T)

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from camgen.geometry.rotations import vectors_of
 from camgen.model.pose import FloatArray
-from camgen.robots.kinematics.arms import resembling
+from camgen.robots.kinematics.arms import find_resembling_arm
 from camgen.robots.kinematics.forward import jacobian
-from camgen.robots.kinematics.near_spherical import guesses
+from camgen.robots.kinematics.near_spherical import find_guesses
 from camgen.robots.models import Robot
 
-#: Maximum number of solutions per pose, and number of seeds for arms whose `guesses` are near them.
+#: Maximum number of solutions per pose, and number of seeds for arms whose `find_guesses` are near them.
 SEEDS = 16
 #: Seeds per pose for other arms: 16 missed one in ten solutions of a cobot with three parallel
 #: axes, 48 none of 200.
@@ -38,7 +38,7 @@ def solve(robot: Robot, rotations: FloatArray, origins: FloatArray) -> FloatArra
     """Joint values (N, SEEDS, J) for poses of the flange; nan after the last solution.
 
     Each solution is listed once, in the order of the seeds that lead to it. Limits are ignored. The
-    seeds are `guesses`, and an even spread over the limits for the rest.
+    seeds are `find_guesses`, and an even spread over the limits for the rest.
 
     rotations, origins: base_from_flange, (N, 3, 3) and (N, 3), mm.
     """
@@ -50,8 +50,8 @@ def solve(robot: Robot, rotations: FloatArray, origins: FloatArray) -> FloatArra
 
 
 def _solve(robot: Robot, rotations: FloatArray, origins: FloatArray) -> FloatArray:
-    tries = _TRIES if resembling(robot.joints, robot.flange) is None else SEEDS
-    near = guesses(robot, rotations, origins, tries)
+    tries = _TRIES if find_resembling_arm(robot.joints, robot.flange) is None else SEEDS
+    near = find_guesses(robot, rotations, origins, tries)
     start = np.where(np.isnan(near), _spread(robot, tries), near).reshape(len(origins) * tries, -1)
     goal = np.repeat(rotations, tries, axis=0), np.repeat(origins, tries, axis=0)
     solutions = refine(robot, *goal, start).reshape(len(origins), tries, -1)

@@ -18,14 +18,14 @@ from camgen.robots.models import Robot
 _ON_LIMIT = 1e-9
 
 
-def theta_of(
+def compute_theta(
     robot: Robot, arm: Spherical | ThreeParallel | Scara, joints: FloatArray
 ) -> FloatArray:
     """The angles of the closed form (..., J) for joint values (..., J)."""
     return np.asarray(joints @ robot.coupling.T * arm.signs + arm.offsets)
 
 
-def joints_of(
+def compute_joints(
     robot: Robot, arm: Spherical | ThreeParallel | Scara, theta: FloatArray
 ) -> FloatArray:
     """The joint values (..., J), wrapped, for angles of the closed form (..., J)."""
@@ -46,7 +46,7 @@ def _unwind(robot: Robot, serial: FloatArray) -> FloatArray:
     whole = np.rint((serial - middle) / math.tau)
     whole *= turn
     # If one value is nan, all are.
-    return np.asarray((serial - whole) @ uncoupling(robot).T)
+    return np.asarray((serial - whole) @ invert_coupling(robot).T)
 
 
 @lru_cache(maxsize=16)
@@ -58,17 +58,17 @@ def _middles(robot: Robot) -> tuple[FloatArray, FloatArray]:
 
 
 @lru_cache(maxsize=16)
-def uncoupling(robot: Robot) -> FloatArray:
+def invert_coupling(robot: Robot) -> FloatArray:
     """(J, J) matrix from values of the serial chain to joint values."""
     return frozen(np.linalg.inv(robot.coupling))
 
 
-def within(robot: Robot, joints: FloatArray) -> NDArray[np.bool_]:
+def are_within_limits(robot: Robot, joints: FloatArray) -> NDArray[np.bool_]:
     """Whether joint values (..., J) keep all limits, also those of a rod; False for nan."""
-    return np.asarray(excess(robot, joints).max(axis=-1) <= _ON_LIMIT)
+    return np.asarray(measure_excess(robot, joints).max(axis=-1) <= _ON_LIMIT)
 
 
-def excess(robot: Robot, joints: FloatArray) -> FloatArray:
+def measure_excess(robot: Robot, joints: FloatArray) -> FloatArray:
     """Distance by which each joint is beyond its limits or those of a rod (..., J), rad or mm.
 
     It is at most 0 within the limits, and infinite for nan.
@@ -81,7 +81,7 @@ def excess(robot: Robot, joints: FloatArray) -> FloatArray:
 
 
 @lru_cache(maxsize=16)
-def turns(robot: Robot) -> NDArray[np.int64]:
+def list_turn_counts(robot: Robot) -> NDArray[np.int64]:
     """The turn counts (T, J) that may bring a solution of `inverse` within the limits.
 
     They are sorted from the most negative one, and joint 1 changes slowest. Joints at a rod do not
@@ -98,7 +98,7 @@ def turns(robot: Robot) -> NDArray[np.int64]:
     return table
 
 
-def within_turned(
+def are_turned_within_limits(
     robot: Robot, solutions: FloatArray, table: NDArray[np.int64]
 ) -> NDArray[np.bool_]:
     """Whether solutions (..., J), turned by rows of `table` (T, J), keep the limits (..., T)."""

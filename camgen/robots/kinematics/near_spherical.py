@@ -13,24 +13,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from camgen.model.pose import FloatArray
-from camgen.robots.chain import at_zero
+from camgen.robots.chain import make_zero_chain
 from camgen.robots.kinematics import spherical
-from camgen.robots.kinematics.arms import Spherical, resembling
-from camgen.robots.kinematics.joint_limits import joints_of
+from camgen.robots.kinematics.arms import Spherical, find_resembling_arm
+from camgen.robots.kinematics.joint_limits import compute_joints
 from camgen.robots.models import Robot
 
 #: Angles of axis 6 that are tried: two solutions within 3 deg of each other can be missed.
 _STEPS = 120
 
 
-def guesses(robot: Robot, rotations: FloatArray, origins: FloatArray, limit: int) -> FloatArray:
+def find_guesses(
+    robot: Robot, rotations: FloatArray, origins: FloatArray, limit: int
+) -> FloatArray:
     """Joint values (N, limit, J) near solutions for poses of the flange; nan for no guess.
 
     An arm of another build has no guesses.
 
     rotations, origins: base_from_flange, (N, 3, 3) and (N, 3), mm.
     """
-    arm = resembling(robot.joints, robot.flange)
+    arm = find_resembling_arm(robot.joints, robot.flange)
     if arm is None:
         return np.full((len(origins), limit, len(robot.joints)), np.nan)
     steps = np.linspace(-math.pi, math.pi, _STEPS + 1)
@@ -44,7 +46,7 @@ def guesses(robot: Robot, rotations: FloatArray, origins: FloatArray, limit: int
     needed = np.remainder(needed[..., ::2] + math.pi / 2, math.pi) - math.pi / 2
     near = np.where(_are_near(needed)[..., None], chosen, np.nan).reshape(len(origins), -1, 6)
     order = np.argsort(np.isnan(near[:, :, 0]), axis=1, kind="stable")[:, :limit]
-    return joints_of(robot, arm, np.take_along_axis(near, order[..., None], axis=1))
+    return compute_joints(robot, arm, np.take_along_axis(near, order[..., None], axis=1))
 
 
 def _are_near(needed: FloatArray) -> NDArray[np.bool_]:
@@ -65,7 +67,7 @@ def _compute_angles(
 
     The last column is the further angle of axis 6 that the others need.
     """
-    zero = at_zero(robot.joints, robot.flange)
+    zero = make_zero_chain(robot.joints, robot.flange)
     flange_from_wrist = arm.flange_from_wrist
     x, y, _ = (zero.base_from_flange @ flange_from_wrist).inverse().apply(zero.points[5])
     c, s = np.cos(steps), np.sin(steps)
@@ -79,5 +81,7 @@ def _compute_angles(
     shift = centre + (passes - back @ passes) @ frame.T - turn @ centre
     turned = rotations[:, None] @ turn
     places = origins[:, None] + (rotations[:, None] @ shift[..., None])[..., 0]
-    theta = spherical.angles(arm, turned.reshape(-1, 3, 3), places.reshape(-1, 3), np.zeros(6))
+    theta = spherical.compute_angles(
+        arm, turned.reshape(-1, 3, 3), places.reshape(-1, 3), np.zeros(6)
+    )
     return theta.reshape(len(origins), len(steps), spherical.BRANCHES, 6)

@@ -13,7 +13,7 @@ from camgen.robots.kinematics.forward import jacobian
 from camgen.robots.models import Robot
 
 
-def fastest(robot: Robot, joints: FloatArray, tip: Vec3) -> tuple[float, float]:
+def measure_fastest(robot: Robot, joints: FloatArray, tip: Vec3) -> tuple[float, float]:
     """The largest speeds of a point of the tool and of a revolute joint, mm/s and rad/s.
 
     They are those of a joint motion at maximum speed, and 0 without a motion.
@@ -33,7 +33,7 @@ def fastest(robot: Robot, joints: FloatArray, tip: Vec3) -> tuple[float, float]:
     return float(np.linalg.norm(velocity, axis=1).max()), float(turning)
 
 
-def held_share(robot: Robot, change: FloatArray) -> float:
+def find_held_fraction(robot: Robot, change: FloatArray) -> float:
     """The fraction of the maximum speeds at which a joint motion keeps the speeds of the job.
 
     change: (J,) change of the joint values, not all 0. The slowest joint for its change at its

@@ -14,8 +14,12 @@ from camgen.robots.kinematics import planar as flat
 from camgen.robots.kinematics import spherical, three_parallel
 from camgen.robots.kinematics.arms import Gantry, Scara
 from camgen.robots.kinematics.continuity import JUMP, Stuck
-from camgen.robots.kinematics.joint_limits import excess, turns, within
-from camgen.robots.kinematics.singular import from_singular, singularities
+from camgen.robots.kinematics.joint_limits import (
+    are_within_limits,
+    list_turn_counts,
+    measure_excess,
+)
+from camgen.robots.kinematics.singular import list_singularities, measure_singularity_distance
 from camgen.robots.kinematics.three_parallel import ThreeParallel
 from camgen.robots.models import Robot
 
@@ -39,7 +43,7 @@ class Reason(Struct, frozen=True):
     text: str
 
 
-def why(
+def explain_stuck(
     robot: Robot,
     rotations: FloatArray,
     origins: FloatArray,
@@ -53,8 +57,10 @@ def why(
     solutions = solutions[np.isfinite(solutions).all(axis=1)]
     if not len(solutions):
         return _explain_reach(robot, rotations[row : row + 1], origins[row : row + 1], row)
-    turned = (solutions[:, None] + math.tau * turns(robot)).reshape(-1, solutions.shape[1])
-    allowed = turned[within(robot, turned)]
+    turned = (solutions[:, None] + math.tau * list_turn_counts(robot)).reshape(
+        -1, solutions.shape[1]
+    )
+    allowed = turned[are_within_limits(robot, turned)]
     if not len(allowed):
         return _explain_limit(robot, turned, row)
     if not (_measure_distance(robot, allowed) >= margin).any():
@@ -64,7 +70,7 @@ def why(
 
 def _measure_distance(robot: Robot, joints: FloatArray) -> FloatArray:
     """The distance of joint values (..., J) from the nearest singularity, rad (...)."""
-    return np.asarray(from_singular(robot, joints).min(axis=-1, initial=math.inf))
+    return np.asarray(measure_singularity_distance(robot, joints).min(axis=-1, initial=math.inf))
 
 
 def _explain_reach(robot: Robot, rotation: FloatArray, origin: FloatArray, row: int) -> Reason:
@@ -75,9 +81,9 @@ def _explain_reach(robot: Robot, rotation: FloatArray, origin: FloatArray, row: 
         lean = float(flat.scara_lean(arm, rotation)[0])
         short_of = float(flat.scara_shortfall(arm, rotation, origin)[0])
     elif isinstance(arm, ThreeParallel):
-        short_of = float(three_parallel.shortfall(arm, rotation, origin)[0])
+        short_of = float(three_parallel.measure_shortfall(arm, rotation, origin)[0])
     elif arm:
-        short_of = float(spherical.shortfall(arm, rotation, origin)[0])
+        short_of = float(spherical.measure_shortfall(arm, rotation, origin)[0])
     else:
         return Reason(row, "reach", -1, math.nan, "no joints were found for this pose")
     if lean > flat.LEAN:
@@ -86,14 +92,14 @@ def _explain_reach(robot: Robot, rotation: FloatArray, origin: FloatArray, row: 
     return Reason(row, "reach", -1, short_of, f"out of reach by {short(short_of, 3)} mm")
 
 
-def tell_limit(robot: Robot, joints: FloatArray) -> str:
+def describe_limit(robot: Robot, joints: FloatArray) -> str:
     """The joint that is farthest beyond its limits at joint values (J,), with the amount."""
     return _explain_limit(robot, joints[None], 0).text
 
 
 def _explain_limit(robot: Robot, joints: FloatArray, row: int) -> Reason:
     """The reason by the joint values among (M, J) that exceed the limits least."""
-    beyond = excess(robot, joints)
+    beyond = measure_excess(robot, joints)
     nearest = beyond[beyond.max(axis=1).argmin()]
     joint = int(nearest.argmax())
     amount = float(nearest[joint])
@@ -103,9 +109,9 @@ def _explain_limit(robot: Robot, joints: FloatArray, row: int) -> Reason:
 
 def _explain_singularity(robot: Robot, joints: FloatArray, row: int) -> Reason:
     """The reason by the joint values among (M, J) that are farthest from a singularity."""
-    distances = from_singular(robot, joints)
+    distances = measure_singularity_distance(robot, joints)
     best = distances[distances.min(axis=1).argmax()]
-    name, distance = singularities(robot)[int(best.argmin())], float(best.min())
+    name, distance = list_singularities(robot)[int(best.argmin())], float(best.min())
     text = f"singular, {name}: {_degrees(distance)} away"
     return Reason(row, "singular", -1, distance, text)
 
@@ -124,7 +130,7 @@ def _explain_gap(
     leaps = np.abs(moved)[..., robot.revolute].max(axis=-1)
     after = (reached[:, None] + moved)[leaps <= jump]
     if len(after):
-        explain = _explain_singularity if within(robot, after).any() else _explain_limit
+        explain = _explain_singularity if are_within_limits(robot, after).any() else _explain_limit
         return explain(robot, after, row)
     before, branch = np.unravel_index(leaps.argmin(), leaps.shape)
     joint = int(np.where(robot.revolute, np.abs(moved[before, branch]), 0.0).argmax())
@@ -132,8 +138,8 @@ def _explain_gap(
     text = f"{robot.joints[joint].name} would turn by {_degrees(amount)} at once"
     ends = np.stack([reached[before], solutions[branch]])
     if _measure_distance(robot, ends).min() < max(_NEAR_SINGULAR, margin):
-        distances = from_singular(robot, ends)
-        name = singularities(robot)[int(distances.min(axis=0).argmin())]
+        distances = measure_singularity_distance(robot, ends)
+        name = list_singularities(robot)[int(distances.min(axis=0).argmin())]
         text = f"singular, {name}: {text}"
         return Reason(row, "singular", joint, float(distances.min()), text)
     return Reason(row, "jump", joint, amount, text)

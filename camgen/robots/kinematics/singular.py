@@ -8,11 +8,11 @@ from camgen.model.pose import FloatArray
 from camgen.robots.kinematics import spherical, three_parallel
 from camgen.robots.kinematics.arms import Gantry, Scara
 from camgen.robots.kinematics.forward import jacobian
-from camgen.robots.kinematics.joint_limits import theta_of
+from camgen.robots.kinematics.joint_limits import compute_theta
 from camgen.robots.kinematics.three_parallel import ThreeParallel
 from camgen.robots.models import Kind, Robot
 
-#: Names of the columns of `from_singular`, by the kind of the robot.
+#: Names of the columns of `measure_singularity_distance`, by the kind of the robot.
 _NAMES: dict[Kind, tuple[str, ...]] = {
     "spherical-wrist": ("wrist above axis 1", "elbow straight", "wrist straight"),
     "three-parallel": ("wrist beside axis 1", "elbow straight", "axes 4 and 6 parallel"),
@@ -22,12 +22,12 @@ _NAMES: dict[Kind, tuple[str, ...]] = {
 }
 
 
-def singularities(robot: Robot) -> tuple[str, ...]:
-    """The names of the columns of `from_singular`."""
+def list_singularities(robot: Robot) -> tuple[str, ...]:
+    """The names of the columns of `measure_singularity_distance`."""
     return _NAMES[robot.kind]
 
 
-def from_singular(robot: Robot, joints: FloatArray) -> FloatArray:
+def measure_singularity_distance(robot: Robot, joints: FloatArray) -> FloatArray:
     """Distances of joint values (..., J) from each kind of singularity, rad (..., K); nan for nan.
 
     For an arm without a closed form it is the smallest singular value of its Jacobian, with lengths
@@ -36,12 +36,14 @@ def from_singular(robot: Robot, joints: FloatArray) -> FloatArray:
     if isinstance(robot.arm, Gantry):
         return np.empty((*joints.shape[:-1], 0))
     if isinstance(robot.arm, Scara):
-        return np.asarray(np.arcsin(np.abs(np.sin(theta_of(robot, robot.arm, joints)[..., 1:2]))))
+        return np.asarray(
+            np.arcsin(np.abs(np.sin(compute_theta(robot, robot.arm, joints)[..., 1:2])))
+        )
     if isinstance(robot.arm, ThreeParallel):
-        theta = theta_of(robot, robot.arm, joints)
-        return three_parallel.singularities(robot.arm, theta)
+        theta = compute_theta(robot, robot.arm, joints)
+        return three_parallel.measure_singularities(robot.arm, theta)
     if robot.arm:
-        return spherical.singularities(robot.arm, theta_of(robot, robot.arm, joints))
+        return spherical.measure_singularities(robot.arm, compute_theta(robot, robot.arm, joints))
     flat = joints.reshape(-1, joints.shape[-1])
     is_finite = np.isfinite(flat).all(axis=1)
     smallest = np.full(len(flat), np.nan)

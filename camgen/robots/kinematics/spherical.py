@@ -43,7 +43,7 @@ class Wrists(Struct, frozen=True, eq=False):
     over: NDArray[np.bool_]
 
 
-def wrists(arm: Spherical, rotations: FloatArray, origins: FloatArray) -> Wrists:
+def find_wrists(arm: Spherical, rotations: FloatArray, origins: FloatArray) -> Wrists:
     """The wrist centres for poses of the flange (N, 3, 3), (N, 3)."""
     place = np.asarray(arm.flange_from_wrist.origin)
     centre = (origins + rotations @ place - arm.base_from_arm.origin) @ arm.base_from_arm.rotation
@@ -60,9 +60,9 @@ def wrists(arm: Spherical, rotations: FloatArray, origins: FloatArray) -> Wrists
     )
 
 
-def shortfall(arm: Spherical, rotations: FloatArray, origins: FloatArray) -> FloatArray:
+def measure_shortfall(arm: Spherical, rotations: FloatArray, origins: FloatArray) -> FloatArray:
     """Distance (N,) by which poses are out of reach, mm, at most 0 within; limits are ignored."""
-    seen = wrists(arm, rotations, origins)
+    seen = find_wrists(arm, rotations, origins)
     return np.asarray(np.maximum(_beyond(arm, seen).min(axis=1).clip(0.0), seen.too_near))
 
 
@@ -75,7 +75,7 @@ def _beyond(arm: Spherical, seen: Wrists) -> FloatArray:
     return np.asarray(np.maximum(distance - (arm.c2 + fore), abs(arm.c2 - fore) - distance))
 
 
-def angles(
+def compute_angles(
     arm: Spherical, rotations: FloatArray, origins: FloatArray, near: FloatArray
 ) -> FloatArray:
     """Theta (N, 8, 6) for poses of the flange (N, 3, 3), (N, 3), rad; nan out of reach.
@@ -85,7 +85,7 @@ def angles(
     """
     count = len(origins)
     near = np.broadcast_to(near, (count, BRANCHES, 6))
-    seen = wrists(arm, rotations, origins)
+    seen = find_wrists(arm, rotations, origins)
     theta = np.empty((count, 2, 2, 2, 6))  # shoulder, elbow, wrist
     free = np.where(np.isfinite(near[:, ::4, 0]), near[:, ::4, 0], [0.0, math.pi])
     theta1 = np.where(seen.over[:, None], free, seen.theta1)
@@ -132,7 +132,7 @@ def _wrist(theta: FloatArray, turn: FloatArray, keep: FloatArray) -> None:
     theta[:, :, :, 1, 3:] = np.stack([theta4 + math.pi, -theta5, theta6 + math.pi], axis=-1)
 
 
-def branch(arm: Spherical, theta: FloatArray) -> NDArray[np.int64]:
+def find_branch(arm: Spherical, theta: FloatArray) -> NDArray[np.int64]:
     """The branch of theta (..., 6), see `BRANCHES`."""
     fore, psi = math.hypot(arm.a2, arm.c3), math.atan2(arm.a2, arm.c3)
     elbow = theta[..., 2] + psi
@@ -141,7 +141,7 @@ def branch(arm: Spherical, theta: FloatArray) -> NDArray[np.int64]:
     return np.asarray(flags, dtype=np.int64)
 
 
-def singularities(arm: Spherical, theta: FloatArray) -> FloatArray:
+def measure_singularities(arm: Spherical, theta: FloatArray) -> FloatArray:
     """Distances of theta (..., 6) from the three singularities, rad (..., 3).
 
     Shoulder: wrist centre above axis 1, as the angle under which the straight arm would see it.

@@ -139,7 +139,7 @@ def _see(arm: ThreeParallel, rotations: FloatArray, origins: FloatArray) -> _Sig
     )
 
 
-def angles(
+def compute_angles(
     arm: ThreeParallel, rotations: FloatArray, origins: FloatArray, near: FloatArray
 ) -> FloatArray:
     """Theta (N, 8, 6) of flange poses (N, 3, 3), (N, 3); nan for a pose out of reach.
@@ -199,7 +199,7 @@ def _beyond(arm: ThreeParallel, distance: FloatArray) -> FloatArray:
     return np.asarray(np.maximum(distance - (arm.c2 + arm.c3), abs(arm.c2 - arm.c3) - distance))
 
 
-def shortfall(arm: ThreeParallel, rotations: FloatArray, origins: FloatArray) -> FloatArray:
+def measure_shortfall(arm: ThreeParallel, rotations: FloatArray, origins: FloatArray) -> FloatArray:
     """The distance by which N poses are out of reach at least (N,), mm; 0 or less within reach.
 
     Joint limits are left aside. The hand may stand anywhere around the wrist.
@@ -210,7 +210,7 @@ def shortfall(arm: ThreeParallel, rotations: FloatArray, origins: FloatArray) ->
     return np.asarray(np.maximum(least, sight.lacking))
 
 
-def singularities(arm: ThreeParallel, theta: FloatArray) -> FloatArray:
+def measure_singularities(arm: ThreeParallel, theta: FloatArray) -> FloatArray:
     """Distances of theta (..., 6) from the three singularities, rad (..., 3).
 
     They are the wrist beside axis 1, the elbow straight or folded, and axes 4 and 6 parallel.

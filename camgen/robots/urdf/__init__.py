@@ -19,7 +19,7 @@ from camgen.model.tolerance import PARALLEL_EDGES
 from camgen.read.files import Files
 from camgen.robots.kinematics.arms import recognise
 from camgen.robots.kinematics.forward import frames, jacobian
-from camgen.robots.kinematics.joint_limits import turns
+from camgen.robots.kinematics.joint_limits import list_turn_counts
 from camgen.robots.models import Box, Link, Robot, Surface, Trust
 from camgen.robots.urdf.boxes import Shapes, is_own_hull, place_points, shapes_of
 from camgen.robots.urdf.chain import JointChain, chain_of, limits_of
@@ -57,7 +57,7 @@ def read_urdf(file: str, tip: str, files: Files) -> Robot:
     _check_metres(file, chain)
     links, notes = _make_links(described, chain, files)
     arm = _make_robot(described, chain, links, notes)
-    if len(turns(arm)) > _TURNS:
+    if len(list_turn_counts(arm)) > _TURNS:
         remedy = "narrow the limits of some: half of what is stated is enough for most paths"
         raise InputError(file, "its joints can make too many whole turns", "limits", remedy)
     arm = replace(arm, home=_find_home(arm))
