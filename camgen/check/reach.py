@@ -30,7 +30,7 @@ from camgen.robots.kinematics.forward import flange
 from camgen.robots.kinematics.joint_limits import are_within_limits
 from camgen.robots.models import Robot
 from camgen.robots.posture import postures
-from camgen.robots.workcell import machine_wanted
+from camgen.robots.workcell import make_machine_error
 
 # The motions of a program as rows of poses, and joint motions between rows as rows of joints: what is to be looked at.
 
@@ -200,7 +200,7 @@ def _anchors(program: Program, robot: Robot, file: str) -> FloatArray:
     columns = program.columns
     posed = columns.posed
     if posed[0]:
-        raise machine_wanted()
+        raise make_machine_error()
     places = np.flatnonzero(~posed)
     targets = [move.target.values for move in columns.pick(columns.at[places])]
     for place, values in zip(places.tolist(), targets, strict=True):

@@ -15,7 +15,7 @@ from camgen.robots.kinematics.arms import Arm, Gantry, Scara, Spherical
 from camgen.robots.kinematics.three_parallel import ThreeParallel
 
 Kind = Literal["spherical-wrist", "three-parallel", "scara", "cartesian", "serial"]
-Known = Literal["confirmed", "derived", "uncertain"]
+Certainty = Literal["confirmed", "derived", "uncertain"]
 Triple = tuple[float, float, float]
 
 _KINDS: dict[type, Kind] = {
@@ -66,10 +66,10 @@ class Link(Struct, frozen=True, eq=False):
 class Trust(Struct, frozen=True, forbid_unknown_fields=True):
     """Certainty of the numbers of a robot."""
 
-    kinematics: Known
-    limits: Known
-    speeds: Known
-    boxes: Known
+    kinematics: Certainty
+    limits: Certainty
+    speeds: Certainty
+    boxes: Certainty
 
 
 class Robot(Struct, frozen=True, eq=False):

@@ -55,7 +55,7 @@ def equip(cell: Cell, job: Job, arm: Robot | None = None, meshes: Meshes = ()) -
     """
     table = job.cell
     if arm is not None and isinstance(cell.home, Pose) and arm.kind != "cartesian":
-        raise machine_wanted()
+        raise make_machine_error()
     work = cell.base_from_work
     if table.base_from_work is not None:
         work = pose_from_values(_values("base_from_work", table.base_from_work, 6))
@@ -116,7 +116,7 @@ def _above_travel(home: Pose, job: Job, fixtures: Fixtures | None) -> Pose:
     return replace(home, origin=(x, y, max(z, job.process.clearance, *heights)))
 
 
-def machine_wanted() -> JobError:
+def make_machine_error() -> JobError:
     """The error about an arm in the cell of a machine."""
     return JobError(
         "job", "the post is for a machine, not for an arm", "cell.robot", "leave it out"

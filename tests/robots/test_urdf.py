@@ -19,7 +19,7 @@ from camgen.robots.kinematics.inverse import inverse
 from camgen.robots.kinematics.joint_limits import are_within_limits
 from camgen.robots.models import Robot
 from camgen.robots.posture import postures
-from camgen.robots.urdf.xml import urdf_files
+from camgen.robots.urdf.xml import list_urdf_files
 from tests.support.rounding import rounding_bound
 from tests.support.urdf_arms import Arm, built_in, disguised, rpy, step, tip, turn, urdf
 
@@ -414,7 +414,7 @@ def test_the_job_hash_covers_the_urdf_and_its_meshes_wherever_they_lie(tmp_path:
     assert hashed(tmp_path / "b", text, mesh) == first
     assert hashed(tmp_path / "c", text.replace('velocity="3', 'velocity="4', 1), mesh) != first
     assert hashed(tmp_path / "d", text, b"other".ljust(80) + mesh[80:]) != first
-    assert [path.name for path in urdf_files(str(SIX), Files())] == [
+    assert [path.name for path in list_urdf_files(str(SIX), Files())] == [
         "six.urdf",
         "turn.stl",
         "upper.stl",

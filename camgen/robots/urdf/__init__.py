@@ -21,8 +21,8 @@ from camgen.robots.kinematics.arms import recognise
 from camgen.robots.kinematics.forward import frames, jacobian
 from camgen.robots.kinematics.joint_limits import list_turn_counts
 from camgen.robots.models import Box, Link, Robot, Surface, Trust
-from camgen.robots.urdf.boxes import Shapes, is_own_hull, place_points, shapes_of
-from camgen.robots.urdf.chain import JointChain, chain_of, limits_of
+from camgen.robots.urdf.boxes import Shapes, is_own_hull, place_points, read_shapes
+from camgen.robots.urdf.chain import JointChain, find_limits, make_chain
 from camgen.robots.urdf.xml import Description, read_description
 
 #: mm by which boxes are grown, the same as for built-in robots.
@@ -47,7 +47,7 @@ def read_urdf(file: str, tip: str, files: Files) -> Robot:
     Raises InputError with the link or joint that is wrong, or that camgen cannot move.
     """
     described = read_description(Path(file), files)
-    chain = chain_of(described, tip)
+    chain = make_chain(described, tip)
     count, limit = len(chain.joints), files.limits.urdf_joints
     if count > limit:
         what = f"has {count} joints between {chain.base} and {chain.tip}, {tell(limit)} at most"
@@ -135,10 +135,10 @@ def _choose_shapes(described: Description, part: str, files: Files) -> Shapes:
     shapes are used, if all of them can be read.
     """
     folder = Path(described.file).parent
-    shapes = shapes_of(part, described.links[part], folder, files)
+    shapes = read_shapes(part, described.links[part], folder, files)
     visible = described.visible[part]
     if visible and visible != described.links[part] and any(map(is_own_hull, shapes.surfaces)):
-        visible_shapes = shapes_of(part, visible, folder, files)
+        visible_shapes = read_shapes(part, visible, folder, files)
         if not visible_shapes.notes:
             return visible_shapes
     return shapes
@@ -148,7 +148,7 @@ def _make_robot(
     described: Description, chain: JointChain, links: tuple[Link, ...], notes: list[str]
 ) -> Robot:
     """The robot, its home at the middle of the limits."""
-    limits = frozen([limits_of(joint) for joint in chain.raw])
+    limits = frozen([find_limits(joint) for joint in chain.raw])
     count = len(chain.joints)
     all_notes = [*chain.notes, *notes]
     if described.rounded:

@@ -17,7 +17,7 @@ from camgen.read.files import Files
 from camgen.read.solid.mesh_file import load
 from camgen.robots.models import Box, Surface
 from camgen.robots.urdf.dae import read_dae
-from camgen.robots.urdf.xml import UrdfShape, mesh_path
+from camgen.robots.urdf.xml import UrdfShape, find_mesh
 
 #: Slices of a mesh along each axis, and maximum number of cuboids around it.
 _SLICES, _MAX_CUBOIDS = 16, 3
@@ -64,11 +64,13 @@ class Shapes(Struct, frozen=True):
                 boxes += _enclose_shape(shape)
             else:
                 place = shape.link_from_shape
-                boxes += [Box(place @ box.link_from_box, box.half) for box in around(*triangles)]
+                boxes += [
+                    Box(place @ box.link_from_box, box.half) for box in enclose_mesh(*triangles)
+                ]
         return boxes
 
 
-def shapes_of(link: str, shapes: tuple[UrdfShape, ...], folder: Path, files: Files) -> Shapes:
+def read_shapes(link: str, shapes: tuple[UrdfShape, ...], folder: Path, files: Files) -> Shapes:
     """The shapes of a link. folder: folder of the URDF."""
     parts: list[tuple[UrdfShape, _Triangles | None]] = []
     surfaces, unread, notes = [], [], []
@@ -76,7 +78,7 @@ def shapes_of(link: str, shapes: tuple[UrdfShape, ...], folder: Path, files: Fil
         if shape.kind != "mesh":
             parts.append((shape, None))
             continue
-        path = mesh_path(shape.mesh, folder)
+        path = find_mesh(shape.mesh, folder)
         if path is None:
             unread.append(shape.mesh)
             what = f"link {link} has no boxes of its mesh {shape.mesh}"
@@ -155,7 +157,7 @@ def _enclose_shape(shape: UrdfShape) -> list[Box]:
     ]
 
 
-def around(vertices: FloatArray, faces: IntArray) -> list[Box]:
+def enclose_mesh(vertices: FloatArray, faces: IntArray) -> list[Box]:
     """Cuboids that together hold a mesh of `vertices` (V, 3), mm, and `faces` (F, 3).
 
     It is one cuboid, upright or turned, or up to three upright ones.

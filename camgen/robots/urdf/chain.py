@@ -47,7 +47,7 @@ class JointChain(Struct, frozen=True, eq=False):
     notes: tuple[str, ...]
 
 
-def chain_of(description: Description, tip: str) -> JointChain:
+def make_chain(description: Description, tip: str) -> JointChain:
     """The chain to the link `tip`, or to the flange if it is empty.
 
     Raises InputError if the links are not a single tree, or if the chain has joints that an arm
@@ -82,7 +82,7 @@ def chain_of(description: Description, tip: str) -> JointChain:
     return JointChain(joints, tuple(moving), bodies[-1][tip], base, tip, bodies, tuple(notes))
 
 
-def limits_of(joint: RawJoint) -> tuple[float, float]:
+def find_limits(joint: RawJoint) -> tuple[float, float]:
     """The limits of a joint, rad or mm."""
     if joint.type == "continuous":
         return -_CONTINUOUS, _CONTINUOUS

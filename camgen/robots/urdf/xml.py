@@ -45,7 +45,7 @@ class UrdfError(Exception):
         self.what, self.where, self.remedy = what, where, remedy
 
 
-def name_of(element: Element, key: str, where: str = "") -> str:
+def read_name(element: Element, key: str, where: str = "") -> str:
     """The attribute `key`, which must be stated."""
     value = element.get(key, "").strip()
     if not value:
@@ -61,7 +61,7 @@ def name_of(element: Element, key: str, where: str = "") -> str:
     return value
 
 
-def number(text: str, where: str) -> float:
+def read_number(text: str, where: str) -> float:
     """A finite number, not larger than lengths in m and angles in rad can be."""
     text = text.strip()
     if not _NUMBER.fullmatch(text):
@@ -72,13 +72,13 @@ def number(text: str, where: str) -> float:
     return value
 
 
-def optional(element: Element, key: str, where: str) -> float | None:
+def read_optional(element: Element, key: str, where: str) -> float | None:
     """The number `key` of an element, None if it is not stated."""
     text = element.get(key)
-    return None if text is None else number(text, f"{where}, {key}")
+    return None if text is None else read_number(text, f"{where}, {key}")
 
 
-def three(element: Element | None, key: str, default: Vec3, where: str) -> Vec3:
+def read_three(element: Element | None, key: str, default: Vec3, where: str) -> Vec3:
     """Three numbers `key` of an element, `default` if they are not stated."""
     text = None if element is None else element.get(key)
     if text is None:
@@ -86,20 +86,20 @@ def three(element: Element | None, key: str, default: Vec3, where: str) -> Vec3:
     words = text.split()
     if len(words) != 3:
         raise UrdfError(f"three numbers are needed, not {len(words)}", f"{where}, {key}")
-    x, y, z = (number(word, f"{where}, {key}") for word in words)
+    x, y, z = (read_number(word, f"{where}, {key}") for word in words)
     return (x, y, z)
 
 
-def place(element: Element, where: str) -> Pose:
+def read_pose(element: Element, where: str) -> Pose:
     """The pose `origin` of an element in the frame of its parent, mm; identity without it."""
     origin = element.find("origin")
-    x, y, z = three(origin, "xyz", ZERO, where)
-    three(origin, "rpy", ZERO, where)
+    x, y, z = read_three(origin, "xyz", ZERO, where)
+    read_three(origin, "rpy", ZERO, where)
     roll, pitch, yaw = map(_read_angle, _list_angles(origin))
     return Pose(rotation_from_fixed_xyz(roll, pitch, yaw), (1000 * x, 1000 * y, 1000 * z))
 
 
-def round_angles(element: Element) -> int:
+def count_rounded_angles(element: Element) -> int:
     """The number of angles of its `origin` that are read as multiples of 90 deg."""
     words = _list_angles(element.find("origin"))
     return sum(abs(_read_angle(word) - float(word)) > _EXACT for word in words)
@@ -124,9 +124,9 @@ def _read_angle(text: str) -> float:
     return whole if abs(value - whole) <= min(last, _ROUNDED) else value
 
 
-def direction(element: Element, where: str) -> Vec3:
+def read_direction(element: Element, where: str) -> Vec3:
     """The `axis` of an element, of length 1; x without it."""
-    stated = three(element.find("axis"), "xyz", (1.0, 0.0, 0.0), f"{where}, axis")
+    stated = read_three(element.find("axis"), "xyz", (1.0, 0.0, 0.0), f"{where}, axis")
     length = math.hypot(*stated)
     if length < 1e-6:
         raise UrdfError("the axis has no direction", where, "give axis xyz, of length 1")
@@ -221,7 +221,7 @@ def _describe(path: Path, root: Element) -> Description:
     links: dict[str, tuple[UrdfShape, ...]] = {}
     visible: dict[str, tuple[UrdfShape, ...]] = {}
     for element in root.findall("link"):
-        name = name_of(element, "name")
+        name = read_name(element, "name")
         if name in links:
             raise UrdfError(f"there are two links {name}", remedy="rename one")
         visible[name] = tuple(
@@ -238,15 +238,15 @@ def _describe(path: Path, root: Element) -> Description:
             if end not in links:
                 raise UrdfError(f"there is no link {end}", f"joint {joint.name}")
         joints[joint.name] = joint
-    rounded = sum(round_angles(element) for element in root.findall("joint"))
+    rounded = sum(count_rounded_angles(element) for element in root.findall("joint"))
     name = one_line(root.get("name", "").strip()[:60]) or path.stem
     return Description(str(path), name, links, visible, tuple(joints.values()), rounded)
 
 
 def _read_joint(element: Element) -> RawJoint:
-    name = name_of(element, "name")
+    name = read_name(element, "name")
     where = f"joint {name}"
-    kind = name_of(element, "type", where)
+    kind = read_name(element, "type", where)
     if kind not in TYPES:
         raise UrdfError(
             f'"{kind[:40]}" is not a type of joint', where, f"known are {', '.join(TYPES)}"
@@ -257,10 +257,10 @@ def _read_joint(element: Element) -> RawJoint:
         type=kind,
         parent=_read_end(element, "parent", where),
         child=_read_end(element, "child", where),
-        parent_from_child=place(element, where),
-        axis=(1.0, 0.0, 0.0) if kind == "fixed" else direction(element, where),
+        parent_from_child=read_pose(element, where),
+        axis=(1.0, 0.0, 0.0) if kind == "fixed" else read_direction(element, where),
         limit=_read_limit(element, 1000.0 if kind == "prismatic" else 1.0, where),
-        follows="" if mimic is None else name_of(mimic, "joint", where),
+        follows="" if mimic is None else read_name(mimic, "joint", where),
     )
 
 
@@ -268,14 +268,16 @@ def _read_end(element: Element, tag: str, where: str) -> str:
     end = element.find(tag)
     if end is None:
         raise UrdfError(f"it has no {tag}", where, f'give it <{tag} link="..."/>')
-    return name_of(end, "link", where)
+    return read_name(end, "link", where)
 
 
 def _read_limit(element: Element, unit: float, where: str) -> Limit:
     limit = element.find("limit")
     if limit is None:
         return Limit()
-    values = [optional(limit, key, f"{where}, limit") for key in ("lower", "upper", "velocity")]
+    values = [
+        read_optional(limit, key, f"{where}, limit") for key in ("lower", "upper", "velocity")
+    ]
     return Limit(*(None if value is None else value * unit for value in values))
 
 
@@ -285,18 +287,18 @@ def _read_shape(element: Element, where: str) -> UrdfShape:
     if len(kinds) != 1:
         raise UrdfError(f"{element.tag} needs one shape, {', '.join(_SHAPES)}", where)
     shape = kinds[0]
-    link_from_shape = place(element, f"{where}, {element.tag}")
+    link_from_shape = read_pose(element, f"{where}, {element.tag}")
     if shape.tag == "mesh":
-        scale = three(shape, "scale", (1.0, 1.0, 1.0), f"{where}, mesh")
-        return UrdfShape("mesh", link_from_shape, scale, name_of(shape, "filename", where))
+        scale = read_three(shape, "scale", (1.0, 1.0, 1.0), f"{where}, mesh")
+        return UrdfShape("mesh", link_from_shape, scale, read_name(shape, "filename", where))
     if shape.tag == "box":
-        x, y, z = three(shape, "size", ZERO, f"{where}, box")
+        x, y, z = read_three(shape, "size", ZERO, f"{where}, box")
     else:
-        x = y = 2 * (optional(shape, "radius", f"{where}, {shape.tag}") or 0.0)
+        x = y = 2 * (read_optional(shape, "radius", f"{where}, {shape.tag}") or 0.0)
         z = (
             x
             if shape.tag == "sphere"
-            else optional(shape, "length", f"{where}, {shape.tag}") or 0.0
+            else read_optional(shape, "length", f"{where}, {shape.tag}") or 0.0
         )
     if min(x, y, z) <= 0:
         raise UrdfError(f"a {shape.tag} has no size", where, "give lengths above 0, m")
@@ -370,7 +372,7 @@ def _parse(file: str, data: bytes) -> Element:
 _FAR_UP = 6
 
 
-def urdf_files(file: str, files: Files) -> tuple[Path, ...]:
+def list_urdf_files(file: str, files: Files) -> tuple[Path, ...]:
     """The URDF, and the meshes that it names and that exist.
 
     Raises InputError if the URDF cannot be read.
@@ -378,11 +380,11 @@ def urdf_files(file: str, files: Files) -> tuple[Path, ...]:
     described = read_description(Path(file), files)
     tables = *described.links.values(), *described.visible.values()
     names = dict.fromkeys(shape.mesh for shape in itertools.chain(*tables) if shape.mesh)
-    meshes = [mesh_path(name, Path(file).parent) for name in names]
+    meshes = [find_mesh(name, Path(file).parent) for name in names]
     return (Path(file), *filter(None, meshes))
 
 
-def mesh_path(name: str, folder: Path) -> Path | None:
+def find_mesh(name: str, folder: Path) -> Path | None:
     """The file of a mesh, None if it does not exist.
 
     A path is relative to the folder of the URDF. In `package://arm/meshes/base.stl` the package can
