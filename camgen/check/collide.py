@@ -16,7 +16,7 @@ from camgen.collision.describe import describe_hit
 from camgen.collision.motion import check_motion, check_motions
 from camgen.collision.scene import PART, Scene
 from camgen.geometry.ragged import ends_run, offsets, run_lengths
-from camgen.model.errors import Blocked, Loss
+from camgen.model.errors import Blocked, BlockedPath
 from camgen.model.part import IntArray, Note
 from camgen.model.pose import FloatArray
 from camgen.model.program import Program
@@ -245,7 +245,7 @@ def _block(
     """The error with all paths that have a collision."""
     program, columns = reach.program, reach.program.columns
     motion_of = _motions(reach, course)
-    losses: list[Loss] = []
+    losses: list[BlockedPath] = []
     last = ends_run(motion_of)
     for collision in sorted(collisions, key=lambda collision: collision.at):
         row = math.ceil(collision.at)
@@ -260,7 +260,7 @@ def _block(
             what = f"{robot.name} collides on {program.place_of(index)} {where}: {collision.text}"
             error = file, what, f"instruction {index}", _remedy(collision, robot)
         why, at_end = f"collision, {bodies}, {where}{link}", bool(link) and not is_link
-        losses.append(Loss(path, "collision", why, is_link, at_end))
+        losses.append(BlockedPath(path, "collision", why, is_link, at_end))
     return Blocked(*error, join_losses(losses))
 
 

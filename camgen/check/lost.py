@@ -6,7 +6,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.model.errors import Loss
+from camgen.model.errors import BlockedPath
 from camgen.model.pose import FloatArray
 from camgen.robots.kinematics.continuity import Choice, Stuck, Ties, follow
 from camgen.robots.kinematics.joint_limits import are_turned_within_limits, list_turn_counts
@@ -46,7 +46,7 @@ class Stretch(Struct, frozen=True, eq=False):
 
 
 class Lost(Struct, frozen=True):
-    """row: where it stops. text: why. way: as in ``Loss``."""
+    """row: where it stops. text: why. way: as in ``BlockedPath``."""
 
     row: int
     text: str
@@ -107,9 +107,9 @@ def _find_apart(stretch: Stretch, left: Index) -> list[Lost]:
     return found
 
 
-def join_losses(losses: list[Loss]) -> tuple[Loss, ...]:
+def join_losses(losses: list[BlockedPath]) -> tuple[BlockedPath, ...]:
     """One for each path: what stops the path itself before what stops the way to it."""
-    kept: dict[int, Loss] = {}
+    kept: dict[int, BlockedPath] = {}
     for one in losses:
         if one.path not in kept or (kept[one.path].way and not one.way):
             kept[one.path] = one

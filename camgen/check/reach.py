@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from camgen.check.lost import Lost, Stretch, find_lost, join_losses
 from camgen.geometry.arcs import arc_middles
 from camgen.geometry.ragged import ends_run, offsets, owners, ramp
-from camgen.model.errors import Blocked, JobError, Loss
+from camgen.model.errors import Blocked, BlockedPath, JobError
 from camgen.model.pose import FloatArray
 from camgen.model.program import Joints, MoveC, MoveJ, Program
 from camgen.model.text import short
@@ -221,7 +221,7 @@ def _anchors(program: Program, robot: Robot, file: str) -> FloatArray:
     for place in beyond[:1].tolist():
         index = int(columns.at[place])
         what = f"{robot.name} cannot run {program.place_of(index)}: joint values beyond its limits"
-        lost = (Loss(program.path_at(index), "jump", "joint values beyond the limits"),)
+        lost = (BlockedPath(program.path_at(index), "jump", "joint values beyond the limits"),)
         raise Blocked(
             file, what, f"instruction {index}", "move or turn the part: cell.base_from_work", lost
         )
@@ -296,7 +296,7 @@ def _refusal(
     at = index(stop.row)
     what = f"{robot.name} cannot run {program.place_of(at)} at {place(stop.row)} mm: {stop.text}"
     losses = [
-        Loss(
+        BlockedPath(
             program.path_at(index(one.row)), "jump", f"{one.text}, at {place(one.row)} mm", one.way
         )
         for one in lost

@@ -143,7 +143,8 @@ class _TriangleGrowth(Struct, frozen=True, eq=False):
     angles times the distance by the levers (`measure_moves`). The second bound is the distance by
     the levers alone, which is smaller in wide triangles. The smaller one counts.
 
-    starts: (J + 1, K, 3, 6) motions of the links at the middle towards the corners, see `compute_velocities`.
+    starts: (J + 1, K, 3, 6) motions of the links at the middle towards the corners, see
+        `compute_velocities`.
     angles: (K,) sum of the angles of all revolute joints, rad.
     box_limits, pair_limits: (K, B) and (K, P) distances by the levers, mm.
     deviation: (K,) distance by which any point of a body may be elsewhere, mm.

@@ -521,7 +521,7 @@ class Coverage(Struct, frozen=True, eq=False):
 
     def _find_too_fast(self, ladder: _Ladder, piece: _Piece) -> Index:
         """The stretches that take a joint longer than the tool at the feed of the piece."""
-        length = piece.knots.way.length
+        length = piece.knots.path.length
         along_edge = float(ladder.lengths.sum()) - sum(piece.trimmed)
         feed = compute_tip_feed(length.sum() / along_edge, self.process)
         moved = np.abs(np.diff(piece.chain.joints, axis=0)) / self.setup.robot.fastest

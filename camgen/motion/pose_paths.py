@@ -99,12 +99,12 @@ def divide(path: PosePath, parts: Index) -> PosePath:
 class PoseSampler(Struct, frozen=True, eq=False):
     """A pose path, prepared for sampling at many places.
 
-    way: the pose path.
+    path: the pose path.
     spans: its segments.
     turn: (N - 1, 3) rotation vector of each segment in the tool frame at its start, rad.
     """
 
-    way: PosePath
+    path: PosePath
     spans: Spans
     turn: FloatArray
 
@@ -122,7 +122,7 @@ class PoseSampler(Struct, frozen=True, eq=False):
         segment = np.minimum(at.astype(np.int64), len(self.turn) - 1)
         fraction = at - segment
         turned = from_vectors(self.turn[segment] * fraction[:, None])
-        return self.spans.point(fraction, segment), self.way.rotation[segment] @ turned
+        return self.spans.point(fraction, segment), self.path.rotation[segment] @ turned
 
 
 def cut(path: PosePath, low: float, high: float) -> PosePath:

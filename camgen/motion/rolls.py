@@ -32,7 +32,7 @@ class Rolls(Struct, frozen=True):
     round: bool
     steady: bool
 
-    def beside(self, index: int, step: int) -> int:
+    def find_neighbour(self, index: int, step: int) -> int:
         """The index of the roll that is `step` (-1, 0 or 1) after another one, -1 for none."""
         if step == 0:
             return index

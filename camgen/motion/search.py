@@ -78,7 +78,7 @@ def make_grid(freedom: OrientationFreedom) -> Grid:
     moves = np.full((len(_MOVES), len(cells)), -1, dtype=np.int64)
     for m, (u, v, w) in enumerate(_MOVES):
         for k, (a, b, r) in enumerate(cells):
-            moves[m, k] = index.get((a - u, b - v, rolls.beside(r, -w)), -1)
+            moves[m, k] = index.get((a - u, b - v, rolls.find_neighbour(r, -w)), -1)
     across, along, roll = np.array(cells).T
     tilts = np.column_stack([along, across, 0 * roll]) * (freedom.tilt / _STEPS)
     turn = np.array(rolls.angles)[roll]
@@ -171,12 +171,12 @@ class Knots(Struct, frozen=True, eq=False):
     """A pose path divided into the rows of the search.
 
     whole: the pose path.
-    way: the divided one.
+    path: the divided one.
     parts: number of parts of each segment of the whole path.
     """
 
     whole: PosePath
-    way: PosePath
+    path: PosePath
     parts: Index
 
 
@@ -193,7 +193,7 @@ def search(
     """
     parts = count_parts(path, _ROW_MM, _ROW_TURN)
     knots = Knots(path, divide(path, parts), parts)
-    states = make_states(setup, knots.way, grid)
+    states = make_states(setup, knots.path, grid)
     transitions = find_steps(setup.robot, states, _KNOT_JUMP)
     checked: set[int] = set()
     collision = ""
@@ -366,7 +366,7 @@ def prove(
     max_lean: argument of `search`.
     """
     actual = replace(
-        knots.way, rotation=frozen(knots.way.rotation @ grid.nominal_from_tool[chain.orientation])
+        knots.path, rotation=frozen(knots.path.rotation @ grid.nominal_from_tool[chain.orientation])
     )
     parts = count_samples(actual)
     dense, at = divide(actual, parts), offsets(parts)
@@ -382,7 +382,7 @@ def prove(
     hit = np.flatnonzero(~setup.clear(joints.joints))
     if len(hit):
         return _stretch(at, int(hit[0])), setup.hit(joints.joints[hit[0]])
-    tilt, roll = measure_lean(divide(knots.way, parts).rotation, dense.rotation)
+    tilt, roll = measure_lean(divide(knots.path, parts).rotation, dense.rotation)
     # Between two rows on an arc the axis leans more if their tilts or rolls differ.
     steep = np.flatnonzero(tilt > max(max_lean, _CUT) + _EVEN)
     if len(steep):

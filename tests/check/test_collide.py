@@ -16,7 +16,7 @@ from bench.support.motions import place_motion
 from camgen.check import Checks
 from camgen.collision.motion import check_motion, measure_apart
 from camgen.collision.scene import Allowed, Scene, make_scene
-from camgen.model.errors import Blocked, Loss, NoSafeProgram
+from camgen.model.errors import Blocked, BlockedPath, NoSafeProgram
 from camgen.model.pose import IDENTITY, FloatArray, Pose, frozen, rotation_about, translation
 from camgen.motion.joint_paths import APART, follow_all, follow_closely
 from camgen.motion.pose_paths import PosePath
@@ -166,7 +166,7 @@ def test_a_box_with_rounded_corners_comes_to_a_program_that_touches_nothing(
 
 
 def stop(
-    monkeypatch: pytest.MonkeyPatch, rounds: int, lost: Callable[[Any], tuple[Loss, ...]]
+    monkeypatch: pytest.MonkeyPatch, rounds: int, lost: Callable[[Any], tuple[BlockedPath, ...]]
 ) -> list[Any]:
     """The check finds collisions in the first rounds."""
     asked: list[Any] = []
@@ -189,14 +189,15 @@ def find_whole(program: Any) -> int:
     return next(k for k, path in enumerate(program.paths) if k and path.id in path.contours)
 
 
-def second(program: Any) -> tuple[Loss, ...]:
+def second(program: Any) -> tuple[BlockedPath, ...]:
     why = "collision, link 5 against part, at 1 2 3 mm"
-    return (Loss(find_whole(program), "collision", why),)
+    return (BlockedPath(find_whole(program), "collision", why),)
 
 
-def every(program: Any) -> tuple[Loss, ...]:
+def every(program: Any) -> tuple[BlockedPath, ...]:
     return tuple(
-        Loss(k, "collision", "collision, link 5 against part") for k in range(len(program.paths))
+        BlockedPath(k, "collision", "collision, link 5 against part")
+        for k in range(len(program.paths))
     )
 
 
@@ -233,8 +234,8 @@ def test_a_link_that_is_blocked_for_once_costs_no_edge(
 ) -> None:
     """The tool leaves the part on it then."""
 
-    def blocked(program: Any) -> tuple[Loss, ...]:
-        return (Loss(find_whole(program), "collision", "tool against part", **ends),)
+    def blocked(program: Any) -> tuple[BlockedPath, ...]:
+        return (BlockedPath(find_whole(program), "collision", "tool against part", **ends),)
 
     programs_checked = stop(monkeypatch, 1, blocked)
     result = camgen.build(box, post="rapid")

@@ -164,9 +164,9 @@ def follow(
 ) -> Choice | Stuck:
     """The joint values along a path that take the least time within all limits.
 
-    If none lead along the whole path, the place where they end is returned, and `reasons.explain_stuck`
-    explains it. The time is the sum over the rows, in which the slowest joint counts, from `start`
-    to the last row and to `ties.end`.
+    If none lead along the whole path, the place where they end is returned, which
+    `reasons.explain_stuck` explains. The time is the sum over the rows, in which the slowest joint
+    counts, from `start` to the last row and to `ties.end`.
 
     rotations, origins: base_from_flange, (N, 3, 3) and (N, 3), mm, N > 0.
     start: (J,) joint values, by default the robot's home.

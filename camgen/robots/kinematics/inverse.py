@@ -34,8 +34,8 @@ def inverse(
     The number of branches B is 8 for spherical wrists, in the order of `spherical.BRANCHES`, and
     for three parallel axes (`three_parallel.BRANCHES`), 2 for SCARA and 1 for slides. For other
     arms the first `damped.SEEDS` solutions are returned. Only the reach counts, and
-    `joint_limits.are_within_limits` tests the limits. A revolute joint is given within half a turn of the
-    middle of its limits, and `joint_limits.list_turn_counts` has the other turn counts.
+    `joint_limits.are_within_limits` tests the limits. A revolute joint is given within half a turn
+    of the middle of its limits, and `joint_limits.list_turn_counts` has the other turn counts.
     """
     rotations = np.asarray(rotations, dtype=np.float64)
     origins = np.asarray(origins, dtype=np.float64)

@@ -17,7 +17,7 @@ from camgen.robots.kinematics.forward import jacobian
 from camgen.robots.kinematics.near_spherical import find_guesses
 from camgen.robots.models import Robot
 
-#: Maximum number of solutions per pose, and number of seeds for arms whose `find_guesses` are near them.
+#: Maximum number of solutions per pose, and number of seeds for arms with good `find_guesses`.
 SEEDS = 16
 #: Seeds per pose for other arms: 16 missed one in ten solutions of a cobot with three parallel
 #: axes, 48 none of 200.
