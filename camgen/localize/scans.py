@@ -16,7 +16,7 @@ from camgen.localize.clouds.las import read_las
 from camgen.localize.clouds.ptx import read_ptx
 from camgen.localize.clouds.records import has_faces, read_pcd, read_ply
 from camgen.localize.clouds.text import read_text, read_vertices
-from camgen.localize.model import spread
+from camgen.localize.model import cross_edges, spread_points
 from camgen.model.errors import InputError, JobError, one_line
 from camgen.model.files import Source
 from camgen.model.part import Note
@@ -81,7 +81,7 @@ def open_scan(path: Path, files: Files) -> Source:
         raise InputError(path.name, f"cannot be read: {one_line(reason(error))}") from error
 
 
-def read(source: Source, unit: str = "") -> Scan:
+def read_scan(source: Source, unit: str = "") -> Scan:
     """The points in `source`.
 
     unit: the unit of the file, a key of `MM`; "" for the unit that the file states or mm.
@@ -97,7 +97,7 @@ def read(source: Source, unit: str = "") -> Scan:
     cloud = _load(source)
     notes = list(cloud.notes)
     taken = _choose_unit(source.name, cloud, unit, notes)
-    points = _usable(source.name, cloud.points * MM[taken], notes)
+    points = _select_usable(source.name, cloud.points * MM[taken], notes)
     viewpoint = None if cloud.viewpoint is None else cloud.viewpoint * MM[taken]
     return Scan(points, tuple(notes), taken, bool(cloud.unit), viewpoint)
 
@@ -133,7 +133,7 @@ def _choose_unit(name: str, cloud: FileCloud, unit: str, notes: list[Note]) -> s
     return unit or cloud.usual
 
 
-def _usable(name: str, points: FloatArray, notes: list[Note]) -> FloatArray:
+def _select_usable(name: str, points: FloatArray, notes: list[Note]) -> FloatArray:
     """The finite points.
 
     Scanners write NaN, or the origin of the sensor, for directions in which they saw nothing.
@@ -164,12 +164,9 @@ def _spread_over_mesh(source: Source) -> FileCloud:
     """Points spread over the faces of a mesh, evenly, however coarse the triangles are."""
     soup = load(source)
     corners = soup.vertices[soup.faces]
-    area = np.linalg.norm(
-        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
-    )
-    if not area.any():
+    if not np.linalg.norm(cross_edges(corners), axis=1).any():
         raise InputError(source.name, "has no face with an area", "", AGAIN)
-    points = spread(corners, _SPREAD)[0]
+    points = spread_points(corners, _SPREAD)[0]
     faces = counted(len(corners), "face")
     note = Note("assumed", f"{_SPREAD} points were spread over the {faces} of the scan")
     return FileCloud(points, (*soup.notes, note))

@@ -11,7 +11,7 @@ from camgen.model.text import fixed, short
 _MM_DIGITS, _DEG_DIGITS = 4, 5
 
 
-def pose_values(pose: Pose) -> str:
+def format_values(pose: Pose) -> str:
     """A pose as the list of a job file: x, y, z in mm, then rx, ry, rz in degrees."""
     angles = [math.degrees(angle) for angle in fixed_xyz(pose.rotation)]
     texts = [fixed(v, _MM_DIGITS) for v in pose.origin] + [fixed(v, _DEG_DIGITS) for v in angles]

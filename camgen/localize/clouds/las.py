@@ -42,11 +42,11 @@ def read_las(name: str, data: bytes) -> FileCloud:
         raise InputError(name, "LAS needs the package laspy", "", remedy) from error
     try:
         with np.errstate(all="ignore"):
-            _insist_on_records(data)
+            _check_records(data)
             header = laspy.LasHeader.read_from(BytesIO(data))
             if header.are_points_compressed:
                 raise InputError(name, "is packed (LAZ)", "", "export it as LAS")
-            _insist_on_points(header, len(data))
+            _check_points(header, len(data))
             cloud = laspy.read(BytesIO(data))
             points = np.column_stack([cloud.x, cloud.y, cloud.z]).astype(np.float64)
             withheld = np.asarray(cloud.withheld, bool)
@@ -62,7 +62,7 @@ def read_las(name: str, data: bytes) -> FileCloud:
     return FileCloud(points[~withheld], tuple(notes), None, unit, "" if unit else "m", source)
 
 
-def _insist_on_records(data: bytes) -> None:
+def _check_records(data: bytes) -> None:
     """Raises ValueError if the file is too short for its records: laspy makes up the rest."""
     minor, records = data[25:26], struct.unpack_from("<I", data, 100)[0]
     extended = struct.unpack_from("<I", data, 243)[0] if minor == b"\x04" else 0
@@ -70,7 +70,7 @@ def _insist_on_records(data: bytes) -> None:
         raise ValueError(f"it claims {records + extended:,} records before and after its points")
 
 
-def _insist_on_points(header: Any, size: int) -> None:
+def _check_points(header: Any, size: int) -> None:
     """Raises ValueError if the file is too short for its points: laspy allocates them first."""
     wanted = header.offset_to_point_data + header.point_count * header.point_format.size
     if wanted > size:
@@ -106,5 +106,4 @@ def _name_factor(text: str) -> str:
         mm = 1000 * float(text)
     except ValueError:
         return ""
-    matches = (unit for unit in _CODES.values() if abs(mm / MM[unit] - 1) < _SAME_FACTOR)
-    return next(matches, "")
+    return next((unit for unit in _CODES.values() if abs(mm / MM[unit] - 1) < _SAME_FACTOR), "")

@@ -13,11 +13,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from msgspec import Struct
 
-from camgen.localize.clouds.cloud import AGAIN, FARTHEST, FileCloud
+from camgen.localize.clouds.cloud import (
+    AGAIN,
+    FileCloud,
+    StationScan,
+    join_scans,
+    parse_numbers,
+)
 from camgen.model.errors import InputError, one_line
-from camgen.model.part import Note
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted
 
@@ -27,19 +31,6 @@ _HEAD = (1, 1, 3, 3, 3, 3, 4, 4, 4, 4)
 _RIGID = 1e-3
 #: The scanner's two places in the head are one if they differ by less, in units of the file.
 _SAME_PLACE = 1e-3
-
-
-class _Scan(Struct, frozen=True, eq=False):
-    """One scan.
-
-    points: (N, 3) in the common frame.
-    missing: the number of rows without a point.
-    place: (3,) of the scanner in the common frame; None if it is not known.
-    """
-
-    points: FloatArray
-    missing: int
-    place: FloatArray | None
 
 
 def read_ptx(name: str, data: bytes) -> FileCloud:
@@ -52,20 +43,12 @@ def read_ptx(name: str, data: bytes) -> FileCloud:
             continue
         scan, begin = _read_scan(name, lines, begin)
         scans.append(scan)
-    missing = sum(scan.missing for scan in scans)
-    notes = []
-    if missing:
-        what = counted(missing, "row without a point was", "rows without a point were")
-        notes.append(Note("repaired", f"{what} left out", "the scanner saw nothing there"))
-    if len(scans) > 1:
-        why = "each by its own matrix"
-        notes.append(Note("joined", f"{len(scans)} scans were joined", why))
-    points = np.concatenate([scan.points for scan in scans])
-    place = scans[0].place if len(scans) == 1 else None
-    return FileCloud(points, tuple(notes), place, "", "m", "Leica Cyclone writes PTX in m")
+    missing = ("row without a point was", "rows without a point were")
+    whys = ("the scanner saw nothing there", "each by its own matrix")
+    return join_scans(scans, missing, whys, "Leica Cyclone writes PTX in m")
 
 
-def _read_scan(name: str, lines: Sequence[str], begin: int) -> tuple[_Scan, int]:
+def _read_scan(name: str, lines: Sequence[str], begin: int) -> tuple[StationScan, int]:
     """The scan that begins in a line, from 0, and the index of the line after it."""
     columns, rows, place, *axes = _read_head(name, lines, begin)
     count = _count(name, columns, rows, begin)
@@ -84,7 +67,7 @@ def _read_scan(name: str, lines: Sequence[str], begin: int) -> tuple[_Scan, int]
     seen = points.any(axis=1)
     moved = points[seen] @ turn + matrix[3, :3]
     scanner = _find_scanner(np.array(place), np.array(axes[:3]), matrix)
-    return _Scan(moved, int(np.count_nonzero(~seen)), scanner), first + count
+    return StationScan(moved, int(np.count_nonzero(~seen)), scanner), first + count
 
 
 def _find_scanner(place: FloatArray, axes: FloatArray, matrix: FloatArray) -> FloatArray | None:
@@ -101,26 +84,16 @@ def _find_scanner(place: FloatArray, axes: FloatArray, matrix: FloatArray) -> Fl
 
 
 def _read_head(name: str, lines: Sequence[str], begin: int) -> list[list[float]]:
-    """The numbers of each line of a head."""
     rows = []
     for k, wanted in enumerate(_HEAD):
         line = lines[begin + k] if begin + k < len(lines) else ""
-        numbers = _numbers(line)
+        numbers = parse_numbers(line.split())
         if len(numbers) != wanted:
             numbers_there = counted(wanted, "number")
             what = f"{one_line(line[:40])!r} is not in the head of a scan: that has {numbers_there}"
             raise InputError(name, what, f"line {begin + k + 1}", AGAIN)
         rows.append(numbers)
     return rows
-
-
-def _numbers(line: str) -> list[float]:
-    """The numbers of a line; none if one word is something else or beyond all measure."""
-    try:
-        values = [float(word) for word in line.split()]
-    except ValueError:
-        return []
-    return values if all(abs(value) < FARTHEST for value in values) else []
 
 
 def _count(name: str, columns: Sequence[float], rows: Sequence[float], begin: int) -> int:

@@ -14,6 +14,7 @@ from operator import itemgetter
 
 import numpy as np
 from msgspec import Struct
+from msgspec.structs import replace
 
 from camgen.localize.clouds.cloud import AGAIN, FileCloud
 from camgen.localize.clouds.columns import Columns, find_columns, find_unit
@@ -51,7 +52,7 @@ class _Rows(Struct, frozen=True):
     @property
     def width(self) -> int:
         """Words of the first line, without empty ones at its end."""
-        return _width(_split(self.lines[0], self.mark))
+        return _count_words(_split(self.lines[0], self.mark))
 
 
 def read_text(name: str, data: bytes) -> FileCloud:
@@ -59,19 +60,19 @@ def read_text(name: str, data: bytes) -> FileCloud:
     if b"\x00" in data[:4096]:
         raise InputError(name, "is not text", "", AGAIN)
     lines = _LINE_END.split(data.decode("utf-8-sig", "replace"))
-    begin = next((k for k, line in enumerate(lines) if _mark(line) is not None), None)
+    begin = next((k for k, line in enumerate(lines) if _find_mark(line) is not None), None)
     if begin is None:
         raise InputError(
             name, "has no line of three numbers", "", "a line is x y z, in mm; --units for others"
         )
-    rows = _collect(name, lines, begin)
+    rows = _collect_rows(name, lines, begin)
     columns, notes = _read_head(name, lines[:begin], rows)
     places = columns.places if columns else (0, 1, 2)
-    _insist_on_width(name, rows, places)
+    _check_width(name, rows, places)
     points, commas = _read_points(name, rows, places)
     if columns is None:
-        _refuse_paired(name, rows, points)
-        _refuse_numbered(name, rows, points)
+        _check_commas(name, rows, points)
+        _check_first_column(name, rows, points)
     if commas:
         what = f"decimal commas in {counted(commas, 'number')}"
         notes.append(Note("assumed", what, "no number of the coordinates has a point"))
@@ -96,7 +97,7 @@ def _split(line: str, mark: str) -> list[str]:
     return line.split(mark) if mark else line.split()
 
 
-def _width(words: Sequence[str]) -> int:
+def _count_words(words: Sequence[str]) -> int:
     """The number of words, without empty ones at the end."""
     count = len(words)
     while count and not words[count - 1].strip():
@@ -104,17 +105,17 @@ def _width(words: Sequence[str]) -> int:
     return count
 
 
-def _mark(line: str) -> str | None:
+def _find_mark(line: str) -> str | None:
     """The separator of a line of points; None for any other line.
 
-    Of a point three words are numbers, and more than half of all words.
+    A line is a point if three of its words are numbers, and more than half of all its words.
     """
     text = _strip_comment(line)
     for mark in _MARKS:
         if mark in text:
             words = _split(text, mark)
             numbers = sum(_NUMBER.fullmatch(word.strip()) is not None for word in words)
-            if numbers >= 3 and 2 * numbers > _width(words):
+            if numbers >= 3 and 2 * numbers > _count_words(words):
                 return mark
     return None
 
@@ -125,13 +126,13 @@ def _strip_comment(line: str) -> str:
     return line.strip()
 
 
-def _collect(name: str, lines: Sequence[str], begin: int) -> _Rows:
+def _collect_rows(name: str, lines: Sequence[str], begin: int) -> _Rows:
     """The lines of points from `begin` on, without those that say how many there are."""
     texts = [_strip_comment(line) for line in lines[begin:]]
     numbers = [number for number, text in enumerate(texts, begin + 1) if text]
     texts = list(filter(None, texts))
     counts = _find_counts(name, lines[:begin], texts, numbers)
-    mark = _mark(texts[0]) or ""
+    mark = _find_mark(texts[0]) or ""
     if counts:
         left = [k for k in range(len(texts)) if k not in counts]
         texts, numbers = [texts[k] for k in left], [numbers[k] for k in left]
@@ -175,11 +176,11 @@ def _read_head(name: str, head: Sequence[str], rows: _Rows) -> tuple[Columns | N
         where = f"line {number}, {one_line(text[:40])!r}"
         columns = _name_columns(name, text, where, rows)
         if columns is not None:
-            return _state_unit(name, columns, head[number:], rows), _tell_names(columns)
+            return _state_unit(name, columns, head[number:], rows), _note_names(columns)
         if not _COMMENT.match(line):
             others.append((text, where))
     for text, where in others:
-        if _width(_split_names(text, rows.mark)) == rows.width:
+        if _count_words(_split_names(text, rows.mark)) == rows.width:
             what = "its head names no columns x, y and z"
             remedy = "name them x, y, z, or begin a comment with #"
             raise InputError(name, what, where, remedy)
@@ -203,7 +204,7 @@ def _name_columns(name: str, line: str, where: str, rows: _Rows) -> Columns | No
             raise AmbiguousInput(name, str(error), where, "leave one of them") from error
         if columns is None:
             continue
-        wide = _width(names)
+        wide = _count_words(names)
         leading = sorted(columns.places) == [0, 1, 2] and rows.mark != ","
         if wide != rows.width and not leading:
             below = f"the line below it has {counted(rows.width, 'word')}"
@@ -214,7 +215,6 @@ def _name_columns(name: str, line: str, where: str, rows: _Rows) -> Columns | No
 
 
 def _state_unit(name: str, columns: Columns, below: Sequence[str], rows: _Rows) -> Columns:
-    """The columns with the unit of a line below their names, if there is one."""
     for number, line in enumerate(below):
         words = _split(line, rows.mark)
         try:
@@ -226,11 +226,11 @@ def _state_unit(name: str, columns: Columns, below: Sequence[str], rows: _Rows) 
             what = f"its columns are in {columns.unit}, and in {unit} by the line below"
             raise AmbiguousInput(name, what, "", "leave one of them")
         if unit:
-            return Columns(columns.places, unit, columns.names, columns.compass)
+            return replace(columns, unit=unit)
     return columns
 
 
-def _tell_names(columns: Columns) -> list[Note]:
+def _note_names(columns: Columns) -> list[Note]:
     if not columns.compass:
         return []
     names = ", ".join(one_line(word.strip(" \"'")) for word in columns.names)
@@ -240,7 +240,7 @@ def _tell_names(columns: Columns) -> list[Note]:
 # The points.
 
 
-def _insist_on_width(name: str, rows: _Rows, places: Sequence[int]) -> None:
+def _check_width(name: str, rows: _Rows, places: Sequence[int]) -> None:
     """Raises InputError for a line with blanks that has more or fewer words than the first."""
     if rows.mark or max(places) == 2:
         return
@@ -264,26 +264,19 @@ def _read_points(name: str, rows: _Rows, places: tuple[int, int, int]) -> tuple[
 
 
 def _read_words(name: str, rows: _Rows, places: tuple[int, int, int]) -> tuple[FloatArray, int]:
-    """As `_read_points`, word by word."""
     try:
         words = [_split(line, rows.mark) for line in rows.lines]
         texts = list(chain.from_iterable(map(itemgetter(*places), words)))
-        commas = sum("," in text for text in texts)
-        return _convert(texts, commas).reshape(-1, 3), commas
+        whole, commas = "\n".join(texts), sum("," in text for text in texts)
+        if "_" in whole or (commas and "." in whole):
+            raise ValueError("no number")
+        values = np.array([float(text) for text in whole.replace(",", ".").split("\n")])
     except (ValueError, IndexError) as error:
-        raise _explain(name, rows, places) from error
+        raise _explain_fault(name, rows, places) from error
+    return values.reshape(-1, 3), commas
 
 
-def _convert(texts: Sequence[str], commas: int) -> FloatArray:
-    """The numbers in texts. Raises ValueError for other texts, and for both points and commas."""
-    whole = "\n".join(texts)
-    if "_" in whole or (commas and "." in whole):
-        raise ValueError("no number")
-    return np.array([float(text) for text in whole.replace(",", ".").split("\n")])
-
-
-def _explain(name: str, rows: _Rows, places: Sequence[int]) -> InputError:
-    """The fault of the first line that cannot be read."""
+def _explain_fault(name: str, rows: _Rows, places: Sequence[int]) -> InputError:
     first: dict[str, int] = {}
     for line, number in zip(rows.lines, rows.numbers, strict=True):
         where, words = f"line {number}", _split(line, rows.mark)
@@ -301,10 +294,10 @@ def _explain(name: str, rows: _Rows, places: Sequence[int]) -> InputError:
     return InputError(name, "has numbers that cannot be read", "", AGAIN)
 
 
-def _refuse_numbered(name: str, rows: _Rows, points: FloatArray) -> None:
+def _check_first_column(name: str, rows: _Rows, points: FloatArray) -> None:
     """Raises AmbiguousInput if the first of four and more columns may number the points.
 
-    It counts up, or holds whole numbers only, as of a row of a scan, while those beside it do not.
+    It does if it counts up, or if it holds whole numbers and not all columns beside it do.
     """
     if rows.width < 4:
         return
@@ -317,7 +310,7 @@ def _refuse_numbered(name: str, rows: _Rows, points: FloatArray) -> None:
         raise AmbiguousInput(name, what, where, _NAMING)
 
 
-def _refuse_paired(name: str, rows: _Rows, points: FloatArray) -> None:
+def _check_commas(name: str, rows: _Rows, points: FloatArray) -> None:
     """Raises AmbiguousInput if whole numbers between commas may be numbers with decimal commas."""
     if rows.mark != "," or not (points == np.round(points)).all():
         return
