@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from camgen.model.errors import InputError
 from camgen.model.part import Note
 from camgen.model.text import counted
-from camgen.vision.image import Pixels
+from camgen.vision.image import Pixels, convert_to_grey
 
 Float32 = NDArray[np.float32]
 
@@ -174,9 +174,8 @@ def _smooth(pixels: Pixels) -> Float32:
     """The grey values (H, W) of a picture, smoothed."""
     import cv2  # noqa: PLC0415 (loaded only by what needs it)
 
-    grey = pixels if pixels.ndim == 2 else cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY)
-    smooth = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), _SMOOTHING_PX)
-    return np.asarray(smooth, dtype=np.float32)
+    grey = convert_to_grey(pixels).astype(np.float32)
+    return np.asarray(cv2.GaussianBlur(grey, (0, 0), _SMOOTHING_PX), dtype=np.float32)
 
 
 def _compute_slope(smooth: Float32) -> Float32:
@@ -193,7 +192,7 @@ def _dilate(values: Float32, reach: int) -> Float32:
     return np.asarray(cv2.dilate(values, square), dtype=np.float32)
 
 
-def judge(shot: Shot) -> tuple[Note, ...]:
+def note_faults(shot: Shot) -> tuple[Note, ...]:
     """Notes on faults of the picture, with what to do about each; empty for a good picture."""
     notes = _note_blur(shot)
     if shot.clipped > _MAX_CLIPPED:

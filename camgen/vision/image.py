@@ -374,6 +374,15 @@ def load(source: Source, *, sensor: bool = False) -> Picture:
     return Picture(name, pixels, dpi, turned, tuple(notes), alpha, focal_px=focal or None)
 
 
+def convert_to_grey(pixels: Pixels) -> Pixels:
+    """The grey values (H, W) of a picture, (H, W) or (H, W, 3) blue, green, red."""
+    import cv2  # noqa: PLC0415 (loaded only by what needs it)
+
+    if pixels.ndim == 2:
+        return pixels
+    return cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY).astype(np.uint8, copy=False)
+
+
 def is_of_sensor(camera: CameraTable) -> bool:
     """Whether the pixels are used as the sensor delivered them, as a lens calibration needs them.
 

@@ -47,14 +47,12 @@ class Suspect(Struct, frozen=True):
 def map_points(homography: FloatArray, points: FloatArray) -> FloatArray:
     """Map points (N, 2) by a homography (3, 3) to points (N, 2)."""
     lifted = points @ homography[:, :2].T + homography[:, 2]
-    image: FloatArray = lifted[:, :2] / lifted[:, 2:]
-    return image
+    return np.asarray(lifted[:, :2] / lifted[:, 2:])
 
 
 def depth(homography: FloatArray, points: FloatArray) -> FloatArray:
     """The divisor (N,) of a homography at points (N, 2); its sign changes at the horizon."""
-    divisor: FloatArray = points @ homography[2, :2] + homography[2, 2]
-    return divisor
+    return np.asarray(points @ homography[2, :2] + homography[2, 2])
 
 
 def fit_homography(source: FloatArray, image: FloatArray) -> FloatArray:
@@ -73,8 +71,7 @@ def fit_homography(source: FloatArray, image: FloatArray) -> FloatArray:
     homography = np.linalg.inv(to_image) @ best @ to_source
     homography = homography / np.linalg.norm(homography)
     middle = source.mean(axis=0)[None]
-    result: FloatArray = homography if depth(homography, middle)[0] > 0 else -homography
-    return result
+    return np.asarray(homography if depth(homography, middle)[0] > 0 else -homography)
 
 
 def in_line(points: FloatArray) -> int | None:
@@ -152,8 +149,7 @@ def scales(homography: FloatArray, points: FloatArray) -> FloatArray:
     slopes = homography[None, :2, :2] - image[:, :, None] * homography[None, 2:, :2]
     jacobian = slopes / lifted[:, 2, None, None]
     values = np.linalg.svd(jacobian, compute_uv=False)[:, ::-1]
-    sizes: FloatArray = values.astype(np.float64, copy=False)
-    return sizes
+    return np.asarray(values, dtype=np.float64)
 
 
 def _measure_stretch(homography: FloatArray, source: FloatArray) -> float:
@@ -418,8 +414,7 @@ def raise_plane(homography: FloatArray, camera: Camera, height: float) -> FloatA
     normal = pose_of(homography, camera.matrix).rotation[:, 2]
     lift = np.zeros((3, 3))
     lift[:, 2] = camera.matrix @ normal * height
-    raised: FloatArray = metric + lift
-    return raised
+    return np.asarray(metric + lift)
 
 
 def _check_pairs(px: ArrayLike, mm: ArrayLike, source: str) -> tuple[FloatArray, FloatArray]:

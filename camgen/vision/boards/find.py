@@ -27,8 +27,8 @@ from camgen.model.pose import FloatArray
 from camgen.model.text import counted, short
 from camgen.vision.boards.corners import (
     Pattern,
+    find_patterns,
     has_two_patterns,
-    patterns,
     place_markers,
     refine_corners,
 )
@@ -36,7 +36,7 @@ from camgen.vision.boards.lens import check_focal_length, lens_of_sheet
 from camgen.vision.boards.sheet import DICTIONARY, Board, Sheet
 from camgen.vision.camera.camera import Camera, distort, undistort
 from camgen.vision.camera.sheet_lens import SheetLens
-from camgen.vision.image import Picture, Pixels
+from camgen.vision.image import Picture, Pixels, convert_to_grey
 from camgen.vision.plane import (
     Plane,
     fit_homography,
@@ -166,7 +166,7 @@ def _fit_lens(
         count = marks.markers
         if count and camera is not None:
             corners = _measure(
-                _convert_to_grey(picture.pixels), marks.px[:count].reshape(-1, 4, 2), camera
+                convert_to_grey(picture.pixels), marks.px[:count].reshape(-1, 4, 2), camera
             )
             again = np.concatenate([corners.reshape(-1, 2), marks.px[count:]])
             moved = float(np.abs(again - marks.px).max())
@@ -184,7 +184,7 @@ def list_marks(pixels: Pixels, target: Sheet | Board) -> tuple[list[int], list[i
     Returns the numbers of those that it shows, and of those that are missing.
     """
     if isinstance(target, Sheet):
-        shown = {number for number, _ in _detect(_convert_to_grey(pixels), len(target.ids))}
+        shown = {number for number, _ in _detect(convert_to_grey(pixels), len(target.ids))}
         numbers = list(target.ids)
     else:
         shown = set(_choose_pattern(pixels, target).numbers.tolist())
@@ -195,7 +195,7 @@ def list_marks(pixels: Pixels, target: Sheet | Board) -> tuple[list[int], list[i
 
 def _find_sheet(picture: Picture, camera: Camera | None, sheet: Sheet) -> _MarkCorners:
     """The markers of a sheet in a photo. Raises InputError for fewer than two."""
-    grey = _convert_to_grey(picture.pixels)
+    grey = convert_to_grey(picture.pixels)
     seen = _detect(grey, len(sheet.ids))
     times = Counter(number for number, _ in seen)
     strange = sorted(set(times) - set(sheet.ids))
@@ -241,7 +241,7 @@ def _find_board(picture: Picture, camera: Camera | None, board: Board) -> _MarkC
         what = f"shows {counted(len(pattern.numbers), 'corner')} of the {board.label}"
         remedy = "four are needed; check its squares, its dictionary and the light"
         raise InputError(picture.name, what, remedy=remedy)
-    grey = _convert_to_grey(picture.pixels)
+    grey = convert_to_grey(picture.pixels)
     inner_px, inner = refine_corners(grey, pattern, board)
     row, column = np.divmod(inner, board.columns - 1)
     inner_mm = np.column_stack([column + 1, board.rows - 1 - row]) * board.square
@@ -296,7 +296,9 @@ def _fit_marker_size(marks: _MarkCorners, camera: Camera | None) -> _MarkCorners
 
 def _choose_pattern(pixels: Pixels, board: Board) -> Pattern:
     """The board in the pattern with more corners, the newer one if both have as many."""
-    return max(patterns(_convert_to_grey(pixels), board), key=lambda pattern: len(pattern.numbers))
+    return max(
+        find_patterns(convert_to_grey(pixels), board), key=lambda pattern: len(pattern.numbers)
+    )
 
 
 def _note_pattern(pattern: Pattern, board: Board) -> tuple[Note, ...]:
@@ -403,14 +405,6 @@ def _select_agreeing(
 # Markers in the picture.
 
 
-def _convert_to_grey(pixels: Pixels) -> Pixels:
-    import cv2  # noqa: PLC0415 (loaded only by what needs it)
-
-    if pixels.ndim == 2:
-        return pixels
-    return cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY).astype(np.uint8, copy=False)
-
-
 def _detect(grey: Pixels, expected: int) -> list[tuple[int, FloatArray]]:
     """Find the markers in the reduced picture; in the full one if it shows under half of them.
 
@@ -485,8 +479,7 @@ def _locate_sides(grey: Pixels, corners: FloatArray, max_half: float) -> FloatAr
     centre = (_ACROSS[:-1] + _ACROSS[1:]) / 2
     # A side without any rise is covered. Its middle is taken; the marker contradicts the others.
     offset = np.where(total > 0, rise @ centre / np.where(total > 0, total, 1), 0).clip(-1, 1)
-    edge: FloatArray = middles + offset.reshape(middles.shape[:3])[..., None] * across
-    return edge
+    return np.asarray(middles + offset.reshape(middles.shape[:3])[..., None] * across)
 
 
 def _intersect_sides(edge: FloatArray) -> FloatArray:
@@ -502,8 +495,7 @@ def _intersect_sides(edge: FloatArray) -> FloatArray:
     normals = np.stack([before, normal], axis=2)
     offset_before = (before * np.roll(middle, 1, axis=1)).sum(axis=2)
     offsets = np.stack([offset_before, (normal * middle).sum(axis=2)], axis=2)
-    corners: FloatArray = np.linalg.solve(normals, offsets[..., None])[..., 0]
-    return corners
+    return np.asarray(np.linalg.solve(normals, offsets[..., None])[..., 0])
 
 
 def _list(numbers: Sequence[int]) -> str:

@@ -288,8 +288,7 @@ def _convert_to_rays(camera: Camera, points: FloatArray) -> FloatArray:
 
 def _convert_to_pixels(camera: Camera, points: FloatArray) -> FloatArray:
     """Convert points (N, 2) at distance 1 in front of the camera to pixels (N, 2)."""
-    pixels: FloatArray = points @ camera.matrix[:2, :2].T + camera.matrix[:2, 2]
-    return pixels
+    return np.asarray(points @ camera.matrix[:2, :2].T + camera.matrix[:2, 2])
 
 
 def read_camera(source: Source) -> Camera:
