@@ -200,9 +200,12 @@ def _check_size(name: str, size: float, points: FloatArray) -> None:
         return
     if not extent:
         raise InputError(name, "all its points are at one place")
-    where = f"the scan measures {extent:.3g} mm across, the model {size:.3g} mm"
-    remedy = "cut out the part, or give the units: --units, --model-units"
-    raise InputError(name, "the scan cannot show this model", where, remedy)
+    raise InputError(
+        name,
+        "the scan cannot show this model",
+        f"the scan measures {extent:.3g} mm across, the model {size:.3g} mm",
+        "cut out the part, or give the units: --units, --model-units",
+    )
 
 
 class _CentredScan(Struct, frozen=True, eq=False):
@@ -293,9 +296,12 @@ def _measure_shown(
     unseen = measure_unseen(model, view, final, gate)
     if unseen > MOST_HIDDEN:
         share = f"{100 * unseen:.0f} % of the points on it"
-        where = f"where it fits best, it hides {share} from the scanner"
-        remedy = "check --viewpoint: where the scanner stood"
-        raise InputError(name, "the model was not found in the scan", where, remedy)
+        raise InputError(
+            name,
+            "the model was not found in the scan",
+            f"where it fits best, it hides {share} from the scanner",
+            "check --viewpoint: where the scanner stood",
+        )
     seen = measure_seen(model, view, final, within)
     stray = measure_stray(model, view.points[:_DECIDING], final, within)
     if seen.near < LEAST_SEEN:
@@ -318,8 +324,12 @@ def _check_rims(centred: _CentredScan, model: Model, location: Location) -> None
     if location.run_on > SOME_RUN_ON and not is_near_start:
         what = "the scan does not settle whether it shows the part or a larger one"
         places = f": {_describe_patches(location.patches)}" if location.patches else ""
-        remedy = "cut away what is flush with it, or say about where the part stands with --start"
-        raise NoSafeProgram(centred.name, what, why + places, remedy)
+        raise NoSafeProgram(
+            centred.name,
+            what,
+            why + places,
+            "cut away what is flush with it, or say about where the part stands with --start",
+        )
 
 
 def _check_rivals(centred: _CentredScan, model: Model, location: Location, moved: float) -> None:
@@ -350,9 +360,12 @@ def _check_rivals(centred: _CentredScan, model: Model, location: Location, moved
     place = f"{exactly} where the part stands with --start"
     if not centred.has_viewpoint:
         place = f"where the scanner stood with --viewpoint, or {place}"
-    remedy = f"say {place}, or scan it from more sides"
-    what = "the scan does not settle where the part stands"
-    raise NoSafeProgram(centred.name, what, why, remedy)
+    raise NoSafeProgram(
+        centred.name,
+        "the scan does not settle where the part stands",
+        why,
+        f"say {place}, or scan it from more sides",
+    )
 
 
 def _check_shape(centred: _CentredScan, model: Model, location: Location) -> None:
@@ -383,8 +396,10 @@ def _describe_patches(patches: Sequence[Patch]) -> str:
 
 
 def _not_found(name: str, where: str) -> InputError:
-    remedy = (
+    return InputError(
+        name,
+        "the model was not found in the scan",
+        where,
         "check that it is this part, in these units (--units, --model-units), "
-        "and cut away what is not the part"
+        "and cut away what is not the part",
     )
-    return InputError(name, "the model was not found in the scan", where, remedy)

@@ -74,7 +74,7 @@ def open_scan(path: Path, files: Files) -> Source:
     try:
         return files.open(path)
     except IsADirectoryError:
-        raise InputError(path.name, "is a folder", "", "name a point cloud in it") from None
+        raise InputError(path.name, "is a folder", remedy="name a point cloud in it") from None
     except FileNotFoundError:
         raise InputError(path.name, "there is no such file") from None
     except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
@@ -90,8 +90,11 @@ def read_scan(source: Source, unit: str = "") -> Scan:
     unit.
     """
     if source.suffix not in SUFFIXES:
-        what = "is not a kind of point cloud that camgen reads"
-        raise InputError(source.name, what, "", f"give one of {', '.join(SUFFIXES)}")
+        raise InputError(
+            source.name,
+            "is not a kind of point cloud that camgen reads",
+            remedy=f"give one of {', '.join(SUFFIXES)}",
+        )
     if not source.data.strip():
         raise InputError(source.name, "the file is empty")
     cloud = _load(source)
@@ -118,18 +121,27 @@ def _choose_unit(name: str, cloud: FileCloud, unit: str, notes: list[Note]) -> s
     """
     if cloud.unit:
         if unit and MM[unit] != MM[cloud.unit]:
-            what = f"says {unit}, and {name} is in {cloud.unit}: {cloud.source} says so"
-            raise JobError("--units", what, "", "leave it out, or correct the file")
+            raise JobError(
+                "--units",
+                f"says {unit}, and {name} is in {cloud.unit}: {cloud.source} says so",
+                remedy="leave it out, or correct the file",
+            )
         notes.append(Note("assumed", f"1 unit of the scan = 1 {cloud.unit}", cloud.source))
         return cloud.unit
     if not cloud.usual:
         return unit or "mm"
     if not unit:
-        why = f"{cloud.source}; give --units if it is in another unit"
-        notes.append(Note("assumed", f"1 unit of the scan = 1 {cloud.usual}", why))
+        notes.append(
+            Note(
+                "assumed",
+                f"1 unit of the scan = 1 {cloud.usual}",
+                f"{cloud.source}; give --units if it is in another unit",
+            )
+        )
     elif MM[unit] != MM[cloud.usual]:
-        what = f"1 unit of the scan = 1 {unit}, as --units says"
-        notes.append(Note("warning", what, cloud.source))
+        notes.append(
+            Note("warning", f"1 unit of the scan = 1 {unit}, as --units says", cloud.source)
+        )
     return unit or cloud.usual
 
 
@@ -165,7 +177,7 @@ def _spread_over_mesh(source: Source) -> FileCloud:
     soup = load(source)
     corners = soup.vertices[soup.faces]
     if not np.linalg.norm(cross_edges(corners), axis=1).any():
-        raise InputError(source.name, "has no face with an area", "", AGAIN)
+        raise InputError(source.name, "has no face with an area", remedy=AGAIN)
     points = spread_points(corners, _SPREAD)[0]
     faces = counted(len(corners), "face")
     note = Note("assumed", f"{_SPREAD} points were spread over the {faces} of the scan")

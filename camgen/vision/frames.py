@@ -93,8 +93,9 @@ class Sum:
             sizes = " and ".join(
                 f"{pixels.shape[1]} x {pixels.shape[0]}" for pixels in (self.first, frame)
             )
-            remedy = "set the camera to one size"
-            raise InputError("camera", f"has frames of {sizes} px", remedy=remedy)
+            raise InputError(
+                "camera", f"has frames of {sizes} px", remedy="set the camera to one size"
+            )
         self._total += frame
         self._clipped += (frame == WHITE).any(axis=2)
         self.frames += 1
@@ -196,13 +197,24 @@ def note_faults(shot: Shot) -> tuple[Note, ...]:
     """Notes on faults of the picture, with what to do about each; empty for a good picture."""
     notes = _note_blur(shot)
     if shot.clipped > _MAX_CLIPPED:
-        what = f"{100 * shot.clipped:.1f} % of the picture is at full white, {WHITE}"
-        why = "edges beside it move: expose shorter, close the aperture, or take light away"
-        notes.append(Note("warning", what, why, strict=True))
+        notes.append(
+            Note(
+                "warning",
+                f"{100 * shot.clipped:.1f} % of the picture is at full white, {WHITE}",
+                "edges beside it move: expose shorter, close the aperture, or take light away",
+                strict=True,
+            )
+        )
     brightness = float(np.quantile(shot.pixels[::2, ::2], 1 - _BRIGHTEST))
     if brightness < _MIN_BRIGHTNESS * WHITE:
-        what = f"the picture is dark: its brightest parts have {brightness:.0f} of {WHITE}"
-        notes.append(Note("warning", what, "expose longer, or give more light", strict=True))
+        notes.append(
+            Note(
+                "warning",
+                f"the picture is dark: its brightest parts have {brightness:.0f} of {WHITE}",
+                "expose longer, or give more light",
+                strict=True,
+            )
+        )
     return tuple(notes)
 
 

@@ -27,8 +27,11 @@ def read_e57(name: str, data: bytes) -> FileCloud:
     try:
         import pye57  # noqa: PLC0415 (an extra)
     except ImportError as error:
-        remedy = "pip install 'camgen[scan]', or export it as PLY or PTX"
-        raise InputError(name, "E57 needs the package pye57", "", remedy) from error
+        raise InputError(
+            name,
+            "E57 needs the package pye57",
+            remedy="pip install 'camgen[scan]', or export it as PLY or PTX",
+        ) from error
     with TemporaryDirectory() as folder:
         path = Path(folder) / "scan.e57"
         path.write_bytes(data)
@@ -38,9 +41,9 @@ def read_e57(name: str, data: bytes) -> FileCloud:
                 scans = [_read_scan(file, index, limit) for index in range(file.scan_count)]
         except (pye57.libe57.E57Exception, ValueError, OSError) as error:
             why = one_line(str(error).partition("\n")[0])[:100].strip()
-            raise InputError(name, f"is damaged or not an E57 file: {why}", "", AGAIN) from error
+            raise InputError(name, f"is damaged or not an E57 file: {why}", remedy=AGAIN) from error
     if not scans:
-        raise InputError(name, "has no scan", "", AGAIN)
+        raise InputError(name, "has no scan", remedy=AGAIN)
     whys = ("the scanner marks them as invalid", "each by its own pose")
     return join_scans(scans, ("point was", "points were"), whys, _METRES)
 

@@ -38,21 +38,24 @@ def read_las(name: str, data: bytes) -> FileCloud:
     try:
         import laspy  # noqa: PLC0415 (an extra)
     except ImportError as error:
-        remedy = "pip install 'camgen[scan]', or export it as PLY"
-        raise InputError(name, "LAS needs the package laspy", "", remedy) from error
+        raise InputError(
+            name,
+            "LAS needs the package laspy",
+            remedy="pip install 'camgen[scan]', or export it as PLY",
+        ) from error
     try:
         with np.errstate(all="ignore"):
             _check_records(data)
             header = laspy.LasHeader.read_from(BytesIO(data))
             if header.are_points_compressed:
-                raise InputError(name, "is packed (LAZ)", "", "export it as LAS")
+                raise InputError(name, "is packed (LAZ)", remedy="export it as LAS")
             _check_points(header, len(data))
             cloud = laspy.read(BytesIO(data))
             points = np.column_stack([cloud.x, cloud.y, cloud.z]).astype(np.float64)
             withheld = np.asarray(cloud.withheld, bool)
     except (laspy.LaspyException, struct.error, *_STUMBLES) as error:
         why = one_line(str(error))[:100].strip() or type(error).__name__
-        raise InputError(name, f"is damaged or not a LAS file: {why}", "", AGAIN) from error
+        raise InputError(name, f"is damaged or not a LAS file: {why}", remedy=AGAIN) from error
     notes = []
     if withheld.any():
         what = counted(int(np.count_nonzero(withheld)), "point was", "points were")
@@ -89,14 +92,20 @@ def _find_unit(name: str, records: list[Any]) -> str:
             keys[key.id] = key.value_offset
         texts += [record.string] if hasattr(record, "string") else []
     if keys.get(_MODEL_KEY) == _GEOGRAPHIC or any(map(_WKT_DEGREES.match, texts)):
-        what = "its coordinates are longitude and latitude"
-        raise InputError(name, what, "", "export it in a projected coordinate system")
+        raise InputError(
+            name,
+            "its coordinates are longitude and latitude",
+            remedy="export it in a projected coordinate system",
+        )
     units = {_CODES[keys[key]] for key in _LENGTH_KEYS if keys.get(key) in _CODES}
     for text in texts:
         units |= {_name_factor(factor) for factor in _WKT_UNIT.findall(text)} - {""}
     if len(units) > 1:
-        what = f"its coordinates are in different units: {' and '.join(sorted(units))}"
-        raise InputError(name, what, "", "export it with heights in the unit of x and y")
+        raise InputError(
+            name,
+            f"its coordinates are in different units: {' and '.join(sorted(units))}",
+            remedy="export it with heights in the unit of x and y",
+        )
     return units.pop() if units else ""
 
 

@@ -55,15 +55,20 @@ def _read_scan(name: str, lines: Sequence[str], begin: int) -> tuple[StationScan
     first = begin + len(_HEAD)
     if len(lines) < first + count:
         left = counted(len(lines) - first, f"of {count} points is", f"of {count} points are")
-        where = f"the scan from line {begin + 1} on"
-        raise InputError(name, f"the file is cut off, {left} there", where, AGAIN)
+        raise InputError(
+            name, f"the file is cut off, {left} there", f"the scan from line {begin + 1} on", AGAIN
+        )
     points = _read_points(name, lines[first : first + count], first + 1)
     matrix = np.array(axes[3:])
     turn = matrix[:3, :3]
     rigid = np.allclose(turn @ turn.T, np.eye(3), atol=_RIGID)
     if not rigid or matrix[:, 3].tolist() != [0, 0, 0, 1]:
-        where = f"lines {begin + 7} to {begin + 10}"
-        raise InputError(name, "its matrix does more than turn and move", where, AGAIN)
+        raise InputError(
+            name,
+            "its matrix does more than turn and move",
+            f"lines {begin + 7} to {begin + 10}",
+            AGAIN,
+        )
     seen = points.any(axis=1)
     moved = points[seen] @ turn + matrix[3, :3]
     scanner = _find_scanner(np.array(place), np.array(axes[:3]), matrix)
@@ -90,8 +95,12 @@ def _read_head(name: str, lines: Sequence[str], begin: int) -> list[list[float]]
         numbers = parse_numbers(line.split())
         if len(numbers) != wanted:
             numbers_there = counted(wanted, "number")
-            what = f"{one_line(line[:40])!r} is not in the head of a scan: that has {numbers_there}"
-            raise InputError(name, what, f"line {begin + k + 1}", AGAIN)
+            raise InputError(
+                name,
+                f"{one_line(line[:40])!r} is not in the head of a scan: that has {numbers_there}",
+                f"line {begin + k + 1}",
+                AGAIN,
+            )
         rows.append(numbers)
     return rows
 
@@ -99,8 +108,12 @@ def _read_head(name: str, lines: Sequence[str], begin: int) -> list[list[float]]
 def _count(name: str, columns: Sequence[float], rows: Sequence[float], begin: int) -> int:
     count = columns[0] * rows[0]
     if count != int(count) or count <= 0 or columns[0] != int(columns[0]):
-        where = f"lines {begin + 1} and {begin + 2}"
-        raise InputError(name, "its columns and rows are not whole numbers", where, AGAIN)
+        raise InputError(
+            name,
+            "its columns and rows are not whole numbers",
+            f"lines {begin + 1} and {begin + 2}",
+            AGAIN,
+        )
     return int(count)
 
 
@@ -111,7 +124,11 @@ def _read_points(name: str, lines: Sequence[str], first: int) -> FloatArray:
         try:
             x, y, z = (float(word) for word in line.split(None, 3)[:3])
         except ValueError as error:
-            what = f"{one_line(line[:40])!r} is not a point"
-            raise InputError(name, what, f"line {number}", "a line is x y z intensity") from error
+            raise InputError(
+                name,
+                f"{one_line(line[:40])!r} is not a point",
+                f"line {number}",
+                "a line is x y z intensity",
+            ) from error
         values.append((x, y, z))
     return np.array(values)

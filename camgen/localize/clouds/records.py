@@ -84,7 +84,7 @@ def _points(name: str, kind: str, data: bytes, parse: Callable[[bytes], _Head]) 
         return _LAYOUTS[head.layout](head, body, places)
     except (ValueError, LookupError, OverflowError) as error:
         raise InputError(
-            name, f"is damaged or no {kind} point cloud: {error}", "", AGAIN
+            name, f"is damaged or no {kind} point cloud: {error}", remedy=AGAIN
         ) from error
 
 
@@ -218,6 +218,9 @@ def _viewpoint(name: str, data: bytes) -> FloatArray | None:
         return None
     values = parse_numbers(words)
     if len(values) != 7:
-        what = "is damaged or no PCD point cloud: its VIEWPOINT is not seven numbers"
-        raise InputError(name, what, "", AGAIN)
+        raise InputError(
+            name,
+            "is damaged or no PCD point cloud: its VIEWPOINT is not seven numbers",
+            remedy=AGAIN,
+        )
     return None if values == [0, 0, 0, 1, 0, 0, 0] else np.array(values[:3])

@@ -58,12 +58,14 @@ class _Rows(Struct, frozen=True):
 def read_text(name: str, data: bytes) -> FileCloud:
     """The points of a text. Raises InputError for a line that is not a point."""
     if b"\x00" in data[:4096]:
-        raise InputError(name, "is not text", "", AGAIN)
+        raise InputError(name, "is not text", remedy=AGAIN)
     lines = _LINE_END.split(data.decode("utf-8-sig", "replace"))
     begin = next((k for k, line in enumerate(lines) if _find_mark(line) is not None), None)
     if begin is None:
         raise InputError(
-            name, "has no line of three numbers", "", "a line is x y z, in mm; --units for others"
+            name,
+            "has no line of three numbers",
+            remedy="a line is x y z, in mm; --units for others",
         )
     rows = _collect_rows(name, lines, begin)
     columns, notes = _read_head(name, lines[:begin], rows)
@@ -74,8 +76,13 @@ def read_text(name: str, data: bytes) -> FileCloud:
         _check_commas(name, rows, points)
         _check_first_column(name, rows, points)
     if commas:
-        what = f"decimal commas in {counted(commas, 'number')}"
-        notes.append(Note("assumed", what, "no number of the coordinates has a point"))
+        notes.append(
+            Note(
+                "assumed",
+                f"decimal commas in {counted(commas, 'number')}",
+                "no number of the coordinates has a point",
+            )
+        )
     unit = columns.unit if columns else ""
     return FileCloud(points, tuple(notes), None, unit, "", "its head" if unit else "")
 
@@ -85,7 +92,7 @@ def read_vertices(name: str, data: bytes) -> FileCloud:
     lines = _LINE_END.split(data.decode("utf-8-sig", "replace"))
     numbers = [k for k, line in enumerate(lines, 1) if line.split(None, 1)[:1] == ["v"]]
     if not numbers:
-        raise InputError(name, "has no vertices", "", AGAIN)
+        raise InputError(name, "has no vertices", remedy=AGAIN)
     rows = _Rows([lines[k - 1].strip()[1:].strip() for k in numbers], numbers, "")
     return FileCloud(_read_points(name, rows, (0, 1, 2))[0])
 
@@ -155,8 +162,12 @@ def _find_counts(
     ends = [begin - 1 for begin, _, _ in blocks[1:]] + [len(lines)]
     for (begin, number, count), end in zip(blocks, ends, strict=False):
         if count.lstrip("0") != str(end - begin).lstrip("0"):
-            what = f"says that {count[:20]} points follow, and {end - begin} do"
-            raise InputError(name, what, f"line {number}", AGAIN)
+            raise InputError(
+                name,
+                f"says that {count[:20]} points follow, and {end - begin} do",
+                f"line {number}",
+                AGAIN,
+            )
     return set(indices)
 
 
@@ -181,13 +192,19 @@ def _read_head(name: str, head: Sequence[str], rows: _Rows) -> tuple[Columns | N
             others.append((text, where))
     for text, where in others:
         if _count_words(_split_names(text, rows.mark)) == rows.width:
-            what = "its head names no columns x, y and z"
-            remedy = "name them x, y, z, or begin a comment with #"
-            raise InputError(name, what, where, remedy)
+            raise InputError(
+                name,
+                "its head names no columns x, y and z",
+                where,
+                "name them x, y, z, or begin a comment with #",
+            )
     if not others:
         return None, []
-    why = f"{others[-1][1]} names no columns"
-    return None, [Note("assumed", "the first three columns are x, y and z", why)]
+    return None, [
+        Note(
+            "assumed", "the first three columns are x, y and z", f"{others[-1][1]} names no columns"
+        )
+    ]
 
 
 def _split_names(line: str, mark: str) -> list[str]:
@@ -208,8 +225,12 @@ def _name_columns(name: str, line: str, where: str, rows: _Rows) -> Columns | No
         leading = sorted(columns.places) == [0, 1, 2] and rows.mark != ","
         if wide != rows.width and not leading:
             below = f"the line below it has {counted(rows.width, 'word')}"
-            what = f"its head names {counted(wide, 'column')}, and {below}"
-            raise InputError(name, what, where, "name each column once, without blanks")
+            raise InputError(
+                name,
+                f"its head names {counted(wide, 'column')}, and {below}",
+                where,
+                "name each column once, without blanks",
+            )
         return columns
     return None
 
@@ -220,11 +241,15 @@ def _state_unit(name: str, columns: Columns, below: Sequence[str], rows: _Rows) 
         try:
             unit = find_unit(words, columns.places)
         except ValueError as error:
-            where = f"line {number + 1} below the head"
-            raise AmbiguousInput(name, str(error), where, "give one unit") from error
+            raise AmbiguousInput(
+                name, str(error), f"line {number + 1} below the head", "give one unit"
+            ) from error
         if unit and columns.unit not in ("", unit):
-            what = f"its columns are in {columns.unit}, and in {unit} by the line below"
-            raise AmbiguousInput(name, what, "", "leave one of them")
+            raise AmbiguousInput(
+                name,
+                f"its columns are in {columns.unit}, and in {unit} by the line below",
+                remedy="leave one of them",
+            )
         if unit:
             return replace(columns, unit=unit)
     return columns
@@ -247,8 +272,12 @@ def _check_width(name: str, rows: _Rows, places: Sequence[int]) -> None:
     for line, number in zip(rows.lines, rows.numbers, strict=True):
         words = len(line.split())
         if words != rows.width:
-            what = f"has {counted(words, 'word')}, the first line of points {rows.width}"
-            raise InputError(name, what, f"line {number}", AGAIN)
+            raise InputError(
+                name,
+                f"has {counted(words, 'word')}, the first line of points {rows.width}",
+                f"line {number}",
+                AGAIN,
+            )
 
 
 def _read_points(name: str, rows: _Rows, places: tuple[int, int, int]) -> tuple[FloatArray, int]:
@@ -289,9 +318,12 @@ def _explain_fault(name: str, rows: _Rows, places: Sequence[int]) -> InputError:
             if any(mark in text for text in plain):
                 first.setdefault(mark, number)
         if len(first) == 2:
-            what = f"has decimal points (line {first['.']}) and decimal commas (line {first[',']})"
-            return InputError(name, what, "", "write all numbers with a point")
-    return InputError(name, "has numbers that cannot be read", "", AGAIN)
+            return InputError(
+                name,
+                f"has decimal points (line {first['.']}) and decimal commas (line {first[',']})",
+                remedy="write all numbers with a point",
+            )
+    return InputError(name, "has numbers that cannot be read", remedy=AGAIN)
 
 
 def _check_first_column(name: str, rows: _Rows, points: FloatArray) -> None:
@@ -305,9 +337,12 @@ def _check_first_column(name: str, rows: _Rows, points: FloatArray) -> None:
     whole = (points == np.round(points)).all(axis=0)
     counts = len(points) > 1 and bool((np.diff(points[:, 0]) == 1).all())
     if counts or (whole[0] and not whole.all()):
-        what = "the first column may be a number of the point, and not x"
-        where = f"line {rows.numbers[0]}, {one_line(rows.lines[0][:40])!r}"
-        raise AmbiguousInput(name, what, where, _NAMING)
+        raise AmbiguousInput(
+            name,
+            "the first column may be a number of the point, and not x",
+            f"line {rows.numbers[0]}, {one_line(rows.lines[0][:40])!r}",
+            _NAMING,
+        )
 
 
 def _check_commas(name: str, rows: _Rows, points: FloatArray) -> None:
@@ -317,6 +352,9 @@ def _check_commas(name: str, rows: _Rows, points: FloatArray) -> None:
     widths = {line.count(",") + 1 for line in rows.lines}
     if len(widths) == 1 and max(widths) < _LEAST_PAIRED:
         return
-    what = f"the commas of {one_line(rows.lines[0][:40])!r} may be decimal ones"
-    remedy = "put semicolons between the columns, or name them in a first line"
-    raise AmbiguousInput(name, what, f"line {rows.numbers[0]}", remedy)
+    raise AmbiguousInput(
+        name,
+        f"the commas of {one_line(rows.lines[0][:40])!r} may be decimal ones",
+        f"line {rows.numbers[0]}",
+        "put semicolons between the columns, or name them in a first line",
+    )

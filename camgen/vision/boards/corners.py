@@ -257,8 +257,12 @@ def make_chessboard(columns: int, rows: int, square: float) -> Chessboard:
     Raises JobError for fewer than 3 x 3 corners or more than 100 in a row, and for an invalid
     square.
     """
-    remedy = "give the inner corners, one fewer than squares each way; 3x3 at least"
-    _check_sides(columns, rows, "inner corners cannot be found", remedy)
+    _check_sides(
+        columns,
+        rows,
+        "inner corners cannot be found",
+        "give the inner corners, one fewer than squares each way; 3x3 at least",
+    )
     _check_length("--square", square)
     return Chessboard(columns, rows, float(square))
 
@@ -271,18 +275,25 @@ def make_charuco(
     Raises JobError for a board that is not possible, and for an unknown dictionary. The message
     then names all dictionaries.
     """
-    remedy = "give the number of squares each way; 3x3 at least"
-    _check_sides(columns, rows, "squares cannot be used", remedy)
+    _check_sides(
+        columns, rows, "squares cannot be used", "give the number of squares each way; 3x3 at least"
+    )
     _check_length("--square", square)
     _check_length("--marker", marker)
     if marker >= square:
-        what = f"markers of {short(marker, 3)} mm do not fit into squares of {short(square, 3)} mm"
-        raise JobError("--marker", what, remedy="measure both on the board, in mm")
+        raise JobError(
+            "--marker",
+            f"markers of {short(marker, 3)} mm do not fit into squares of {short(square, 3)} mm",
+            remedy="measure both on the board, in mm",
+        )
     board = Board(columns, rows, float(square), float(marker), dictionary)
     held, needed = len(_load_dictionary(board).bytesList), columns * rows // 2
     if held < needed:
-        what = f"{dictionary} has {held} markers, a board of {columns}x{rows} needs {needed}"
-        raise JobError("--dictionary", what, remedy="give the one that the board was made with")
+        raise JobError(
+            "--dictionary",
+            f"{dictionary} has {held} markers, a board of {columns}x{rows} needs {needed}",
+            remedy="give the one that the board was made with",
+        )
     return board
 
 
@@ -293,8 +304,9 @@ def _check_sides(columns: int, rows: int, what: str, remedy: str) -> None:
 
 def _check_length(option: str, value: float) -> None:
     if not (math.isfinite(value) and value > 0):
-        remedy = "measure it on the printed board"
-        raise JobError(option, f"{value} is no length in mm", remedy=remedy)
+        raise JobError(
+            option, f"{value} is no length in mm", remedy="measure it on the printed board"
+        )
 
 
 def find_board(pixels: Pixels, target: Target) -> SeenBoard | None:
@@ -481,6 +493,9 @@ def _load_dictionary(board: Board) -> cv2.aruco.Dictionary:
     number = getattr(cv2.aruco, f"DICT_{board.dictionary.upper()}", None)
     if number is None:
         names = [name.removeprefix("DICT_") for name in dir(cv2.aruco) if name.startswith("DICT_")]
-        remedy = f"give one of {', '.join(names)}"
-        raise JobError("--dictionary", f"there is no {board.dictionary!r}", remedy=remedy)
+        raise JobError(
+            "--dictionary",
+            f"there is no {board.dictionary!r}",
+            remedy=f"give one of {', '.join(names)}",
+        )
     return cv2.aruco.getPredefinedDictionary(number)

@@ -140,8 +140,14 @@ def find(
     )
     notes = marks.notes if lens is None else (*marks.notes, lens.note)
     if dropped:
-        why = "they are not where the others put them: covered, bent, or from another sheet?"
-        notes = (*notes, Note("warning", f"{', '.join(dropped)} left out", why))
+        notes = (
+            *notes,
+            Note(
+                "warning",
+                f"{', '.join(dropped)} left out",
+                "they are not where the others put them: covered, bent, or from another sheet?",
+            ),
+        )
     return replace(plane, notes=(*notes, *plane.notes), lens=lens)
 
 
@@ -208,17 +214,24 @@ def _find_sheet(picture: Picture, camera: Camera | None, sheet: Sheet) -> _MarkC
     if strange:
         notes.append(Note("warning", f"marker {_list(strange)} ignored", "not on this sheet"))
     if double:
-        why = "in the photo more than once"
-        notes.append(Note("warning", f"marker {_list(double)} ignored", why))
+        notes.append(
+            Note("warning", f"marker {_list(double)} ignored", "in the photo more than once")
+        )
     if len(usable) < 2:
         extra = "".join(f"; {note.what}: {note.why}" for note in notes)
-        what = f"shows {len(usable)} of the {len(sheet.ids)} markers of the {sheet.label}{extra}"
-        remedy = "two are needed, four or more are better: see that they are in view"
-        raise InputError(picture.name, what, remedy=remedy)
+        raise InputError(
+            picture.name,
+            f"shows {len(usable)} of the {len(sheet.ids)} markers of the {sheet.label}{extra}",
+            remedy="two are needed, four or more are better: see that they are in view",
+        )
     if len(usable) < 4:
-        what = f"only {len(usable)} of {len(sheet.ids)} markers found"
-        why = "the plane is less exact than with four or more around the part"
-        notes.append(Note("warning", what, why))
+        notes.append(
+            Note(
+                "warning",
+                f"only {len(usable)} of {len(sheet.ids)} markers found",
+                "the plane is less exact than with four or more around the part",
+            )
+        )
     marks = [number for number, _ in usable]
     corners = _measure(grey, np.array([place for _, place in usable]), camera)
     marker_names = [f"marker {number}" for number in marks]
@@ -238,9 +251,11 @@ def _find_board(picture: Picture, camera: Camera | None, board: Board) -> _MarkC
     """The corners and markers of a board in a photo. Raises InputError for under four corners."""
     pattern = _choose_pattern(picture.pixels, board)
     if len(pattern.numbers) < 4:
-        what = f"shows {counted(len(pattern.numbers), 'corner')} of the {board.label}"
-        remedy = "four are needed; check its squares, its dictionary and the light"
-        raise InputError(picture.name, what, remedy=remedy)
+        raise InputError(
+            picture.name,
+            f"shows {counted(len(pattern.numbers), 'corner')} of the {board.label}",
+            remedy="four are needed; check its squares, its dictionary and the light",
+        )
     grey = convert_to_grey(picture.pixels)
     inner_px, inner = refine_corners(grey, pattern, board)
     row, column = np.divmod(inner, board.columns - 1)
@@ -306,8 +321,13 @@ def _note_pattern(pattern: Pattern, board: Board) -> tuple[Note, ...]:
     if not has_two_patterns(board):
         return ()
     which = "before OpenCV 4.6" if pattern.legacy else "of OpenCV 4.6 and later"
-    what = f"{board.label} read in the pattern {which}"
-    return (Note("assumed", what, "with an even number of rows there are two; it fits"),)
+    return (
+        Note(
+            "assumed",
+            f"{board.label} read in the pattern {which}",
+            "with an even number of rows there are two; it fits",
+        ),
+    )
 
 
 class _Side(NamedTuple):
@@ -350,14 +370,16 @@ def _missing_lines(pattern: Pattern, board: Board) -> tuple[Note, ...]:
     last = board.columns * board.rows // 2 - 1
     beyond = np.unique(pattern.markers[pattern.markers > last])
     if len(beyond):
-        what = (
-            f"marker {_list(beyond.tolist())} is not on the {board.label}, its last one is {last}"
+        notes.append(
+            Note(
+                "warning",
+                f"marker {_list(beyond.tolist())} is not on the {board.label}, "
+                f"its last one is {last}",
+                "with more rows than camera.markers says, the origin, its lower left corner, is "
+                "too high: count its squares",
+                strict=True,
+            )
         )
-        why = (
-            "with more rows than camera.markers says, the origin, its lower left corner, is too "
-            "high: count its squares"
-        )
-        notes.append(Note("warning", what, why, strict=True))
     return tuple(notes)
 
 
@@ -367,15 +389,18 @@ def _note_missing(missing: int, side: _Side, board: Board) -> Note:
         lines = f"the {missing} {side.name} {side.line}s"
     what = f"no corner of {lines} of the {board.label} is found"
     if side.name != "lower":
-        why = "covered, or out of the picture: the origin does not depend on it"
-        return Note("assumed", what, why)
+        return Note(
+            "assumed", what, "covered, or out of the picture: the origin does not depend on it"
+        )
     shift = short(missing * board.square, 3)
-    why = (
+    return Note(
+        "warning",
+        what,
         "the origin is its lower left corner: if the board has "
         f"{counted(board.rows - missing, 'row')} of squares, all is {shift} mm too far up; "
-        "count its squares, or uncover them"
+        "count its squares, or uncover them",
+        strict=True,
     )
-    return Note("warning", what, why, strict=True)
 
 
 def _select_agreeing(
