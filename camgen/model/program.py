@@ -379,7 +379,6 @@ def put_at(
 
 
 def _any_of(numbered: NDArray[np.int8], kinds: Iterable[type]) -> Mask:
-    """Whether each kind, by number, is one of the types `kinds`."""
     mask = np.zeros(len(numbered), np.bool_)
     for kind in kinds:
         mask |= numbered == NUMBER[kind]
@@ -516,7 +515,6 @@ def _are_finite(values: FloatArray) -> Mask:
 
 
 def _is_finite(value: float | Sequence[float] | FloatArray) -> bool:
-    """Whether a number, or all numbers of a tuple or array, are finite."""
     if isinstance(value, float):
         return math.isfinite(value)
     if isinstance(value, tuple):
@@ -609,7 +607,6 @@ def _find_changing(columns: Columns) -> Iterator[tuple[int, str]]:
 
 
 def _find_next_motion(columns: Columns, index: int) -> Motion | None:
-    """The first motion after the instruction at `index`, or None."""
     after = int(np.searchsorted(columns.at, index))
     return columns.moves[after] if after < len(columns.moves) else None
 

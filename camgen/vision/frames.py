@@ -155,7 +155,6 @@ def _compute_blur(widths: Float32) -> float:
 
 
 def _find_edges(pixels: Pixels) -> _Edges | None:
-    """The strongest edges of a picture, or None if there are too few."""
     smooth = _smooth(pixels)
     slope = _compute_slope(smooth)
     step = _dilate(smooth, _STEP_PX) + _dilate(-smooth, _STEP_PX)
@@ -172,7 +171,6 @@ def _find_edges(pixels: Pixels) -> _Edges | None:
 
 
 def _smooth(pixels: Pixels) -> Float32:
-    """The grey values (H, W) of a picture, smoothed."""
     import cv2  # noqa: PLC0415 (loaded only by what needs it)
 
     grey = convert_to_grey(pixels).astype(np.float32)

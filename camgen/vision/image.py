@@ -398,7 +398,6 @@ def is_of_sensor(camera: CameraTable) -> bool:
 
 
 def _check_size(name: str, head: Header, limits: Limits) -> None:
-    """Raises InputError for more pixels, or more bytes of pixels, than the limits allow."""
     pixels = head.width * head.height
     if pixels > limits.picture_pixels:
         raise InputError(
@@ -417,7 +416,6 @@ def _check_size(name: str, head: Header, limits: Limits) -> None:
 
 
 def _decode(data: bytes, name: str, head: Header, notes: list[Note]) -> NDArray[np.generic]:
-    """The pixels as they are stored. Raises InputError for a damaged file."""
     import cv2  # noqa: PLC0415 (loaded only by what needs it)
 
     remedy = "copy or export it again"
@@ -503,7 +501,6 @@ def _find_transparency(pixels: Pixels) -> Pixels | None:
 
 
 def _blend_onto_white(pixels: Pixels, notes: list[Note]) -> Pixels:
-    """The pixels without transparency, with a note if there was any."""
     if pixels.ndim == 2 or pixels.shape[2] == 3:
         return pixels
     clear = pixels[..., 3] < 255

@@ -83,7 +83,6 @@ def ink_of(pixels: Pixels, threshold: float | None, invert: bool) -> Ink | None:
 
 
 def _compute_median(grey: Pixels, selected: BoolArray) -> float:
-    """The median of the `selected` pixels, from their histogram."""
     counts = np.cumsum(np.bincount(grey[selected], minlength=256))
     return float(np.searchsorted(counts, counts[-1] / 2))
 

@@ -409,7 +409,6 @@ def outlines(
 
 
 def _check_pictures(grey: Pixels | Float32, mask: Pixels) -> None:
-    """Raises InputError if picture or mask have a wrong shape or type."""
     if mask.ndim != 2 or mask.dtype != np.uint8:
         raise InputError(
             "mask", f"has shape {mask.shape} of {mask.dtype}", remedy="give (H, W) uint8"

@@ -185,7 +185,6 @@ def _make_normalisation(points: FloatArray) -> FloatArray:
 
 
 def _fit_dlt(source: FloatArray, image: FloatArray) -> FloatArray:
-    """Fit a homography (3, 3) by the direct linear transformation."""
     lifted = np.column_stack([source, np.ones(len(source))])
     zeros = np.zeros_like(lifted)
     first = np.hstack([lifted, zeros, -image[:, :1] * lifted])
@@ -461,7 +460,6 @@ def _check_pairs(px: ArrayLike, mm: ArrayLike, source: str) -> tuple[FloatArray,
 def _check_general_position(
     image: FloatArray, work: FloatArray, names: Sequence[str], source: str
 ) -> None:
-    """Raises JobError for equal points, and for points on a line."""
     for points, kind in ((image, "in the photo"), (work, "in mm")):
         _, first, inverse = np.unique(points, axis=0, return_index=True, return_inverse=True)
         repeated = np.flatnonzero(first[inverse] != np.arange(len(points)))

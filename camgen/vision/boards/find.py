@@ -200,7 +200,6 @@ def list_marks(pixels: Pixels, target: Sheet | Board) -> tuple[list[int], list[i
 
 
 def _find_sheet(picture: Picture, camera: Camera | None, sheet: Sheet) -> _MarkCorners:
-    """The markers of a sheet in a photo. Raises InputError for fewer than two."""
     grey = convert_to_grey(picture.pixels)
     seen = _detect(grey, len(sheet.ids))
     times = Counter(number for number, _ in seen)
@@ -248,7 +247,6 @@ def _find_sheet(picture: Picture, camera: Camera | None, sheet: Sheet) -> _MarkC
 
 
 def _find_board(picture: Picture, camera: Camera | None, board: Board) -> _MarkCorners:
-    """The corners and markers of a board in a photo. Raises InputError for under four corners."""
     pattern = _choose_pattern(picture.pixels, board)
     if len(pattern.numbers) < 4:
         raise InputError(
@@ -284,7 +282,6 @@ def _find_board(picture: Picture, camera: Camera | None, board: Board) -> _MarkC
 
 
 def _name_corners(markers: Sequence[str]) -> list[str]:
-    """The names of the corners of markers."""
     names: list[str] = []
     for marker in markers:
         names += [f"{marker} corner {corner}" for corner in (1, 2, 3, 4)]

@@ -289,7 +289,6 @@ def _leave_out_odd(
 
 
 def _sum_squares(photo: UsedPhoto) -> float:
-    """Sum of the squared distances of a photo, px2."""
     return float(np.vdot(photo.errors, photo.errors))
 
 

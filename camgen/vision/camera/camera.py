@@ -174,7 +174,6 @@ def from_storage(file: str, text: str) -> CameraData:
 
 
 def _check_single_camera(file: str, keys: Sequence[str]) -> None:
-    """Raises InputError for a file with the matrices of two cameras."""
     for first, second in (("M1", "M2"), ("K1", "K2")):
         if first in keys and second in keys:
             raise InputError(
@@ -362,7 +361,6 @@ def _quote(name: str) -> str:
 
 
 def _make_camera(data: CameraData, source: Source) -> Camera:
-    """Make the camera of a file. Raises InputError for values that no camera has."""
     file = source.name
     model = data.model or _RATIONAL
     if model not in _MODELS:
@@ -409,13 +407,11 @@ def _make_camera(data: CameraData, source: Source) -> Camera:
 
 
 def _check_finite(file: str, key: str, values: FloatArray) -> None:
-    """Raises InputError for a number that is not finite."""
     if not np.isfinite(values).all():
         raise InputError(file, f"{key} holds a number that is not finite", remedy=AGAIN)
 
 
 def _check_matrix(file: str, key: str, matrix: FloatArray) -> None:
-    """Raises InputError for a matrix (3, 3) that is not that of a camera."""
     for name, focal in zip(("fx", "fy"), np.diag(matrix)[:2].tolist(), strict=True):
         if focal <= 0:
             zero = " (all 0: the camera was never calibrated)" if not matrix.any() else ""

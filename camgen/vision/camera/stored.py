@@ -174,7 +174,6 @@ def _convert_list(file: str, key: str, value: list[Stored]) -> FloatArray:
 
 
 def _convert_count(file: str, key: str, value: Stored) -> int:
-    """A number of rows or columns. Raises InputError for anything else."""
     number = find_numbers(file, key, value) if isinstance(value, str) else np.array(-1.0)
     if not (0 <= number <= _MAX_NUMBERS) or number % 1:
         raise InputError(file, f"{key} is no number of rows or columns", remedy=AGAIN)

@@ -88,7 +88,6 @@ def _move(chain: FittedChain, step: FloatArray) -> FittedChain:
 def _sum_squares(
     chain: FittedChain, points: ComplexArray, piece: IntArray, weight: FloatArray
 ) -> float:
-    """The sum of squares that the fit minimises, px2."""
     tangents = _TANGENT_WEIGHT * _measure_kinks(chain)[chain.smooth]
     return float(weight @ errors(chain, points, piece) ** 2 + tangents @ tangents)
 

@@ -165,7 +165,6 @@ def _note_loose(
 
 
 def _erase(mask: Bytes, piece: MaskPiece) -> None:
-    """Remove a piece from `mask` (H, W), in place."""
     if piece.filled - piece.pixels < _MIN_PIXELS:
         cv2.drawContours(mask, [piece.ring], -1, 0, cv2.FILLED)
         return

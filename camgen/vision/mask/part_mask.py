@@ -240,7 +240,6 @@ def _note_other_side(segmentation: Segmentation, cells: Cells) -> tuple[Note, ..
 
 
 def _segment_by_colour(pixels: Bytes, cells: Cells, options: MaskOptions) -> MaskChoice | None:
-    """The part by its colour. Raises InputError for a grey picture."""
     if pixels.ndim == 2:
         raise InputError(
             options.name, "is grey", remedy='[image] mask = "color" needs a picture in colour'
@@ -506,7 +505,6 @@ def _describe_contrast(segmentation: Segmentation) -> str:
 
 
 def _has_colour(cells: Cells) -> bool:
-    """Whether a picture is in colour, judged by every second cell."""
     if cells.values.ndim == 2:
         return False
     blue, green, red = (cells.values[::2, ::2, k] for k in range(3))
@@ -633,7 +631,6 @@ def _restore_segmentation(pixels: Bytes, segmentation: Segmentation, cells: Cell
 
 
 def _note_uncertain(uncertain: UncertainRegions, cells: Cells, view: ScaledView) -> Note:
-    """The note on uncertain regions, with the methods that differ and the largest places."""
     mm2 = (cells.size * view.mm_per_px) ** 2
     count = len(uncertain.places)
     what = (
@@ -655,7 +652,6 @@ def _note_uncertain(uncertain: UncertainRegions, cells: Cells, view: ScaledView)
 def _note_touching(
     touching: list[TouchingPlace], cells: Cells, view: ScaledView
 ) -> tuple[Note, ...]:
-    """The note on parts that touch or overlap, with the first places; none without a place."""
     if not touching:
         return ()
     listed = touching[:_MAX_PLACES]
@@ -709,7 +705,6 @@ def _choose_method(settings: ImageTable, background: ScaledView | None) -> Metho
 
 
 def _check_colour(settings: ImageTable) -> Colour | None:
-    """The colour of the settings, None for none. Raises JobError for an invalid one."""
     if settings.color is None:
         return None
     if len(settings.color) != 3 or not all(0 <= value <= 255 for value in settings.color):
@@ -723,7 +718,6 @@ def _check_colour(settings: ImageTable) -> Colour | None:
 
 
 def _check_background(view: ScaledView, background: ScaledView | None) -> None:
-    """Raises JobError if the view of the empty bench has another size or number of channels."""
     if background is None or background.pixels.shape == view.pixels.shape:
         return
     raise JobError(
