@@ -14,8 +14,8 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
 from msgspec import Struct
 
@@ -26,10 +26,6 @@ from camgen.model.text import short
 from camgen.vision.boards.sheet import DICTIONARY, Board
 from camgen.vision.image import Pixels, convert_to_grey
 from camgen.vision.plane import depth, fit_homography, in_line, scales
-
-if TYPE_CHECKING:
-    import cv2
-
 
 # Corners of a chessboard to a hundredth of a pixel: a saddle is fitted to the grey values.
 
@@ -323,8 +319,6 @@ def find_board(pixels: Pixels, target: Target) -> SeenBoard | None:
 
 def _search_reduced(grey: Pixels, factor: int, target: Target) -> Iterator[_Rough]:
     """Candidates for the board in the picture reduced by `factor`, in px of the full one."""
-    import cv2  # noqa: PLC0415 (loaded only by what needs it)
-
     height, width = grey.shape
     size, small = (width // factor, height // factor), grey
     if factor > 1:
@@ -345,8 +339,6 @@ def _search_chessboard(grey: Pixels, target: Chessboard, reduced: bool) -> Itera
     misses some that the other finds. The older one may take seconds on a large picture without a
     board, so it is not used there.
     """
-    import cv2  # noqa: PLC0415 (loaded only by what needs it)
-
     size = (target.columns, target.rows)
     numbers = np.arange(target.columns * target.rows)
     if reduced or grey.size <= _SEARCHED_PIXELS:
@@ -394,8 +386,6 @@ def find_patterns(grey: Pixels, board: Board) -> Iterator[Pattern]:
 
     A pattern that is not in the picture has few corners.
     """
-    import cv2  # noqa: PLC0415 (loaded only by what needs it)
-
     drawn = cv2.aruco.CharucoBoard(
         (board.columns, board.rows), board.square, board.marker, _load_dictionary(board)
     )
@@ -488,8 +478,6 @@ def _find_axes(homography: FloatArray, places: FloatArray) -> FloatArray:
 
 
 def _load_dictionary(board: Board) -> cv2.aruco.Dictionary:
-    import cv2  # noqa: PLC0415 (loaded only by what needs it)
-
     number = getattr(cv2.aruco, f"DICT_{board.dictionary.upper()}", None)
     if number is None:
         names = [name.removeprefix("DICT_") for name in dir(cv2.aruco) if name.startswith("DICT_")]
