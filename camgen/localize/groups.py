@@ -42,8 +42,10 @@ def group_places(places: FloatArray, gap: float) -> list[IntArray]:
         while border:
             (x, y, z), i = border.pop()
             group[i] = number
-            near = [(x + a, y + b, z + c) for a, b, c in _STEPS]
-            border += [(cell, pending.pop(cell)) for cell in near if cell in pending]
+            for a, b, c in _STEPS:
+                cell = (x + a, y + b, z + c)
+                if cell in pending:
+                    border.append((cell, pending.pop(cell)))
         number += 1
     group_of = group[cell_of.reshape(-1)]
     order = np.argsort(-np.bincount(group_of), kind="stable")

@@ -158,7 +158,8 @@ def _find_stretches(
         odd = np.flatnonzero(is_odd & (wanted > 0.5 * _IN_WINDOW))
         for group in group_places(places[odd], half):
             stretch = odd[group]
-            total, seen = (float(each[rows[stretch]].sum()) for each in (expected, counts))
+            total = float(expected[rows[stretch]].sum())
+            seen = float(counts[rows[stretch]].sum())
             if seen >= _BEYOND if beyond else _compute_chance(seen, total) < _CHANCE:
                 patches.append(_make_patch(places[stretch], total, beyond))
     return patches

@@ -63,9 +63,11 @@ def find_columns(names: Sequence[str]) -> Columns | None:
 
     Raises ValueError if a name is there twice or the three units differ.
     """
-    split = [_split_unit(name) for name in names]
-    plain = [_BETWEEN.sub("", words).lower() for words, _ in split]
-    units = [unit for _, unit in split]
+    plain, units = [], []
+    for name in names:
+        words, unit = _split_unit(name)
+        plain.append(_BETWEEN.sub("", words).lower())
+        units.append(unit)
     for family in _FAMILIES:
         places = [_indices(plain, axis) for axis in family]
         if not all(places):

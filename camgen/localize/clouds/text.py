@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from itertools import chain
+from itertools import chain, compress
 from operator import itemgetter
 
 import numpy as np
@@ -141,8 +141,8 @@ def _collect_rows(name: str, lines: Sequence[str], begin: int) -> _Rows:
     counts = _find_counts(name, lines[:begin], texts, numbers)
     mark = _find_mark(texts[0]) or ""
     if counts:
-        left = [k for k in range(len(texts)) if k not in counts]
-        texts, numbers = [texts[k] for k in left], [numbers[k] for k in left]
+        is_point = [k not in counts for k in range(len(texts))]
+        texts, numbers = list(compress(texts, is_point)), list(compress(numbers, is_point))
     return _Rows(texts, numbers, mark)
 
 
@@ -153,8 +153,11 @@ def _find_counts(
 
     Raises InputError if as many do not follow.
     """
-    indices = [k for k, line in enumerate(lines) if line.isdecimal()]
-    blocks = [(k + 1, numbers[k], lines[k]) for k in indices]
+    indices, blocks = set(), []
+    for k, line in enumerate(lines):
+        if line.isdecimal():
+            indices.add(k)
+            blocks.append((k + 1, numbers[k], line))
     above = [(k, line.strip()) for k, line in enumerate(head, 1) if line.strip()]
     counts = [(k, line) for k, line in (above[:1] + above[-1:]) if line.isdecimal()]
     if counts:
@@ -168,7 +171,7 @@ def _find_counts(
                 f"line {number}",
                 AGAIN,
             )
-    return set(indices)
+    return indices
 
 
 # The head.
