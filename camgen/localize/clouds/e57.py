@@ -30,7 +30,7 @@ def read_e57(name: str, data: bytes) -> FileCloud:
         raise InputError(
             name,
             "E57 needs the package pye57",
-            remedy="pip install 'camgen[scan]', or export it as PLY or PTX",
+            remedy="pip install '.[scan]' in the folder of camgen, or export it as PLY or PTX",
         ) from error
     with TemporaryDirectory() as folder:
         path = Path(folder) / "scan.e57"

@@ -41,7 +41,7 @@ def read_las(name: str, data: bytes) -> FileCloud:
         raise InputError(
             name,
             "LAS needs the package laspy",
-            remedy="pip install 'camgen[scan]', or export it as PLY",
+            remedy="pip install '.[scan]' in the folder of camgen, or export it as PLY",
         ) from error
     try:
         with np.errstate(all="ignore"):
