@@ -12,7 +12,7 @@ from camgen.model.errors import JobError, NoSafeProgram
 from camgen.read.capture import MOST_FRAMES, capture, encode, judge_marks, tell
 from camgen.read.files import Files
 from camgen.read.job_file import load
-from camgen.vision.frames import judge
+from camgen.vision.frames import note_faults
 
 #: Kinds of picture files that lose nothing.
 _SUFFIXES = (".png", ".tif", ".tiff", ".bmp")
@@ -30,7 +30,7 @@ def run(arguments: Namespace, says: Voice) -> int:
     says.stage(f"looking at {source}")
     shot = capture(source, arguments.frames, arguments.skip, arguments.timeout)
     seen, missing = judge_marks(shot, job)
-    notes = (*judge(shot), *missing)
+    notes = (*note_faults(shot), *missing)
     says.clear()
     if arguments.strict and notes:
         raise NoSafeProgram(source, f"--strict and {notes[0].what}", remedy=notes[0].why)

@@ -81,15 +81,6 @@ def be_struct(kind: type, fields: Mapping[str, Check]) -> Check:
     return check
 
 
-def be_optional(check: Check) -> Check:
-    """A check that a value is None or passes `check`."""
-
-    def check_optional(value: Any) -> str:
-        return "" if value is None else check(value)
-
-    return check_optional
-
-
 def be_empty(value: Any) -> str:
     """A check of the abstract methods that a class leaves open: none are allowed."""
     return f"must be defined: {', '.join(sorted(value))}" if value else ""

@@ -20,7 +20,7 @@ from camgen.model.part import Note
 from camgen.model.text import counted
 from camgen.read.image import find_target
 from camgen.vision.boards.find import list_marks
-from camgen.vision.frames import Shot, Sum, judge
+from camgen.vision.frames import Shot, Sum, note_faults
 from camgen.vision.image import header
 
 #: How an input says that it is a camera and no file: camera:0, camera:clip.avi, camera:rtsp://host/stream.
@@ -163,7 +163,7 @@ def _grab_frames(camera: object, frames: int, skip: int) -> Shot | str:
 def make_source(name: str, path: Path, shot: Shot) -> Source:
     """The shot of the camera ``name`` as the picture file ``path``, with what is wrong with it."""
     taken = Note("assumed", f"{name}: {tell(shot)}")
-    return Source(path, encode(shot, ".png"), notes=(taken, *judge(shot)))
+    return Source(path, encode(shot, ".png"), notes=(taken, *note_faults(shot)))
 
 
 def tell(shot: Shot) -> str:

@@ -19,7 +19,7 @@ from camgen.cli import main
 from camgen.model.job import CameraTable, Job
 from camgen.read.capture import capture, judge_marks, name_picture
 from camgen.vision.boards.sheet import DICTIONARY, sheet
-from camgen.vision.frames import edge_blur, judge
+from camgen.vision.frames import edge_blur, note_faults
 
 SIZE = (320, 240)
 
@@ -112,7 +112,9 @@ def test_frames_are_left_out_and_those_there_are_counted(
 
 
 def told(tmp_path: Path, frames: Sequence[np.ndarray]) -> list[str]:
-    return [note.what for note in judge(capture(str(film(tmp_path / "clip.avi", frames, "FFV1"))))]
+    return [
+        note.what for note in note_faults(capture(str(film(tmp_path / "clip.avi", frames, "FFV1"))))
+    ]
 
 
 @pytest.mark.parametrize("blur", [0.8, 1.5, 2.6, 4.0])

@@ -203,7 +203,7 @@ def _read_urdf(data: bytes) -> object:
 
 
 def _read_cloud(suffix: str, data: bytes) -> object:
-    return scans.read(Source(Path(f"scan{suffix}"), data))
+    return scans.read_scan(Source(Path(f"scan{suffix}"), data))
 
 
 def _read_plan(data: bytes) -> object:
