@@ -25,9 +25,9 @@ from camgen.plan.propose import propose
 from camgen.preview.page import Edits, page
 from camgen.preview.view import view
 from camgen.read import find_reader, read
-from camgen.read.dxf.layers import Layers
 from camgen.read.files import Files
 from camgen.read.job_file import load
+from camgen.read.layers import Layers
 from camgen.workbench.form import find_place
 from camgen.workbench.session import rows_of, tables_of
 from camgen.workbench.usual import Usual, usual_in

@@ -21,8 +21,8 @@ from camgen.model.pose import FloatArray
 from camgen.model.text import harmless, short
 from camgen.read import join
 from camgen.read.colors import count_colors
-from camgen.read.dxf.layers import NOT_ASKED, Layers
 from camgen.read.files import Files
+from camgen.read.layers import NOT_ASKED, Layers
 from camgen.read.open_outlines import find_open_outlines
 from camgen.read.pieces import tally_counts
 from camgen.read.svg.background import remove_background

@@ -14,7 +14,7 @@ from camgen.model.errors import InputError
 from camgen.model.limits import Limits, tell
 from camgen.model.pose import FloatArray
 from camgen.model.text import harmless
-from camgen.read.dxf.layers import Layers
+from camgen.read.layers import Layers
 from camgen.read.svg.clip import HalfPlanes, join_half_planes, make_half_planes
 from camgen.read.svg.path import KINDS, Subpath, list_corners, measure_bounds, shape
 from camgen.read.svg.style import (
