@@ -366,8 +366,8 @@ class _Walker(Struct):
     def _choose(self, element: Element, tag: str, place: _Place) -> Iterable[Element]:
         """The children of a group that are drawn.
 
-        Of a switch that is the first one whose conditions hold; a link in a link is not drawn. The
-        others are reported.
+        A switch draws its first child whose conditions hold. A link in a link is not drawn. The
+        other children are reported.
         """
         if tag == "a":
             for child in element.iterfind(SVG + "a"):
