@@ -27,7 +27,7 @@ def read(source: Source, job: Job, _files: Files) -> Part:
     Raises InputError if the picture has no ink or no scale, and JobError for a setting that has no
     effect on a drawing.
     """
-    _check_settings(job)
+    _check_no_photo_settings(job)
     picture = load(source)
     view = _scale(picture, job)
     threshold = job.image.threshold
@@ -99,14 +99,13 @@ def _scale(picture: Picture, job: Job) -> ScaledView:
     if not job.page.size or job.page.scale == "true":
         return already_to_scale(picture, image.mm_per_px, image.width_mm)
     if image.mm_per_px is not None or image.width_mm is not None:
-        cause = f"page.scale = {job.page.scale} gives the scale"
-        what = f"mm_per_px and width_mm have no effect: {cause}"
+        what = "mm_per_px and width_mm have no effect: "
+        what += f"page.scale = {job.page.scale} gives the scale"
         raise JobError("[image]", what, remedy='use page.scale = "true"')
     return ScaledView(picture.pixels, already_to_scale(picture, 1.0).work_from_view, 1.0)
 
 
-def _check_settings(job: Job) -> None:
-    """Raises JobError for a setting of photos, which would have no effect."""
+def _check_no_photo_settings(job: Job) -> None:
     default = ImageTable()
     for key in ("region", "tones", "background", "lamp_moved", "color", "min_area"):
         if getattr(job.image, key) != getattr(default, key):
@@ -114,5 +113,6 @@ def _check_settings(job: Job) -> None:
             what = "has no effect on a drawing that is traced, filled or drilled"
             raise JobError(f"[image] {key}", what, remedy=remedy)
     if job.image.lines != default.lines and job.operation.kind != "trace":
-        what = "has no effect on a drawing that is not traced"
-        raise JobError("[image] lines", what, remedy="leave it out")
+        raise JobError(
+            "[image] lines", "has no effect on a drawing that is not traced", remedy="leave it out"
+        )

@@ -87,7 +87,6 @@ def capture(
 
 
 def _check_video(name: str, path: Path) -> None:
-    """Raises InputError for a path that is not a file, and for a file that is a picture."""
     try:
         mode = path.stat().st_mode
         if not stat.S_ISREG(mode):

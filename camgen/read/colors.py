@@ -78,10 +78,8 @@ def resolve_css(text: str) -> str:
     if _HEX.fullmatch(word):
         return _from_digits(word)
     match = _FUNCTION.fullmatch(word)
-    if match is None:
-        return ""
     try:
-        return _from_function(match[1], re.split(r"[\s,/]+", match[2].strip()))
+        return _from_function(match[1], re.split(r"[\s,/]+", match[2].strip())) if match else ""
     except ValueError:  # not numbers
         return ""
 

@@ -42,8 +42,7 @@ def list_contours(part: Part) -> list[ContourFacts]:
     np.minimum.at(lower, segments.owner, box[:, :2])
     np.maximum.at(upper, segments.owner, box[:, 2:])
     sizes, middles = (upper - lower).tolist(), ((lower + upper) / 2).tolist()
-    rows = []
-    for contour, (width, height), (x, y) in zip(part.contours, sizes, middles, strict=True):
-        size, middle = (width, height), (x, y)
-        rows.append(ContourFacts(contour.id, contour.layer, contour.closed, size, middle))
-    return rows
+    return [
+        ContourFacts(contour.id, contour.layer, contour.closed, tuple(size), tuple(middle))
+        for contour, size, middle in zip(part.contours, sizes, middles, strict=True)
+    ]

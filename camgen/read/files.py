@@ -105,7 +105,6 @@ def reason(error: OSError | ValueError) -> str:
 
 
 def _check_file(path: Path) -> None:
-    """Raises InputError for a folder and for a file that is not regular."""
     mode = path.stat().st_mode
     if stat.S_ISDIR(mode):
         raise InputError(str(path), "is a folder", remedy="name the files in it")
@@ -133,7 +132,6 @@ def _read_bounded(name: str, stream: BinaryIO, limit: float, size: int = 0) -> b
 
 
 def _suggest_file(path: Path) -> str:
-    """The remedy for a missing file: the file of its folder with the most similar name, or ""."""
     try:
         stems = {Path(name).stem: name for name in sorted(os.listdir(path.parent))}
     except OSError:

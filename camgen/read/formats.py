@@ -54,7 +54,6 @@ def inspect_with(module: str) -> Callable[[Source, Job, Files], object]:
 
 
 def _read_picture(source: Source, job: Job, files: Files) -> Part:
-    """The ink of a drawing, or the part in a photo."""
     module = "camgen.read.artwork" if is_drawing(job) else "camgen.read.image"
     return read_with(module)(source, job, files)
 

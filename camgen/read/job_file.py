@@ -108,8 +108,9 @@ def _fill_cell(tree: Tree, origins: dict[tuple[str, str], str], files: Files) ->
     cell_tree = _check_tables(_read_toml(Path(name), files, "cell.file"), name)
     for table in cell_tree:
         if table != "cell":
-            what = f"[{table}] stands in the file of a cell"
-            raise JobError(name, what, remedy="keep [cell] alone in it")
+            raise JobError(
+                name, f"[{table}] stands in the file of a cell", remedy="keep [cell] alone in it"
+            )
     if "file" in cell_tree.get("cell", {}):
         raise JobError(name, "names a file itself", "[cell]", "put all of the cell into one file")
     _resolve_paths(cell_tree, Path(name).parent)
@@ -156,7 +157,6 @@ def _fill_tools(tree: Tree, origins: dict[tuple[str, str], str], files: Files) -
 
 
 def _read_tools(name: str, files: Files) -> list[dict[str, object]]:
-    """The rows of a library of tools. Raises JobError for a wrong one."""
     library = _check_tables(_read_toml(Path(name), files, "tool.file"), name)
     for table in library:
         if not table.startswith("tools."):
@@ -179,10 +179,8 @@ def _resolve_paths(tree: Tree, folder: Path) -> None:
     """
     for table, key in FILES:
         name = tree.get(table, {}).get(key)
-        if not isinstance(name, str) or not name:
-            continue
-        is_built_in = (table, key) == ("cell", "robot") and not split_name(name)
-        if not is_built_in:
+        is_arm = (table, key) == ("cell", "robot")
+        if isinstance(name, str) and name and (not is_arm or split_name(name)):
             tree[table][key] = str(folder / name)
     fixtures = tree.get("cell", {}).get("fixtures")
     if isinstance(fixtures, list):
@@ -217,7 +215,6 @@ def from_mapping(tables: Mapping[str, object], files: Files | None = None) -> Jo
 
 
 def _convert_numpy(value: object) -> object:
-    """`value` with numbers and arrays of numpy as numbers and lists of Python."""
     if isinstance(value, Mapping):
         return {key: _convert_numpy(content) for key, content in value.items()}
     if isinstance(value, (list, tuple)):
@@ -237,12 +234,14 @@ def _read_toml(file: Path, files: Files, setting: str = "--job") -> dict[str, An
         raise JobError(str(file), what, setting, "give a file that can be read") from error
     except UnicodeDecodeError as error:
         line = error.object[: error.start].count(b"\n") + 1
-        place = f"line {line}"
-        raise JobError(str(file), "is not UTF-8 text", place, "save it as UTF-8") from error
+        raise JobError(
+            str(file), "is not UTF-8 text", f"line {line}", "save it as UTF-8"
+        ) from error
     except tomllib.TOMLDecodeError as error:
-        reason, _, place = str(error).partition(" (at ")
-        what = f"is not TOML: {reason}"
-        raise JobError(str(file), what, place.rstrip(")"), "mend this line") from error
+        what, _, place = str(error).partition(" (at ")
+        raise JobError(
+            str(file), f"is not TOML: {what}", place.rstrip(")"), "mend this line"
+        ) from error
     except RecursionError as error:
         raise JobError(str(file), "is nested too deeply") from error
     except ValueError as error:  # Python does not read numbers of thousands of digits
@@ -250,7 +249,6 @@ def _read_toml(file: Path, files: Files, setting: str = "--job") -> dict[str, An
 
 
 def _check_tables(tree: Mapping[str, object], origin: str) -> Tree:
-    """The tables of `tree`, with each row as a table. Raises JobError for other content."""
     result: Tree = {}
     for name, content in tree.items():
         if name in ROWS:
@@ -271,7 +269,6 @@ def _check_tables(tree: Mapping[str, object], origin: str) -> Tree:
 
 
 def _report_unknown_table(name: str, origin: str, content: object) -> JobError:
-    """The error for an unknown table, or for a setting outside of its table."""
     homes = [setting.table for setting in settings() if setting.key == name]
     if homes and not isinstance(content, Mapping):
         what = f"{_quote(name)} stands outside its table"
@@ -324,10 +321,11 @@ def _convert(tree: Tree, origins: Origins, source: str) -> Job:
     _check_numbers(tree, origins, source, limits.number)
     for (table, key), value in defaults_beside(tree).items():
         tree[table] = {key: value} | tree.get(table, {})
-    values: dict[str, Any] = {}
-    for name, kind in get_type_hints(Job).items():
-        if name not in ("post", "operation", *ROWS):
-            values[name] = _convert_table(kind, tree.get(name, {}), _Place(name, origins, source))
+    values = {
+        name: _convert_table(kind, tree.get(name, {}), _Place(name, origins, source))
+        for name, kind in get_type_hints(Job).items()
+        if name not in ("post", "operation", *ROWS)
+    }
     place = _Place("operation", origins, source)
     operation = _convert_operation(tree.get("operation", {}), place)
     job = Job(**values, operation=operation, post=tree.get("post", {}))
@@ -344,8 +342,8 @@ class _Place(Struct, frozen=True):
     """A table of a job, for messages.
 
     table: its name.
-    origins: where its settings come from.
-    source: where all others come from.
+    origins: origins of the settings.
+    source: origin of the settings that are not in `origins`.
     """
 
     table: str
@@ -353,7 +351,6 @@ class _Place(Struct, frozen=True):
     source: str
 
     def report(self, key: str, what: str, remedy: str = "") -> JobError:
-        """The error for a setting of the table."""
         origin = self.origins.get((self.table, key), self.source)
         return JobError(origin, what, _format_table(self.table), remedy)
 
@@ -365,7 +362,7 @@ def _check_keys(keys: dict[str, object], place: _Place) -> None:
         if key not in known:
             raise _report_unknown_key(key, place)
         if isinstance(value, str) and has_speed(place.table.partition(".")[0], key):
-            keys[key] = _convert_speed(value, key, place)
+            keys[key] = _convert_to_mm_s(value, key, place)
         numbers = (number for number in _list_numbers(keys[key]) if isinstance(number, float))
         if not all(map(math.isfinite, numbers)):
             raise place.report(key, f"{key} must be finite, not {_quote_short(value)}")
@@ -378,7 +375,6 @@ def _format_table(table: str) -> str:
 
 
 def _find_settings(table: str) -> dict[str, Setting]:
-    """The settings of a table or a row, by key."""
     name, dot, _ = table.partition(".")
     known = row_settings() if dot else settings()
     return {setting.key: setting for setting in known if setting.table == name}
@@ -403,8 +399,7 @@ def _convert_table(kind: type[Kind], keys: Mapping[str, object], place: _Place) 
         raise place.report(key, what, remedy) from error
 
 
-def _convert_speed(value: str, key: str, place: _Place) -> float:
-    """A speed in mm/s of a text with its unit."""
+def _convert_to_mm_s(value: str, key: str, place: _Place) -> float:
     match = _SPEED.fullmatch(value.strip())
     if match is None or match[2] not in SPEED_UNITS:
         what = f"{key} must be a number in mm/s or a text with its unit, not {_quote_short(value)}"
@@ -442,7 +437,6 @@ def _convert_tools(tree: Tree, origins: Origins, source: str) -> list[ToolRow]:
 
 
 def _is_of_job(table: str) -> bool:
-    """Whether a row is in the job itself, and not in its library of tools."""
     return table.partition(".")[2].isdigit()
 
 
@@ -482,7 +476,6 @@ def _convert_step(
 
 
 def _find_tool(choice: Choice, tools: list[ToolRow], place: _Place) -> ToolRow:
-    """The tool that a row names. Raises JobError if it is missing."""
     what = "names no tool"
     if choice.tool:
         for tool in tools:
@@ -534,7 +527,6 @@ def _check_limits(job: Job, place: _Place) -> None:
 
 
 def _report_unknown_key(key: str, place: _Place) -> JobError:
-    """The error for a key that its table does not have. A row's own table comes first."""
     homes = [setting.table for setting in settings() if setting.key == key]
     homes.sort(key=lambda home: not place.table.startswith(home))
     remedy = suggest(str(key), _find_settings(place.table))
@@ -544,7 +536,6 @@ def _report_unknown_key(key: str, place: _Place) -> JobError:
 
 
 def _list_numbers(value: object) -> Iterator[float]:
-    """All numbers in a value, also in lists and tables."""
     if isinstance(value, (float, int)):
         yield value
     elif isinstance(value, (list, tuple)):

@@ -218,7 +218,7 @@ def contours(
     soup = tidy(soup)
     soup = _drop(soup, np.diff(soup.first) > 1, _NO_LENGTH, notes)
     soup = _drop(soup, first_of_its_kind(soup, label_selections(soup, operations)), _TWICE, notes)
-    is_open = ~(soup.closed | _meet_themselves(soup, tolerance))
+    is_open = ~(soup.closed | _are_closed_within(soup, tolerance))
     label = label_selections(soup, operations)
     cut, repeated = cut_repeated(soup, label, tolerance, is_open, np.zeros_like(is_open))
     joined, joints = _join(cut, tolerance)
@@ -254,21 +254,20 @@ def contours(
 def _make_contours(soup: Soup) -> tuple[Contour, ...]:
     points, bulges = frozen(soup.points), frozen(soup.bulges)
     columns = ContourColumns(points, bulges, np.diff(soup.first), soup.closed)
-    contours = []
-    layer_color = zip(soup.layer.tolist(), soup.color.tolist(), strict=True)
-    rows = zip(pairwise(soup.first.tolist()), soup.closed.tolist(), layer_color, strict=True)
-    for number, ((first, after), closed, (layer, color)) in enumerate(rows, start=1):
-        contours.append(
-            Contour(
-                points[first:after],
-                bulges[first:after],
-                closed,
-                soup.layers[layer],
-                f"c{number}",
-                (),
-                soup.colors[color],
-            )
+    spans = pairwise(soup.first.tolist())
+    rows = zip(spans, soup.closed.tolist(), soup.layer.tolist(), soup.color.tolist(), strict=True)
+    contours = (
+        Contour(
+            points[first:after],
+            bulges[first:after],
+            closed,
+            soup.layers[layer],
+            f"c{number}",
+            (),
+            soup.colors[color],
         )
+        for number, ((first, after), closed, layer, color) in enumerate(rows, start=1)
+    )
     return Contours.of(contours, columns)
 
 
@@ -282,8 +281,7 @@ def _are_nearly_closed(soup: Soup) -> BoolArray:
     return np.asarray(gap <= GAP_SHARE * length)
 
 
-def _meet_themselves(soup: Soup, tolerance: float) -> BoolArray:
-    """(P,) whether the two ends of each piece are within `tolerance` mm."""
+def _are_closed_within(soup: Soup, tolerance: float) -> BoolArray:
     gap = soup.points[soup.first[1:] - 1] - soup.points[soup.first[:-1]]
     return np.asarray(np.hypot(gap[:, 0], gap[:, 1]) <= tolerance)
 
@@ -322,16 +320,16 @@ def tell_gaps(pieces: Sequence[FloatArray], tolerance: float) -> tuple[str, Plac
     if not len(gaps):
         return "", ()
     middles = ((ends[gaps] + ends[nearest[gaps]]) / 2).tolist()
-    listed = []
-    for length, (x, y) in zip(gap[gaps[:_LISTED]].tolist(), middles, strict=False):
-        listed.append(f"{short(length, 3)} mm near x {short(x, 2)}, y {short(y, 2)}")
-    text = ", ".join(listed)
+    text = ", ".join(
+        f"{short(length, 3)} mm near x {short(x, 2)}, y {short(y, 2)}"
+        for length, (x, y) in zip(gap[gaps[:_LISTED]].tolist(), middles, strict=False)
+    )
     if len(gaps) > _LISTED:
         text += f" and {counted(len(gaps) - _LISTED, 'other')}"
     join = short(closing_value(float(gap[gaps].max())), 3)
     noun, pronoun = ("gap", "it") if len(gaps) == 1 else ("gaps", "them")
-    text = f"{noun} of {text}: input.join = {join} closes {pronoun}"
-    return text, tuple((x, y) for x, y in middles)
+    places = tuple((x, y) for x, y in middles)
+    return f"{noun} of {text}: input.join = {join} closes {pronoun}", places
 
 
 def closing_value(gap: float) -> float:
@@ -390,7 +388,6 @@ class _Ends(Struct, frozen=True, eq=False):
 
 
 def _join(soup: Soup, tolerance: float) -> tuple[Soup, EndJoints]:
-    """The soup with its open pieces joined, in order of the first piece of each chain."""
     partner = pair_ends(soup, tolerance)
     chains, closed = chain(partner.tolist(), soup.closed.tolist())
     return assemble(soup, chains, closed, same_distance(soup))
@@ -425,17 +422,13 @@ def pair_ends(soup: Soup, tolerance: float) -> IntArray:
 def _list_groups(ends: _Ends, colors: int) -> list[IntArray]:
     """Labels of ends. Ends with equal labels may meet, first by the first labels.
 
-    The labels are layer and color, the layer, and one label for all. Labels that make the same groups
-    as the labels before are left out.
+    The labels are layer and color, the layer, and one for all. Labels that make the same groups as
+    the labels before are left out.
     """
-    groups: list[IntArray] = []
-    last_count = len(ends.layer) + 1
-    for group in (ends.layer * colors + ends.color, ends.layer, np.zeros_like(ends.layer)):
-        count = int(np.count_nonzero(np.bincount(group)))
-        if count < last_count:
-            groups.append(group)
-        last_count = count
-    return groups
+    groups = [ends.layer * colors + ends.color, ends.layer, np.zeros_like(ends.layer)]
+    counts = [int(np.count_nonzero(np.bincount(group))) for group in groups]
+    is_new = [True, counts[1] < counts[0], counts[2] < counts[1]]
+    return list(itertools.compress(groups, is_new))
 
 
 def _find_ends(soup: Soup) -> _Ends:
