@@ -171,11 +171,11 @@ def _grab_frames(camera: object, frames: int, skip: int) -> Shot | str:
 
 def make_source(name: str, path: Path, shot: Shot) -> Source:
     """The shot of the camera `name` as the picture file `path`, with notes on its quality."""
-    taken = Note("assumed", f"{name}: {tell(shot)}")
+    taken = Note("assumed", f"{name}: {format_shot(shot)}")
     return Source(path, encode(shot, ".png"), notes=(taken, *judge(shot)))
 
 
-def tell(shot: Shot) -> str:
+def format_shot(shot: Shot) -> str:
     """Size, number of frames and blur of a shot, for a line of the summary."""
     height, width = shot.pixels.shape[:2]
     size = f"{width} x {height} px, mean of {counted(shot.frames, 'frame')}"
@@ -192,7 +192,7 @@ def encode(shot: Shot, suffix: str) -> bytes:
     return bytes(cv2.imencode(suffix, shot.pixels)[1])
 
 
-def judge_marks(shot: Shot, job: Job) -> tuple[tuple[str, ...], tuple[Note, ...]]:
+def note_marks(shot: Shot, job: Job) -> tuple[tuple[str, ...], tuple[Note, ...]]:
     """A line on the markers of `[camera] markers` that are visible, and a note on missing ones.
 
     Both are empty if the job names no markers.
