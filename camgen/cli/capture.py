@@ -11,7 +11,7 @@ from camgen.cli.say import Voice
 from camgen.model.errors import JobError, NoSafeProgram
 from camgen.read.capture import MOST_FRAMES, capture, encode, format_shot, note_marks
 from camgen.read.files import Files
-from camgen.read.job_file import load
+from camgen.read.job_file import load_job
 from camgen.vision.frames import judge
 
 #: Kinds of picture files that lose nothing.
@@ -26,7 +26,7 @@ def run(arguments: Namespace, says: Voice) -> int:
     job_file = Path(arguments.job) if arguments.job else None
     read = [Path(source), *([job_file] if job_file else [])]
     check_targets([target], read)
-    job = load(job_file, arguments.sets, files)
+    job = load_job(job_file, arguments.sets, files)
     says.stage(f"looking at {source}")
     shot = capture(source, arguments.frames, arguments.skip, arguments.timeout)
     seen, missing = note_marks(shot, job)

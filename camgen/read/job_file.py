@@ -62,7 +62,7 @@ Tree = dict[str, dict[str, object]]
 Origins = Mapping[tuple[str, str], str]
 
 
-def load(file: Path | None, sets: Sequence[str] = (), files: Files | None = None) -> Job:
+def load_job(file: Path | None, sets: Sequence[str] = (), files: Files | None = None) -> Job:
     """The job of a TOML file, or the default one, with settings that override it.
 
     sets: settings "table.key=value".
@@ -79,7 +79,7 @@ def load(file: Path | None, sets: Sequence[str] = (), files: Files | None = None
         for table, keys in tree.items():
             origins |= {(table, key): str(file) for key in keys}
     for text in sets:
-        table, key, value = assignment(text)
+        table, key, value = parse_assignment(text)
         if "." in table and table not in tree:
             name = table.partition(".")[0]
             count = len(_list_rows(tree, name))
@@ -189,7 +189,7 @@ def _resolve_paths(tree: Tree, folder: Path) -> None:
         ]
 
 
-def beside(file: str | None, source: Path | None) -> Path | None:
+def find_job_file(file: str | None, source: Path | None) -> Path | None:
     """The job file: `file`, or else `STEM.toml` next to the input `source`; None without one."""
     if file is not None:
         return Path(file)
@@ -277,7 +277,7 @@ def _report_unknown_table(name: str, origin: str, content: object) -> JobError:
     return JobError(origin, f"unknown table [{_shorten(name)}]", remedy=suggest(str(name), known))
 
 
-def assignment(text: str) -> tuple[str, str, object]:
+def parse_assignment(text: str) -> tuple[str, str, object]:
     """Table, key and value of a setting "table.key=value".
 
     The table of a row is `operations.0`. Raises JobError for a text of another form, and for an
@@ -296,10 +296,10 @@ def assignment(text: str) -> tuple[str, str, object]:
         raise JobError(origin, "is not table.key=value", remedy=remedy)
     if table not in tables() and table.partition(".")[0] not in ROWS:
         raise _report_unknown_table(table, origin, {})
-    return table, key, value_of(raw)
+    return table, key, parse_value(raw)
 
 
-def value_of(raw: str) -> object:
+def parse_value(raw: str) -> object:
     """The TOML value that a user has typed, or the text itself if it is not TOML."""
     try:
         parsed = tomllib.loads(f"value = {raw}")
