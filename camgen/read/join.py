@@ -182,8 +182,8 @@ _NO_LENGTH = Note("repaired", "dropped", "without length")
 _TWICE = Note("repaired", "dropped", "drawn twice; each is used once")
 
 
-def contours_of(soup: Soup, job: Job) -> tuple[tuple[Contour, ...], tuple[Note, ...]]:
-    """The contours of a drawing, and notes, as `contours` makes them for a job.
+def make_job_contours(soup: Soup, job: Job) -> tuple[tuple[Contour, ...], tuple[Note, ...]]:
+    """The contours of a drawing, and notes, as `make_contours` makes them for a job.
 
     Pieces on layers of clamps are joined and compared by themselves. Their contours come last.
     """
@@ -192,9 +192,9 @@ def contours_of(soup: Soup, job: Job) -> tuple[tuple[Contour, ...], tuple[Note, 
     on_clamps = np.array([layer.casefold() in clamps for layer in soup.layers], np.bool_)
     is_clamp = on_clamps[soup.layer]
     if not is_clamp.any():
-        return contours(soup, *settings)
-    part_contours, notes = contours(soup.take(~is_clamp), *settings)
-    clamp_contours, clamp_notes = contours(soup.take(is_clamp), *settings)
+        return make_contours(soup, *settings)
+    part_contours, notes = make_contours(soup.take(~is_clamp), *settings)
+    clamp_contours, clamp_notes = make_contours(soup.take(is_clamp), *settings)
     renamed = [
         replace(contour, id=f"c{number}")
         for number, contour in enumerate(clamp_contours, len(part_contours) + 1)
@@ -202,7 +202,7 @@ def contours_of(soup: Soup, job: Job) -> tuple[tuple[Contour, ...], tuple[Note, 
     return (*part_contours, *renamed), (*notes, *clamp_notes)
 
 
-def contours(
+def make_contours(
     soup: Soup, tolerance: float, by_color: bool = False, operations: Sequence[Step] = ()
 ) -> tuple[tuple[Contour, ...], tuple[Note, ...]]:
     """The contours of drawn pieces in drawing order, and notes on repairs and joints.
@@ -248,10 +248,10 @@ def contours(
         notes += repeated
     if not soup.closed.all():
         notes.append(_note_open(soup, tolerance))
-    return _make_contours(soup), tuple(notes)
+    return _convert_to_contours(soup), tuple(notes)
 
 
-def _make_contours(soup: Soup) -> tuple[Contour, ...]:
+def _convert_to_contours(soup: Soup) -> tuple[Contour, ...]:
     points, bulges = frozen(soup.points), frozen(soup.bulges)
     columns = ContourColumns(points, bulges, np.diff(soup.first), soup.closed)
     spans = pairwise(soup.first.tolist())
@@ -294,7 +294,7 @@ _LISTED = 3
 _MAX_GAP_FRACTION = 0.1
 
 
-def tell_gaps(pieces: Sequence[FloatArray], tolerance: float) -> tuple[str, Places]:
+def format_gaps(pieces: Sequence[FloatArray], tolerance: float) -> tuple[str, Places]:
     """A text on gaps that `input.join` would close, with its value, and their middles.
 
     A gap is between two ends that are nearest to each other. Gaps above a tenth of the larger of
@@ -326,13 +326,13 @@ def tell_gaps(pieces: Sequence[FloatArray], tolerance: float) -> tuple[str, Plac
     )
     if len(gaps) > _LISTED:
         text += f" and {counted(len(gaps) - _LISTED, 'other')}"
-    join = short(closing_value(float(gap[gaps].max())), 3)
+    join = short(compute_join(float(gap[gaps].max())), 3)
     noun, pronoun = ("gap", "it") if len(gaps) == 1 else ("gaps", "them")
     places = tuple((x, y) for x, y in middles)
     return f"{noun} of {text}: input.join = {join} closes {pronoun}", places
 
 
-def closing_value(gap: float) -> float:
+def compute_join(gap: float) -> float:
     """Value of `input.join` that closes a gap of `gap` mm: the next micrometre but one."""
     return math.ceil(gap * 1000 + 1) / 1000
 
@@ -340,7 +340,7 @@ def closing_value(gap: float) -> float:
 def _note_open(soup: Soup, tolerance: float) -> Note:
     is_open = soup.take(~soup.closed)
     pieces = np.split(is_open.points, is_open.first[1:-1])
-    why, places = tell_gaps(pieces, tolerance)
+    why, places = format_gaps(pieces, tolerance)
     why = why or f"their ends meet no free end within input.join = {short(tolerance, 6)} mm"
     return Note("warning", f"open contours: {len(pieces)}", why, (), places)
 
@@ -516,7 +516,7 @@ def _pair_near(
     loose = loose[_have_neighbours(ends.points[loose], group[loose], limit)]
     while radius < limit and len(loose):
         radius = min(4 * radius, limit)
-        a, b, gap = close_pairs(ends.points[loose], group[loose], radius)
+        a, b, gap = find_close_pairs(ends.points[loose], group[loose], radius)
         a, b = loose[a], loose[b]
         other, length = _find_chain_ends(partner, ends.length, np.unique(a))
         is_allowed = (other[a] != b) | (gap <= _OWN_GAP * length[a])
@@ -542,7 +542,7 @@ def _have_neighbours(points: FloatArray, group: IntArray, radius: float) -> Bool
     return np.asarray(count > 1)
 
 
-def close_pairs(
+def find_close_pairs(
     points: FloatArray, group: IntArray, radius: float
 ) -> tuple[IntArray, IntArray, FloatArray]:
     """Pairs of points of one group that are at most `radius` mm apart, and their distances.

@@ -248,7 +248,7 @@ def _make_curves(
 def _make_contours(
     drawn: DrawnEntities, flat: Flat, job: Job
 ) -> tuple[tuple[Contour, ...], tuple[Note, ...]]:
-    contours, joint_notes = join.contours_of(flat.soup, job)
+    contours, joint_notes = join.make_job_contours(flat.soup, job)
     contours, mark_notes = _add_marks(drawn, contours, job)
     notes = [*_note_unused(drawn), *_note_tilted_and_damaged(drawn, flat), *_note_heights(flat)]
     notes += [*_note_simplified(drawn), *mark_notes]

@@ -162,7 +162,7 @@ def _read(source: Source, job: Job) -> _Contents:
         layers.check(source.name)
         notes = [*page.notes, *remove_background(drawing, page.frames)]
         flat = flatten(drawing, job.tolerance.chord)
-        contours, joints = join.contours_of(flat, job)
+        contours, joints = join.make_job_contours(flat, job)
     if page.is_open:
         contours, moved = _from_corner(contours)
         notes += moved
