@@ -405,7 +405,7 @@ class _Stages(Struct):
 
     def __call__(self, name: str) -> None:
         if name == "planning":
-            self.files.let_go()
+            self.files.release()
             gc.collect()  # what was read is a heap of cycles, and a large one
         self.says.stage(name)
         if self.names and name.startswith(f"{self.names[-1]} "):

@@ -144,15 +144,15 @@ def count_colors(colors: Sequence[str]) -> str:
     counts = Counter(colors).most_common()
     if len(counts) < 2:
         return ""
-    listed = ", ".join(f"{count} {describe(color)}" for color, count in counts[:_SHOWN])
+    listed = ", ".join(f"{count} {format_color(color)}" for color, count in counts[:_SHOWN])
     more = f" and {len(counts) - _SHOWN} more" if len(counts) > _SHOWN else ""
     return f"colors of contours: {listed}{more}"
 
 
-def describe(color: str) -> str:
+def format_color(color: str) -> str:
     """A color with its name, if it is one of `BASIC`.
 
-    >>> describe("#ff0000"), describe("#ff7f00"), describe("")
+    >>> format_color("#ff0000"), format_color("#ff7f00"), format_color("")
     ('#ff0000 (red)', '#ff7f00', 'none')
     """
     for name in BASIC:

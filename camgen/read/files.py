@@ -61,7 +61,7 @@ class Files:
         except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
             raise InputError(str(path), f"cannot be read: {reason(error)}") from error
 
-    def let_go(self) -> None:
+    def release(self) -> None:
         """Free the bytes of all files. The names of opened files are kept.
 
         To be called when the last input was read.
