@@ -167,7 +167,8 @@ def read(path: str | Path, job: Job = _DEFAULTS, files: Files | None = None) -> 
 
     files: files that were read before and are not read again.
     """
-    source, files = _open(path, job, files)
+    files = (files or Files()).within(job.limits)
+    source = files.read(path)
     part = find_reader(source).read(source, job, files)
     return move_part(set_clamps_aside(part, job), job)
 
@@ -179,13 +180,9 @@ def inspect(path: str | Path, job: Job = _DEFAULTS, files: Files | None = None) 
 
     files: files that were read before and are not read again.
     """
-    source, files = _open(path, job, files)
-    return find_reader(source).inspect(source, job, files)
-
-
-def _open(path: str | Path, job: Job, files: Files | None) -> tuple[Source, Files]:
     files = (files or Files()).within(job.limits)
-    return files.read(path), files
+    source = files.read(path)
+    return find_reader(source).inspect(source, job, files)
 
 
 def is_drawing(job: Job) -> bool:

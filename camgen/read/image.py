@@ -126,8 +126,7 @@ def read(source: Source, job: Job, files: Files) -> Part:
     part, borders = _outline(source, job, files)
     assert part.raster is not None
     contours, fits, fit_notes = primitives(borders, part.raster.work_from_view)
-    notes = (*part.notes, *fit_notes, *_note_fit(fits))
-    return replace(part, contours=contours, notes=notes)
+    return replace(part, contours=contours, notes=(*part.notes, *fit_notes, *_note_fit(fits)))
 
 
 def read_outlines(source: Source, job: Job, files: Files) -> Part:
@@ -388,13 +387,12 @@ def _measure_area_mm2(view: ScaledView, mask: Mask) -> float:
     return float(np.count_nonzero(mask.pixels)) * view.mm_per_px**2
 
 
-def _check_area(name: str, coarse: float, close: float) -> None:
-    """Raises NoSafeProgram if the part is much smaller in the fine view than in the coarse one.
-
-    coarse, close: area of the part in the coarse and in the fine view, mm2.
-    """
-    if close < _SAME_PART * coarse:
-        what = f"a coarse look finds a part of {coarse:.0f} mm2, a close one finds {close:.0f} mm2"
+def _check_area(name: str, coarse_mm2: float, fine_mm2: float) -> None:
+    if fine_mm2 < _SAME_PART * coarse_mm2:
+        what = (
+            f"a coarse look finds a part of {coarse_mm2:.0f} mm2, "
+            f"a close one finds {fine_mm2:.0f} mm2"
+        )
         remedy = "part and bench hardly differ: light it evenly, or choose another image.mask"
         raise NoSafeProgram(name, what, remedy=remedy)
 

@@ -271,7 +271,7 @@ def _check_tables(tree: Mapping[str, object], origin: str) -> Tree:
 def _report_unknown_table(name: str, origin: str, content: object) -> JobError:
     homes = [setting.table for setting in settings() if setting.key == name]
     if homes and not isinstance(content, Mapping):
-        what = f"{_quote(name)} stands outside its table"
+        what = f'"{_shorten(name)}" stands outside its table'
         return JobError(origin, what, remedy=f"it belongs to [{homes[0]}]")
     known = [f"[{table}]" for table in tables()] + [f"[[{table}]]" for table in ROWS]
     return JobError(origin, f"unknown table [{_shorten(name)}]", remedy=suggest(str(name), known))
@@ -427,17 +427,14 @@ def _convert_tools(tree: Tree, origins: Origins, source: str) -> list[ToolRow]:
         place = _Place(table, origins, source)
         rows.append((place, _convert_table(ToolRow, keys, place)))
     used: set[tuple[str, object]] = set()
-    for place, tool in sorted(rows, key=lambda row: _is_of_job(row[0].table)):
+    # Rows of the library come first. Their tables are not numbered.
+    for place, tool in sorted(rows, key=lambda row: row[0].table.partition(".")[2].isdigit()):
         for key, value in (("name", tool.name), ("number", tool.number)):
             if value and (key, value) in used:
                 what = f"{key} {_quote_short(value)} is another tool's too"
                 raise place.report(key, what, "give each its own")
             used.add((key, value))
     return [tool for _, tool in rows]
-
-
-def _is_of_job(table: str) -> bool:
-    return table.partition(".")[2].isdigit()
 
 
 def _list_rows(tree: Tree, name: str) -> list[tuple[str, dict[str, object]]]:
@@ -463,8 +460,9 @@ def _convert_step(
     for key in _WHOLE_PROGRAM:
         if key in keys:
             raise place.report(key, f"{key} holds for the whole program", "set it in [process]")
-    operation_keys = tree.get("operation", {}) | _select_keys(keys, OperationTable)
-    operation = _convert_operation(operation_keys, place)
+    operation = _convert_operation(
+        tree.get("operation", {}) | _select_keys(keys, OperationTable), place
+    )
     process_keys = tree.get("process", {}) | tool_values | _select_keys(keys, ProcessTable)
     process = _convert_table(ProcessTable, process_keys, place)
     _check_limits(replace(job, operation=operation), place)
@@ -512,10 +510,9 @@ def _check_numbers(tree: Tree, origins: Origins, source: str, limit: float) -> N
 
 def _check_limits(job: Job, place: _Place) -> None:
     """Raises JobError for a setting that is beyond a limit of the same job."""
-    operation = job.operation
     for table_place, key, value, side, change in (
-        (place, "passes", operation.passes, "most", "raise"),
-        (place, "stepover", operation.stepover, "least", "lower"),
+        (place, "passes", job.operation.passes, "most", "raise"),
+        (place, "stepover", job.operation.stepover, "least", "lower"),
         (replace(place, table="tolerance"), "chord", job.tolerance.chord, "least", "lower"),
     ):
         limit = getattr(job.limits, key)
@@ -532,7 +529,7 @@ def _report_unknown_key(key: str, place: _Place) -> JobError:
     remedy = suggest(str(key), _find_settings(place.table))
     if homes:
         remedy = f"it belongs to [{homes[0]}]"
-    return place.report(key, f"unknown key {_quote(key)}", remedy)
+    return place.report(key, f'unknown key "{_shorten(key)}"', remedy)
 
 
 def _list_numbers(value: object) -> Iterator[float]:
@@ -548,10 +545,6 @@ def _list_numbers(value: object) -> Iterator[float]:
 def _quote_short(value: object) -> str:
     text = json.dumps(value, default=str, ensure_ascii=False)
     return text if len(text) <= _LONGEST_VALUE else text[: _LONGEST_VALUE - 3] + "..."
-
-
-def _quote(name: object) -> str:
-    return f'"{_shorten(name)}"'
 
 
 def _shorten(name: object) -> str:

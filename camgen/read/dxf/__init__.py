@@ -80,7 +80,7 @@ class DxfFacts(Struct, frozen=True):
     colors: str = ""
 
     def __str__(self) -> str:
-        width, height = (short(length, 3) for length in self.size[:2])
+        width, height = short(self.size[0], 3), short(self.size[1], 3)
         contours = f"contours: {self.closed} closed, {self.open} open"
         if self.space:
             contours += f"; {counted(self.space, 'curve')} in space"
@@ -265,8 +265,11 @@ def _join_first(texts: Sequence[str], separator: str, last_separator: str) -> st
 
 def _list_blocks(document: Drawing) -> tuple[str, ...]:
     """Names of the blocks that are not empty, except layouts and anonymous blocks."""
-    blocks = (block for block in document.blocks if len(block) and not block.is_any_layout)
-    return tuple(block.name for block in blocks if not block.name.startswith("*"))
+    names = []
+    for block in document.blocks:
+        if len(block) and not block.is_any_layout and not block.name.startswith("*"):
+            names.append(block.name)
+    return tuple(names)
 
 
 def _add_marks(

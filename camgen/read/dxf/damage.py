@@ -173,13 +173,13 @@ def _read_lines(name: str, data: bytes) -> _Lines:
     if not data.endswith(b"\n"):
         data += b"\n"
     tags = tabulate(data)
-    if tags is not None and not _find_odd_kinds(tags):
+    if tags is not None and not _has_odd_kinds(tags):
         return _Lines(tags, 2 + 2 * np.arange(len(tags.code)), {})
     return _match_lines(name, data.split(b"\n")[:-1])
 
 
-def _find_odd_kinds(tags: Tags) -> bool:
-    """Whether a tag with the group code 0 names no kind, as after a lost line."""
+def _has_odd_kinds(tags: Tags) -> bool:
+    # After a lost line, a tag with the group code 0 does not name a kind.
     kinds = np.unique(tags.values(tags.head, LONGEST_NUMBER))
     return any(_KIND_LINE.fullmatch(kind) is None for kind in kinds.tolist())
 

@@ -161,7 +161,7 @@ def _cut_end(data: bytes) -> tuple[bytes, tuple[Note, ...]]:
     end = _END.search(data, max(0, len(data) - _TAIL)) or _END.search(data)
     if end is None:
         return _close_ends(data), (_CUT,)
-    return (data if end.end() == len(data) else data[: end.end()]), ()
+    return data[: end.end()], ()
 
 
 def _close_ends(data: bytes) -> bytes:
@@ -171,7 +171,7 @@ def _close_ends(data: bytes) -> bytes:
     # A polyline of which vertices are lost is not whole.
     while len(starts) > 1 and lines[starts[-1] + 1].strip() in _PARTS:
         starts.pop()
-    last = starts[-1] if starts else 0
+    last = max(starts, default=0)
     return b"\n".join([*lines[:last], b"0", b"ENDSEC", b"0", b"EOF", b""])
 
 

@@ -477,12 +477,14 @@ def _add_polyline(
     if flags & 0x50:
         return "a mesh"
     # Vertices with flag 16 are the control points of a spline, of which the others are points.
-    rows = [vertex.dxfattribs() for vertex in entity.vertices]
-    rows = [row for row in rows if not row.get("flags", 0) & 16]
-    rows = [row for row in rows if row.get("location") is not None]
+    rows = []
+    for vertex in entity.vertices:
+        row = vertex.dxfattribs()
+        if not row.get("flags", 0) & 16 and row.get("location") is not None:
+            rows.append((*row["location"].xyz, row.get("bulge", 0.0)))
     if not rows:
         return _DAMAGED
-    outline = np.array([(*row["location"].xyz, row.get("bulge", 0.0)) for row in rows], np.float64)
+    outline = np.array(rows, np.float64)
     is_flat = not flags & 8
     if is_flat:
         elevation = attributes.get("elevation")

@@ -161,7 +161,7 @@ def _list_arcs(drawn: DrawnEntities) -> EntityRows:
 def _list_outlines(drawn: DrawnEntities) -> EntityRows:
     owner = np.array(drawn.outline_owner, dtype=np.intp)
     counts = np.array([len(outline) for outline in drawn.outlines], dtype=np.intp)
-    rows = np.concatenate(drawn.outlines) if drawn.outlines else np.zeros((0, 4))
+    rows = np.concatenate([np.zeros((0, 4)), *drawn.outlines])
     _clear_last_bulges(rows, counts, np.array(drawn.closed, dtype=np.bool_)[owner])
     return EntityRows(owner, counts, rows)
 
@@ -316,14 +316,15 @@ def _fit(chains: list[_Chain], chord: float) -> EntityRows:
     fitted = iter(curves.fit(segments, chord))
     rows, counts = [np.zeros((0, 4))], []
     for chain in chains:
-        outlines = [next(fitted) if isinstance(run, np.ndarray) else run for run in chain.runs]
-        # The last point of an outline is the first one of the next.
-        points = [points[:-1] for points, _ in outlines]
-        points.append(outlines[-1][0][-1:])
-        bulges = np.concatenate([*(bulges[:-1] for _, bulges in outlines), [0.0]])
-        height = np.full(len(bulges), chain.height)
-        rows.append(np.column_stack([np.concatenate(points), height, bulges]))
-        counts.append(len(bulges))
+        parts = []
+        for run in chain.runs:
+            points, bulges = next(fitted) if isinstance(run, np.ndarray) else run
+            part = np.column_stack([points, np.full(len(points), chain.height), bulges])
+            # The last point of a part is the first one of the next.
+            parts.append(part[:-1])
+        part[-1, 3] = 0.0
+        rows.append(np.concatenate([*parts, part[-1:]]))
+        counts.append(len(rows[-1]))
     owner = np.array([chain.owner for chain in chains], dtype=np.intp)
     return EntityRows(owner, np.array(counts, dtype=np.intp), np.concatenate(rows))
 
