@@ -35,7 +35,7 @@ from camgen.order.edges.route import Route, RouteCell, RouteOptions, route
 from camgen.order.edges.turns import list_turns
 from camgen.plan.edges.poses import poses, reach
 from camgen.plan.edges.select import select
-from camgen.read.job_file import load
+from camgen.read.job_file import load_job
 from camgen.read.solid import mesh
 from camgen.robots.catalogue import robot
 from camgen.robots.workcell import equip
@@ -50,7 +50,7 @@ WALL = Blockage("collision", "link 5 against wall", 0.0)
 
 @cache
 def cell(part: str) -> tuple[Setup, FreeSpace, tuple[EdgeMotion, ...]]:
-    solid, job = mesh.read(source(PARTS / f"{part}.stl")), load(PARTS / f"{part}.toml")
+    solid, job = mesh.read(source(PARTS / f"{part}.stl")), load_job(PARTS / f"{part}.toml")
     where = make_surroundings(job, equip(Rapid.cell(), job, ARM), solid)
     setup = make_setup(ARM, equip(Rapid.cell(), job), where)
     chosen = select(solid, [job.input.select])
@@ -128,12 +128,12 @@ def test_a_way_out_ends_above_the_level_and_the_joints_follow_it(part: str) -> N
 
 @cache
 def scene_of(part: str) -> Scene:
-    solid, job = mesh.read(source(PARTS / f"{part}.stl")), load(PARTS / f"{part}.toml")
+    solid, job = mesh.read(source(PARTS / f"{part}.stl")), load_job(PARTS / f"{part}.toml")
     return make_surroundings(job, equip(Rapid.cell(), job, ARM), solid).scene
 
 
 def test_the_level_is_half_the_holder_and_the_safety_above_the_part() -> None:
-    solid, job = mesh.read(source(PARTS / "rfa1.stl")), load(PARTS / "rfa1.toml")
+    solid, job = mesh.read(source(PARTS / "rfa1.stl")), load_job(PARTS / "rfa1.toml")
     where = make_surroundings(job, equip(Rapid.cell(), job, ARM), solid)
     top = 640.0 + 70.0  # the part stands at 640 mm and is 70 mm high
     assert where.level == pytest.approx(top + math.hypot(70, 70) / 2 + 10.0)

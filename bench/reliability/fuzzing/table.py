@@ -33,7 +33,7 @@ from camgen.model.program import Columns
 from camgen.post.plugins import fill_tables, find_post, find_readback, make_post
 from camgen.read import find_reader
 from camgen.read.files import Files
-from camgen.read.job_file import load as load_job
+from camgen.read.job_file import load_job
 from camgen.robots.urdf import read_urdf
 from camgen.robots.workcell import equip
 from camgen.vision.camera.camera import read_camera
