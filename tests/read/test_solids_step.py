@@ -160,7 +160,7 @@ def test_a_fillet_leaves_no_edge_and_a_step_a_concave_one(tmp_path: Path) -> Non
     assert kinds(solid) == {("line", True): 17, ("line", False): 1}
     block = box((0, 0, 0), (40, 30, 10))
     upright = next(
-        m.edge for m in kernel.meetings(block) if abs(kernel.Curve(m.edge).tangent(0.0)[2]) > 0.5
+        m.edge for m in kernel.list_edges(block) if abs(kernel.Curve(m.edge).tangent(0.0)[2]) > 0.5
     )
     fillet = occ("BRepFilletAPI").BRepFilletAPI_MakeFillet(block)
     fillet.Add(4.0, upright)

@@ -14,7 +14,7 @@ from camgen.model.part import BoolArray, Note
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted, short
 from camgen.read.solid import kernel
-from camgen.read.solid.topology import components
+from camgen.read.solid.topology import label_components
 
 #: mm: faces that are so near are sewn, whatever the file states. No machine sees it.
 _LEAST_TOLERANCE_MM = 1e-4
@@ -98,20 +98,20 @@ def sew_bodies(bodies: Sequence[Body], tolerance: float) -> tuple[list[Body], li
 
 def _sew(shape: Any, tolerance: float, is_solid: bool) -> _Sewing:
     """A body with its faces sewn; as it is if no edges lie together."""
-    meetings = kernel.meetings(shape)
-    if all(len(meeting.uses) > 1 or kernel.degenerate(meeting.edge) for meeting in meetings):
+    meetings = kernel.list_edges(shape)
+    if all(len(meeting.uses) > 1 or kernel.is_degenerate(meeting.edge) for meeting in meetings):
         return _Sewing([shape])
     sewing = kernel.part("BRepBuilderAPI").BRepBuilderAPI_Sewing(tolerance * (1 + _ROUNDING))
-    faces = list(kernel.inside(shape, "Face"))
+    faces = list(kernel.list_subshapes(shape, "Face"))
     for face in faces:
         sewing.Add(face)
     sewing.Perform()
     sewn = sewing.SewedShape()
-    shared = [meeting.edge for meeting in kernel.meetings(sewn) if len(meeting.uses) > 1]
+    shared = [meeting.edge for meeting in kernel.list_edges(sewn) if len(meeting.uses) > 1]
     count = len(shared) - sum(len(meeting.uses) > 1 for meeting in meetings)
     if count <= 0:
         return _Sewing([shape])
-    forward = {hash(sewing.ModifiedSubShape(face)): kernel.forward(face) for face in faces}
+    forward = {hash(sewing.ModifiedSubShape(face)): kernel.is_forward(face) for face in faces}
     pieces = _list_pieces(sewn, forward, is_solid)
     lost = int(sewing.NbDegeneratedShapes()) + int(sewing.NbDeletedFaces())
     gap = max(map(kernel.measure_tolerance, shared))
@@ -125,15 +125,17 @@ def _list_pieces(sewn: Any, forward: Mapping[int, bool], is_solid: bool) -> list
     A closed shell looks outward. Other shells look where most of their faces did, and so do the
     shells of a solid that has several: some bound its voids.
     """
-    shells = list(kernel.inside(sewn, "Shell"))
+    shells = list(kernel.list_subshapes(sewn, "Shell"))
     pieces = []
     for shell in shells:
         if shell.Closed() and not (is_solid and len(shells) > 1):
             pieces.append(kernel.make_solid(shell))
         else:
-            is_turned = 2 * _count_turned(shell, forward) > len(list(kernel.inside(shell, "Face")))
+            is_turned = 2 * _count_turned(shell, forward) > len(
+                list(kernel.list_subshapes(shell, "Face"))
+            )
             pieces.append(shell.Reversed() if is_turned else shell)
-    return pieces + list(kernel.inside(sewn, "Face", "Shell"))
+    return pieces + list(kernel.list_subshapes(sewn, "Face", "Shell"))
 
 
 def _count_turned(shape: Any, forward: Mapping[int, bool]) -> int:
@@ -141,8 +143,8 @@ def _count_turned(shape: Any, forward: Mapping[int, bool]) -> int:
 
     forward: whether each face looked along its surface, by its hash.
     """
-    faces = list(kernel.inside(shape, "Face"))
-    return sum(forward.get(hash(f), kernel.forward(f)) != kernel.forward(f) for f in faces)
+    faces = list(kernel.list_subshapes(shape, "Face"))
+    return sum(forward.get(hash(f), kernel.is_forward(f)) != kernel.is_forward(f) for f in faces)
 
 
 def _note_sewing(sewings: Sequence[_Sewing]) -> list[Note]:
@@ -194,7 +196,7 @@ def join_touching(bodies: Sequence[Body], tolerance: float) -> tuple[Any, list[N
         if _may_touch(tables[a], tables[b], tolerance)
     ]
     first, second = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
-    group = components(len(solids), first, second)
+    group = label_components(len(solids), first, second)
     shapes = [body.shape for body in bodies if not kernel.is_solid(body.shape)]
     notes: list[Note] = []
     for label in np.unique(group).tolist():
@@ -211,7 +213,7 @@ def _join(bodies: Sequence[Body], tolerance: float, notes: list[Note]) -> list[A
         what = f"{len(bodies)} bodies that may touch cannot be joined: {_list_names(bodies)}"
         notes.append(Note("warning", what, "where they are flush, their seam is an edge"))
         return shapes
-    count = len(list(kernel.inside(union, "Solid")))
+    count = len(list(kernel.list_subshapes(union, "Solid")))
     if count == len(shapes):
         return shapes
     overlap = sum(map(kernel.measure_volume, shapes)) - kernel.measure_volume(union)
@@ -263,7 +265,7 @@ def _list_names(bodies: Sequence[Body]) -> str:
 
 
 def _tabulate(shape: Any) -> _FaceTable:
-    faces = list(kernel.inside(shape, "Face"))
+    faces = list(kernel.list_subshapes(shape, "Face"))
     boxes = np.array([kernel.measure_box(face) for face in faces]).reshape(-1, 2, 3)
     return _FaceTable(boxes, [kernel.Surface(face) for face in faces])
 

@@ -12,8 +12,14 @@ from camgen.model.part import IntArray, Note
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted
 from camgen.read.solid.bodies import NamedVertices
-from camgen.read.solid.polygons import Triangles, check_numbers, cut_polygons
-from camgen.read.solid.rows import read_equal_rows, read_table
+from camgen.read.solid.polygons import (
+    TRIANGLE,
+    Triangles,
+    check_numbers,
+    cut_polygons,
+    read_equal_rows,
+    read_table,
+)
 
 _CONTINUED = re.compile(r"\\[ \t]*\r?\n")
 #: The word of a face in old files.
@@ -22,7 +28,6 @@ _OLD_FACE = re.compile(r"^[ \t]*fo(?=[ \t])", re.MULTILINE)
 _FREE_FORM = ("curv ", "curv2 ", "surf ")
 #: The numbers of texture and normal after the number of a vertex.
 _SLASHED = re.compile(r"/\S*")
-_TRIANGLE = 3
 
 
 def read_obj(data: bytes) -> tuple[FloatArray, Triangles]:
@@ -78,7 +83,7 @@ def _read_faces(rows: list[str], words: list[str]) -> list[_Polygons]:
     return [
         _Polygons(np.array(table), np.array(places[size]))
         for size, table in corners.items()
-        if size >= _TRIANGLE
+        if size >= TRIANGLE
     ]
 
 

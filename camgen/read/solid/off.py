@@ -8,13 +8,18 @@ import numpy as np
 
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
-from camgen.read.solid.polygons import Triangles, check_numbers, cut_polygons
-from camgen.read.solid.rows import read_equal_rows, read_table
+from camgen.read.solid.polygons import (
+    TRIANGLE,
+    Triangles,
+    check_numbers,
+    cut_polygons,
+    read_equal_rows,
+    read_table,
+)
 from camgen.read.solid.unread import UnreadShape
 
-#: The head: texture coordinates, colours and normals may stand behind the coordinates of a vertex.
+#: The head. Its letters say that texture coordinates, colours and normals follow the coordinates.
 _HEAD = re.compile(r"(ST)?(C)?(N)?(4)?(n)?OFF\b")
-_TRIANGLE = 3
 
 
 def read_off(data: bytes) -> tuple[FloatArray, Triangles]:
@@ -30,7 +35,7 @@ def read_off(data: bytes) -> tuple[FloatArray, Triangles]:
         raise ValueError("the head OFF is missing")
     if head[4] or head[5] or "BINARY" in words:
         raise UnreadShape(f"is {rows[0]}, which is not read: three coordinates in text are")
-    # The numbers may stand behind the head or in the next line.
+    # The numbers of vertices and faces may be in the line of the head or in the next one.
     rows = rows[1:] if len(words) == 1 else [" ".join(words[1:]), *rows[1:]]
     counts = rows[0].split() if rows else []
     if len(counts) < 2:
@@ -45,7 +50,7 @@ def read_off(data: bytes) -> tuple[FloatArray, Triangles]:
 
 
 def _read_faces(rows: list[str]) -> list[IntArray]:
-    """The faces as tables of vertices, by their number of corners."""
+    """The faces as one table (F, N) of vertices per number of corners N."""
     table = read_equal_rows(rows) if rows else None
     if table is not None and (table[:, 0] == table.shape[1] - 1).all():
         return [table[:, 1:]]
@@ -56,4 +61,4 @@ def _read_faces(rows: list[str]) -> list[IntArray]:
         if len(corners) < int(size):
             raise ValueError("a face has fewer vertices than it says")
         by_size.setdefault(len(corners), []).append(corners)
-    return [np.array(table) for size, table in by_size.items() if size >= _TRIANGLE]
+    return [np.array(table) for size, table in by_size.items() if size >= TRIANGLE]

@@ -20,13 +20,13 @@ from camgen.model.part import Note
 from camgen.model.text import counted, harmless
 from camgen.read.solid import kernel
 from camgen.read.solid.healing import Body, choose_tolerance, join_touching, sew_bodies
-from camgen.read.solid.part21 import LARGEST_ID, find_wild_id, find_wild_place, take_out
+from camgen.read.solid.part21 import LARGEST_ID, find_wild_id, find_wild_place, remove_faults
 from camgen.read.solid.step_units import read_uncertainty
 
 _SAVE_AGAIN = "export it again from the CAD program"
-#: The text is read again without damaged entities, at most this many times.
-_ROUNDS = 4
-#: Names that CAD programs write for entities without a name, and how an invented one begins.
+#: Maximum number of times that a text is read, each time without the damaged entities found before.
+_MAX_READINGS = 4
+#: Names that CAD programs write for entities without a name, and the start of an invented name.
 _NO_NAMES = ("", "NONE", "NULL")
 _INVENTED = "Open CASCADE STEP translator"
 
@@ -38,6 +38,7 @@ class StepBodies(Struct, frozen=True, eq=False):
     names: names of the bodies, "" for one without a name.
     curves: number of curves that are in no face.
     tolerance: largest distance of faces that were sewn, mm.
+    notes: notes on repairs.
     """
 
     shape: Any
@@ -48,7 +49,10 @@ class StepBodies(Struct, frozen=True, eq=False):
 
 
 def load(source: Source) -> StepBodies:
-    """The bodies in a STEP file. Raises InputError for a file that is damaged."""
+    """The bodies in a STEP file.
+
+    Raises InputError for a damaged file, and if the extra `step` is not installed.
+    """
     try:
         kernel.part("STEPControl")
     except ImportError as error:
@@ -56,18 +60,19 @@ def load(source: Source) -> StepBodies:
             source.name, "STEP needs the CAD kernel", "", "pip install 'camgen[step]'"
         ) from error
     message = kernel.part("Message")
-    # OCCT prints what it finds odd; the command line alone prints.
+    # OCCT prints warnings. Only the command line may print.
     message.Message.DefaultMessenger_s().RemovePrinters(
         message.Message_PrinterOStream.get_type_descriptor_s()
     )
-    _try_aside(source)
+    _try_in_child(source)
     return _load(source)
 
 
-def _try_aside(source: Source) -> None:
-    """Raises InputError for a file that ends the process of the kernel: a child reads it first.
+def _try_in_child(source: Source) -> None:
+    """Raise InputError for a file that ends the process of the kernel.
 
-    OCCT does not check all values of a file; a wrong one may end the process without an exception.
+    OCCT does not check all values of a file. A wrong one may end the process without an exception,
+    so a child process reads the file first.
     """
     if not hasattr(os, "fork"):
         return
@@ -75,7 +80,7 @@ def _try_aside(source: Source) -> None:
     child = os.fork()
     if child == 0:
         with suppress(BaseException):  # the parent meets the same error and reports it
-            os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # its last words are of no use
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # stderr of a crash is not shown
             signal.signal(signal.SIGALRM, signal.SIG_DFL)
             signal.setitimer(signal.ITIMER_REAL, source.limits.step_seconds)
             _load(source)
@@ -90,26 +95,24 @@ def _try_aside(source: Source) -> None:
 
 
 def _load(source: Source) -> StepBodies:
-    failure = kernel.part("Standard").Standard_Failure
     try:
-        reader, notes = _sound(source)
+        reader, notes = _read_sound(source)
         shape = reader.OneShape() if reader.TransferRoots() else None
         if shape is None or shape.IsNull():
             return StepBodies(None, (), 0, 0.0, notes)
         return _heal(source.data, reader, shape, notes)
-    except (failure, *kernel.STUMBLES) as error:
+    except kernel.list_errors() as error:
         raise InputError(
             source.name, "is damaged: the CAD kernel cannot read it", "", _SAVE_AGAIN
         ) from error
 
 
 def _heal(data: bytes, reader: Any, shape: Any, notes: tuple[Note, ...]) -> StepBodies:
-    """The bodies of a shape, sewn and joined."""
-    curves = kernel.count_wires(shape)
+    curves = len(list(kernel.list_subshapes(shape, "Edge", "Face")))
     bodies = list(_walk(reader.WS().TransferReader(), shape, ""))
     if not bodies:
         return StepBodies(None, (), curves, 0.0, notes)
-    tolerance = choose_tolerance(read_uncertainty(data), kernel.size(shape))
+    tolerance = choose_tolerance(read_uncertainty(data), kernel.measure_diagonal(shape))
     bodies, sewing = sew_bodies(bodies, tolerance.mm)
     whole, joints = join_touching(bodies, tolerance.mm)
     return StepBodies(
@@ -141,7 +144,7 @@ def _walk(transfer: Any, shape: Any, product: str) -> Iterator[Body]:
     if kind == kinds.TopAbs_SOLID or is_solid:
         yield Body(own_name, shape, True)
     elif kind in (kinds.TopAbs_COMPOUND, kinds.TopAbs_COMPSOLID):
-        for member in kernel.members(shape):
+        for member in kernel.list_members(shape):
             yield from _walk(transfer, member, product)
     elif kind in (kinds.TopAbs_SHELL, kinds.TopAbs_FACE):
         yield Body(own_name, shape, False)
@@ -158,7 +161,6 @@ def _name(entity: Any) -> str:
 
 
 def _note_changes(reader: Any, shape: Any) -> list[Note]:
-    """The changes that the kernel made to faces and edges while it read them."""
     checks = reader.WS().TransferReader().TransientProcess().CheckList(False)
     changes: Counter[str] = Counter()
     checks.Start()
@@ -179,11 +181,11 @@ def _note_changes(reader: Any, shape: Any) -> list[Note]:
 _SPLIT = "Improperly connected shell split into parts"
 
 
-def _sound(source: Source) -> tuple[Any, tuple[Note, ...]]:
-    """The kernel's reader of a text of which it can read every entity.
+def _read_sound(source: Source) -> tuple[Any, tuple[Note, ...]]:
+    """The kernel's reader for a text in which it can read every entity, and notes on the repairs.
 
-    OCCT would leave out whatever needs a damaged entity, or end the process. A damaged entity that
-    no edge needs is taken out of the text. Raises InputError for other damage.
+    OCCT would leave out everything that needs a damaged entity, or end the process. A damaged
+    entity that no edge needs is removed from the text. Raises InputError for other damage.
     """
     data, notes = source.data, tuple[Note, ...]()
     if wild := find_wild_id(data):
@@ -194,31 +196,34 @@ def _sound(source: Source) -> tuple[Any, tuple[Note, ...]]:
         raise InputError(
             source.name, f"is damaged: a point at {far}, no part is so large", "", remedy
         )
-    for _ in range(_ROUNDS):
+    for _ in range(_MAX_READINGS):
         reader = kernel.part("STEPControl").STEPControl_Reader()
         if reader.ReadStream(source.name, BytesIO(data)).name != "IFSelect_RetDone":
             raise InputError(source.name, "is not a STEP file, or damaged", "", _SAVE_AGAIN)
         model = reader.StepModel()
-        faults = _faults(model)
+        faults = _list_faults(model)
         if not faults:
             if model.GlobalCheck(True).HasFailed():
                 raise InputError(
                     source.name, "is damaged: entities are missing or there twice", "", _SAVE_AGAIN
                 )
             return reader, notes
-        mended = take_out(data, faults)
-        if mended.why:
-            of = counted(int(model.NbEntities()), "entity", "entities")
-            what = (
-                f"is damaged: {len(faults)} of {of} cannot be read, and the part needs {mended.why}"
+        repaired = remove_faults(data, faults)
+        if repaired.why:
+            entities = counted(int(model.NbEntities()), "entity", "entities")
+            raise InputError(
+                source.name,
+                f"is damaged: {len(faults)} of {entities} cannot be read, "
+                f"and the part needs {repaired.why}",
+                "",
+                _SAVE_AGAIN,
             )
-            raise InputError(source.name, what, "", _SAVE_AGAIN)
-        data, notes = mended.data, (*notes, *mended.notes)
+        data, notes = repaired.data, (*notes, *repaired.notes)
     raise InputError(source.name, "is damaged: its entities cannot be read", "", _SAVE_AGAIN)
 
 
-def _faults(model: Any) -> dict[int, list[str]]:
-    """Messages of OCCT about entities that it cannot read, by their place in the file from 0."""
+def _list_faults(model: Any) -> dict[int, list[str]]:
+    """Messages of OCCT about each entity that it cannot read, by the index of the entity."""
     faults = {}
     for k in range(1, int(model.NbEntities()) + 1):
         if model.IsErrorEntity(k):
