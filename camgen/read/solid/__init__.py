@@ -58,10 +58,9 @@ class SolidFacts(Struct, frozen=True):
             f"edges: {describe_edges(self.edge_kinds)}",
             *map(_describe_edge, self.edges),
         ]
-        if len(self.surfaces) > _MAX_LISTED:
-            lines.append(f"faces: {len(self.surfaces)}, too many to list")
-        else:
-            lines.append(f"faces: {len(self.surfaces)}")
+        is_long = len(self.surfaces) > _MAX_LISTED
+        lines.append(f"faces: {len(self.surfaces)}" + (", too many to list" if is_long else ""))
+        if not is_long:
             lines += [_describe_face(face, edges) for face, edges in self.surfaces]
         return "\n".join([*lines, *map(str, self.notes)])
 
@@ -149,12 +148,16 @@ def solid(source: Source, job: Job) -> Solid:
         from camgen.read.solid import step  # noqa: PLC0415 (3 ms, which a mesh does not need)
 
         if wanted != "auto":
-            remedy = 'set input.units to "auto"'
-            raise JobError("[input] units", "a STEP file states its own", remedy=remedy)
+            raise JobError(
+                "[input] units", "a STEP file states its own", remedy='set input.units to "auto"'
+            )
         return step.read(source, job.tolerance.chord)
     if wanted != "auto" and wanted not in MM:
-        what = f"unknown unit {harmless(wanted)!r}"
-        raise JobError("[input] units", what, remedy="give mm, cm, m, inch, ...")
+        raise JobError(
+            "[input] units",
+            f"unknown unit {harmless(wanted)!r}",
+            remedy="give mm, cm, m, inch, ...",
+        )
     return mesh.read(source, None if wanted == "auto" else MM[wanted], job.tolerance.chord)
 
 

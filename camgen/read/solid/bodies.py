@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +9,7 @@ import numpy as np
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 from camgen.model.text import harmless
+from camgen.read.solid.soup import NamedVertices
 from camgen.read.solid.topology import Pairs, label_components
 
 
@@ -24,17 +24,6 @@ class BodyTable(NamedTuple):
     body_of_face: IntArray
     volume: FloatArray
     is_closed: BoolArray
-
-
-class NamedVertices(NamedTuple):
-    """Names of bodies in a file.
-
-    names: names, in the order of the file.
-    owners: (V,) index of the name of each vertex, -1 for a vertex without one.
-    """
-
-    names: Sequence[str]
-    owners: IntArray
 
 
 def tabulate_bodies(

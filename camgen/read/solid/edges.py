@@ -175,7 +175,6 @@ def _find_reach(points: FloatArray, at: int, fewest: int, fits: Fits, tolerance:
 
 
 def _is_line(points: FloatArray, tolerance: float) -> bool:
-    """Whether all vertices are within `tolerance` of the chord, in the order along it."""
     chord = points[-1] - points[0]
     length = float(np.sqrt(chord @ chord))
     if length == 0.0:

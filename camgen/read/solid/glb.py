@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from camgen.model.pose import FloatArray
-from camgen.read.solid.unread import UnreadShape
+from camgen.read.solid.soup import UnreadShape
 
 _HEAD = 12
 _QUANTIZED = "KHR_mesh_quantization"

@@ -16,19 +16,21 @@ from camgen.model.text import counted, short
 from camgen.read.solid import kernel
 from camgen.read.solid.topology import label_components
 
-#: mm: faces that are so near are sewn, whatever the file states. No machine sees it.
-_LEAST_TOLERANCE_MM = 1e-4
-#: Faces are sewn over this part of the size of the file at most: a larger uncertainty is not meant.
-_MOST_TOLERANCE = 1e-3
-#: Distances are compared with the tolerance plus this part of it, for the rounding of a text.
+#: mm: smallest tolerance for sewing. Smaller gaps do not matter to any machine.
+_MIN_TOLERANCE_MM = 1e-4
+#: Largest tolerance for sewing, as a fraction of the size of all bodies. A larger uncertainty in a
+#: file is a mistake.
+_MAX_TOLERANCE = 1e-3
+#: Fraction by which the tolerance is raised for the rounding of numbers in a text.
 _ROUNDING = 0.01
 
 
 class Body(Struct, frozen=True, eq=False):
     """A solid, or a surface of faces that belong to no solid.
 
-    name: "" without one.
-    is_solid: whether the file has it as a solid.
+    name: its name in the file, "" without one.
+    shape: shape of the kernel.
+    is_solid: whether the file states that it is a solid.
     """
 
     name: str
@@ -36,25 +38,18 @@ class Body(Struct, frozen=True, eq=False):
     is_solid: bool
 
 
-class Tolerance(NamedTuple):
-    """The distance over which faces are sewn, mm."""
-
-    mm: float
-    notes: tuple[Note, ...] = ()
-
-
-def choose_tolerance(stated: float, size: float) -> Tolerance:
-    """The tolerance for sewing.
+def choose_tolerance(stated: float, size: float) -> tuple[float, list[Note]]:
+    """The distance over which faces are sewn, mm, and a note if the stated one is too large.
 
     stated: uncertainty that the file states, mm, 0 for none.
     size: size of all bodies, mm.
     """
-    limit = max(_MOST_TOLERANCE * size, _LEAST_TOLERANCE_MM)
+    limit = max(_MAX_TOLERANCE * size, _MIN_TOLERANCE_MM)
     if stated <= limit:
-        return Tolerance(max(stated, _LEAST_TOLERANCE_MM))
+        return max(stated, _MIN_TOLERANCE_MM), []
     what = f"faces no more than {short(limit, 4)} mm apart belong together"
     why = f"the file states an uncertainty of {short(stated, 4)} mm, too much for its size"
-    return Tolerance(limit, (Note("assumed", what, why),))
+    return limit, [Note("assumed", what, why)]
 
 
 class _Sewing(NamedTuple):
@@ -75,9 +70,9 @@ class _Sewing(NamedTuple):
 
 
 def sew_bodies(bodies: Sequence[Body], tolerance: float) -> tuple[list[Body], list[Note]]:
-    """The bodies with edges that lie within `tolerance` (mm) made common.
+    """Make edges common that are within `tolerance` (mm). Returns the bodies, and notes.
 
-    Solids are sewn one by one, surfaces all together; each connected surface is a body then.
+    Solids are sewn one by one, surfaces all together. Each connected surface is one body then.
     """
     result, sewings = [], []
     for body in bodies:
@@ -97,7 +92,7 @@ def sew_bodies(bodies: Sequence[Body], tolerance: float) -> tuple[list[Body], li
 
 
 def _sew(shape: Any, tolerance: float, is_solid: bool) -> _Sewing:
-    """A body with its faces sewn; as it is if no edges lie together."""
+    """A body with its faces sewn. It is unchanged if no edges are close together."""
     meetings = kernel.list_edges(shape)
     if all(len(meeting.uses) > 1 or kernel.is_degenerate(meeting.edge) for meeting in meetings):
         return _Sewing([shape])
@@ -122,8 +117,10 @@ def _sew(shape: Any, tolerance: float, is_solid: bool) -> _Sewing:
 def _list_pieces(sewn: Any, forward: Mapping[int, bool], is_solid: bool) -> list[Any]:
     """The shells of a sewn shape, closed ones as solids, and the faces that are in no shell.
 
-    A closed shell looks outward. Other shells look where most of their faces did, and so do the
-    shells of a solid that has several: some bound its voids.
+    A closed shell is turned outward. Other shells keep the orientation that most of their faces
+    had. So do the shells of a solid with several, because some of them bound its voids.
+
+    forward: orientation of each face before sewing, by its hash.
     """
     shells = list(kernel.list_subshapes(sewn, "Shell"))
     pieces = []
@@ -139,10 +136,7 @@ def _list_pieces(sewn: Any, forward: Mapping[int, bool], is_solid: bool) -> list
 
 
 def _count_turned(shape: Any, forward: Mapping[int, bool]) -> int:
-    """The number of faces that do not look where they did.
-
-    forward: whether each face looked along its surface, by its hash.
-    """
+    """The number of faces whose orientation changed. `forward` is as in `_list_pieces`."""
     faces = list(kernel.list_subshapes(shape, "Face"))
     return sum(forward.get(hash(f), kernel.is_forward(f)) != kernel.is_forward(f) for f in faces)
 
@@ -182,7 +176,7 @@ class _FaceTable(NamedTuple):
 
 
 def join_touching(bodies: Sequence[Body], tolerance: float) -> tuple[Any, list[Note]]:
-    """All bodies as one shape. Bodies that touch face to face are joined in it.
+    """All bodies as one shape, in which bodies that touch face to face are joined, and notes.
 
     Joined bodies have no edge where they are flush, and a concave one where one ends on another.
     """
@@ -228,7 +222,7 @@ def _join(bodies: Sequence[Body], tolerance: float, notes: list[Note]) -> list[A
 def _set_aside(
     bodies: Sequence[Body], overlap: float, tolerance: float, notes: list[Note]
 ) -> list[Any]:
-    """The shapes of bodies, those that overlap as they are, the others joined where they touch.
+    """The shapes of bodies if some overlap: these unchanged, the others joined where they touch.
 
     overlap: volume that the bodies share, mm3.
     """
@@ -271,7 +265,7 @@ def _tabulate(shape: Any) -> _FaceTable:
 
 
 def _may_touch(first: _FaceTable, second: _FaceTable, tolerance: float) -> bool:
-    """Whether two bodies have faces beside each other on the same surface."""
+    """Whether two bodies have faces with boxes that meet on the same surface."""
     if not _meet(_enclose(first.boxes), _enclose(second.boxes), tolerance).all():
         return False
     near = _meet(first.boxes, second.boxes, tolerance)
@@ -282,12 +276,12 @@ def _may_touch(first: _FaceTable, second: _FaceTable, tolerance: float) -> bool:
 
 
 def _enclose(boxes: FloatArray) -> FloatArray:
-    """(1, 2, 3) the box around all boxes (F, 2, 3)."""
+    """(1, 2, 3) the box that encloses all boxes (F, 2, 3)."""
     return np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])[None]
 
 
 def _meet(first: FloatArray, second: FloatArray, tolerance: float) -> BoolArray:
-    """(N, M) whether boxes (N, 2, 3) and (M, 2, 3) are no farther apart than the tolerance."""
+    """(N, M) whether boxes (N, 2, 3) and (M, 2, 3) are within the tolerance of each other."""
     lower = np.maximum(first[:, None, 0], second[None, :, 0])
     upper = np.minimum(first[:, None, 1], second[None, :, 1])
     return np.asarray((lower <= upper + tolerance).all(axis=2))

@@ -12,15 +12,16 @@ from camgen.model.files import Source
 from camgen.model.part import FEATURE_ANGLE, BoolArray, IntArray, Note, Solid
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted
-from camgen.read.solid.bodies import BodyTable, NamedVertices, name_bodies, tabulate_bodies
+from camgen.read.solid.bodies import BodyTable, name_bodies, tabulate_bodies
 from camgen.read.solid.edges import make_edges, sort_edges
-from camgen.read.solid.mesh_file import MeshSoup, load
+from camgen.read.solid.mesh_file import load
 from camgen.read.solid.sharp import (
     chain_sides,
     compute_normals,
     find_dangling,
     find_sharp_sides,
 )
+from camgen.read.solid.soup import MeshSoup, NamedVertices
 from camgen.read.solid.tjunctions import split_at_junctions
 from camgen.read.solid.topology import (
     Pairs,
@@ -48,11 +49,11 @@ def find_wrong_winding(
     another one: then it may be a void, and is turned together with that one. The second number
     counts the bodies that are turned.
     """
-    is_turned = _find_minority(faces, pairs)
-    bodies = tabulate_bodies(vertices, faces, pairs, is_turned)
+    odd = _find_minority(faces, pairs)
+    bodies = tabulate_bodies(vertices, faces, pairs, odd)
     inverted = _find_inverted(vertices[faces], bodies)
-    counts = int(np.count_nonzero(is_turned)), int(np.count_nonzero(inverted))
-    return is_turned ^ inverted[bodies.body_of_face], *counts
+    is_wrong = odd ^ inverted[bodies.body_of_face]
+    return is_wrong, int(np.count_nonzero(odd)), int(np.count_nonzero(inverted))
 
 
 def _find_minority(faces: IntArray, pairs: Pairs) -> BoolArray:

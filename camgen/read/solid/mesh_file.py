@@ -13,37 +13,27 @@ import zlib
 from collections.abc import Callable
 from collections.abc import Set as AbstractSet
 from io import BytesIO
-from typing import Any, NamedTuple
+from typing import Any
 from xml.etree.ElementTree import ParseError
 from zipfile import BadZipFile
 
 import numpy as np
-from msgspec import Struct
+from msgspec.structs import replace
 
 from camgen.model.errors import InputError, one_line
 from camgen.model.files import SCAN, Source
 from camgen.model.limits import Limits, tell
-from camgen.model.part import IntArray, Note
-from camgen.model.pose import FloatArray
+from camgen.model.part import Note
 from camgen.model.text import counted
 from camgen.read.quiet import silence
-from camgen.read.solid.bodies import NamedVertices
 from camgen.read.solid.glb import list_names, prepare_glb
 from camgen.read.solid.obj import read_obj
 from camgen.read.solid.off import read_off
 from camgen.read.solid.ply import read_ply
-from camgen.read.solid.polygons import Triangles
+from camgen.read.solid.soup import MeshSoup, NamedVertices, UnreadShape
 from camgen.read.solid.threemf import read_3mf
-from camgen.read.solid.unread import UnreadShape
 
 SUFFIXES = (".stl", ".obj", ".ply", ".off", ".3mf", ".glb")
-
-#: mm per unit, by name. A 3MF states its unit, glTF 2.0 is in metres (section 3.4).
-_MM = {
-    "microns": 1e-3, "micron": 1e-3, "millimeters": 1.0, "millimeter": 1.0, "mm": 1.0,
-    "centimeters": 10.0, "centimeter": 10.0, "cm": 10.0, "inches": 25.4, "inch": 25.4, "in": 25.4,
-    "feet": 304.8, "foot": 304.8, "meters": 1000.0, "meter": 1000.0, "m": 1000.0,
-}  # fmt: skip
 
 #: Errors that readers raise for a damaged file. trimesh parses any bytes and fails in many ways.
 #: ImportError: trimesh needs a package for the format, or one that guesses the encoding of a text.
@@ -54,25 +44,6 @@ _READ_ERRORS = (
 )  # fmt: skip
 _GUESSER = "charset_normalizer"
 _SAVE_AGAIN = "export it again from the CAD program"
-
-
-class MeshSoup(Struct, frozen=True, eq=False):
-    """A mesh as it is in its file.
-
-    vertices: (V, 3) in units of the file.
-    faces: (F, 3) numbers of vertices.
-    unit: name of the unit, "" if the format has none.
-    mm: length of the unit, mm.
-    notes: notes on repairs and on shapes that were left out.
-    named: names of bodies by vertex, None if the file has none.
-    """
-
-    vertices: FloatArray
-    faces: IntArray
-    unit: str
-    mm: float
-    notes: tuple[Note, ...]
-    named: NamedVertices | None = None
 
 
 def load(source: Source) -> MeshSoup:
@@ -97,10 +68,10 @@ def load(source: Source) -> MeshSoup:
     if kind == ".glb":
         _check_accessors(name, data, source.limits.accessor)
     if kind == ".stl" and not _is_text(data):
-        vertices, faces, unit, _, named = _Parsed(*_read_triangles(data))
+        soup = _read_triangles(data)
     else:
-        vertices, faces, unit, more, named = _parse(name, data, kind, source.limits)
-        notes += more
+        soup = _parse(name, data, kind, source.limits)
+    vertices, faces = soup.vertices, soup.faces
     if not len(faces):
         only = f"{counted(len(vertices), 'point')} only" if len(vertices) else ""
         remedy = f"{_SAVE_AGAIN}; {SCAN}" if kind == ".ply" else _SAVE_AGAIN
@@ -116,7 +87,7 @@ def load(source: Source) -> MeshSoup:
         )
         remedy = f"{_SAVE_AGAIN}, or raise limits.mesh_place"
         raise InputError(name, what, f"the first is face {int(wrong[0]) + 1}", remedy)
-    return MeshSoup(vertices, faces, unit, _MM.get(unit, 1.0), notes, named)
+    return replace(soup, notes=(*notes, *soup.notes))
 
 
 def _repair_stl(name: str, data: bytes) -> tuple[bytes, tuple[Note, ...]]:
@@ -169,15 +140,15 @@ _SOLID_NAME = re.compile(rb"^[ \t]*solid[ \t]+(.*?)\s*$", re.MULTILINE | re.IGNO
 _ASCII = bytes(k if k < 128 else ord("_") for k in range(256))
 
 
-def _read_triangles(data: bytes) -> tuple[FloatArray, IntArray, str]:
-    """Vertices and faces of a binary STL: 80 bytes, the number of facets, and the facets."""
+def _read_triangles(data: bytes) -> MeshSoup:
+    """The mesh of a binary STL: 80 bytes, the number of facets, and the facets."""
     rows = np.frombuffer(
         data,
         np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")]),
         offset=84,
     )
     vertices = rows["corners"].reshape(-1, 3).astype(np.float64)
-    return vertices, np.arange(len(vertices), dtype=np.int64).reshape(-1, 3), ""
+    return MeshSoup(vertices, np.arange(len(vertices), dtype=np.int64).reshape(-1, 3))
 
 
 def _check_accessors(name: str, data: bytes, limit: float) -> None:
@@ -203,17 +174,7 @@ def _is_text(data: bytes) -> bool:
     return data.lstrip()[:5].lower() == b"solid" and b"\x00" not in data[:2048]
 
 
-class _Parsed(NamedTuple):
-    """A mesh as a reader returns it; fields as in `MeshSoup`."""
-
-    vertices: FloatArray
-    faces: IntArray
-    unit: str = ""
-    notes: tuple[Note, ...] = ()
-    named: NamedVertices | None = None
-
-
-def _parse(name: str, data: bytes, kind: str, limits: Limits) -> _Parsed:
+def _parse(name: str, data: bytes, kind: str, limits: Limits) -> MeshSoup:
     try:
         return _read(data, kind, limits)
     except UnreadShape as error:
@@ -232,28 +193,25 @@ def _parse(name: str, data: bytes, kind: str, limits: Limits) -> _Parsed:
         raise InputError(name, what, "", _SAVE_AGAIN) from error
 
 
-def _read(data: bytes, kind: str, limits: Limits) -> _Parsed:
+def _read(data: bytes, kind: str, limits: Limits) -> MeshSoup:
     with np.errstate(all="ignore"):
         if kind in _READERS:
-            vertices, triangles = _READERS[kind](data)
-            return _Parsed(vertices, triangles.faces, "", triangles.notes, triangles.named)
+            return _READERS[kind](data)
         if kind == ".3mf":
-            bodies = read_3mf(data, limits.model_bytes)
-            unit = bodies.unit.lower()
-            return _Parsed(bodies.vertices, bodies.faces, unit, bodies.notes, bodies.named)
+            return read_3mf(data, limits.model_bytes)
         if kind == ".glb":
             return _read_with_trimesh(prepare_glb(data), kind, list_names(data))
         return _read_with_trimesh(data, kind, {name.decode() for name in _SOLID_NAME.findall(data)})
 
 
-_READERS: dict[str, Callable[[bytes], tuple[FloatArray, Triangles]]] = {
+_READERS: dict[str, Callable[[bytes], MeshSoup]] = {
     ".obj": read_obj,
     ".ply": read_ply,
     ".off": read_off,
 }
 
 
-def _read_with_trimesh(data: bytes, kind: str, stated: AbstractSet[str]) -> _Parsed:
+def _read_with_trimesh(data: bytes, kind: str, stated: AbstractSet[str]) -> MeshSoup:
     """The mesh of a glTF or of an STL in text.
 
     stated: names of bodies in the file.
@@ -274,7 +232,7 @@ def _read_with_trimesh(data: bytes, kind: str, stated: AbstractSet[str]) -> _Par
         faces.append(mesh.faces + count)
         count += len(mesh.vertices)
     unit, named = "m" if kind == ".glb" else "", _name_vertices(meshes, stated)
-    return _Parsed(np.concatenate(vertices), np.concatenate(faces), unit, (), named)
+    return MeshSoup(np.concatenate(vertices), np.concatenate(faces), unit, (), named)
 
 
 #: The ending that trimesh adds to a name that another mesh has too.

@@ -9,17 +9,15 @@ from typing import NamedTuple
 import numpy as np
 
 from camgen.model.part import IntArray, Note
-from camgen.model.pose import FloatArray
 from camgen.model.text import counted
-from camgen.read.solid.bodies import NamedVertices
 from camgen.read.solid.polygons import (
     TRIANGLE,
-    Triangles,
     check_numbers,
     cut_polygons,
     read_equal_rows,
     read_table,
 )
+from camgen.read.solid.soup import MeshSoup, NamedVertices
 
 _CONTINUED = re.compile(r"\\[ \t]*\r?\n")
 #: The word of a face in old files.
@@ -30,8 +28,8 @@ _FREE_FORM = ("curv ", "curv2 ", "surf ")
 _SLASHED = re.compile(r"/\S*")
 
 
-def read_obj(data: bytes) -> tuple[FloatArray, Triangles]:
-    """Vertices (V, 3) and triangles of an OBJ.
+def read_obj(data: bytes) -> MeshSoup:
+    """The mesh of an OBJ.
 
     Raises ValueError for a statement that is damaged.
     """
@@ -46,7 +44,7 @@ def read_obj(data: bytes) -> tuple[FloatArray, Triangles]:
     triangles = cut_polygons(vertices, polygons)
     notes = (*triangles.notes, *_note_free_forms(rows))
     named = _read_names(rows, words, groups, len(vertices))
-    return vertices, Triangles(triangles.faces, notes, named)
+    return MeshSoup(vertices, triangles.faces, notes=notes, named=named)
 
 
 class _Polygons(NamedTuple):

@@ -7,23 +7,21 @@ import re
 import numpy as np
 
 from camgen.model.part import IntArray
-from camgen.model.pose import FloatArray
 from camgen.read.solid.polygons import (
     TRIANGLE,
-    Triangles,
     check_numbers,
     cut_polygons,
     read_equal_rows,
     read_table,
 )
-from camgen.read.solid.unread import UnreadShape
+from camgen.read.solid.soup import MeshSoup, UnreadShape
 
 #: The head. Its letters say that texture coordinates, colours and normals follow the coordinates.
 _HEAD = re.compile(r"(ST)?(C)?(N)?(4)?(n)?OFF\b")
 
 
-def read_off(data: bytes) -> tuple[FloatArray, Triangles]:
-    """Vertices (V, 3) and triangles of an OFF.
+def read_off(data: bytes) -> MeshSoup:
+    """The mesh of an OFF.
 
     Raises ValueError for a file that is damaged, UnreadShape for another dimension.
     """
@@ -46,7 +44,8 @@ def read_off(data: bytes) -> tuple[FloatArray, Triangles]:
     vertices = read_table(rows[1 : 1 + count], 3)
     polygons = _read_faces(rows[1 + count : 1 + count + faces])
     check_numbers(polygons, len(vertices))
-    return vertices, cut_polygons(vertices, polygons)
+    triangles = cut_polygons(vertices, polygons)
+    return MeshSoup(vertices, triangles.faces, notes=triangles.notes)
 
 
 def _read_faces(rows: list[str]) -> list[IntArray]:

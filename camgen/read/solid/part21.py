@@ -202,19 +202,17 @@ class _StepText:
         instance = self.instances[number]
         missing = {int(match[1]) - 1 for match in map(_NO_TEXT.match, messages) if match}
         count = 0
-        for name, record in self._list_records(instance):
+        # A complex instance has several records, each with its type before its parameters.
+        names = _NAME.finditer(self._bare, instance.body, instance.end)
+        for name in islice(names, len(instance.types)):
+            record = name.start()
             spans = _find_parameters(self._bare[record : instance.end])
             for low, high in (spans[k] for k in sorted(missing) if k < len(spans)):
                 span = record + low, record + high
-                if name != b"SI_UNIT" and self._bare[slice(*span)].strip() == b"$":
+                if name[0] != b"SI_UNIT" and self._bare[slice(*span)].strip() == b"$":
                     instance.edits[span] = b"''"
                     count += 1
         return count
-
-    def _list_records(self, instance: _Instance) -> list[tuple[bytes, int]]:
-        """Type and offset of each record of an instance; a complex one has several."""
-        names = islice(_NAME.finditer(self._bare, instance.body, instance.end), len(instance.types))
-        return [(name[0], name.start()) for name in names]
 
     def remove_illegal(self, number: int, messages: Sequence[str]) -> bool:
         """Remove members of types that are not allowed from the lists of an instance.

@@ -10,11 +10,11 @@ import re
 
 import numpy as np
 from msgspec import Struct, field
-from msgspec.structs import replace
 
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
-from camgen.read.solid.polygons import Triangles, check_numbers, cut_polygons
+from camgen.read.solid.polygons import check_numbers, cut_polygons
+from camgen.read.solid.soup import MeshSoup
 
 _END = re.compile(rb"^end_header[ \t]*\r?\n", re.MULTILINE)
 _NUMBERS = {
@@ -134,8 +134,8 @@ class _Binary:
         self._at = self._next
 
 
-def read_ply(data: bytes) -> tuple[FloatArray, Triangles]:
-    """Vertices (V, 3) and triangles of a PLY, from its faces and its strips.
+def read_ply(data: bytes) -> MeshSoup:
+    """The mesh of a PLY, from its faces and its strips.
 
     Raises ValueError or LookupError for a file that is damaged or ends too soon.
     """
@@ -162,7 +162,8 @@ def read_ply(data: bytes) -> tuple[FloatArray, Triangles]:
                 strips += map(unroll, table)
     check_numbers(polygons, len(vertices))
     triangles = cut_polygons(vertices, polygons)
-    return vertices, replace(triangles, faces=np.concatenate([triangles.faces, *strips]))
+    faces = np.concatenate([triangles.faces, *strips])
+    return MeshSoup(vertices, faces, notes=triangles.notes)
 
 
 def _header(text: str) -> tuple[str, list[_Element]]:

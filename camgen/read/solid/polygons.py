@@ -10,7 +10,6 @@ from msgspec import Struct
 from camgen.model.part import BoolArray, IntArray, Note
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted
-from camgen.read.solid.bodies import NamedVertices
 
 #: Number of corners of a triangle.
 TRIANGLE = 3
@@ -23,12 +22,10 @@ class Triangles(Struct, frozen=True, eq=False):
 
     faces: (F, 3) numbers of vertices.
     notes: notes on polygons that were left out.
-    named: names of bodies by vertex, None if the file has none.
     """
 
     faces: IntArray
     notes: tuple[Note, ...] = ()
-    named: NamedVertices | None = None
 
 
 def read_table(rows: list[str], width: int) -> FloatArray:

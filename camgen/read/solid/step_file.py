@@ -112,15 +112,15 @@ def _heal(data: bytes, reader: Any, shape: Any, notes: tuple[Note, ...]) -> Step
     bodies = list(_walk(reader.WS().TransferReader(), shape, ""))
     if not bodies:
         return StepBodies(None, (), curves, 0.0, notes)
-    tolerance = choose_tolerance(read_uncertainty(data), kernel.measure_diagonal(shape))
-    bodies, sewing = sew_bodies(bodies, tolerance.mm)
-    whole, joints = join_touching(bodies, tolerance.mm)
+    tolerance, doubts = choose_tolerance(read_uncertainty(data), kernel.measure_diagonal(shape))
+    bodies, sewing = sew_bodies(bodies, tolerance)
+    whole, joints = join_touching(bodies, tolerance)
     return StepBodies(
         whole,
         tuple(body.name for body in bodies),
         curves,
-        tolerance.mm,
-        (*notes, *_note_changes(reader, shape), *tolerance.notes, *sewing, *joints),
+        tolerance,
+        (*notes, *_note_changes(reader, shape), *doubts, *sewing, *joints),
     )
 
 

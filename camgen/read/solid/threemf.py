@@ -17,8 +17,7 @@ from msgspec import Struct
 from camgen.model.part import IntArray, Note
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted
-from camgen.read.solid.bodies import NamedVertices
-from camgen.read.solid.unread import UnreadShape
+from camgen.read.solid.soup import MeshSoup, NamedVertices, UnreadShape
 
 _ROOT = "3d/3dmodel.model"
 _CORE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
@@ -77,24 +76,7 @@ class _Part(Struct, frozen=True):
     items: list[_Reference]
 
 
-class Bodies(Struct, frozen=True, eq=False):
-    """The bodies of a file in one table.
-
-    vertices: (V, 3) in units of the file.
-    faces: (F, 3).
-    unit: name of the unit.
-    notes: notes on objects that were left out.
-    named: names of the bodies.
-    """
-
-    vertices: FloatArray
-    faces: IntArray
-    unit: str
-    notes: tuple[Note, ...]
-    named: NamedVertices
-
-
-def read_3mf(data: bytes, limit: float) -> Bodies:
+def read_3mf(data: bytes, limit: float) -> MeshSoup:
     """The bodies that the build of a 3MF lists.
 
     limit: maximum number of bytes of all model parts together, and of vertices of all bodies.
@@ -113,7 +95,7 @@ def read_3mf(data: bytes, limit: float) -> Bodies:
     builder = _Builder(parts, limit)
     for item in parts[root].items:
         builder.add(item, np.eye(4), 0)
-    return builder.finish(parts[root].unit)
+    return builder.finish(parts[root].unit.lower())
 
 
 class _Builder:
@@ -158,13 +140,13 @@ class _Builder:
         for component in body.components:
             self.add(component, place, depth + 1, name)
 
-    def finish(self, unit: str) -> Bodies:
+    def finish(self, unit: str) -> MeshSoup:
         notes: tuple[Note, ...] = ()
         if self._left_out:
             what = f"{counted(self._left_out, 'object')} of the build left out"
             notes = (Note("skipped", what, "a support, or of the type other"),)
         owners = np.repeat(np.arange(len(self._names)), [len(v) for v in self._vertices[1:]])
-        return Bodies(
+        return MeshSoup(
             np.concatenate(self._vertices),
             np.concatenate(self._faces),
             unit,
