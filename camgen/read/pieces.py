@@ -90,8 +90,8 @@ def tally_counts(counts: Mapping[str, int], layers: Iterable[str]) -> str:
     names = sorted({harmless(layer) for layer in layers})
     if not names:
         return text
-    more = len(names) - _MAX_LAYERS
-    shown = ", ".join(names[:_MAX_LAYERS]) + (f" and {more} more" if more > 0 else "")
+    more = names[_MAX_LAYERS:]
+    shown = ", ".join(names[:_MAX_LAYERS]) + (f" and {len(more)} more" if more else "")
     return f"{text} on layer{'s' if len(names) > 1 else ''} {shown}"
 
 

@@ -178,8 +178,7 @@ def _split_lines(source: Source) -> Iterator[tuple[int, list[str]]]:
                 yield number, []
             continue
         words = _split(content)
-        names = tuple(word.lower() for word in words)
-        if not (is_first and names in (_NAMES, _NAMES[:3])):
+        if not is_first or tuple(map(str.lower, words)) not in (_NAMES, _NAMES[:3]):
             yield number, words
         is_first = False
 
@@ -192,7 +191,7 @@ def _split(line: str) -> list[str]:
     """
     for mark in ";,":
         if mark in line:
-            return [word.strip() for word in line.split(mark)]
+            return list(map(str.strip, line.split(mark)))
     return line.split()
 
 

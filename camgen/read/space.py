@@ -158,8 +158,10 @@ def _are_first(pieces: Sequence[Piece]) -> list[bool]:
 
 
 def _is_closed(piece: Piece) -> bool:
-    is_chain = len(piece.points) > 2
-    return is_chain and float(np.linalg.norm(piece.points[-1] - piece.points[0])) <= SAME_POINT_MM
+    return (
+        len(piece.points) > 2
+        and float(np.linalg.norm(piece.points[-1] - piece.points[0])) <= SAME_POINT_MM
+    )
 
 
 def _find_partners(pieces: Sequence[Piece], closed: list[bool], tolerance: float) -> list[int]:

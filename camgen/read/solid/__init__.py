@@ -105,10 +105,9 @@ def _describe_edge(edge: Edge) -> str:
 def inspect(source: Source, job: Job, _files: Files) -> SolidFacts:
     """The content of the 3-D part in a file. Raises the errors of `read`."""
     shape = solid(source, job)
-    size = np.subtract(shape.vertices.max(axis=0), shape.vertices.min(axis=0))
     return SolidFacts(
         harmless(shape.units),
-        to_vec3(size),
+        to_vec3(np.subtract(shape.vertices.max(axis=0), shape.vertices.min(axis=0))),
         shape.bodies,
         len(shape.faces),
         count_kinds(shape.edges),

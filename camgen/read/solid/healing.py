@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import chain, combinations
+from itertools import chain, combinations, compress
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -56,7 +56,7 @@ class _Sewing(NamedTuple):
     """The result of sewing a body.
 
     pieces: solids, shells and faces.
-    edges: number of edges that two faces share now and did not before.
+    edges: number of edges that two faces share after sewing and did not share before.
     gap: largest distance between their faces, mm.
     turned: number of faces that were wound against the others.
     lost: number of edges and faces that are smaller than the tolerance and were left out.
@@ -93,34 +93,34 @@ def sew_bodies(bodies: Sequence[Body], tolerance: float) -> tuple[list[Body], li
 
 def _sew(shape: Any, tolerance: float, is_solid: bool) -> _Sewing:
     """A body with its faces sewn. It is unchanged if no edges are close together."""
-    meetings = kernel.list_edges(shape)
-    if all(len(meeting.uses) > 1 or kernel.is_degenerate(meeting.edge) for meeting in meetings):
+    edges = kernel.list_edges(shape)
+    if all(len(edge.uses) > 1 or kernel.is_degenerate(edge.edge) for edge in edges):
         return _Sewing([shape])
-    sewing = kernel.part("BRepBuilderAPI").BRepBuilderAPI_Sewing(tolerance * (1 + _ROUNDING))
+    tool = kernel.part("BRepBuilderAPI").BRepBuilderAPI_Sewing(tolerance * (1 + _ROUNDING))
     faces = list(kernel.list_subshapes(shape, "Face"))
     for face in faces:
-        sewing.Add(face)
-    sewing.Perform()
-    sewn = sewing.SewedShape()
-    shared = [meeting.edge for meeting in kernel.list_edges(sewn) if len(meeting.uses) > 1]
-    count = len(shared) - sum(len(meeting.uses) > 1 for meeting in meetings)
+        tool.Add(face)
+    tool.Perform()
+    sewn = tool.SewedShape()
+    shared = [edge.edge for edge in kernel.list_edges(sewn) if len(edge.uses) > 1]
+    count = len(shared) - sum(len(edge.uses) > 1 for edge in edges)
     if count <= 0:
         return _Sewing([shape])
-    forward = {hash(sewing.ModifiedSubShape(face)): kernel.is_forward(face) for face in faces}
-    pieces = _list_pieces(sewn, forward, is_solid)
-    lost = int(sewing.NbDegeneratedShapes()) + int(sewing.NbDeletedFaces())
+    was_forward = {hash(tool.ModifiedSubShape(face)): kernel.is_forward(face) for face in faces}
+    pieces = _list_pieces(sewn, was_forward, is_solid)
+    lost = int(tool.NbDegeneratedShapes()) + int(tool.NbDeletedFaces())
     gap = max(map(kernel.measure_tolerance, shared))
-    turned = sum(_count_turned(piece, forward) for piece in pieces)
+    turned = sum(_count_turned(piece, was_forward) for piece in pieces)
     return _Sewing(pieces, count, gap, turned, lost)
 
 
-def _list_pieces(sewn: Any, forward: Mapping[int, bool], is_solid: bool) -> list[Any]:
+def _list_pieces(sewn: Any, was_forward: Mapping[int, bool], is_solid: bool) -> list[Any]:
     """The shells of a sewn shape, closed ones as solids, and the faces that are in no shell.
 
     A closed shell is turned outward. Other shells keep the orientation that most of their faces
     had. So do the shells of a solid with several, because some of them bound its voids.
 
-    forward: orientation of each face before sewing, by its hash.
+    was_forward: orientation of each face before sewing, by its hash.
     """
     shells = list(kernel.list_subshapes(sewn, "Shell"))
     pieces = []
@@ -128,17 +128,19 @@ def _list_pieces(sewn: Any, forward: Mapping[int, bool], is_solid: bool) -> list
         if shell.Closed() and not (is_solid and len(shells) > 1):
             pieces.append(kernel.make_solid(shell))
         else:
-            is_turned = 2 * _count_turned(shell, forward) > len(
-                list(kernel.list_subshapes(shell, "Face"))
-            )
+            face_count = len(list(kernel.list_subshapes(shell, "Face")))
+            is_turned = 2 * _count_turned(shell, was_forward) > face_count
             pieces.append(shell.Reversed() if is_turned else shell)
     return pieces + list(kernel.list_subshapes(sewn, "Face", "Shell"))
 
 
-def _count_turned(shape: Any, forward: Mapping[int, bool]) -> int:
-    """The number of faces whose orientation changed. `forward` is as in `_list_pieces`."""
-    faces = list(kernel.list_subshapes(shape, "Face"))
-    return sum(forward.get(hash(f), kernel.is_forward(f)) != kernel.is_forward(f) for f in faces)
+def _count_turned(shape: Any, was_forward: Mapping[int, bool]) -> int:
+    """The number of faces whose orientation changed. `was_forward` is as in `_list_pieces`."""
+    count = 0
+    for face in kernel.list_subshapes(shape, "Face"):
+        is_forward = kernel.is_forward(face)
+        count += was_forward.get(hash(face), is_forward) != is_forward
+    return count
 
 
 def _note_sewing(sewings: Sequence[_Sewing]) -> list[Note]:
@@ -194,7 +196,7 @@ def join_touching(bodies: Sequence[Body], tolerance: float) -> tuple[Any, list[N
     shapes = [body.shape for body in bodies if not kernel.is_solid(body.shape)]
     notes: list[Note] = []
     for label in np.unique(group).tolist():
-        members = [solids[k] for k in np.flatnonzero(group == label).tolist()]
+        members = list(compress(solids, group == label))
         shapes += _join(members, tolerance, notes) if len(members) > 1 else [members[0].shape]
     return kernel.make_compound(shapes), notes
 

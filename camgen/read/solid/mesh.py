@@ -187,8 +187,13 @@ def surface(source: Source, mm: float | None = None) -> tuple[Surface, list[Note
 def _make_surface(soup: MeshSoup, name: str, mm: float | None) -> tuple[Surface, list[Note]]:
     notes = list(soup.notes)
     if mm is None and not soup.unit:
-        why = "the file states no unit; set input.units if that is not meant"
-        notes.append(Note("assumed", "1 unit of the mesh = 1 mm", why))
+        notes.append(
+            Note(
+                "assumed",
+                "1 unit of the mesh = 1 mm",
+                "the file states no unit; set input.units if that is not meant",
+            )
+        )
     vertices, faces, named = _clean(name, soup, soup.mm if mm is None else mm, notes)
     pairs = pair_half_edges(faces)
     is_dangling = find_dangling(vertices, faces, pairs)
@@ -293,13 +298,13 @@ def _find_borders(
     if not len(pairs.open):
         return ()
     start, end = list_ends(faces, pairs.open)
-    chains = _chain_borders(start.tolist(), end.tolist())
     length = float(np.linalg.norm(vertices[end] - vertices[start], axis=1).sum())
     sides = counted(
         len(pairs.open), f"side, {length:.6g} mm, belongs", f"sides, {length:.6g} mm, belong"
     )
     what = f"the mesh is not closed: {sides} to one face only"
     notes.append(Note("warning", what, "they are borders, not edges"))
+    chains = _chain_borders(start.tolist(), end.tolist())
     return tuple(frozen(vertices[chain]) for chain in chains)
 
 

@@ -1,4 +1,4 @@
-"""OFF files (Geomview): vertices and polygons; normals and colours are not needed."""
+"""OFF files (Geomview): vertices and polygons. Normals and colours are not read."""
 
 from __future__ import annotations
 
@@ -21,9 +21,10 @@ _HEAD = re.compile(r"(ST)?(C)?(N)?(4)?(n)?OFF\b")
 
 
 def read_off(data: bytes) -> MeshSoup:
-    """The mesh of an OFF.
+    """The mesh in an OFF.
 
-    Raises ValueError for a file that is damaged, UnreadShape for another dimension.
+    Raises ValueError for a damaged file. Raises UnreadShape for another dimension and for a binary
+    file.
     """
     lines = (line.partition("#")[0].strip() for line in data.decode("latin-1").split("\n"))
     rows = list(filter(None, lines))

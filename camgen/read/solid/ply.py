@@ -1,7 +1,7 @@
 """PLY files, with polygons and with the triangle strips of older scanners.
 
-The format is Turk's "The PLY Polygon File Format" (1994): a header with the elements and their
-number of rows, and then the rows, with numbers and lists.
+The format is Turk's "The PLY Polygon File Format" (1994). A header lists the elements and their
+numbers of rows. The rows with numbers and lists follow.
 """
 
 from __future__ import annotations
@@ -135,7 +135,7 @@ class _Binary:
 
 
 def read_ply(data: bytes) -> MeshSoup:
-    """The mesh of a PLY, from its faces and its strips.
+    """The mesh in a PLY, from its faces and its strips.
 
     Raises ValueError or LookupError for a file that is damaged or ends too soon.
     """

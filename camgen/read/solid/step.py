@@ -97,7 +97,6 @@ def _number_ends(edges: list[Edge], tolerance: float) -> list[tuple[int, int]]:
 
 
 def _find_owner(owner: dict[int, int], k: int) -> int:
-    """The chain into which edge `k` was joined; `k` itself if it was not."""
     while owner[k] != k:
         k = owner[k]
     return k

@@ -1,4 +1,4 @@
-"""The bytes of a STEP file as bodies of the CAD kernel: sewn, and joined where they touch."""
+"""Reads a STEP file as bodies of the CAD kernel, which are sewn, and joined where they touch."""
 
 from __future__ import annotations
 
@@ -29,6 +29,8 @@ _MAX_READINGS = 4
 #: Names that CAD programs write for entities without a name, and the start of an invented name.
 _NO_NAMES = ("", "NONE", "NULL")
 _INVENTED = "Open CASCADE STEP translator"
+#: A change by the kernel that is not reported: such a shell is sewn afterwards.
+_SPLIT = "Improperly connected shell split into parts"
 
 
 class StepBodies(Struct, frozen=True, eq=False):
@@ -65,7 +67,7 @@ def load(source: Source) -> StepBodies:
         message.Message_PrinterOStream.get_type_descriptor_s()
     )
     _try_in_child(source)
-    return _load(source)
+    return _read_bodies(source)
 
 
 def _try_in_child(source: Source) -> None:
@@ -83,7 +85,7 @@ def _try_in_child(source: Source) -> None:
             os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # stderr of a crash is not shown
             signal.signal(signal.SIGALRM, signal.SIG_DFL)
             signal.setitimer(signal.ITIMER_REAL, source.limits.step_seconds)
-            _load(source)
+            _read_bodies(source)
         os._exit(0)
     ended = os.waitpid(child, 0)[1]
     if os.WIFSIGNALED(ended):
@@ -94,7 +96,7 @@ def _try_in_child(source: Source) -> None:
         raise InputError(source.name, what, "", remedy)
 
 
-def _load(source: Source) -> StepBodies:
+def _read_bodies(source: Source) -> StepBodies:
     try:
         reader, notes = _read_sound(source)
         shape = reader.OneShape() if reader.TransferRoots() else None
@@ -109,7 +111,7 @@ def _load(source: Source) -> StepBodies:
 
 def _heal(data: bytes, reader: Any, shape: Any, notes: tuple[Note, ...]) -> StepBodies:
     curves = len(list(kernel.list_subshapes(shape, "Edge", "Face")))
-    bodies = list(_walk(reader.WS().TransferReader(), shape, ""))
+    bodies = list(_list_bodies(reader.WS().TransferReader(), shape, ""))
     if not bodies:
         return StepBodies(None, (), curves, 0.0, notes)
     tolerance, doubts = choose_tolerance(read_uncertainty(data), kernel.measure_diagonal(shape))
@@ -124,10 +126,11 @@ def _heal(data: bytes, reader: Any, shape: Any, notes: tuple[Note, ...]) -> Step
     )
 
 
-def _walk(transfer: Any, shape: Any, product: str) -> Iterator[Body]:
-    """The bodies of a shape: its solids, and all faces that belong to no solid.
+def _list_bodies(transfer: Any, shape: Any, product: str) -> Iterator[Body]:
+    """The bodies of a shape: its solids, and its shells and faces that belong to no solid.
 
-    product: name of the product around the shape in an assembly.
+    transfer: results of the kernel's reader, by which entities of the file are found.
+    product: name of the product that contains the shape in an assembly, "" without one.
     """
     kinds = kernel.part("TopAbs").TopAbs_ShapeEnum
     usage = transfer.EntityFromShapeResult(shape, 1)
@@ -135,23 +138,23 @@ def _walk(transfer: Any, shape: Any, product: str) -> Iterator[Body]:
         shape.Located(kernel.part("TopLoc").TopLoc_Location()), 1
     )
     if isinstance(usage, kernel.part("StepRepr").StepRepr_NextAssemblyUsageOccurrence):
-        product = _name(usage.RelatedProductDefinition().Formation().OfProduct()) or product
-        own_name = product or _name(entity)
+        product = _read_name(usage.RelatedProductDefinition().Formation().OfProduct()) or product
+        name = product or _read_name(entity)
     else:
-        own_name = _name(entity) or product
+        name = _read_name(entity) or product
     is_solid = isinstance(entity, kernel.part("StepShape").StepShape_SolidModel)
     kind = shape.ShapeType()
     if kind == kinds.TopAbs_SOLID or is_solid:
-        yield Body(own_name, shape, True)
+        yield Body(name, shape, True)
     elif kind in (kinds.TopAbs_COMPOUND, kinds.TopAbs_COMPSOLID):
         for member in kernel.list_members(shape):
-            yield from _walk(transfer, member, product)
+            yield from _list_bodies(transfer, member, product)
     elif kind in (kinds.TopAbs_SHELL, kinds.TopAbs_FACE):
-        yield Body(own_name, shape, False)
+        yield Body(name, shape, False)
 
 
-def _name(entity: Any) -> str:
-    """The name of an entity, "" without one or in an encoding that is not known."""
+def _read_name(entity: Any) -> str:
+    """The name of an entity, "" without one or in an unknown encoding."""
     try:
         text = str(entity.Name().ToCString()).strip()
     except (AttributeError, UnicodeDecodeError):
@@ -175,10 +178,6 @@ def _note_changes(reader: Any, shape: Any) -> list[Note]:
     text = counted(changes.total(), "change")
     why = f"its edges are within {kernel.measure_tolerance(shape):.2g} mm of their faces"
     return [Note("repaired", f"{text} by the CAD kernel: {listed}", why)]
-
-
-#: A shell in parts is sewn.
-_SPLIT = "Improperly connected shell split into parts"
 
 
 def _read_sound(source: Source) -> tuple[Any, tuple[Note, ...]]:

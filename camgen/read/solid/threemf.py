@@ -1,4 +1,4 @@
-"""3MF files: the bodies that the build lists, with components in other parts of the archive.
+"""3MF files: the bodies that the build lists, also with components in other parts of the archive.
 
 Sources: 3MF Core Specification 1.3, sections 3 and 4; 3MF Production Extension 1.1, section 2.
 """
