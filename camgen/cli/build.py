@@ -306,7 +306,7 @@ def _tell_plan(result: Result) -> list[Row]:
     work = math.fsum(path_sums(result.tour.paths)[0].tolist())
     tour = result.tour
     hint = (
-        "; the extra fast (pip install camgen[fast]) searches farther in this time"
+        "; the extra fast (pip install '.[fast]' in the folder of camgen) searches farther in this time"
         if PLAIN in tour.method
         else ""
     )

@@ -109,7 +109,7 @@ _SCALES = frozenset({"feed", "inch", "mps", "rated"})
 def add_harm(executed: Executed, texts: Mapping[str, str]) -> Executed:
     """``executed`` with what may do harm in its motion, and what its header says otherwise.
 
-    If the path rests on an assumption, a dangerous finding is only unusual.
+    If the path rests on an assumption, a dangerous finding is only possible.
     """
     from camgen.check.harm import find_harm  # noqa: PLC0415 (numpy: only where a program is judged)
 
@@ -125,7 +125,7 @@ def add_harm(executed: Executed, texts: Mapping[str, str]) -> Executed:
 def _if_as_assumed(finding: Finding) -> Finding:
     if finding.level != "dangerous":
         return finding
-    return replace(finding, level="unusual", what=f"{finding.what}, if all is as assumed")
+    return replace(finding, level="possible", what=f"{finding.what}, if all is as assumed")
 
 
 def name_files(executed: Executed, place: Places) -> Executed:

@@ -30,7 +30,8 @@ from camgen.cli.program_texts import read_texts
 from camgen.cli.proven import Proven
 from camgen.cli.rebuild import Origin, Text, compare_rebuilt, pick_program, read_state, tell_state
 from camgen.cli.say import Voice, length, table
-from camgen.lang.programs import LANGUAGES, Executed, Finding, Places
+from camgen.lang.alternatives import format_alternatives, run_alternatives
+from camgen.lang.programs import CERTAIN, LANGUAGES, Executed, Finding, Places
 from camgen.lang.taught import Carried, as_far_as_known
 from camgen.lower.steps import split_tools
 from camgen.model.cell import Dynamics
@@ -154,7 +155,8 @@ def _judge(asked: _Asked, says: Voice) -> int:
         check_page(arguments.report)
         check_targets([Path(arguments.report)], [*paths, *map(Path, arguments.points)])
     says.stage("running")
-    executed = add_harm(language.run(texts, ask), texts)
+    alternatives = run_alternatives(language, texts, ask)
+    executed = add_harm(alternatives.executed, texts)
     says.clear()
     if len(texts) > 1:
         executed = name_files(executed, place)
@@ -163,7 +165,7 @@ def _judge(asked: _Asked, says: Voice) -> int:
     if told.body is not executed.body:
         motions = replace(motions, counts=sum_up(Columns(executed.body)).counts)
     rows = [("language", language.about), *_rows(motions, _lines(texts), executed.untimed)]
-    rows += rows_of(executed, place)
+    rows += [*rows_of(executed, place), *format_alternatives(alternatives)]
     rows += [("told", f"{note.what} ({note.why})") for note in told.notes]
     error = verdict(executed, paths[0], place)
     if error is None and not (executed.body or executed.assumed or executed.facts):
@@ -217,7 +219,7 @@ def _compare(asked: _Asked, says: Voice) -> int:
         else:
             says.out(table([*rows, *more]) + listing + also)
 
-    serious = [fault for fault in executed.findings if plan or fault.level != "unusual"]
+    serious = [fault for fault in executed.findings if plan or fault.level in CERTAIN]
     if serious:
         say()
         first = serious[0]

@@ -19,6 +19,7 @@ from camgen.check.report import sum_up
 from camgen.cli.judge import add_harm, ask_of, find_own, name_files, tell_time, verdict
 from camgen.cli.program_texts import read_texts
 from camgen.cli.say import Voice, table
+from camgen.lang.alternatives import run_alternatives
 from camgen.lang.programs import LEVELS, Executed, Finding, Language, Places, list_languages
 from camgen.lang.taught import as_far_as_known
 from camgen.model.errors import CamgenError, InputError, JobError
@@ -31,7 +32,12 @@ from camgen.read.files import Files
 #: Exit codes, the worst first.
 _CODES = (1, 2, 3, 0)
 #: Level of a finding in SARIF 2.1.0, section 3.27.10.
-_SARIF_LEVELS = {"refused": "error", "dangerous": "error", "unusual": "warning"}
+_SARIF_LEVELS = {
+    "refused": "error",
+    "dangerous": "error",
+    "possible": "warning",
+    "unusual": "warning",
+}
 #: Definitions of what other files may call, by language. The group is the name.
 _DEFINITIONS = {
     "rapid": re.compile(r"^\s*(?:LOCAL\s+)?(?:PROC|FUNC\s+\w+|TRAP)\s+(\w+)", re.I | re.M),
@@ -195,7 +201,7 @@ def _verify_group(
         if arguments.dialect not in language.dialects:
             arguments = Namespace(**{**vars(arguments), "dialect": None})
         request = ask_of(language, arguments, Job(), files)
-        executed = add_harm(language.run(texts, request), texts)
+        executed = add_harm(run_alternatives(language, texts, request).executed, texts)
     except CamgenError as error:
         return Judged(names, _name(language), (), Places({}), 0.0, 0, error.exit_code, str(error))
     if len(group) > 1:

@@ -19,7 +19,8 @@ handler may end with the step that raised the error, or with the one after it.
 A loop whose condition holds and that repeats itself is left: something outside ends it. A loop
 without a condition is left too, or it ends the program, as the rules of the language say.
 
-The language adds each choice to its log in its own words.
+The language adds each choice to its log in its own words. Another run may take another option at a
+choice (`Ask.shifts`).
 """
 
 from __future__ import annotations
@@ -283,12 +284,20 @@ class Flow:
             is_entered = self._choose_branch(frame, at, step, holds)
             if self._is_asked_again(frame, at, holds):
                 is_entered = not is_entered
+            is_entered = self._decide(holds, default=is_entered)
             choice = Choice.BRANCH_ENTERED if is_entered else Choice.BRANCH_PASSED
             if not self._language.assume(choice, step, holds):
                 is_entered = not is_entered
         else:
             is_entered = holds == condition.wanted
         return at + 1 if is_entered else step.to
+
+    def _decide(self, unknown: Unknown, *, default: bool) -> bool:
+        """Return whether a block is entered whose condition is unknown.
+
+        default: whether it is entered by default.
+        """
+        return self._language.log.decide(unknown.what, 0 if default else 1, 2) == 0
 
     def _choose_branch(self, frame: CallFrame, at: int, step: Branch, unknown: Unknown) -> bool:
         """Return whether a branch is entered whose condition is unknown."""
@@ -331,7 +340,8 @@ class Flow:
                 return case.to
         if unknown is None:
             return step.to
-        number = self._choose_case(frame.code, step)
+        default = self._choose_case(frame.code, step)
+        number = self._language.log.decide(unknown.what, default, max(len(step.cases), 1))
         self._language.assume(Choice.FIRST_CASE, step, unknown, number)
         return step.cases[number].to if step.cases else step.to
 
@@ -437,7 +447,8 @@ class Flow:
         frame.undecided.add(at)
         if unknown.guess is None:
             body = range(at + 1, step.to - 1)
-            is_entered = frame.code.acts(body) and not frame.code.leaves(body)
+            is_useful = frame.code.acts(body) and not frame.code.leaves(body)
+            is_entered = self._decide(unknown, default=is_useful)
             choice = Choice.LOOP_RUN_ONCE if is_entered else Choice.LOOP_ENDED
             self._language.assume(choice, step, unknown)
             return is_entered

@@ -4,6 +4,7 @@ The vocabulary of all languages:
 
 - finding: a line that the controller refuses, that is dangerous, or that is unusual
 - assumption: a value or a branch that the text does not determine
+- open choice: a branch, loop or case whose condition the text does not determine
 - loss: an effect of the program that the motions lack, so that no other machine may run them
 - omission: an effect that another machine does without, such as accelerations
 - fact: a remark that needs no action
@@ -11,9 +12,10 @@ The vocabulary of all languages:
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 
-from camgen.lang.programs import LEVELS, Assumption, Finding, Level
+from camgen.lang.programs import LEVELS, Assumption, Finding, Level, OpenChoice
 from camgen.model.errors import one_line
 from camgen.model.text import counted
 
@@ -22,21 +24,29 @@ _LENGTH_LIMIT = 400
 #: Number of findings, and of entries of each other kind. They bound the memory. Beyond them the
 #: program is refused, or may not run on another machine.
 _FINDING_LIMIT, _ENTRY_LIMIT = 100_000, 5_000
+#: End of a finding of a run that took a branch which the text does not determine.
+IF_HERE = ", if the program comes here like this"
+#: The shifts of a run that takes the default option everywhere.
+_DEFAULT: Mapping[int, int] = MappingProxyType({})
 
 
 class Log:
     """The log of one run. It holds each entry once.
 
     line: function that returns the number of the line that runs, from 1 through all files.
+    shifts: options that the run takes, see `Ask.shifts`.
     is_uncertain: whether the run took a branch that the text does not determine. After that a line
-        that the controller would refuse is unusual, not refused.
+        that the controller would refuse is a possible finding, not refused.
     assumed: assumptions by key and text.
     facts: first line of each fact, by label and text.
     lost, omitted: first line of each loss and omission, by text.
     """
 
-    def __init__(self, line: Callable[[], int] = lambda: 1) -> None:
+    def __init__(
+        self, line: Callable[[], int] = lambda: 1, shifts: Mapping[int, int] = _DEFAULT
+    ) -> None:
         self.line = line
+        self.shifts = shifts
         self.is_uncertain = False
         self.assumed: dict[tuple[str, str], Assumption] = {}
         self.facts: dict[str, dict[str, int]] = {}
@@ -45,6 +55,7 @@ class Log:
         self.untimed = 0
         self._findings: dict[tuple[int, str], Level] = {}
         self._kinds: set[str] = set()
+        self._choices: dict[int, OpenChoice] = {}
 
     def find(self, level: Level, what: str, *, line: int = 0, once: str = "") -> None:
         """Add a finding of the line that runs, or of another line.
@@ -60,7 +71,7 @@ class Log:
         if once:
             self._kinds.add(once)
         if self.is_uncertain and level == "refused" and not line:
-            level, what = "unusual", f"{what}, if the program comes here like this"
+            level, what = "possible", f"{what}{IF_HERE}"
         self._findings.setdefault((line or self.line(), _shorten(what)), level)
 
     def assume(self, what: str, key: str = "", value: float = 0.0, *, line: int = 0) -> None:
@@ -80,6 +91,18 @@ class Log:
         """Add an assumption that determines a branch: all later refusals are uncertain."""
         self.is_uncertain = True
         self.assume(what, key, value)
+
+    def decide(self, what: str, default: int, options: int) -> int:
+        """Return the option that the run takes at an open choice in its line, from 0.
+
+        what: the value on which the choice depends.
+        default: the default option.
+        options: number of options.
+        """
+        line = self.line()
+        if len(self._choices) < _ENTRY_LIMIT:
+            self._choices.setdefault(line, OpenChoice(line, _shorten(what), options))
+        return (default + self.shifts.get(line, 0)) % options
 
     def lose(self, what: str, *, line: int = 0) -> None:
         """Add a loss."""
@@ -117,7 +140,7 @@ class Log:
 
     def copy(self) -> Log:
         """Return an independent log with the same entries."""
-        log = Log(self.line)
+        log = Log(self.line, self.shifts)
         log._findings, log._kinds = dict(self._findings), set(self._kinds)
         log.is_uncertain = self.is_uncertain
         log.assumed, log.lost, log.omitted = dict(self.assumed), dict(self.lost), dict(self.omitted)
@@ -132,6 +155,10 @@ class Log:
     def list_assumed(self) -> tuple[Assumption, ...]:
         """Return the assumptions by line."""
         return tuple(sorted(self.assumed.values(), key=lambda item: item.line))
+
+    def list_choices(self) -> tuple[OpenChoice, ...]:
+        """Return the open choices in the order of the run, each once."""
+        return tuple(self._choices.values())
 
     def list_facts(self, separator: str, shown: int) -> tuple[tuple[str, str], ...]:
         """Return label and text of the facts.

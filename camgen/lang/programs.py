@@ -44,10 +44,13 @@ from camgen.model.text import counted, grouped
 
 LANGUAGES = "camgen.languages"
 
-#: The controller refuses the line; it may do harm; few programs have such a line.
-Level = Literal["refused", "dangerous", "unusual"]
+#: The controller refuses the line; it may do harm; it is one of these only if something is so that
+#: the text does not determine; few programs have such a line.
+Level = Literal["refused", "dangerous", "possible", "unusual"]
 #: The worst level first.
-LEVELS: tuple[Level, ...] = ("refused", "dangerous", "unusual")
+LEVELS: tuple[Level, ...] = ("refused", "dangerous", "possible", "unusual")
+#: The levels that rest on nothing assumed.
+CERTAIN: tuple[Level, ...] = ("refused", "dangerous")
 
 
 #: The byte order mark of UTF-8, as a character and as its bytes in Latin-1; and those of UTF-16.
@@ -124,6 +127,19 @@ class Assumption(Struct, frozen=True):
     value: float = 0.0
 
 
+class OpenChoice(Struct, frozen=True):
+    """A branch, a case or a loop that the text does not determine.
+
+    line: its line, from 1 through all files.
+    what: the value on which it depends.
+    options: number of branches or cases.
+    """
+
+    line: int
+    what: str
+    options: int = 2
+
+
 class Ask(Struct, frozen=True):
     """The request of a run.
 
@@ -137,6 +153,8 @@ class Ask(Struct, frozen=True):
     options: options of `[post]` with which a post wrote the text. The run is then strict: a
         statement that the post does not write is a finding, and so is a setting that differs from
         the options. None for a program of another author.
+    shifts: number of options after the default one that the run takes at an open choice, by the
+        line of the choice.
     """
 
     dialect: str = ""
@@ -146,6 +164,7 @@ class Ask(Struct, frozen=True):
     limits: Limits = Limits()
     flange: Callable[[Sequence[float]], Pose | None] | None = None
     options: Mapping[str, object] | None = None
+    shifts: Mapping[int, int] = field(default_factory=dict)
 
 
 class Executed(Struct, frozen=True, eq=False):
@@ -162,6 +181,7 @@ class Executed(Struct, frozen=True, eq=False):
     omitted: line and text of effects that another machine does without, such as accelerations.
     stopped: line and reason where the run ended too early, None if it ended as the text says.
     untimed: number of motions of external axes. Their time is not known.
+    choices: open choices that the run came to, in order.
     """
 
     body: Sequence[Instruction]
@@ -175,6 +195,7 @@ class Executed(Struct, frozen=True, eq=False):
     omitted: tuple[tuple[int, str], ...] = ()
     stopped: tuple[int, str] | None = None
     untimed: int = 0
+    choices: tuple[OpenChoice, ...] = ()
 
     @property
     def work(self) -> Pose | None:
@@ -306,6 +327,7 @@ _EXECUTED = {
     "lost": be(tuple, "a tuple of lines with texts"),
     "omitted": be(tuple, "a tuple of lines with texts"),
     "untimed": be(int, "a number of motions"),
+    "choices": be_each(tuple, be(OpenChoice, "an OpenChoice"), "a tuple of OpenChoice"),
 }
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from camgen.check.report import clean, motion_lengths, path_sums
-from camgen.lang.programs import LEVELS, Executed
+from camgen.lang.programs import CERTAIN, LEVELS, Executed
 from camgen.lang.taught import Carried
 from camgen.model.pose import IDENTITY, FloatArray, Pose
 from camgen.model.program import Columns, Instruction, MoveC, MoveJ, MoveL, Wait
@@ -115,7 +115,7 @@ def _notes(executed: Executed, place: Callable[[int], str]) -> list[ViewNote]:
         )
     for level in LEVELS:
         own = [one for one in executed.findings if one.level == level]
-        strict = level != "unusual"
+        strict = level in CERTAIN
         found += [
             ViewNote(level, clean(place(one.line)), clean(one.what), strict, text=one.line)
             for one in own

@@ -39,7 +39,7 @@ def test_a_kind_of_finding_is_noted_once_a_program() -> None:
     assert run.log.list_findings() == (Finding("unusual", 1, "an arc in G19"),)
 
 
-def test_a_refusal_on_a_way_that_was_chosen_is_unusual() -> None:
+def test_a_refusal_on_a_way_that_was_chosen_is_possible() -> None:
     run = Lines()
     run.log.find("refused", "no tool")
     run.line = 2
@@ -51,7 +51,7 @@ def test_a_refusal_on_a_way_that_was_chosen_is_unusual() -> None:
     assert run.log.list_findings() == (
         Finding("refused", 1, "no tool"),
         Finding("dangerous", 3, "force at the end"),
-        Finding("unusual", 3, "no speed, if the program comes here like this"),
+        Finding("possible", 3, "no speed, if the program comes here like this"),
         Finding("refused", 9, "no label 7"),
     )
     assert run.log.list_assumed() == (Assumption(2, "x is not known: the branch is run", "x", 1.0),)

@@ -347,6 +347,7 @@ class Machine:
             self.log.list_omitted(),
             stopped,
             self.log.untimed,
+            self.log.list_choices(),
         )
 
 

@@ -293,6 +293,7 @@ class ProgramRun(Run):
         assumed = {key.lower(): float(value) for key, value in ask.assume.items()}
         budget = Budget(0, ask.limits.pacscript_steps, "pacscript_steps")
         super().__init__(Machine(assumed, points), budget, Rules(_DEEPEST))
+        self.machine.log.shifts = ask.shifts
         self.machine.flange = ask.flange
         for what in faulty:
             self.machine.log.assume(what)

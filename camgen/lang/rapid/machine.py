@@ -157,7 +157,7 @@ class Machine:
     log: Log = field(init=False)
 
     def __post_init__(self) -> None:
-        self.log = Log(lambda: self.line)
+        self.log = Log(lambda: self.line, self.ask.shifts)
 
     def wrong(self, what: str) -> Wrong:
         """A fault of the line that runs."""

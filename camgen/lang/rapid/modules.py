@@ -67,4 +67,5 @@ def _answer(machine: Machine, stopped: tuple[int, str] | None) -> Executed:
         omitted=machine.log.list_omitted(),
         untimed=machine.log.untimed,
         stopped=stopped,
+        choices=machine.log.list_choices(),
     )

@@ -40,7 +40,7 @@ _CALL = re.compile(r"(?:CALL|EXECUTE)\b[^A-Za-z]*([A-Za-z][A-Za-z0-9._]*)", re.I
 
 def run_programs(files: Mapping[str, str], ask: Ask) -> Executed:
     """What the programs in ``files`` do from their entry on."""
-    log = Log()
+    log = Log(shifts=ask.shifts)
     files = {name: strip_mark(text) for name, text in files.items()}
     beside = find_data(files)
     routines, data = read_files(
@@ -77,6 +77,7 @@ def run_programs(files: Mapping[str, str], ask: Ask) -> Executed:
         lost=log.list_lost(),
         omitted=log.list_omitted(),
         stopped=machine.stopped,
+        choices=log.list_choices(),
     )
 
 

@@ -675,7 +675,7 @@ def test_what_the_older_dialect_writes_otherwise() -> None:
 
 
 def test_an_error_on_a_way_that_was_guessed_is_not_refused() -> None:
-    assert levels(run("If I[3] = 0 Then\nMotor Off\nEnd If", HOME)) == [("unusual", 6)]
+    assert levels(run("If I[3] = 0 Then\nMotor Off\nEnd If", HOME)) == [("possible", 6)]
     assert levels(run("Motor Off", HOME)) == [("refused", 4)]
 
 

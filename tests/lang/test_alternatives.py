@@ -1,0 +1,112 @@
+"""Branches that a text leaves open: the runs of them, and their findings."""
+
+import pytest
+
+from camgen.lang import alternatives
+from camgen.lang.alternatives import Alternatives, format_alternatives, run_alternatives
+from camgen.lang.programs import Ask, Executed, Finding, Language, OpenChoice, find_language
+
+ORIENTED = "[[500,0,500],[0,0,1,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
+#: The squares of the orientation add up to 0.81.
+SHORT = ORIENTED.replace("[0,0,1,0]", "[0,0,0.9,0]")
+GOOD, BAD = f"MoveL {ORIENTED},v100,fine,tool0;", f"MoveL {SHORT},v100,fine,tool0;"
+
+
+def rapid(*lines: str) -> Alternatives:
+    """A main of lines, which begin at line 3."""
+    text = "\n".join(["MODULE M", "PROC main()", *lines, "ENDPROC", "ENDMODULE", ""])
+    return run_alternatives(find_language("rapid"), {"m.mod": text}, Ask())
+
+
+def listed(result: Alternatives) -> list[tuple[str, int]]:
+    return [(finding.level, finding.line) for finding in result.executed.findings]
+
+
+def test_a_program_without_an_open_choice_is_run_once() -> None:
+    result = rapid(GOOD, BAD)
+    assert listed(result) == [("refused", 4)]
+    assert (result.runs, format_alternatives(result)) == (1, [])
+
+
+def test_a_refusal_in_the_other_branch_is_possible_and_names_its_condition() -> None:
+    result = rapid(GOOD, "IF diReady=1 THEN", GOOD, "ELSE", BAD, "ENDIF")
+    assert listed(result) == [("possible", 7)]
+    assert result.executed.findings[0].what.endswith("; it depends on diReady in line 4")
+    # The motions are those of the default run: two straight motions.
+    assert (result.runs, len(result.executed.body)) == (2, 2)
+    assert format_alternatives(result) == [("branches", "1 choice left open, 2 runs")]
+
+
+def test_a_refusal_in_the_usual_branch_is_possible_too_and_one_behind_it_is_refused() -> None:
+    result = rapid("IF diReady=1 THEN", BAD, "ELSE", GOOD, "ENDIF", BAD)
+    assert listed(result) == [("possible", 4), ("refused", 8)]
+
+
+def test_every_case_is_run() -> None:
+    cases = ["CASE 1:", GOOD, "CASE 2:", BAD, "CASE 3:", BAD]
+    result = rapid("TEST GInput(giPart)", *cases, "ENDTEST")
+    assert listed(result) == [("possible", 7), ("possible", 9)]
+    assert result.runs == 3
+
+
+def test_a_choice_in_another_branch_is_open_as_well() -> None:
+    inner = ["IF diSecond=1 THEN", GOOD, "ELSE", BAD, "ENDIF"]
+    result = rapid("IF diFirst=1 THEN", GOOD, "ELSE", *inner, "ENDIF")
+    assert listed(result) == [("possible", 9)]
+    what = result.executed.findings[0].what
+    assert what.endswith("; it depends on diFirst in line 3 and diSecond in line 6")
+    assert result.runs == 3
+
+
+def test_pacscript_and_v_plus_take_the_other_branch_too() -> None:
+    lines = ["Sub Main", "TakeArm Keep = 0", "If I[3] = 0 Then", "Set IO[4]", "Else", "Motor Off"]
+    lines += ["End If", "Move P, @0 P(400, 0, 300, 180, 0, 180, -1)", "End Sub", ""]
+    result = run_alternatives(find_language("pacscript"), {"part.pcs": "\n".join(lines)}, Ask())
+    # The motion is refused while the motor is off.
+    assert listed(result) == [("possible", 8)]
+    assert result.runs == 2
+    v_plus = ".PROGRAM p()\nIF SIG(1001) THEN\nSIGNAL 1\nELSE\nGOTO 7\nEND\n.END\n"
+    result = run_alternatives(find_language("vplus"), {"p.v2": v_plus}, Ask())
+    assert result.runs == 2
+
+
+class Played(Language, frozen=True):
+    """A language with given runs, by the shift in line 2."""
+
+
+def play(*runs: Executed) -> Alternatives:
+    def run(_files: object, ask: Ask) -> Executed:
+        return runs[ask.shifts.get(2, 0)]
+
+    language = Played("played", "runs that are given", (), lambda _: True, run)
+    return run_alternatives(language, {"a": "1\n2\n3\n"}, Ask())
+
+
+def test_a_run_that_does_not_break_off_is_preferred() -> None:
+    choice = (OpenChoice(2, "di1"),)
+    broken = Executed((), (), stopped=(3, "calls itself too often"), choices=choice)
+    whole = Executed((), (), findings=(Finding("unusual", 1, "odd"),), choices=choice)
+    result = play(broken, whole).executed
+    assert result.stopped is None
+    assert result.findings == (
+        Finding("unusual", 1, "odd"),
+        Finding(
+            "possible", 3, "cannot be run on: calls itself too often; it depends on di1 in line 2"
+        ),
+    )
+
+
+def test_an_end_on_each_branch_stays() -> None:
+    choice = (OpenChoice(2, "di1"),)
+    broken = Executed((), (), stopped=(3, "no end"), choices=choice)
+    assert play(broken, broken).executed.stopped == (3, "no end")
+
+
+def test_branches_that_are_not_run_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(alternatives, "_RUN_LIMIT", 2)
+    choice = (OpenChoice(2, "gi1", 5),)
+    result = play(*[Executed((), (), choices=choice)] * 5)
+    assert (result.runs, result.missing) == (3, 2)
+    assert format_alternatives(result) == [
+        ("branches", "1 choice left open, 3 runs, 2 branches not run")
+    ]
