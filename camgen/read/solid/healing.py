@@ -82,7 +82,7 @@ def sew_bodies(bodies: Sequence[Body], tolerance: float) -> tuple[list[Body], li
             result.append(replace(body, shape=kernel.make_compound(sewing.pieces)))
     surfaces = [body for body in bodies if not body.is_solid]
     if surfaces:
-        sewing = _sew(kernel.make_compound([body.shape for body in surfaces]), tolerance, False)
+        sewing = _sew(kernel.make_compound(_list_shapes(surfaces)), tolerance, False)
         sewings.append(sewing)
         names = {body.name for body in surfaces}
         name = names.pop() if len(names) == 1 else ""
@@ -144,21 +144,20 @@ def _count_turned(shape: Any, was_forward: Mapping[int, bool]) -> int:
 
 
 def _note_sewing(sewings: Sequence[_Sewing]) -> list[Note]:
-    edges = sum(sewing.edges for sewing in sewings)
-    turned = sum(sewing.turned for sewing in sewings)
-    lost = sum(sewing.lost for sewing in sewings)
-    if not edges:
+    if not any(sewing.edges for sewing in sewings):
         return []
-    gap = max(sewing.gap for sewing in sewings)
+    _, edges, gaps, turned, lost = zip(*sewings, strict=True)
     text = counted(
-        edges, "edge that faces did not share was", "edges that faces did not share were"
+        sum(edges), "edge that faces did not share was", "edges that faces did not share were"
     )
-    notes = [Note("repaired", f"{text} sewn", f"the faces are no more than {gap:.2g} mm apart")]
-    if turned:
-        text = counted(turned, "face was", "faces were")
+    notes = [
+        Note("repaired", f"{text} sewn", f"the faces are no more than {max(gaps):.2g} mm apart")
+    ]
+    if any(turned):
+        text = counted(sum(turned), "face was", "faces were")
         notes.append(Note("repaired", f"{text} wound against the others of the body and turned"))
-    if lost:
-        text = counted(lost, "edge or face was", "edges or faces were")
+    if any(lost):
+        text = counted(sum(lost), "edge or face was", "edges or faces were")
         notes.append(Note("skipped", f"{text} left out", "smaller than the tolerance of sewing"))
     return notes
 
@@ -184,8 +183,8 @@ def join_touching(bodies: Sequence[Body], tolerance: float) -> tuple[Any, list[N
     """
     solids = [body for body in bodies if kernel.is_solid(body.shape)]
     if len(solids) < 2:
-        return kernel.make_compound([body.shape for body in bodies]), []
-    tables = [_tabulate(body.shape) for body in solids]
+        return kernel.make_compound(_list_shapes(bodies)), []
+    tables = list(map(_tabulate, _list_shapes(solids)))
     pairs = [
         (a, b)
         for a, b in combinations(range(len(solids)), 2)
@@ -203,7 +202,7 @@ def join_touching(bodies: Sequence[Body], tolerance: float) -> tuple[Any, list[N
 
 def _join(bodies: Sequence[Body], tolerance: float, notes: list[Note]) -> list[Any]:
     """The shapes of bodies that may touch, joined if they do."""
-    shapes = [body.shape for body in bodies]
+    shapes = _list_shapes(bodies)
     union = kernel.unite(shapes, tolerance)
     if union is None:
         what = f"{len(bodies)} bodies that may touch cannot be joined: {_list_names(bodies)}"
@@ -238,7 +237,7 @@ def _set_aside(
     what = f"{len(alone)} bodies overlap by {short(overlap, 1)} mm3: {_list_names(alone)}"
     notes.append(Note("warning", what, "each has its edges as if it stood alone"))
     others = [body for k, body in enumerate(bodies) if k not in aside]
-    shapes = [body.shape for body in alone]
+    shapes = _list_shapes(alone)
     if others:
         joined, more = join_touching(others, tolerance)
         shapes.append(joined)
@@ -254,6 +253,10 @@ def _overlap(first: Any, second: Any, tolerance: float) -> bool:
     common = kernel.intersect(first, second, tolerance)
     slack = tolerance * (kernel.measure_area(first) + kernel.measure_area(second))
     return common is not None and kernel.measure_volume(common) > slack
+
+
+def _list_shapes(bodies: Sequence[Body]) -> list[Any]:
+    return [body.shape for body in bodies]
 
 
 def _list_names(bodies: Sequence[Body]) -> str:

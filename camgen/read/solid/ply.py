@@ -158,8 +158,9 @@ def read_ply(data: bytes) -> MeshSoup:
             tables = [table.astype(np.int64) for table in lists]
             if element.name == "face":
                 polygons += tables
-            for table in tables if element.name == "tristrips" else ():
-                strips += map(unroll, table)
+            else:
+                for table in tables:
+                    strips += map(unroll, table)
     check_numbers(polygons, len(vertices))
     triangles = cut_polygons(vertices, polygons)
     faces = np.concatenate([triangles.faces, *strips])

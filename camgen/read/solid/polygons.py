@@ -70,8 +70,10 @@ def cut_polygons(vertices: FloatArray, polygons: Sequence[IntArray]) -> Triangle
         pieces.append(_cut_fans(table[convex]))
         for polygon in table[~convex]:
             faces = _cut(vertices[polygon], polygon)
-            crossing += faces is None
-            pieces += [] if faces is None else [faces]
+            if faces is None:
+                crossing += 1
+            else:
+                pieces.append(faces)
     notes: tuple[Note, ...] = ()
     if crossing:
         what = counted(crossing, "face", "faces")

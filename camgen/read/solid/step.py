@@ -331,8 +331,9 @@ def read(source: Source, tolerance: float = 0.01, feature_angle: float = FEATURE
     notes += loaded.notes
     try:
         edges, borders = _find_edges(loaded, tolerance, feature_angle, notes)
-        wanted = _DEFLECTION * kernel.measure_diagonal(shape)
-        deflection = float(np.clip(wanted, _FINEST_MM, _COARSEST_MM))
+        deflection = float(
+            np.clip(_DEFLECTION * kernel.measure_diagonal(shape), _FINEST_MM, _COARSEST_MM)
+        )
         vertices, faces = topology.merge_equal_vertices(
             *kernel.triangulate(shape, deflection, _TRIANGLE_ANGLE)
         )
@@ -402,8 +403,10 @@ def _find_edges(
             left_out[reason] += 1
         else:
             edge = _make_sharp_edge(edge_uses, tolerance, feature_angle)
-            left_out["smooth"] += edge is None
-            sharp += [edge] if edge is not None else []
+            if edge is None:
+                left_out["smooth"] += 1
+            else:
+                sharp.append(edge)
     distance = max(_SAME_END_MM, 2 * kernel.measure_tolerance(loaded.shape))
     edges = sort_edges(map(direct_edge, join_smooth(sharp, distance)))
     notes += _note_edges(left_out, sharp, len(edges), feature_angle)
