@@ -461,6 +461,6 @@ def test_without_its_extra_the_command_says_what_to_install(
     assert main(["open", str(PARTS / "bracket.dxf"), "--no-browser"]) == 2
     said = capsys.readouterr().err
     assert (
-        said
-        == "camgen: error: open: needs uvicorn; pip install '.[workbench]' in the folder of camgen\n"
+        said == "camgen: error: open: needs uvicorn; "
+        "pip install '.[workbench]' in the folder of camgen\n"
     )
