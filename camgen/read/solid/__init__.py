@@ -18,7 +18,7 @@ from camgen.model.text import counted, harmless, short
 from camgen.read.clamps import make_prism
 from camgen.read.files import Files
 from camgen.read.solid import mesh
-from camgen.read.solid.faces import Face, beside, faces_of
+from camgen.read.solid.faces import Face, find_adjacent_faces, make_faces
 from camgen.read.units import MM
 
 #: Suffixes of STEP files.
@@ -119,10 +119,10 @@ def inspect(source: Source, job: Job, _files: Files) -> SolidFacts:
 
 def _list_surfaces(shape: Solid) -> tuple[tuple[Face, tuple[str, ...]], ...]:
     """The faces with the ids of their edges, which are left out if the faces are not listed."""
-    faces = faces_of(shape)
+    faces = make_faces(shape)
     edges: list[list[str]] = [[] for _ in faces.listed]
     if len(edges) <= _MAX_LISTED:
-        for name, pair in beside(shape.edges, shape, faces).items():
+        for name, pair in find_adjacent_faces(shape.edges, shape, faces).items():
             for k in sorted(set(pair)):
                 edges[k].append(name)
     return tuple((face, tuple(names)) for face, names in zip(faces.listed, edges, strict=True))

@@ -38,14 +38,14 @@ class Faces(Struct, frozen=True, eq=False):
     """The faces of a part.
 
     listed: faces in the order of their ids.
-    of: (F,) index in `listed` of the face of each triangle.
+    face_of_triangle: (F,) index in `listed` of the face of each triangle.
     """
 
     listed: tuple[Face, ...]
-    of: IntArray
+    face_of_triangle: IntArray
 
 
-def faces_of(solid: Solid) -> Faces:
+def make_faces(solid: Solid) -> Faces:
     """The faces of `solid`: triangles that meet at less than `FEATURE_ANGLE` belong together."""
     pairs = pair_half_edges(solid.faces)
     a, b = pairs.first // 3, pairs.second // 3
@@ -76,7 +76,9 @@ def faces_of(solid: Solid) -> Faces:
     return Faces(listed, rank[face_of])
 
 
-def beside(edges: Iterable[Edge], solid: Solid, faces: Faces) -> dict[str, tuple[int, int]]:
+def find_adjacent_faces(
+    edges: Iterable[Edge], solid: Solid, faces: Faces
+) -> dict[str, tuple[int, int]]:
     """The two faces of each edge, by the id of the edge.
 
     A face is given by its index in `faces.listed`. The first one belongs to the first normal of the
@@ -96,7 +98,7 @@ def beside(edges: Iterable[Edge], solid: Solid, faces: Faces) -> dict[str, tuple
         first, second = (
             int(near[(solid.normals[near] @ normal).argmax()]) for normal in edge.via_normals[span]
         )
-        adjacent[edge.id] = int(faces.of[first]), int(faces.of[second])
+        adjacent[edge.id] = int(faces.face_of_triangle[first]), int(faces.face_of_triangle[second])
     return adjacent
 
 
