@@ -20,7 +20,7 @@ PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 SHARED = Path(__file__).parents[2].parent / "shared" / "data"
 
 
-occ = kernel.part
+occ = kernel.import_ocp
 with_kernel = pytest.mark.skipif(
     find_spec("OCP") is None, reason="the extra step (the package OCP) is not installed"
 )
@@ -65,7 +65,7 @@ def test_without_the_extra_one_line_says_which(monkeypatch: pytest.MonkeyPatch) 
     def missing(name: str) -> Any:
         raise ModuleNotFoundError(f"No module named OCP.{name}")
 
-    monkeypatch.setattr(kernel, "part", missing)
+    monkeypatch.setattr(kernel, "import_ocp", missing)
     with pytest.raises(
         InputError, match=r"rfa1.step: STEP needs the CAD kernel; pip install 'camgen\[step\]'"
     ):

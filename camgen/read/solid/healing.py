@@ -96,7 +96,7 @@ def _sew(shape: Any, tolerance: float, is_solid: bool) -> _Sewing:
     edges = kernel.list_edges(shape)
     if all(len(edge.uses) > 1 or kernel.is_degenerate(edge.edge) for edge in edges):
         return _Sewing([shape])
-    tool = kernel.part("BRepBuilderAPI").BRepBuilderAPI_Sewing(tolerance * (1 + _ROUNDING))
+    tool = kernel.import_ocp("BRepBuilderAPI").BRepBuilderAPI_Sewing(tolerance * (1 + _ROUNDING))
     faces = list(kernel.list_subshapes(shape, "Face"))
     for face in faces:
         tool.Add(face)

@@ -1,6 +1,6 @@
 """The CAD kernel (OCCT in the package OCP, extra `step`): its shapes, and measures of them.
 
-No other module imports OCP. They call these functions, and `part` for the rest of the kernel.
+No other module imports OCP. They call these functions, and `import_ocp` for the rest of the kernel.
 Everything is in mm: OCCT converts while it reads.
 
 OCP 8 renamed or dropped some names of OCP 7. This module uses the names that both have, or tries
@@ -37,14 +37,14 @@ class EdgeUses(Struct, frozen=True, eq=False):
     uses: list[tuple[Any, Any]]
 
 
-def part(name: str) -> Any:
+def import_ocp(name: str) -> Any:
     """A module of OCP by its name. Raises ImportError if the extra is not installed."""
     return import_module(f"OCP.{name}")
 
 
 def list_errors() -> tuple[type[BaseException], ...]:
     """The errors that the kernel raises for shapes that are sound in form and not in geometry."""
-    return part("Standard").Standard_Failure, RuntimeError, ValueError, TypeError
+    return import_ocp("Standard").Standard_Failure, RuntimeError, ValueError, TypeError
 
 
 def list_subshapes(shape: Any, kind: str, avoid: str = "Shape") -> Iterator[Any]:
@@ -52,11 +52,11 @@ def list_subshapes(shape: Any, kind: str, avoid: str = "Shape") -> Iterator[Any]
 
     avoid: kind of sub-shapes that are not searched.
     """
-    kinds = part("TopAbs")
-    explorer = part("TopExp").TopExp_Explorer(
+    kinds = import_ocp("TopAbs")
+    explorer = import_ocp("TopExp").TopExp_Explorer(
         shape, *(getattr(kinds, f"TopAbs_{name.upper()}") for name in (kind, avoid))
     )
-    topods = part("TopoDS").TopoDS
+    topods = import_ocp("TopoDS").TopoDS
     cast = getattr(topods, f"{kind}_s", None) or getattr(topods, kind)
     while explorer.More():
         yield cast(explorer.Current())
@@ -65,7 +65,7 @@ def list_subshapes(shape: Any, kind: str, avoid: str = "Shape") -> Iterator[Any]
 
 def list_members(shape: Any) -> Iterator[Any]:
     """The shapes that a compound consists of, at their positions in it."""
-    iterator = part("TopoDS").TopoDS_Iterator(shape)
+    iterator = import_ocp("TopoDS").TopoDS_Iterator(shape)
     while iterator.More():
         yield iterator.Value()
         iterator.Next()
@@ -75,7 +75,7 @@ def make_compound(shapes: Sequence[Any]) -> Any:
     """One shape that consists of several; a single shape itself."""
     if len(shapes) == 1:
         return shapes[0]
-    compound, builder = part("TopoDS").TopoDS_Compound(), part("BRep").BRep_Builder()
+    compound, builder = import_ocp("TopoDS").TopoDS_Compound(), import_ocp("BRep").BRep_Builder()
     builder.MakeCompound(compound)
     for shape in shapes:
         builder.Add(compound, shape)
@@ -89,8 +89,8 @@ def is_solid(shape: Any) -> bool:
 
 def make_solid(shell: Any) -> Any:
     """The solid in a closed shell, with its faces outward."""
-    solid = part("BRepBuilderAPI").BRepBuilderAPI_MakeSolid(shell).Solid()
-    part("BRepLib").BRepLib.OrientClosedSolid_s(solid)
+    solid = import_ocp("BRepBuilderAPI").BRepBuilderAPI_MakeSolid(shell).Solid()
+    import_ocp("BRepLib").BRepLib.OrientClosedSolid_s(solid)
     return solid
 
 
@@ -105,7 +105,7 @@ def intersect(first: Any, second: Any, tolerance: float) -> Any:
 
 
 def _combine(operation: str, solids: Sequence[Any], tolerance: float) -> Any:
-    algorithm = getattr(part("BRepAlgoAPI"), f"BRepAlgoAPI_{operation}")()
+    algorithm = getattr(import_ocp("BRepAlgoAPI"), f"BRepAlgoAPI_{operation}")()
     algorithm.SetArguments(_list_shapes(solids[:1]))
     algorithm.SetTools(_list_shapes(solids[1:]))
     algorithm.SetFuzzyValue(tolerance)
@@ -119,9 +119,9 @@ def _combine(operation: str, solids: Sequence[Any], tolerance: float) -> Any:
 def _list_shapes(shapes: Sequence[Any]) -> Any:
     """A list of the kernel, whose name is not the same in OCP 7 and OCP 8."""
     try:
-        listed = part("TopTools").TopTools_ListOfShape()
+        listed = import_ocp("TopTools").TopTools_ListOfShape()
     except (ImportError, AttributeError):
-        listed = part("collections").List_TopoDS_Shape()
+        listed = import_ocp("collections").List_TopoDS_Shape()
     for shape in shapes:
         listed.Append(shape)
     return listed
@@ -135,7 +135,7 @@ class Surface:
     """The surface of a face, to compare it with others."""
 
     def __init__(self, face: Any) -> None:
-        adaptor = part("BRepAdaptor").BRepAdaptor_Surface(face, False)
+        adaptor = import_ocp("BRepAdaptor").BRepAdaptor_Surface(face, False)
         self.kind = str(adaptor.GetType().name)
         self._axis, self._position, self._radius = np.zeros(3), np.zeros(3), 0.0
         if self.kind in ("GeomAbs_Plane", "GeomAbs_Cylinder"):
@@ -183,7 +183,7 @@ def is_forward(shape: Any) -> bool:
 
 def is_degenerate(edge: Any) -> bool:
     """Whether an edge has no length."""
-    return bool(part("BRep").BRep_Tool.Degenerated_s(edge))
+    return bool(import_ocp("BRep").BRep_Tool.Degenerated_s(edge))
 
 
 class Curve:
@@ -194,8 +194,8 @@ class Curve:
     """
 
     def __init__(self, edge: Any) -> None:
-        self._curve = part("BRepAdaptor").BRepAdaptor_Curve(edge)
-        self._gp = part("gp")
+        self._curve = import_ocp("BRepAdaptor").BRepAdaptor_Curve(edge)
+        self._gp = import_ocp("gp")
         self.kind = str(self._curve.GetType().name).removeprefix("GeomAbs_")
         self.low = float(self._curve.FirstParameter())
         self.high = float(self._curve.LastParameter())
@@ -221,11 +221,11 @@ class FaceAlongEdge:
     """A face along one of its edges."""
 
     def __init__(self, edge: Any, face: Any) -> None:
-        adaptor = part("BRepAdaptor")
+        adaptor = import_ocp("BRepAdaptor")
         self._trace = adaptor.BRepAdaptor_Curve2d(edge, face)
         self._surface = adaptor.BRepAdaptor_Surface(face, False)
         self._sign = 1.0 if is_forward(face) else -1.0
-        self._gp = part("gp")
+        self._gp = import_ocp("gp")
         self._middle = (self._trace.FirstParameter() + self._trace.LastParameter()) / 2
 
     def normals(self, at: FloatArray) -> FloatArray:
@@ -265,8 +265,8 @@ def triangulate(shape: Any, deflection: float, angle: float) -> tuple[FloatArray
     deflection: largest distance of a triangle from its face, mm.
     angle: largest angle between neighbouring sides along a curve, rad.
     """
-    part("BRepMesh").BRepMesh_IncrementalMesh(shape, deflection, False, angle, False)
-    tool, location = part("BRep").BRep_Tool, part("TopLoc").TopLoc_Location
+    import_ocp("BRepMesh").BRepMesh_IncrementalMesh(shape, deflection, False, angle, False)
+    tool, location = import_ocp("BRep").BRep_Tool, import_ocp("TopLoc").TopLoc_Location
     vertices: list[tuple[float, float, float]] = []
     faces = [np.zeros((0, 3), dtype=np.int64)]
     for face in list_subshapes(shape, "Face"):
@@ -285,13 +285,13 @@ def triangulate(shape: Any, deflection: float, angle: float) -> tuple[FloatArray
 
 def measure_tolerance(shape: Any) -> float:
     """The largest distance, mm, between an edge and its faces or ends, as the kernel states it."""
-    return float(part("ShapeAnalysis").ShapeAnalysis_ShapeTolerance().Tolerance(shape, 1))
+    return float(import_ocp("ShapeAnalysis").ShapeAnalysis_ShapeTolerance().Tolerance(shape, 1))
 
 
 def measure_box(shape: Any) -> FloatArray:
     """(2, 3) mm, the corners of a box around a shape, nan for a shape without extent."""
-    box = part("Bnd").Bnd_Box()
-    part("BRepBndLib").BRepBndLib.Add_s(shape, box)
+    box = import_ocp("Bnd").Bnd_Box()
+    import_ocp("BRepBndLib").BRepBndLib.Add_s(shape, box)
     if box.IsVoid():
         return np.full((2, 3), np.nan)
     return np.array([box.CornerMin().Coord(), box.CornerMax().Coord()])
@@ -314,6 +314,6 @@ def measure_area(shape: Any) -> float:
 
 
 def _integrate(shape: Any, method: str) -> float:
-    properties = part("GProp").GProp_GProps()
-    getattr(part("BRepGProp").BRepGProp, method)(shape, properties)
+    properties = import_ocp("GProp").GProp_GProps()
+    getattr(import_ocp("BRepGProp").BRepGProp, method)(shape, properties)
     return float(properties.Mass())

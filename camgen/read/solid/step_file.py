@@ -56,7 +56,7 @@ def load(source: Source) -> StepBodies:
     Raises InputError for a damaged file, and if the extra `step` is not installed.
     """
     try:
-        kernel.part("STEPControl")
+        kernel.import_ocp("STEPControl")
     except ImportError as error:
         raise InputError(
             source.name,
@@ -64,7 +64,7 @@ def load(source: Source) -> StepBodies:
             "",
             "pip install '.[step]' in the folder of camgen",
         ) from error
-    message = kernel.part("Message")
+    message = kernel.import_ocp("Message")
     # OCCT prints warnings. Only the command line may print.
     message.Message.DefaultMessenger_s().RemovePrinters(
         message.Message_PrinterOStream.get_type_descriptor_s()
@@ -135,17 +135,17 @@ def _list_bodies(transfer: Any, shape: Any, product: str) -> Iterator[Body]:
     transfer: results of the kernel's reader, by which entities of the file are found.
     product: name of the product that contains the shape in an assembly, "" without one.
     """
-    kinds = kernel.part("TopAbs").TopAbs_ShapeEnum
+    kinds = kernel.import_ocp("TopAbs").TopAbs_ShapeEnum
     usage = transfer.EntityFromShapeResult(shape, 1)
     entity = transfer.EntityFromShapeResult(
-        shape.Located(kernel.part("TopLoc").TopLoc_Location()), 1
+        shape.Located(kernel.import_ocp("TopLoc").TopLoc_Location()), 1
     )
-    if isinstance(usage, kernel.part("StepRepr").StepRepr_NextAssemblyUsageOccurrence):
+    if isinstance(usage, kernel.import_ocp("StepRepr").StepRepr_NextAssemblyUsageOccurrence):
         product = _read_name(usage.RelatedProductDefinition().Formation().OfProduct()) or product
         name = product or _read_name(entity)
     else:
         name = _read_name(entity) or product
-    is_solid = isinstance(entity, kernel.part("StepShape").StepShape_SolidModel)
+    is_solid = isinstance(entity, kernel.import_ocp("StepShape").StepShape_SolidModel)
     kind = shape.ShapeType()
     if kind == kinds.TopAbs_SOLID or is_solid:
         yield Body(name, shape, True)
@@ -199,7 +199,7 @@ def _read_sound(source: Source) -> tuple[Any, tuple[Note, ...]]:
             source.name, f"is damaged: a point at {far}, no part is so large", "", remedy
         )
     for _ in range(_MAX_READINGS):
-        reader = kernel.part("STEPControl").STEPControl_Reader()
+        reader = kernel.import_ocp("STEPControl").STEPControl_Reader()
         if reader.ReadStream(source.name, BytesIO(data)).name != "IFSelect_RetDone":
             raise InputError(source.name, "is not a STEP file, or damaged", "", _SAVE_AGAIN)
         model = reader.StepModel()
