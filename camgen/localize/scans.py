@@ -23,7 +23,7 @@ from camgen.model.part import Note
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted
 from camgen.read.files import Files, reason
-from camgen.read.solid.mesh_file import load
+from camgen.read.solid.mesh_file import read_mesh
 from camgen.read.units import MM
 
 _TEXTS = (".xyz", ".txt", ".csv", ".asc", ".pts")
@@ -162,7 +162,7 @@ def _usable(name: str, points: FloatArray, notes: list[Note]) -> FloatArray:
 
 def _spread_over_mesh(source: Source) -> FileCloud:
     """Points spread over the faces of a mesh, evenly, however coarse the triangles are."""
-    soup = load(source)
+    soup = read_mesh(source)
     corners = soup.vertices[soup.faces]
     area = np.linalg.norm(
         np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1

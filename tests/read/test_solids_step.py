@@ -409,7 +409,7 @@ def test_a_file_that_ends_the_kernel_ends_nothing_else(
     assert was in sound
     (tmp_path / "part.step").write_bytes(sound.replace(was, says, 1))
     with pytest.raises(InputError, match=re.escape(why)):
-        step_file.load(source(tmp_path / "part.step"))
+        step_file.read_bodies(source(tmp_path / "part.step"))
 
 
 def polygon(*corners: tuple[float, float, float]) -> Any:

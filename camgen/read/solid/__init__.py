@@ -65,7 +65,7 @@ class SolidFacts(Struct, frozen=True):
         return "\n".join([*lines, *map(str, self.notes)])
 
 
-def count_kinds(edges: Iterable[Edge]) -> dict[str, int]:
+def count_edge_kinds(edges: Iterable[Edge]) -> dict[str, int]:
     """The number of edges of each kind: "convex line", "concave circle" and so on."""
     kinds = Counter(f"{'convex' if e.convex else 'concave'} {e.kind}" for e in edges)
     return dict(sorted(kinds.items(), reverse=True))
@@ -74,7 +74,7 @@ def count_kinds(edges: Iterable[Edge]) -> dict[str, int]:
 def describe_edges(kinds: Mapping[str, int]) -> str:
     """One line with the number of all edges, of the convex ones and of the concave ones by kind.
 
-    kinds: numbers as from `count_kinds`.
+    kinds: numbers as from `count_edge_kinds`.
     """
     texts = [str(sum(kinds.values()))]
     for convexity in ("convex", "concave"):
@@ -104,13 +104,13 @@ def _describe_edge(edge: Edge) -> str:
 
 def inspect(source: Source, job: Job, _files: Files) -> SolidFacts:
     """The content of the 3-D part in a file. Raises the errors of `read`."""
-    shape = solid(source, job)
+    shape = read_solid(source, job)
     return SolidFacts(
         harmless(shape.units),
         to_vec3(np.subtract(shape.vertices.max(axis=0), shape.vertices.min(axis=0))),
         shape.bodies,
         len(shape.faces),
-        count_kinds(shape.edges),
+        count_edge_kinds(shape.edges),
         shape.edges,
         _list_surfaces(shape),
         shape.notes,
@@ -129,12 +129,12 @@ def _list_surfaces(shape: Solid) -> tuple[tuple[Face, tuple[str, ...]], ...]:
 
 
 def read(source: Source, job: Job, _files: Files) -> Part:
-    """The part in a 3-D file. Raises the errors of `solid`."""
-    shape = solid(source, job)
+    """The part in a 3-D file. Raises the errors of `read_solid`."""
+    shape = read_solid(source, job)
     return Part(shape.name, shape.source, shape.units, (), shape.notes, solid=shape)
 
 
-def solid(source: Source, job: Job) -> Solid:
+def read_solid(source: Source, job: Job) -> Solid:
     """The solid in a 3-D file.
 
     `input.units` replaces the unit of a mesh. With "auto" it is the one of the file, or mm.

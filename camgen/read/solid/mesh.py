@@ -14,7 +14,7 @@ from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted
 from camgen.read.solid.bodies import BodyTable, name_bodies, tabulate_bodies
 from camgen.read.solid.edges import make_edges, sort_edges
-from camgen.read.solid.mesh_file import load
+from camgen.read.solid.mesh_file import read_mesh
 from camgen.read.solid.sharp import (
     chain_sides,
     compute_normals,
@@ -131,7 +131,7 @@ def read(
 
     Raises InputError for a file without a mesh.
     """
-    solid = make_solid(load(source), source.stem, source.name, mm, tolerance, feature_angle)
+    solid = make_solid(read_mesh(source), source.stem, source.name, mm, tolerance, feature_angle)
     if mm is not None:
         return solid
     size = np.ptp(solid.vertices, axis=0).tolist()
@@ -179,9 +179,9 @@ def make_solid(
     )
 
 
-def surface(source: Source, mm: float | None = None) -> tuple[Surface, list[Note]]:
+def read_surface(source: Source, mm: float | None = None) -> tuple[Surface, list[Note]]:
     """The clean mesh of a file, and notes on the repairs. `mm` and errors are those of `read`."""
-    return _make_surface(load(source), source.name, mm)
+    return _make_surface(read_mesh(source), source.name, mm)
 
 
 def _make_surface(soup: MeshSoup, name: str, mm: float | None) -> tuple[Surface, list[Note]]:

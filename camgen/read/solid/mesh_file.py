@@ -46,7 +46,7 @@ _GUESSER = "charset_normalizer"
 _SAVE_AGAIN = "export it again from the CAD program"
 
 
-def load(source: Source) -> MeshSoup:
+def read_mesh(source: Source) -> MeshSoup:
     """The triangles in a mesh file.
 
     Raises InputError for a file that is damaged, has no faces, or has coordinates beyond

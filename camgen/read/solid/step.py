@@ -22,7 +22,7 @@ from camgen.read.solid import kernel, topology
 from camgen.read.solid.edges import STEADY_COSINE, sort_edges
 from camgen.read.solid.part21 import list_other_files
 from camgen.read.solid.sharp import compute_normals
-from camgen.read.solid.step_file import StepBodies, load
+from camgen.read.solid.step_file import StepBodies, read_bodies
 from camgen.read.solid.step_units import read_units
 from camgen.read.units import doubts
 
@@ -323,7 +323,7 @@ def read(source: Source, tolerance: float = 0.01, feature_angle: float = FEATURE
     Raises InputError for a file without a shape, and if the extra is not installed.
     """
     units, notes = read_units(source)
-    loaded = load(source)
+    loaded = read_bodies(source)
     shape, wires = loaded.shape, loaded.curves
     others = list_other_files(source.data)
     if shape is None:

@@ -50,7 +50,7 @@ class StepBodies(Struct, frozen=True, eq=False):
     notes: tuple[Note, ...]
 
 
-def load(source: Source) -> StepBodies:
+def read_bodies(source: Source) -> StepBodies:
     """The bodies in a STEP file.
 
     Raises InputError for a damaged file, and if the extra `step` is not installed.
@@ -70,7 +70,7 @@ def load(source: Source) -> StepBodies:
         message.Message_PrinterOStream.get_type_descriptor_s()
     )
     _try_in_child(source)
-    return _read_bodies(source)
+    return _read_in_process(source)
 
 
 def _try_in_child(source: Source) -> None:
@@ -88,7 +88,7 @@ def _try_in_child(source: Source) -> None:
             os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # stderr of a crash is not shown
             signal.signal(signal.SIGALRM, signal.SIG_DFL)
             signal.setitimer(signal.ITIMER_REAL, source.limits.step_seconds)
-            _read_bodies(source)
+            _read_in_process(source)
         os._exit(0)
     ended = os.waitpid(child, 0)[1]
     if os.WIFSIGNALED(ended):
@@ -99,7 +99,7 @@ def _try_in_child(source: Source) -> None:
         raise InputError(source.name, what, "", remedy)
 
 
-def _read_bodies(source: Source) -> StepBodies:
+def _read_in_process(source: Source) -> StepBodies:
     try:
         reader, notes = _read_sound(source)
         shape = reader.OneShape() if reader.TransferRoots() else None
