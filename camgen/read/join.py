@@ -27,11 +27,11 @@ from camgen.read.pieces import (
     BoolArray,
     IntArray,
     Soup,
-    credible,
-    first_of_its_kind,
-    next_row,
-    same_distance,
-    tally,
+    are_credible,
+    are_first,
+    compute_same_distance,
+    describe_elements,
+    find_next_rows,
     tidy,
 )
 from camgen.read.twice import cut_repeated, drop_repeated_loops, label_selections
@@ -186,10 +186,10 @@ def contours(
     operations: operations that choose contours; a curve may be drawn once for each of them.
     """
     notes: list[Note] = []
-    soup = _drop(soup, credible(soup), _DAMAGED, notes)
+    soup = _drop(soup, are_credible(soup), _DAMAGED, notes)
     soup = tidy(soup)
     soup = _drop(soup, np.diff(soup.first) > 1, _NO_LENGTH, notes)
-    soup = _drop(soup, first_of_its_kind(soup, label_selections(soup, operations)), _TWICE, notes)
+    soup = _drop(soup, are_first(soup, label_selections(soup, operations)), _TWICE, notes)
     is_open = ~(soup.closed | _meet_themselves(soup, tolerance))
     label = label_selections(soup, operations)
     cut, repeated = cut_repeated(soup, label, tolerance, is_open, np.zeros_like(is_open))
@@ -209,7 +209,7 @@ def contours(
     soup = tidy(soup)
     soup = soup.take(np.diff(soup.first) > 1)
     # Pieces and a whole of the same shape can be compared only after pieces are joined.
-    soup = _drop(soup, first_of_its_kind(soup, label_selections(soup, operations)), _TWICE, notes)
+    soup = _drop(soup, are_first(soup, label_selections(soup, operations)), _TWICE, notes)
     soup, repeated = drop_repeated_loops(soup, label_selections(soup, operations), tolerance)
     notes += repeated
     if not soup.closed.all():
@@ -311,7 +311,7 @@ def _drop(soup: Soup, keep: BoolArray, told: Note, notes: list[Note]) -> Soup:
     if keep.all():
         return soup
     lost = np.flatnonzero(~keep)
-    what = tally(
+    what = describe_elements(
         [soup.kinds[k] for k in soup.kind[lost]], [soup.layers[k] for k in soup.layer[lost]]
     )
     notes.append(replace(told, what=f"{told.what}: {what}"))
@@ -349,7 +349,7 @@ def _join(soup: Soup, tolerance: float) -> tuple[Soup, EndJoints]:
     """The soup with its open pieces chained; in order of the first piece of each chain."""
     partner = pair_ends(soup, tolerance)
     chains, closed = chain(partner.tolist(), soup.closed.tolist())
-    return assemble(soup, chains, closed, same_distance(soup))
+    return assemble(soup, chains, closed, compute_same_distance(soup))
 
 
 def _find_loop_pieces(soup: Soup, tolerance: float) -> BoolArray:
@@ -367,7 +367,7 @@ def pair_ends(soup: Soup, tolerance: float) -> IntArray:
     End 2 i is the start of piece i, end 2 i + 1 its end. Two ends meet if they are at most
     `tolerance` mm apart. Returns (2 P,) numbers of ends, -1 for an end that meets none.
     """
-    same = same_distance(soup)
+    same = compute_same_distance(soup)
     tolerance = max(tolerance, 4 * same)
     partner = np.full(2 * len(soup), -1, dtype=np.intp)
     ends = _ends(soup)
@@ -387,7 +387,7 @@ def _groups(ends: _Ends, colors: int) -> list[IntArray]:
 
 def _ends(soup: Soup) -> _Ends:
     """Places, directions and lengths of the ends of all pieces (of no use for closed ones)."""
-    following = next_row(soup)
+    following = find_next_rows(soup)
     chord = soup.points[following] - soup.points
     size = np.hypot(chord[:, 0], chord[:, 1])
     b = np.abs(soup.bulges)

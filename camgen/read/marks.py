@@ -16,7 +16,7 @@ from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
 from camgen.read.chosen import takes_color, takes_layer
 from camgen.read.join import close_pairs
-from camgen.read.pieces import BoolArray, tally
+from camgen.read.pieces import BoolArray, describe_elements
 
 #: Distance from the centre of a circle, or from another point, up to which a point is dropped, mm.
 _SAME_PLACE_MM = 0.05
@@ -77,7 +77,7 @@ def add_marks(
         circles.append(_make_circle(mark, find_diameter(mark, job), f"c{number}"))
     notes: list[Note] = []
     if used:
-        what = tally(["POINT"] * len(used), [mark.layer for mark in used])
+        what = describe_elements(["POINT"] * len(used), [mark.layer for mark in used])
         diameters = sorted({find_diameter(mark, job) for mark in used})
         sizes = ", ".join(f"{short(diameter, 3)} mm" for diameter in diameters)
         why = "a point has no diameter: that of the tool which drills it"

@@ -18,7 +18,7 @@ from camgen.model.job import Job
 from camgen.model.part import Contour, OpenOutline, tabulate_contours
 from camgen.model.pose import FloatArray
 from camgen.read.join import GAP_SHARE, assemble, chain, closing_value, pair_ends
-from camgen.read.pieces import Soup, same_distance
+from camgen.read.pieces import Soup, compute_same_distance
 
 #: Arcs are flattened to chords within this for the test of inside and outside, mm.
 _CHORD_MM = 0.02
@@ -116,7 +116,7 @@ def _close_chains(pieces: Soup, lengths: FloatArray, tolerance: float) -> list[_
     chains = list(compress(chains, are_closed))
     if not chains:
         return []
-    closed, _ = assemble(pieces, chains, [True] * len(chains), same_distance(pieces))
+    closed, _ = assemble(pieces, chains, [True] * len(chains), compute_same_distance(pieces))
     first, last = pieces.first[:-1], pieces.first[1:] - 1
     ends = np.stack([pieces.points[first], pieces.points[last]], axis=1).reshape(-1, 2)
     sizes = np.array(list(map(len, chains)))

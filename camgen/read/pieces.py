@@ -76,16 +76,16 @@ class Soup(Struct, frozen=True, eq=False):
         )
 
 
-def tally(kinds: Sequence[str], layers: Sequence[str]) -> str:
+def describe_elements(kinds: Sequence[str], layers: Sequence[str]) -> str:
     """The elements of a note, as in "3 TEXT, 1 HATCH on layers A, B".
 
     kinds, layers: kind and layer of each element, as they are in the file.
     """
-    return tally_counts(Counter(kinds), layers)
+    return describe_counts(Counter(kinds), layers)
 
 
-def tally_counts(counts: Mapping[str, int], layers: Iterable[str]) -> str:
-    """The text of `tally` for numbers of elements by kind. Without layers it lists none."""
+def describe_counts(counts: Mapping[str, int], layers: Iterable[str]) -> str:
+    """The text of `describe_elements` for numbers of elements by kind. `layers` may be empty."""
     text = ", ".join(f"{count} {kind}" for kind, count in sorted(counts.items()))
     names = sorted({harmless(layer) for layer in layers})
     if not names:
@@ -95,18 +95,18 @@ def tally_counts(counts: Mapping[str, int], layers: Iterable[str]) -> str:
     return f"{text} on layer{'s' if len(names) > 1 else ''} {shown}"
 
 
-def next_row(soup: Soup) -> IntArray:
+def find_next_rows(soup: Soup) -> IntArray:
     """(V,) the row after each row in its piece. The last row is followed by the first."""
     return following(np.diff(soup.first))
 
 
-def same_distance(soup: Soup) -> float:
+def compute_same_distance(soup: Soup) -> float:
     """The distance up to which two points of the soup are one, mm."""
     largest = float(np.abs(soup.points).max(initial=0.0))
     return max(SAME_POINT_MM, 16 * float(np.spacing(largest)))
 
 
-def credible(soup: Soup) -> BoolArray:
+def are_credible(soup: Soup) -> BoolArray:
     """(P,) whether all numbers of a piece are within `FARTHEST` and the largest bulge."""
     if not len(soup):
         return np.zeros(0, dtype=np.bool_)
@@ -141,8 +141,8 @@ def tidy(soup: Soup) -> Soup:
 
 def _drop_repeats(soup: Soup) -> Soup:
     """The pieces without points that lie on the next one. A piece keeps at least one point."""
-    steps = soup.points[next_row(soup)] - soup.points
-    is_repeated = np.abs(steps).max(axis=1, initial=0.0) <= same_distance(soup)
+    steps = soup.points[find_next_rows(soup)] - soup.points
+    is_repeated = np.abs(steps).max(axis=1, initial=0.0) <= compute_same_distance(soup)
     counts = np.diff(soup.first)
     last = soup.first[1:] - 1
     is_repeated[last] &= soup.closed & (counts > 1)
@@ -169,7 +169,7 @@ def _halve_wide_arcs(soup: Soup) -> Soup:
     if not len(wide):
         return soup
     bulge = soup.bulges[wide]
-    middle = bulge_middles(soup.points[wide], bulge, soup.points[next_row(soup)[wide]])
+    middle = bulge_middles(soup.points[wide], bulge, soup.points[find_next_rows(soup)[wide]])
     half = np.tan(np.arctan(bulge) / 2)
     bulges = soup.bulges.copy()
     bulges[wide] = half
@@ -183,7 +183,7 @@ def _halve_wide_arcs(soup: Soup) -> Soup:
     )
 
 
-def first_of_its_kind(soup: Soup, label: IntArray) -> BoolArray:
+def are_first(soup: Soup, label: IntArray) -> BoolArray:
     """(P,) whether a piece differs from all before it.
 
     Equal pieces may run in opposite directions, and closed ones may start at different points.
@@ -193,7 +193,7 @@ def first_of_its_kind(soup: Soup, label: IntArray) -> BoolArray:
     keep = np.ones(len(soup), dtype=np.bool_)
     counts = np.diff(soup.first)
     groups = (counts * 2 + soup.closed) * (int(label.max(initial=0)) + 1) + label
-    cell = same_distance(soup)
+    cell = compute_same_distance(soup)
     order = np.argsort(groups, kind="stable")
     for members in np.split(order, run_starts(groups[order])[1:]):
         if len(members) < 2:

@@ -21,7 +21,7 @@ from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
 from camgen.model.tolerance import OFF_GRID, SAME_POINT_MM
 from camgen.read import join
-from camgen.read.pieces import FARTHEST, tally
+from camgen.read.pieces import FARTHEST, describe_elements
 
 #: Offsets from a cell of the grid of ends to itself and to the cells around it.
 _AROUND = tuple(product((-1, 0, 1), repeat=3))
@@ -58,7 +58,7 @@ def curves(pieces: Sequence[Piece], tolerance: float) -> tuple[tuple[Curve, ...]
     pieces = list(map(_drop_repeats, pieces))
     has_length = [len(piece.points) > 1 for piece in pieces]
     pieces = _keep(pieces, has_length, "repaired", "without length", notes)
-    pieces = _keep(pieces, _are_first(pieces), "repaired", "drawn twice; each is used once", notes)
+    pieces = _keep(pieces, _list_first(pieces), "repaired", "drawn twice; each is used once", notes)
     if not pieces:
         return (), tuple(notes)
     closed = list(map(_is_closed, pieces))
@@ -125,7 +125,9 @@ def _keep(
     """The pieces that are kept. `notes` gets a note on the others."""
     dropped = [piece for piece, fine in zip(pieces, is_kept, strict=True) if not fine]
     if dropped:
-        what = tally([piece.kind for piece in dropped], [piece.layer for piece in dropped])
+        what = describe_elements(
+            [piece.kind for piece in dropped], [piece.layer for piece in dropped]
+        )
         notes.append(Note(kind, what if kind == "skipped" else f"dropped: {what}", why))
     return list(compress(pieces, is_kept))
 
@@ -144,7 +146,7 @@ def _drop_repeats(piece: Piece) -> Piece:
     return Piece(piece.kind, piece.layer, piece.points[kept], piece.via[spans])
 
 
-def _are_first(pieces: Sequence[Piece]) -> list[bool]:
+def _list_first(pieces: Sequence[Piece]) -> list[bool]:
     """Whether each piece differs from all before it, in both directions."""
     seen: set[bytes] = set()
     first = []

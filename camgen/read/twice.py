@@ -24,7 +24,7 @@ from camgen.model.part import Note
 from camgen.model.text import short
 from camgen.model.tolerance import SAME_POINT_MM
 from camgen.read.chosen import takes_color, takes_layer
-from camgen.read.pieces import BoolArray, IntArray, Soup, next_row, tally
+from camgen.read.pieces import BoolArray, IntArray, Soup, describe_elements, find_next_rows
 
 #: Maximum number of places of a note that the preview shows.
 _MAX_PLACES = 50
@@ -125,7 +125,7 @@ def _list_segments(soup: Soup, among: BoolArray) -> Segments:
     used = among[piece]
     used[(soup.first[1:] - 1)[~soup.closed]] = False
     rows = np.flatnonzero(used)
-    after = next_row(soup)[rows]
+    after = find_next_rows(soup)[rows]
     return make(soup.points[rows], soup.points[after], soup.bulges[rows], piece[rows])
 
 
@@ -206,7 +206,7 @@ def _note_cuts(soup: Soup, cuts: list[_Cut], noun: str) -> list[Note]:
 def _count(soup: Soup, pieces: list[int], noun: str) -> str:
     plural = f"{noun}s" if noun and len(pieces) > 1 else noun
     kinds = [plural or soup.kinds[soup.kind[piece]] for piece in pieces]
-    return tally(kinds, [soup.layers[soup.layer[piece]] for piece in pieces])
+    return describe_elements(kinds, [soup.layers[soup.layer[piece]] for piece in pieces])
 
 
 def _note(what: str, places: list[tuple[float, float]]) -> Note:

@@ -27,7 +27,7 @@ from camgen.read.extent import measure_box
 from camgen.read.files import Files
 from camgen.read.marks import Mark, add_marks
 from camgen.read.open_outlines import find_open_outlines
-from camgen.read.pieces import FARTHEST, tally
+from camgen.read.pieces import FARTHEST, describe_elements
 
 if TYPE_CHECKING:
     from ezdxf.document import Drawing
@@ -287,7 +287,9 @@ def _list_counts(counts: tuple[tuple[str, int], ...]) -> str:
 
 
 def _count(counts: Counter[tuple[str, str]]) -> str:
-    return tally([kind for kind, _ in counts.elements()], [layer for _, layer in counts])
+    return describe_elements(
+        [kind for kind, _ in counts.elements()], [layer for _, layer in counts]
+    )
 
 
 def _left(drawn: DrawnEntities) -> list[Note]:

@@ -17,7 +17,7 @@ from camgen.geometry import curves
 from camgen.geometry.ragged import offsets, owners, ramp
 from camgen.model.pose import FloatArray
 from camgen.read.dxf.entities import DrawnEntities, Smooth
-from camgen.read.pieces import FARTHEST, BoolArray, IntArray, Soup, credible, next_row
+from camgen.read.pieces import FARTHEST, BoolArray, IntArray, Soup, are_credible, find_next_rows
 
 #: A curve may leave its plane by this much (mm), or by this part of its size.
 FLAT_MM, FLAT_SHARE = 1e-3, 1e-6
@@ -67,7 +67,7 @@ def flatten(drawn: DrawnEntities, chord: float) -> Flat:
     level = ~(high - low > _allow(world))
     oval = _has_arcs(given) & ~similar[which]
     world.bulges[:] *= np.repeat(np.where(mirrored[which], -1.0, 1.0), given.counts)
-    sound = credible(world)
+    sound = are_credible(world)
     level |= ~sound
     ovals = np.flatnonzero(level & oval & sound)
     chains = [_oval(drawn, given, int(i), matrices[which[i]], float(low[i])) for i in ovals]
@@ -176,7 +176,7 @@ def _place(
     of_row = np.repeat(which, given.counts)
     world = _map(matrices, of_row, rows[:, :3])
     # The middle of an arc may be the only point of it that is out of the plane.
-    chord = local.points[next_row(local)] - local.points
+    chord = local.points[find_next_rows(local)] - local.points
     right = np.column_stack([chord[:, 1], -chord[:, 0]])
     middle = np.column_stack([rows[:, :2] + chord / 2 + right * rows[:, 3:] / 2, rows[:, 2]])
     z = np.stack(
