@@ -25,8 +25,8 @@ from bench.support.timing import timed
 from camgen.model.errors import CamgenError
 from camgen.model.part import FEATURE_ANGLE, Solid
 from camgen.read.files import Files
-from camgen.read.solid import STEP, mesh, step
-from camgen.read.solid import mesh_file as mesh_load
+from camgen.read.solid import STEP, mesh, mesh_file, step
+from camgen.read.solid.sharp import find_sharp_sides
 
 COLUMNS = (
     "file | convex + concave (measured) {} + {} ({} + {}) | convex mm (measured) {:.3f} ({}) "
@@ -78,8 +78,10 @@ def convex_length(path: Path, solid: Solid) -> float:
     """mm, of the sharp sides of a mesh, of the edges of a STEP part."""
     if path.suffix.lower() in STEP:
         return sum(e.length for e in solid.edges if e.convex)
-    surface, _ = mesh.surface(Files().read(path))
-    sides = surface.sides(FEATURE_ANGLE)
+    surface, _ = mesh.read_surface(Files().read(path))
+    sides = find_sharp_sides(
+        surface.vertices, surface.faces, surface.normals, surface.pairs, FEATURE_ANGLE
+    )
     along = surface.vertices[sides.end] - surface.vertices[sides.start]
     return float(np.linalg.norm(along[sides.convex], axis=1).sum())
 
@@ -113,7 +115,7 @@ def judge(path: Path, truth: dict[str, Any]) -> Iterator[Cells]:
 if __name__ == "__main__":
     (folder,) = read_words(SHARED)
     truth = read_truth(folder)
-    suffixes = (*mesh_load.SUFFIXES, *STEP)
+    suffixes = (*mesh_file.SUFFIXES, *STEP)
     files = [
         path for kind in ("mesh", "step", "cloud") for path in find_files(folder / kind, suffixes)
     ]

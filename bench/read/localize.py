@@ -46,7 +46,7 @@ PATHS = {name: PARTS / f"{name}.stl" for name in ("rfa1", "rfa2")}
 
 
 def own(name: str, _count: int) -> Way:
-    surface, _ = solids.surface(Files().read(PATHS[name]))
+    surface, _ = solids.read_surface(Files().read(PATHS[name]))
 
     def run(points: Array) -> tuple[Array, Array]:
         pose = localize("scan", (surface.vertices, surface.faces), points).base_from_work

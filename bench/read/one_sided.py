@@ -67,7 +67,7 @@ def parts(folder: Path | None, names: list[str]) -> dict[str, tuple[str, trimesh
 
 
 def load(path: Path, size: float | None = None) -> trimesh.Trimesh:
-    surface, _ = solids.surface(Files().read(path))
+    surface, _ = solids.read_surface(Files().read(path))
     factor = 1.0 if size is None else size / float(np.linalg.norm(np.ptp(surface.vertices, axis=0)))
     return trimesh.Trimesh(surface.vertices * factor, surface.faces, process=False)
 

@@ -155,7 +155,7 @@ def _part(source: Source, unit: str) -> ModelPart:
         part = ModelPart(solid.vertices, solid.faces, notes, in_file, True)
     else:
         stated = source.suffix in _STATED
-        surface, all_notes = mesh.surface(source, MM[unit] if unit and not stated else None)
+        surface, all_notes = mesh.read_surface(source, MM[unit] if unit and not stated else None)
         notes = [note for note in all_notes if note.kind == "repaired"]
         in_file = surface.units if stated else unit or "mm"
         part = ModelPart(surface.vertices, surface.faces, notes, in_file, stated)

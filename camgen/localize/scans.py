@@ -23,7 +23,7 @@ from camgen.model.part import Note
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted
 from camgen.read.files import Files, reason
-from camgen.read.solid.mesh_file import load
+from camgen.read.solid.mesh_file import read_mesh
 from camgen.read.units import MM
 
 _TEXTS = (".xyz", ".txt", ".csv", ".asc", ".pts")
@@ -174,7 +174,7 @@ def _select_usable(name: str, points: FloatArray, notes: list[Note]) -> FloatArr
 
 def _spread_over_mesh(source: Source) -> FileCloud:
     """Points spread over the faces of a mesh, evenly, however coarse the triangles are."""
-    soup = load(source)
+    soup = read_mesh(source)
     corners = soup.vertices[soup.faces]
     if not np.linalg.norm(cross_edges(corners), axis=1).any():
         raise InputError(source.name, "has no face with an area", remedy=AGAIN)

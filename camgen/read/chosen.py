@@ -1,4 +1,4 @@
-"""Which layers and colors the globs and names of a job choose."""
+"""Choice of layers and colors by the globs and names of a job."""
 
 from __future__ import annotations
 
@@ -9,15 +9,22 @@ from camgen.read.colors import resolve_named
 
 
 def takes_layer(layer: str, globs: Sequence[str]) -> bool:
-    """Whether a layer fits one of the globs and none with "!"; case does not matter, as in CAD."""
+    """Whether a layer is chosen. Upper and lower case are the same, as in CAD.
+
+    globs: a layer has to match one of them, and none that starts with "!". Globs with "!" alone
+        choose all other layers.
+    """
     name = layer.casefold()
-    folded = [glob.casefold() for glob in globs]
-    wanted = [glob for glob in folded if not glob.startswith("!")] or ["*"]
-    if not any(fnmatchcase(name, glob) for glob in wanted):
-        return False
-    return not any(fnmatchcase(name, glob[1:]) for glob in folded if glob.startswith("!"))
+    has_choice = is_chosen = False
+    for glob in map(str.casefold, globs):
+        if not glob.startswith("!"):
+            has_choice = True
+            is_chosen |= fnmatchcase(name, glob)
+        elif fnmatchcase(name, glob[1:]):
+            return False
+    return is_chosen or not has_choice
 
 
 def takes_color(color: str, names: Sequence[str]) -> bool:
-    """Whether a color ("#ff0000") is one of the named ones; no names choose every color."""
+    """Whether a color ("#ff0000") has one of the names. Without names every color is chosen."""
     return not names or any(color in resolve_named(name) for name in names)

@@ -1,7 +1,7 @@
-"""Clamps that are drawn: the closed outlines on the layers that `cell.fixtures` names.
+"""Clamps that are drawn: closed outlines on the layers that `cell.fixtures` names.
 
-They are read with the part and lie where it lies, in its unit. Nothing on their layers is machined.
-Each one is a prism: all that its outline encloses, from one height to another.
+Clamps are read with the part and are in the same place and unit. Nothing on their layers is
+machined. Each clamp is a prism over the area of its outline, from one height to another.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from camgen.model.part import Contour, Note, OpenOutline, Part, Solid
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, harmless, short, suggest
 
-#: Arcs of outlines are chords that leave them by this, mm.
+#: mm: largest distance of a chord from the arc of an outline that it replaces.
 _CHORD_MM = 0.001
 _KEY = "cell.fixtures"
 
 
 def set_clamps_aside(part: Part, job: Job) -> Part:
-    """The part with the contours on layers of clamps in `Part.clamps`.
+    """The part with the contours on the layers of clamps moved to `Part.clamps`.
 
     Raises InputError for an open outline of a clamp, and for a drawing with nothing but clamps.
     """
@@ -35,20 +35,23 @@ def set_clamps_aside(part: Part, job: Job) -> Part:
     if job.page.size:
         what = "a drawing that is laid on a page has no clamps"
         raise JobError("job", what, _KEY, "give boxes, or leave page.size out")
-    points = [contour for contour in drawn if contour.is_mark]
-    outlines = tuple(contour for contour in drawn if not contour.is_mark)
-    for contour in outlines:
-        if not contour.closed:
-            raise _open_outline(part, contour)
+    points: list[Contour] = []
+    outlines: list[Contour] = []
+    for contour in drawn:
+        (points if contour.is_mark else outlines).append(contour)
+        if not (contour.is_mark or contour.closed):
+            raise _make_gap_error(part, contour)
     ids = frozenset(contour.id for contour in drawn)
     kept = tuple(contour for contour in part.contours if contour.id not in ids)
     if not kept:
         raise InputError(part.source, "nothing to machine", "all contours are clamps", _KEY)
+    ids_of_layer: dict[str, list[str]] = {}
+    for contour in outlines:
+        ids_of_layer.setdefault(contour.layer, []).append(contour.id)
     notes = [*part.notes]
-    for layer in dict.fromkeys(contour.layer for contour in outlines):
-        names = tuple(contour.id for contour in outlines if contour.layer == layer)
+    for layer, names in ids_of_layer.items():
         what = f"{counted(len(names), 'contour')} on layer {harmless(layer)}: clamps, not machined"
-        notes.append(Note("assumed", what, _KEY, names))
+        notes.append(Note("assumed", what, _KEY, tuple(names)))
     if points:
         what = f"not used: {counted(len(points), 'POINT')} on layer {harmless(points[0].layer)}"
         notes.append(Note("assumed", what, "clamps are closed outlines"))
@@ -57,12 +60,11 @@ def set_clamps_aside(part: Part, job: Job) -> Part:
         contours=kept,
         clamps=(*part.clamps, *outlines),
         notes=tuple(notes),
-        open_outlines=_without(part.open_outlines, ids),
+        open_outlines=_drop_clamps(part.open_outlines, ids),
     )
 
 
-def _open_outline(part: Part, contour: Contour) -> InputError:
-    """The error about an outline with a gap."""
+def _make_gap_error(part: Part, contour: Contour) -> InputError:
     start, end = contour.points[0], contour.points[-1]
     gap = float(np.hypot(*(end - start)))
     place = " ".join(short(value, 2) for value in end.tolist())
@@ -71,8 +73,11 @@ def _open_outline(part: Part, contour: Contour) -> InputError:
     return InputError(part.source, what, f"layer {harmless(contour.layer)}", remedy)
 
 
-def _without(outlines: tuple[OpenOutline, ...], ids: frozenset[str]) -> tuple[OpenOutline, ...]:
-    """The open outlines that enclose something else than clamps."""
+def _drop_clamps(outlines: tuple[OpenOutline, ...], ids: frozenset[str]) -> tuple[OpenOutline, ...]:
+    """The open outlines that enclose other contours than clamps, with these.
+
+    ids: ids of the clamps.
+    """
     kept = []
     for outline in outlines:
         inside = tuple(name for name in outline.inside if name not in ids)
@@ -82,7 +87,7 @@ def _without(outlines: tuple[OpenOutline, ...], ids: frozenset[str]) -> tuple[Op
 
 
 def make_prism(drawn: DrawnFixture, part: Part | None) -> Solid:
-    """The clamps of one entry of `cell.fixtures`, work frame, mm.
+    """The clamps of one entry of `cell.fixtures` as one solid, work frame, mm.
 
     part: part with the clamps of its drawing; None without a drawing.
 
@@ -106,14 +111,14 @@ def make_prism(drawn: DrawnFixture, part: Part | None) -> Solid:
 
 
 def _enclose(contours: list[Contour], source: str) -> Any:
-    """The area that closed contours enclose, polygons."""
+    """The area that closed contours enclose together, as polygons."""
     import shapely  # noqa: PLC0415 (only for clamps that are drawn)
 
     enclosed = []
     for contour in contours:
         points, _ = flatten(from_contours([contour]), _CHORD_MM)
         ring = shapely.linestrings(np.vstack([points, points[:1]]))
-        # An outline that crosses itself is taken with all its loops.
+        # An outline that crosses itself encloses all its loops.
         loops = shapely.polygonize([shapely.union_all([ring])])
         area = shapely.union_all(shapely.get_parts(loops))
         if area.is_empty:
@@ -125,19 +130,21 @@ def _enclose(contours: list[Contour], source: str) -> Any:
 
 
 def _extrude(area: Any, drawn: DrawnFixture, part: Part) -> Solid:
-    """The prism of polygons (exterior rings counter-clockwise) between two heights."""
+    """The prism of an area between two heights.
+
+    area: polygons with their outlines counter-clockwise.
+    """
     import shapely  # noqa: PLC0415 (only for clamps that are drawn)
 
     parts = shapely.get_parts(shapely.constrained_delaunay_triangles(area))
     flat = shapely.get_coordinates(shapely.orient_polygons(parts)).reshape(-1, 4, 2)[:, :3]
-    lids = [_at(flat, drawn.top), _at(flat[:, ::-1], drawn.bottom)]
-    walls = []
+    sides = [_lift(flat, drawn.top), _lift(flat[:, ::-1], drawn.bottom)]
     for ring in shapely.get_rings(shapely.get_parts(area)):
         points = shapely.get_coordinates(ring)
-        low, high = _at(points, drawn.bottom), _at(points, drawn.top)
-        walls.append(np.stack([low[:-1], low[1:], high[1:]], axis=1))
-        walls.append(np.stack([low[:-1], high[1:], high[:-1]], axis=1))
-    triangles = np.concatenate([*lids, *walls])
+        low, high = _lift(points, drawn.bottom), _lift(points, drawn.top)
+        sides.append(np.stack([low[:-1], low[1:], high[1:]], axis=1))
+        sides.append(np.stack([low[:-1], high[1:], high[:-1]], axis=1))
+    triangles = np.concatenate(sides)
     vertices, faces = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -146,6 +153,6 @@ def _extrude(area: Any, drawn: DrawnFixture, part: Part) -> Solid:
     return Solid(name, part.source, "mm", frozen(vertices), numbers, normals, (), (), ())
 
 
-def _at(points: FloatArray, height: float) -> FloatArray:
-    """Points (..., 2) at one height, (..., 3) mm."""
+def _lift(points: FloatArray, height: float) -> FloatArray:
+    """(..., 3) the points (..., 2) at a height, mm."""
     return np.concatenate([points, np.full((*points.shape[:-1], 1), height)], axis=-1)

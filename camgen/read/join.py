@@ -29,11 +29,11 @@ from camgen.read.pieces import (
     BoolArray,
     IntArray,
     Soup,
-    credible,
-    first_of_its_kind,
-    next_row,
-    same_distance,
-    tally,
+    are_credible,
+    are_first,
+    compute_same_distance,
+    describe_elements,
+    find_next_rows,
     tidy,
 )
 from camgen.read.twice import cut_repeated, drop_repeated_loops, label_selections
@@ -214,10 +214,10 @@ def make_contours(
     operations: operations that choose contours; a curve may be drawn once for each of them.
     """
     notes: list[Note] = []
-    soup = _drop(soup, credible(soup), _DAMAGED, notes)
+    soup = _drop(soup, are_credible(soup), _DAMAGED, notes)
     soup = tidy(soup)
     soup = _drop(soup, np.diff(soup.first) > 1, _NO_LENGTH, notes)
-    soup = _drop(soup, first_of_its_kind(soup, label_selections(soup, operations)), _TWICE, notes)
+    soup = _drop(soup, are_first(soup, label_selections(soup, operations)), _TWICE, notes)
     is_open = ~(soup.closed | _are_closed_within(soup, tolerance))
     label = label_selections(soup, operations)
     cut, repeated = cut_repeated(soup, label, tolerance, is_open, np.zeros_like(is_open))
@@ -237,7 +237,7 @@ def make_contours(
     soup = tidy(soup)
     soup = soup.take(np.diff(soup.first) > 1)
     # Several pieces and one piece of the same shape can be compared only after pieces are joined.
-    soup = _drop(soup, first_of_its_kind(soup, label_selections(soup, operations)), _TWICE, notes)
+    soup = _drop(soup, are_first(soup, label_selections(soup, operations)), _TWICE, notes)
     soup, repeated = drop_repeated_loops(soup, label_selections(soup, operations), tolerance)
     notes += repeated
     if not soup.closed.all():
@@ -351,7 +351,7 @@ def _drop(soup: Soup, keep: BoolArray, note: Note, notes: list[Note]) -> Soup:
         return soup
     kinds = [soup.kinds[kind] for kind in soup.kind[~keep]]
     layers = [soup.layers[layer] for layer in soup.layer[~keep]]
-    notes.append(replace(note, what=f"{note.what}: {tally(kinds, layers)}"))
+    notes.append(replace(note, what=f"{note.what}: {describe_elements(kinds, layers)}"))
     return soup.take(keep)
 
 
@@ -390,7 +390,7 @@ class _Ends(Struct, frozen=True, eq=False):
 def _join(soup: Soup, tolerance: float) -> tuple[Soup, EndJoints]:
     partner = pair_ends(soup, tolerance)
     chains, closed = chain(partner.tolist(), soup.closed.tolist())
-    return assemble(soup, chains, closed, same_distance(soup))
+    return assemble(soup, chains, closed, compute_same_distance(soup))
 
 
 def _find_loop_pieces(soup: Soup, tolerance: float) -> BoolArray:
@@ -408,7 +408,7 @@ def pair_ends(soup: Soup, tolerance: float) -> IntArray:
     End 2 i is the start of piece i, end 2 i + 1 its end. Two ends meet if they are at most
     `tolerance` mm apart. Returns (2 P,) numbers of ends, -1 for an end that meets none.
     """
-    same = same_distance(soup)
+    same = compute_same_distance(soup)
     tolerance = max(tolerance, 4 * same)
     partner = np.full(2 * len(soup), -1, dtype=np.intp)
     ends = _find_ends(soup)
@@ -432,7 +432,7 @@ def _list_groups(ends: _Ends, colors: int) -> list[IntArray]:
 
 
 def _find_ends(soup: Soup) -> _Ends:
-    chord = soup.points[next_row(soup)] - soup.points
+    chord = soup.points[find_next_rows(soup)] - soup.points
     size = np.hypot(chord[:, 0], chord[:, 1])
     b = np.abs(soup.bulges)
     lengths = size * np.where(b > 0, (1 + b * b) * np.arctan(b) / np.where(b > 0, b, 1.0), 1.0)

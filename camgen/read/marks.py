@@ -1,9 +1,9 @@
-"""Points of a drawing as places to drill: circles of the diameter of the tool that drills them."""
+"""Points of a drawing as holes: circles with the diameter of the tool that drills them."""
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
+from itertools import compress
 
 import numpy as np
 from msgspec import Struct
@@ -16,7 +16,7 @@ from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
 from camgen.read.chosen import takes_color, takes_layer
 from camgen.read.join import find_close_pairs
-from camgen.read.pieces import BoolArray, tally
+from camgen.read.pieces import BoolArray, describe_elements
 
 #: Distance from the centre of a circle, or from another point, up to which a point is dropped, mm.
 _SAME_PLACE_MM = 0.05
@@ -38,7 +38,7 @@ class Mark(Struct, frozen=True):
 
 
 def find_diameter(mark: Mark, job: Job) -> float:
-    """Diameter, mm, of the first tool that drills at a mark; 0 without one.
+    """Diameter of the first tool that drills at a mark, mm; 0 without such a tool.
 
     An operation that chooses holes by their diameters does not drill at marks, which have none.
     """
@@ -62,32 +62,26 @@ def add_marks(
 ) -> tuple[tuple[Contour, ...], list[Mark], list[Note]]:
     """The contours with a circle at each mark that is drilled, the other marks, and notes.
 
-    A mark at the centre of a circle says nothing new, and neither does a second one in its place.
+    A mark at the centre of a circle is dropped, and so is a second mark at the place of another.
     """
-    diameters = [find_diameter(mark, job) for mark in marks]
-    drilled = [mark for mark, diameter in zip(marks, diameters, strict=True) if diameter]
-    others = [mark for mark, diameter in zip(marks, diameters, strict=True) if not diameter]
+    drilled: list[Mark] = []
+    others: list[Mark] = []
+    for mark in marks:
+        (drilled if find_diameter(mark, job) else others).append(mark)
     if not drilled:
         return contours, others, []
     places = np.array([(mark.x, mark.y) for mark in drilled])
-    known = _list_centres(contours)
-    is_new = _are_new(places, known)
+    used = list(compress(drilled, _are_new(places, _list_centres(contours))))
     circles: list[Contour] = []
-    sizes: Counter[float] = Counter()
-    used: list[Mark] = []
-    for mark, fresh in zip(drilled, is_new.tolist(), strict=True):
-        if fresh:
-            diameter = find_diameter(mark, job)
-            name = f"c{len(contours) + len(circles) + 1}"
-            circles.append(_make_circle(mark, diameter, name))
-            sizes[diameter] += 1
-            used.append(mark)
+    for number, mark in enumerate(used, len(contours) + 1):
+        circles.append(_make_circle(mark, find_diameter(mark, job), f"c{number}"))
     notes: list[Note] = []
     if used:
-        what = tally(["POINT"] * len(used), [mark.layer for mark in used])
-        wide = ", ".join(f"{short(size, 3)} mm" for size in sorted(sizes))
+        what = describe_elements(["POINT"] * len(used), [mark.layer for mark in used])
+        diameters = sorted({find_diameter(mark, job) for mark in used})
+        sizes = ", ".join(f"{short(diameter, 3)} mm" for diameter in diameters)
         why = "a point has no diameter: that of the tool which drills it"
-        notes.append(Note("assumed", f"{what} taken as holes of {wide}", why))
+        notes.append(Note("assumed", f"{what} taken as holes of {sizes}", why))
     repeated = len(drilled) - len(used)
     if repeated:
         what = f"dropped: {counted(repeated, 'POINT', 'POINTs')}"
@@ -96,16 +90,16 @@ def add_marks(
 
 
 def _list_centres(contours: Sequence[Contour]) -> FloatArray:
-    """(N, 2) centres of the closed contours whose arcs have one centre, mm."""
+    """(N, 2) centres of the closed contours that are arcs with one centre, mm."""
     closed = [contour for contour in contours if contour.closed]
     if not closed:
         return np.zeros((0, 2))
     segments = from_contours(closed)
     first = run_starts(segments.owner)
     centre = segments.centre[first]
-    off = np.abs(segments.centre - centre[segments.owner]).max(axis=1)
-    off[~segments.is_arc] = np.inf
-    return centre[np.maximum.reduceat(off, first) <= _SAME_PLACE_MM]
+    offset = np.abs(segments.centre - centre[segments.owner]).max(axis=1)
+    offset[~segments.is_arc] = np.inf
+    return centre[np.maximum.reduceat(offset, first) <= _SAME_PLACE_MM]
 
 
 def _are_new(places: FloatArray, known: FloatArray) -> BoolArray:

@@ -1,12 +1,13 @@
 """Finds outlines that are open by a gap although they enclose closed contours.
 
-Inside and outside of closed contours follow from the loops around them. A gap in an outline takes
-one of these loops away: a window counts as an outline then, and a tool would run on its wrong side.
+Inside and outside of a closed contour follow from the loops around it. A gap in an outline removes
+one of these loops: a window counts as an outline then, and a tool would run on its wrong side.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import compress
 
 import numpy as np
 from msgspec import Struct
@@ -17,7 +18,7 @@ from camgen.model.job import Job
 from camgen.model.part import Contour, OpenOutline, tabulate_contours
 from camgen.model.pose import FloatArray
 from camgen.read.join import GAP_SHARE, assemble, chain, compute_join, pair_ends
-from camgen.read.pieces import Soup, same_distance
+from camgen.read.pieces import Soup, compute_same_distance
 
 #: Arcs are flattened to chords within this for the test of inside and outside, mm.
 _CHORD_MM = 0.02
@@ -36,9 +37,9 @@ def find_open_outlines(contours: Sequence[Contour], job: Job) -> tuple[OpenOutli
     - It does not cross itself once it is closed.
     - At least one closed contour lies in it as a whole.
 
-    All outlines have the same `join`, which closes all of them: they are searched for once more,
-    with their ends joined up to that value. Their order is that of their first contours. Nothing
-    is searched for if `job` decides no sides.
+    All outlines get the same `join`, which closes all of them: the search is repeated with ends
+    joined up to that value. Their order is that of their first contours. The result is empty if
+    sides make no difference to `job`.
     """
     opened = [contour for contour in contours if not contour.closed]
     closed = [contour for contour in contours if contour.closed]
@@ -54,14 +55,14 @@ def find_open_outlines(contours: Sequence[Contour], job: Job) -> tuple[OpenOutli
     join = compute_join(max(loop.gap for loop, _ in candidates))
     outlines = []
     for loop, inside in _select_outlines(_close_chains(pieces, lengths, join), closed):
-        ids = tuple(opened[piece].id for piece in loop.pieces)
-        names = tuple(contour.id for contour in inside)
-        outlines.append(OpenOutline(ids, names, loop.gap, loop.place, join))
+        ids = [opened[piece].id for piece in loop.pieces]
+        names = [contour.id for contour in inside]
+        outlines.append(OpenOutline(tuple(ids), tuple(names), loop.gap, loop.place, join))
     return tuple(outlines)
 
 
 def _decides_sides(job: Job) -> bool:
-    """Whether an operation of `job` may decide by the loops around a contour how to work on it."""
+    """Whether an operation of `job` may treat a contour by the loops around it."""
     if any(step.choice.nesting != "any" for step in job.operations):
         return True
     if job.operations:
@@ -87,7 +88,6 @@ class _Loop(Struct, frozen=True, eq=False):
 
 
 def _make_soup(contours: Sequence[Contour]) -> Soup:
-    """The open `contours` as pieces to be joined."""
     table = tabulate_contours(contours)
     layers, layer = np.unique([contour.layer for contour in contours], return_inverse=True)
     colors, color = np.unique([contour.color for contour in contours], return_inverse=True)
@@ -106,18 +106,20 @@ def _make_soup(contours: Sequence[Contour]) -> Soup:
 
 
 def _close_chains(pieces: Soup, lengths: FloatArray, tolerance: float) -> list[_Loop]:
-    """The chains that ends up to `tolerance` mm apart close, if their gaps are short enough.
+    """The chains that are closed if ends up to `tolerance` mm apart are joined.
 
-    lengths: (P,) of the pieces, mm.
+    Chains whose gaps are too large a part of their length are left out.
+
+    lengths: (P,) lengths of the pieces, mm.
     """
     chains, are_closed = chain(pair_ends(pieces, tolerance).tolist(), pieces.closed.tolist())
-    chains = [entered for entered, is_closed in zip(chains, are_closed, strict=True) if is_closed]
+    chains = list(compress(chains, are_closed))
     if not chains:
         return []
-    outlines = _make_outlines(pieces, chains)
+    closed, _ = assemble(pieces, chains, [True] * len(chains), compute_same_distance(pieces))
     first, last = pieces.first[:-1], pieces.first[1:] - 1
     ends = np.stack([pieces.points[first], pieces.points[last]], axis=1).reshape(-1, 2)
-    sizes = np.array([len(entered) for entered in chains])
+    sizes = np.array(list(map(len, chains)))
     entered = np.concatenate(chains)
     left, met = ends[entered ^ 1], ends[entered[following(sizes)]]
     gaps, middles = np.hypot(*(met - left).T), (met + left) / 2
@@ -129,30 +131,30 @@ def _close_chains(pieces: Soup, lengths: FloatArray, tolerance: float) -> list[_
         widest = int(begins[k] + gaps[begins[k] : begins[k + 1]].argmax())
         x, y = middles[widest].tolist()
         members = tuple(end >> 1 for end in chains[k])
-        loops.append(_Loop(members, float(gaps[widest]), (x, y), outlines[k]))
+        rows = slice(int(closed.first[k]), int(closed.first[k + 1]))
+        outline = Contour(closed.points[rows], closed.bulges[rows], True, "")
+        loops.append(_Loop(members, float(gaps[widest]), (x, y), outline))
     return loops
-
-
-def _make_outlines(pieces: Soup, chains: list[list[int]]) -> list[Contour]:
-    """The closed contours that `chains` become."""
-    closed, _ = assemble(pieces, chains, [True] * len(chains), same_distance(pieces))
-    ranges = zip(closed.first[:-1].tolist(), closed.first[1:].tolist(), strict=True)
-    return [Contour(closed.points[a:b], closed.bulges[a:b], True, "") for a, b in ranges]
 
 
 def _select_outlines(
     loops: Sequence[_Loop], closed: Sequence[Contour]
 ) -> list[tuple[_Loop, list[Contour]]]:
-    """The loops that do not cross themselves and enclose contours of `closed`, with these."""
+    """The loops that do not cross themselves, each with the contours of `closed` inside it.
+
+    Loops without such contours are left out.
+    """
     if not loops:
         return []
     import shapely  # noqa: PLC0415 (only drawings with such loops)
 
     from camgen.geometry.nesting import nest  # noqa: PLC0415 (loads shapely)
 
-    rings = _flatten_outlines(loops)
-    loops = [loop for loop, ring in zip(loops, rings, strict=True) if len(ring) > 2]
-    polygons = np.array([shapely.Polygon(ring) for ring in rings if len(ring) > 2], dtype=object)
+    points, owner = flatten(from_contours([loop.outline for loop in loops]), _CHORD_MM)
+    rings = np.split(points, np.flatnonzero(np.diff(owner)) + 1)
+    has_area = [len(ring) > 2 for ring in rings]
+    loops = list(compress(loops, has_area))
+    polygons = np.array(list(map(shapely.Polygon, compress(rings, has_area))), dtype=object)
     starts = shapely.points(np.array([contour.points[0] for contour in closed]))
     wide, narrow = shapely.buffer(polygons, _CHORD_MM), shapely.buffer(polygons, -_CHORD_MM)
     which, candidates = shapely.STRtree(starts).query(wide, predicate="contains")
@@ -160,23 +162,17 @@ def _select_outlines(
     for k in np.unique(which).tolist():
         if not polygons[k].is_valid and nest(from_contours([loops[k].outline]), 1).crossed[0] >= 0:
             continue
-        inside = [closed[j] for j in np.sort(candidates[which == k]).tolist()]
-        inside = [contour for contour in inside if _lies_in(contour, wide[k], narrow[k])]
+        near = [closed[j] for j in np.sort(candidates[which == k]).tolist()]
+        inside = [contour for contour in near if _lies_in(contour, wide[k], narrow[k])]
         if inside:
             outlines.append((loops[k], inside))
     return outlines
 
 
-def _flatten_outlines(loops: Sequence[_Loop]) -> list[FloatArray]:
-    """The outline of each loop as points (N, 2); two points run there and back."""
-    points, owner = flatten(from_contours([loop.outline for loop in loops]), _CHORD_MM)
-    return np.split(points, np.flatnonzero(np.diff(owner)) + 1)
-
-
 def _lies_in(contour: Contour, wide: object, narrow: object) -> bool:
-    """Whether the contour lies in a loop.
+    """Whether a contour lies in a loop.
 
-    It may touch the loop, but is not drawn on top of it as a whole.
+    It may touch the loop, but not lie on it as a whole.
 
     wide, narrow: polygons of the loop, larger and smaller by `_CHORD_MM`.
     """

@@ -1,4 +1,7 @@
-"""Drawn pieces, flat in a few arrays, and what is cleaned before they are joined: repeats, wide arcs, duplicates."""
+"""Drawn pieces in flat arrays, and their clean-up before they are joined.
+
+Repeated points and repeated pieces are dropped, and arcs above a half circle are halved.
+"""
 
 from __future__ import annotations
 
@@ -19,18 +22,27 @@ from camgen.model.tolerance import OFF_GRID, SAME_POINT_MM
 IntArray = NDArray[np.intp]
 BoolArray = NDArray[np.bool_]
 
-#: Coordinates beyond this (mm) are damage: a million kilometres.
+#: mm: largest coordinate, a million kilometres. Larger ones are damage.
 FARTHEST = 1e12
-#: Bulges in one cell of a grid so wide are the same.
+#: Bulges are equal if they are in one cell of a grid with this width.
 _SAME_BULGE = 1e-6
-#: A bulge beyond this is damage too: an arc that lacks less than a millionth of a degree to a full circle.
+#: Largest bulge. An arc with a larger one lacks less than a millionth of a degree of a full circle,
+#: which is damage.
 _WIDEST = 1e9
+#: Names of layers that a note lists.
+_MAX_LAYERS = 8
 
 
 class Soup(Struct, frozen=True, eq=False):
-    """Drawn pieces, flat: piece i owns rows first[i] to first[i + 1] of points (V, 2, mm) and bulges (V,).
+    """P drawn pieces. Piece i has the rows first[i] to first[i + 1] of points and bulges.
 
-    The bulge of the last row of an open piece means nothing. layer, kind and color (P,) index layers, kinds and colors.
+    points: (V, 2) mm.
+    bulges: (V,) bulge of the segment after each point. The last one of an open piece has no
+        meaning.
+    first: (P + 1,) first row of each piece, and the number of rows.
+    closed: (P,) whether the piece returns to its first point.
+    layer, kind, color: (P,) indices in `layers`, `kinds` and `colors`.
+    layers, kinds, colors: names.
     """
 
     points: FloatArray
@@ -48,7 +60,7 @@ class Soup(Struct, frozen=True, eq=False):
         return len(self.closed)
 
     def take(self, index: IntArray | BoolArray) -> Soup:
-        """The pieces of ``index`` in its order."""
+        """The pieces at `index`, in its order."""
         index = np.flatnonzero(index) if index.dtype == np.bool_ else index
         counts = np.diff(self.first)[index]
         rows = stretches(self.first[index], counts)
@@ -64,79 +76,82 @@ class Soup(Struct, frozen=True, eq=False):
         )
 
 
-def tally(kinds: Sequence[str], layers: Sequence[str]) -> str:
-    """``3 TEXT, 1 HATCH on layers A, B``: what a note counts; names from the file made harmless."""
-    return tally_counts(Counter(kinds), layers)
+def describe_elements(kinds: Sequence[str], layers: Sequence[str]) -> str:
+    """The elements of a note, as in "3 TEXT, 1 HATCH on layers A, B".
+
+    kinds, layers: kind and layer of each element, as they are in the file.
+    """
+    return describe_counts(Counter(kinds), layers)
 
 
-def tally_counts(counts: Mapping[str, int], layers: Iterable[str]) -> str:
-    """The text of `tally` for numbers of elements by kind; layers may be empty."""
+def describe_counts(counts: Mapping[str, int], layers: Iterable[str]) -> str:
+    """The text of `describe_elements` for numbers of elements by kind. `layers` may be empty."""
     text = ", ".join(f"{count} {kind}" for kind, count in sorted(counts.items()))
     names = sorted({harmless(layer) for layer in layers})
     if not names:
         return text
-    shown = ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "")
+    more = names[_MAX_LAYERS:]
+    shown = ", ".join(names[:_MAX_LAYERS]) + (f" and {len(more)} more" if more else "")
     return f"{text} on layer{'s' if len(names) > 1 else ''} {shown}"
 
 
-def next_row(soup: Soup) -> IntArray:
-    """Row of the point that follows each row; the last row of a piece is followed by its first."""
+def find_next_rows(soup: Soup) -> IntArray:
+    """(V,) the row after each row in its piece. The last row is followed by the first."""
     return following(np.diff(soup.first))
 
 
-def same_distance(soup: Soup) -> float:
-    """Below this distance (mm) two points of the soup are one."""
-    reach = float(np.abs(soup.points).max(initial=0.0))
-    return max(SAME_POINT_MM, 16 * float(np.spacing(reach)))
+def compute_same_distance(soup: Soup) -> float:
+    """The distance up to which two points of the soup are one, mm."""
+    largest = float(np.abs(soup.points).max(initial=0.0))
+    return max(SAME_POINT_MM, 16 * float(np.spacing(largest)))
 
 
-def credible(soup: Soup) -> BoolArray:
-    """Which pieces (P,) have only credible numbers."""
+def are_credible(soup: Soup) -> BoolArray:
+    """(P,) whether all numbers of a piece are within `FARTHEST` and the largest bulge."""
+    if not len(soup):
+        return np.zeros(0, dtype=np.bool_)
     with np.errstate(invalid="ignore"):
         good = (np.abs(soup.points) <= FARTHEST).all(axis=1) & (np.abs(soup.bulges) <= _WIDEST)
-    return (
-        np.asarray(np.logical_and.reduceat(good, soup.first[:-1]))
-        if len(soup)
-        else np.zeros(0, dtype=np.bool_)
-    )
+    return np.asarray(np.logical_and.reduceat(good, soup.first[:-1]))
 
 
 def tidy(soup: Soup) -> Soup:
-    """Without points that repeat their predecessor, arcs above a half circle halved, full circles in one form."""
-    soup = _without_repeats(soup)
-    soup = _halve(soup)
-    full = soup.closed & (np.diff(soup.first) == 2)
-    rows = soup.first[:-1][full]
-    circle = np.abs(soup.bulges[rows]) == 1
-    circle &= soup.bulges[rows] == soup.bulges[rows + 1]
-    rows = rows[circle]
+    """The pieces without repeated points and wide arcs, and with all full circles in one form.
+
+    Arcs above a half circle are halved. A full circle is two half circles, counter-clockwise from
+    the point with the largest x.
+    """
+    soup = _drop_repeats(soup)
+    soup = _halve_wide_arcs(soup)
+    has_two = soup.closed & (np.diff(soup.first) == 2)
+    rows = soup.first[:-1][has_two]
+    is_circle = np.abs(soup.bulges[rows]) == 1
+    is_circle &= soup.bulges[rows] == soup.bulges[rows + 1]
+    rows = rows[is_circle]
     if not len(rows):
         return soup
     points, bulges = soup.points.copy(), soup.bulges.copy()
     center = (points[rows] + points[rows + 1]) / 2
-    radius = np.column_stack(
-        [np.hypot(*(points[rows] - points[rows + 1]).T) / 2, np.zeros(len(rows))]
-    )
-    points[rows], points[rows + 1] = center + radius, center - radius
+    arm = np.zeros((len(rows), 2))
+    arm[:, 0] = np.hypot(*(points[rows] - points[rows + 1]).T) / 2
+    points[rows], points[rows + 1] = center + arm, center - arm
     bulges[rows] = bulges[rows + 1] = 1.0
     return replace(soup, points=points, bulges=bulges)
 
 
-def _without_repeats(soup: Soup) -> Soup:
-    """Drop every point that lies on the next one; a piece without any length keeps one point."""
-    following = next_row(soup)
-    near = np.abs(soup.points[following] - soup.points).max(axis=1, initial=0.0) <= same_distance(
-        soup
-    )
+def _drop_repeats(soup: Soup) -> Soup:
+    """The pieces without points that lie on the next one. A piece keeps at least one point."""
+    steps = soup.points[find_next_rows(soup)] - soup.points
+    is_repeated = np.abs(steps).max(axis=1, initial=0.0) <= compute_same_distance(soup)
     counts = np.diff(soup.first)
     last = soup.first[1:] - 1
-    near[last] &= soup.closed & (counts > 1)
-    if not near.any():
+    is_repeated[last] &= soup.closed & (counts > 1)
+    if not is_repeated.any():
         return soup
-    # The row kept is the later one: it holds the bulge of the segment that remains.
+    # The later one of two equal points stays: it has the bulge of the segment that remains.
     piece = owners(counts)
-    near[last[np.bincount(piece[~near], minlength=len(soup)) == 0]] = False
-    keep = ~near
+    is_repeated[last[np.bincount(piece[~is_repeated], minlength=len(soup)) == 0]] = False
+    keep = ~is_repeated
     counts = np.bincount(piece[keep], minlength=len(soup))
     return replace(
         soup,
@@ -146,17 +161,16 @@ def _without_repeats(soup: Soup) -> Soup:
     )
 
 
-def _halve(soup: Soup) -> Soup:
-    """Arcs of more than a half circle in two: tan of half the angle, with a point on the arc."""
-    following = next_row(soup)
-    used = np.ones(len(soup.points), dtype=np.bool_)
-    used[(soup.first[1:] - 1)[~soup.closed]] = False
-    wide = np.flatnonzero(used & (np.abs(soup.bulges) > 1))
+def _halve_wide_arcs(soup: Soup) -> Soup:
+    """The pieces with each arc of more than a half circle as two arcs of half its angle."""
+    is_segment = np.ones(len(soup.points), dtype=np.bool_)
+    is_segment[(soup.first[1:] - 1)[~soup.closed]] = False
+    wide = np.flatnonzero(is_segment & (np.abs(soup.bulges) > 1))
     if not len(wide):
         return soup
-    b = soup.bulges[wide]
-    middle = bulge_middles(soup.points[wide], b, soup.points[following[wide]])
-    half = np.tan(np.arctan(b) / 2)
+    bulge = soup.bulges[wide]
+    middle = bulge_middles(soup.points[wide], bulge, soup.points[find_next_rows(soup)[wide]])
+    half = np.tan(np.arctan(bulge) / 2)
     bulges = soup.bulges.copy()
     bulges[wide] = half
     piece = np.searchsorted(soup.first, wide, side="right") - 1
@@ -169,66 +183,73 @@ def _halve(soup: Soup) -> Soup:
     )
 
 
-def first_of_its_kind(soup: Soup, label: IntArray) -> BoolArray:
-    """(P,) whether each piece is not drawn before: in either direction, from any start if closed.
+def are_first(soup: Soup, label: IntArray) -> BoolArray:
+    """(P,) whether a piece differs from all before it.
+
+    Equal pieces may run in opposite directions, and closed ones may start at different points.
 
     label: (P,) pieces of different labels are not compared.
     """
     keep = np.ones(len(soup), dtype=np.bool_)
     counts = np.diff(soup.first)
-    sorts = (counts * 2 + soup.closed) * (int(label.max(initial=0)) + 1) + label
-    cell = same_distance(soup)
-    order = np.argsort(sorts, kind="stable")
-    for members in np.split(order, run_starts(sorts[order])[1:]):
+    groups = (counts * 2 + soup.closed) * (int(label.max(initial=0)) + 1) + label
+    cell = compute_same_distance(soup)
+    order = np.argsort(groups, kind="stable")
+    for members in np.split(order, run_starts(groups[order])[1:]):
         if len(members) < 2:
             continue
         rows = soup.first[members][:, None] + np.arange(counts[members[0]])
         points = np.floor(soup.points[rows] / cell + OFF_GRID).astype(np.int64)
         bulges = np.floor(soup.bulges[rows] / _SAME_BULGE + OFF_GRID).astype(np.int64)
-        # Minus a bulge is one cell off, as OFF_GRID is not one half: round the negative one for itself.
-        back = np.floor(-soup.bulges[rows] / _SAME_BULGE + OFF_GRID).astype(np.int64)
-        keys = _keys(points, bulges, back, bool(soup.closed[members[0]]))
+        # OFF_GRID is not one half, so the cell of -b is not minus the cell of b.
+        negated = np.floor(-soup.bulges[rows] / _SAME_BULGE + OFF_GRID).astype(np.int64)
+        keys = _make_keys(points, bulges, negated, bool(soup.closed[members[0]]))
         seen: set[bytes] = set()
-        for k in _perhaps_twice(keys).tolist():
+        for k in _find_candidates(keys).tolist():
             row = keys[k].tobytes()
             keep[members[k]] = row not in seen
             seen.add(row)
     return keep
 
 
-def _perhaps_twice(keys: NDArray[np.int64]) -> IntArray:
-    """The rows of ``keys`` (N, K) that may be there more than once, among them all that are: those whose sum, each
-    number with a factor of its own, is that of another. To sort the rows themselves takes ten times as long.
+def _find_candidates(keys: NDArray[np.int64]) -> IntArray:
+    """The rows of `keys` (N, K) that may equal another row, all equal ones among them.
+
+    They have the same sum, in which each column has a factor of its own. Sorting the rows
+    themselves takes ten times as long.
     """
     factors = np.random.default_rng(0).integers(1, 2**62, (keys.shape[1],), dtype=np.uint64)
     total = (keys.view(np.uint64) * (2 * factors + 1)).sum(axis=1)
     ranked = np.sort(total)
-    again = ranked[1:][ranked[1:] == ranked[:-1]]
-    return np.flatnonzero(np.isin(total, again))
+    repeated = ranked[1:][ranked[1:] == ranked[:-1]]
+    return np.flatnonzero(np.isin(total, repeated))
 
 
-def _keys(
-    points: NDArray[np.int64], bulges: NDArray[np.int64], back: NDArray[np.int64], closed: bool
+def _make_keys(
+    points: NDArray[np.int64], bulges: NDArray[np.int64], negated: NDArray[np.int64], closed: bool
 ) -> NDArray[np.int64]:
-    """One row per piece that does not depend on its direction nor, if closed, on its start."""
+    """(N, K) a key of each piece that is the same for both directions and all starts of a loop.
+
+    points: (N, M, 2) cells of the points.
+    bulges, negated: (N, M) cells of the bulges, and of the bulges with the opposite sign.
+    """
     if closed:
-        forward = _from_least(points, bulges)
-        backward = _from_least(points[:, ::-1], np.roll(back[:, ::-1], -1, axis=1))
+        forward = _rotate(points, bulges)
+        backward = _rotate(points[:, ::-1], np.roll(negated[:, ::-1], -1, axis=1))
     else:
         count = len(points)
         forward = np.concatenate([points.reshape(count, -1), bulges[:, :-1]], axis=1)
-        backward = np.concatenate([points[:, ::-1].reshape(count, -1), back[:, -2::-1]], axis=1)
-    differ = forward != backward
-    at = np.argmax(differ, axis=1)[:, None]
+        backward = np.concatenate([points[:, ::-1].reshape(count, -1), negated[:, -2::-1]], axis=1)
+    at = np.argmax(forward != backward, axis=1)[:, None]
     less = np.take_along_axis(forward, at, axis=1) <= np.take_along_axis(backward, at, axis=1)
     return np.where(less, forward, backward)
 
 
-def _from_least(points: NDArray[np.int64], bulges: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Rows that begin with the leftmost, then lowest point of each closed piece."""
+def _rotate(points: NDArray[np.int64], bulges: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Points and bulges of each loop in one row, from its leftmost and then lowest point on."""
     count, size, _ = points.shape
     x = points[:, :, 0]
     y = np.where(x == x.min(axis=1, keepdims=True), points[:, :, 1], np.iinfo(np.int64).max)
     turn = (np.argmin(y, axis=1)[:, None] + np.arange(size)) % size
-    rolled = np.take_along_axis(points, turn[:, :, None], axis=1).reshape(count, -1)
-    return np.concatenate([rolled, np.take_along_axis(bulges, turn, axis=1)], axis=1)
+    rotated = np.take_along_axis(points, turn[:, :, None], axis=1).reshape(count, -1)
+    return np.concatenate([rotated, np.take_along_axis(bulges, turn, axis=1)], axis=1)

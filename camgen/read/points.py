@@ -1,13 +1,13 @@
-"""Lists of points in space: a text with x,y,z or x,y,z,rx,ry,rz by line; a blank line lifts the tool.
+"""Reads lists of points in space: one x,y,z or x,y,z,rx,ry,rz per line; a blank line ends a curve.
 
-A curve goes straight from point to point. Angles are those of the work frame's poses: deg, about fixed x, y and z.
-docs/inputs/points.md describes the format.
+A curve goes in straight lines from point to point. Angles are those of poses in the work frame:
+deg, about fixed x, y and z. docs/inputs/points.md describes the format.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from msgspec import Struct
@@ -28,14 +28,21 @@ from camgen.read.space import make_curve
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 _NAMES = ("x", "y", "z", "rx", "ry", "rz")
 _REMEDY = "give x,y,z or x,y,z,rx,ry,rz by line, decimals with a point"
-#: A coordinate, mm, or an angle, deg, beyond this is damage.
+#: Largest coordinate, mm, and largest angle, deg. Larger numbers are damage.
 _FARTHEST = 1e9
-#: Settings of [input] that a list of points has no use for.
-_IDLE = ("layers", "join")
+#: Settings of [input] that have no effect on a list of points.
+_UNUSED_SETTINGS = ("layers", "join")
 
 
 class PointsFacts(Struct, frozen=True):
-    """What is in a list of points; its ``str`` is a page to print. size: mm along x, y and z."""
+    """The content of a list of points. Its `str` is a page to print.
+
+    units: unit of the coordinates.
+    angles: whether the list has the angles of the tool.
+    curves: curves in the order of the file.
+    size: extent along x, y and z, mm.
+    notes: everything that was assumed, repaired or left out.
+    """
 
     units: str
     angles: bool
@@ -45,74 +52,74 @@ class PointsFacts(Struct, frozen=True):
 
     def __str__(self) -> str:
         size = " x ".join(short(v, 3) for v in self.size)
-        with_angles = "with the angles of the tool" if self.angles else "without angles"
-        rows = [
-            f"{one.id}: {counted(len(one.points), 'point')}, {short(one.length, 3)} mm"
-            f"{', closed' if one.closed else ''}"
-            for one in self.curves
-        ]
-        return "\n".join(
-            [
-                f"list of points, units {self.units}, {size} mm, {with_angles}",
-                *rows,
-                *map(str, self.notes),
-            ]
-        )
+        angles = "with the angles of the tool" if self.angles else "without angles"
+        lines = [f"list of points, units {self.units}, {size} mm, {angles}"]
+        for curve in self.curves:
+            line = f"{curve.id}: {counted(len(curve.points), 'point')}, {short(curve.length, 3)} mm"
+            lines.append(line + (", closed" if curve.closed else ""))
+        return "\n".join([*lines, *map(str, self.notes)])
 
 
 def read(source: Source, job: Job, _files: Files) -> Part:
-    """The curves in the list, mm. InputError for a line that is no point, and where no curve has two points."""
-    for key in _IDLE:
+    """The curves in a list of points.
+
+    Raises InputError for a line without a point, and if no curve has two points. Raises JobError
+    for a setting that has no effect on a list of points.
+    """
+    for key in _UNUSED_SETTINGS:
         if getattr(job.input, key) != getattr(InputTable(), key):
             raise JobError(
                 "job", "has no effect on a list of points", f"input.{key}", "leave it out"
             )
-    unit, mm, notes = units.resolve(source.name, job.input.units, 0, None)
-    found: list[Curve] = []
-    more: list[Note] = []
-    for line, rows in _chains(source):
-        curve = _curve(f"c{len(found) + 1}", np.array(rows), mm)
+    unit, mm, assumed = units.resolve(source.name, job.input.units, 0, None)
+    curves: list[Curve] = []
+    notes = list(assumed)
+    for line, rows in _read_rows(source):
+        curve = _make_curve(f"c{len(curves) + 1}", np.array(rows), mm)
         if curve is None:
-            more.append(
-                Note("skipped", f"the curve in line {line}", "it has no two points that differ")
-            )
-        else:
-            found.append(curve)
-            if len(curve.points) < len(rows):
-                what = f"dropped: {counted(len(rows) - len(curve.points), 'point')} of {curve.id}"
-                more.append(Note("repaired", what, "the same as the one before"))
-    if not found:
+            what = f"the curve in line {line}"
+            notes.append(Note("skipped", what, "it has no two points that differ"))
+            continue
+        curves.append(curve)
+        dropped = len(rows) - len(curve.points)
+        if dropped:
+            what = f"dropped: {counted(dropped, 'point')} of {curve.id}"
+            notes.append(Note("repaired", what, "the same as the one before"))
+    if not curves:
         raise InputError(
             source.name, "nothing to machine", remedy=f"{_REMEDY}, two or more of them"
         )
     if job.input.units.strip().lower() == "auto":
-        more += units.doubts(_size(found), unit, source.name)
-    return Part(source.stem, source.name, unit, (), (*notes, *more), curves=tuple(found))
+        notes += units.doubts(_measure_size(curves), unit, source.name)
+    return Part(source.stem, source.name, unit, (), tuple(notes), curves=tuple(curves))
 
 
 def inspect(source: Source, job: Job, files: Files) -> PointsFacts:
-    """What is in the list. Errors as of ``read``."""
+    """The content of a list of points. Raises the errors of `read`."""
     part = read(source, job, files)
     angles = part.curves[0].rotations is not None
-    return PointsFacts(part.units, angles, part.curves, _size(part.curves), part.notes)
+    return PointsFacts(part.units, angles, part.curves, _measure_size(part.curves), part.notes)
 
 
-def _size(curves: list[Curve] | tuple[Curve, ...]) -> tuple[float, ...]:
-    return tuple(np.ptp(np.concatenate([one.points for one in curves]), axis=0).tolist())
+def _measure_size(curves: Sequence[Curve]) -> tuple[float, ...]:
+    return tuple(np.ptp(np.concatenate([curve.points for curve in curves]), axis=0).tolist())
 
 
-def _curve(name: str, rows: FloatArray, mm: float) -> Curve | None:
-    """The curve through ``rows`` (N, 3 or 6), in the unit of the file and deg; None where no two of them differ."""
+def _make_curve(name: str, rows: FloatArray, mm: float) -> Curve | None:
+    """The curve through all points that differ from their predecessor, None if it has no length.
+
+    rows: (N, 3 or 6) coordinates in the unit of the file, and angles in deg.
+    mm: length of that unit, mm.
+    """
     rotations = None
     if rows.shape[1] == len(_NAMES):
-        rotations = np.stack(
-            [rotation_from_fixed_xyz(*angles) for angles in np.radians(rows[:, 3:]).tolist()]
-        )
+        angles = np.radians(rows[:, 3:]).tolist()
+        rotations = np.stack([rotation_from_fixed_xyz(*row) for row in angles])
     points = rows[:, :3] * mm
-    moved = np.linalg.norm(np.diff(points, axis=0), axis=1) > SAME_POINT_MM
+    moves = np.linalg.norm(np.diff(points, axis=0), axis=1) > SAME_POINT_MM
     if rotations is not None:
-        moved = moved | (angles_between(rotations[:-1], rotations[1:]) > SAME_POINT_MM)
-    kept = np.concatenate([[True], moved])
+        moves = moves | (angles_between(rotations[:-1], rotations[1:]) > SAME_POINT_MM)
+    kept = np.concatenate([[True], moves])
     points = points[kept]
     length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
     if len(points) < 2 or length <= SAME_POINT_MM:
@@ -122,66 +129,73 @@ def _curve(name: str, rows: FloatArray, mm: float) -> Curve | None:
     return make_curve(name, "0", points, np.full((len(points) - 1, 3), np.nan), closed, turned)
 
 
-def _chains(source: Source) -> list[tuple[int, list[list[float]]]]:
-    """The rows of each curve, all of one width, and the line in which it begins. InputError."""
-    found: list[tuple[int, list[list[float]]]] = []
-    fresh, width, count = True, 0, 0
-    for number, words in _lines(source):
+def _read_rows(source: Source) -> list[tuple[int, list[list[float]]]]:
+    """The line in which each curve starts, from 1, and its rows of numbers.
+
+    Raises InputError for a row without 3 or 6 numbers, for rows of different lengths and for too
+    many points.
+    """
+    curves: list[tuple[int, list[list[float]]]] = []
+    starts_curve, width, count = True, 0, 0
+    for number, words in _split_lines(source):
         if not words:
-            fresh = True
+            starts_curve = True
             continue
-        row = [_number(source, number, word) for word in words]
+        row = [_read_number(source, number, word) for word in words]
         width = width or len(row)
         if len(row) not in (3, 6) or len(row) != width:
             before = f", the lines before it {width}" if len(row) != width else ""
-            raise InputError(
-                source.name, f"has {counted(len(row), 'number')}{before}", f"line {number}", _REMEDY
-            )
+            what = f"has {counted(len(row), 'number')}{before}"
+            raise InputError(source.name, what, f"line {number}", _REMEDY)
         count += 1
         if count > source.limits.points:
             what = f"has more than {tell(source.limits.points)} points"
             raise InputError(
                 source.name, what, f"line {number}", "split it, or raise limits.points"
             )
-        if fresh:
-            found.append((number, []))
-        found[-1][1].append(row)
-        fresh = False
-    return found
+        if starts_curve:
+            curves.append((number, []))
+        curves[-1][1].append(row)
+        starts_curve = False
+    return curves
 
 
-def _lines(source: Source) -> Iterator[tuple[int, list[str]]]:
-    """Number and words of each line, none of a blank one. Remarks, from # on, and the names of columns are left out."""
+def _split_lines(source: Source) -> Iterator[tuple[int, list[str]]]:
+    """The number and the words of each line, no words for a blank line.
+
+    Remarks (from # on), lines with a remark alone, and a first line with the names of the columns
+    are left out.
+    """
     try:
         text = source.data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(source.name, "is not a text", f"byte {error.start}", _REMEDY) from error
-    begun = False
+    is_first = True
     for number, line in enumerate(re.split(r"\r\n|\r|\n", text), 1):
-        told = line.partition("#")[0].strip()
-        if not told:
+        content = line.partition("#")[0].strip()
+        if not content:
             if not line.strip():
                 yield number, []
             continue
-        words = _split(told)
-        if not begun and tuple(word.lower() for word in words) in (_NAMES, _NAMES[:3]):
-            begun = True
-            continue
-        begun = True
-        yield number, words
+        words = _split(content)
+        if not is_first or tuple(map(str.lower, words)) not in (_NAMES, _NAMES[:3]):
+            yield number, words
+        is_first = False
 
 
 def _split(line: str) -> list[str]:
-    """The words of a line: between semicolons, else between commas, else between blanks. A comma among semicolons
-    stays in its word, which is then no number: it may be a decimal sign.
+    """The words of a line, between semicolons, or else between commas, or else between blanks.
+
+    A comma between semicolons may be a decimal sign. It stays in its word, which is not a number
+    then.
     """
     for mark in ";,":
         if mark in line:
-            return [word.strip() for word in line.split(mark)]
+            return list(map(str.strip, line.split(mark)))
     return line.split()
 
 
-def _number(source: Source, line: int, word: str) -> float:
+def _read_number(source: Source, line: int, word: str) -> float:
     value = float(word) if _NUMBER.fullmatch(word) else float("nan")
     if not abs(value) <= _FARTHEST:
         what = (

@@ -1,4 +1,4 @@
-"""Drawn pieces that lie on others, in whole or in part: each length is used once."""
+"""Drops drawn pieces, and parts of pieces, that lie on others: each length is used once."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from camgen.model.part import Note
 from camgen.model.text import short
 from camgen.model.tolerance import SAME_POINT_MM
 from camgen.read.chosen import takes_color, takes_layer
-from camgen.read.pieces import BoolArray, IntArray, Soup, next_row, tally
+from camgen.read.pieces import BoolArray, IntArray, Soup, describe_elements, find_next_rows
 
-#: Places that a note has for the preview.
-_PLACES = 50
+#: Maximum number of places of a note that the preview shows.
+_MAX_PLACES = 50
 _WHY = "drawn twice; each is used once"
 
 
@@ -47,9 +47,9 @@ class _Cut(Struct, frozen=True, eq=False):
 
 
 def label_selections(soup: Soup, operations: Sequence[Step]) -> IntArray:
-    """(P,) numbers of the sets of operations that choose each piece by its layer and color.
+    """(P,) number of the set of operations that choose each piece by its layer and color.
 
-    Pieces of different sets are not compared: an outline and a pocket may have one contour.
+    Pieces of different sets are not compared: an outline and a pocket may have the same contour.
     """
     if not operations:
         return np.zeros(len(soup), dtype=np.intp)
@@ -76,8 +76,10 @@ def cut_repeated(
 ) -> tuple[Soup, list[Note]]:
     """The pieces without the parts that lie on others, and notes on these parts.
 
+    label: (P,) pieces of different labels are not compared.
+    tolerance: largest distance between pieces that lie on each other, mm.
     among: (P,) pieces that are compared.
-    fixed: (P,) pieces that cover others and stay whole; of the others the earlier ones cover.
+    fixed: (P,) pieces that stay whole and cover others. Each other piece covers those after it.
     noun: name of the pieces in notes, "" for their kinds.
     """
     tolerance = _limit(tolerance)
@@ -94,7 +96,10 @@ def cut_repeated(
 
 
 def drop_repeated_loops(soup: Soup, label: IntArray, tolerance: float) -> tuple[Soup, list[Note]]:
-    """The pieces without closed ones that have the shape of an earlier one, and notes on these."""
+    """The pieces without closed ones that have the shape of an earlier one, and notes on these.
+
+    The other parameters are those of `cut_repeated`.
+    """
     loops = np.flatnonzero(soup.closed)
     segments = _list_segments(soup, soup.closed)
     number = np.zeros(len(soup), dtype=np.intp)
@@ -115,17 +120,20 @@ def _limit(tolerance: float) -> float:
 
 
 def _list_segments(soup: Soup, among: BoolArray) -> Segments:
-    """Lines and arcs of the pieces of `among`, `owner` counting all pieces."""
+    """Lines and arcs of the pieces of `among`; their `owner` is the index among all pieces."""
     piece = owners(np.diff(soup.first))
     used = among[piece]
     used[(soup.first[1:] - 1)[~soup.closed]] = False
     rows = np.flatnonzero(used)
-    after = next_row(soup)[rows]
+    after = find_next_rows(soup)[rows]
     return make(soup.points[rows], soup.points[after], soup.bulges[rows], piece[rows])
 
 
 def _list_cuts(soup: Soup, segments: Segments, covered: dict[int, Parts]) -> list[_Cut]:
-    """The cut of each piece that is covered, in order."""
+    """The cut of each covered piece, in order.
+
+    covered: covered parts of the segments, by the index of the segment.
+    """
     by_piece: dict[int, dict[int, Parts]] = {}
     for row, parts in covered.items():
         by_piece.setdefault(int(segments.owner[row]), {})[row] = parts
@@ -183,23 +191,22 @@ def _replace_pieces(soup: Soup, cuts: list[_Cut]) -> Soup:
 
 
 def _note_cuts(soup: Soup, cuts: list[_Cut], noun: str) -> list[Note]:
-    whole = [cut for cut in cuts if not cut.chains]
-    partly = [cut for cut in cuts if cut.chains]
     notes = []
-    if whole:
-        what = _count(soup, [cut.piece for cut in whole], noun)
-        notes.append(_note(what, [cut.place for cut in whole]))
-    if partly:
-        length = short(sum(cut.length for cut in partly), 2)
-        what = f"{length} mm of {_count(soup, [cut.piece for cut in partly], noun)}"
-        notes.append(_note(what, [cut.place for cut in partly]))
+    for is_whole in (True, False):
+        group = [cut for cut in cuts if is_whole == (not cut.chains)]
+        if not group:
+            continue
+        what = _count(soup, [cut.piece for cut in group], noun)
+        if not is_whole:
+            what = f"{short(sum(cut.length for cut in group), 2)} mm of {what}"
+        notes.append(_note(what, [cut.place for cut in group]))
     return notes
 
 
 def _count(soup: Soup, pieces: list[int], noun: str) -> str:
     plural = f"{noun}s" if noun and len(pieces) > 1 else noun
     kinds = [plural or soup.kinds[soup.kind[piece]] for piece in pieces]
-    return tally(kinds, [soup.layers[soup.layer[piece]] for piece in pieces])
+    return describe_elements(kinds, [soup.layers[soup.layer[piece]] for piece in pieces])
 
 
 def _note(what: str, places: list[tuple[float, float]]) -> Note:
@@ -207,4 +214,4 @@ def _note(what: str, places: list[tuple[float, float]]) -> Note:
     place = f"near x {short(x, 2)}, y {short(y, 2)}"
     if len(places) > 1:
         place = f"the first {place}"
-    return Note("repaired", f"dropped: {what}, {place}", _WHY, (), tuple(places[:_PLACES]))
+    return Note("repaired", f"dropped: {what}, {place}", _WHY, (), tuple(places[:_MAX_PLACES]))

@@ -1,4 +1,4 @@
-"""Units of length of a drawing: names people write, codes that files hold, and doubts worth a note."""
+"""Units of length: names that users write, codes in files, and notes on doubtful sizes."""
 
 from __future__ import annotations
 
@@ -9,47 +9,54 @@ from camgen.model.errors import JobError
 from camgen.model.part import Note
 from camgen.model.text import harmless, short
 
-#: mm per unit, by the names that ``input.units`` takes; the first name of a length is the one that notes use.
+#: mm per unit, by the names that `input.units` takes. Notes use the first name of a length.
 MM = {
     "mm": 1.0, "cm": 10.0, "dm": 100.0, "m": 1000.0, "km": 1e6, "um": 1e-3, "nm": 1e-6,
     "inch": 25.4, "ft": 304.8, "yd": 914.4, "mile": 1609344.0, "mil": 0.0254, "uinch": 25.4e-6,
-    "us-ft": 1200000 / 3937, "us-inch": 100000 / 3937, "us-yd": 3600000 / 3937, "us-mile": 5280 * 1200000 / 3937,
-    "in": 25.4, '"': 25.4, "inches": 25.4, "foot": 304.8, "feet": 304.8, "'": 304.8, "yard": 914.4, "yards": 914.4,
-    "thou": 0.0254, "mils": 0.0254, "miles": 1609344.0, "micron": 1e-3, "microns": 1e-3, "millimeter": 1.0,
-    "millimetre": 1.0, "millimeters": 1.0, "millimetres": 1.0, "centimeter": 10.0, "centimetre": 10.0,
-    "meter": 1000.0, "metre": 1000.0, "meters": 1000.0, "metres": 1000.0,
+    "us-ft": 1200000 / 3937, "us-inch": 100000 / 3937, "us-yd": 3600000 / 3937,
+    "us-mile": 5280 * 1200000 / 3937,
+    "in": 25.4, '"': 25.4, "inches": 25.4, "foot": 304.8, "feet": 304.8, "'": 304.8,
+    "yard": 914.4, "yards": 914.4, "thou": 0.0254, "mils": 0.0254, "miles": 1609344.0,
+    "micron": 1e-3, "microns": 1e-3, "millimeter": 1.0, "millimetre": 1.0, "millimeters": 1.0,
+    "millimetres": 1.0, "centimeter": 10.0, "centimetre": 10.0, "meter": 1000.0, "metre": 1000.0,
+    "meters": 1000.0, "metres": 1000.0,
 }  # fmt: skip
 
-#: $INSUNITS of the DXF reference (2018), as far as a part can be drawn in it.
+#: Units of the codes of $INSUNITS (DXF reference, 2018) in which a part can be drawn.
 INSUNITS = {
-    1: "inch", 2: "ft", 3: "mile", 4: "mm", 5: "cm", 6: "m", 7: "km", 8: "uinch", 9: "mil", 10: "yd",
-    12: "nm", 13: "um", 14: "dm", 21: "us-ft", 22: "us-inch", 23: "us-yd", 24: "us-mile",
+    1: "inch", 2: "ft", 3: "mile", 4: "mm", 5: "cm", 6: "m", 7: "km", 8: "uinch", 9: "mil",
+    10: "yd", 12: "nm", 13: "um", 14: "dm", 21: "us-ft", 22: "us-inch", 23: "us-yd", 24: "us-mile",
 }  # fmt: skip
 
-#: A part larger or smaller than this (mm) is more likely drawn in another unit than meant.
+#: mm: a larger or smaller part was probably drawn in another unit.
 LARGEST, SMALLEST = 3000.0, 1.0
-#: Units that drawings are confused in, and the usual size of a part, mm.
-_CONFUSED, _USUAL = ("um", "mm", "inch", "m"), 100.0
+#: Units that are mistaken for each other in drawings.
+_CONFUSED = ("um", "mm", "inch", "m")
+#: mm: usual size of a part.
+_USUAL = 100.0
 
 _OVERRIDE = "set input.units if that is not meant"
-#: Files whose own unit holds (``read.solid.step``).
-_OWN = (".step", ".stp")
+#: Suffixes of files whose unit cannot be overridden (`read.solid.step`).
+_OWN_UNIT = (".step", ".stp")
 
 
 def resolve(
     file: str, wanted: str, insunits: int, measurement: int | None
 ) -> tuple[str, float, tuple[Note, ...]]:
-    """Name of the unit, mm per unit, and notes.
+    """Name of the unit, its length in mm, and notes.
 
-    wanted: ``input.units``, "auto" for the file's own. insunits: the file's code, 0 if it has none. measurement:
-    $MEASUREMENT (0 inch, 1 metric), only named in the note since it tells templates apart, not drawings. ``JobError``
-    for a unit that is not known.
+    wanted: `input.units`; "auto" for the unit of the file.
+    insunits: code of the unit in the file, 0 if it has none.
+    measurement: $MEASUREMENT of the file, 0 for inch and 1 for metric, None if it has none. It is
+        named in the note alone: it says which template a drawing has, not its unit.
+
+    Raises JobError for an unknown unit.
     """
     name = wanted.strip().lower()
     if name in MM:
         return name, MM[name], ()
     if name != "auto":
-        from difflib import get_close_matches  # noqa: PLC0415 (1 ms, only for what is wrong)
+        from difflib import get_close_matches  # noqa: PLC0415 (1 ms, only for an unknown unit)
 
         near = get_close_matches(name, [*MM, "auto"], n=1)
         remedy = (
@@ -59,45 +66,38 @@ def resolve(
     if insunits in INSUNITS:
         name = INSUNITS[insunits]
         return name, MM[name], ()
-    hint = {0: ", though its $MEASUREMENT says inch", 1: ", its $MEASUREMENT says metric"}.get(
-        measurement or 0, ""
-    )
     states = "states no unit" if insunits == 0 else f"states the unknown unit {insunits}"
-    hint = hint if measurement is not None else ""
-    return (
-        "mm",
-        1.0,
-        (Note("assumed", "1 drawing unit = 1 mm", f"the file {states}{hint}; {_OVERRIDE}"),),
-    )
+    hints = {0: ", though its $MEASUREMENT says inch", 1: ", its $MEASUREMENT says metric"}
+    hint = "" if measurement is None else hints.get(measurement, "")
+    why = f"the file {states}{hint}; {_OVERRIDE}"
+    return "mm", 1.0, (Note("assumed", "1 drawing unit = 1 mm", why),)
 
 
 def remedy_for(source: str) -> str:
-    """What to do where the file ``source`` was read in another unit than meant."""
-    if source.lower().endswith(_OWN):
+    """The remedy for a file, by its name, that was read in a wrong unit."""
+    if source.lower().endswith(_OWN_UNIT):
         return "export it again in another one if that is not meant"
     return _OVERRIDE
 
 
 def doubts(size: Sequence[float], unit: str, source: str) -> tuple[Note, ...]:
-    """A warning if a part of this size along the axes (mm), from the file ``source``, contradicts its unit."""
-    if SMALLEST <= max(size) <= LARGEST:
+    """A warning if the size of a part contradicts its unit, otherwise nothing.
+
+    size: extent along the axes, mm.
+    unit: unit in which the part was read.
+    source: name of its file.
+    """
+    largest = max(size)
+    if SMALLEST <= largest <= LARGEST:
         return ()
     size_text = " x ".join(short(length, 3) for length in size)
-    odd = "large" if max(size) > LARGEST else "small"
-    return (
-        Note(
-            "warning",
-            f"the part is {size_text} mm, which is {odd}",
-            f"drawn in {unit}, likely in {_guess(max(size), unit)}; {remedy_for(source)}",
-        ),
-    )
+    what = f"the part is {size_text} mm, which is {'large' if largest > LARGEST else 'small'}"
+    why = f"drawn in {unit}, likely in {_guess_unit(largest, unit)}; {remedy_for(source)}"
+    return (Note("warning", what, why),)
 
 
-def _guess(length: float, unit: str) -> str:
-    """The unit in which a part of a length, mm, is nearest to a usual size.
-
-    unit: the unit in which it was read.
-    """
+def _guess_unit(length: float, unit: str) -> str:
+    """The unit other than `unit` in which a length, mm, would be nearest to a usual size."""
     drawn = length / MM.get(unit, 1.0)
     units = [name for name in _CONFUSED if name != unit]
     return min(units, key=lambda name: abs(math.log(drawn * MM[name] / _USUAL)))

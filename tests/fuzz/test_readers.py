@@ -119,4 +119,4 @@ def test_a_3mf_whose_model_is_elsewhere() -> None:
         InputError,
         match=r"a\.3mf: lacks the model of a 3MF: 3D/3dmodel\.model is not in it; export it again",
     ):
-        mesh_file.load(Source(Path("a.3mf"), archive.getvalue()))
+        mesh_file.read_mesh(Source(Path("a.3mf"), archive.getvalue()))

@@ -14,7 +14,7 @@ from camgen.plan.edges.last_face import TOP, Offset, offset_along
 from camgen.plan.edges.poses import poses
 from camgen.read.files import Files
 from camgen.read.solid import inspect, mesh
-from camgen.read.solid.faces import beside, faces_of
+from camgen.read.solid.faces import find_adjacent_faces, make_faces
 from tests.support.files import source
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
@@ -104,8 +104,8 @@ def test_faces_are_listed_with_what_is_known_of_them(name: str) -> None:
 
 def test_the_faces_beside_an_edge_have_its_normals() -> None:
     solid = mesh.read(source(PARTS / "rfa2.stl"))
-    faces = faces_of(solid)
-    found = beside(solid.edges, solid, faces)
+    faces = make_faces(solid)
+    found = find_adjacent_faces(solid.edges, solid, faces)
     for edge in solid.edges:
         for side, place in enumerate(found[edge.id]):
             looks = faces.listed[place].looks

@@ -296,7 +296,7 @@ def test_an_accessor_with_nothing_behind_it(here: Path) -> None:
     head = struct.pack("<4sIII4s", b"glTF", 2, 20 + len(text), len(text), b"JSON")
     (here / "a.glb").write_bytes(head + text)
     with pytest.raises(InputError, match="an accessor of 2,000,000,000 elements in a file of"):
-        mesh_file.load(source(here / "a.glb"))
+        mesh_file.read_mesh(source(here / "a.glb"))
 
 
 def test_of_a_3mf_the_model_alone_is_unpacked(here: Path) -> None:
@@ -304,7 +304,7 @@ def test_of_a_3mf_the_model_alone_is_unpacked(here: Path) -> None:
         archive.writestr("3D/3dmodel.model", "<model/>")
         archive.writestr("Metadata/plate.png", bytes(10_000_000))
     with pytest.raises(InputError, match=r"a\.3mf: has no faces"):
-        mesh_file.load(replace(source(here / "a.3mf"), limits=Limits(model_bytes=1000)))
+        mesh_file.read_mesh(replace(source(here / "a.3mf"), limits=Limits(model_bytes=1000)))
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from camgen.model.part import Contour, Note
 from camgen.read.join import make_contours
-from camgen.read.pieces import Soup, first_of_its_kind
+from camgen.read.pieces import Soup, are_first
 from tests.support.examples import fewer
 
 Point = tuple[float, float]
@@ -238,7 +238,7 @@ def test_of_lines_drawn_more_than_once_the_first_is_used(
 ) -> None:
     ends = [frozenset([(a, b), (c, d)]) for a, b, c, d in drawn]
     lines = [line((float(a), float(b)), (float(c), float(d))) for a, b, c, d in drawn]
-    kept = first_of_its_kind(soup(lines), np.zeros(len(lines), np.intp))
+    kept = are_first(soup(lines), np.zeros(len(lines), np.intp))
     assert kept.tolist() == [one not in ends[:k] for k, one in enumerate(ends)]
 
 

@@ -23,7 +23,7 @@ from camgen.model.part import Edge, Solid
 from camgen.model.pose import rotation_from_quaternion
 from camgen.read.files import Files
 from camgen.read.solid import mesh
-from camgen.read.solid.mesh_file import load
+from camgen.read.solid.mesh_file import read_mesh
 from camgen.read.solid.ply import unroll
 from tests.support.files import source
 
@@ -386,7 +386,7 @@ def test_a_size_that_cannot_be_meant_is_doubted(tmp_path: Path, mm: float, says:
 def test_binary_stl_is_read_as_by_trimesh() -> None:
     source = Files().read(Path(__file__).parents[2] / "fixtures" / "parts" / "rfa2.stl")
     theirs = trimesh.load(BytesIO(source.data), file_type="stl", process=False)
-    ours = load(source)
+    ours = read_mesh(source)
     assert np.array_equal(ours.vertices, theirs.vertices)
     assert np.array_equal(ours.faces, theirs.faces)
     assert (ours.unit, ours.mm) == ("", 1.0)

@@ -14,7 +14,7 @@ from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.part import Edge, Solid
 from camgen.model.pose import Vec3
-from camgen.read.solid.faces import beside, faces_of
+from camgen.read.solid.faces import find_adjacent_faces, make_faces
 
 _KEY = "operation.last_face"
 _REMEDY = 'give "top", a normal as [x, y, z], or ids of faces as camgen inspect prints them'
@@ -77,7 +77,7 @@ def _direction(values: list[float]) -> Vec3:
 
 def _ranks(words: list[str], solid: Solid, edges: Iterable[Edge]) -> dict[str, tuple[int, int]]:
     """Faces that are named were machined after all others, in the order in which they are named."""
-    faces = faces_of(solid)
+    faces = make_faces(solid)
     known = {face.id: k for k, face in enumerate(faces.listed)}
     ranks = [0] * len(known)
     if not words:
@@ -94,4 +94,7 @@ def _ranks(words: list[str], solid: Solid, edges: Iterable[Edge]) -> dict[str, t
             )
             raise JobError("job", what, _KEY, remedy)
         ranks[known[word]] = rank
-    return {name: (ranks[a], ranks[b]) for name, (a, b) in beside(edges, solid, faces).items()}
+    return {
+        name: (ranks[a], ranks[b])
+        for name, (a, b) in find_adjacent_faces(edges, solid, faces).items()
+    }

@@ -30,7 +30,7 @@ from camgen.read.files import Files
 from camgen.read.layers import NOT_ASKED
 from camgen.read.marks import Mark, add_marks
 from camgen.read.open_outlines import find_open_outlines
-from camgen.read.pieces import FARTHEST, tally
+from camgen.read.pieces import FARTHEST, describe_elements
 
 #: Curves and blocks that a note names one by one. The others are counted.
 _NAMED = 5
@@ -335,7 +335,9 @@ def _format_counts(counts: tuple[tuple[str, int], ...]) -> str:
 
 
 def _tally(counts: Counter[tuple[str, str]]) -> str:
-    return tally([kind for kind, _ in counts.elements()], [layer for _, layer in counts])
+    return describe_elements(
+        [kind for kind, _ in counts.elements()], [layer for _, layer in counts]
+    )
 
 
 def _note_unused(drawn: DrawnEntities) -> list[Note]:

@@ -17,7 +17,7 @@ from camgen.geometry import curves
 from camgen.geometry.ragged import begins, following, offsets, owners, ramp
 from camgen.model.pose import FloatArray
 from camgen.read.dxf.entities import DrawnEntities, Smooth
-from camgen.read.pieces import FARTHEST, BoolArray, IntArray, Soup, credible
+from camgen.read.pieces import FARTHEST, BoolArray, IntArray, Soup, are_credible
 
 #: mm: rounding of coordinates. A flat curve may leave its plane by this,
 FLAT_MM = 1e-3
@@ -84,7 +84,7 @@ def flatten(drawn: DrawnEntities, chord: float) -> Flat:
     empty = _list_empty_pieces(drawn)
     world, low, high = _place(entities, matrices, which)
     soup = _make_soup(empty, world)
-    is_valid = credible(soup)
+    is_valid = are_credible(soup)
     is_flat = ~(high - low > _compute_tolerances(soup)) | ~is_valid
     arc_count = np.bincount(
         owners(entities.counts), entities.rows[:, 3] != 0, minlength=len(entities.counts)

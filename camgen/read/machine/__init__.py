@@ -14,7 +14,7 @@ _LINE_END = re.compile(r"\r\n|\r|\n")
 
 
 def read_machine(source: Source) -> Machine:
-    """The machine that a file describes; its content says of which controller it is.
+    """The machine that a file describes. The controller is recognised by the content of the file.
 
     Raises InputError for another file, and for values that are missing or impossible.
     """

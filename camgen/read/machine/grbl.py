@@ -19,7 +19,7 @@ from camgen.read.machine.values import Settings, Value
 
 #: A setting: its number, its value and the rest of the line, a remark in brackets or nothing.
 SETTING = re.compile(r"\s*(\$\d+)\s*=\s*([^\s(]*)\s*(.*)")
-#: Seconds of a minute and of a millisecond.
+#: s: a minute, and a millisecond.
 _MINUTE, _MILLISECOND = 60.0, 1e-3
 #: The value of `$1` with which the motors stay on, and the largest one.
 _STAYS_ON = 255
@@ -44,10 +44,13 @@ def read_listing(file: str, lines: list[str]) -> Machine:
         for name, (value, meaning) in _DEFAULTS.items()
         if name not in settings.values
     ]
-    x, y, z = (settings.above_zero(f"$13{axis}") for axis in range(3))
-    x_rate, y_rate, z_rate = (settings.above_zero(f"$11{axis}") / _MINUTE for axis in range(3))
-    accelerations: Vec3 = _read_axes(settings, "$12")
-    axes = Axes((x_rate, y_rate, z_rate), accelerations, _read_steps(settings))
+    x, y, z = _read_axes(settings, "$13")
+    x_rate, y_rate, z_rate = _read_axes(settings, "$11")
+    axes = Axes(
+        (x_rate / _MINUTE, y_rate / _MINUTE, z_rate / _MINUTE),
+        _read_axes(settings, "$12"),
+        _read_steps(settings),
+    )
     delay = settings.number("$1", 0.0, _STAYS_ON) if "$1" in settings.values else _DEFAULTS["$1"][0]
     chord = settings.above_zero("$12") if "$12" in settings.values else _DEFAULTS["$12"][0]
     return Machine(
@@ -66,7 +69,7 @@ def read_listing(file: str, lines: list[str]) -> Machine:
 
 
 def _find_values(file: str, lines: list[str]) -> dict[str, Value]:
-    """The settings of a listing; its other lines are greetings, answers and reports."""
+    """The settings of a listing. Its other lines are greetings, answers and reports."""
     values: dict[str, Value] = {}
     for number, line in enumerate(lines, 1):
         match = SETTING.match(line)
@@ -85,6 +88,7 @@ def _find_values(file: str, lines: list[str]) -> dict[str, Value]:
 
 
 def _read_axes(settings: Settings, prefix: str) -> Vec3:
+    """The settings of X, Y and Z, whose names end with 0, 1 and 2."""
     x, y, z = (settings.above_zero(f"{prefix}{axis}") for axis in range(3))
     return (x, y, z)
 

@@ -3,7 +3,7 @@
 Source: LinuxCNC's documents, "INI Configuration". The planner works with the limits of the axes.
 Trivial kinematics move an axis by its own joints, whose limits hold for the axis too: the tightest
 counts. A variable that stands twice in a section has its first value. `#INCLUDE` is refused: the
-controller searches for such files in folders that are not known here.
+controller searches for such files in folders that are unknown here.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ def _find_values(file: str, lines: list[str]) -> dict[str, Value]:
 
 
 def _read_unit(settings: Settings) -> float:
-    """Mm in one unit of the machine."""
+    """Length of one unit of the machine, mm."""
     name = "[TRAJ] LINEAR_UNITS"
     value = settings.values.get(name)
     if value is None:
@@ -103,8 +103,8 @@ def _list_sections(settings: Settings, axis: str) -> list[str]:
     return [f"AXIS_{axis}", *joints]
 
 
-def _names(settings: Settings, sections: list[str], variable: str) -> list[str]:
-    """The names under which a limit stands; the name for the axis if it is missing."""
+def _list_names(settings: Settings, sections: list[str], variable: str) -> list[str]:
+    """The names under which a limit is set; the name for the axis if it is missing."""
     names = [f"[{section}] {variable}" for section in sections]
     return [name for name in names if name in settings.values] or names[:1]
 
@@ -115,7 +115,7 @@ def _read_axes(
     """The tightest limit above 0 of each axis, mm."""
     limits: list[float] = []
     for axis in _AXES:
-        names = _names(settings, sections[axis], variable)
+        names = _list_names(settings, sections[axis], variable)
         limits.append(min(settings.above_zero(name) for name in names) * mm)
     return (limits[0], limits[1], limits[2])
 
@@ -127,8 +127,8 @@ def _read_travel(
     low: list[float] = []
     high: list[float] = []
     for axis in _AXES:
-        begins = _names(settings, sections[axis], "MIN_LIMIT")
-        ends = _names(settings, sections[axis], "MAX_LIMIT")
+        begins = _list_names(settings, sections[axis], "MIN_LIMIT")
+        ends = _list_names(settings, sections[axis], "MAX_LIMIT")
         begin = max(settings.number(name) for name in begins)
         end = min(settings.number(name) for name in ends)
         if begin >= end:

@@ -1,4 +1,4 @@
-"""3-D parts, meshes and STEP (docs/inputs/solid.md)."""
+"""3-D parts: meshes and STEP files (docs/inputs/solid.md)."""
 
 from __future__ import annotations
 
@@ -18,23 +18,26 @@ from camgen.model.text import counted, harmless, short
 from camgen.read.clamps import make_prism
 from camgen.read.files import Files
 from camgen.read.solid import mesh
-from camgen.read.solid.faces import Face, beside, faces_of
+from camgen.read.solid.faces import Face, find_adjacent_faces, make_faces
 from camgen.read.units import MM
 
-#: The suffixes of STEP files.
+#: Suffixes of STEP files.
 STEP = (".step", ".stp")
-#: So many faces are listed.
-_LISTED = 200
+#: A page lists the faces of a part with at most this number of them.
+_MAX_LISTED = 200
 
 
 class SolidFacts(Struct, frozen=True):
-    """The content of a 3-D part; its ``str`` is a page to print.
+    """The content of a 3-D part. Its `str` is a page to print.
 
+    units: unit of the file.
     size: extent along x, y and z, mm.
     bodies: names of the bodies, "" for a body without a name.
     faces: number of triangles.
     edge_kinds: number of edges of each kind, "convex line" and so on.
-    surfaces: faces between sharp edges, each with the ids of its edges.
+    edges: edges in the order of their ids.
+    surfaces: faces between sharp edges, each with the ids of its edges. The ids are left out if
+        there are too many faces to list.
     notes: everything that was assumed, repaired, joined or left out.
     """
 
@@ -53,90 +56,92 @@ class SolidFacts(Struct, frozen=True):
             f"3-D part of {size} mm, units {self.units}, {counted(self.faces, 'triangle')}",
             f"bodies: {describe_bodies(self.bodies)}",
             f"edges: {describe_edges(self.edge_kinds)}",
-            *(_describe(edge) for edge in self.edges),
-            *self._tell_faces(),
-            *map(str, self.notes),
+            *map(_describe_edge, self.edges),
         ]
-        return "\n".join(lines)
+        is_long = len(self.surfaces) > _MAX_LISTED
+        lines.append(f"faces: {len(self.surfaces)}" + (", too many to list" if is_long else ""))
+        if not is_long:
+            lines += [_describe_face(face, edges) for face, edges in self.surfaces]
+        return "\n".join([*lines, *map(str, self.notes)])
 
-    def _tell_faces(self) -> list[str]:
-        if len(self.surfaces) > _LISTED:
-            return [f"faces: {len(self.surfaces)}, too many to list"]
-        return [f"faces: {len(self.surfaces)}", *(_describe_face(*one) for one in self.surfaces)]
 
-
-def count_kinds(edges: Iterable[Edge]) -> dict[str, int]:
+def count_edge_kinds(edges: Iterable[Edge]) -> dict[str, int]:
     """The number of edges of each kind: "convex line", "concave circle" and so on."""
     kinds = Counter(f"{'convex' if e.convex else 'concave'} {e.kind}" for e in edges)
     return dict(sorted(kinds.items(), reverse=True))
 
 
 def describe_edges(kinds: Mapping[str, int]) -> str:
-    """One line: all, convex ones by kind, concave ones by kind."""
+    """One line with the number of all edges, of the convex ones and of the concave ones by kind.
+
+    kinds: numbers as from `count_edge_kinds`.
+    """
     texts = [str(sum(kinds.values()))]
-    for sort in ("convex", "concave"):
-        own = {name.split()[1]: n for name, n in kinds.items() if name.split()[0] == sort}
-        listed = ", ".join(counted(n, kind) for kind, n in own.items())
-        texts.append(f"{sum(own.values())} {sort}" + (f" ({listed})" if own else ""))
+    for convexity in ("convex", "concave"):
+        counts = {name.split()[1]: n for name, n in kinds.items() if name.startswith(convexity)}
+        listed = ", ".join(counted(count, kind) for kind, count in counts.items())
+        texts.append(f"{sum(counts.values())} {convexity}" + (f" ({listed})" if counts else ""))
     return ", ".join(texts)
 
 
 def _describe_face(face: Face, edges: tuple[str, ...]) -> str:
-    """One face: id, area, where a flat one looks to, and its edges."""
-    bent = (
-        "bent"
-        if face.looks is None
-        else "looks to " + " ".join(short(v + 0.0, 3) for v in face.looks.tolist())
-    )
-    return f"{face.id}: {short(face.area, 1)} mm2, {bent}, " + (
-        f"edges {' '.join(edges)}" if edges else "no edges"
-    )
+    """A line about a face: id, area, direction of a flat one, and its edges."""
+    shape = "bent"
+    if face.looks is not None:
+        shape = "looks to " + " ".join(short(v + 0.0, 3) for v in face.looks.tolist())
+    listed = f"edges {' '.join(edges)}" if edges else "no edges"
+    return f"{face.id}: {short(face.area, 1)} mm2, {shape}, {listed}"
 
 
-def _describe(edge: Edge) -> str:
-    """One edge: id, kind, length, angle between the faces' normals, convexity, and where it starts."""
+def _describe_edge(edge: Edge) -> str:
+    """A line about an edge: id, kind, length, angle between the face normals, convexity, start."""
     radius = f" of radius {short(edge.radius, 3)} mm" if edge.radius else ""
-    sort = "convex" if edge.convex else "concave"
+    convexity = "convex" if edge.convex else "concave"
     start = " ".join(short(v, 2) for v in edge.points[0].tolist())
     size = f"{short(edge.length, 3)} mm, {math.degrees(edge.angle):.1f} deg"
-    return f"{edge.id}: {edge.kind}{radius}, {size}, {sort}, from {start}"
+    return f"{edge.id}: {edge.kind}{radius}, {size}, {convexity}, from {start}"
 
 
 def inspect(source: Source, job: Job, _files: Files) -> SolidFacts:
-    """What is in the 3-D part. InputError if there is none."""
-    found = solid(source, job)
-    low, high = found.vertices.min(axis=0), found.vertices.max(axis=0)
+    """The content of the 3-D part in a file. Raises the errors of `read`."""
+    shape = read_solid(source, job)
     return SolidFacts(
-        harmless(found.units),
-        to_vec3(np.subtract(high, low)),
-        found.bodies,
-        len(found.faces),
-        count_kinds(found.edges),
-        found.edges,
-        _surfaces(found),
-        found.notes,
+        harmless(shape.units),
+        to_vec3(np.subtract(shape.vertices.max(axis=0), shape.vertices.min(axis=0))),
+        shape.bodies,
+        len(shape.faces),
+        count_edge_kinds(shape.edges),
+        shape.edges,
+        _list_surfaces(shape),
+        shape.notes,
     )
 
 
-def _surfaces(found: Solid) -> tuple[tuple[Face, tuple[str, ...]], ...]:
-    """The faces with their edges; of very many without."""
-    faces = faces_of(found)
-    own: list[list[str]] = [[] for _ in faces.listed]
-    if len(own) <= _LISTED:
-        for name, pair in beside(found.edges, found, faces).items():
+def _list_surfaces(shape: Solid) -> tuple[tuple[Face, tuple[str, ...]], ...]:
+    """The faces with the ids of their edges, which are left out if the faces are not listed."""
+    faces = make_faces(shape)
+    edges: list[list[str]] = [[] for _ in faces.listed]
+    if len(edges) <= _MAX_LISTED:
+        for name, pair in find_adjacent_faces(shape.edges, shape, faces).items():
             for k in sorted(set(pair)):
-                own[k].append(name)
-    return tuple((face, tuple(names)) for face, names in zip(faces.listed, own, strict=True))
+                edges[k].append(name)
+    return tuple((face, tuple(names)) for face, names in zip(faces.listed, edges, strict=True))
 
 
 def read(source: Source, job: Job, _files: Files) -> Part:
-    """The 3-D part in ``source``. InputError if there is none."""
-    found = solid(source, job)
-    return Part(found.name, found.source, found.units, (), found.notes, solid=found)
+    """The part in a 3-D file. Raises the errors of `read_solid`."""
+    shape = read_solid(source, job)
+    return Part(shape.name, shape.source, shape.units, (), shape.notes, solid=shape)
 
 
-def solid(source: Source, job: Job) -> Solid:
-    """The 3-D part in ``source``, its units taken from ``input.units`` where the file has none."""
+def read_solid(source: Source, job: Job) -> Solid:
+    """The solid in a 3-D file.
+
+    `input.units` replaces the unit of a mesh. With "auto" it is the one of the file, or mm.
+
+    Raises InputError for a file without a solid. Raises JobError if `input.units` is unknown, or is
+    set for a STEP file.
+    """
     wanted = job.input.units.strip().lower()
     if source.suffix in STEP:
         from camgen.read.solid import step  # noqa: PLC0415 (3 ms, which a mesh does not need)
@@ -158,11 +163,11 @@ def solid(source: Source, job: Job) -> Solid:
 def read_fixtures(
     job: Job, files: Files, part: Part | None = None
 ) -> tuple[tuple[str, Solid], ...]:
-    """The fixtures of a job that are no boxes, with their names, work frame.
+    """The fixtures of a job except boxes, each with its name, work frame.
 
     part: part with the clamps of its drawing; None without a drawing.
 
-    Raises InputError for a file that is no mesh, and the errors of `make_prism` for clamps that are
+    Raises InputError for a file without a mesh, and the errors of `make_prism` for clamps that are
     drawn.
     """
     named: list[tuple[str, Solid]] = []

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,50 +9,40 @@ import numpy as np
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 from camgen.model.text import harmless
-from camgen.read.solid.topology import Pairs, components
+from camgen.read.solid.soup import NamedVertices
+from camgen.read.solid.topology import Pairs, label_components
 
 
 class BodyTable(NamedTuple):
-    """The connected surfaces of a mesh.
+    """The bodies of a mesh: its B connected surfaces, in the order of their first faces.
 
-    of: (F,) number of the body of each face, in the order of their first faces.
+    body_of_face: (F,) number of the body of each face.
     volume: (B,) mm3, negative for a surface that is inside out.
     is_closed: (B,) whether every side has two faces.
     """
 
-    of: IntArray
+    body_of_face: IntArray
     volume: FloatArray
     is_closed: BoolArray
-
-
-class NamedVertices(NamedTuple):
-    """Names of bodies in a file.
-
-    names: names, in the order of the file.
-    owners: (V,) index of the name of each vertex, -1 for a vertex without one.
-    """
-
-    names: Sequence[str]
-    owners: IntArray
 
 
 def tabulate_bodies(
     vertices: FloatArray, faces: IntArray, pairs: Pairs, is_turned: BoolArray | None = None
 ) -> BodyTable:
-    """The bodies of a mesh; faces hang together where two of them share a side.
+    """The bodies of a mesh. Faces belong to one body if they share a side with no third face.
 
-    is_turned: (F,) faces whose winding counts as opposite; None for none of them.
+    is_turned: (F,) faces whose winding counts as opposite. None is as False for all faces.
     """
-    root = components(len(faces), pairs.first // 3, pairs.second // 3)
-    label, of = np.unique(root, return_inverse=True)
+    root = label_components(len(faces), pairs.first // 3, pairs.second // 3)
+    label, body_of_face = np.unique(root, return_inverse=True)
     corners = vertices[faces] - vertices[faces].mean(axis=(0, 1))
     volume = np.einsum("fi,fi->f", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6
     if is_turned is not None:
         volume = np.where(is_turned, -volume, volume)
-    total = np.asarray(np.bincount(of, volume, len(label)), dtype=np.float64)
+    total = np.asarray(np.bincount(body_of_face, volume, len(label)), dtype=np.float64)
     is_closed = np.ones(len(label), dtype=bool)
-    is_closed[of[np.concatenate([pairs.open, pairs.crowded]) // 3]] = False
-    return BodyTable(of, total, is_closed)
+    is_closed[body_of_face[np.concatenate([pairs.open, pairs.crowded]) // 3]] = False
+    return BodyTable(body_of_face, total, is_closed)
 
 
 def name_bodies(
@@ -69,9 +58,10 @@ def name_bodies(
     if named is not None:
         owners = named.owners[faces[:, 0]]
         count = len(named.names)
-        keys = (table.of * count + owners)[owners >= 0]
-        used, faces_of = np.unique(keys, return_counts=True)
-        order = np.argsort(faces_of, kind="stable")  # the name of most faces is written last
+        keys = (table.body_of_face * count + owners)[owners >= 0]
+        used, face_counts = np.unique(keys, return_counts=True)
+        # The name that most faces of a body have is written last and stays.
+        order = np.argsort(face_counts, kind="stable")
         names[used[order] // count] = used[order] % count
     listed = names[is_body].tolist()
     return tuple("" if k < 0 or named is None else harmless(named.names[k]) for k in listed)

@@ -1,4 +1,4 @@
-"""The faces of a 3-D part: what of its surface lies between sharp edges, with ids as users see them."""
+"""The faces of a 3-D part: regions of its surface between sharp edges, with ids for the user."""
 
 from __future__ import annotations
 
@@ -10,19 +10,23 @@ from msgspec import Struct
 from camgen.geometry.vectors import cross
 from camgen.model.part import FEATURE_ANGLE, Edge, IntArray, Solid
 from camgen.model.pose import FloatArray
-from camgen.read.solid.topology import components, pair
+from camgen.read.solid.topology import label_components, pair_half_edges
 
-#: mm: triangles that are so near to an edge, beside the nearest one, are beside it.
-_BESIDE = 0.01
-#: A face whose triangles look so nearly the same way (cosine) is flat.
-_FLAT = float(np.cos(np.radians(1.0)))
-#: Places are compared in steps of this (mm) for the order of faces.
-_STEP = 1e-3
+#: mm: triangles count as adjacent to an edge up to twice the distance of the nearest one plus this.
+_ADJACENT_MM = 0.01
+#: A face is flat if no normal of its triangles is farther from their mean than this (cosine).
+_FLAT_COSINE = float(np.cos(np.radians(1.0)))
+#: mm: positions are compared in steps of this for the order of faces.
+_ORDER_STEP_MM = 1e-3
 
 
 class Face(Struct, frozen=True, eq=False):
-    """id: "f1" and on, from the highest to the lowest by their middles, then by y, then by x. area: mm2. looks: (3,)
-    unit outward normal of a flat face, else None.
+    """A region of the surface between sharp edges.
+
+    id: "f1", "f2", ... from the highest to the lowest by the middles of their boxes, then by y,
+        then by x.
+    area: mm2.
+    looks: (3,) unit outward normal of a flat face, None for a curved one.
     """
 
     id: str
@@ -31,69 +35,77 @@ class Face(Struct, frozen=True, eq=False):
 
 
 class Faces(Struct, frozen=True, eq=False):
-    """listed: by id. of: (F,) the place in ``listed`` of every triangle's face."""
+    """The faces of a part.
+
+    listed: faces in the order of their ids.
+    face_of_triangle: (F,) index in `listed` of the face of each triangle.
+    """
 
     listed: tuple[Face, ...]
-    of: IntArray
+    face_of_triangle: IntArray
 
 
-def faces_of(solid: Solid) -> Faces:
-    """The faces of ``solid``: triangles that meet at less than ``FEATURE_ANGLE`` are one."""
-    met = pair(solid.faces)
-    a, b = met.first // 3, met.second // 3
+def make_faces(solid: Solid) -> Faces:
+    """The faces of `solid`: triangles that meet at less than `FEATURE_ANGLE` belong together."""
+    pairs = pair_half_edges(solid.faces)
+    a, b = pairs.first // 3, pairs.second // 3
     smooth = (solid.normals[a] * solid.normals[b]).sum(axis=1) > np.cos(FEATURE_ANGLE)
-    roots, of = np.unique(components(len(solid.faces), a[smooth], b[smooth]), return_inverse=True)
+    label = label_components(len(solid.faces), a[smooth], b[smooth])
+    roots, face_of = np.unique(label, return_inverse=True)
     corners = solid.vertices[solid.faces]
-    areas = (
-        np.linalg.norm(cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-        / 2
-    )
+    sides = corners[:, 1:] - corners[:, :1]
+    areas = np.linalg.norm(cross(sides[:, 0], sides[:, 1]), axis=1) / 2
     low, high = np.full((len(roots), 3), np.inf), np.full((len(roots), 3), -np.inf)
-    np.minimum.at(low, of, corners.min(axis=1))
-    np.maximum.at(high, of, corners.max(axis=1))
-    area, mean = np.bincount(of, areas), np.zeros((len(roots), 3))
-    np.add.at(mean, of, solid.normals * areas[:, None])
-    key = np.floor(((low + high) / 2 * (1, 1, -1))[:, [2, 1, 0]] / _STEP + 0.4637)
+    np.minimum.at(low, face_of, corners.min(axis=1))
+    np.maximum.at(high, face_of, corners.max(axis=1))
+    area, mean = np.bincount(face_of, areas), np.zeros((len(roots), 3))
+    np.add.at(mean, face_of, solid.normals * areas[:, None])
+    # The offset keeps middles at whole and half steps away from the limits of their steps.
+    key = np.floor(((low + high) / 2 * (1, 1, -1))[:, [2, 1, 0]] / _ORDER_STEP_MM + 0.4637)
     order = np.lexsort((roots, *key.T[::-1]))
     rank = np.argsort(order)
     looks = mean / np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-12)
-    least = np.ones(len(roots))
-    np.minimum.at(least, of, (solid.normals * looks[of]).sum(axis=1))
+    lowest_cosine = np.ones(len(roots))
+    np.minimum.at(lowest_cosine, face_of, (solid.normals * looks[face_of]).sum(axis=1))
     listed = tuple(
-        Face(f"f{k}", float(area[face]), looks[face] if least[face] > _FLAT else None)
+        Face(
+            f"f{k}", float(area[face]), looks[face] if lowest_cosine[face] > _FLAT_COSINE else None
+        )
         for k, face in enumerate(order.tolist(), start=1)
     )
-    return Faces(listed, rank[of])
+    return Faces(listed, rank[face_of])
 
 
-def beside(edges: Iterable[Edge], solid: Solid, faces: Faces) -> dict[str, tuple[int, int]]:
-    """By the id of each edge the places in ``faces.listed`` of its two faces, the one of its first normal first."""
+def find_adjacent_faces(
+    edges: Iterable[Edge], solid: Solid, faces: Faces
+) -> dict[str, tuple[int, int]]:
+    """The two faces of each edge, by the id of the edge.
+
+    A face is given by its index in `faces.listed`. The first one belongs to the first normal of the
+    edge.
+    """
     corners = solid.vertices[solid.faces]
-    centre = corners.mean(axis=1)
-    round_ = np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1)
-    found = {}
+    center = corners.mean(axis=1)
+    radius = np.linalg.norm(corners - center[:, None], axis=2).max(axis=1)
+    adjacent = {}
     for edge in edges:
         span = len(edge.via) // 2
-        point = (
-            (edge.points[span] + edge.points[span + 1]) / 2
-            if edge.kind == "line"
-            else edge.via[span]
-        )
-        far = np.linalg.norm(centre - point, axis=1)
-        near = np.flatnonzero(far - round_ <= 2 * far.min() + _BESIDE)
-        gap = _gaps(point, corners[near])
-        near = near[gap <= 2 * gap.min() + _BESIDE]
-        one, other = (
+        point = edge.via[span]
+        distance = np.linalg.norm(center - point, axis=1)
+        near = np.flatnonzero(distance - radius <= 2 * distance.min() + _ADJACENT_MM)
+        gap = _measure_gaps(point, corners[near])
+        near = near[gap <= 2 * gap.min() + _ADJACENT_MM]
+        first, second = (
             int(near[(solid.normals[near] @ normal).argmax()]) for normal in edge.via_normals[span]
         )
-        found[edge.id] = int(faces.of[one]), int(faces.of[other])
-    return found
+        adjacent[edge.id] = int(faces.face_of_triangle[first]), int(faces.face_of_triangle[second])
+    return adjacent
 
 
-def _gaps(point: FloatArray, corners: FloatArray) -> FloatArray:
-    """(N,) mm from a point to the borders of triangles (N, 3, 3)."""
-    along = np.roll(corners, -1, axis=1) - corners
-    away = point - corners
-    share = (away * along).sum(axis=2) / np.maximum((along * along).sum(axis=2), 1e-300)
-    gap = np.linalg.norm(away - np.clip(share, 0.0, 1.0)[..., None] * along, axis=2)
+def _measure_gaps(point: FloatArray, corners: FloatArray) -> FloatArray:
+    """(N,) distances, mm, of a point from the outlines of triangles (N, 3, 3)."""
+    sides = np.roll(corners, -1, axis=1) - corners
+    offset = point - corners
+    share = (offset * sides).sum(axis=2) / np.maximum((sides * sides).sum(axis=2), 1e-300)
+    gap = np.linalg.norm(offset - np.clip(share, 0.0, 1.0)[..., None] * sides, axis=2)
     return np.asarray(gap.min(axis=1))

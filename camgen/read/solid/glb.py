@@ -1,7 +1,7 @@
-"""glTF 2.0 in its binary form: what its reader needs to be right.
+"""Prepares binary glTF 2.0 files for trimesh, which reads the meshes.
 
-trimesh reads the meshes. It passes over extensions and integers that stand for fractions, so both
-are treated before.
+trimesh ignores extensions, and integers that represent fractions. So files with extensions that
+hold shapes are refused, and such integers are converted.
 """
 
 from __future__ import annotations
@@ -13,19 +13,19 @@ from typing import Any
 import numpy as np
 
 from camgen.model.pose import FloatArray
-from camgen.read.solid.unread import UnreadShape
+from camgen.read.solid.soup import UnreadShape
 
 _HEAD = 12
 _QUANTIZED = "KHR_mesh_quantization"
-#: Extensions that change no shape (glTF registry), by how they begin.
+#: Prefixes of extensions that change no shape (glTF registry).
 _HARMLESS = ("KHR_materials_", "KHR_texture_", "KHR_lights_", "EXT_texture_", "KHR_xmp")
-#: Extensions that hold shapes or copies of them, required or not.
+#: Extensions that hold shapes or copies of shapes, required or not.
 _SHAPES = {
     "KHR_draco_mesh_compression": "compressed meshes (Draco)",
     "EXT_meshopt_compression": "compressed meshes (meshopt)",
     "EXT_mesh_gpu_instancing": "instances of meshes",
 }
-#: Types of components, with their largest value where integers stand for fractions.
+#: Types of integers by their code, each with the value that represents 1.
 _TYPES = {
     5120: ("<i1", 127.0),
     5121: ("<u1", 255.0),
@@ -36,7 +36,7 @@ _FLOAT = 5126
 
 
 def prepare_glb(data: bytes) -> bytes:
-    """The file with places as numbers of their own. UnreadShape for a shape that is not read."""
+    """The file with all positions as floats. Raises UnreadShape for a shape that is not read."""
     document, body = _split(data)
     required = set(document.get("extensionsRequired", ()))
     for name in sorted(required | set(document.get("extensionsUsed", ()))):
@@ -46,14 +46,15 @@ def prepare_glb(data: bytes) -> bytes:
         if name in required and name != _QUANTIZED and not name.startswith(_HARMLESS):
             raise UnreadShape(f"requires the extension {name}, which is not read")
     accessors = document.get("accessors", [])
-    places: set[int] = set()
+    positions: set[int] = set()
     for mesh in document.get("meshes", ()):
         for primitive in mesh.get("primitives", ()):
             attributes = primitive.get("attributes", {})
-            places |= {attributes["POSITION"]} if "POSITION" in attributes else set()
-    if any("sparse" in accessors[k] for k in places):
+            if "POSITION" in attributes:
+                positions.add(attributes["POSITION"])
+    if any("sparse" in accessors[k] for k in positions):
         raise UnreadShape("has sparse accessors, which are not read")
-    normalized = [k for k in sorted(places) if accessors[k].get("normalized")]
+    normalized = [k for k in sorted(positions) if accessors[k].get("normalized")]
     if not normalized:
         return data
     for k in normalized:
@@ -73,7 +74,7 @@ def prepare_glb(data: bytes) -> bytes:
 
 
 def list_names(data: bytes) -> set[str]:
-    """The names of nodes and meshes."""
+    """The names of the nodes and meshes of a file."""
     document, _ = _split(data)
     members = [*document.get("nodes", ()), *document.get("meshes", ())]
     return {str(member["name"]) for member in members if member.get("name")}
@@ -97,7 +98,7 @@ def _join(document: dict[str, Any], body: bytes) -> bytes:
 
 
 def _dequantize(document: dict[str, Any], accessor: dict[str, Any], body: bytes) -> FloatArray:
-    """(N, 3) places of integers that stand for -1 to 1, or for 0 to 1 (section 3.6.2.2)."""
+    """(N, 3) positions of integers that represent -1 to 1, or 0 to 1 (section 3.6.2.2)."""
     kind, largest = _TYPES[accessor["componentType"]]
     view = document["bufferViews"][accessor["bufferView"]]
     size = np.dtype(kind).itemsize

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import chain, combinations
+from itertools import chain, combinations, compress
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,21 +14,23 @@ from camgen.model.part import BoolArray, Note
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted, short
 from camgen.read.solid import kernel
-from camgen.read.solid.topology import components
+from camgen.read.solid.topology import label_components
 
-#: mm: faces that are so near are sewn, whatever the file states. No machine sees it.
-_LEAST_TOLERANCE_MM = 1e-4
-#: Faces are sewn over this part of the size of the file at most: a larger uncertainty is not meant.
-_MOST_TOLERANCE = 1e-3
-#: Distances are compared with the tolerance plus this part of it, for the rounding of a text.
+#: mm: smallest tolerance for sewing. Smaller gaps do not matter to any machine.
+_MIN_TOLERANCE_MM = 1e-4
+#: Largest tolerance for sewing, as a fraction of the size of all bodies. A larger uncertainty in a
+#: file is a mistake.
+_MAX_TOLERANCE = 1e-3
+#: Fraction by which the tolerance is raised for the rounding of numbers in a text.
 _ROUNDING = 0.01
 
 
 class Body(Struct, frozen=True, eq=False):
     """A solid, or a surface of faces that belong to no solid.
 
-    name: "" without one.
-    is_solid: whether the file has it as a solid.
+    name: its name in the file, "" without one.
+    shape: shape of the kernel.
+    is_solid: whether the file states that it is a solid.
     """
 
     name: str
@@ -36,32 +38,25 @@ class Body(Struct, frozen=True, eq=False):
     is_solid: bool
 
 
-class Tolerance(NamedTuple):
-    """The distance over which faces are sewn, mm."""
-
-    mm: float
-    notes: tuple[Note, ...] = ()
-
-
-def choose_tolerance(stated: float, size: float) -> Tolerance:
-    """The tolerance for sewing.
+def choose_tolerance(stated: float, size: float) -> tuple[float, list[Note]]:
+    """The distance over which faces are sewn, mm, and a note if the stated one is too large.
 
     stated: uncertainty that the file states, mm, 0 for none.
     size: size of all bodies, mm.
     """
-    limit = max(_MOST_TOLERANCE * size, _LEAST_TOLERANCE_MM)
+    limit = max(_MAX_TOLERANCE * size, _MIN_TOLERANCE_MM)
     if stated <= limit:
-        return Tolerance(max(stated, _LEAST_TOLERANCE_MM))
+        return max(stated, _MIN_TOLERANCE_MM), []
     what = f"faces no more than {short(limit, 4)} mm apart belong together"
     why = f"the file states an uncertainty of {short(stated, 4)} mm, too much for its size"
-    return Tolerance(limit, (Note("assumed", what, why),))
+    return limit, [Note("assumed", what, why)]
 
 
 class _Sewing(NamedTuple):
     """The result of sewing a body.
 
     pieces: solids, shells and faces.
-    edges: number of edges that two faces share now and did not before.
+    edges: number of edges that two faces share after sewing and did not share before.
     gap: largest distance between their faces, mm.
     turned: number of faces that were wound against the others.
     lost: number of edges and faces that are smaller than the tolerance and were left out.
@@ -75,9 +70,9 @@ class _Sewing(NamedTuple):
 
 
 def sew_bodies(bodies: Sequence[Body], tolerance: float) -> tuple[list[Body], list[Note]]:
-    """The bodies with edges that lie within `tolerance` (mm) made common.
+    """Make edges common that are within `tolerance` (mm). Returns the bodies, and notes.
 
-    Solids are sewn one by one, surfaces all together; each connected surface is a body then.
+    Solids are sewn one by one, surfaces all together. Each connected surface is one body then.
     """
     result, sewings = [], []
     for body in bodies:
@@ -87,7 +82,7 @@ def sew_bodies(bodies: Sequence[Body], tolerance: float) -> tuple[list[Body], li
             result.append(replace(body, shape=kernel.make_compound(sewing.pieces)))
     surfaces = [body for body in bodies if not body.is_solid]
     if surfaces:
-        sewing = _sew(kernel.make_compound([body.shape for body in surfaces]), tolerance, False)
+        sewing = _sew(kernel.make_compound(_list_shapes(surfaces)), tolerance, False)
         sewings.append(sewing)
         names = {body.name for body in surfaces}
         name = names.pop() if len(names) == 1 else ""
@@ -97,70 +92,72 @@ def sew_bodies(bodies: Sequence[Body], tolerance: float) -> tuple[list[Body], li
 
 
 def _sew(shape: Any, tolerance: float, is_solid: bool) -> _Sewing:
-    """A body with its faces sewn; as it is if no edges lie together."""
-    meetings = kernel.meetings(shape)
-    if all(len(meeting.uses) > 1 or kernel.degenerate(meeting.edge) for meeting in meetings):
+    """A body with its faces sewn. It is unchanged if no edges are close together."""
+    edges = kernel.list_edges(shape)
+    if all(len(edge.uses) > 1 or kernel.is_degenerate(edge.edge) for edge in edges):
         return _Sewing([shape])
-    sewing = kernel.part("BRepBuilderAPI").BRepBuilderAPI_Sewing(tolerance * (1 + _ROUNDING))
-    faces = list(kernel.inside(shape, "Face"))
+    tool = kernel.import_ocp("BRepBuilderAPI").BRepBuilderAPI_Sewing(tolerance * (1 + _ROUNDING))
+    faces = list(kernel.list_subshapes(shape, "Face"))
     for face in faces:
-        sewing.Add(face)
-    sewing.Perform()
-    sewn = sewing.SewedShape()
-    shared = [meeting.edge for meeting in kernel.meetings(sewn) if len(meeting.uses) > 1]
-    count = len(shared) - sum(len(meeting.uses) > 1 for meeting in meetings)
+        tool.Add(face)
+    tool.Perform()
+    sewn = tool.SewedShape()
+    shared = [edge.edge for edge in kernel.list_edges(sewn) if len(edge.uses) > 1]
+    count = len(shared) - sum(len(edge.uses) > 1 for edge in edges)
     if count <= 0:
         return _Sewing([shape])
-    forward = {hash(sewing.ModifiedSubShape(face)): kernel.forward(face) for face in faces}
-    pieces = _list_pieces(sewn, forward, is_solid)
-    lost = int(sewing.NbDegeneratedShapes()) + int(sewing.NbDeletedFaces())
+    was_forward = {hash(tool.ModifiedSubShape(face)): kernel.is_forward(face) for face in faces}
+    pieces = _list_pieces(sewn, was_forward, is_solid)
+    lost = int(tool.NbDegeneratedShapes()) + int(tool.NbDeletedFaces())
     gap = max(map(kernel.measure_tolerance, shared))
-    turned = sum(_count_turned(piece, forward) for piece in pieces)
+    turned = sum(_count_turned(piece, was_forward) for piece in pieces)
     return _Sewing(pieces, count, gap, turned, lost)
 
 
-def _list_pieces(sewn: Any, forward: Mapping[int, bool], is_solid: bool) -> list[Any]:
+def _list_pieces(sewn: Any, was_forward: Mapping[int, bool], is_solid: bool) -> list[Any]:
     """The shells of a sewn shape, closed ones as solids, and the faces that are in no shell.
 
-    A closed shell looks outward. Other shells look where most of their faces did, and so do the
-    shells of a solid that has several: some bound its voids.
+    A closed shell is turned outward. Other shells keep the orientation that most of their faces
+    had. So do the shells of a solid with several, because some of them bound its voids.
+
+    was_forward: orientation of each face before sewing, by its hash.
     """
-    shells = list(kernel.inside(sewn, "Shell"))
+    shells = list(kernel.list_subshapes(sewn, "Shell"))
     pieces = []
     for shell in shells:
         if shell.Closed() and not (is_solid and len(shells) > 1):
             pieces.append(kernel.make_solid(shell))
         else:
-            is_turned = 2 * _count_turned(shell, forward) > len(list(kernel.inside(shell, "Face")))
+            face_count = len(list(kernel.list_subshapes(shell, "Face")))
+            is_turned = 2 * _count_turned(shell, was_forward) > face_count
             pieces.append(shell.Reversed() if is_turned else shell)
-    return pieces + list(kernel.inside(sewn, "Face", "Shell"))
+    return pieces + list(kernel.list_subshapes(sewn, "Face", "Shell"))
 
 
-def _count_turned(shape: Any, forward: Mapping[int, bool]) -> int:
-    """The number of faces that do not look where they did.
-
-    forward: whether each face looked along its surface, by its hash.
-    """
-    faces = list(kernel.inside(shape, "Face"))
-    return sum(forward.get(hash(f), kernel.forward(f)) != kernel.forward(f) for f in faces)
+def _count_turned(shape: Any, was_forward: Mapping[int, bool]) -> int:
+    """The number of faces whose orientation changed. `was_forward` is as in `_list_pieces`."""
+    count = 0
+    for face in kernel.list_subshapes(shape, "Face"):
+        is_forward = kernel.is_forward(face)
+        count += was_forward.get(hash(face), is_forward) != is_forward
+    return count
 
 
 def _note_sewing(sewings: Sequence[_Sewing]) -> list[Note]:
-    edges = sum(sewing.edges for sewing in sewings)
-    turned = sum(sewing.turned for sewing in sewings)
-    lost = sum(sewing.lost for sewing in sewings)
-    if not edges:
+    if not any(sewing.edges for sewing in sewings):
         return []
-    gap = max(sewing.gap for sewing in sewings)
+    _, edges, gaps, turned, lost = zip(*sewings, strict=True)
     text = counted(
-        edges, "edge that faces did not share was", "edges that faces did not share were"
+        sum(edges), "edge that faces did not share was", "edges that faces did not share were"
     )
-    notes = [Note("repaired", f"{text} sewn", f"the faces are no more than {gap:.2g} mm apart")]
-    if turned:
-        text = counted(turned, "face was", "faces were")
+    notes = [
+        Note("repaired", f"{text} sewn", f"the faces are no more than {max(gaps):.2g} mm apart")
+    ]
+    if any(turned):
+        text = counted(sum(turned), "face was", "faces were")
         notes.append(Note("repaired", f"{text} wound against the others of the body and turned"))
-    if lost:
-        text = counted(lost, "edge or face was", "edges or faces were")
+    if any(lost):
+        text = counted(sum(lost), "edge or face was", "edges or faces were")
         notes.append(Note("skipped", f"{text} left out", "smaller than the tolerance of sewing"))
     return notes
 
@@ -180,38 +177,38 @@ class _FaceTable(NamedTuple):
 
 
 def join_touching(bodies: Sequence[Body], tolerance: float) -> tuple[Any, list[Note]]:
-    """All bodies as one shape. Bodies that touch face to face are joined in it.
+    """All bodies as one shape, in which bodies that touch face to face are joined, and notes.
 
     Joined bodies have no edge where they are flush, and a concave one where one ends on another.
     """
     solids = [body for body in bodies if kernel.is_solid(body.shape)]
     if len(solids) < 2:
-        return kernel.make_compound([body.shape for body in bodies]), []
-    tables = [_tabulate(body.shape) for body in solids]
+        return kernel.make_compound(_list_shapes(bodies)), []
+    tables = list(map(_tabulate, _list_shapes(solids)))
     pairs = [
         (a, b)
         for a, b in combinations(range(len(solids)), 2)
         if _may_touch(tables[a], tables[b], tolerance)
     ]
     first, second = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
-    group = components(len(solids), first, second)
+    group = label_components(len(solids), first, second)
     shapes = [body.shape for body in bodies if not kernel.is_solid(body.shape)]
     notes: list[Note] = []
     for label in np.unique(group).tolist():
-        members = [solids[k] for k in np.flatnonzero(group == label).tolist()]
+        members = list(compress(solids, group == label))
         shapes += _join(members, tolerance, notes) if len(members) > 1 else [members[0].shape]
     return kernel.make_compound(shapes), notes
 
 
 def _join(bodies: Sequence[Body], tolerance: float, notes: list[Note]) -> list[Any]:
     """The shapes of bodies that may touch, joined if they do."""
-    shapes = [body.shape for body in bodies]
+    shapes = _list_shapes(bodies)
     union = kernel.unite(shapes, tolerance)
     if union is None:
         what = f"{len(bodies)} bodies that may touch cannot be joined: {_list_names(bodies)}"
         notes.append(Note("warning", what, "where they are flush, their seam is an edge"))
         return shapes
-    count = len(list(kernel.inside(union, "Solid")))
+    count = len(list(kernel.list_subshapes(union, "Solid")))
     if count == len(shapes):
         return shapes
     overlap = sum(map(kernel.measure_volume, shapes)) - kernel.measure_volume(union)
@@ -226,7 +223,7 @@ def _join(bodies: Sequence[Body], tolerance: float, notes: list[Note]) -> list[A
 def _set_aside(
     bodies: Sequence[Body], overlap: float, tolerance: float, notes: list[Note]
 ) -> list[Any]:
-    """The shapes of bodies, those that overlap as they are, the others joined where they touch.
+    """The shapes of bodies if some overlap: these unchanged, the others joined where they touch.
 
     overlap: volume that the bodies share, mm3.
     """
@@ -240,7 +237,7 @@ def _set_aside(
     what = f"{len(alone)} bodies overlap by {short(overlap, 1)} mm3: {_list_names(alone)}"
     notes.append(Note("warning", what, "each has its edges as if it stood alone"))
     others = [body for k, body in enumerate(bodies) if k not in aside]
-    shapes = [body.shape for body in alone]
+    shapes = _list_shapes(alone)
     if others:
         joined, more = join_touching(others, tolerance)
         shapes.append(joined)
@@ -258,18 +255,22 @@ def _overlap(first: Any, second: Any, tolerance: float) -> bool:
     return common is not None and kernel.measure_volume(common) > slack
 
 
+def _list_shapes(bodies: Sequence[Body]) -> list[Any]:
+    return [body.shape for body in bodies]
+
+
 def _list_names(bodies: Sequence[Body]) -> str:
     return ", ".join(body.name or "one without a name" for body in bodies)
 
 
 def _tabulate(shape: Any) -> _FaceTable:
-    faces = list(kernel.inside(shape, "Face"))
+    faces = list(kernel.list_subshapes(shape, "Face"))
     boxes = np.array([kernel.measure_box(face) for face in faces]).reshape(-1, 2, 3)
     return _FaceTable(boxes, [kernel.Surface(face) for face in faces])
 
 
 def _may_touch(first: _FaceTable, second: _FaceTable, tolerance: float) -> bool:
-    """Whether two bodies have faces beside each other on the same surface."""
+    """Whether two bodies have faces with boxes that meet on the same surface."""
     if not _meet(_enclose(first.boxes), _enclose(second.boxes), tolerance).all():
         return False
     near = _meet(first.boxes, second.boxes, tolerance)
@@ -280,12 +281,12 @@ def _may_touch(first: _FaceTable, second: _FaceTable, tolerance: float) -> bool:
 
 
 def _enclose(boxes: FloatArray) -> FloatArray:
-    """(1, 2, 3) the box around all boxes (F, 2, 3)."""
+    """(1, 2, 3) the box that encloses all boxes (F, 2, 3)."""
     return np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])[None]
 
 
 def _meet(first: FloatArray, second: FloatArray, tolerance: float) -> BoolArray:
-    """(N, M) whether boxes (N, 2, 3) and (M, 2, 3) are no farther apart than the tolerance."""
+    """(N, M) whether boxes (N, 2, 3) and (M, 2, 3) are within the tolerance of each other."""
     lower = np.maximum(first[:, None, 0], second[None, :, 0])
     upper = np.minimum(first[:, None, 1], second[None, :, 1])
     return np.asarray((lower <= upper + tolerance).all(axis=2))

@@ -1,4 +1,4 @@
-"""Meshes (STL, OBJ, PLY, OFF, 3MF, GLB) as solids: cleaned triangles, and sharp edges as lines, arcs and circles."""
+"""Meshes (STL, OBJ, PLY, OFF, 3MF, GLB) as solids: a clean surface, its borders and its edges."""
 
 from __future__ import annotations
 
@@ -12,75 +12,100 @@ from camgen.model.files import Source
 from camgen.model.part import FEATURE_ANGLE, BoolArray, IntArray, Note, Solid
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted
-from camgen.read.solid import topology as welding
-from camgen.read.solid.bodies import NamedVertices, name_bodies, tabulate_bodies
-from camgen.read.solid.edges import edges_of, order
-from camgen.read.solid.mesh_file import MeshSoup, load
-from camgen.read.solid.sharp import SharpSides, chain, dangling, face_normals, segments
+from camgen.read.solid.bodies import BodyTable, name_bodies, tabulate_bodies
+from camgen.read.solid.edges import make_edges, sort_edges
+from camgen.read.solid.mesh_file import read_mesh
+from camgen.read.solid.sharp import (
+    chain_sides,
+    compute_normals,
+    find_dangling,
+    find_sharp_sides,
+)
+from camgen.read.solid.soup import MeshSoup, NamedVertices
 from camgen.read.solid.tjunctions import split_at_junctions
-from camgen.read.solid.topology import Pairs, components, ends, pair
+from camgen.read.solid.topology import (
+    Pairs,
+    drop_degenerate,
+    drop_duplicates,
+    drop_unused,
+    label_components,
+    list_ends,
+    merge_equal_vertices,
+    pair_half_edges,
+    weld_rims,
+)
 from camgen.read.units import doubts
 
-# Faces wound so that their normals point out of the part, whatever the file says.
+# Winding: faces are turned so that their normals point out of the part, whatever the file states.
 
 
-def wrongly_wound(
+def find_wrong_winding(
     vertices: FloatArray, faces: IntArray, pairs: Pairs
 ) -> tuple[BoolArray, int, int]:
-    """(F,) the faces to turn round, how many of them disagree with their body, and how many bodies are inside out.
+    """The faces that are wound wrongly (F,), and the numbers of the two reasons.
 
-    Faces that hang together are wound like the most of them. A closed body is turned if its volume is negative, unless
-    it lies within the box of another one: then it may be a void, and is turned if that one is.
+    Connected faces are wound like the majority of them. The first number counts the faces of
+    minorities. A closed body is turned if its volume is negative, unless it lies within the box of
+    another one: then it may be a void, and is turned together with that one. The second number
+    counts the bodies that are turned.
     """
-    turn = _minority(faces, pairs)
-    odd = int(np.count_nonzero(turn))
-    of, volume, closed = tabulate_bodies(vertices, faces, pairs, turn)
-    inverted = _invert(vertices[faces], of, volume, closed)
-    return turn ^ inverted[of], odd, int(np.count_nonzero(inverted))
+    odd = _find_minority(faces, pairs)
+    bodies = tabulate_bodies(vertices, faces, pairs, odd)
+    inverted = _find_inverted(vertices[faces], bodies)
+    is_wrong = odd ^ inverted[bodies.body_of_face]
+    return is_wrong, int(np.count_nonzero(odd)), int(np.count_nonzero(inverted))
 
 
-def _minority(faces: IntArray, pairs: Pairs) -> BoolArray:
-    """(F,) faces that are wound against the most of their body.
+def _find_minority(faces: IntArray, pairs: Pairs) -> BoolArray:
+    """(F,) whether a face is wound against the majority of its body.
 
-    Every face is two nodes, as it is and turned; what agrees across an edge is linked. A body whose two halves
-    come out as one cannot be told inside from outside: it is left as it is.
+    Every face is two nodes of a graph, one as it is and one turned. Nodes that agree across a side
+    are linked. If the two nodes of a face are connected, its body has one side only, as a Moebius
+    strip has, and is left as it is.
     """
     count = len(faces)
-    turn = np.zeros(count, dtype=bool)
     if not pairs.turned.any():
-        return turn
+        return np.zeros(count, dtype=bool)
     f, g = pairs.first // 3, pairs.second // 3
-    body = components(count, f, g)
+    body = label_components(count, f, g)
     swap = np.where(pairs.turned, count, 0)
-    label = components(
+    label = label_components(
         2 * count, np.concatenate([f, f + count]), np.concatenate([g + swap, g + count - swap])
     )
-    turn = label[:count] > label[count:]
-    most = np.bincount(body, turn, count) * 2 > np.bincount(body, minlength=count)
-    return np.asarray((turn ^ most[body]) & (label[:count] != label[count:]))
+    is_turned = label[:count] > label[count:]
+    is_majority = np.bincount(body, is_turned, count) * 2 > np.bincount(body, minlength=count)
+    return np.asarray((is_turned ^ is_majority[body]) & (label[:count] != label[count:]))
 
 
-def _invert(corners: FloatArray, of: IntArray, volume: FloatArray, closed: BoolArray) -> BoolArray:
-    """(bodies,) which closed ones are inside out: those of negative volume in no other one, and what is in them."""
-    count = len(volume)
+def _find_inverted(corners: FloatArray, bodies: BodyTable) -> BoolArray:
+    """(B,) whether a closed body is inside out.
+
+    These are the bodies of negative volume that lie in no other one, and all bodies in them.
+    """
+    count = len(bodies.volume)
     low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
-    np.minimum.at(low, of, corners.min(axis=1))
-    np.maximum.at(high, of, corners.max(axis=1))
+    np.minimum.at(low, bodies.body_of_face, corners.min(axis=1))
+    np.maximum.at(high, bodies.body_of_face, corners.max(axis=1))
+    closed = bodies.is_closed
     inverted = np.zeros(count, dtype=bool)
-    for k in np.flatnonzero(closed & (volume < 0)).tolist():
+    for k in np.flatnonzero(closed & (bodies.volume < 0)).tolist():
         if not (closed & (low < low[k]).all(axis=1) & (high > high[k]).all(axis=1)).any():
             inverted |= closed & (low >= low[k]).all(axis=1) & (high <= high[k]).all(axis=1)
     return inverted
 
 
-#: An arc is not told from lines more coarsely than by this part of the size of the mesh.
-_FINE = 1e-4
-_SET_UNITS = "set input.units if that is not meant"
+#: Largest tolerance for arcs, as a fraction of the diagonal of the mesh.
+_MAX_TOLERANCE = 1e-4
 
 
 class Surface(Struct, frozen=True, eq=False):
-    """A clean mesh: vertices (V, 3) mm, faces (F, 3) wound outward with normals (F, 3), and how they meet.
+    """A clean mesh.
 
+    vertices: (V, 3) mm.
+    faces: (F, 3) vertices of each face, wound outward.
+    normals: (F, 3) unit outward normals, zero for a face without height that lies in no other.
+    pairs: half-edges where the faces meet.
+    units: unit of the file, for the user.
     named: names of bodies by vertex, None if the file has none.
     """
 
@@ -91,10 +116,6 @@ class Surface(Struct, frozen=True, eq=False):
     units: str
     named: NamedVertices | None = None
 
-    def sides(self, feature_angle: float) -> SharpSides:
-        """The sides of triangles where two faces meet at more than ``feature_angle`` (rad)."""
-        return segments(self.vertices, self.faces, self.normals, self.pairs, feature_angle)
-
 
 def read(
     source: Source,
@@ -102,18 +123,19 @@ def read(
     tolerance: float = 0.01,
     feature_angle: float = FEATURE_ANGLE,
 ) -> Solid:
-    """The solid in a mesh file. ``InputError`` if there is none.
+    """The solid in a mesh file.
 
-    mm: length of one unit of the file, None for its own, which is 1 mm for formats without one. tolerance: mm, what
-    vertices may be off the arcs recognised. feature_angle: rad, sharp edges are those above it.
+    mm: length of one unit of the file, mm. None for the unit that the file states, or 1 mm.
+    tolerance: largest distance of a vertex from the arc that it is recognised as a part of, mm.
+    feature_angle: angle between face normals above which an edge is sharp, rad.
+
+    Raises InputError for a file without a mesh.
     """
-    found = make_solid(load(source), source.stem, source.name, mm, tolerance, feature_angle)
-    size = np.ptp(found.vertices, axis=0).tolist()
-    return (
-        found
-        if mm is not None
-        else replace(found, notes=(*found.notes, *doubts(size, found.units, source.name)))
-    )
+    solid = make_solid(read_mesh(source), source.stem, source.name, mm, tolerance, feature_angle)
+    if mm is not None:
+        return solid
+    size = np.ptp(solid.vertices, axis=0).tolist()
+    return replace(solid, notes=(*solid.notes, *doubts(size, solid.units, source.name)))
 
 
 def make_solid(
@@ -124,15 +146,24 @@ def make_solid(
     tolerance: float = 0.01,
     feature_angle: float = FEATURE_ANGLE,
 ) -> Solid:
-    """The solid of triangles, wherever they are from. stem: the part's name. name: in messages. Else as ``read``."""
-    mesh, notes = _surface(soup, name, mm)
-    borders = _borders(mesh.vertices, mesh.faces, mesh.pairs, notes)
-    sides = mesh.sides(feature_angle)
-    limit = min(tolerance, _FINE * float(np.linalg.norm(np.ptp(mesh.vertices, axis=0))))
-    edges = order(edges_of(chain(sides, mesh.vertices), mesh.vertices, limit))
+    """The solid of triangles from any source.
+
+    stem: name of the part.
+    name: name of the source in messages.
+
+    The other parameters and errors are those of `read`.
+    """
+    mesh, notes = _make_surface(soup, name, mm)
+    borders = _find_borders(mesh.vertices, mesh.faces, mesh.pairs, notes)
+    sides = find_sharp_sides(mesh.vertices, mesh.faces, mesh.normals, mesh.pairs, feature_angle)
+    diagonal = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
+    limit = min(tolerance, _MAX_TOLERANCE * diagonal)
+    chains = chain_sides(sides, mesh.vertices)
+    edges = sort_edges(make_edges(chains, mesh.vertices, limit))
     if edges:
         convex = int(np.count_nonzero(sides.convex))
-        what = f"{convex} convex and {len(sides) - convex} concave sides of triangles are {counted(len(edges), 'edge')}"
+        what = f"{convex} convex and {len(sides) - convex} concave sides of triangles"
+        what += f" are {counted(len(edges), 'edge')}"
         notes.append(Note("joined", what, f"arcs where vertices lie on one within {limit:.3g} mm"))
     return Solid(
         stem,
@@ -148,27 +179,31 @@ def make_solid(
     )
 
 
-def surface(source: Source, mm: float | None = None) -> tuple[Surface, list[Note]]:
-    """The mesh in ``source``, cleaned, and what was done to it. ``mm`` as in ``read``."""
-    return _surface(load(source), source.name, mm)
+def read_surface(source: Source, mm: float | None = None) -> tuple[Surface, list[Note]]:
+    """The clean mesh of a file, and notes on the repairs. `mm` and errors are those of `read`."""
+    return _make_surface(read_mesh(source), source.name, mm)
 
 
-def _surface(soup: MeshSoup, name: str, mm: float | None) -> tuple[Surface, list[Note]]:
+def _make_surface(soup: MeshSoup, name: str, mm: float | None) -> tuple[Surface, list[Note]]:
     notes = list(soup.notes)
     if mm is None and not soup.unit:
         notes.append(
-            Note("assumed", "1 unit of the mesh = 1 mm", f"the file states no unit; {_SET_UNITS}")
+            Note(
+                "assumed",
+                "1 unit of the mesh = 1 mm",
+                "the file states no unit; set input.units if that is not meant",
+            )
         )
     vertices, faces, named = _clean(name, soup, soup.mm if mm is None else mm, notes)
-    pairs = pair(faces)
-    useless = dangling(vertices, faces, pairs)
-    if useless.any():
-        _count(notes, int(np.count_nonzero(useless)), "open")
-        faces = faces[~useless]
-        pairs = pair(faces)
-    faces, pairs = _outward(vertices, faces, pairs, notes)
-    normals, flat = face_normals(vertices, faces, pairs)
-    _count(notes, flat, "flat")
+    pairs = pair_half_edges(faces)
+    is_dangling = find_dangling(vertices, faces, pairs)
+    if is_dangling.any():
+        _note_repair(notes, int(np.count_nonzero(is_dangling)), "open")
+        faces = faces[~is_dangling]
+        pairs = pair_half_edges(faces)
+    faces, pairs = _wind_outward(vertices, faces, pairs, notes)
+    normals, flat = compute_normals(vertices, faces, pairs)
+    _note_repair(notes, flat, "flat")
     units = (soup.unit or "mm") if mm is None else f"{mm:g} mm"
     faces = np.array(faces)
     faces.flags.writeable = False
@@ -178,33 +213,33 @@ def _surface(soup: MeshSoup, name: str, mm: float | None) -> tuple[Surface, list
 def _clean(
     name: str, soup: MeshSoup, mm: float, notes: list[Note]
 ) -> tuple[FloatArray, IntArray, NamedVertices | None]:
-    """Vertices in mm, and faces that have three of them and are there once."""
-    vertices, faces = welding.merge(soup.vertices * mm, soup.faces)
-    proper = welding.without_degenerate(faces)
-    single = welding.without_duplicates(proper)
-    joined, welds = welding.weld(vertices, single)
-    if welds:
-        many = counted(
-            welds, "vertex of rims that nearly meet was", "vertices of rims that nearly meet were"
-        )
-        notes.append(Note("repaired", f"{many} welded"))
-    joined = welding.without_duplicates(welding.without_degenerate(joined))
-    whole, split = split_at_junctions(vertices, joined)
-    _count(notes, split, "junctions")
-    _count(notes, len(faces) - len(proper) + len(single) - len(joined), "empty")
-    _count(notes, len(proper) - len(single), "twice")
-    if not len(whole):
+    """Vertices in mm, faces without degenerate and repeated ones, and the names of bodies."""
+    vertices, faces = merge_equal_vertices(soup.vertices * mm, soup.faces)
+    proper = drop_degenerate(faces)
+    single = drop_duplicates(proper)
+    welded, welds = weld_rims(vertices, single)
+    _note_repair(notes, welds, "welds")
+    welded = drop_duplicates(drop_degenerate(welded))
+    split, junctions = split_at_junctions(vertices, welded)
+    _note_repair(notes, junctions, "junctions")
+    _note_repair(notes, len(faces) - len(proper) + len(single) - len(welded), "empty")
+    _note_repair(notes, len(proper) - len(single), "twice")
+    if not len(split):
         raise InputError(name, "has no face with an area")
-    if soup.named is None:
-        return *welding.drop_unused(vertices, whole), None
-    owners = np.full(len(vertices), -1)
-    owners[faces] = soup.named.owners[soup.faces]
-    named = soup.named._replace(owners=owners[each_once(whole.reshape(-1))])
-    return *welding.drop_unused(vertices, whole), named
+    named = soup.named
+    if named is not None:
+        owners = np.full(len(vertices), -1)
+        owners[faces] = named.owners[soup.faces]
+        named = named._replace(owners=owners[each_once(split.reshape(-1))])
+    return *drop_unused(vertices, split), named
 
 
-#: What is said of faces that are mended, of one and of many.
-_MENDED = {
+#: Text of the note on a repair, for one face, vertex or body and for several.
+_REPAIRS = {
+    "welds": (
+        "vertex of rims that nearly meet was welded",
+        "vertices of rims that nearly meet were welded",
+    ),
     "open": (
         "face without width that closes nothing was left out",
         "faces without width that close nothing were left out",
@@ -227,29 +262,28 @@ _MENDED = {
 }
 
 
-def _count(notes: list[Note], count: int, what: str) -> None:
+def _note_repair(notes: list[Note], count: int, repair: str) -> None:
     if count:
-        notes.append(Note("repaired", counted(count, *_MENDED[what])))
+        notes.append(Note("repaired", counted(count, *_REPAIRS[repair])))
 
 
-def _outward(
+def _wind_outward(
     vertices: FloatArray, faces: IntArray, pairs: Pairs, notes: list[Note]
 ) -> tuple[IntArray, Pairs]:
-    """Faces wound with their normals outward, as far as that can be told."""
-    wrong, odd, bodies = wrongly_wound(vertices, faces, pairs)
-    _count(notes, odd, "odd")
-    _count(notes, bodies, "bodies")
-    if wrong.any():
-        faces = np.where(wrong[:, None], faces[:, ::-1], faces)
-        pairs = pair(faces)
+    """The faces wound with their normals outward, where inside and outside are defined."""
+    is_wrong, odd, bodies = find_wrong_winding(vertices, faces, pairs)
+    _note_repair(notes, odd, "odd")
+    _note_repair(notes, bodies, "bodies")
+    if is_wrong.any():
+        faces = np.where(is_wrong[:, None], faces[:, ::-1], faces)
+        pairs = pair_half_edges(faces)
     if pairs.turned.any():
         between = "between faces that cannot be wound alike"
-        what = counted(
-            int(pairs.turned.sum()), f"side {between} is no edge", f"sides {between} are no edges"
-        )
+        count = int(pairs.turned.sum())
+        what = counted(count, f"side {between} is no edge", f"sides {between} are no edges")
         notes.append(Note("skipped", what, "inside and outside cannot be told apart there"))
     if len(pairs.crowded):
-        start, end = ends(faces, pairs.crowded)
+        start, end = list_ends(faces, pairs.crowded)
         count = len(np.unique(np.sort(np.column_stack([start, end]), axis=1), axis=0))
         where = "where more than two faces meet"
         what = counted(count, f"side {where} is no edge", f"sides {where} are no edges")
@@ -257,25 +291,30 @@ def _outward(
     return faces, pairs
 
 
-def _borders(
+def _find_borders(
     vertices: FloatArray, faces: IntArray, pairs: Pairs, notes: list[Note]
 ) -> tuple[FloatArray, ...]:
-    """Lines along which the surface ends."""
+    """The lines along which the surface ends, each (N, 3) mm."""
     if not len(pairs.open):
         return ()
-    start, end = ends(faces, pairs.open)
-    chains = _border_chains(start.tolist(), end.tolist())
+    start, end = list_ends(faces, pairs.open)
     length = float(np.linalg.norm(vertices[end] - vertices[start], axis=1).sum())
     sides = counted(
         len(pairs.open), f"side, {length:.6g} mm, belongs", f"sides, {length:.6g} mm, belong"
     )
     what = f"the mesh is not closed: {sides} to one face only"
     notes.append(Note("warning", what, "they are borders, not edges"))
+    chains = _chain_borders(start.tolist(), end.tolist())
     return tuple(frozen(vertices[chain]) for chain in chains)
 
 
-def _border_chains(start: list[int], end: list[int]) -> list[list[int]]:
-    """Vertices of each border in order; it ends where it comes back or another one goes on."""
+def _chain_borders(start: list[int], end: list[int]) -> list[list[int]]:
+    """The vertices of each border in order.
+
+    start, end: vertices of each open side.
+
+    A border ends at the vertex where it starts, or where no unused side continues it.
+    """
     leaving: dict[int, list[int]] = {}
     for a, b in zip(start, end, strict=True):
         leaving.setdefault(a, []).append(b)

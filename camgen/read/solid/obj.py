@@ -1,4 +1,4 @@
-"""OBJ files (Wavefront): vertices and polygons; normals, textures and materials are not needed."""
+"""OBJ files (Wavefront): vertices and polygons. Normals, textures and materials are not read."""
 
 from __future__ import annotations
 
@@ -9,54 +9,58 @@ from typing import NamedTuple
 import numpy as np
 
 from camgen.model.part import IntArray, Note
-from camgen.model.pose import FloatArray
 from camgen.model.text import counted
-from camgen.read.solid.bodies import NamedVertices
-from camgen.read.solid.polygons import Triangles, check_numbers, cut_polygons
-from camgen.read.solid.rows import read_equal_rows, read_table
+from camgen.read.solid.polygons import (
+    TRIANGLE,
+    check_numbers,
+    cut_polygons,
+    read_equal_rows,
+    read_table,
+)
+from camgen.read.solid.soup import MeshSoup, NamedVertices
 
 _CONTINUED = re.compile(r"\\[ \t]*\r?\n")
-#: The word of a face in old files.
+#: The keyword of a face in old files.
 _OLD_FACE = re.compile(r"^[ \t]*fo(?=[ \t])", re.MULTILINE)
 #: Statements of free-form curves and surfaces, which hold a shape that is not read.
 _FREE_FORM = ("curv ", "curv2 ", "surf ")
-#: The numbers of texture and normal after the number of a vertex.
+#: The numbers of the texture and the normal after the number of a vertex.
 _SLASHED = re.compile(r"/\S*")
-_TRIANGLE = 3
 
 
-def read_obj(data: bytes) -> tuple[FloatArray, Triangles]:
-    """Vertices (V, 3) and triangles of an OBJ.
-
-    Raises ValueError for a statement that is damaged.
-    """
+def read_obj(data: bytes) -> MeshSoup:
+    """The mesh in an OBJ. Raises ValueError for a damaged statement."""
     text = _OLD_FACE.sub("f", _CONTINUED.sub(" ", data.decode("latin-1")))
     rows = list(filter(None, map(str.strip, text.split("\n"))))
     words = [row[:2].rstrip() for row in rows]
-    places = [row[1:] for row, word in zip(rows, words, strict=True) if word == "v"]
-    vertices = read_table(places, 3)[:, :3]
+    positions = [row[1:] for row, word in zip(rows, words, strict=True) if word == "v"]
+    vertices = read_table(positions, 3)
     groups = _read_faces(rows, words)
     polygons = [group.corners for group in groups]
     check_numbers(polygons, len(vertices))
     triangles = cut_polygons(vertices, polygons)
     notes = (*triangles.notes, *_note_free_forms(rows))
     named = _read_names(rows, words, groups, len(vertices))
-    return vertices, Triangles(triangles.faces, notes, named)
+    return MeshSoup(vertices, triangles.faces, notes=notes, named=named)
 
 
 class _Polygons(NamedTuple):
     """Faces with the same number of corners.
 
-    corners: (F, N) numbers of vertices.
-    places: (F,) their places among all faces of the file.
+    corners: (F, N) numbers of the vertices, from 0.
+    indices: (F,) indices of the faces among all faces of the file.
     """
 
     corners: IntArray
-    places: IntArray
+    indices: IntArray
 
 
 def _read_faces(rows: list[str], words: list[str]) -> list[_Polygons]:
-    """The faces by their number of corners."""
+    """The faces in one table per number of corners.
+
+    rows: rows of the file.
+    words: first word of each row.
+    """
     faces = [row[1:] for row, word in zip(rows, words, strict=True) if word == "f"]
     numbers = _SLASHED.sub("", "\n".join(faces))
     if not faces:
@@ -66,26 +70,29 @@ def _read_faces(rows: list[str], words: list[str]) -> list[_Polygons]:
         if table is not None:
             return [_Polygons(table - 1, np.arange(len(table)))]
     corners: dict[int, list[list[int]]] = {}
-    places: dict[int, list[int]] = {}
-    count = place = 0
+    indices: dict[int, list[int]] = {}
+    vertex_count = face_count = 0
     for row, word in zip(rows, words, strict=True):
-        count += word == "v"
+        vertex_count += word == "v"
         if word == "f":
-            face = _number(row.partition("#")[0].split()[1:], count)
+            face = _read_face(row.partition("#")[0].split()[1:], vertex_count)
             corners.setdefault(len(face), []).append(face)
-            places.setdefault(len(face), []).append(place)
-            place += 1
+            indices.setdefault(len(face), []).append(face_count)
+            face_count += 1
     return [
-        _Polygons(np.array(table), np.array(places[size]))
+        _Polygons(np.array(table), np.array(indices[size]))
         for size, table in corners.items()
-        if size >= _TRIANGLE
+        if size >= TRIANGLE
     ]
 
 
 def _read_names(
     rows: list[str], words: list[str], groups: Sequence[_Polygons], count: int
 ) -> NamedVertices | None:
-    """The names of objects, of groups in a file without objects. count: number of vertices."""
+    """The names of objects, or of groups in a file without objects.
+
+    count: number of vertices.
+    """
     word = "o" if "o" in words else "g"
     if word not in words:
         return None
@@ -98,12 +105,15 @@ def _read_names(
             owner_of_face.append(len(names) - 1)
     owners = np.full(count, -1)
     for group in groups:
-        owners[group.corners] = np.array(owner_of_face)[group.places][:, None]
+        owners[group.corners] = np.array(owner_of_face)[group.indices][:, None]
     return NamedVertices(names, owners)
 
 
-def _number(words: list[str], count: int) -> list[int]:
-    """The vertices of a face, from 0; a negative one counts back from the vertices so far."""
+def _read_face(words: list[str], count: int) -> list[int]:
+    """The vertices of a face, from 0. A negative number counts back from the last vertex before it.
+
+    count: number of vertices before the face.
+    """
     numbers = [int(word.partition("/")[0]) for word in words]
     return [number - 1 if number >= 0 else count + number for number in numbers]
 
@@ -112,7 +122,5 @@ def _note_free_forms(rows: list[str]) -> list[Note]:
     count = sum(row.startswith(_FREE_FORM) for row in rows)
     if not count:
         return []
-    what = (
-        f"{counted(count, 'free-form curve or surface', 'free-form curves and surfaces')} left out"
-    )
-    return [Note("skipped", what, "export the part as polygons, or as STEP")]
+    what = counted(count, "free-form curve or surface", "free-form curves and surfaces")
+    return [Note("skipped", f"{what} left out", "export the part as polygons, or as STEP")]

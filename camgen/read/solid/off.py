@@ -1,4 +1,4 @@
-"""OFF files (Geomview): vertices and polygons; normals and colours are not needed."""
+"""OFF files (Geomview): vertices and polygons. Normals and colours are not read."""
 
 from __future__ import annotations
 
@@ -7,20 +7,24 @@ import re
 import numpy as np
 
 from camgen.model.part import IntArray
-from camgen.model.pose import FloatArray
-from camgen.read.solid.polygons import Triangles, check_numbers, cut_polygons
-from camgen.read.solid.rows import read_equal_rows, read_table
-from camgen.read.solid.unread import UnreadShape
+from camgen.read.solid.polygons import (
+    TRIANGLE,
+    check_numbers,
+    cut_polygons,
+    read_equal_rows,
+    read_table,
+)
+from camgen.read.solid.soup import MeshSoup, UnreadShape
 
-#: The head: texture coordinates, colours and normals may stand behind the coordinates of a vertex.
+#: The head. Its letters say that texture coordinates, colours and normals follow the coordinates.
 _HEAD = re.compile(r"(ST)?(C)?(N)?(4)?(n)?OFF\b")
-_TRIANGLE = 3
 
 
-def read_off(data: bytes) -> tuple[FloatArray, Triangles]:
-    """Vertices (V, 3) and triangles of an OFF.
+def read_off(data: bytes) -> MeshSoup:
+    """The mesh in an OFF.
 
-    Raises ValueError for a file that is damaged, UnreadShape for another dimension.
+    Raises ValueError for a damaged file. Raises UnreadShape for another dimension and for a binary
+    file.
     """
     lines = (line.partition("#")[0].strip() for line in data.decode("latin-1").split("\n"))
     rows = list(filter(None, lines))
@@ -30,7 +34,7 @@ def read_off(data: bytes) -> tuple[FloatArray, Triangles]:
         raise ValueError("the head OFF is missing")
     if head[4] or head[5] or "BINARY" in words:
         raise UnreadShape(f"is {rows[0]}, which is not read: three coordinates in text are")
-    # The numbers may stand behind the head or in the next line.
+    # The numbers of vertices and faces may be in the line of the head or in the next one.
     rows = rows[1:] if len(words) == 1 else [" ".join(words[1:]), *rows[1:]]
     counts = rows[0].split() if rows else []
     if len(counts) < 2:
@@ -41,11 +45,12 @@ def read_off(data: bytes) -> tuple[FloatArray, Triangles]:
     vertices = read_table(rows[1 : 1 + count], 3)
     polygons = _read_faces(rows[1 + count : 1 + count + faces])
     check_numbers(polygons, len(vertices))
-    return vertices, cut_polygons(vertices, polygons)
+    triangles = cut_polygons(vertices, polygons)
+    return MeshSoup(vertices, triangles.faces, notes=triangles.notes)
 
 
 def _read_faces(rows: list[str]) -> list[IntArray]:
-    """The faces as tables of vertices, by their number of corners."""
+    """The faces as one table (F, N) of vertices per number of corners N."""
     table = read_equal_rows(rows) if rows else None
     if table is not None and (table[:, 0] == table.shape[1] - 1).all():
         return [table[:, 1:]]
@@ -56,4 +61,4 @@ def _read_faces(rows: list[str]) -> list[IntArray]:
         if len(corners) < int(size):
             raise ValueError("a face has fewer vertices than it says")
         by_size.setdefault(len(corners), []).append(corners)
-    return [np.array(table) for size, table in by_size.items() if size >= _TRIANGLE]
+    return [np.array(table) for size, table in by_size.items() if size >= TRIANGLE]

@@ -1,8 +1,9 @@
-"""The text of a STEP file (ISO 10303-21): what of it no edge needs, so that a fault there costs the part nothing.
+"""Repairs the text of a STEP file (ISO 10303-21): removes damaged entities that no edge needs.
 
-The CAD kernel marks the entities that it cannot read. What a shape is made of, its units and its place in an assembly
-must be sound. Styles, colours, texts, dimensions and what else refers to the shape need not: they are taken out of
-the text, with all that refers to them, and the kernel reads the rest. So it never meets an entity that is half read.
+The CAD kernel marks the entities that it cannot read. Entities that define shapes, their units and
+their positions in an assembly must be sound. Styles, colours, texts, dimensions and other entities
+that only refer to shapes are removed from the text, with all that refers to them. The kernel reads
+the rest, so that it never meets an entity that is read in part.
 """
 
 from __future__ import annotations
@@ -18,50 +19,59 @@ from msgspec import Struct, field
 from camgen.model.part import Note
 from camgen.model.text import counted, harmless
 
-#: What may hold any character: texts and comments.
+#: Texts and comments, which may contain any character.
 _FREE = re.compile(rb"'(?:[^']|'')*'|/\*.*?\*/", re.DOTALL)
 _INSTANCE = re.compile(rb"#([0-9]+)\s*=\s*([^;]*);")
 _REFERENCE = re.compile(rb"#([0-9]+)")
-#: A number that may be 0, or beyond 32 bits.
 _POINT = re.compile(rb"CARTESIAN_POINT\s*\(([^;]{0,400})")
 _REAL = re.compile(rb"[-+]?[0-9]+(?:\.[0-9]*)?(?:[eE][-+]?[0-9]+)?")
+#: A reference to 0, or one that may need more than 32 bits.
 _LONG = re.compile(rb"#\s*(0+(?![0-9])|0*[1-9][0-9]{9,})")
 _NAME = re.compile(rb"[A-Z][A-Z0-9_]*(?=\s*\()")
-#: A parameter that is a list of nothing but references.
+#: A parameter that is a list of references only.
 _LIST = re.compile(rb"[(,]\s*(\(\s*#[0-9]+(?:\s*,\s*#[0-9]+)*\s*\))")
 _DOCUMENT = re.compile(rb"\bDOCUMENT_FILE\s*\(\s*'((?:[^']|'')*)'")
 _CAD_FILE = re.compile(
     r"\.(?:stp|step|stpz|p21|prt|sldprt|ipt|catpart|asm|par|jt|x_t|igs|iges)$", re.IGNORECASE
 )
 
-#: How the kernel says that a text is missing, and at which parameter; that one of a list is of a type that cannot be.
+#: Message of the kernel about a parameter, by its number, that should be a text and is not.
 _NO_TEXT = re.compile(
     r"(?:Set to empty string : )?Parameter n0\.([0-9]+) \(.*\) not a quoted String"
 )
+#: Message of the kernel about a member of a list, by its number, whose type is not allowed there.
 _ILLEGAL = re.compile(r"Parameter n0\.([0-9]+) \(.*\) : Entity has illegal type")
 
-#: Representations of shapes. Those of nothing but texts are needed by none.
+#: Representations of shapes. A representation that holds nothing but texts is not needed.
 _HOLDS_SHAPE = re.compile(rb"SHAPE_REPRESENTATION$")
-#: What puts shapes in their places.
+#: Relations that give shapes their positions.
 _RELATES = re.compile(
-    rb"SHAPE_DEFINITION_REPRESENTATION|CONTEXT_DEPENDENT|REPRESENTATION_RELATIONSHIP|REPRESENTATION_MAP"
+    rb"SHAPE_DEFINITION_REPRESENTATION|CONTEXT_DEPENDENT|REPRESENTATION_RELATIONSHIP|"
+    rb"REPRESENTATION_MAP"
 )
 _RELATES_TWO = re.compile(rb"REPRESENTATION_RELATIONSHIP")
 _ASSEMBLES = re.compile(rb"NEXT_ASSEMBLY_USAGE_OCCURRENCE")
-#: What may be taken out of a list that is needed: draughting, the accuracy of a shape, units that no edge has.
+#: Entities that may be removed from a list that is needed: draughting and the accuracy of a shape.
 _DRAUGHTING = re.compile(
-    rb"(?<![A-Z])(?:STYLED?|ANNOTATION|TEXT|COLOUR|FONT|DRAUGHTING|CALLOUT|PRESENTATION|LEADER|SYMBOL|CAMERA|PLANAR_BOX|"
-    rb"FILL_AREA|LAYER|APPEARANCE|UNCERTAINTY_MEASURE)(?![A-Z])"
+    rb"(?<![A-Z])(?:STYLED?|ANNOTATION|TEXT|COLOUR|FONT|DRAUGHTING|CALLOUT|PRESENTATION|LEADER|"
+    rb"SYMBOL|CAMERA|PLANAR_BOX|FILL_AREA|LAYER|APPEARANCE|UNCERTAINTY_MEASURE)(?![A-Z])"
 )
-_UNIT, _GEOMETRIC_UNIT = (
-    re.compile(rb"UNIT$"),
-    {b"LENGTH_UNIT", b"PLANE_ANGLE_UNIT", b"SOLID_ANGLE_UNIT"},
-)
+#: Units may be removed from such a list too, unless they are the units of shapes.
+_UNIT = re.compile(rb"UNIT$")
+_GEOMETRIC_UNITS = {b"LENGTH_UNIT", b"PLANE_ANGLE_UNIT", b"SOLID_ANGLE_UNIT"}
+#: Change of the depth of nesting at a character.
+_NESTING = {ord("("): 1, ord(")"): -1}
 
 
 class _Instance(Struct):
-    """types: its name, all names of a complex one. start, end: of what stands for it in the text, up to the semicolon.
-    body: where its value begins. edits: what is put in place of parts of the text.
+    """An entity in the text.
+
+    types: its type; all types of a complex entity.
+    references: numbers of the entities that it refers to.
+    start: offset of its number in the text.
+    body: offset of its value.
+    end: offset after its semicolon.
+    edits: new text for ranges of offsets.
     """
 
     types: tuple[bytes, ...]
@@ -72,9 +82,12 @@ class _Instance(Struct):
     edits: dict[tuple[int, int], bytes] = field(default_factory=dict)
 
 
-class Mended(Struct, frozen=True):
-    """data: without what could not be read and no edge needs. notes: what that was. why: of what is needed, the first
-    that is not sound, empty where all is; then ``data`` is not to be used.
+class RepairedText(Struct, frozen=True):
+    """The text of a STEP file without damaged entities.
+
+    data: the text. It is not to be used if `why` is not empty.
+    notes: notes on the changes.
+    why: the first entity that is damaged and needed, "" if no such entity exists.
     """
 
     data: bytes
@@ -82,183 +95,185 @@ class Mended(Struct, frozen=True):
     why: str = ""
 
 
-def take_out(data: bytes, faults: Mapping[int, Sequence[str]]) -> Mended:
-    """The text without the entities that are not sound. faults: what the kernel says of each, by its place in the file
-    from 0.
+def remove_faults(data: bytes, faults: Mapping[int, Sequence[str]]) -> RepairedText:
+    """Remove the damaged entities from a text.
+
+    faults: messages of the kernel about each damaged entity, by its index in the file.
     """
-    text = _Text(data)
-    ids = list(text.instances)
+    text = _StepText(data)
+    numbers = list(text.instances)
     lost: set[int] = set()
-    empty = 0
-    for place, said in faults.items():
-        if place >= len(ids):
-            return Mended(data, (), "its entities cannot be told apart")
-        number = ids[place]
-        empty += text.fill(number, said)
-        if all(_NO_TEXT.match(one) for one in said) and text.instances[number].edits:
+    filled = 0
+    for index, messages in faults.items():
+        if index >= len(numbers):
+            return RepairedText(data, (), "its entities cannot be told apart")
+        number = numbers[index]
+        filled += text.fill_texts(number, messages)
+        if all(map(_NO_TEXT.match, messages)) and text.instances[number].edits:
             continue
-        if number in text.needed and not (
-            text.is_dispensable(number) or text.take_from_lists(number, said)
-        ):
-            return Mended(data, (), text.name(number))
+        is_needed = number in text.needed and not text.is_dispensable(number)
+        if is_needed and not text.remove_illegal(number, messages):
+            return RepairedText(data, (), text.describe(number))
         if not text.instances[number].edits:
             lost.add(number)
-    bad = sorted(lost)
-    why = text.lose(lost)
-    return Mended(text.without(lost), _notes([text.instances[k].types for k in bad], empty), why)
+    damaged = [text.instances[number].types for number in sorted(lost)]
+    why = text.remove_referrers(lost)
+    return RepairedText(text.write_without(lost), _note_repairs(damaged, filled), why)
 
 
-class _Text:
+class _StepText:
     """A STEP file as its instances by number, in the order of the file."""
 
     def __init__(self, data: bytes) -> None:
         self.data = data
-        bare = _FREE.sub(lambda found: b"'" + b" " * (len(found[0]) - 2) + b"'", data)
-        self._bare = bare
+        # Texts and comments become blanks, so that patterns find entities alone.
+        self._bare = _FREE.sub(lambda match: b"'" + b" " * (len(match[0]) - 2) + b"'", data)
         self.instances: dict[int, _Instance] = {}
-        for found in _INSTANCE.finditer(bare):
-            value = found[2]
+        for match in _INSTANCE.finditer(self._bare):
+            value = match[2]
             names = tuple(_NAME.findall(value))
             types = names if value.lstrip().startswith(b"(") else names[:1]
             references = frozenset(map(int, _REFERENCE.findall(value)))
-            self.instances[int(found[1])] = _Instance(
-                types, references, found.start(), found.start(2), found.end()
+            self.instances[int(match[1])] = _Instance(
+                types, references, match.start(), match.start(2), match.end()
             )
 
     @cached_property
     def referrers(self) -> dict[int, list[int]]:
-        """By number, who refers to it."""
-        found: dict[int, list[int]] = defaultdict(list)
-        for number, one in self.instances.items():
-            for other in one.references:
-                found[other].append(number)
-        return found
+        """The numbers of the instances that refer to each instance."""
+        referrers: dict[int, list[int]] = defaultdict(list)
+        for number, instance in self.instances.items():
+            for reference in instance.references:
+                referrers[reference].append(number)
+        return referrers
 
     @cached_property
     def needed(self) -> set[int]:
-        """What shapes are made of, with their units, their places and the products they belong to."""
-        holds = self._with(_HOLDS_SHAPE)
-        useful = {k for k in holds if any(map(self._is_shape, self.instances[k].references))}
-        relates = {
-            k: 2 if k in self._with(_RELATES_TWO) else 1 for k in self._with(_RELATES) - holds
-        }
-        grown = True
-        while grown:
-            known = holds | relates.keys()
-            more = {
-                k
-                for k, least in relates.items()
-                if len(found := self.instances[k].references & known) >= least and found <= useful
-            }
-            grown, useful = not more <= useful, useful | more
-        return self._below(useful | self._with(_ASSEMBLES))
+        """The numbers of all instances that define shapes, their units, positions and products.
 
-    def _with(self, pattern: re.Pattern[bytes]) -> set[int]:
-        """The numbers of the instances with a name like this."""
-        return {k for k, one in self.instances.items() if any(map(pattern.search, one.types))}
+        A representation is used if it holds a shape. A relation is used if all representations and
+        relations that it connects are used.
+        """
+        representations = self._select(_HOLDS_SHAPE)
+        used = {
+            k for k in representations if any(map(self._is_shape, self.instances[k].references))
+        }
+        relations = self._select(_RELATES) - representations
+        relations_of_two = self._select(_RELATES_TWO)
+        connectable = representations | relations
+        size = -1
+        while size < len(used):
+            size = len(used)
+            for number in relations:
+                connected = self.instances[number].references & connectable
+                fewest = 2 if number in relations_of_two else 1
+                if len(connected) >= fewest and connected <= used:
+                    used.add(number)
+        return self._add_references(used | self._select(_ASSEMBLES))
+
+    def _select(self, pattern: re.Pattern[bytes]) -> set[int]:
+        return {
+            k for k, instance in self.instances.items() if any(map(pattern.search, instance.types))
+        }
 
     def _is_shape(self, number: int) -> bool:
-        one = self.instances.get(number)
-        return one is None or not (
-            self.is_dispensable(number) or any(b"CONTEXT" in name for name in one.types)
-        )
+        """Whether an item of a representation is a shape: neither dispensable nor a context."""
+        types = self.instances[number].types if number in self.instances else ()
+        return not (self.is_dispensable(number) or any(b"CONTEXT" in name for name in types))
 
-    def _below(self, numbers: Iterable[int]) -> set[int]:
-        """The numbers with all that they refer to, and what that refers to."""
-        found, left = set(numbers), list(numbers)
-        while left:
-            one = self.instances.get(left.pop())
-            fresh = one.references - found if one is not None else ()
-            found.update(fresh)
-            left += fresh
-        return found
+    def _add_references(self, numbers: Iterable[int]) -> set[int]:
+        """The numbers with all that they refer to, directly or through others."""
+        reached, pending = set(numbers), list(numbers)
+        while pending:
+            instance = self.instances.get(pending.pop())
+            fresh = instance.references - reached if instance is not None else ()
+            reached.update(fresh)
+            pending += fresh
+        return reached
 
     def is_dispensable(self, number: int) -> bool:
-        """Whether a list that is needed may do without it."""
+        """Whether an instance may be removed from a list that is needed."""
         types = self.instances[number].types if number in self.instances else ()
-        unit = any(map(_UNIT.search, types)) and not _GEOMETRIC_UNIT & set(types)
-        return unit or any(map(_DRAUGHTING.search, types))
+        is_unit = any(map(_UNIT.search, types)) and not _GEOMETRIC_UNITS & set(types)
+        return is_unit or any(map(_DRAUGHTING.search, types))
 
-    def fill(self, number: int, said: Sequence[str]) -> int:
-        """Puts the empty text where one is missing in an entity. Returns the number of texts."""
+    def fill_texts(self, number: int, messages: Sequence[str]) -> int:
+        """Replace the missing texts of an instance by empty ones. Returns their number."""
         instance = self.instances[number]
-        missing = {int(match[1]) - 1 for match in map(_NO_TEXT.match, said) if match}
+        missing = {int(match[1]) - 1 for match in map(_NO_TEXT.match, messages) if match}
         count = 0
-        for name, record in self._records(instance):
-            spans = _parameters(self._bare[record : instance.end])
+        # A complex instance has several records, each with its type before its parameters.
+        names = _NAME.finditer(self._bare, instance.body, instance.end)
+        for name in islice(names, len(instance.types)):
+            record = name.start()
+            spans = _find_parameters(self._bare[record : instance.end])
             for low, high in (spans[k] for k in sorted(missing) if k < len(spans)):
                 span = record + low, record + high
-                if name != b"SI_UNIT" and self._bare[slice(*span)].strip() == b"$":
+                if name[0] != b"SI_UNIT" and self._bare[slice(*span)].strip() == b"$":
                     instance.edits[span] = b"''"
                     count += 1
         return count
 
-    def _records(self, instance: _Instance) -> list[tuple[bytes, int]]:
-        """The name of each record of an entity, several of a complex one, and where it begins."""
-        names = islice(_NAME.finditer(self._bare, instance.body, instance.end), len(instance.types))
-        return [(name[0], name.start()) for name in names]
+    def remove_illegal(self, number: int, messages: Sequence[str]) -> bool:
+        """Remove members of types that are not allowed from the lists of an instance.
 
-    def take_from_lists(self, number: int, said: Sequence[str]) -> bool:
-        """Takes what is of a type that cannot be out of the lists of an entity; whether that mends it."""
-        one = self.instances[number]
-        places = [found and int(found[1]) - 1 for found in map(_ILLEGAL.match, said)]
-        taken: set[int] = set()
-        for found in _LIST.finditer(self._bare, one.body, one.end):
-            members = list(map(int, _REFERENCE.findall(found[1])))
-            taken.update(members[k] for k in places if k is not None and k < len(members))
-        taken = {member for member in taken if self.is_dispensable(member)}
-        return (
-            None not in places
-            and bool(taken)
-            and all(self._take(number, member) for member in taken)
-        )
+        Returns whether that repairs the instance.
+        """
+        instance = self.instances[number]
+        matches = [_ILLEGAL.match(message) for message in messages]
+        indices = [int(match[1]) - 1 for match in matches if match]
+        illegal: set[int] = set()
+        for parameter in _LIST.finditer(self._bare, instance.body, instance.end):
+            members = list(map(int, _REFERENCE.findall(parameter[1])))
+            illegal.update(members[k] for k in indices if k < len(members))
+        illegal = set(filter(self.is_dispensable, illegal))
+        is_repairable = all(matches) and bool(illegal)
+        return is_repairable and all(self._remove_member(number, member) for member in illegal)
 
-    def _take(self, number: int, member: int) -> bool:
-        """Takes ``member`` out of the lists of an entity; whether it stood in lists alone."""
-        one = self.instances[number]
-        elsewhere = self._bare[one.body : one.end]
-        for found in _LIST.finditer(self._bare, one.body, one.end):
-            if member in map(int, _REFERENCE.findall(found[1])):
-                before = one.edits.get(found.span(1), found[1])
+    def _remove_member(self, number: int, member: int) -> bool:
+        """Remove `member` from the lists of an instance. Returns whether it was in lists only."""
+        instance = self.instances[number]
+        elsewhere = self._bare[instance.body : instance.end]
+        for parameter in _LIST.finditer(self._bare, instance.body, instance.end):
+            if member in map(int, _REFERENCE.findall(parameter[1])):
+                before = instance.edits.get(parameter.span(1), parameter[1])
                 rest = [
                     b"#" + other for other in _REFERENCE.findall(before) if int(other) != member
                 ]
-                one.edits[found.span(1)] = b"(" + b",".join(rest) + b")"
-                elsewhere = elsewhere.replace(found[1], b"", 1)
+                instance.edits[parameter.span(1)] = b"(" + b",".join(rest) + b")"
+                elsewhere = elsewhere.replace(parameter[1], b"", 1)
         return member not in map(int, _REFERENCE.findall(elsewhere))
 
-    def lose(self, lost: set[int]) -> str:
-        """Adds to ``lost`` all that refers to it, and takes it out of the lists of what is needed. Returns the first
-        that is needed itself, empty where none is.
+    def remove_referrers(self, lost: set[int]) -> str:
+        """Add all instances to `lost` that refer to one of them and are not needed.
+
+        Dispensable ones are removed from the lists of needed instances. Returns the first instance
+        that would be lost and is needed, "" if no such instance exists.
         """
-        left = list(lost)
-        while left:
-            number = left.pop()
+        pending = list(lost)
+        while pending:
+            number = pending.pop()
             if number in self.needed and not self.is_dispensable(number):
-                return self.name(number)
+                return self.describe(number)
             for other in self.referrers.get(number, ()):
                 if other in lost:
                     continue
                 if other not in self.needed:
                     lost.add(other)
-                    left.append(other)
-                elif not (self.is_dispensable(number) and self._take(other, number)):
-                    return self.name(number)
+                    pending.append(other)
+                elif not (self.is_dispensable(number) and self._remove_member(other, number)):
+                    return self.describe(number)
         return ""
 
-    def name(self, number: int) -> str:
-        """An entity for a message."""
-        return f"#{number} {_tell(self.instances[number].types)}"
+    def describe(self, number: int) -> str:
+        """Number and types of an instance for a message."""
+        return f"#{number} {_join_types(self.instances[number].types)}"
 
-    def without(self, lost: set[int]) -> bytes:
-        """The text without the instances ``lost``, as edited."""
-        edits = {(self.instances[k].start, self.instances[k].end): b"" for k in lost}
-        edits |= {
-            span: new
-            for k, one in self.instances.items()
-            if k not in lost
-            for span, new in one.edits.items()
-        }
+    def write_without(self, lost: set[int]) -> bytes:
+        """The text with all edits and without the instances of `lost`."""
+        edits: dict[tuple[int, int], bytes] = {}
+        for number, instance in self.instances.items():
+            edits |= {(instance.start, instance.end): b""} if number in lost else instance.edits
         pieces, done = [], 0
         for (low, high), new in sorted(edits.items()):
             pieces += [self.data[done:low], new]
@@ -266,13 +281,13 @@ class _Text:
         return b"".join([*pieces, self.data[done:]])
 
 
-def _parameters(value: bytes) -> list[tuple[int, int]]:
-    """Where the parameters of an entity of one name stand in its value."""
+def _find_parameters(value: bytes) -> list[tuple[int, int]]:
+    """The ranges of the parameters of the first record in `value`."""
     low = value.find(b"(") + 1
     spans, depth = [], 1
     for k in range(low, len(value)):
-        depth += {40: 1, 41: -1}.get(value[k], 0)
-        if (value[k] == 44 and depth == 1) or depth == 0:
+        depth += _NESTING.get(value[k], 0)
+        if depth == 0 or (depth == 1 and value[k] == ord(",")):
             spans.append((low, k))
             low = k + 1
         if depth == 0:
@@ -280,57 +295,52 @@ def _parameters(value: bytes) -> list[tuple[int, int]]:
     return spans
 
 
-def _tell(types: Sequence[bytes]) -> str:
+def _join_types(types: Sequence[bytes]) -> str:
     return harmless(" ".join(name.decode("ascii") for name in types) or "entity")
 
 
-def _notes(bad: Sequence[Sequence[bytes]], empty: int) -> tuple[Note, ...]:
+def _note_repairs(damaged: Sequence[Sequence[bytes]], filled: int) -> tuple[Note, ...]:
     notes = []
-    if bad:
-        kinds = ", ".join(
-            f"{count} {name}" for name, count in Counter(map(_tell, bad)).most_common()
+    if damaged:
+        counts = Counter(map(_join_types, damaged)).most_common()
+        kinds = ", ".join(f"{count} {name}" for name, count in counts)
+        what = counted(
+            len(damaged), "entity that cannot be read was", "entities that cannot be read were"
         )
-        many = counted(
-            len(bad), "entity that cannot be read was", "entities that cannot be read were"
-        )
-        notes.append(Note("repaired", f"{many} left out: {kinds}", "no edge needs what they say"))
-    if empty:
-        many = counted(empty, "text that is not given was", "texts that are not given were")
-        notes.append(
-            Note(
-                "assumed",
-                f"{many} taken as empty",
-                "a name says nothing about the edges",
-            )
-        )
+        why = "no edge needs what they say"
+        notes.append(Note("repaired", f"{what} left out: {kinds}", why))
+    if filled:
+        what = counted(filled, "text that is not given was", "texts that are not given were")
+        why = "a name says nothing about the edges"
+        notes.append(Note("assumed", f"{what} taken as empty", why))
     return tuple(notes)
 
 
-#: The kernel holds the numbers of entities in 32 bits.
+#: The kernel keeps the numbers of entities in 32 bits. A larger one ends its process.
 LARGEST_ID = 2**31 - 1
 
 
 def find_wild_id(data: bytes) -> str:
-    """The first number of an entity, or of what one refers to, that the kernel cannot hold: beyond 32 bits it ends the
-    process. Empty where all can be.
-    """
-    bare = _FREE.sub(b"' '", data)
-    wild = (found[1] for found in _LONG.finditer(bare) if not 0 < int(found[1][:20]) <= LARGEST_ID)
-    return next((f"#{harmless(number.decode('ascii'), 24)}" for number in wild), "")
+    """The first number of an entity that the kernel cannot keep, "" if it can keep all."""
+    for match in _LONG.finditer(_FREE.sub(b"' '", data)):
+        if not 0 < int(match[1][:20]) <= LARGEST_ID:
+            return f"#{harmless(match[1].decode('ascii'), 24)}"
+    return ""
 
 
-def find_wild_place(data: bytes, most: float) -> str:
-    """The first coordinate of a point with which the kernel cannot calculate: far beyond every part it ends the
-    process. Empty where all can be.
+def find_wild_place(data: bytes, limit: float) -> str:
+    """The first coordinate of a point above `limit`, "" if all are within it.
+
+    The kernel cannot calculate with coordinates far beyond every part. They end its process.
     """
-    bare = _FREE.sub(b"' '", data)
-    points = (number for found in _POINT.finditer(bare) for number in _REAL.findall(found[1]))
-    return next(
-        (number.decode("ascii")[:24] for number in points if not abs(float(number)) <= most), ""
-    )
+    for point in _POINT.finditer(_FREE.sub(b"' '", data)):
+        for number in _REAL.findall(point[1]):
+            if not abs(float(number)) <= limit:
+                return str(number[:24], "ascii")
+    return ""
 
 
 def list_other_files(data: bytes) -> list[str]:
-    """The names of the files in which a STEP file says that parts of it are."""
+    """The names of other CAD files that contain parts of a STEP file, according to its text."""
     names = (name.decode("latin-1").replace("''", "'") for name in _DOCUMENT.findall(data))
     return sorted({harmless(name) for name in names if _CAD_FILE.search(name)})

@@ -1,21 +1,20 @@
 """PLY files, with polygons and with the triangle strips of older scanners.
 
-The format is Turk's "The PLY Polygon File Format" (1994): a header with the elements and their
-number of rows, and then the rows, with numbers and lists.
+The format is Turk's "The PLY Polygon File Format" (1994). A header lists the elements and their
+numbers of rows. The rows with numbers and lists follow.
 """
 
 from __future__ import annotations
 
 import re
-from typing import Protocol
 
 import numpy as np
 from msgspec import Struct, field
-from msgspec.structs import replace
 
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
-from camgen.read.solid.polygons import Triangles, check_numbers, cut_polygons
+from camgen.read.solid.polygons import check_numbers, cut_polygons
+from camgen.read.solid.soup import MeshSoup
 
 _END = re.compile(rb"^end_header[ \t]*\r?\n", re.MULTILINE)
 _NUMBERS = {
@@ -26,7 +25,6 @@ _NUMBERS = {
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 #: Names of the list of vertices of a face or a strip.
 _VERTICES = ("vertex_indices", "vertex_index")
-_TRIANGLE = 3
 
 
 class _Property(Struct):
@@ -46,10 +44,6 @@ class _Element(Struct):
     rows: int
     properties: list[_Property] = field(default_factory=list)
 
-    @property
-    def has_lists(self) -> bool:
-        return any(column.count for column in self.properties)
-
 
 class _Columns(Struct):
     """The rows of an element.
@@ -62,30 +56,15 @@ class _Columns(Struct):
     lists: dict[str, list[FloatArray]] = field(default_factory=dict)
 
 
-class _Take(Protocol):
-    """The rest of a file."""
-
-    def peek(self, columns: list[_Property]) -> list[int]:
-        """The lengths of the columns in the next row, 1 for a number. ValueError at the end."""
-
-    def table(self, columns: list[_Property], sizes: list[int], rows: int) -> list[FloatArray]:
-        """The next rows: the numbers (rows, size) of each column, behind the lengths of its lists.
-
-        A list has its length (rows, 1) before it. The rows are not taken yet.
-        """
-
-    def skip(self) -> None:
-        """Takes the rows of the last table."""
-
-
 class _Text:
-    """Numbers in text."""
+    """The rows of a file in text, read one table after the other."""
 
     def __init__(self, body: bytes) -> None:
         self._numbers = np.array(body.split(), dtype=np.float64)
         self._at = self._next = 0
 
     def peek(self, columns: list[_Property]) -> list[int]:
+        """The length of each column in the next row, 1 for a number."""
         at, sizes = self._at, list[int]()
         for column in columns:
             size = int(self._numbers[at : at + 1].sum()) if column.count else 1
@@ -94,6 +73,11 @@ class _Text:
         return sizes
 
     def table(self, columns: list[_Property], sizes: list[int], rows: int) -> list[FloatArray]:
+        """The next rows as one array (rows, size) per column of the given sizes.
+
+        The array of a list follows the array of its lengths (rows, 1). The next table has the same
+        rows until `skip` is called. Raises ValueError if the file has fewer rows.
+        """
         width = sum(sizes) + sum(bool(column.count) for column in columns)
         self._next = self._at + width * rows
         part = self._numbers[self._at : self._next]
@@ -110,12 +94,14 @@ class _Text:
         return tables
 
     def skip(self) -> None:
+        """Continue after the rows of the last table."""
         self._at = self._next
 
 
 class _Binary:
-    """Numbers in binary.
+    """The rows of a binary file, with the methods of `_Text`.
 
+    at: offset of the first row.
     order: byte order, "<" or ">".
     """
 
@@ -148,8 +134,8 @@ class _Binary:
         self._at = self._next
 
 
-def read_ply(data: bytes) -> tuple[FloatArray, Triangles]:
-    """Vertices (V, 3) and triangles of a PLY, of its faces and its strips.
+def read_ply(data: bytes) -> MeshSoup:
+    """The mesh in a PLY, from its faces and its strips.
 
     Raises ValueError or LookupError for a file that is damaged or ends too soon.
     """
@@ -157,11 +143,11 @@ def read_ply(data: bytes) -> tuple[FloatArray, Triangles]:
     if end is None:
         raise ValueError("the header has no end")
     order, elements = _header(data[: end.start()].decode("latin-1"))
-    take: _Take = _Binary(data, end.end(), order) if order else _Text(data[end.end() :])
+    source = _Binary(data, end.end(), order) if order else _Text(data[end.end() :])
     vertices, strips = np.zeros((0, 3)), [np.zeros((0, 3), dtype=np.int64)]
     polygons: list[IntArray] = []
     for element in elements:
-        columns = _read(element, take)
+        columns = _read(element, source)
         if element.name == "vertex":
             vertices = np.column_stack([columns.numbers[axis] for axis in "xyz"])
         elif element.name in ("face", "tristrips"):
@@ -172,15 +158,17 @@ def read_ply(data: bytes) -> tuple[FloatArray, Triangles]:
             tables = [table.astype(np.int64) for table in lists]
             if element.name == "face":
                 polygons += tables
-            for table in tables if element.name == "tristrips" else ():
-                strips += map(unroll, table)
+            else:
+                for table in tables:
+                    strips += map(unroll, table)
     check_numbers(polygons, len(vertices))
     triangles = cut_polygons(vertices, polygons)
-    return vertices, replace(triangles, faces=np.concatenate([triangles.faces, *strips]))
+    faces = np.concatenate([triangles.faces, *strips])
+    return MeshSoup(vertices, faces, notes=triangles.notes)
 
 
 def _header(text: str) -> tuple[str, list[_Element]]:
-    """The order of bytes, empty for text, and the elements. ValueError without a format."""
+    """The byte order, "" for text, and the elements. Raises ValueError without a format."""
     order, elements = "no format", list[_Element]()
     for words in map(str.split, text.splitlines()):
         match words:
@@ -197,34 +185,39 @@ def _header(text: str) -> tuple[str, list[_Element]]:
     return order, elements
 
 
-def _read(element: _Element, take: _Take) -> _Columns:
-    """The rows of an element: in one if their lists are equally long, else row by row."""
+def _read(element: _Element, source: _Text | _Binary) -> _Columns:
+    """The rows of an element. They are one table if their lists are equally long."""
     columns = _Columns()
     if not element.rows:
         return columns
-    sizes = take.peek(element.properties)
-    if element.has_lists:
-        sizes = _read_lists(element, take, sizes, columns)
+    sizes = source.peek(element.properties)
+    if any(column.count for column in element.properties):
+        sizes = _read_lists(element, source, sizes, columns)
         if not sizes:
             return columns
-    tables = iter(take.table(element.properties, sizes, element.rows))
+    tables = iter(source.table(element.properties, sizes, element.rows))
     for column in element.properties:
         if column.count:
             next(tables)
             columns.lists[column.name] = [next(tables)]
         else:
             columns.numbers[column.name] = next(tables)[:, 0]
-    take.skip()
+    source.skip()
     return columns
 
 
-def _read_lists(element: _Element, take: _Take, sizes: list[int], columns: _Columns) -> list[int]:
-    """The lengths of the lists if they are those of the first row in every row.
+def _read_lists(
+    element: _Element, source: _Text | _Binary, sizes: list[int], columns: _Columns
+) -> list[int]:
+    """Read the rows of an element one by one if their lists are not equally long.
 
-    Otherwise nothing, and `columns` has the rows.
+    sizes: lengths of the columns in the first row.
+    columns: gets the rows that were read.
+
+    Returns `sizes` if they hold for all rows, which are not read then, otherwise an empty list.
     """
     try:
-        tables = iter(take.table(element.properties, sizes, element.rows))
+        tables = iter(source.table(element.properties, sizes, element.rows))
         equal = True
         for column, size in zip(element.properties, sizes, strict=True):
             equal &= not column.count or bool((next(tables) == size).all())
@@ -232,17 +225,17 @@ def _read_lists(element: _Element, take: _Take, sizes: list[int], columns: _Colu
         if equal:
             return sizes
     except ValueError:
-        pass  # shorter lists may follow the first one
+        pass  # the file may end sooner because its other lists are shorter
     rows: dict[str, dict[int, list[FloatArray]]] = {}
     for _ in range(element.rows):
-        sizes = take.peek(element.properties)
-        tables = iter(take.table(element.properties, sizes, 1))
+        sizes = source.peek(element.properties)
+        tables = iter(source.table(element.properties, sizes, 1))
         for column, size in zip(element.properties, sizes, strict=True):
             if column.count:
                 next(tables)
             by_size = rows.setdefault(column.name, {})
             by_size.setdefault(size, []).append(next(tables)[0])
-        take.skip()
+        source.skip()
     for column in element.properties:
         by_size = rows[column.name]
         if column.count:
@@ -255,8 +248,8 @@ def _read_lists(element: _Element, take: _Take, sizes: list[int], columns: _Colu
 def unroll(strip: IntArray) -> IntArray:
     """The triangles (F, 3) of strips of vertices (N,) with -1 between them.
 
-    Each vertex from the third on makes a triangle with the two before it, every other one turned.
-    A triangle with a vertex twice has no area and is left out.
+    Each vertex from the third on makes a triangle with the two before it. Every other triangle is
+    turned. A triangle that has one vertex twice has no area and is left out.
     """
     faces = np.column_stack([strip[:-2], strip[1:-1], strip[2:]]).astype(np.int64)
     at = np.arange(len(strip))

@@ -1,4 +1,4 @@
-"""Polygons of a mesh, cut into triangles without new vertices."""
+"""Polygons of a mesh: rows of text files as tables, and triangles without new vertices."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ from msgspec import Struct
 from camgen.model.part import BoolArray, IntArray, Note
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted
-from camgen.read.solid.bodies import NamedVertices
 
+#: Number of corners of a triangle.
+TRIANGLE = 3
 #: Minimum sine of the turn at each corner of a polygon that is cut as a fan.
-_LEAST_TURN = 1e-6
+_MIN_TURN = 1e-6
 
 
 class Triangles(Struct, frozen=True, eq=False):
@@ -21,18 +22,31 @@ class Triangles(Struct, frozen=True, eq=False):
 
     faces: (F, 3) numbers of vertices.
     notes: notes on polygons that were left out.
-    named: names of bodies by vertex, None if the file has none.
     """
 
     faces: IntArray
     notes: tuple[Note, ...] = ()
-    named: NamedVertices | None = None
+
+
+def read_table(rows: list[str], width: int) -> FloatArray:
+    """(N, width) the first numbers of each row. Raises ValueError for a row with fewer numbers."""
+    if not rows:
+        return np.zeros((0, width))
+    return np.loadtxt(rows, usecols=range(width), ndmin=2)
+
+
+def read_equal_rows(rows: list[str]) -> IntArray | None:
+    """(N, M) the whole numbers of the rows, None unless all rows have as many as the first."""
+    try:
+        return np.loadtxt(rows, dtype=np.int64, ndmin=2)
+    except ValueError:
+        return None
 
 
 def check_numbers(polygons: Sequence[IntArray], count: int) -> None:
-    """ValueError for a polygon with a vertex that is not there.
+    """Raise ValueError for a polygon with a vertex that does not exist.
 
-    polygons: tables of the vertices, by their number of corners.
+    polygons: tables (P, N) of the numbers of the vertices of P polygons with N corners.
     count: number of vertices.
     """
     for table in polygons:
@@ -41,23 +55,25 @@ def check_numbers(polygons: Sequence[IntArray], count: int) -> None:
 
 
 def cut_polygons(vertices: FloatArray, polygons: Sequence[IntArray]) -> Triangles:
-    """Triangles of polygons; convex ones are cut as fans, others by constrained triangulation.
+    """Cut polygons into triangles: convex ones as fans, others by constrained triangulation.
 
     vertices: (V, 3).
-    polygons: tables (P, N) of the numbers of the vertices of P polygons with N corners.
+    polygons: tables as in `check_numbers`. Polygons with fewer than three corners are ignored.
     """
     pieces: list[IntArray] = [np.zeros((0, 3), dtype=np.int64)]
     crossing = 0
     for table in polygons:
-        if table.shape[1] <= _TRIANGLE:
-            pieces += [table] if table.shape[1] == _TRIANGLE else []
+        if table.shape[1] <= TRIANGLE:
+            pieces += [table] if table.shape[1] == TRIANGLE else []
             continue
         convex = _are_convex(vertices[table])
         pieces.append(_cut_fans(table[convex]))
         for polygon in table[~convex]:
             faces = _cut(vertices[polygon], polygon)
-            crossing += faces is None
-            pieces += [] if faces is None else [faces]
+            if faces is None:
+                crossing += 1
+            else:
+                pieces.append(faces)
     notes: tuple[Note, ...] = ()
     if crossing:
         what = counted(crossing, "face", "faces")
@@ -65,10 +81,7 @@ def cut_polygons(vertices: FloatArray, polygons: Sequence[IntArray]) -> Triangle
     return Triangles(np.concatenate(pieces), notes)
 
 
-_TRIANGLE = 3
-
-
-def _normals(points: FloatArray) -> FloatArray:
+def _sum_products(points: FloatArray) -> FloatArray:
     """(P, 3) sums of the cross products along polygons (P, N, 3), by Newell."""
     return np.asarray(np.cross(points, np.roll(points, -1, axis=1)).sum(axis=1))
 
@@ -76,7 +89,7 @@ def _normals(points: FloatArray) -> FloatArray:
 def _are_convex(points: FloatArray) -> BoolArray:
     """(P,) whether polygons (P, N, 3) turn the same way at each corner."""
     points = points - points[:, :1]
-    normals = _normals(points)
+    normals = _sum_products(points)
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
     units = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
     sides = np.roll(points, -1, axis=1) - points
@@ -86,7 +99,7 @@ def _are_convex(points: FloatArray) -> BoolArray:
     # A star turns the same way at each corner too, but more than once around.
     angles = np.arctan2(turns, np.einsum("pnk,pnk->pn", sides, after))
     once = np.abs(angles.sum(axis=1) - 2 * np.pi) < 1.0
-    return np.asarray((turns > _LEAST_TURN * scale).all(axis=1) & once)
+    return np.asarray((turns > _MIN_TURN * scale).all(axis=1) & once)
 
 
 def _cut_fans(table: IntArray) -> IntArray:
@@ -127,7 +140,7 @@ def _cut(points: FloatArray, polygon: IntArray) -> IntArray | None:
 def _flatten(points: FloatArray) -> FloatArray | None:
     """(N, 2) the corners in their plane, counter-clockwise; None without an area."""
     points = points - points[0]
-    normal = _normals(points[None])[0]
+    normal = _sum_products(points[None])[0]
     length = float(np.linalg.norm(normal))
     if length == 0.0:
         return None

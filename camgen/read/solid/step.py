@@ -1,4 +1,7 @@
-"""STEP files (AP203, AP214, AP242) as solids: exact edges, and triangles for collision. Needs the extra ``step``."""
+"""STEP files (AP203, AP214, AP242) as solids: exact edges, and triangles for collision tests.
+
+Needs the extra `step`.
+"""
 
 from __future__ import annotations
 
@@ -15,62 +18,67 @@ from camgen.model.files import Source
 from camgen.model.part import FEATURE_ANGLE, Edge, EdgeKind, Note, Solid
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted
-from camgen.read.solid import kernel
-from camgen.read.solid import topology as welding
-from camgen.read.solid.edges import STEADY_COSINE, order
-from camgen.read.solid.kernel import Curve, FacesBeside
+from camgen.read.solid import kernel, topology
+from camgen.read.solid.edges import STEADY_COSINE, sort_edges
 from camgen.read.solid.part21 import list_other_files
-from camgen.read.solid.sharp import face_normals
-from camgen.read.solid.step_file import StepBodies, load
+from camgen.read.solid.sharp import compute_normals
+from camgen.read.solid.step_file import StepBodies, read_bodies
 from camgen.read.solid.step_units import read_units
-from camgen.read.solid.topology import pair
 from camgen.read.units import doubts
 
-# Edges that go on smoothly as the same line or circle become one: CAD programs halve circles and cut lines.
+# Joining: CAD programs halve circles and cut lines. Edges that continue each other smoothly as the
+# same line or circle become one.
 
-#: Ends are one place if they agree to this (mm).
-_MEET = 1e-4
-#: Tangents and normals agree to this (cosine).
+#: mm: smallest distance below which ends of edges are one point.
+_SAME_END_MM = 1e-4
+#: Tangents and normals of edges that continue each other agree to this (cosine).
 _SMOOTH_COSINE = float(np.cos(np.radians(1.0)))
 
 
-def backwards(edge: Edge) -> Edge:
-    """The same edge run the other way: what was on the left is on the right."""
+def reverse_edge(edge: Edge) -> Edge:
+    """The edge in the opposite direction, with left and right face swapped."""
     return replace(
-        edge, points=frozen(edge.points[::-1]), via=frozen(edge.via[::-1]),
-        normals=frozen(edge.normals[::-1, ::-1]), via_normals=frozen(edge.via_normals[::-1, ::-1]),
-    )  # fmt: skip
+        edge,
+        points=frozen(edge.points[::-1]),
+        via=frozen(edge.via[::-1]),
+        normals=frozen(edge.normals[::-1, ::-1]),
+        via_normals=frozen(edge.via_normals[::-1, ::-1]),
+    )
 
 
-def direct(edge: Edge) -> Edge:
-    """The edge from the end with the smaller x, then y, then z; a closed one sets out towards the smaller."""
+def direct_edge(edge: Edge) -> Edge:
+    """The edge from the end with the lower x, then y, then z.
+
+    A closed edge leaves its start towards the lower of the two neighbouring span middles.
+    """
     a, b = (edge.via[0], edge.via[-1]) if edge.closed else (edge.points[0], edge.points[-1])
-    return edge if np.round(a, 6).tolist() <= np.round(b, 6).tolist() else backwards(edge)
+    return edge if np.round(a, 6).tolist() <= np.round(b, 6).tolist() else reverse_edge(edge)
 
 
-def join_smooth(edges: list[Edge], meet: float = _MEET) -> list[Edge]:
-    """The edges, those that continue each other joined into one.
+def join_smooth(edges: list[Edge], tolerance: float = _SAME_END_MM) -> list[Edge]:
+    """The edges, with those joined to one that continue each other.
 
-    meet: ends are one place if they are so near, mm.
+    tolerance: largest distance between two ends that meet, mm.
     """
     chains = dict(enumerate(edges))
-    ends = {k: pair for k, pair in enumerate(_number_ends(edges, meet)) if not edges[k].closed}
-    at: dict[int, list[int]] = defaultdict(list)
+    ends = {k: pair for k, pair in enumerate(_number_ends(edges, tolerance)) if not edges[k].closed}
+    edges_at: dict[int, list[int]] = defaultdict(list)
     for k, places in ends.items():
         for place in places:
-            at[place].append(k)
+            edges_at[place].append(k)
     owner = {k: k for k in chains}
-    for place, (first, *rest) in at.items():
+    for place, (first, *rest) in edges_at.items():
         if len(rest) != 1:
             continue
-        a, b = _owner(owner, first), _owner(owner, rest[0])
+        a, b = _find_owner(owner, first), _find_owner(owner, rest[0])
         if a == b:
-            chains[a] = _close_circle(chains[a])
+            if chains[a].kind == "arc" and _is_smooth(chains[a], chains[a]):
+                chains[a] = replace(chains[a], kind="circle", closed=True)
             continue
         is_last, is_first = ends[a][1] == place, ends[b][0] == place
-        before = chains[a] if is_last else backwards(chains[a])
-        after = chains[b] if is_first else backwards(chains[b])
-        joined = _join(before, after, meet)
+        before = chains[a] if is_last else reverse_edge(chains[a])
+        after = chains[b] if is_first else reverse_edge(chains[b])
+        joined = _join(before, after, tolerance)
         if joined is not None:
             chains.pop(b)
             chains[a], owner[b] = joined, a
@@ -78,122 +86,130 @@ def join_smooth(edges: list[Edge], meet: float = _MEET) -> list[Edge]:
     return list(chains.values())
 
 
-def _number_ends(edges: list[Edge], meet: float) -> list[tuple[int, int]]:
-    """The numbers of the places where each edge begins and ends."""
+def _number_ends(edges: list[Edge], tolerance: float) -> list[tuple[int, int]]:
+    """The numbers of the places where each edge starts and ends. Ends that meet have one number."""
     if not edges:
         return []
     points = np.array([(edge.points[0], edge.points[-1]) for edge in edges]).reshape(-1, 3)
-    places = welding.components(len(points), *welding.find_close(points, meet))
-    return [(int(first), int(last)) for first, last in places.reshape(-1, 2)]
+    close = topology.find_close_pairs(points, tolerance)
+    places = topology.label_components(len(points), *close).reshape(-1, 2)
+    return [(int(first), int(last)) for first, last in places]
 
 
-def _owner(owner: dict[int, int], k: int) -> int:
+def _find_owner(owner: dict[int, int], k: int) -> int:
     while owner[k] != k:
         k = owner[k]
     return k
 
 
-def _close_circle(edge: Edge) -> Edge:
-    """An arc whose ends meet smoothly as a circle; other edges unchanged."""
-    if edge.kind != "arc" or not _smooth(edge, edge):
-        return edge
-    return replace(edge, kind="circle", closed=True)
-
-
-def _join(a: Edge, b: Edge, meet: float) -> Edge | None:
-    """Two edges as one where the first ends and the second begins, None if they stay two."""
+def _join(a: Edge, b: Edge, tolerance: float) -> Edge | None:
+    """Edge `a` followed by `b` as one edge, None if they do not continue each other."""
     if a.kind not in ("line", "arc") or a.kind != b.kind or a.convex != b.convex:
         return None
-    if abs(a.radius - b.radius) > meet or not _smooth(a, b):
+    if abs(a.radius - b.radius) > tolerance or not _is_smooth(a, b):
         return None
-    if a.kind == "arc" and _apart(a, b) > 2 * meet:
+    if a.kind == "arc" and _measure_offset(a, b) > 2 * tolerance:
         return None
-    columns = {
-        n: frozen(np.concatenate([getattr(a, n), getattr(b, n)])) for n in ("via", "via_normals")
-    }
-    columns |= {
-        n: frozen(np.concatenate([getattr(a, n), getattr(b, n)[1:]])) for n in ("points", "normals")
-    }
     share = a.length / (a.length + b.length)
-    angle = share * a.angle + (1 - share) * b.angle
-    return replace(a, **columns, angle=angle, length=a.length + b.length)
-
-
-def _smooth(a: Edge, b: Edge) -> bool:
-    """Whether b goes on where a ends with the same tangent and the same two normals."""
-    if (np.einsum("si,si->s", a.normals[-1], b.normals[0]) < _SMOOTH_COSINE).any():
-        return False
-    return (
-        float(
-            _tangent(a.points[-1], a.via[-1], a.points[-2])
-            @ _tangent(b.points[0], b.via[0], b.points[1])
-        )
-        < -_SMOOTH_COSINE
+    return replace(
+        a,
+        points=frozen(np.concatenate([a.points, b.points[1:]])),
+        via=frozen(np.concatenate([a.via, b.via])),
+        normals=frozen(np.concatenate([a.normals, b.normals[1:]])),
+        via_normals=frozen(np.concatenate([a.via_normals, b.via_normals])),
+        angle=share * a.angle + (1 - share) * b.angle,
+        length=a.length + b.length,
     )
 
 
-def _tangent(p: FloatArray, via: FloatArray, q: FloatArray) -> FloatArray:
-    """(3,) unit, the way in which the span from ``p`` over ``via`` to ``q`` leaves p."""
+def _is_smooth(a: Edge, b: Edge) -> bool:
+    """Whether `b` starts with the tangent and the two normals with which `a` ends."""
+    if (np.einsum("si,si->s", a.normals[-1], b.normals[0]) < _SMOOTH_COSINE).any():
+        return False
+    backward = _compute_tangent(a.points[-1], a.via[-1], a.points[-2])
+    forward = _compute_tangent(b.points[0], b.via[0], b.points[1])
+    return float(backward @ forward) < -_SMOOTH_COSINE
+
+
+def _compute_tangent(p: FloatArray, via: FloatArray, q: FloatArray) -> FloatArray:
+    """(3,) unit vector in which the span from `p` over `via` to `q` leaves `p`."""
     return np.asarray(spans_through(p[None], via[None], q[None]).tangents()[0][0])
 
 
-def _apart(a: Edge, b: Edge) -> float:
-    """How far the centres of two arcs are apart, mm."""
-    first, second = (
-        through(a.points[0], a.via[0], a.points[1]),
-        through(b.points[0], b.via[0], b.points[1]),
-    )
+def _measure_offset(a: Edge, b: Edge) -> float:
+    """The distance between the centres of two arcs, mm; infinite if one of them is straight."""
+    first = through(a.points[0], a.via[0], a.points[1])
+    second = through(b.points[0], b.via[0], b.points[1])
     if first is None or second is None:
         return np.inf
     return float(np.linalg.norm(first.center - second.center))
 
 
-# Edges of exact CAD as spans: lines and circles as they are, all else as arcs through three of its points.
+# Spans: lines and circles as they are. All other curves become arcs through three of their points.
 
-#: Samples that tell a line or a circle that is written as a spline.
+#: Samples by which a spline is recognised as a line or a circle.
 _SPLINE_SAMPLES = 33
-#: How near a spline must be to a line or a circle to be one, as a part of the tolerance.
+#: Largest distance of these samples from the line or circle, as a fraction of the tolerance.
 _EXACT_SHARE = 0.1
-#: Samples within each half of a span that is compared with its arc.
-_WITHIN = 4
-#: Divisions at most: a cusp ends in an interval far below any tolerance.
-_MOST_DIVISIONS = 20
+#: Intervals in each half of a span at whose ends it is compared with its arc.
+_HALF_INTERVALS = 4
+#: Largest number of times that a curve is halved. A cusp ends in an interval far below any
+#: tolerance.
+_MAX_HALVINGS = 20
 
 
-def edge(
-    curve: Curve, left: FacesBeside, right: FacesBeside, convex: bool, tolerance: float
+def make_edge(
+    curve: kernel.Curve,
+    left: kernel.FaceAlongEdge,
+    right: kernel.FaceAlongEdge,
+    convex: bool,
+    tolerance: float,
 ) -> Edge:
-    """The edge along ``curve``, without id; ``left`` and ``right`` of growing parameters, seen from outside."""
+    """The edge along a curve, without id.
+
+    left, right: faces on both sides in the direction of growing parameters, seen from outside.
+    tolerance: largest distance of the spans from the curve, mm.
+    """
     at = np.linspace(curve.low, curve.high, _SPLINE_SAMPLES)
     points = curve.points(at)
-    kind, circle = _is_line_or_arc(curve, points, tolerance)
+    kind, circle = _recognise(curve, points, tolerance)
     if kind == "line":
-        ends = _line_parameters(at, left, right)
+        ends = _divide_line(at, left, right)
         places = curve.points(ends)
         middles, via = (ends[1:] + ends[:-1]) / 2, (places[1:] + places[:-1]) / 2
     elif circle is not None:
-        ends, middles, places, via = _round(circle, at, points)
+        ends, middles, places, via = _divide_arc(circle, at, points)
     else:
-        ends = np.array(_divide(curve, curve.low, curve.high, tolerance, _MOST_DIVISIONS))
+        ends = np.array(_divide_curve(curve, curve.low, curve.high, tolerance, _MAX_HALVINGS))
         places, middles = curve.points(ends), (ends[1:] + ends[:-1]) / 2
-        via = _arc_middles(places, curve.points(middles))
-    normals, via_normals = (
-        np.stack([left.normals(t), right.normals(t)], axis=1) for t in (ends, middles)
-    )
+        via = _find_arc_middles(places, curve.points(middles))
+    normals = np.stack([left.normals(ends), right.normals(ends)], axis=1)
+    via_normals = np.stack([left.normals(middles), right.normals(middles)], axis=1)
     closed = bool(np.linalg.norm(places[0] - places[-1]) < 1e-6)
     if closed:
         places[-1] = places[0]
     return Edge(
-        "", "circle" if closed and kind == "arc" else kind, frozen(places), frozen(via), frozen(normals),
-        frozen(via_normals), _mean_angle(via_normals), convex, closed, circle.radius if circle else 0.0,
+        "",
+        "circle" if closed and kind == "arc" else kind,
+        frozen(places),
+        frozen(via),
+        frozen(normals),
+        frozen(via_normals),
+        float(angles(via_normals[:, 0], via_normals[:, 1]).mean()),
+        convex,
+        closed,
+        circle.radius if circle else 0.0,
         float(span_lengths(places, via).sum()),
-    )  # fmt: skip
+    )
 
 
-def _is_line_or_arc(
-    curve: Curve, points: FloatArray, tolerance: float
+def _recognise(
+    curve: kernel.Curve, points: FloatArray, tolerance: float
 ) -> tuple[EdgeKind, Circle | None]:
-    """Whether the curve is a line or an arc, by its kind or, within a part of ``tolerance``, by its points."""
+    """The kind of a curve, and the circle of an arc.
+
+    A curve of another type counts as a line or an arc if its `points` are on one in even order.
+    """
     if curve.kind == "Line":
         return "line", None
     if curve.kind == "Circle":
@@ -205,8 +221,8 @@ def _is_line_or_arc(
     length = float(np.linalg.norm(chord))
     if length > 0:
         along = (points - points[0]) @ (chord / length)
-        aside = np.linalg.norm(points - points[0] - along[:, None] * (chord / length), axis=1)
-        if aside.max() <= limit and (np.diff(along) > 0).all():
+        rest = points - points[0] - along[:, None] * (chord / length)
+        if np.linalg.norm(rest, axis=1).max() <= limit and (np.diff(along) > 0).all():
             return "line", None
     circle = fit_circle(points[:-1] if length <= limit else points)
     if circle is None or circle.distances(points).max(initial=0.0) > limit:
@@ -214,18 +230,28 @@ def _is_line_or_arc(
     return ("arc", circle) if (np.diff(circle.angles(points[:-1])) > 0).all() else ("curve", None)
 
 
-def _line_parameters(at: FloatArray, left: FacesBeside, right: FacesBeside) -> FloatArray:
-    """Where a line is divided: at its ends, and on the way if the normals turn."""
+def _divide_line(
+    at: FloatArray, left: kernel.FaceAlongEdge, right: kernel.FaceAlongEdge
+) -> FloatArray:
+    """Parameters of the ends of the spans of a line: one span, or four if the normals turn.
+
+    at: parameters of samples along the line.
+    """
     at = at[:: (_SPLINE_SAMPLES - 1) // 4]
     normals = np.stack([left.normals(at), right.normals(at)])
-    steady = (np.einsum("ski,sli->skl", normals, normals) > STEADY_COSINE).all()
-    return at[[0, -1]] if steady else at
+    is_steady = (np.einsum("ski,sli->skl", normals, normals) > STEADY_COSINE).all()
+    return at[[0, -1]] if is_steady else at
 
 
-def _round(
+def _divide_arc(
     circle: Circle, at: FloatArray, points: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Parameters of the ends and the middles of spans of at most half circles, and their places."""
+    """Spans of an arc, each at most half a circle.
+
+    at, points: parameters of samples along the arc, and their positions.
+
+    Returns the parameters of the ends and of the middles of the spans, then the positions of both.
+    """
     angles = circle.angles(points)
     angles[0], angles[-1] = 0.0, angles[-1] if angles[-1] > 1e-6 else 2 * np.pi
     count = max(1, int(np.ceil(angles[-1] / np.pi - 1e-6)))
@@ -235,91 +261,98 @@ def _round(
     return parameters[::2], parameters[1::2], places[::2], places[1::2]
 
 
-def _divide(curve: Curve, low: float, high: float, tolerance: float, depth: int) -> list[float]:
-    """Parameters from ``low`` to ``high`` between which the curve keeps to the arc through ends and middle."""
-    points = curve.points(np.linspace(low, high, 2 * _WITHIN + 1))
-    if depth == 0 or _fits(points, tolerance):
+def _divide_curve(
+    curve: kernel.Curve, low: float, high: float, tolerance: float, halvings: int
+) -> list[float]:
+    """Parameters from `low` to `high` between which arcs fit the curve within the tolerance.
+
+    halvings: number of times that the range may still be halved.
+    """
+    points = curve.points(np.linspace(low, high, 2 * _HALF_INTERVALS + 1))
+    if halvings == 0 or _fits_arc(points, tolerance):
         return [low, high]
     middle = (low + high) / 2
-    return [
-        *_divide(curve, low, middle, tolerance, depth - 1)[:-1],
-        *_divide(curve, middle, high, tolerance, depth - 1),
-    ]
+    lower = _divide_curve(curve, low, middle, tolerance, halvings - 1)
+    return [*lower[:-1], *_divide_curve(curve, middle, high, tolerance, halvings - 1)]
 
 
-def _fits(points: FloatArray, tolerance: float) -> bool:
-    circle = through(points[0], points[_WITHIN], points[-1])
+def _fits_arc(points: FloatArray, tolerance: float) -> bool:
+    """Whether samples of a span are near the arc through its ends and its middle sample.
+
+    An arc may turn by at most a quarter circle. Three points on a line make a line.
+    """
+    circle = through(points[0], points[_HALF_INTERVALS], points[-1])
     if circle is None:
         chord = points[-1] - points[0]
         length = float(np.linalg.norm(chord))
-        return length > 0 and bool(
-            (np.linalg.norm(cross(points - points[0], chord), axis=1) <= tolerance * length).all()
-        )
+        areas = np.linalg.norm(cross(points - points[0], chord), axis=1)
+        return length > 0 and bool((areas <= tolerance * length).all())
     angles = circle.angles(points)
-    even = bool((np.diff(angles) > 0).all() and angles[-1] < np.pi / 2)
-    return even and bool(np.abs(circle.distances(points)).max() <= tolerance)
+    is_even = bool((np.diff(angles) > 0).all() and angles[-1] < np.pi / 2)
+    return is_even and bool(circle.distances(points).max() <= tolerance)
 
 
-def _arc_middles(places: FloatArray, middles: FloatArray) -> FloatArray:
-    """The middles of the arcs from one of ``places`` (N, 3) to the next through ``middles`` (N - 1, 3)."""
-    via = (places[1:] + places[:-1]) / 2
+def _find_arc_middles(ends: FloatArray, middles: FloatArray) -> FloatArray:
+    """(N - 1, 3) middles of the arcs between neighbouring `ends` (N, 3).
+
+    middles: (N - 1, 3) a point of each arc.
+    """
+    via = (ends[1:] + ends[:-1]) / 2
     for k, middle in enumerate(middles):
-        circle = through(places[k], middle, places[k + 1])
+        circle = through(ends[k], middle, ends[k + 1])
         if circle is not None:
-            via[k] = circle.at(circle.angles(places[k + 1][None]) / 2)[0]
+            via[k] = circle.at(circle.angles(ends[k + 1][None]) / 2)[0]
     return via
 
 
-def _mean_angle(normals: FloatArray) -> float:
-    """The angle between the two normals (N, 2, 3), rad, on the average."""
-    return float(angles(normals[:, 0], normals[:, 1]).mean())
-
-
-#: Triangles leave the part by at most this part of its size, within these bounds (mm), and turn by this (rad).
-_DEFLECTION, _FINEST, _COARSEST, _ANGLE = 2e-4, 0.005, 0.2, 0.35
+#: Largest distance of the triangles from the part, as a fraction of its diagonal.
+_DEFLECTION = 2e-4
+#: mm: lower and upper limit of this distance.
+_FINEST_MM, _COARSEST_MM = 0.005, 0.2
+#: rad: largest angle between neighbouring triangles along a curve.
+_TRIANGLE_ANGLE = 0.35
 
 
 def read(source: Source, tolerance: float = 0.01, feature_angle: float = FEATURE_ANGLE) -> Solid:
-    """The solid in a STEP file. ``InputError`` if there is none, or the extra is not installed.
+    """The solid in a STEP file.
 
-    tolerance: mm, what arcs and lines may leave the ellipses and splines they stand for. feature_angle: rad, sharp
-    edges are those above it.
+    tolerance: largest distance of arcs and lines from the ellipses and splines that they replace,
+        mm.
+    feature_angle: angle between face normals above which an edge is sharp, rad.
+
+    Raises InputError for a file without a shape, and if the extra is not installed.
     """
     units, notes = read_units(source)
-    loaded = load(source)
+    loaded = read_bodies(source)
     shape, wires = loaded.shape, loaded.curves
     others = list_other_files(source.data)
     if shape is None:
-        raise _no_faces(source.name, others, wires)
+        raise _make_error(source.name, others, wires)
     notes += loaded.notes
-    failure = kernel.part("Standard").Standard_Failure
     try:
-        edges, borders = _edges(loaded, tolerance, feature_angle, notes)
-        deflection = float(np.clip(_DEFLECTION * kernel.size(shape), _FINEST, _COARSEST))
-        vertices, faces = welding.merge(*kernel.triangles(shape, deflection, _ANGLE))
-    except (failure, *kernel.STUMBLES) as error:
-        again = "export it again from the CAD program"
-        raise InputError(
-            source.name, "the CAD kernel stumbles over its faces", "", again
-        ) from error
-    faces, _ = welding.weld(vertices, welding.without_degenerate(faces))
-    faces = welding.without_duplicates(welding.without_degenerate(faces))
+        edges, borders = _find_edges(loaded, tolerance, feature_angle, notes)
+        deflection = float(
+            np.clip(_DEFLECTION * kernel.measure_diagonal(shape), _FINEST_MM, _COARSEST_MM)
+        )
+        vertices, faces = topology.merge_equal_vertices(
+            *kernel.triangulate(shape, deflection, _TRIANGLE_ANGLE)
+        )
+    except kernel.list_errors() as error:
+        remedy = "export it again from the CAD program"
+        what = "the CAD kernel stumbles over its faces"
+        raise InputError(source.name, what, "", remedy) from error
+    faces, _ = topology.weld_rims(vertices, topology.drop_degenerate(faces))
+    faces = topology.drop_duplicates(topology.drop_degenerate(faces))
     if not len(faces):
-        raise _no_faces(source.name, others, wires)
+        raise _make_error(source.name, others, wires)
     if wires:
-        notes.append(
-            Note(
-                "skipped",
-                counted(wires, "curve beside the faces", "curves beside the faces"),
-                "no edges",
-            )
-        )
+        what = counted(wires, "curve beside the faces", "curves beside the faces")
+        notes.append(Note("skipped", what, "no edges"))
     if others:
-        notes.append(
-            Note("skipped", f"what is in other files: {', '.join(others)}", "build them one by one")
-        )
-    vertices, faces = welding.drop_unused(vertices, faces)
-    normals, _ = face_normals(vertices, faces, pair(faces))
+        what = f"what is in other files: {', '.join(others)}"
+        notes.append(Note("skipped", what, "build them one by one"))
+    vertices, faces = topology.drop_unused(vertices, faces)
+    normals, _ = compute_normals(vertices, faces, topology.pair_half_edges(faces))
     faces.flags.writeable = False
     notes += doubts(np.ptp(vertices, axis=0).tolist(), units, source.name)
     return Solid(
@@ -336,113 +369,108 @@ def read(source: Source, tolerance: float = 0.01, feature_angle: float = FEATURE
     )
 
 
-def _no_faces(name: str, others: Sequence[str], curves: int) -> InputError:
-    """Why there is nothing to work on. others: files that the text names. curves: of the shape."""
+def _make_error(name: str, others: Sequence[str], curves: int) -> InputError:
+    """The error for a file without faces.
+
+    others: names of other files that contain the parts, according to the text.
+    curves: number of curves in the file.
+    """
     if others:
         them = "in another file" if len(others) == 1 else "in other files"
         remedy = "build these, or export the assembly as one file"
         return InputError(name, f"holds no shape: its parts are {them}", ", ".join(others), remedy)
+    what, where = "holds no shape", "neither faces nor curves"
     if curves:
         what = f"is a wireframe: {counted(curves, 'curve')} and no faces"
-        return InputError(
-            name, what, "the edge of a solid lies between two faces", "export the part as a solid"
-        )
-    return InputError(
-        name, "holds no shape", "neither faces nor curves", "export the part as a solid"
-    )
+        where = "the edge of a solid lies between two faces"
+    return InputError(name, what, where, "export the part as a solid")
 
 
-def _edges(
+def _find_edges(
     loaded: StepBodies, tolerance: float, feature_angle: float, notes: list[Note]
 ) -> tuple[tuple[Edge, ...], tuple[FloatArray, ...]]:
-    """Sharp edges with ids, and where faces end."""
-    found: list[Edge] = []
+    """The sharp edges with ids, and the lines (N, 3) along which the surface ends, mm."""
+    sharp: list[Edge] = []
     borders: list[FloatArray] = []
     left_out: Counter[str] = Counter()
-    for meeting in kernel.meetings(loaded.shape):
-        what = _kind(meeting)
-        if what == "border":
-            curve = kernel.Curve(meeting.edge)
-            borders.append(
-                frozen(
-                    curve.points(
-                        np.linspace(curve.low, curve.high, 2 if curve.kind == "Line" else 33)
-                    )
-                )
-            )
-        elif what:
-            left_out[what] += 1
+    for edge_uses in kernel.list_edges(loaded.shape):
+        reason = _find_reason(edge_uses)
+        if reason == "border":
+            curve = kernel.Curve(edge_uses.edge)
+            count = 2 if curve.kind == "Line" else _SPLINE_SAMPLES
+            borders.append(frozen(curve.points(np.linspace(curve.low, curve.high, count))))
+        elif reason:
+            left_out[reason] += 1
         else:
-            sharp = _sharp(meeting, tolerance, feature_angle)
-            left_out["smooth"] += sharp is None
-            found += [sharp] if sharp is not None else []
-    meet = max(_MEET, 2 * kernel.measure_tolerance(loaded.shape))
-    edges = order(direct(e) for e in join_smooth(found, meet))
-    _say(notes, left_out, found, len(edges), feature_angle)
+            edge = _make_sharp_edge(edge_uses, tolerance, feature_angle)
+            if edge is None:
+                left_out["smooth"] += 1
+            else:
+                sharp.append(edge)
+    distance = max(_SAME_END_MM, 2 * kernel.measure_tolerance(loaded.shape))
+    edges = sort_edges(map(direct_edge, join_smooth(sharp, distance)))
+    notes += _note_edges(left_out, sharp, len(edges), feature_angle)
     if borders:
         what = f"{counted(len(borders), 'edge has', 'edges have')} a face on one side only"
-        notes.append(
-            Note(
-                "warning",
-                what,
-                f"borders, not edges; faces {loaded.tolerance:.4g} mm apart are sewn",
-            )
-        )
+        why = f"borders, not edges; faces {loaded.tolerance:.4g} mm apart are sewn"
+        notes.append(Note("warning", what, why))
     return edges, tuple(borders)
 
 
-def _kind(meeting: kernel.Meeting) -> str:
-    """Why an edge is none between two faces, "" if it is."""
-    if kernel.degenerate(meeting.edge):
+def _find_reason(edge_uses: kernel.EdgeUses) -> str:
+    """Why an edge of the file does not lie between two faces, "" if it does."""
+    uses = edge_uses.uses
+    if kernel.is_degenerate(edge_uses.edge):
         return "degenerate"
-    if len(meeting.uses) == 2 and meeting.uses[0][1].IsSame(meeting.uses[1][1]):
+    if len(uses) == 2 and uses[0][1].IsSame(uses[1][1]):
         return "seam"
-    if len(meeting.uses) == 1:
+    if len(uses) == 1:
         return "border"
-    if len(meeting.uses) > 2:
+    if len(uses) > 2:
         return "crowded"
-    return (
-        "" if kernel.forward(meeting.uses[0][0]) != kernel.forward(meeting.uses[1][0]) else "turned"
-    )
+    return "" if kernel.is_forward(uses[0][0]) != kernel.is_forward(uses[1][0]) else "turned"
 
 
-def _sharp(meeting: kernel.Meeting, tolerance: float, feature_angle: float) -> Edge | None:
-    """The edge if its faces meet at more than ``feature_angle`` in the middle of it.
+def _make_sharp_edge(
+    edge_uses: kernel.EdgeUses, tolerance: float, feature_angle: float
+) -> Edge | None:
+    """The edge if its faces meet at more than `feature_angle` in the middle of it, else None.
 
-    A face lies on the left of its edges as they run in it, seen from outside. Convex: see ``sharp.segments``.
+    A face lies on the left of its edges as they run in it, seen from outside. An edge is convex as
+    in `sharp.find_sharp_sides`.
     """
-    (edge_a, face_a), (edge_b, face_b) = meeting.uses
-    left, right = kernel.FacesBeside(edge_a, face_a), kernel.FacesBeside(edge_b, face_b)
-    if not kernel.forward(edge_a):
+    (edge_a, face_a), (edge_b, face_b) = edge_uses.uses
+    left, right = kernel.FaceAlongEdge(edge_a, face_a), kernel.FaceAlongEdge(edge_b, face_b)
+    if not kernel.is_forward(edge_a):
         left, right = right, left
-    curve = kernel.Curve(meeting.edge)
+    curve = kernel.Curve(edge_uses.edge)
     middle = np.array([(curve.low + curve.high) / 2])
     a, b = left.normals(middle)[0], right.normals(middle)[0]
     turn = cross(a, b)
     if float(np.arctan2(np.linalg.norm(turn), a @ b)) <= feature_angle:
         return None
-    return edge(curve, left, right, bool(turn @ curve.tangent(float(middle[0])) > 0), tolerance)
+    convex = bool(turn @ curve.tangent(float(middle[0])) > 0)
+    return make_edge(curve, left, right, convex, tolerance)
 
 
-def _say(
-    notes: list[Note], left_out: Counter[str], found: list[Edge], whole: int, feature_angle: float
-) -> None:
-    """What became of the edges of the file, in numbers."""
-    convex = sum(e.convex for e in found)
+def _note_edges(
+    left_out: Counter[str], sharp: Sequence[Edge], joined: int, feature_angle: float
+) -> list[Note]:
+    """Notes on the edges of the file.
+
+    left_out: number of edges that were left out, by reason.
+    sharp: edges between two faces.
+    joined: number of edges after joining.
+    """
+    convex = sum(edge.convex for edge in sharp)
     below = f"{left_out['smooth']} below {np.degrees(feature_angle):.4g} deg"
     others = f"{counted(left_out['seam'], 'seam')} and {counted(left_out['degenerate'], 'point')}"
-    what = f"{convex} convex and {len(found) - convex} concave edges of the file are {whole}"
-    notes.append(
-        Note(
-            "joined",
-            what,
-            f"where one goes on as the same line or circle; {below}, {others} left out",
-        )
-    )
-    for kind, why in (
-        ("crowded", "more than two faces meet"),
-        ("turned", "inside and outside disagree"),
-    ):
+    what = f"{convex} convex and {len(sharp) - convex} concave edges of the file are {joined}"
+    why = f"where one goes on as the same line or circle; {below}, {others} left out"
+    notes = [Note("joined", what, why)]
+    reasons = {"crowded": "more than two faces meet", "turned": "inside and outside disagree"}
+    for kind, reason in reasons.items():
         if left_out[kind]:
             what = f"{counted(left_out[kind], 'edge was', 'edges were')} left out"
-            notes.append(Note("skipped", what, f"{why} there"))
+            notes.append(Note("skipped", what, f"{reason} there"))
+    return notes

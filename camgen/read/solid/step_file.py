@@ -1,4 +1,4 @@
-"""The bytes of a STEP file as bodies of the CAD kernel: sewn, and joined where they touch."""
+"""Reads a STEP file as bodies of the CAD kernel, which are sewn, and joined where they touch."""
 
 from __future__ import annotations
 
@@ -20,15 +20,17 @@ from camgen.model.part import Note
 from camgen.model.text import counted, harmless
 from camgen.read.solid import kernel
 from camgen.read.solid.healing import Body, choose_tolerance, join_touching, sew_bodies
-from camgen.read.solid.part21 import LARGEST_ID, find_wild_id, find_wild_place, take_out
+from camgen.read.solid.part21 import LARGEST_ID, find_wild_id, find_wild_place, remove_faults
 from camgen.read.solid.step_units import read_uncertainty
 
 _SAVE_AGAIN = "export it again from the CAD program"
-#: The text is read again without damaged entities, at most this many times.
-_ROUNDS = 4
-#: Names that CAD programs write for entities without a name, and how an invented one begins.
+#: Maximum number of times that a text is read, each time without the damaged entities found before.
+_MAX_READINGS = 4
+#: Names that CAD programs write for entities without a name, and the start of an invented name.
 _NO_NAMES = ("", "NONE", "NULL")
 _INVENTED = "Open CASCADE STEP translator"
+#: A change by the kernel that is not reported: such a shell is sewn afterwards.
+_SPLIT = "Improperly connected shell split into parts"
 
 
 class StepBodies(Struct, frozen=True, eq=False):
@@ -38,6 +40,7 @@ class StepBodies(Struct, frozen=True, eq=False):
     names: names of the bodies, "" for one without a name.
     curves: number of curves that are in no face.
     tolerance: largest distance of faces that were sewn, mm.
+    notes: notes on repairs.
     """
 
     shape: Any
@@ -47,10 +50,13 @@ class StepBodies(Struct, frozen=True, eq=False):
     notes: tuple[Note, ...]
 
 
-def load(source: Source) -> StepBodies:
-    """The bodies in a STEP file. Raises InputError for a file that is damaged."""
+def read_bodies(source: Source) -> StepBodies:
+    """The bodies in a STEP file.
+
+    Raises InputError for a damaged file, and if the extra `step` is not installed.
+    """
     try:
-        kernel.part("STEPControl")
+        kernel.import_ocp("STEPControl")
     except ImportError as error:
         raise InputError(
             source.name,
@@ -58,19 +64,20 @@ def load(source: Source) -> StepBodies:
             "",
             "pip install '.[step]' in the folder of camgen",
         ) from error
-    message = kernel.part("Message")
-    # OCCT prints what it finds odd; the command line alone prints.
+    message = kernel.import_ocp("Message")
+    # OCCT prints warnings. Only the command line may print.
     message.Message.DefaultMessenger_s().RemovePrinters(
         message.Message_PrinterOStream.get_type_descriptor_s()
     )
-    _try_aside(source)
-    return _load(source)
+    _try_in_child(source)
+    return _read_in_process(source)
 
 
-def _try_aside(source: Source) -> None:
-    """Raises InputError for a file that ends the process of the kernel: a child reads it first.
+def _try_in_child(source: Source) -> None:
+    """Raise InputError for a file that ends the process of the kernel.
 
-    OCCT does not check all values of a file; a wrong one may end the process without an exception.
+    OCCT does not check all values of a file. A wrong one may end the process without an exception,
+    so a child process reads the file first.
     """
     if not hasattr(os, "fork"):
         return
@@ -78,10 +85,10 @@ def _try_aside(source: Source) -> None:
     child = os.fork()
     if child == 0:
         with suppress(BaseException):  # the parent meets the same error and reports it
-            os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # its last words are of no use
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # stderr of a crash is not shown
             signal.signal(signal.SIGALRM, signal.SIG_DFL)
             signal.setitimer(signal.ITIMER_REAL, source.limits.step_seconds)
-            _load(source)
+            _read_in_process(source)
         os._exit(0)
     ended = os.waitpid(child, 0)[1]
     if os.WIFSIGNALED(ended):
@@ -92,66 +99,65 @@ def _try_aside(source: Source) -> None:
         raise InputError(source.name, what, "", remedy)
 
 
-def _load(source: Source) -> StepBodies:
-    failure = kernel.part("Standard").Standard_Failure
+def _read_in_process(source: Source) -> StepBodies:
     try:
-        reader, notes = _sound(source)
+        reader, notes = _read_sound(source)
         shape = reader.OneShape() if reader.TransferRoots() else None
         if shape is None or shape.IsNull():
             return StepBodies(None, (), 0, 0.0, notes)
         return _heal(source.data, reader, shape, notes)
-    except (failure, *kernel.STUMBLES) as error:
+    except kernel.list_errors() as error:
         raise InputError(
             source.name, "is damaged: the CAD kernel cannot read it", "", _SAVE_AGAIN
         ) from error
 
 
 def _heal(data: bytes, reader: Any, shape: Any, notes: tuple[Note, ...]) -> StepBodies:
-    """The bodies of a shape, sewn and joined."""
-    curves = kernel.count_wires(shape)
-    bodies = list(_walk(reader.WS().TransferReader(), shape, ""))
+    curves = len(list(kernel.list_subshapes(shape, "Edge", "Face")))
+    bodies = list(_list_bodies(reader.WS().TransferReader(), shape, ""))
     if not bodies:
         return StepBodies(None, (), curves, 0.0, notes)
-    tolerance = choose_tolerance(read_uncertainty(data), kernel.size(shape))
-    bodies, sewing = sew_bodies(bodies, tolerance.mm)
-    whole, joints = join_touching(bodies, tolerance.mm)
+    tolerance, doubts = choose_tolerance(read_uncertainty(data), kernel.measure_diagonal(shape))
+    bodies, sewing = sew_bodies(bodies, tolerance)
+    whole, joints = join_touching(bodies, tolerance)
     return StepBodies(
         whole,
         tuple(body.name for body in bodies),
         curves,
-        tolerance.mm,
-        (*notes, *_note_changes(reader, shape), *tolerance.notes, *sewing, *joints),
+        tolerance,
+        (*notes, *_note_changes(reader, shape), *doubts, *sewing, *joints),
     )
 
 
-def _walk(transfer: Any, shape: Any, product: str) -> Iterator[Body]:
-    """The bodies of a shape: its solids, and all faces that belong to no solid.
+def _list_bodies(transfer: Any, shape: Any, product: str) -> Iterator[Body]:
+    """The bodies of a shape: its solids, and its shells and faces that belong to no solid.
 
-    product: name of the product around the shape in an assembly.
+    transfer: results of the kernel's reader, by which entities of the file are found.
+    product: name of the product that contains the shape in an assembly, "" without one.
     """
-    kinds = kernel.part("TopAbs").TopAbs_ShapeEnum
+    kinds = kernel.import_ocp("TopAbs").TopAbs_ShapeEnum
     usage = transfer.EntityFromShapeResult(shape, 1)
     entity = transfer.EntityFromShapeResult(
-        shape.Located(kernel.part("TopLoc").TopLoc_Location()), 1
+        shape.Located(kernel.import_ocp("TopLoc").TopLoc_Location()), 1
     )
-    if isinstance(usage, kernel.part("StepRepr").StepRepr_NextAssemblyUsageOccurrence):
-        product = _name(usage.RelatedProductDefinition().Formation().OfProduct()) or product
-        own_name = product or _name(entity)
+    if isinstance(usage, kernel.import_ocp("StepRepr").StepRepr_NextAssemblyUsageOccurrence):
+        product = _read_name(usage.RelatedProductDefinition().Formation().OfProduct()) or product
+        name = product or _read_name(entity)
     else:
-        own_name = _name(entity) or product
-    is_solid = isinstance(entity, kernel.part("StepShape").StepShape_SolidModel)
+        name = _read_name(entity) or product
+    is_solid = isinstance(entity, kernel.import_ocp("StepShape").StepShape_SolidModel)
     kind = shape.ShapeType()
     if kind == kinds.TopAbs_SOLID or is_solid:
-        yield Body(own_name, shape, True)
+        yield Body(name, shape, True)
     elif kind in (kinds.TopAbs_COMPOUND, kinds.TopAbs_COMPSOLID):
-        for member in kernel.members(shape):
-            yield from _walk(transfer, member, product)
+        for member in kernel.list_members(shape):
+            yield from _list_bodies(transfer, member, product)
     elif kind in (kinds.TopAbs_SHELL, kinds.TopAbs_FACE):
-        yield Body(own_name, shape, False)
+        yield Body(name, shape, False)
 
 
-def _name(entity: Any) -> str:
-    """The name of an entity, "" without one or in an encoding that is not known."""
+def _read_name(entity: Any) -> str:
+    """The name of an entity, "" without one or in an unknown encoding."""
     try:
         text = str(entity.Name().ToCString()).strip()
     except (AttributeError, UnicodeDecodeError):
@@ -161,7 +167,6 @@ def _name(entity: Any) -> str:
 
 
 def _note_changes(reader: Any, shape: Any) -> list[Note]:
-    """The changes that the kernel made to faces and edges while it read them."""
     checks = reader.WS().TransferReader().TransientProcess().CheckList(False)
     changes: Counter[str] = Counter()
     checks.Start()
@@ -178,15 +183,11 @@ def _note_changes(reader: Any, shape: Any) -> list[Note]:
     return [Note("repaired", f"{text} by the CAD kernel: {listed}", why)]
 
 
-#: A shell in parts is sewn.
-_SPLIT = "Improperly connected shell split into parts"
+def _read_sound(source: Source) -> tuple[Any, tuple[Note, ...]]:
+    """The kernel's reader for a text in which it can read every entity, and notes on the repairs.
 
-
-def _sound(source: Source) -> tuple[Any, tuple[Note, ...]]:
-    """The kernel's reader of a text of which it can read every entity.
-
-    OCCT would leave out whatever needs a damaged entity, or end the process. A damaged entity that
-    no edge needs is taken out of the text. Raises InputError for other damage.
+    OCCT would leave out everything that needs a damaged entity, or end the process. A damaged
+    entity that no edge needs is removed from the text. Raises InputError for other damage.
     """
     data, notes = source.data, tuple[Note, ...]()
     if wild := find_wild_id(data):
@@ -197,31 +198,34 @@ def _sound(source: Source) -> tuple[Any, tuple[Note, ...]]:
         raise InputError(
             source.name, f"is damaged: a point at {far}, no part is so large", "", remedy
         )
-    for _ in range(_ROUNDS):
-        reader = kernel.part("STEPControl").STEPControl_Reader()
+    for _ in range(_MAX_READINGS):
+        reader = kernel.import_ocp("STEPControl").STEPControl_Reader()
         if reader.ReadStream(source.name, BytesIO(data)).name != "IFSelect_RetDone":
             raise InputError(source.name, "is not a STEP file, or damaged", "", _SAVE_AGAIN)
         model = reader.StepModel()
-        faults = _faults(model)
+        faults = _list_faults(model)
         if not faults:
             if model.GlobalCheck(True).HasFailed():
                 raise InputError(
                     source.name, "is damaged: entities are missing or there twice", "", _SAVE_AGAIN
                 )
             return reader, notes
-        mended = take_out(data, faults)
-        if mended.why:
-            of = counted(int(model.NbEntities()), "entity", "entities")
-            what = (
-                f"is damaged: {len(faults)} of {of} cannot be read, and the part needs {mended.why}"
+        repaired = remove_faults(data, faults)
+        if repaired.why:
+            entities = counted(int(model.NbEntities()), "entity", "entities")
+            raise InputError(
+                source.name,
+                f"is damaged: {len(faults)} of {entities} cannot be read, "
+                f"and the part needs {repaired.why}",
+                "",
+                _SAVE_AGAIN,
             )
-            raise InputError(source.name, what, "", _SAVE_AGAIN)
-        data, notes = mended.data, (*notes, *mended.notes)
+        data, notes = repaired.data, (*notes, *repaired.notes)
     raise InputError(source.name, "is damaged: its entities cannot be read", "", _SAVE_AGAIN)
 
 
-def _faults(model: Any) -> dict[int, list[str]]:
-    """Messages of OCCT about entities that it cannot read, by their place in the file from 0."""
+def _list_faults(model: Any) -> dict[int, list[str]]:
+    """Messages of OCCT about each entity that it cannot read, by the index of the entity."""
     faults = {}
     for k in range(1, int(model.NbEntities()) + 1):
         if model.IsErrorEntity(k):

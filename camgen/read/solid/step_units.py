@@ -1,4 +1,4 @@
-"""Units of length and uncertainty of a STEP file, taken from its text."""
+"""The units of length and the uncertainty of a STEP file, read from its text."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ _PREFIX = {
 
 
 def read_units(source: Source) -> tuple[str, list[Note]]:
-    """The units of length of the shapes of a file, for the user; the kernel converts lengths.
+    """The units of length of the shapes of a file for the user, and notes.
 
-    Raises InputError for data of another kind.
+    The kernel converts the lengths. Raises InputError for a file of another kind.
     """
     data = source.data
     if not data[:4096].lstrip().startswith(b"ISO-10303-21"):
@@ -53,7 +53,7 @@ def read_uncertainty(data: bytes) -> float:
 
 
 def _list_units(data: bytes) -> dict[bytes, str]:
-    """The names of the units of length by the numbers of their entities."""
+    """The names of the units of length, by the numbers of their entities."""
     return {number: _name(text) for number, text in _INSTANCE.findall(data)}
 
 

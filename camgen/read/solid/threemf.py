@@ -1,4 +1,4 @@
-"""3MF files: the bodies that the build lists, with components in other parts of the archive.
+"""3MF files: the bodies that the build lists, also with components in other parts of the archive.
 
 Sources: 3MF Core Specification 1.3, sections 3 and 4; 3MF Production Extension 1.1, section 2.
 """
@@ -17,8 +17,7 @@ from msgspec import Struct
 from camgen.model.part import IntArray, Note
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted
-from camgen.read.solid.bodies import NamedVertices
-from camgen.read.solid.unread import UnreadShape
+from camgen.read.solid.soup import MeshSoup, NamedVertices, UnreadShape
 
 _ROOT = "3d/3dmodel.model"
 _CORE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
@@ -33,18 +32,23 @@ _KNOWN = frozenset(
     ]
 )
 _PATH = f"{{{_PRODUCTION}}}path"
-#: Types of objects that do not belong to the model (core specification, section 4.1).
-_BESIDE = ("support", "solidsupport", "other")
+#: Types of objects that are not parts of the model (core specification, section 4.1).
+_NOT_MODEL = ("support", "solidsupport", "other")
 #: Elements of extensions that hold a shape, required or not.
 _SHAPES = frozenset(["beamlattice", "booleanshape", "displacementmesh", "levelset"])
-#: The namespaces of a model part, and the bytes in which its first element ends.
+#: A namespace of a model part, and bytes at its start that are searched for namespaces.
 _SPACES, _HEAD = re.compile(r"xmlns:([\w.-]+)\s*=\s*[\"']([^\"']+)"), 10_000
-#: Components within components.
-_DEEPEST = 50
+#: Maximum depth of components within components.
+_MAX_DEPTH = 50
 
 
 class _Reference(Struct, frozen=True):
-    """A component or an item. part: name of the part of the archive, in small letters."""
+    """A component or an item.
+
+    part: name of the part of the archive with the object, in lower case.
+    number: id of the object in that part.
+    transform: (4, 4) position. A point is a row vector, so its image is `point @ transform`.
+    """
 
     part: str
     number: str
@@ -60,9 +64,11 @@ class _Object(Struct, frozen=True, eq=False):
 
 
 class _Part(Struct, frozen=True):
-    """A model part.
+    """A model part of the archive.
 
-    objects: its objects by id. Two parts may use the same id.
+    unit: unit of length.
+    objects: objects by id. Another part may use the same id for another object.
+    items: objects of the build.
     """
 
     unit: str
@@ -70,24 +76,7 @@ class _Part(Struct, frozen=True):
     items: list[_Reference]
 
 
-class Bodies(Struct, frozen=True, eq=False):
-    """The bodies of a file in one table.
-
-    vertices: (V, 3) in units of the file.
-    faces: (F, 3).
-    unit: name of the unit.
-    notes: notes on objects that were left out.
-    named: names of the bodies.
-    """
-
-    vertices: FloatArray
-    faces: IntArray
-    unit: str
-    notes: tuple[Note, ...]
-    named: NamedVertices
-
-
-def read_3mf(data: bytes, limit: float) -> Bodies:
+def read_3mf(data: bytes, limit: float) -> MeshSoup:
     """The bodies that the build of a 3MF lists.
 
     limit: maximum number of bytes of all model parts together, and of vertices of all bodies.
@@ -106,12 +95,10 @@ def read_3mf(data: bytes, limit: float) -> Bodies:
     builder = _Builder(parts, limit)
     for item in parts[root].items:
         builder.add(item, np.eye(4), 0)
-    return builder.finish(parts[root].unit)
+    return builder.finish(parts[root].unit.lower())
 
 
 class _Builder:
-    """Collects the bodies of a build."""
-
     def __init__(self, parts: dict[str, _Part], limit: float) -> None:
         self._parts, self._limit = parts, limit
         self._vertices: list[FloatArray] = [np.zeros((0, 3))]
@@ -120,24 +107,29 @@ class _Builder:
         self._count = self._left_out = 0
 
     def add(self, reference: _Reference, outer: FloatArray, depth: int, name: str = "") -> None:
-        """Adds the body that a reference names, with its components.
+        """Add the body of a reference, with its components.
 
-        name: name of the object around it.
+        outer: (4, 4) position of the object that contains it.
+        depth: number of objects that contain it.
+        name: name of the object that contains it, for a body without a name.
+
+        Raises ValueError for an object that is missing or contains itself, and OverflowError for
+        too many vertices.
         """
         part = self._parts.get(reference.part)
         body = None if part is None else part.objects.get(reference.number)
         if body is None:
             raise ValueError(f"object {reference.number} is not in {reference.part}")
-        if depth > _DEEPEST:
+        if depth > _MAX_DEPTH:
             raise ValueError("components contain each other")
-        if body.type in _BESIDE:
+        if body.type in _NOT_MODEL:
             self._left_out += 1
             return
         place = reference.transform @ outer
         name = body.name or name
         if len(body.faces):
             points = body.vertices @ place[:3, :3] + place[3, :3]
-            # A mirrored body has its faces turned.
+            # The faces of a mirrored body would be wound inward.
             mirrored = np.linalg.det(place[:3, :3]) < 0
             self._vertices.append(points)
             self._names.append(name)
@@ -148,13 +140,13 @@ class _Builder:
         for component in body.components:
             self.add(component, place, depth + 1, name)
 
-    def finish(self, unit: str) -> Bodies:
+    def finish(self, unit: str) -> MeshSoup:
         notes: tuple[Note, ...] = ()
         if self._left_out:
             what = f"{counted(self._left_out, 'object')} of the build left out"
             notes = (Note("skipped", what, "a support, or of the type other"),)
         owners = np.repeat(np.arange(len(self._names)), [len(v) for v in self._vertices[1:]])
-        return Bodies(
+        return MeshSoup(
             np.concatenate(self._vertices),
             np.concatenate(self._faces),
             unit,
@@ -164,12 +156,11 @@ class _Builder:
 
 
 def _read_part(data: bytes, name: str) -> _Part:
-    """The objects and items of a model part."""
     if b"<!DOCTYPE" in data:
         raise ValueError("it has a document type, which no model has")
     model = ElementTree.fromstring(data)
     spaces = dict(_SPACES.findall(data[:_HEAD].decode("latin-1")))
-    _insist_on_known(model.get("requiredextensions", ""), spaces)
+    _check_extensions(model.get("requiredextensions", ""), spaces)
     for item in model.iter():
         if item.tag.rpartition("}")[2] in _SHAPES:
             raise UnreadShape(f"has a {item.tag.rpartition('}')[2]}, which is not read")
@@ -180,8 +171,8 @@ def _read_part(data: bytes, name: str) -> _Part:
     )
 
 
-def _insist_on_known(required: str, spaces: dict[str, str]) -> None:
-    """UnreadShape for a required extension that is not read."""
+def _check_extensions(required: str, spaces: dict[str, str]) -> None:
+    """Raise UnreadShape for a required extension that is not read."""
     for prefix in required.split():
         space = spaces.get(prefix, prefix)
         if space not in _KNOWN:
@@ -206,11 +197,10 @@ def _read_object(item: ElementTree.Element, name: str) -> _Object:
 
 
 def _read_reference(item: ElementTree.Element, name: str) -> _Reference:
-    """A component or an item of the part ``name``."""
     path = item.get(_PATH, name).lstrip("/").lower()
     matrix = np.eye(4)
     numbers = item.get("transform", "").split()
     if numbers:
-        # Rows are images of the axes, and the last one is the shift (section 3.3).
+        # The rows are the images of the axes and the translation (section 3.3).
         matrix[:, :3] = np.array(numbers, dtype=np.float64).reshape(4, 3)
     return _Reference(path, item.attrib["objectid"], matrix)

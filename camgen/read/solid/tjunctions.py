@@ -1,14 +1,13 @@
-"""Vertices on the sides of triangles that do not have them: T-junctions, closed by splitting."""
+"""Closes T-junctions: splits the sides of triangles at vertices that lie on them."""
 
 from __future__ import annotations
 
 import numpy as np
-from msgspec import Struct
 
 from camgen.geometry.ragged import each_once, starts_run
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
-from camgen.read.solid.topology import WELD, ends, pair
+from camgen.read.solid.topology import WELD, list_ends, pair_half_edges
 
 #: A triangle has three sides, and each pass splits one side of it.
 _PASSES = 3
@@ -17,45 +16,33 @@ _PASSES = 3
 _PLANE = np.array([[0.8165, 0.1234], [-0.3141, 0.8660], [0.4845, 0.4844]])
 
 
-class _Junctions(Struct, frozen=True, eq=False):
-    """J vertices on open sides, ordered by the side and along it.
-
-    half: (J,) half-edge of the side.
-    vertex: (J,) number of the vertex.
-    """
-
-    half: IntArray
-    vertex: IntArray
-
-    def __len__(self) -> int:
-        return len(self.half)
-
-
 def split_at_junctions(vertices: FloatArray, faces: IntArray) -> tuple[IntArray, int]:
-    """The faces with open sides split at the vertices that lie on them, and the number of these.
+    """Split open sides at the vertices on them. Returns the faces and the number of splits.
 
     vertices: (V, 3) mm.
-    faces: (F, 3), no face with a vertex twice.
+    faces: (F, 3), each with three different vertices.
     """
     count = 0
     for _ in range(_PASSES):
-        junctions = _find(vertices, faces)
-        if not len(junctions):
+        half, vertex = _find_junctions(vertices, faces)
+        if not len(half):
             break
-        faces, split = _split(faces, junctions)
-        count += split
+        faces, splits = _split(faces, half, vertex)
+        count += splits
     return faces, count
 
 
-def _find(vertices: FloatArray, faces: IntArray) -> _Junctions:
-    """The vertices of open rims that lie on open sides."""
-    none = _Junctions(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))
-    half = pair(faces).open
+def _find_junctions(vertices: FloatArray, faces: IntArray) -> tuple[IntArray, IntArray]:
+    """The open half-edges (J,) with a vertex of an open rim on them, and these vertices (J,).
+
+    They are in order of the half-edge, then along it.
+    """
+    half = pair_half_edges(faces).open
     if not len(half):
-        return none
+        return half, half
     import shapely  # noqa: PLC0415 (only for a mesh that is not closed)
 
-    start, end = ends(faces, half)
+    start, end = list_ends(faces, half)
     limit = WELD * float(np.linalg.norm(np.ptp(vertices, axis=0)))
     flat = vertices @ _PLANE
     lines = shapely.linestrings(np.stack([flat[start], flat[end]], axis=1))
@@ -72,21 +59,23 @@ def _find(vertices: FloatArray, faces: IntArray) -> _Junctions:
         distance = np.linalg.norm(offset - along[:, None] * span / length[:, None], axis=1)
     inside = (distance <= limit) & (along > limit) & (along < length - limit)
     order = np.lexsort((along[inside], side[inside]))
-    return _Junctions(half[side[inside][order]], vertex[inside][order])
+    return half[side[inside][order]], vertex[inside][order]
 
 
-def _split(faces: IntArray, junctions: _Junctions) -> tuple[IntArray, int]:
-    """The faces with one side of each split, and the number of vertices on these sides."""
-    owner = junctions.half // 3
-    # The first side of each face; the others wait for the next pass.
-    begins = starts_run(junctions.half)
-    first_half = junctions.half[begins][starts_run(owner[begins])]
-    used = np.isin(junctions.half, first_half)
-    half, vertex = junctions.half[used], junctions.vertex[used]
+def _split(faces: IntArray, half: IntArray, vertex: IntArray) -> tuple[IntArray, int]:
+    """The faces with one side of each split, and the number of vertices on these sides.
+
+    half, vertex: junctions as from `_find_junctions`.
+    """
+    # The first side of each face is split. Others wait for the next pass.
+    sides = half[starts_run(half)]
+    first_half = sides[starts_run(sides // 3)]
+    used = np.isin(half, first_half)
+    half, vertex = half[used], vertex[used]
     sizes = np.bincount(np.searchsorted(first_half, half), minlength=len(first_half)) + 1
     first = np.cumsum(sizes) - sizes
     last = first + sizes - 1
-    start, end = ends(faces, first_half)
+    start, end = list_ends(faces, first_half)
     tip = faces.reshape(-1)[first_half - first_half % 3 + (first_half + 2) % 3]
     total = int(sizes.sum())
     begin, finish = np.empty(total, dtype=np.int64), np.empty(total, dtype=np.int64)

@@ -24,7 +24,7 @@ from camgen.read.colors import count_colors
 from camgen.read.files import Files
 from camgen.read.layers import NOT_ASKED, Layers
 from camgen.read.open_outlines import find_open_outlines
-from camgen.read.pieces import tally_counts
+from camgen.read.pieces import describe_counts
 from camgen.read.svg.background import remove_background
 from camgen.read.svg.flatten import flatten
 from camgen.read.svg.page import find_page
@@ -234,7 +234,7 @@ def _list_reports(drawing: Drawing) -> list[Note]:
         kinds: Counter[str] = Counter()
         for (kind, _), count in counts.items():
             kinds[kind] += count
-        what = tally_counts(kinds, [layer for _, layer in counts if layer])
+        what = describe_counts(kinds, [layer for _, layer in counts if layer])
         if reason in _REQUESTED:
             notes.append(Note(_REQUESTED[reason], f"not used: {what}", reason))
         else:

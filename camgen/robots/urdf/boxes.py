@@ -14,7 +14,7 @@ from camgen.model.errors import InputError
 from camgen.model.part import IntArray
 from camgen.model.pose import IDENTITY, FloatArray, Pose, frozen, to_vec3
 from camgen.read.files import Files
-from camgen.read.solid.mesh_file import load
+from camgen.read.solid.mesh_file import read_mesh
 from camgen.robots.models import Box, Surface
 from camgen.robots.urdf.dae import read_dae
 from camgen.robots.urdf.xml import UrdfShape, find_mesh
@@ -109,7 +109,7 @@ def _read_mesh(path: Path, files: Files) -> tuple[FloatArray, IntArray]:
     if source.suffix == ".dae":
         vertices, triangles = read_dae(source)
         return 1000.0 * vertices, triangles.faces
-    soup = load(source)
+    soup = read_mesh(source)
     return (soup.mm if soup.unit else 1000.0) * soup.vertices, soup.faces
 
 
