@@ -7,7 +7,7 @@ post's is a `Profile`: tables and a few functions.
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -29,6 +29,7 @@ from camgen.model.limits import Limits as Bounds
 from camgen.model.limits import tell
 from camgen.model.pose import TOOL_DOWN, Pose, Vec3
 from camgen.model.program import Instruction, MoveC, MoveJ, MoveL, Output, Packing, Stop
+from camgen.model.text import short
 
 #: Feed, mm/min, of a machine with a default feed, before the first F.
 FEED = 600.0
@@ -104,7 +105,7 @@ class Machine:
     on_off: whether the program switches the spindle and never states a speed.
     others: letters of axes that must not move.
     most: maximum number of instructions.
-    has_heights: whether the program states any height.
+    unnamed: numbers of the axes that no line of the program names.
     pause: seconds in a dwell of P1.
     long_wait: s. A longer wait is probably a number of ms.
     fewest_holes: number of holes of a line without L.
@@ -192,7 +193,7 @@ class Machine:
     on_off: bool = False
     others: str = "ABCUVW"
     most: float = _BOUNDS.gcode_motions
-    has_heights: bool = True
+    unnamed: Collection[int] = ()
     pause: float = 1.0
     long_wait: float = 100.0
     fewest_holes: int = 1
@@ -447,10 +448,11 @@ class Machine:
             self.add(MoveL(Pose(TOOL_DOWN, self.here()), self.feed))
             return
         self._insist_on_dark_rapids()
-        if not (self.has_heights or self.has_position or self.known[2]):
-            # The whole program runs at one height.
-            self.known[2], self.entry = True, RAPID
-            self.assume("the program begins at Z0", why="it does not say where")
+        for axis in () if self.has_position else self.unnamed:
+            # The whole program runs at one place of this axis.
+            self._begin_at_zero(axis)
+        if not self.has_position:
+            self._find_unshown(end)
         self.at[:] = end
         for axis in axes:
             self.known[axis] = True
@@ -459,6 +461,36 @@ class Machine:
             self.add(MoveJ(Pose(TOOL_DOWN, self.here()), RAPID))
         else:
             self.held += 1
+
+    def _begin_at_zero(self, axis: int) -> None:
+        """Takes 0 for the position of an axis that no line names."""
+        if self.known[axis]:
+            return
+        self.known[axis] = True
+        self.assume(f"the program begins at {AXES[axis]}0", why="it does not say where")
+        if axis == 2:
+            self.entry = RAPID
+
+    def _find_unshown(self, end: Sequence[float]) -> None:
+        """Adds a finding for a rapid motion from a place that is not known in all axes.
+
+        The program shows the first place that is known in all axes, so that the start of this
+        motion is in no motion and in no extents.
+        """
+        known = [k for k in range(3) if self.known[k]]
+        if len(known) == 3 or all(end[k] == self.at[k] for k in known):
+            return
+        start, stop = self._tell_place(self.at, known), self._tell_place(end, known)
+        unknown = " and ".join(AXES[k] for k in range(3) if k not in known)
+        is_or_are = "is" if len(known) == 2 else "are"
+        what = f"a rapid motion from {start} to {stop} while {unknown} {is_or_are} not known"
+        self.log.find("unusual", f"{what}: motions and extents do not show {start}")
+
+    def _tell_place(self, place: Sequence[float], axes: Sequence[int]) -> str:
+        """Some coordinates of a place in those of the program, such as "X5 Y0"."""
+        values = [(place[k] - self.shift[k]) / self.scale for k in axes]
+        words = zip(axes, values, strict=True)
+        return " ".join(f"{AXES[k]}{short(value, 4)}" for k, value in words)
 
     def _insist_on_dark_rapids(self) -> None:
         """Adds a finding for a rapid motion with the beam of a laser on."""

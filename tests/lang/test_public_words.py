@@ -1,0 +1,98 @@
+"""Words of real programs, one small program each: what it does, with the source of the answer."""
+
+import pytest
+
+from camgen.check.report import sum_up
+from camgen.lang.gcode.replayed import interpret
+from camgen.lang.programs import Ask, Executed, find_language
+from camgen.model.program import Columns, MoveJ
+
+
+def run_gcode(*lines: str, dialect: str = "linuxcnc") -> Executed:
+    """The run of a program of LinuxCNC, or of another dialect."""
+    text = "\n".join(lines) + "\n"
+    return find_language("gcode").run({"a.ngc": text}, Ask(dialect))
+
+
+def tell(executed: Executed) -> list[str]:
+    """The findings with line and level."""
+    return [f"{item.line}: {item.level}: {item.what}" for item in executed.findings]
+
+
+def find_extents(executed: Executed) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
+    """The extents of the summary, mm."""
+    return sum_up(Columns(executed.body)).extents
+
+
+# -- rapid motions of G-code before a position is known in all axes --------------------------------
+
+UNSHOWN = "motions and extents do not show"
+
+
+@pytest.mark.parametrize(
+    ("lines", "findings"),
+    [
+        # rs274 traverses to X5000 at the height where the machine stands.
+        (
+            ("G0 X0 Y0", "G0 X5000 Y0", "G0 X0 Y0", "G0 Z5", "G1 X10 Z-1 F100"),
+            [
+                "3: unusual: a rapid motion from X0 Y0 to X5000 Y0 while Z is not known: "
+                f"{UNSHOWN} X0 Y0",
+                "4: unusual: a rapid motion from X5000 Y0 to X0 Y0 while Z is not known: "
+                f"{UNSHOWN} X5000 Y0",
+            ],
+        ),
+        # The place is left by the motion that makes the height known.
+        (
+            ("G0 X5000 Y0", "G0 X0 Y0 Z5", "G1 X10 Z-1 F100"),
+            [
+                "3: unusual: a rapid motion from X5000 Y0 to X0 Y0 while Z is not known: "
+                f"{UNSHOWN} X5000 Y0"
+            ],
+        ),
+        (
+            ("G20 G0 Z5", "G0 Z1", "G0 X1 Y0", "G1 Z-1 F4"),
+            [f"3: unusual: a rapid motion from Z5 to Z1 while X and Y are not known: {UNSHOWN} Z5"],
+        ),
+        # The first place that is known in all axes is X5000 Y0 Z5: nothing is missing.
+        (("G0 X5000 Y0", "G0 Z5", "G1 X10 Z-1 F100"), []),
+        (("G0 Z5", "G0 X5000 Y0", "G1 X10 Z-1 F100"), []),
+    ],
+)
+def test_a_rapid_motion_at_an_unknown_height_is_named(lines, findings):
+    assert tell(run_gcode("G21 G90 G94", *lines, "M2")) == findings
+
+
+@pytest.mark.parametrize(
+    ("lines", "axis", "extents"),
+    [
+        (("G0 X0 Y0", "G0 X50 Y9", "G0 X0 Y0"), "Z", ((0, 0, 0), (50, 9, 0))),
+        (("G0 X0 Y0", "G0 X50 Y9", "G1 X0 Y0 F100"), "Z", ((0, 0, 0), (50, 9, 0))),
+        (("G0 X0 Z3", "G0 X50", "G0 X0", "G1 X10 F100"), "Y", ((0, 0, 3), (50, 0, 3))),
+        (("G18 G0 Y0 Z3", "G0 Y50", "G0 Y0", "G1 Y10 F100"), "X", ((0, 0, 3), (0, 50, 3))),
+    ],
+)
+def test_an_axis_that_no_line_names_is_at_0(lines, axis, extents):
+    executed = run_gcode("G21 G90", *lines, "M2")
+    assert tell(executed) == []
+    (assumption,) = executed.assumed
+    assert assumption.line == 2
+    assert assumption.what == f"the program begins at {axis}0 (it does not say where)"
+    assert find_extents(executed) == extents
+    rapids = sum(line.startswith("G0") or " G0" in line for line in lines)
+    assert sum(isinstance(item, MoveJ) for item in executed.body) == rapids
+
+
+def test_a_replay_names_the_rapid_motions_that_it_lacks():
+    lines = ("G21", "G0 X0 Y0", "G0 X50 Y0", "G0 X0 Y0", "G0 Z5", "G1 X10 F100", "M2")
+    notes = [(line, str(note)) for line, note in interpret(lines).remarks]
+    assert notes == [
+        (
+            3,
+            f"warning: a rapid motion from X0 Y0 to X50 Y0 while Z is not known: {UNSHOWN} X0 Y0",
+        ),
+        (
+            4,
+            f"warning: a rapid motion from X50 Y0 to X0 Y0 while Z is not known: {UNSHOWN} X50 Y0",
+        ),
+    ]
