@@ -6,6 +6,8 @@ from camgen.check.report import sum_up
 from camgen.lang.gcode.replayed import interpret
 from camgen.lang.programs import Ask, Executed, find_language
 from camgen.model.program import Columns, MoveJ
+from tests.support import canon
+from tests.support.rs274 import needs_rs274
 
 
 def run_gcode(*lines: str, dialect: str = "linuxcnc") -> Executed:
@@ -96,3 +98,51 @@ def test_a_replay_names_the_rapid_motions_that_it_lacks():
             f"warning: a rapid motion from X50 Y0 to X0 Y0 while Z is not known: {UNSHOWN} X50 Y0",
         ),
     ]
+
+
+# -- blanks in numbers -----------------------------------------------------------------------------
+
+
+@needs_rs274
+def test_linuxcnc_ignores_blanks_in_numbers():
+    judge = canon.run("G21 G90 G94\nG0 X0 Y0 Z5\nG1 F300 X10 Y5 600\nM2\n")
+    assert judge.error == ""
+    assert judge.moves[-1].end == (10.0, 5600.0, 5.0)
+
+
+@pytest.mark.parametrize(
+    ("line", "dialect", "finding", "place"),
+    [
+        # rs274, see above.
+        ("G1 X10 Y5 600", "linuxcnc", "Y5 600 is read as Y5600: blanks are ignored", (10, 5600, 5)),
+        # GRBL 1.1, protocol.c: blanks are thrown away before the line is read.
+        ("G1 X1 0.5", "grbl", "X1 0.5 is read as X10.5: blanks are ignored", (10.5, 0, 5)),
+        ("G1 X - 1 0", "linuxcnc", "X - 1 0 is read as X-10: blanks are ignored", (-10, 0, 5)),
+        # Marlin, gcode/parser.cpp: a value ends at a blank, the rest is ignored.
+        (
+            "G1 X10 Y5 600",
+            "marlin",
+            "Y5 600 is read as Y5: a printer ends a number at a blank",
+            (10, 5, 5),
+        ),
+    ],
+)
+def test_a_blank_in_a_number_is_dangerous(line, dialect, finding, place):
+    executed = run_gcode("G21 G90 G94", "G0 X0 Y0 Z5", "F300", line, "M2", dialect=dialect)
+    assert tell(executed) == [f"4: dangerous: {finding}"]
+    assert Columns(executed.body).ends[-1].tolist() == list(place)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "(10 20) G1 X10 (X1 0)",
+        "G1 X 10 Y 20 ; 1 2",
+        "N10 G1 X10",
+        "#<a 1 2> = 3",
+        "#1=[1 + 2]",
+        "o1 if [#1 LT 2]\no1 endif",
+    ],
+)
+def test_other_blanks_are_fine(line):
+    assert tell(run_gcode("G21 G90 G94", "G0 X0 Y0 Z5", "F300", line, "M2")) == []

@@ -81,6 +81,7 @@ def play(
     except LineError as error:
         what, line = error.args
         return m, (line, what)
+    third_party.judge_blanks(m, lines)
     try:
         Interpreter(m, lines, code).run()
         m.finish()

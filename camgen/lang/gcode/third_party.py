@@ -7,7 +7,7 @@ no other machine has is a loss. The run goes on after both.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from camgen.lang.gcode.dialects import LOSSES
 from camgen.lang.gcode.machine import ARCS, AXES, Grammar, Machine
@@ -40,6 +40,13 @@ _EXPONENT = re.compile(
 _HAS_E = re.compile(r"g76|m6[78]")
 _LOGS = re.compile(r"[ \t]*\([ \t]*(?:probeopen|probeclose)\b", re.IGNORECASE)
 _PLAIN = re.compile(r"(?:[a-z][+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))*")
+#: Blanks between two digits, such as "Y5 600".
+_SPLIT = re.compile(r"[ \t](?<=[0-9.][ \t])[ \t]*[0-9.]")
+_SPLIT_NUMBER = re.compile(r"(?:[A-Za-z][ \t]*)?(?:[-+][ \t]*)?[0-9.]+(?:[ \t]+[0-9.]+)+")
+#: All behind the first blank of such a number.
+_SPLIT_END = re.compile(r"(?<=[0-9.])[ \t]+[0-9.][0-9. \t]*")
+#: Names of parameters and of files, which may have blanks.
+_NAMED = re.compile(r'<[^<>]*>|"[^"]*"?')
 _PARTS = dict(zip("UVW", AXES, strict=True))
 _WORKING = ("G1", *ARCS)
 _PLANES = {"G17": ("X", "Y"), "G18": ("Z", "X"), "G19": ("Y", "Z")}
@@ -114,9 +121,28 @@ def clean(m: Machine, raw: str) -> str:
 
 
 def _as_printers_read(text: str) -> str:
-    """A line without its checksum and texts in quotes; a letter without a number is a flag."""
-    text = _QUOTED.sub("0", text.partition("*")[0])
+    """A line without its checksum, texts in quotes and all behind a blank in a number.
+
+    A letter without a number is a flag.
+    """
+    text = _SPLIT_END.sub("", _QUOTED.sub("0", text.partition("*")[0]))
     return _FLAG.sub(r"\1 0", _TEXTS.sub(r"\1", text))
+
+
+def judge_blanks(m: Machine, lines: Sequence[str]) -> None:
+    """Adds a finding for each number with blanks in it."""
+    is_printer = m.dialect.extruder
+    for line, raw in enumerate(lines, 1):
+        if not _SPLIT.search(raw) or raw.lstrip().startswith("["):
+            continue
+        if is_printer and (_TEXT.match(raw) or _MACRO.match(raw)):
+            continue
+        split = _SPLIT_NUMBER.search(_NAMED.sub("", drop_comments(raw, m.dialect.nested)))
+        if split:
+            number = _SPLIT_END.sub("", split[0]) if is_printer else split[0]
+            rule = "a printer ends a number at a blank" if is_printer else "blanks are ignored"
+            what = f"{split[0]} is read as {number.translate(BLANKS)}: {rule}"
+            m.log.find("dangerous", what, line=line)
 
 
 def parse(m: Machine, text: str, known: Parameters) -> Line:
