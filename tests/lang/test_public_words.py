@@ -3,6 +3,7 @@
 import pytest
 
 from camgen.check.report import sum_up
+from camgen.lang.gcode import predefined
 from camgen.lang.gcode.replayed import interpret
 from camgen.lang.programs import Ask, Executed, find_language
 from camgen.model.program import Columns, MoveJ
@@ -146,3 +147,92 @@ def test_a_blank_in_a_number_is_dangerous(line, dialect, finding, place):
 )
 def test_other_blanks_are_fine(line):
     assert tell(run_gcode("G21 G90 G94", "G0 X0 Y0 Z5", "F300", line, "M2")) == []
+
+
+# -- the predefined names of LinuxCNC --------------------------------------------------------------
+
+#: States before a name is asked for.
+STATES = [
+    "G21 | G0 X1 Y2 Z3",
+    "G20 F10 G18 | M7 M3 S500 | G0 X1 Y2 Z3 | G1 X2 | G21",
+    "G21 F100 G95 M3 S50 | G0 X1 Y1 Z1 | G99 G81 X1 Y1 Z-1 R1 | M50 P0 | G96 D100 S50",
+    "G21 F100 | G0 X1 Y2 Z3 | T1 M6 | M8 M4 S20 | M49 | M52 | M53 P0 | G91 G90.1 | G98",
+    "G21 G93 | G0 X1 Y2 Z3 | T2 | G19 | M51 P0 | M70 | G80",
+    "G21 F100 M3 S20 | G0 X1 Y2 Z3 | T1 M6 | G0 A4 B5 | G41.1 D1",
+    "G21 G10 L2 P1 X0 Y0 Z0 | G0 X1 Y2 Z3 | F200 G2 X5 Y2 I2 J0 | G92 X3 | G92.1 | M48",
+    "G21 | G0 X1 Y2 Z3 | G7 | F30 G1 X4",
+]
+#: Values that the test gives as those of the machine of rs274.
+ZEROS = {f"machine.{axis}": 0.0 for axis in "xyz"}
+TOOLS = "T1 P1 Z0 D0.1 ;a\nT2 P2 Z0 D0.05 ;b\n"
+#: Values of a controller: its version, its pockets, and where its other axes are.
+NOT_COMPARED = {"_task", *predefined._OF_THE_MACHINE, *predefined._OTHERS} - {"_a", "_b"}
+NAMES = sorted(
+    {
+        *predefined._MODES,
+        *predefined._STARTS,
+        *predefined._PLACES,
+        *predefined._ABSOLUTE,
+        "_a",
+        "_b",
+    }
+    - NOT_COMPARED
+)
+
+
+def ask_names(names: list[str], state: str) -> str:
+    """A program that asks for names in a state, and moves X to each value."""
+    shown = [name if name.isdigit() else f"<{name}>" for name in names]
+    kept = [f"#{2000 + number}=#{name}" for number, name in enumerate(shown)]
+    motions = [f"G1 F100 X#{2000 + number}" for number in range(len(names))]
+    usual = "G90 G91.1 G40 G80 G94 G21 G17"
+    return "\n".join([*state.split(" | "), *kept, usual, *motions, "M2"]) + "\n"
+
+
+@needs_rs274
+@pytest.mark.parametrize("state", STATES)
+def test_predefined_names_have_the_values_of_linuxcnc(state):
+    # rs274 refuses numbers of positions beside the path.
+    names = [name for name in NAMES if not (name.isdigit() and "G41" in state)]
+    text = ask_names(names, state)
+    judge = canon.run(text, TOOLS)
+    assert judge.error == ""
+    executed = find_language("gcode").run({"a.ngc": text}, Ask("linuxcnc", ZEROS))
+    assert [line for line in tell(executed) if "refused" in line] == []
+    expected = [call.end[0] for call in judge.moves[-len(names) :]]
+    # The first of several equal values makes a motion of length 0, which both have.
+    values = Columns(executed.body).ends[-len(names) :, 0].tolist()
+    assert dict(zip(names, values, strict=True)) == pytest.approx(
+        dict(zip(names, expected, strict=True)), abs=1e-3
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "key"),
+    [
+        ("_z", 0.0, "#<_z>"),
+        ("_u", 0.0, "#<_u>"),
+        ("_abs_c", 0.0, "#<_abs_c>"),
+        ("_abs_x", 1.0, "machine.x"),
+        ("_vmajor", 2.9, "#<_vmajor>"),
+        ("_current_pocket", 0.0, "#<_current_pocket>"),
+    ],
+)
+def test_a_value_that_the_machine_knows_is_assumed(name, value, key):
+    executed = run_gcode("G21 G90", "G0 X1", f"G0 Y[#<{name}>]", "G0 Z1", "M2")
+    assert tell(executed) == []
+    assert [(item.line, item.key) for item in executed.assumed] == [(3, key)]
+    assert Columns(executed.body).ends[0].tolist() == [1.0, value, 1.0]
+
+
+def test_a_program_runs_on_the_machine():
+    # Manual: 1 if the interpreter is part of the task that runs the machine. rs274 is not.
+    executed = run_gcode("G21 G90", "G0 X0 Y0 Z#<_task>", "M2")
+    assert (tell(executed), executed.assumed) == ([], ())
+    assert Columns(executed.body).ends[0].tolist() == [0.0, 0.0, 1.0]
+
+
+def test_a_predefined_name_cannot_be_set():
+    # rs274: Cannot assign to read-only parameter #<_x>
+    executed = run_gcode("G21 G90", "G0 X0 Y0 Z0", "#<_x>=4", "#<_mine>=4", "G0 X#<_mine>", "M2")
+    assert tell(executed) == ["3: refused: #<_x> cannot be set"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from functools import lru_cache
+from functools import lru_cache, partial
 
 from msgspec import Struct
 
@@ -15,6 +15,7 @@ from camgen.lang.gcode.codes import ORDER, feed, speed_and_tool
 from camgen.lang.gcode.machine import Leap, Machine
 from camgen.lang.gcode.macros import read_goto, set_then, test_branch, test_loop
 from camgen.lang.gcode.motion import move, run_usual
+from camgen.lang.gcode.predefined import find_value
 from camgen.lang.gcode.third_party import begin, end
 from camgen.lang.gcode.words import COMMENT, Line, LineError, Parameters, value_at
 from camgen.lang.run import Budget, Ended, Stopped
@@ -80,7 +81,7 @@ class Interpreter:
         self.log = machine.log
         self.depth = 0
         self._lines, self._code = lines, code
-        self._known = Parameters(machine.value)
+        self._known = Parameters(partial(find_value, machine))
         self._remembered: dict[str, Line] = {}
         self._budget = Budget(len(lines), machine.bounds.gcode_steps, "gcode_steps")
         # No condition is unknown, so that no number of rounds is guessed.

@@ -176,6 +176,7 @@ class Machine:
     path: path of the tool beside the programmed one, None without compensation.
     left_path: whether no motion has run since G40.
     height: height of the tool beside the path, along the normal, mm.
+    named: values of predefined names that lines set, and that no other field has.
     most_turns: maximum spindle speed at constant surface speed, rpm.
     halted: line of the M6 that stopped the spindle, 0 after its next start.
     beam: beam of a laser that its dialect switches off in rapid motions.
@@ -268,6 +269,7 @@ class Machine:
     path: OffsetPath | None = None
     left_path: bool = False
     height: float = 0.0
+    named: dict[str, float] = field(default_factory=dict)
     speed: float | None = None
     spindle: str = "M5"
     most_turns: float = 0.0
@@ -303,26 +305,6 @@ class Machine:
                 raise error
             self.unknown_line = self.unknown_line or self.line
         self.log.find("refused", str(error))
-
-    def value(self, name: str) -> float | None:
-        """The value of a parameter of the machine, by number or name. None if it has none.
-
-        A value that the program does not determine is assumed.
-        """
-        axis = _POSITIONS.get(name)
-        if axis is not None and self.known[axis]:
-            return (self.at[axis] - self.shift[axis]) / self.scale
-        if name in _VALUES:
-            return _VALUES[name](self)
-        if name in self.homes:
-            return self.homes[name]
-        if name == "5400":
-            return float(self.changed_to or 0)
-        if name.isdigit():
-            return self.guess(f"#{name} is a value of the machine", f"#{name}", 0.0)
-        if name.startswith(("_hal[", "_ini[")):
-            return self.guess(f"#<{name}> is a value of the machine", f"#<{name}>", 0.0)
-        return None
 
     def insist_on_feed(self, code: str) -> None:
         """Sets the default feed of the machine before the first F, or adds a refusal."""
@@ -480,13 +462,13 @@ class Machine:
         known = [k for k in range(3) if self.known[k]]
         if len(known) == 3 or all(end[k] == self.at[k] for k in known):
             return
-        start, stop = self._tell_place(self.at, known), self._tell_place(end, known)
+        start, stop = self._format_place(self.at, known), self._format_place(end, known)
         unknown = " and ".join(AXES[k] for k in range(3) if k not in known)
         is_or_are = "is" if len(known) == 2 else "are"
         what = f"a rapid motion from {start} to {stop} while {unknown} {is_or_are} not known"
         self.log.find("unusual", f"{what}: motions and extents do not show {start}")
 
-    def _tell_place(self, place: Sequence[float], axes: Sequence[int]) -> str:
+    def _format_place(self, place: Sequence[float], axes: Sequence[int]) -> str:
         """Some coordinates of a place in those of the program, such as "X5 Y0"."""
         values = [(place[k] - self.shift[k]) / self.scale for k in axes]
         words = zip(axes, values, strict=True)
@@ -591,21 +573,6 @@ class Machine:
 
 
 COOLANTS = {"M7": "mist", "M8": "flood"}
-_POSITIONS = {"5420": 0, "5421": 1, "5422": 2, "_x": 0, "_y": 1, "_z": 2}
-_VALUES: dict[str, Callable[[Machine], float]] = {
-    "_metric": lambda m: float(m.scale == 1.0),
-    "_imperial": lambda m: float(m.scale != 1.0),
-    "_absolute": lambda m: float(not m.incremental),
-    "_incremental": lambda m: float(m.incremental),
-    "_inverse_time": lambda m: float(m.feed_mode == "G93"),
-    "_units_per_minute": lambda m: float(m.feed_mode == "G94"),
-    "_units_per_rev": lambda m: float(m.feed_mode == "G95"),
-    "_feed": lambda m: m.feed * 60.0 / m.scale,
-    "_rpm": lambda m: m.speed or 0.0,
-    "_line": lambda m: float(m.line),
-    "_spindle_on": lambda m: float(m.spindle != "M5"),
-    "_spindle_cw": lambda m: float(m.spindle == "M3"),
-}
 
 
 def take_axes(m: Machine, words: dict[str, float]) -> dict[int, float]:
