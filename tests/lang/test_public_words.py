@@ -236,3 +236,96 @@ def test_a_predefined_name_cannot_be_set():
     # rs274: Cannot assign to read-only parameter #<_x>
     executed = run_gcode("G21 G90", "G0 X0 Y0 Z0", "#<_x>=4", "#<_mine>=4", "G0 X#<_mine>", "M2")
     assert tell(executed) == ["3: refused: #<_x> cannot be set"]
+
+
+# -- PacScript -------------------------------------------------------------------------------------
+
+
+def run_pac(*lines: str) -> Executed:
+    """The run of a program of the older dialect, PAC."""
+    text = "\n".join(["PROGRAM demo", "TAKEARM", *lines, "GIVEARM", "END"]) + "\n"
+    return find_language("pacscript").run({"a.pac": text}, Ask())
+
+
+def list_ends(executed: Executed) -> list[list[float]]:
+    """The places at the ends of all motions, mm."""
+    return Columns(executed.body).ends.tolist()
+
+
+def test_a_range_of_positions_is_each_of_them():
+    # PAC: MOVE P, P[1 TO 3] goes through P1, P2 and P3.
+    lines = [f"P{number} = (300, {number}, 300, 180, 0, 180, 5)" for number in (1, 2, 3)]
+    executed = run_pac(*lines, "MOVE P, @P P[1 TO 3]", "MOVE L, @0 P[2 TO I1]", "MOVE L, P[3 TO 1]")
+    assert list_ends(executed)[:3] == [[300, 1, 300], [300, 2, 300], [300, 3, 300]]
+    assert [item.blend for item in executed.body[:3]] == [1.0, 1.0, 1.0]
+    # The bounds of the other two are not understood: they lead to where no text says.
+    reasons = {(item.line, item.what) for item in executed.assumed}
+    assert (6, "the pass mark of a range of positions holds for each of them") in reasons
+    assert (8, "the range from 3 to 1 runs backwards: left out") in reasons
+    assert [item.line for item in executed.assumed if "left out" in item.what] == [7, 8]
+
+
+def test_a_free_curve_goes_through_the_points_of_its_path():
+    points = "SETSPLINEPOINT 1, P(300,{0},300,180,0,180)"
+    executed = run_pac(
+        "MOVE P, (300,0,300,180,0,180)",
+        *(points.format(y) for y in (10, 20)),
+        "MOVE S, 1",
+        "CLRSPLINEPOINT 1",
+        points.format(5),
+        "MOVE S, 1",
+    )
+    assert [end[1] for end in list_ends(executed)] == [0, 10, 20, 5]
+    # No text says how the controller curves: another machine must not run the lines.
+    curve = "the free curve of line {} is shown as lines through its points"
+    assert executed.lost == ((6, curve.format(6)), (9, curve.format(9)))
+
+
+def test_the_path_of_a_free_curve_has_the_same_words_in_rc8():
+    text = """Sub Main
+  TakeArm
+  Move P, P(300,0,300,180,0,180)
+  AddPathPoint 1, P(300,10,300,180,0,180)
+  Move S, 1
+  ClrPathPoint 1
+  Move S, 1
+End Sub
+"""
+    executed = find_language("pacscript").run({"a.pcs": text}, Ask())
+    assert list_ends(executed)[:2] == [[300, 0, 300], [300, 10, 300]]
+    # A path without points in the text may have some in the controller.
+    assert executed.frames[-1].work == "the end of the free curve of line 7"
+
+
+def test_lists_of_values_add_up_to_a_position():
+    # By hand: 200 mm above, as P13 + (0, 0, 200, 0, 0, 0) is.
+    executed = run_pac(
+        "P12 = (450, -570, 450, 90, 0, 0) + (0, 0, 200, 0, 0, 0)",
+        "P13 = (450, -570, 450, 90, 0, 0)",
+        "P14 = P13 + (0, 0, 200, 0, 0, 0)",
+        "P15 = (0, 0, 200, 0, 0, 0) + P13",
+        *(f"MOVE P, P{number}" for number in (12, 13, 14, 15)),
+    )
+    tops, (low,) = list_ends(executed)[::2], list_ends(executed)[1:2]
+    assert tops == [pytest.approx([450, -570, 650])] * 2
+    assert low == [450, -570, 450]
+    # The first list has no orientation: the shift is in the work frame as well.
+    assert list_ends(executed)[3] == pytest.approx([450, -570, 650])
+
+
+@pytest.mark.parametrize(
+    ("lines", "moving"),
+    [
+        (("MOVE P, J(0,45,90,0,45,0,100)", "MOVE P, J(0,45,80,0,45,0,100)"), 0),
+        (("MOVE P, J(0,45,90,0,45,0,100)", "MOVE P, J(0,45,90,0,45,0,200)"), 1),
+        (("MOVE P, J(0,45,90,0,45,0,100)", "MOVE P, J(0,45,90,0,45,0,0)"), 1),
+        (("MOVE P, J(0,45,90,0,45,0,100)", "DRIVEA (7, 100)"), 0),
+        (("DRIVEA (7, 100)", "DRIVEA (7, 100)"), 1),
+        (("DRIVE (7, 10)", "DRIVE (7, 0)"), 1),
+        (("DRIVE (7, I1)", "DRIVE (7, 0)"), 1),
+    ],
+)
+def test_a_seventh_axis_that_keeps_its_value_takes_no_time(lines, moving):
+    executed = run_pac(*lines)
+    assert executed.untimed == moving
+    assert executed.lost[0][1].startswith("external axes: ")
