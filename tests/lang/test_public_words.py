@@ -22,6 +22,11 @@ def tell(executed: Executed) -> list[str]:
     return [f"{item.line}: {item.level}: {item.what}" for item in executed.findings]
 
 
+def list_ends(executed: Executed) -> list[list[float]]:
+    """The places at the ends of all motions, mm."""
+    return Columns(executed.body).ends.tolist()
+
+
 def find_extents(executed: Executed) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
     """The extents of the summary, mm."""
     return sum_up(Columns(executed.body)).extents
@@ -238,6 +243,41 @@ def test_a_predefined_name_cannot_be_set():
     assert tell(executed) == ["3: refused: #<_x> cannot be set"]
 
 
+# -- newer LinuxCNC, and printers ------------------------------------------------------------------
+
+
+def test_g64_may_choose_a_planner():
+    # Manual of LinuxCNC's development version, G64: R is the planner. rs274 2.9: R word with no g
+    # code that uses it.
+    executed = run_gcode("G21 G90 G17", "G64 P0.01 R0.5", "G0 X0 Y0 Z0", "F100 G1 X10", "M2")
+    assert tell(executed) == [
+        "2: unusual: R of G64 chooses the planner of a newer LinuxCNC; version 2.9 refuses it"
+    ]
+    assert list_ends(executed) == [[0, 0, 0], [10, 0, 0]]
+
+
+def test_lines_with_checksums_are_those_of_a_printer():
+    # By hand: the exclusive or of the bytes before the star, as Marlin computes it.
+    lines = ("N1 G28*18", "N2 G21*24", "N3 G90*16", "N4 G1 X10 Y10 F1000*88")
+    executed = run_gcode(*lines, dialect="")
+    assert ("dialect", "marlin (N1 G28*18)") in executed.facts
+    text = "checksum {}, and that of the line is {}: the line was changed; {}"
+    again = "a printer asks the host for it again"
+    assert tell(executed) == [
+        f"3: unusual: {text.format(16, 19, again)}",
+        f"4: unusual: {text.format(88, 74, again)}",
+    ]
+    assert list_ends(executed) == [[0, 0, 0], [10, 10, 0]]
+    sound = run_gcode(*lines[:2], "N3 G90*19", "N4 G1 X10 Y10 F1000*74", dialect="")
+    assert tell(sound) == []
+
+
+def test_a_product_is_no_checksum():
+    executed = run_gcode("N1 G21 G90", "N2 #1=[2*3]", "N3 G0 X0 Y0 Z#1", "M2", dialect="")
+    assert tell(executed) == []
+    assert list_ends(executed) == [[0, 0, 6]]
+
+
 # -- PacScript -------------------------------------------------------------------------------------
 
 
@@ -245,11 +285,6 @@ def run_pac(*lines: str) -> Executed:
     """The run of a program of the older dialect, PAC."""
     text = "\n".join(["PROGRAM demo", "TAKEARM", *lines, "GIVEARM", "END"]) + "\n"
     return find_language("pacscript").run({"a.pac": text}, Ask())
-
-
-def list_ends(executed: Executed) -> list[list[float]]:
-    """The places at the ends of all motions, mm."""
-    return Columns(executed.body).ends.tolist()
 
 
 def test_a_range_of_positions_is_each_of_them():

@@ -249,6 +249,9 @@ def _path(m: Machine, code: str, words: dict[str, float]) -> None:
     if code == "G64":
         words.pop("P", None)
         words.pop("Q", None)
+        if m.dialect.flow and words.pop("R", None) is not None:
+            what = "R of G64 chooses the planner of a newer LinuxCNC; version 2.9 refuses it"
+            m.log.find("unusual", what, once="G64 R")
 
 
 def _distance(m: Machine, code: str, _words: dict[str, float]) -> None:
