@@ -88,6 +88,14 @@ def test_an_output_in_a_corner_is_dangerous(capsys):
     assert "1 line is dangerous, first: doGun" in error
 
 
+def test_a_subroutine_runs_with_the_arguments_of_the_user(capsys):
+    text = "G21 G90\no<hole> sub\nG0 X#1 Y#2\nG0 Z5\nG1 Z[-#3] F100\no<hole> endsub\n"
+    words = ("--entry", "hole", "--assume", "args=[10, 20,3]")
+    code, page, findings, error = judged(capsys, write("hole.ngc", text), *words)
+    assert (code, findings, error) == (0, [], "")
+    assert page["extents"] == "x 10 to 10, y 20 to 20, z -3 to 5 mm"
+
+
 def test_what_the_controller_refuses_comes_first(capsys):
     text = RAPID.replace("[0,0,1,0],[0,0,0,0]", "[0,0,0.9,0],[0,0,0,0]").replace(
         "v100,fine", "v100,z10", 1
@@ -156,6 +164,7 @@ def test_a_program_without_a_motion_has_a_page_too(capsys):
     [
         (["--assume", "di1"], "'di1' is no name with its value"),
         (["--assume", "=1"], "'=1' is no name with its value"),
+        (["--assume", "args=[1,]"], "'args[2]=' is no name with its value"),
         (["--dialect", "fanuc"], "rapid has no dialect fanuc"),
         (["--report", "out.pdf"], "the report of a program is a page"),
         (["--report", "shop.mod.html/x.html"], "shop.mod.html"),

@@ -243,6 +243,57 @@ def test_a_predefined_name_cannot_be_set():
     assert tell(executed) == ["3: refused: #<_x> cannot be set"]
 
 
+# -- subroutines without a program -----------------------------------------------------------------
+
+DRILL = """o<drill> sub
+G0 X#1 Y#2
+G0 Z5
+G1 Z[-#3] F100
+G0 Z5
+o<drill> endsub
+o100 sub
+G0 X1 Y1 Z#1
+o100 endsub
+"""
+
+
+def run_entry(entry: str, *arguments: float) -> Executed:
+    """The run of a subroutine."""
+    given = {f"args[{number}]": value for number, value in enumerate(arguments, 1)}
+    return find_language("gcode").run({"a.ngc": DRILL}, Ask("linuxcnc", given, entry=entry))
+
+
+@needs_rs274
+def test_a_subroutine_runs_as_linuxcnc_calls_it():
+    judge = canon.run(f"G21 G90\n{DRILL}o<drill> call [10] [20] [3]\nM2\n")
+    executed = run_entry("drill", 10, 20, 3)
+    assert tell(executed) == []
+    assert list_ends(executed) == [list(call.end) for call in judge.moves[1:]]
+    assert ("not called", "o100 (line 7)") in executed.facts
+
+
+@pytest.mark.parametrize("entry", ["100", "O100", "o100"])
+def test_a_subroutine_has_a_number(entry):
+    assert list_ends(run_entry(entry, 7)) == [[1, 1, 7]]
+
+
+def test_a_subroutine_without_arguments():
+    executed = run_entry("o<drill>")
+    assert [item.key for item in executed.assumed] == ["args", "inch"]
+    assert list_ends(executed)[-1] == [0, 0, 5]
+
+
+def test_a_subroutine_that_is_not_there():
+    what = "there is no subroutine mill, which is asked for; the text has <drill>, 100"
+    assert f"1: refused: {what}" in tell(run_entry("mill"))
+
+
+def test_a_text_of_subroutines_lists_them():
+    executed = run_gcode(*DRILL.splitlines())
+    assert ("not called", "o<drill> (line 1), o100 (line 7)") in executed.facts
+    assert len(executed.body) == 0
+
+
 # -- newer LinuxCNC, and printers ------------------------------------------------------------------
 
 
@@ -423,6 +474,8 @@ def test_a_fault_of_an_assumed_value_is_no_refusal(statements, fault):
     [
         (("IF di1=1 i:=1;", "k:=3;", MOVE.format("k")), OUTSIDE.format(3)),
         (("k:=3;", MOVE.format("k")), OUTSIDE.format(3)),
+        # A motion in the branch sets none of its arguments.
+        (("k:=3;", "IF di1=1 MoveL h{k-2},v100,fine,tool0;", MOVE.format("k")), OUTSIDE.format(3)),
         # No value of i makes it right.
         (("IF di1=1 i:=1;", "i:=i+TRUE;"), "a num + a bool: there is no such operation"),
     ],

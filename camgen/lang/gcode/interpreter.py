@@ -91,17 +91,46 @@ class Interpreter:
         #: Numbers of the loops of Fanuc that were entered.
         self._entered: set[str] = set()
         self._is_profile = False
+        #: First steps of the subroutines that were called.
+        self._called: set[int] = set()
         machine.most = len(lines) + machine.bounds.gcode_motions
         machine.inside = lambda: self.depth
         machine.find_lines, machine.run_lines = self._find_profile, self._run_profile
 
-    def run(self) -> None:
-        """Runs the program to its end.
+    def run(self, entry: str = "") -> None:
+        """Runs the program to its end, or a subroutine with the arguments that the user gives.
 
+        entry: number or name of the subroutine, empty for the program.
         Raises LineError for a wrong line, unless the machine goes on after it (`Machine.refuse`).
         """
         with suppress(Ended):
-            self._flow.run(self._code)
+            if entry:
+                self._run_entry(entry.lower().removeprefix("o").strip("<>"))
+            else:
+                self._flow.run(self._code)
+        line = self.machine.line
+        for label, start in self._code.labels.items():
+            if label.startswith("sub ") and start not in self._called:
+                self.machine.line = self._code.steps[start - 1].line
+                self.log.fact("not called", f"o{label[4:]}")
+        self.machine.line = line
+
+    def _run_entry(self, name: str) -> None:
+        """Runs a subroutine: of O-words by number or name, of another controller by number."""
+        m, labels = self.machine, self._code.labels
+        keys = (f"sub <{name}>", f"sub {name}", f"o{name}")
+        start = next((labels[key] for key in keys if key in labels), None)
+        if start is None:
+            known = ", ".join(key[4:] for key in labels if key.startswith("sub ")) or "none"
+            what = f"there is no subroutine {name[:40]}, which is asked for; the text has {known}"
+            m.log.find("refused", what, line=1)
+            return
+        m.line = self._code.steps[start - 1].line
+        arguments = {k: m.given[f"args[{k}]"] for k in range(1, 31) if f"args[{k}]" in m.given}
+        if not arguments:
+            m.assume(f"{name} has no arguments: #1 to #30 are 0", "args")
+        self._enter(start, 1, arguments)
+        m.ended = True
 
     # -- lines ---------------------------------------------------------------------------------
 
@@ -240,6 +269,7 @@ class Interpreter:
         if arguments is not None:
             known.arguments, known.named = dict(arguments), {}
         self.depth += 1
+        self._called.add(start)
         try:
             for _ in range(times):
                 self._flow.run(self._code, start)

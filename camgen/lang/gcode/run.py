@@ -83,7 +83,7 @@ def play(
         return m, (line, what)
     third_party.judge_blanks(m, lines)
     try:
-        Interpreter(m, lines, code).run()
+        Interpreter(m, lines, code).run(ask.entry)
         m.finish()
     except (LineError, Stopped) as error:
         return m, (m.line, str(error))

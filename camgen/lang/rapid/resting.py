@@ -15,6 +15,7 @@ from msgspec import Struct
 from camgen.lang.code import Act, Branch, Step
 
 from .machine import Machine
+from .motions import form_of
 from .tree import Assign, Calling, Maybe, Ref, Routine, find_root
 from .values import Variable
 
@@ -48,7 +49,8 @@ def rest_on(machine: Machine, step: Step) -> None:
     end = step.end if isinstance(step, Branch) else step.to
     names = _list_set(machine, steps[min(at, end) : max(at, end)], set())
     for variable in _list_variables(machine, names):
-        machine.has_resting = variable.is_resting = True
+        if variable.storage != "const":
+            machine.has_resting = variable.is_resting = True
 
 
 def set_resting(machine: Machine, target: Any) -> None:
@@ -70,6 +72,11 @@ def _list_variables(machine: Machine, names: Iterable[str]) -> Iterator[Variable
             yield variable
 
 
+def _only_reads(name: str) -> bool:
+    """Return whether an instruction sets none of its arguments: a motion without a search."""
+    return form_of(name) is not None and not name.startswith("search")
+
+
 def _list_set(machine: Machine, steps: Iterable[Step], called: set[Routine]) -> Iterator[str]:
     """The names of data that steps may set.
 
@@ -79,7 +86,7 @@ def _list_set(machine: Machine, steps: Iterable[Step], called: set[Routine]) -> 
         statement = step.operand if isinstance(step, Act) else None
         if isinstance(statement, Assign):
             yield from list_names(find_root(statement.target))
-        elif isinstance(statement, Calling):
+        elif isinstance(statement, Calling) and not _only_reads(statement.name):
             yield from list_names(statement)
             routine = machine.routine(statement.name)
             if routine is not None and routine not in called:
