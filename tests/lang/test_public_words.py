@@ -6,6 +6,7 @@ from camgen.check.report import sum_up
 from camgen.lang.gcode import predefined
 from camgen.lang.gcode.replayed import interpret
 from camgen.lang.programs import Ask, Executed, find_language
+from camgen.lang.taught import as_far_as_known
 from camgen.model.program import Columns, MoveJ
 from tests.support import canon
 from tests.support.rs274 import needs_rs274
@@ -488,3 +489,87 @@ def test_another_fault_behind_an_assumed_branch_is_a_refusal(statements, fault):
 def test_the_user_may_decide_the_branch():
     executed = run_rapid("IF di1=1 i:=3;", MOVE.format("i"), di1=1)
     assert tell(executed) == [f"9: refused: {OUTSIDE.format(3)}"]
+
+
+def list_places(executed: Executed) -> list[tuple[str, list[float]]]:
+    """The end of each motion, mm, with its frame."""
+    places = Columns(executed.body).ends.round(6).tolist()
+    numbers = executed.frame or (0,) * len(places)
+    works = [executed.frames[number].work for number in numbers]
+    return list(zip(works, places, strict=True))
+
+
+HERE = "where the arm is in line 8"
+
+
+def test_places_relative_to_an_unknown_pose_are_in_a_frame_of_their_own():
+    # By hand: Offs moves along the axes of the work object, from wherever the arm is.
+    executed = run_rapid(
+        "now:=CRobT();",
+        "MoveL Offs(now,0,0,50),v100,fine,tool0;",
+        "MoveL Offs(CRobT(),0,40,0),v100,fine,tool0;",
+        "MoveC Offs(now,20,40,50),Offs(now,20,20,50),v100,fine,tool0;",
+        "MoveJ now,v100,fine,tool0;",
+    )
+    assert tell(executed) == []
+    ends = [(0, 0, 50), (0, 40, 50), (20, 20, 50), (0, 0, 0)]
+    assert list_places(executed)[:4] == [(HERE, list(end)) for end in ends]
+    assert list_places(executed)[4] == ("", [500, 0, 500])
+    assert [frame.base_from_work for frame in executed.frames if frame.work == HERE] == [None]
+    # Another machine must not run them in a frame that it knows.
+    what = f"{HERE} is not in the text: motions from there are shown in a frame of that name"
+    assert (9, what) in executed.lost
+
+
+def test_reltool_moves_along_the_unknown_axes_of_the_tool():
+    executed = run_rapid(
+        "now:=CRobT();",
+        "MoveL RelTool(now,0,0,-30),v100,fine,tool0;",
+        "MoveL RelTool(CRobT(),10,0,0\\Rz:=90),v100,fine,tool0;",
+        "MoveL RelTool(CRobT(),10,0,0),v100,fine,tool0;",
+        "MoveL Offs(CRobT(),1,0,0),v100,fine,tool0;",
+    )
+    along = f"{HERE}, along the tool"
+    # By hand: after a quarter turn about z the x of the tool is the y of before.
+    ends = [(0, 0, -30), (10, 0, -30), (10, 10, -30)]
+    assert list_places(executed)[:3] == [(along, list(end)) for end in ends]
+    # How the tool lies to the work object is unknown: the last one is left out.
+    assert len(list_places(executed)) == 4
+    assert "a target is not known (where the arm is): motions there are left out" in [
+        item.what for item in executed.assumed
+    ]
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "MoveL Offs(now,now.trans.x,0,0),v100,fine,tool0;",
+        "now.trans.z:=5; MoveL now,v100,fine,tool0;",
+        "MoveL now,v100,fine,tool0\\WObj:=wOther;",
+        "MoveC now,h{1},v100,fine,tool0;",
+        "PDispSet [[0,0,9],[1,0,0,0]]; MoveL now,v100,fine,tool0;",
+    ],
+)
+def test_other_places_of_an_unknown_pose_are_left_out(statement):
+    executed = run_rapid("now:=CRobT();", statement, "PDispOff;")
+    assert [place for _, place in list_places(executed)] == [[500, 0, 500]]
+    assert any("motions there are left out" in what for _, what in executed.lost)
+
+
+def test_lengths_and_extents_do_not_mix_frames():
+    executed = run_rapid(
+        "MoveL h{2},v100,fine,tool0;",
+        "EGMRunPose id,EGM_STOP_HOLD\\X;",
+        "now:=CRobT();",
+        "MoveL Offs(now,0,0,50),v100,fine,tool0;",
+        "MoveL Offs(now,0,30,10),v100,fine,tool0;",
+    )
+    carried = as_far_as_known(executed)
+    sums = sum_up(Columns(carried.body), carried.works)
+    # By hand: 30 mm across and 40 mm down. The way into the frame and out of it is unknown.
+    assert sums.straight == pytest.approx(50)
+    assert sorted(sums.extents_by_work.values()) == [
+        ((0, 0, 10), (0, 30, 50)),
+        ((500, 0, 500), (600, 0, 500)),
+    ]
+    assert sums.seconds == pytest.approx(0.5)

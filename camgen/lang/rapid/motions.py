@@ -20,10 +20,10 @@ from camgen.model.pose import Pose, Vec3, frozen, rotation_between, to_vec3
 from .effects import LOST_OPTIONS, OMITTED_OPTIONS, READ_OPTIONS, SILENT_OPTIONS
 from .functions import name_of
 from .machine import Machine, RobotPosition
-from .places import WORST_NORM, choose_frame, pose_of, see_pose
+from .places import WORST_NORM, choose_frame, enter_placed, pose_of, see_pose
 from .tokens import Failed
 from .tree import Calling, Expr, Inline
-from .values import Value, find_unknown
+from .values import RelativeTarget, Value, find_unknown
 from .ways import is_half_turn, judge_arc, split_arc, split_at_circle_point
 
 #: mm/s where the text gives no speed that is one.
@@ -351,6 +351,8 @@ def _can_go(machine: Machine, point: Value) -> bool:
 def _move_pose(
     machine: Machine, form: Form, call: Calling, points: list[Value], bound: Bound
 ) -> None:
+    if any(isinstance(point, RelativeTarget) for point in points):
+        points = enter_placed(machine, points)
     if not all(_can_go(machine, point) for point in points):
         return
     poses = [pose_of(machine, point) for point in points]

@@ -20,6 +20,19 @@ Value = Any
 NOTHING = Unknown("")
 
 
+class RelativeTarget(Unknown, frozen=True, gc=False, kw_only=True):
+    """A robtarget in a frame that no text states, so that its components are unknown.
+
+    point: the robtarget in this frame: position, mm, and orientation.
+    frame: name of the frame.
+    work: name of the work object along whose axes the frame lies, empty for `wobj0`.
+    """
+
+    point: tuple[tuple[float, ...], ...]
+    frame: str
+    work: str
+
+
 class Given(float):
     """A value that the user gives to what no text holds: a num, or a bool where one is asked for."""
 
@@ -63,6 +76,8 @@ def find_unknown(value: Value) -> Unknown | None:
     """The first part of a value that is not known."""
     if type(value) is Unknown:
         return value
+    if type(value) is RelativeTarget:
+        return Unknown(value.what, value.key)
     if isinstance(value, (tuple, list)):
         for item in value:
             found = find_unknown(item)
