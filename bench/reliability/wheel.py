@@ -22,7 +22,7 @@ from bench.support.timing import timed
 
 PARTS_OF_WHEEL = ("camgen", "postprocessors", "pyproject.toml", "README.md", "LICENSE")
 PYTHONS = tuple(f"python3.{minor}" for minor in range(11, 15))
-_EXTRA = "pip install 'camgen[step]'"
+_EXTRA = "pip install '.[step]'"
 
 
 def _run(*words: str | Path, cwd: Path | None = None) -> str:

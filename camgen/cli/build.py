@@ -305,11 +305,10 @@ def list_notes(notes: Sequence[Note], verbose: int) -> list[Row]:
 def _tell_plan(result: Result) -> list[Row]:
     work = math.fsum(path_sums(result.tour.paths)[0].tolist())
     tour = result.tour
-    hint = (
-        "; the extra fast (pip install camgen[fast]) searches farther in this time"
-        if PLAIN in tour.method
-        else ""
-    )
+    hint = ""
+    if PLAIN in tour.method:
+        hint = "; the extra fast (pip install '.[fast]' in the folder of camgen) "
+        hint += "searches farther in this time"
     return [
         ("plan", f"{counted(len(tour.paths), 'path')}, work {length(work)}", "plain"),
         (

@@ -22,7 +22,9 @@ def run(arguments: Namespace, says: Voice) -> int:
         from camgen.workbench.server import Shop, listen, serve  # noqa: PLC0415 (an extra)
     except ModuleNotFoundError as error:
         raise JobError(
-            "open", f"needs {error.name}", remedy="pip install camgen[workbench]"
+            "open",
+            f"needs {error.name}",
+            remedy="pip install '.[workbench]' in the folder of camgen",
         ) from error
     from camgen.workbench.guard import make_token  # noqa: PLC0415 (asyncio and all of camgen, for this command only)
     from camgen.workbench.session import open_session  # noqa: PLC0415

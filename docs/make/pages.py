@@ -25,17 +25,20 @@ ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 POSTS = ("gcode", "grbl", "pacscript", "rapid", "vplus")
 #: Pages whose ```console blocks are run: lines behind "$ " are commands, which go on behind "> ".
-CONSOLES = ("first-program.md", "several-operations.md")
+CONSOLES = ("first-program.md", "several-operations.md", "../README.md")
 _LIMITS = re.compile(r"\| limit \|.*\n(?:\|.*\n)+")
 _CONSOLE = re.compile(r"```console\n(.*?)```", re.S)
 
 
 def with_consoles(text: str) -> str:
-    """The page with what its commands print now. They run in one scratch folder beside the repository's fixtures."""
+    """The page with what its commands print now. They run in one scratch folder, which has the
+    repository's fixtures in it and beside it.
+    """
     with tempfile.TemporaryDirectory() as name:
         here = Path(name) / "try"
         here.mkdir()
-        (here.parent / "fixtures").symlink_to(ROOT / "fixtures")
+        for folder in (here.parent, here):
+            (folder / "fixtures").symlink_to(ROOT / "fixtures")
         return _CONSOLE.sub(lambda found: f"```console\n{_ran(found[1], here)}```", text)
 
 

@@ -330,7 +330,7 @@ def test_a_package_that_is_missing(
 ) -> None:
     monkeypatch.setitem(sys.modules, package, None)
     printed = insist_on_one_line(tmp_path, f"a.{suffix}", b"LASF", capsys)
-    remedy = "pip install 'camgen[scan]', or export it as PLY"
+    remedy = "pip install '.[scan]' in the folder of camgen, or export it as PLY"
     assert f"{suffix.upper()} needs the package {package}; {remedy}" in printed
 
 

@@ -460,4 +460,7 @@ def test_without_its_extra_the_command_says_what_to_install(
         monkeypatch.delitem(sys.modules, name)
     assert main(["open", str(PARTS / "bracket.dxf"), "--no-browser"]) == 2
     said = capsys.readouterr().err
-    assert said == "camgen: error: open: needs uvicorn; pip install camgen[workbench]\n"
+    assert (
+        said == "camgen: error: open: needs uvicorn; "
+        "pip install '.[workbench]' in the folder of camgen\n"
+    )

@@ -43,7 +43,7 @@ def read_e57(name: str, data: bytes) -> FileCloud:
     try:
         import pye57  # noqa: PLC0415 (an extra)
     except ImportError as error:
-        remedy = "pip install 'camgen[scan]', or export it as PLY or PTX"
+        remedy = "pip install '.[scan]' in the folder of camgen, or export it as PLY or PTX"
         raise InputError(name, "E57 needs the package pye57", "", remedy) from error
     with TemporaryDirectory() as folder:
         path = Path(folder) / "scan.e57"

@@ -38,7 +38,7 @@ def read_las(name: str, data: bytes) -> FileCloud:
     try:
         import laspy  # noqa: PLC0415 (an extra)
     except ImportError as error:
-        remedy = "pip install 'camgen[scan]', or export it as PLY"
+        remedy = "pip install '.[scan]' in the folder of camgen, or export it as PLY"
         raise InputError(name, "LAS needs the package laspy", "", remedy) from error
     try:
         with np.errstate(all="ignore"):

@@ -53,7 +53,10 @@ def load(source: Source) -> StepBodies:
         kernel.part("STEPControl")
     except ImportError as error:
         raise InputError(
-            source.name, "STEP needs the CAD kernel", "", "pip install 'camgen[step]'"
+            source.name,
+            "STEP needs the CAD kernel",
+            "",
+            "pip install '.[step]' in the folder of camgen",
         ) from error
     message = kernel.part("Message")
     # OCCT prints what it finds odd; the command line alone prints.
