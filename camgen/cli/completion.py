@@ -96,7 +96,7 @@ def _functions(name: str, bash: str, zsh: str, fish: str) -> shtab.CompleteType:
 
 
 def _amend(script: str, shell: str) -> str:
-    """What shtab 1.13 lacks, found by asking the shells (docs/dependencies.md)."""
+    """Amends the script where shtab 1.13 falls short (docs/development/libraries.md)."""
     if shell == "bash":
         return script + _BASH
     if shell == "zsh":

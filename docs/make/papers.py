@@ -1,8 +1,8 @@
-"""docs/papers.md: every section, equation, figure and table of the three papers, and where camgen has it.
+"""Makes docs/papers.md: each section, equation, figure and table of the three papers, in camgen.
 
-The rows stand in ``papers.toml``. What they name is looked up before the page is made: a module or a document that is
-not there, a command that is none, a figure that its page does not state, an item of a paper without a row or with one
-that does not exist stop it.
+The rows are in `papers.toml`. The page is not made if a module, document or command of a row does
+not exist, if a page does not state the figure that a row has from it, if an item of a paper has
+no row, or if a row names an item that the paper does not have.
 """
 
 from __future__ import annotations
@@ -21,16 +21,28 @@ TABLE = Path(__file__).with_name("papers.toml")
 _NUMBER = re.compile(r"\d+(?:,\d{3})*(?:\.\d+)?")
 _HEAD = """# The papers, row by row
 
-camgen contains three papers. This page has every section with a method or a result, every equation, figure and table
-of them: where it is, the command that shows it, what the paper states and what camgen comes to, and where camgen
-differs on purpose. A row that names what is not there any more, or a figure that its page does not have, stops
-`python -m docs.make.pages`, which makes this page.
+camgen contains three papers. The first table compares their figures with camgen's. The other tables have each section
+with a method or a result, each equation, figure and table: where it is in camgen, the command that shows it, and where
+camgen differs on purpose. `python -m docs.make.pages` makes this page, and stops at a row that no longer holds.
+
+## Figures of the papers and of camgen
+
+| of the paper | what | paper | camgen |
+|---|---|---|---|
 """
 
 
 class Row(Struct, frozen=True, forbid_unknown_fields=True):
-    """items: of the paper, as "3.2.1", "eq. 7", "fig. 3". where: modules and documents, from the root. said, ours:
-    figures of the paper and of camgen, the latter with the page that states them. differs: on purpose, and why.
+    """One or more items of a paper, and their place in camgen.
+
+    items: sections and numbered items of the paper, as "3.2.1", "eq. 7", "fig. 3".
+    what: subject of the items.
+    where: modules and documents, paths from the root.
+    command: command that shows it.
+    said: figures of the paper.
+    ours: figures of camgen.
+    page: document that states the figures of camgen.
+    differs: difference on purpose, and its reason.
     """
 
     items: tuple[str, ...]
@@ -44,9 +56,20 @@ class Row(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Paper(Struct, frozen=True, forbid_unknown_fields=True):
-    """sections: those with a method or a result. equations, figures, tables: how many are numbered."""
+    """A paper and its rows.
+
+    title: heading of the page.
+    short: name in the table of figures.
+    authors: names of the authors, and links to the pages about it.
+    sections: numbers of the sections with a method or a result.
+    equations: number of numbered equations.
+    figures: number of numbered figures.
+    tables: number of numbered tables.
+    rows: rows of the page.
+    """
 
     title: str
+    short: str
     authors: str
     sections: tuple[str, ...]
     equations: int
@@ -55,7 +78,7 @@ class Paper(Struct, frozen=True, forbid_unknown_fields=True):
     rows: tuple[Row, ...]
 
     def items(self) -> set[str]:
-        """All that needs a row."""
+        """Items that need a row."""
         numbered = (("eq.", self.equations), ("fig.", self.figures), ("table", self.tables))
         return {
             *self.sections,
@@ -64,12 +87,12 @@ class Paper(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def read_papers() -> list[Paper]:
-    """The papers as ``papers.toml`` has them."""
+    """Reads `papers.toml`."""
     return msgspec.convert(tomllib.loads(TABLE.read_text(encoding="utf-8"))["paper"], list[Paper])
 
 
 def find_faults(papers: list[Paper]) -> list[str]:
-    """What no longer holds, in words."""
+    """Faults of the rows, one sentence each."""
     faults = []
     for paper in papers:
         named = [item for row in paper.rows for item in row.items]
@@ -113,29 +136,35 @@ def _is_command(command: str) -> bool:
 
 
 def papers_page() -> str:
-    """The text of docs/papers.md. ValueError with all faults where a row has gone stale."""
+    """Text of docs/papers.md. Raises ValueError with all faults if a row no longer holds."""
     papers = read_papers()
     faults = find_faults(papers)
     if faults:
         raise ValueError("docs/make/papers.toml: " + "; ".join(faults))
-    return _HEAD + "".join(_section(paper) for paper in papers)
+    return _HEAD + "".join(_figures(paper) for paper in papers) + "".join(map(_section, papers))
+
+
+def _figures(paper: Paper) -> str:
+    """Lines of the table of figures: rows with a figure of the paper or of camgen."""
+    lines = ""
+    for row in paper.rows:
+        if row.said or row.ours:
+            page = f" ([{_title(row.page)}]({row.page.removeprefix('docs/')}))" if row.ours else ""
+            item = f"{paper.short}: {', '.join(row.items)}"
+            lines += f"| {item} | {row.what} | {row.said} | {row.ours}{page} |\n"
+    return lines
 
 
 def _section(paper: Paper) -> str:
     head = f"\n## {paper.title}\n\n{paper.authors}\n\n"
-    head += "| of the paper | what | where | command | paper | camgen | differs |\n|---|---|---|---|---|---|---|\n"
+    head += "| of the paper | what | where | command | differs |\n|---|---|---|---|---|\n"
     return head + "".join(_line(row) for row in paper.rows)
 
 
 def _line(row: Row) -> str:
     where = ", ".join(_place(name) for name in row.where)
-    ours = row.ours + (
-        f" ([{_title(row.page)}]({row.page.removeprefix('docs/')}))"
-        if row.page and row.ours
-        else ""
-    )
     command = f"`{row.command}`" if row.command else ""
-    cells = (", ".join(row.items), row.what, where, command, row.said, ours, row.differs)
+    cells = (", ".join(row.items), row.what, where, command, row.differs)
     return f"| {' | '.join(cells)} |\n"
 
 
