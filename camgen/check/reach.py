@@ -261,7 +261,7 @@ def _follow(
         free = found.free[here]
         end = anchors[number + 1] if number + 1 < len(fixed) else None
         ties = Ties(joined=not free[0], end=end, free=free)
-        choice = follow(robot, rotations[here], origins[here], anchors[number], ties=ties)
+        choice = follow(robot, (rotations[here], origins[here]), anchors[number], ties=ties)
         if isinstance(choice, Stuck):
             stretch = Stretch(robot, rotations[here], origins[here], path[here], way[here], free)
             stop, some = find_lost(stretch, choice)
