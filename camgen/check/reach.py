@@ -187,7 +187,7 @@ def trace(
     and the place for what no joints lead along.
     """
     program, found = reach.program, reach.rows
-    setup = Setup(robot, program.base_from_work, program.flange_from_tool, apart=apart)
+    setup = Setup(robot, program.base_from_work, program.flange_from_tool, measure_apart=apart)
     course = follow_closely(setup, found.way, reach.joints[reach.at], ~found.free[1:])
     if len(course.lost):
         lost = [Lost(row + 1, "the joints cannot follow", False) for row in course.lost.tolist()]

@@ -47,7 +47,7 @@ class Surroundings(Struct, frozen=True, eq=False):
     """The scene of a cell, and the parts of it that have different rules.
 
     scene: all pairs.
-    apart: the pairs that are to keep `margin`.
+    with_margin: the pairs that are to keep `margin`.
     work: all other pairs: the tool against the part, which are intended to meet, and pairs that are
         nearer than the margin at the robot's own home.
     margin: mm.
@@ -65,7 +65,7 @@ class Surroundings(Struct, frozen=True, eq=False):
     """
 
     scene: Scene
-    apart: Scene
+    with_margin: Scene
     work: Scene
     margin: float
     level: float
@@ -139,7 +139,7 @@ def make_surroundings(
     room = _measure_width(job, holder) / 2 + job.cell.safety
     return Surroundings(
         scene=whole,
-        apart=narrow(whole, np.flatnonzero(~np.array(is_work, dtype=bool)).tolist()),
+        with_margin=narrow(whole, np.flatnonzero(~np.array(is_work, dtype=bool)).tolist()),
         work=narrow(whole, np.flatnonzero(is_work).tolist()),
         margin=job.cell.margin,
         level=max(tops) + room,
