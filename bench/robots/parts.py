@@ -195,7 +195,7 @@ def unfounded(result: camgen.Result, job: camgen.Job, samples: int) -> tuple[int
         looks = divide(way, count_samples(way))
         chosen = follow(
             arm,
-            *compute_flange_poses(setup, looks.position, looks.rotation),
+            compute_flange_poses(setup, looks.position, looks.rotation),
             margin=MARGIN,
             jump=JUMP,
         )

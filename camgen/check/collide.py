@@ -125,9 +125,9 @@ def check_clear(
     close: list[Near] = []
     for begin in range(0, max(len(course.joints) - 1, 1), _ROWS):
         rows = course.joints[begin : begin + _ROWS + 1]
-        others = check_motion(where.apart, rows, FINE, near, APART)
+        others = check_motion(where.with_margin, rows, FINE, near, APART)
         working = check_motion(where.work, rows, STEP, deviation=APART)
-        for scene, check in ((where.apart, others), (where.work, working)):
+        for scene, check in ((where.with_margin, others), (where.work, working)):
             if check.hit:
                 collisions.append(_collision(scene, course, begin + check.at, check.pair))
         if not collisions and others.nearest >= 0:
@@ -157,7 +157,7 @@ def _find_near(
     kinds = columns.path[motion_of[1:]] * 2 + columns.works[motion_of[1:]]
     runs = list(pairwise([0, *np.cumsum(run_lengths(kinds)).tolist()]))
     joints = [course.joints[rows[0] + first : rows[0] + last + 1] for first, last in runs]
-    checks = check_motions(where.apart, joints, FINE, near, APART)
+    checks = check_motions(where.with_margin, joints, FINE, near, APART)
     close = []
     for (first, _), check in zip(runs, checks, strict=True):
         if check.nearest < 0:
@@ -169,7 +169,10 @@ def _find_near(
         on = place if works or place.startswith("the way") else f"the way to {place}"
         ahead = columns.path[number:]
         path = int(next(iter(ahead[ahead >= 0]), -1))
-        pair, tip = where.apart.pairs[check.nearest], _place(program, robot, course, rows[0] + at)
+        pair, tip = (
+            where.with_margin.pairs[check.nearest],
+            _place(program, robot, course, rows[0] + at),
+        )
         close.append(Near(check.clearance, pair, on, tip, path, works))
     return close
 
@@ -191,7 +194,7 @@ def _note_near(close: Sequence[Near], margin: float) -> tuple[Note, ...]:
 def _find_by_path(where: Surroundings, reach: Reach, course: JointPath) -> list[_Collision]:
     """The first collision of each run of motions of one path, and of the link that leads to it."""
     runs = _divide_by_path(reach, course)
-    return _find_in_runs(where.apart, course, runs) + _find_in_runs(where.work, course, runs)
+    return _find_in_runs(where.with_margin, course, runs) + _find_in_runs(where.work, course, runs)
 
 
 def _find_strict(where: Surroundings, reach: Reach, course: JointPath) -> list[_Collision]:

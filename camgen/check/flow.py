@@ -250,7 +250,7 @@ def _are_free(where: Surroundings, fans: Sequence[FloatArray], bows: FloatArray)
     if not fans:
         return []
     triangles, owner = np.concatenate(fans), owners([len(fan) for fan in fans])
-    free = are_free(where.apart, triangles, owner, where.margin, bows)
+    free = are_free(where.with_margin, triangles, owner, where.margin, bows)
     rest = free[owner]
     free[free] = are_free(
         where.work, triangles[rest], (np.cumsum(free) - 1)[owner[rest]], 0.0, bows[free]

@@ -90,7 +90,7 @@ def _find_apart(stretch: Stretch, left: Index) -> list[Lost]:
         if not len(left):
             break
         some = stretch.cut(left)
-        choice = follow(some.robot, some.rotations, some.origins, ties=Ties(free=some.free))
+        choice = follow(some.robot, (some.rotations, some.origins), ties=Ties(free=some.free))
         if isinstance(choice, Choice):
             break
         row = int(left[choice.row])

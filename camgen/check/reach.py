@@ -187,7 +187,7 @@ def trace(
     and the place for what no joints lead along.
     """
     program, found = reach.program, reach.rows
-    setup = Setup(robot, program.base_from_work, program.flange_from_tool, apart=apart)
+    setup = Setup(robot, program.base_from_work, program.flange_from_tool, measure_apart=apart)
     course = follow_closely(setup, found.way, reach.joints[reach.at], ~found.free[1:])
     if len(course.lost):
         lost = [Lost(row + 1, "the joints cannot follow", False) for row in course.lost.tolist()]
@@ -261,7 +261,7 @@ def _follow(
         free = found.free[here]
         end = anchors[number + 1] if number + 1 < len(fixed) else None
         ties = Ties(joined=not free[0], end=end, free=free)
-        choice = follow(robot, rotations[here], origins[here], anchors[number], ties=ties)
+        choice = follow(robot, (rotations[here], origins[here]), anchors[number], ties=ties)
         if isinstance(choice, Stuck):
             stretch = Stretch(robot, rotations[here], origins[here], path[here], way[here], free)
             stop, some = find_lost(stretch, choice)

@@ -158,9 +158,9 @@ def _are_clear(
     # Two bodies that move may both be off, and a test may state their distance by a step too large.
     clear: BoolArray = np.asarray(where.margin + 2 * off + FINE + 2 * APART <= gap)
     tight = np.flatnonzero(~clear)
-    closer = _measure(where.apart, measure_closer, rounded[tight], programmed[tight])
+    closer = _measure(where.with_margin, measure_closer, rounded[tight], programmed[tight])
     needed = where.margin + closer + 2 * corners.more[tight]
-    tests = check_motions(where.apart, list(programmed[tight]), FINE, needed, bow)
+    tests = check_motions(where.with_margin, list(programmed[tight]), FINE, needed, bow)
     clear[tight] = np.array([0.0 if test.hit else test.clearance for test in tests]) >= needed
     if where.work.pairs:
         tests = check_motions(where.work, list(rounded), STEP, deviation=bow)

@@ -63,7 +63,7 @@ def share_joints(
 
     reach: joint values of the program.
     cell: the cell with its arm.
-    distance: upper bound of the distance of a point in two configurations, see `Setup.apart`.
+    distance: upper bound of the distance of a point at two joint values, see `Setup.measure_apart`.
     point: mm/s, infinite without a limit.
     """
     program, robot = reach.program, cell.arm

@@ -11,7 +11,7 @@ from msgspec import Struct
 
 from camgen.collision.hits import find_collisions, measure_clearance
 from camgen.collision.mesh import make_mesh
-from camgen.collision.scene import Allowed, Scene, Wall, make_scene, narrow
+from camgen.collision.scene import Allowed, Scene, StandingMesh, make_scene, narrow
 from camgen.geometry.corners import Corners, corners_of
 from camgen.geometry.resting import turn_down
 from camgen.model.cell import Cell
@@ -47,7 +47,7 @@ class Surroundings(Struct, frozen=True, eq=False):
     """The scene of a cell, and the parts of it that have different rules.
 
     scene: all pairs.
-    apart: the pairs that are to keep `margin`.
+    with_margin: the pairs that are to keep `margin`.
     work: all other pairs: the tool against the part, which are intended to meet, and pairs that are
         nearer than the margin at the robot's own home.
     margin: mm.
@@ -65,7 +65,7 @@ class Surroundings(Struct, frozen=True, eq=False):
     """
 
     scene: Scene
-    apart: Scene
+    with_margin: Scene
     work: Scene
     margin: float
     level: float
@@ -106,7 +106,9 @@ def make_surroundings(
     robot, base_from_work = cell.arm, cell.base_from_work
     assert robot is not None
     standing, notes = _make_standing(job, base_from_work, solid)
-    walls = tuple(Wall(name, make_mesh(shape), base_from_work) for name, shape in cell.meshes)
+    walls = tuple(
+        StandingMesh(name, make_mesh(shape), base_from_work) for name, shape in cell.meshes
+    )
     holder = [corners_of("tool.holder", box) for box in job.tool.holder or ()]
     contact = job.tool.radius * math.sin(math.radians(job.tool.axis_tilt)) + _TOUCH
     contact = min(contact, job.tool.radius * 0.99)
@@ -137,7 +139,7 @@ def make_surroundings(
     room = _measure_width(job, holder) / 2 + job.cell.safety
     return Surroundings(
         scene=whole,
-        apart=narrow(whole, np.flatnonzero(~np.array(is_work, dtype=bool)).tolist()),
+        with_margin=narrow(whole, np.flatnonzero(~np.array(is_work, dtype=bool)).tolist()),
         work=narrow(whole, np.flatnonzero(is_work).tolist()),
         margin=job.cell.margin,
         level=max(tops) + room,

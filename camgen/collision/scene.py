@@ -133,7 +133,7 @@ class _Body(Struct, frozen=True, eq=False):
         return Shape(self.frame, parts, points, self.boxes, is_mesh=False)
 
 
-class Wall(Struct, frozen=True, eq=False):
+class StandingMesh(Struct, frozen=True, eq=False):
     """A body that stands and is a mesh."""
 
     name: str
@@ -158,7 +158,7 @@ class Allowed(Struct, frozen=True):
 def make_scene(
     robot: Robot,
     tool: tuple[Link, ...] = (),
-    obstacles: tuple[Link | Wall, ...] = (),
+    obstacles: tuple[Link | StandingMesh, ...] = (),
     part: Mesh | tuple[Box, ...] = (),
     base_from_part: Pose = _NO_SHIFT,
     allowed: Allowed = Allowed(),  # noqa: B008 (frozen)
@@ -264,8 +264,8 @@ def _place_boxes(frame: Pose, boxes: tuple[Box, ...]) -> tuple[Box, ...]:
     return tuple(Box(frame @ box.link_from_box, box.half) for box in boxes)
 
 
-def _make_standing(body: Link | Wall) -> _Body:
-    if isinstance(body, Wall):
+def _make_standing(body: Link | StandingMesh) -> _Body:
+    if isinstance(body, StandingMesh):
         return _Body(body.name, 0, (), body.mesh, body.base_from_mesh)
     return _Body(body.name, 0, body.boxes)
 

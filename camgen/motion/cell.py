@@ -58,7 +58,7 @@ def make_setup(robot: Robot, cell: Cell, where: Surroundings) -> Setup:
     """The set-up of a cell for motions along edges: arm, frames and collision tests."""
     scene = where.scene
     clear = partial(are_clear, split_off_meshes(scene))
-    work_scenes, margin_scenes = split_off_meshes(where.work), split_off_meshes(where.apart)
+    work_scenes, margin_scenes = split_off_meshes(where.work), split_off_meshes(where.with_margin)
 
     def keep_margin(joints: FloatArray) -> BoolArray:
         kept = are_clear(margin_scenes, joints, near=where.margin)
@@ -84,13 +84,13 @@ def make_free_space(where: Surroundings, setup: Setup) -> FreeSpace:
             return []
         paths = follow_all(setup, several)
         rows = [path.joints for path in paths]
-        with_margin = check_motions(where.apart, rows, FINE, where.margin, APART)
+        with_margin = check_motions(where.with_margin, rows, FINE, where.margin, APART)
         working = check_motions(where.work, rows, STEP, deviation=APART)
         return list(map(partial(_find_blockage, where), paths, with_margin, working))
 
     def measure_gaps(joints: FloatArray) -> FloatArray:
         if where.margin > 0:
-            return measure_clearance(where.apart, joints, where.margin)
+            return measure_clearance(where.with_margin, joints, where.margin)
         return np.zeros(len(joints))
 
     return FreeSpace(
@@ -105,7 +105,7 @@ def _find_blockage(
     if len(path.lost):
         return Blockage("jump", "the joints cannot follow", float(path.lost[0]))
     collisions = []
-    for scene, check in ((where.apart, with_margin), (where.work, working)):
+    for scene, check in ((where.with_margin, with_margin), (where.work, working)):
         if check.hit:
             pair = scene.pairs[check.pair]
             collisions.append((check.at, where.scene.pairs.index(pair)))

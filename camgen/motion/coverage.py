@@ -550,7 +550,7 @@ class Coverage(Struct, frozen=True, eq=False):
         start = chain.joints[end]
         while parts > 0:
             rotations, origins = (goal[: parts + 1] for goal in goals)
-            followed = follow(self.setup.robot, rotations, origins, start, MARGIN, JUMP)
+            followed = follow(self.setup.robot, (rotations, origins), start, MARGIN, JUMP)
             if not isinstance(followed, Choice):
                 parts = min(parts, followed.row) - 1
                 continue

@@ -64,7 +64,7 @@ def follow_closely(
         is_missing: BoolArray = np.asarray(np.isnan(exact).any(axis=1))
         lost.append(at[before[is_missing]])
         exact = np.where(is_missing[:, None], even, exact)
-        uneven = middle[np.asarray(setup.apart(exact, even) > APART)]
+        uneven = middle[np.asarray(setup.measure_apart(exact, even) > APART)]
         at, joints = _insert(at, kept, middle, place), _insert(joints, kept, middle, exact)
         is_open = np.zeros(len(at) - 1, dtype=np.bool_)
         is_open[uneven - 1] = is_open[uneven] = True

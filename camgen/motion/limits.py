@@ -161,7 +161,7 @@ def measure_point_speed(
 ) -> float:
     """The speed, mm/s, of the fastest point of an arm at the maximum speeds of its joints.
 
-    distance: upper bound of the distance of a point in two configurations, see `Setup.apart`.
+    distance: upper bound of the distance of a point at two joint values, see `Setup.measure_apart`.
     joints: (R, J) values along a joint motion.
     """
     seconds = (np.abs(np.diff(joints, axis=0)) / robot.speeds).max(axis=1)
@@ -189,7 +189,7 @@ def compute_line_speeds(
     allowed = np.asarray(speeds.part if speeds.pressed else speeds.free)
     if math.isfinite(speeds.point):
         with np.errstate(divide="ignore"):
-            by_points = speeds.point * dense.length / setup.apart(joints[:-1], joints[1:])
+            by_points = speeds.point * dense.length / setup.measure_apart(joints[:-1], joints[1:])
         allowed = np.minimum(allowed, np.minimum.reduceat(by_points, at[:-1]))
     speed = np.minimum(np.minimum(by_joints, reached), allowed)
     return frozen(np.where(speed >= _WHOLE, np.floor(speed), speed))
@@ -232,7 +232,9 @@ def compute_joint_speed(
     if moved == 0:
         return speeds.part, 0.0
     allowed = min(speeds.share, find_held_fraction(setup.robot, end - start), speeds.free / moved)
-    by_points = speeds.point / max(moved, measure_point_speed(setup.robot, setup.apart, samples))
+    by_points = speeds.point / max(
+        moved, measure_point_speed(setup.robot, setup.measure_apart, samples)
+    )
     share = math.floor(min(allowed, by_points) * _SHARES) / _SHARES
     if by_points < allowed:
         return slow_down(setup.robot, samples, setup.flange_from_tool.origin, share), share

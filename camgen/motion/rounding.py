@@ -71,13 +71,13 @@ class RoundedCorners(NamedTuple):
     before: (K,) length, mm, of the first motion that is not run.
     after: (K,) length, mm, of the second motion that is not run.
     path: (K, P, 3) points of the path that is run instead, mm.
-    off: (K,) distance, mm, of the path from the programmed one.
+    deviation: (K,) distance, mm, of the path from the programmed one.
     """
 
     before: FloatArray
     after: FloatArray
     path: FloatArray
-    off: FloatArray
+    deviation: FloatArray
 
 
 def trace_corners(transitions: Transitions, dynamics: Dynamics) -> RoundedCorners:

@@ -372,7 +372,7 @@ def prove(
     dense, at = divide(actual, parts), offsets(parts)
     joints = follow(
         setup.robot,
-        *compute_flange_poses(setup, dense.position, dense.rotation),
+        compute_flange_poses(setup, dense.position, dense.rotation),
         chain.joints[0],
         MARGIN,
         JUMP,

@@ -29,8 +29,8 @@ class Setup(Struct, frozen=True, eq=False):
     base_from_work, flange_from_tool: frames of the work and of the tip.
     clear: returns whether joint values (N, J) are free of collisions, (N,).
     hit: names the bodies that collide at joint values (J,), "link 5 with the part".
-    apart: returns the largest distance by which a point of arm and tool moves between two tables of
-        joint values (N, J), (N,) mm.
+    measure_apart: returns the largest distance by which a point of arm and tool moves between two
+        tables of joint values (N, J), (N,) mm.
     roomy: returns whether joint values (N, J) are clear and keep the margin, (N,).
     """
 
@@ -39,7 +39,9 @@ class Setup(Struct, frozen=True, eq=False):
     flange_from_tool: Pose
     clear: Callable[[FloatArray], NDArray[np.bool_]] = all_clear
     hit: Callable[[FloatArray], str] = lambda _: "something"
-    apart: Callable[[FloatArray, FloatArray], FloatArray] = lambda joints, _: np.zeros(len(joints))
+    measure_apart: Callable[[FloatArray, FloatArray], FloatArray] = lambda joints, _: np.zeros(
+        len(joints)
+    )
     roomy: Callable[[FloatArray], NDArray[np.bool_]] = all_clear
 
 
@@ -72,7 +74,7 @@ class FreeSpace(Struct, frozen=True, eq=False):
 
     level: z above which tool and holder are free, mm.
     low, high: (3,) corners of the part's box, mm.
-    beside: distance from that box within which the holder may meet it, mm.
+    holder_distance: distance from that box within which the holder may meet it, mm.
     margin: `cell.margin`, mm.
     look: returns the blockage of each motion, or its clearance, at most `margin`, mm.
     gaps: returns the clearance of joint values (N, J) without a collision, at most `margin`, (N,)
@@ -82,7 +84,7 @@ class FreeSpace(Struct, frozen=True, eq=False):
     level: float
     low: FloatArray
     high: FloatArray
-    beside: float
+    holder_distance: float
     margin: float
     look: Callable[[Sequence[SampledMotion]], list[Blockage | float]]
     gaps: Callable[[FloatArray], FloatArray]

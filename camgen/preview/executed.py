@@ -80,9 +80,9 @@ def _trace_block(
     before, after, sag = trimmed
     corners = trace_corners(pick_transitions(columns, rows), dynamics)
     before[rows], after[rows + 1] = corners.before, corners.after
-    # A curve that leaves its chord by `off` leaves the chords of its n parts by off / n^2.
+    # A curve that leaves its chord by d leaves the chords of its n parts by d / n^2.
     last = corners.path.shape[1] - 1
-    parts = np.clip(np.ceil(np.sqrt(corners.off / sag)), 1, last).astype(np.int64)
+    parts = np.clip(np.ceil(np.sqrt(corners.deviation / sag)), 1, last).astype(np.int64)
     owner = owners(parts - 1)
     place = np.round((ramp(parts - 1) + 1) * last / parts[owner]).astype(np.int64)
     return _Points(corners.path[owner, place], rows[owner])

@@ -47,7 +47,7 @@ def tool_scene(obstacles: tuple[Link, ...] = ()) -> Scene:
 
 
 def setup() -> Setup:
-    return Setup(ARM, BASE, TOOL, apart=partial(measure_apart, tool_scene()))
+    return Setup(ARM, BASE, TOOL, measure_apart=partial(measure_apart, tool_scene()))
 
 
 def ends() -> FloatArray:

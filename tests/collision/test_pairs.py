@@ -19,7 +19,7 @@ from camgen.collision.hits import (
 )
 from camgen.collision.motion import check_motion
 from camgen.collision.pairs import _SLACKS_MM
-from camgen.collision.scene import Scene, Wall, make_scene
+from camgen.collision.scene import Scene, StandingMesh, make_scene
 from camgen.collision.triangle import are_free
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError
@@ -108,7 +108,11 @@ def true_distance(angle: float, x: float, y: float) -> float:
 def between(request: pytest.FixtureRequest) -> Scene:
     """The pillar, a box or a mesh, stands between the prongs."""
     size = tuple(2 * half for half in PILLAR)
-    wall = Wall("pillar", block(size), translation(60, 0, 0)) if request.param else pillar(60, 0)
+    wall = (
+        StandingMesh("pillar", block(size), translation(60, 0, 0))
+        if request.param
+        else pillar(60, 0)
+    )
     return make_scene(fork(), obstacles=(wall,))
 
 
@@ -273,7 +277,7 @@ def test_a_collision_is_told_with_its_depth_and_joint_values() -> None:
     full = replace(fork(), links=tuple(replace(link, surfaces=()) for link in fork().links))
     size = tuple(2 * half for half in PILLAR)
     # The box of the fork ends at x = 100, the pillar begins at 96.
-    for post in (pillar(104, 0), Wall("pillar", block(size), translation(104, 0, 0))):
+    for post in (pillar(104, 0), StandingMesh("pillar", block(size), translation(104, 0, 0))):
         cell = make_scene(full, obstacles=(post,))
         pair = int(find_collisions(cell, turned(np.zeros(1)))[0])
         assert find_depth(cell, turned(np.zeros(1))[0], pair) == pytest.approx(4.0, abs=0.02)

@@ -20,7 +20,7 @@ FAST = LinkSpeeds(part=1e6, free=1e6, share=1.0, acceleration=1e9)
 def run(path: PosePath) -> FloatArray:
     """The joint values at the rows of a path."""
     poses = compute_flange_poses(CELL, path.position, path.rotation)
-    followed = follow(CELL.robot, *poses, CELL.robot.home, 0.0, JUMP)
+    followed = follow(CELL.robot, poses, CELL.robot.home, 0.0, JUMP)
     assert isinstance(followed, Choice)
     return followed.joints
 

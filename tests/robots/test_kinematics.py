@@ -322,7 +322,7 @@ def along(
     of: Robot, origins: np.ndarray, rotations: np.ndarray, bound: float = 30, **options: Any
 ) -> Choice:
     """The joints of a path, checked: on the path, within the limits, no jump."""
-    choice = follow(of, rotations, origins, **options)
+    choice = follow(of, (rotations, origins), **options)
     assert isinstance(choice, Choice), explain_stuck(of, rotations, origins, choice).text
     assert max(errors(of, choice.joints[:, None], rotations, origins)) < 1e-6
     assert are_within_limits(of, choice.joints).all()
@@ -332,7 +332,7 @@ def along(
 
 
 def reason(of: Robot, origins: np.ndarray, rotations: np.ndarray, **options: Any) -> Reason:
-    stuck = follow(of, rotations, origins, **options)
+    stuck = follow(of, (rotations, origins), **options)
     assert isinstance(stuck, Stuck)
     return explain_stuck(of, rotations, origins, stuck, **options)
 

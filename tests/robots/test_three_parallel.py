@@ -175,7 +175,7 @@ def test_a_pose_out_of_reach_is_told_by_its_distance() -> None:
     pose = place(UR5E, joints)
     rotations = np.repeat(pose[None, :3, :3], 2, axis=0)
     origins = pose[:3, 3] + np.array([[0, 0, -100.0], [0, 0, 500.0]])
-    stuck = follow(cobot, rotations, origins, joints, 0.0)
+    stuck = follow(cobot, (rotations, origins), joints, 0.0)
     assert isinstance(stuck, Stuck)
     reason = explain_stuck(cobot, rotations, origins, stuck)
     assert isinstance(reason, Reason)

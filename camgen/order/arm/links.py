@@ -107,7 +107,7 @@ def _goes_straight(problem: TourProblem, solution: Solution, one: int, other: in
     dense = divide(way, count_samples(way))
     goal = compute_flange_poses(problem.setup, dense.position, dense.rotation)
     made = follow(
-        problem.setup.robot, *goal, current.leave[one], min(items[one].off, items[other].off), JUMP
+        problem.setup.robot, goal, current.leave[one], min(items[one].off, items[other].off), JUMP
     )
     if not isinstance(made, Choice):
         return False

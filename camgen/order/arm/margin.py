@@ -41,7 +41,7 @@ def roomy_of(where: Surroundings, home: FloatArray, worked: FloatArray) -> Clear
     """Which joint values keep the margin, of all pairs that have it at home (J,). worked: (K, J) joint values at the
     tool's contact: what the tool is nearer to in most of them, however it is turned, it is meant to be near to.
     """
-    scene, near = where.apart, where.margin + _SLACK
+    scene, near = where.with_margin, where.margin + _SLACK
     kept = [
         k for k in range(len(scene.pairs)) if not _is_close(narrow(scene, [k]), home, worked, near)
     ]

@@ -237,7 +237,7 @@ def _chain(setup: Setup, end: PosePath, points: list[FloatArray]) -> PosePath:
 
 def _out_of(room: FreeSpace, start: FloatArray, along: FloatArray) -> float:
     """How far it is along a direction until the point is ``beside`` mm out of the part's box."""
-    low, high = room.low - room.beside, room.high + room.beside
+    low, high = room.low - room.holder_distance, room.high + room.holder_distance
     ends = np.where(along > 0, high, low)
     with np.errstate(divide="ignore"):
         ways = np.where(np.abs(along) > 1e-9, (ends - start) / along, math.inf)

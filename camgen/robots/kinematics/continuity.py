@@ -155,8 +155,7 @@ class Stuck(Struct, frozen=True, eq=False):
 
 def follow(
     robot: Robot,
-    rotations: FloatArray,
-    origins: FloatArray,
+    poses: tuple[FloatArray, FloatArray],
     start: FloatArray | None = None,
     margin: float = 0.0,
     jump: float = JUMP,
@@ -168,13 +167,13 @@ def follow(
     `reasons.explain_stuck` explains. The time is the sum over the rows, in which the slowest joint
     counts, from `start` to the last row and to `ties.end`.
 
-    rotations, origins: base_from_flange, (N, 3, 3) and (N, 3), mm, N > 0.
+    poses: base_from_flange, rotations (N, 3, 3) and origins (N, 3), mm, N > 0.
     start: (J,) joint values, by default the robot's home.
     margin: minimum distance from singularities, rad.
     jump: largest angle of a revolute joint from row to row, rad.
     """
     start = robot.home if start is None else start
-    solutions = find_candidates(robot, rotations, origins, start)
+    solutions = find_candidates(robot, *poses, start)
     usable = _find_usable(robot, solutions, margin)
     return _choose(robot, solutions, usable, start, jump, ties)
 
@@ -189,7 +188,7 @@ def follow_each(
     """`follow` for each of several paths and starts, in half of the time if they are short."""
     if robot.arm is None or not paths:
         return [
-            follow(robot, *path, start, margin, jump)
+            follow(robot, path, start, margin, jump)
             for path, start in zip(paths, starts, strict=True)
         ]
     first = offsets([len(origins) for _, origins in paths])
