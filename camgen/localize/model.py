@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from msgspec import Struct
 
-from camgen.collision.tree import BoxTree, ask, grow
+from camgen.collision.tree import BoxTree, make_tree, search_tree
 from camgen.geometry.ragged import begins, owners, run_lengths, run_starts, starts_run, stretches
 from camgen.geometry.vectors import dots, in_blocks, lengths, unit
 from camgen.model.part import IntArray
@@ -52,7 +52,7 @@ def model_part(vertices: FloatArray, faces: IntArray, count: int = 20_000) -> Mo
     """The model with ``count`` samples of the triangles ``faces`` (F, 3) of ``vertices`` (V, 3); faces have an area."""
     corners = vertices[faces]
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    tree = grow(corners[(cross != 0).any(axis=1)])
+    tree = make_tree(corners[(cross != 0).any(axis=1)])
     cross = np.cross(
         tree.corners[:, 1] - tree.corners[:, 0], tree.corners[:, 2] - tree.corners[:, 0]
     )
@@ -192,7 +192,7 @@ def _box(
         np.maximum(off, 0, out=off)
         return np.flatnonzero((off * off).sum(axis=0) <= bound.take(which))
 
-    which, triangle, _ = ask(model.tree, len(middles), meets)
+    which, triangle, _ = search_tree(model.tree, len(middles), meets)
     order = np.argsort(which, kind="stable")
     return _prune(model, middles, which[order], triangle[order], limits, cell)
 

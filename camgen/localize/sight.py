@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from msgspec import Struct
 
-from camgen.collision.tree import ask
+from camgen.collision.tree import search_tree
 from camgen.geometry.vectors import cross, dots, in_blocks, unit
 from camgen.localize.model import Model
 from camgen.model.part import BoolArray, IntArray
@@ -49,7 +49,7 @@ def hidden(model: Model, places: FloatArray, eyes: FloatArray, gap: float) -> Bo
         enters, leaves = np.minimum(one, two).max(axis=0), np.maximum(one, two).min(axis=0)
         return np.flatnonzero((leaves >= enters) & (leaves > gap))
 
-    ray, triangle, _ = ask(model.tree, len(places), meets)
+    ray, triangle, _ = search_tree(model.tree, len(places), meets)
     blocked = np.zeros(len(places), dtype=bool)
     distances = in_blocks(
         _cross,

@@ -280,7 +280,7 @@ _MOTION_COLUMNS = ("end", "rotation", "speed", "blend", "path", "work")
 _ARC_COLUMNS = ("via", "via_rotation")
 
 
-class Packing(Sequence[Instruction]):
+class BodyBuilder(Sequence[Instruction]):
     """Builds a body: instructions are added as to a list, and packed in blocks."""
 
     def __init__(self, items: Iterable[Instruction] = ()) -> None:
@@ -358,7 +358,7 @@ class Packing(Sequence[Instruction]):
 
 def pack(items: Iterable[Instruction]) -> Body:
     """The instructions as a body; a body is returned as it is."""
-    return items if isinstance(items, Body) else Packing(items).body()
+    return items if isinstance(items, Body) else BodyBuilder(items).body()
 
 
 def join(*bodies: Body) -> Body:

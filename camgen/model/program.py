@@ -14,7 +14,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from camgen.model.body import NUMBER, Body, Indices, Mask, Packing, join, pack
+from camgen.model.body import NUMBER, Body, BodyBuilder, Indices, Mask, join, pack
 from camgen.model.errors import Refused
 from camgen.model.instructions import (
     Comment,
@@ -40,6 +40,7 @@ from camgen.model.tolerance import SAME_POINT_MM
 __all__ = [
     "RULES",
     "Body",
+    "BodyBuilder",
     "Columns",
     "Comment",
     "Force",
@@ -53,7 +54,6 @@ __all__ = [
     "MoveL",
     "Origin",
     "Output",
-    "Packing",
     "Posture",
     "Program",
     "Stop",

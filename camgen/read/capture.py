@@ -91,8 +91,9 @@ def _check_video(name: str, path: Path) -> None:
         mode = path.stat().st_mode
         if not stat.S_ISREG(mode):
             what = "is a folder" if stat.S_ISDIR(mode) else "is not a regular file"
-            remedy = "give a number, a video file or the address of a stream"
-            raise InputError(name, what, remedy=remedy)
+            raise InputError(
+                name, what, remedy="give a number, a video file or the address of a stream"
+            )
         with path.open("rb") as stream:
             head = stream.read(_HEAD)
     except FileNotFoundError as error:

@@ -57,7 +57,7 @@ class _Rows(Struct, frozen=True):
 def read_text(name: str, data: bytes) -> FileCloud:
     """The points of a text. Raises InputError for a line that is not a point."""
     if b"\x00" in data[:4096]:
-        raise InputError(name, "is not text", "", AGAIN)
+        raise InputError(name, "is not a text", "", AGAIN)
     lines = _LINE_END.split(data.decode("utf-8-sig", "replace"))
     begin = next((k for k, line in enumerate(lines) if _mark(line) is not None), None)
     if begin is None:
