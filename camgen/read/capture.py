@@ -108,7 +108,7 @@ def _check_video(name: str, path: Path) -> None:
 
 
 def _run_process(device: int | str, frames: int, skip: int, seconds: float) -> Shot | str:
-    """The shot from a process that is killed after `seconds`, or the reason why there is none."""
+    """The shot from a process that is killed after `seconds`, or the reason why it is missing."""
     context = get_context("spawn")
     ours, theirs = context.Pipe()
     process = context.Process(target=_grab, args=(theirs, device, frames, skip), daemon=True)
@@ -133,7 +133,7 @@ def _run_process(device: int | str, frames: int, skip: int, seconds: float) -> S
 
 
 def _grab(link: Connection, device: int | str, frames: int, skip: int) -> None:
-    """Sends None when OpenCV is loaded, and then the shot or the reason why there is none.
+    """Sends None when OpenCV is loaded, and then the shot or the reason why it is missing.
 
     This runs in the process of its own.
     """
@@ -152,7 +152,7 @@ def _grab(link: Connection, device: int | str, frames: int, skip: int) -> None:
 
 
 def _grab_frames(camera: object, frames: int, skip: int) -> Shot | str:
-    """The shot, or the reason why there is none. camera: a cv2.VideoCapture."""
+    """The shot, or the reason why it is missing. camera: a cv2.VideoCapture."""
     if not camera.isOpened():  # type: ignore[attr-defined]
         return "cannot be opened as a camera or a video"
     total = Sum()

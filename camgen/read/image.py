@@ -79,7 +79,7 @@ class PictureFacts(Struct, frozen=True):
     size: width and height, px.
     colour: whether it has colours.
     scale: its scale and the source of the scale.
-    part: size and contours of the part, or the reason why there is none.
+    part: size and contours of the part, or the reason why it is missing.
     notes: notes of `read`, or those of the picture if there is no part.
     """
 
