@@ -99,8 +99,9 @@ def _scale(picture: Picture, job: Job) -> ScaledView:
     if not job.page.size or job.page.scale == "true":
         return already_to_scale(picture, image.mm_per_px, image.width_mm)
     if image.mm_per_px is not None or image.width_mm is not None:
-        what = "mm_per_px and width_mm have no effect: "
-        what += f"page.scale = {job.page.scale} gives the scale"
+        what = (
+            f"mm_per_px and width_mm have no effect: page.scale = {job.page.scale} gives the scale"
+        )
         raise JobError("[image]", what, remedy='use page.scale = "true"')
     return ScaledView(picture.pixels, already_to_scale(picture, 1.0).work_from_view, 1.0)
 

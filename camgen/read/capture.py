@@ -91,8 +91,9 @@ def _check_video(name: str, path: Path) -> None:
         mode = path.stat().st_mode
         if not stat.S_ISREG(mode):
             what = "is a folder" if stat.S_ISDIR(mode) else "is not a regular file"
-            remedy = "give a number, a video file or the address of a stream"
-            raise InputError(name, what, remedy=remedy)
+            raise InputError(
+                name, what, remedy="give a number, a video file or the address of a stream"
+            )
         with path.open("rb") as stream:
             head = stream.read(_HEAD)
     except FileNotFoundError as error:
@@ -107,7 +108,7 @@ def _check_video(name: str, path: Path) -> None:
 
 
 def _run_process(device: int | str, frames: int, skip: int, seconds: float) -> Shot | str:
-    """The shot from a process that is killed after `seconds`, or the reason why there is none."""
+    """The shot from a process that is killed after `seconds`, or the reason why it is missing."""
     context = get_context("spawn")
     ours, theirs = context.Pipe()
     process = context.Process(target=_grab, args=(theirs, device, frames, skip), daemon=True)
@@ -132,7 +133,7 @@ def _run_process(device: int | str, frames: int, skip: int, seconds: float) -> S
 
 
 def _grab(link: Connection, device: int | str, frames: int, skip: int) -> None:
-    """Sends None when OpenCV is loaded, and then the shot or the reason why there is none.
+    """Sends None when OpenCV is loaded, and then the shot or the reason why it is missing.
 
     This runs in the process of its own.
     """
@@ -151,7 +152,7 @@ def _grab(link: Connection, device: int | str, frames: int, skip: int) -> None:
 
 
 def _grab_frames(camera: object, frames: int, skip: int) -> Shot | str:
-    """The shot, or the reason why there is none. camera: a cv2.VideoCapture."""
+    """The shot, or the reason why it is missing. camera: a cv2.VideoCapture."""
     if not camera.isOpened():  # type: ignore[attr-defined]
         return "cannot be opened as a camera or a video"
     total = Sum()

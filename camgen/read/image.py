@@ -79,7 +79,7 @@ class PictureFacts(Struct, frozen=True):
     size: width and height, px.
     colour: whether it has colours.
     scale: its scale and the source of the scale.
-    part: size and contours of the part, or the reason why there is none.
+    part: size and contours of the part, or the reason why it is missing.
     notes: notes of `read`, or those of the picture if there is no part.
     """
 
@@ -566,8 +566,10 @@ def _note_placement(
     limit = _EXAMINED_MM if is_examined else job.tolerance.chord
     by_lens = bound.noise + bound.lens
     if is_outside and bound.known and by_lens > limit and "outside" not in job.image.accept:
-        what = f"the part lies {distance}, without a calibrated lens: "
-        what += f"it may be {_format_mm(bound.total)} off"
+        what = (
+            f"the part lies {distance}, without a calibrated lens: "
+            f"it may be {_format_mm(bound.total)} off"
+        )
         remedy = (
             "give camera.file (camgen calibrate), lay the sheet or board around the part, or set "
             'image.accept = ["outside"]'
@@ -577,8 +579,10 @@ def _note_placement(
     if is_outside and not (is_examined and by_lens <= _LENS_MM):
         what = f"the part lies {distance}, without a calibrated lens"
         total = _format_mm(bound.total) if bound.known else "unknown, there are too few points"
-        remedy = "give camera.file, or lay sheet or board around the part"
-        why = f"how far off it may be: {total}; {remedy}"
+        why = (
+            f"how far off it may be: {total}; "
+            "give camera.file, or lay sheet or board around the part"
+        )
         notes.append(Note("warning", what, why, strict="outside" not in job.image.accept))
     elif bound.lens > _LENS_MM:
         what = f"no camera.file is given, and a lens may move the part by {_format_mm(bound.lens)}"

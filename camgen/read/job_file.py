@@ -350,9 +350,11 @@ class _Place(Struct, frozen=True):
     origins: Origins
     source: str
 
-    def report(self, key: str, what: str, remedy: str = "") -> JobError:
-        origin = self.origins.get((self.table, key), self.source)
-        return JobError(origin, what, _format_table(self.table), remedy)
+    def make_job_error(self, key: str, what: str, remedy: str = "") -> JobError:
+        return JobError(self.find_origin(key), what, _format_table(self.table), remedy)
+
+    def find_origin(self, key: str) -> str:
+        return self.origins.get((self.table, key), self.source)
 
 
 def _check_keys(keys: dict[str, object], place: _Place) -> None:
@@ -365,7 +367,8 @@ def _check_keys(keys: dict[str, object], place: _Place) -> None:
             keys[key] = _convert_to_mm_s(value, key, place)
         numbers = (number for number in _list_numbers(keys[key]) if isinstance(number, float))
         if not all(map(math.isfinite, numbers)):
-            raise place.report(key, f"{key} must be finite, not {_quote_short(value)}")
+            what = f"{key} must be finite, not {_quote_short(value)}"
+            raise JobError(place.find_origin(key), what, _format_table(place.table))
 
 
 def _format_table(table: str) -> str:
@@ -396,14 +399,16 @@ def _convert_table(kind: type[Kind], keys: Mapping[str, object], place: _Place) 
         needs_list = allowed.startswith("a list of") and isinstance(value, (str, int, float))
         remedy = f"write [{_quote_short(value)}]" if needs_list else ""
         what = f"{key} must be {allowed}, not {_quote_short(value)}"
-        raise place.report(key, what, remedy) from error
+        raise place.make_job_error(key, what, remedy) from error
 
 
 def _convert_to_mm_s(value: str, key: str, place: _Place) -> float:
     match = _SPEED.fullmatch(value.strip())
     if match is None or match[2] not in SPEED_UNITS:
         what = f"{key} must be a number in mm/s or a text with its unit, not {_quote_short(value)}"
-        raise place.report(key, what, f'write "1200 mm/min"; units: {", ".join(SPEED_UNITS)}')
+        raise place.make_job_error(
+            key, what, f'write "1200 mm/min"; units: {", ".join(SPEED_UNITS)}'
+        )
     return float(match[1]) * SPEED_UNITS[match[2]]
 
 
@@ -432,7 +437,7 @@ def _convert_tools(tree: Tree, origins: Origins, source: str) -> list[ToolRow]:
         for key, value in (("name", tool.name), ("number", tool.number)):
             if value and (key, value) in used:
                 what = f"{key} {_quote_short(value)} is another tool's too"
-                raise place.report(key, what, "give each its own")
+                raise place.make_job_error(key, what, "give each its own")
             used.add((key, value))
     return [tool for _, tool in rows]
 
@@ -459,7 +464,9 @@ def _convert_step(
         tool = ToolTable(**{name: getattr(row, name) for name in ToolTable.__struct_fields__})
     for key in _WHOLE_PROGRAM:
         if key in keys:
-            raise place.report(key, f"{key} holds for the whole program", "set it in [process]")
+            raise place.make_job_error(
+                key, f"{key} holds for the whole program", "set it in [process]"
+            )
     operation = _convert_operation(
         tree.get("operation", {}) | _select_keys(keys, OperationTable), place
     )
@@ -481,14 +488,14 @@ def _find_tool(choice: Choice, tools: list[ToolRow], place: _Place) -> ToolRow:
                 return tool
         what = f"there is no tool {_quote_short(choice.tool)}"
     names = ", ".join(str(tool.name or tool.number) for tool in tools)
-    raise place.report("tool", what, f"one of {names}" if tools else "write [[tools]]")
+    raise place.make_job_error("tool", what, f"one of {names}" if tools else "write [[tools]]")
 
 
 def _check_colors(choice: Choice, place: _Place) -> None:
     for name in choice.colors:
         if not resolve_named(name):
             remedy = f'one of {", ".join(BASIC)}, a number of DXF from 1 to 255, or "#rrggbb"'
-            raise place.report("colors", f"there is no color {_quote_short(name)}", remedy)
+            raise place.make_job_error("colors", f"there is no color {_quote_short(name)}", remedy)
 
 
 def _select_keys(keys: Mapping[str, object], kind: type[Struct]) -> dict[str, object]:
@@ -505,7 +512,7 @@ def _check_numbers(tree: Tree, origins: Origins, source: str, limit: float) -> N
                 continue
             what = f"{key} cannot be beyond {tell(limit)}: {_quote_short(value)}"
             remedy = "give a value that can be meant, or raise limits.number"
-            raise _Place(table, origins, source).report(key, what, remedy)
+            raise JobError(origins.get((table, key), source), what, _format_table(table), remedy)
 
 
 def _check_limits(job: Job, place: _Place) -> None:
@@ -520,7 +527,7 @@ def _check_limits(job: Job, place: _Place) -> None:
         if is_beyond:
             what = f"{key} must be {tell(limit)} at {side}, not {value:g}"
             remedy = f"give a value that can be meant, or {change} limits.{key}"
-            raise table_place.report(key, what, remedy)
+            raise table_place.make_job_error(key, what, remedy)
 
 
 def _report_unknown_key(key: str, place: _Place) -> JobError:
@@ -529,7 +536,8 @@ def _report_unknown_key(key: str, place: _Place) -> JobError:
     remedy = suggest(str(key), _find_settings(place.table))
     if homes:
         remedy = f"it belongs to [{homes[0]}]"
-    return place.report(key, f'unknown key "{_shorten(key)}"', remedy)
+    what = f'unknown key "{_shorten(key)}"'
+    return JobError(place.find_origin(key), what, _format_table(place.table), remedy)
 
 
 def _list_numbers(value: object) -> Iterator[float]:

@@ -359,8 +359,8 @@ def _note_joints(joints: EndJoints, tolerance: float, by_color: bool) -> list[No
     notes = []
     limit = f"input.join = {short(tolerance, 6)} mm"
     if joints.count:
-        what = f"gaps closed: {joints.count}, largest {joints.largest:.3g} mm"
-        notes.append(Note("joined", what, f"ends closer than {limit} meet"))
+        gaps = f"gaps closed: {joints.count}, largest {joints.largest:.3g} mm"
+        notes.append(Note("joined", gaps, f"ends closer than {limit} meet"))
     if joints.mixed:
         what = f"contours over more than one layer: {joints.mixed}"
         notes.append(Note("joined", what, "each counts to the layer of its first piece"))

@@ -400,10 +400,10 @@ def _note_heights(flat: Flat) -> list[Note]:
 
 def _note_simplified(drawn: DrawnEntities) -> list[Note]:
     notes = []
-    for noun, counts, used in (
-        ("thickness", drawn.with_thickness, "the curve itself"),
-        ("width", drawn.with_width, "the centre line"),
-    ):
-        if counts:
-            notes.append(Note("assumed", f"with {noun}: {_tally(counts)}", f"{used} is used"))
+    if drawn.with_thickness:
+        thick = f"with thickness: {_tally(drawn.with_thickness)}"
+        notes.append(Note("assumed", thick, "the curve itself is used"))
+    if drawn.with_width:
+        wide = f"with width: {_tally(drawn.with_width)}"
+        notes.append(Note("assumed", wide, "the centre line is used"))
     return notes
