@@ -180,14 +180,14 @@ def _read(source: Source, job: Job) -> _Read:
         flat = flatten(drawn, chord)
         if flat.tilted and _is_meant_in_space(job):
             _add_marks(drawn, (), job)
-            curves, joints = space.curves(
+            curves, joints = space.join_pieces(
                 place_in_space(name, drawn, chord, source.limits), settings.join
             )
             left = (
                 *_left(drawn),
                 *_take(drawn),
                 *joints,
-                *([space.tell_which(curves)] if curves else []),
+                *([space.note_heights(curves)] if curves else []),
             )
         else:
             contours, joints = join.contours_of(flat.soup, job)
@@ -197,7 +197,7 @@ def _read(source: Source, job: Job) -> _Read:
     size = _measure_size(contours, curves)
     is_read = bool(contours or curves)
     has_own_unit = settings.units.strip().lower() == "auto"
-    doubts = units.doubts(size, unit, name) if is_read and has_own_unit else ()
+    doubts = units.note_doubtful_size(size, unit, name) if is_read and has_own_unit else ()
     about_file = (*notes, *unit_notes, *doubts)
     return _Read(
         version,

@@ -10,7 +10,7 @@ from msgspec import Struct, field
 from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.text import harmless, suggest
-from camgen.read.chosen import takes_layer
+from camgen.read.chosen import is_chosen_layer
 
 if TYPE_CHECKING:
     from ezdxf.document import Drawing
@@ -39,7 +39,7 @@ class Layers(Struct):
             folded = layer.casefold()
             self.names.setdefault(folded, layer)
             verdict = self.states.get(folded, "")
-            is_asked = folded in self.clamps or takes_layer(layer, self.globs)
+            is_asked = folded in self.clamps or is_chosen_layer(layer, self.globs)
             if not verdict and not is_asked:
                 verdict = NOT_ASKED
             self.verdicts[layer] = verdict
