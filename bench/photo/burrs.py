@@ -28,7 +28,7 @@ from bench.support.runner import Table, open_table, read_words
 from bench.support.timing import timed
 from camgen.check.photo import Difference, Inspection, inspect_photo
 from camgen.read import read
-from camgen.read.job_file import load
+from camgen.read.job_file import load_job
 
 GOAL_MM, GOAL_PX = 0.05, 0.35
 
@@ -85,7 +85,7 @@ def inspected(
     loops = tuple(loop.moved(turn, by) for loop in made)
     layers = (*photo.scene.layers[:-1], replace(photo.scene.layers[-1], loops=loops))
     write(folder, replace(photo, loops=loops, scene=replace(photo.scene, layers=layers)))
-    seen = read(folder / f"{photo.name}.png", load(folder / f"{photo.name}.toml"))
+    seen = read(folder / f"{photo.name}.png", load_job(folder / f"{photo.name}.toml"))
     return inspect_photo(seen, drawing(named), camgen.Job())
 
 

@@ -22,7 +22,7 @@ from bench.support.runner import SHARED, Table, find_files, machine, verdict
 from bench.support.timing import timed
 from camgen.model.pose import frozen
 from camgen.read.files import Files
-from camgen.vision.boards.corners import chessboard, find_board
+from camgen.vision.boards.corners import find_board, make_chessboard
 from camgen.vision.camera.calibrate import calibrate
 from camgen.vision.camera.camera import Camera
 from tests.support.board_photos import chess, photo, poses
@@ -103,7 +103,10 @@ def judged(folder: Path, board: tuple[int, int]) -> bool:
         table.add(name, photos, rms, *numbers, seconds)
     own, seconds = timed(
         lambda: calibrate(
-            [Files().read(path) for path in paths], chessboard(*board, 25), "own", lambda _: None
+            [Files().read(path) for path in paths],
+            make_chessboard(*board, 25),
+            "own",
+            lambda _: None,
         )
     )
     numbers = own.camera.matrix[[0, 1, 0, 1], [0, 1, 2, 2]]
@@ -131,7 +134,7 @@ def rendered(count: int) -> None:
         errors: dict[str, list[np.ndarray]] = {name: [] for name in (*WAYS, "camgen")}
         for i, pose in enumerate(poses(CAMERA, (200, 125), count, seed=7, fill=fill)):
             view = photo(CAMERA, chess(columns, rows, 25), pose, seed=i, **options)
-            own = find_board(view.pixels, chessboard(columns, rows, 25))
+            own = find_board(view.pixels, make_chessboard(columns, rows, 25))
             found = {name: way(view.pixels, (columns, rows)) for name, way in WAYS.items()}
             for name, corners in (found | {"camgen": own and own.corners}).items():
                 if corners is not None and len(corners) == len(view.corners):

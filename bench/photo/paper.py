@@ -14,11 +14,11 @@ from camgen.model.job import Job
 from camgen.model.pose import pose_from_values
 from camgen.plan.image_space import image_space
 from camgen.read.files import Files
-from camgen.read.job_file import load as load_job
+from camgen.read.job_file import load_job
 from camgen.vision.boards.find import find
 from camgen.vision.boards.sheet import sheet
 from camgen.vision.camera.camera import Camera, read_camera
-from camgen.vision.image import Picture, load
+from camgen.vision.image import Picture
 from camgen.vision.plane import Plane, plane_from_points, plane_from_pose
 from camgen.vision.to_scale import rectify
 
@@ -33,7 +33,7 @@ def paper_route(folder: Path, name: str, photo: str, truth: Truth) -> np.ndarray
     the paper's background model would do no better.
     """
     job = load_job(folder / f"{name}.toml")
-    picture = load(Files().read(folder / photo))
+    picture = load_job(Files().read(folder / photo))
     camera = read_camera(Files().read(folder / f"{name}.yaml"))
     plane = _plane(job, picture, camera)
     x, y = truth.points.real, truth.points.imag

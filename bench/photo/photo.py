@@ -235,9 +235,9 @@ def speed(folder: Path, names: list[str]) -> int:
 def _inside(folder: Path, name: str, photo: str, planner: str, rounds: int) -> float:
     """The best time of a build from the photo to the checked program, everything imported."""
     import camgen  # noqa: PLC0415 (only where it is timed)
-    from camgen.read.job_file import load  # noqa: PLC0415
+    from camgen.read.job_file import load_job  # noqa: PLC0415
 
-    job = load(folder / f"{name}.toml", [f"operation.planner={planner}"])
+    job = load_job(folder / f"{name}.toml", [f"operation.planner={planner}"])
     return best_seconds(lambda: camgen.build(folder / photo, post="pacscript", job=job), rounds)
 
 

@@ -40,7 +40,7 @@ from bench.support.timing import timed
 from camgen.cli import main as command
 from camgen.model.pose import pose_from_values
 from camgen.preview.photo_stages import svg
-from camgen.read.job_file import load
+from camgen.read.job_file import load_job
 from tests.support.clouds import ROUND, scan
 
 IMAGES = ROOT / "docs" / "images"
@@ -134,7 +134,7 @@ def tell_feeds(small: bool) -> int:
 def vision(folder: Path, photo: Photo, planner: str) -> tuple[camgen.Result, float]:
     """The program from the photo, and the seconds that it took."""
     file = folder / f"{photo.name}.png"
-    job = load(folder / f"{photo.name}.toml", [f"operation.planner={planner}", *arm(photo)])
+    job = load_job(folder / f"{photo.name}.toml", [f"operation.planner={planner}", *arm(photo)])
     return timed(lambda: camgen.build(file, post="pacscript", job=job))
 
 
@@ -173,7 +173,7 @@ def by_drawing(folder: Path, photo: Photo, k: int, points: int) -> tuple[tuple[R
     failed, spent = timed(lambda: command(words))
     if failed:
         sys.exit(1)
-    found = load(frame).cell.base_from_work
+    found = load_job(frame).cell.base_from_work
     assert found is not None
     pose = pose_from_values(found)
     result = camgen.build(drawing(folder, own), post="pacscript", job=drawn_job(photo))

@@ -19,14 +19,14 @@ from bench.robots.kinematics import drawn
 from bench.robots.plain_loop import Loop
 from bench.support.runner import Table, machine, read_words
 from bench.support.timing import best_seconds, timed
-from camgen.collision.hits import hits
+from camgen.collision.hits import find_collisions
 from camgen.collision.mesh import Mesh, make_mesh
-from camgen.collision.scene import Allowed, Scene, scene
+from camgen.collision.scene import Allowed, Scene, make_scene
 from camgen.model.part import Solid
 from camgen.model.pose import FloatArray, frozen, pose_from_values, translation
 from camgen.robots.catalogue import robot
 from camgen.robots.kinematics.inverse import inverse
-from camgen.robots.kinematics.joint_limits import within
+from camgen.robots.kinematics.joint_limits import are_within_limits
 from camgen.robots.models import Box, Link, Robot
 
 #: Poses all over the robot's range, a fifth as many at the part; poses/s.
@@ -54,11 +54,13 @@ def near(of: Robot, centre: tuple[float, float, float], count: int) -> FloatArra
     rotations *= np.linalg.det(rotations)[:, None, None]
     every = inverse(of, rotations, origins).reshape(-1, len(of.joints))
     every = every[np.isfinite(every).all(axis=1)]
-    return np.asarray(rng.permutation(every[within(of, every)])[:count])
+    return np.asarray(rng.permutation(every[are_within_limits(of, every)])[:count])
 
 
 def disagreements(loop: Loop, tested: Scene, joints: FloatArray) -> int:
-    verdicts = [tested.pairs[k] if k >= 0 else None for k in hits(tested, joints).tolist()]
+    verdicts = [
+        tested.pairs[k] if k >= 0 else None for k in find_collisions(tested, joints).tolist()
+    ]
     return sum(verdict != loop.first(row) for verdict, row in zip(verdicts, joints, strict=True))
 
 
@@ -85,14 +87,14 @@ def rows_of(table: Table, of: Robot, solid: Solid, mesh: Mesh, poses: int) -> bo
         "table", (Box(translation(centre[0], centre[1], centre[2] - 130), (150.0, 300.0, 30.0)),)
     )
     loop = Loop(of, solid, base_from_part, (stand,), TOOL, CONTACT)
-    whole = scene(of, TOOL, (stand,), mesh, base_from_part, Allowed(CONTACT))
-    links = scene(of, (), (), mesh, base_from_part)
+    whole = make_scene(of, TOOL, (stand,), mesh, base_from_part, Allowed(CONTACT))
+    links = make_scene(of, (), (), mesh, base_from_part)
     sets = {"all over": drawn(of, poses), "at the part": near(of, centre, poses // 5)}
     good = True
     for place, joints in sets.items():
         for bodies, tested in (("7 links", links), ("and holder, tool, table", whole)):
-            speed = len(joints) / best_seconds(partial(hits, tested, joints), 3)
-            pairs = hits(tested, joints)
+            speed = len(joints) / best_seconds(partial(find_collisions, tested, joints), 3)
+            pairs = find_collisions(tested, joints)
             of_part = [k for k, pair in enumerate(tested.pairs) if pair[1] == "part"]
             counts = (pairs >= 0).sum(), np.isin(pairs, of_part).sum()
             differ = disagreements(loop, tested, joints) if tested is whole else 0

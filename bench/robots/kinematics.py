@@ -18,8 +18,9 @@ from camgen.robots.catalogue import robots
 from camgen.robots.kinematics.arms import Spherical
 from camgen.robots.kinematics.forward import flange, frames
 from camgen.robots.kinematics.inverse import inverse
-from camgen.robots.kinematics.joint_limits import copies, theta_of, within
+from camgen.robots.kinematics.joint_limits import are_within_limits, compute_theta
 from camgen.robots.models import Robot
+from tests.support.turned import add_turns
 
 #: Of a robot; one whose joints are found by iteration is asked for a tenth.
 POSES = 10_000
@@ -79,7 +80,7 @@ def drawn(of: Robot, count: int) -> FloatArray:
     """Configurations (count, J) within all limits."""
     rng = np.random.default_rng(0)
     values = rng.uniform(of.limits[:, 0], of.limits[:, 1], (4 * count, len(of.joints)))
-    return np.asarray(values[within(of, values)][:count])
+    return np.asarray(values[are_within_limits(of, values)][:count])
 
 
 def table_of_poses(poses: int) -> None:
@@ -94,7 +95,7 @@ def table_of_poses(poses: int) -> None:
         forward = best_seconds(partial(frames, of, joints), 5)
         solutions = inverse(of, rotations, origins)
         mm, rad = errors(of, solutions, joints)
-        every = copies(of, solutions).reshape(len(joints), -1, len(of.joints))
+        every = add_turns(of, solutions).reshape(len(joints), -1, len(of.joints))
         off = np.abs(np.where(np.isnan(every), math.inf, every) - joints[:, None]).max(axis=2)
         again = 100 * (off.min(axis=1) < 1e-6).mean()
         count = np.isfinite(solutions[:, :, 0]).sum(axis=1)
@@ -129,7 +130,7 @@ def table_of_oracle(count: int) -> None:
         )
         seconds = best_seconds(partial(other.reach, poses), 3)
         theirs = np.asarray(other.reach(poses).joints)
-        ours = theta_of(of, arm, inverse(of, rotations, origins))
+        ours = compute_theta(of, arm, inverse(of, rotations, origins))
         apart = np.abs(
             np.remainder(ours[:, :, None] - theirs[:, None] + math.pi, math.tau) - math.pi
         ).max(axis=3)

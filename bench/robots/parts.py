@@ -28,11 +28,11 @@ import numpy as np
 import camgen
 from bench.support.motions import place_motion, rotate
 from bench.support.runner import SHARED, find_files, open_table, read_words
-from camgen.collision.hits import hits
+from camgen.collision.hits import find_collisions
 from camgen.collision.scene import Scene
 from camgen.model.pose import FloatArray, Pose
 from camgen.motion.pose_paths import PosePath, divide
-from camgen.motion.setup import JUMP, MARGIN, Setup, dense_parts, flange_poses
+from camgen.motion.setup import JUMP, MARGIN, Setup, compute_flange_poses, count_samples
 from camgen.plan.edges.poses import poses
 from camgen.read.solid import STEP, mesh_file
 from camgen.robots.kinematics.continuity import Choice, follow
@@ -160,13 +160,13 @@ def runs(program: camgen.Program, robot: Robot, samples: int) -> Iterator[tuple[
 
 def depth(scene: Scene, joints: FloatArray) -> float:
     """Mm by which the deepest of the touches at (S, J) goes in, at least, in steps of ``DEPTHS``; -1: no touch."""
-    met = joints[hits(scene, joints) >= 0]
+    met = joints[find_collisions(scene, joints) >= 0]
     found = -1.0
     for less in DEPTHS:
         if not len(met):
             break
         found = less
-        met = met[hits(scene, met, -(less + 1e-9)) >= 0]
+        met = met[find_collisions(scene, met, -(less + 1e-9)) >= 0]
     return math.inf if len(met) else found
 
 
@@ -192,9 +192,12 @@ def unfounded(result: camgen.Result, job: camgen.Job, samples: int) -> tuple[int
     for note in lost:
         way = poses(edges[note.ids[0]], job.operation.offset)
         assert isinstance(way, PosePath)
-        looks = divide(way, dense_parts(way))
+        looks = divide(way, count_samples(way))
         chosen = follow(
-            arm, *flange_poses(setup, looks.position, looks.rotation), margin=MARGIN, jump=JUMP
+            arm,
+            *compute_flange_poses(setup, looks.position, looks.rotation),
+            margin=MARGIN,
+            jump=JUMP,
         )
         assert isinstance(chosen, Choice)
         joints = joints_along(result.cell, way, chosen.joints[0], samples)

@@ -50,7 +50,7 @@ from camgen.model.job import ProcessTable
 from camgen.model.part import BoolArray, Edge, Part
 from camgen.model.pose import FloatArray, pose_from_values
 from camgen.robots.catalogue import robot
-from camgen.robots.kinematics.joint_limits import joints_of, within
+from camgen.robots.kinematics.joint_limits import are_within_limits, compute_joints
 from camgen.robots.models import Robot
 
 COLUMNS = (
@@ -187,9 +187,9 @@ class Judge:
         )
         theta = np.asarray(self.oracle.reach(poses).joints).reshape(-1, 6)
         theta = theta[np.isfinite(theta).all(axis=1)]
-        joints = joints_of(self.robot, self.robot.arm, theta)
+        joints = compute_joints(self.robot, self.robot.arm, theta)
         bent = np.abs(np.sin(theta[:, 4])) > math.sin(STRAIGHT)
-        return joints[within(self.robot, joints) & bent]
+        return joints[are_within_limits(self.robot, joints) & bent]
 
 
 def _draw_turns(tilt: float) -> FloatArray:

@@ -37,7 +37,7 @@ def million(chains: int) -> None:
     from camgen.model.part import Part  # noqa: PLC0415
     from camgen.order.arrange import Search, arrange  # noqa: PLC0415
     from camgen.plan.trace import trace, with_few_lifts  # noqa: PLC0415
-    from camgen.read.join import contours  # noqa: PLC0415
+    from camgen.read.join import make_contours  # noqa: PLC0415
 
     print(machine())
     soup = loose(np.random.default_rng(1), chains)
@@ -47,7 +47,7 @@ def million(chains: int) -> None:
         part, merged = with_few_lifts(Part("", "", "mm", contours, notes), job)
         return trace(part, job), merged
 
-    (joined, notes), joining = timed(lambda: contours(soup, job.input.join))
+    (joined, notes), joining = timed(lambda: make_contours(soup, job.input.join))
     (paths, merged), planning = timed(lambda: plan(joined))
     tour, ordering = timed(lambda: arrange(paths, Search("best", None, inside_first=True)))
     seconds = joining, planning, ordering, joining + planning + ordering

@@ -16,7 +16,7 @@ from camgen.model.version import __version__
 from camgen.pipeline.inputs import digest_of
 from camgen.post.plugins import POSTS, find_post
 from camgen.read.files import Files, identity
-from camgen.read.job_file import beside, load
+from camgen.read.job_file import find_job_file, load_job
 
 
 class Order(Struct, frozen=True):
@@ -83,8 +83,8 @@ def _part(place: int, one: BatchInput, order: Order, suffix: str, made_by: str) 
             raise InputError(str(one.source), "its name is no UTF-8 text", remedy="rename it")
         if order.post.endswith(".py"):
             files.read(order.post)  # Python imports it; what it was made from stays
-        job_file = beside(order.job, one.source)
-        job = load(job_file, order.sets, files)
+        job_file = find_job_file(order.job, one.source)
+        job = load_job(job_file, order.sets, files)
         name = str(job.post.get("program") or name)
         total = f"{made_by} {one.source.name} {name} {order.strict} {digest_of(job, [one.source], files)}"
     except CamgenError as error:

@@ -69,12 +69,12 @@ def check(
     from camgen.check.reach import check_reach, trace  # noqa: PLC0415
     from camgen.check.rounding import hold_clear  # noqa: PLC0415
     from camgen.check.shares import share_joints  # noqa: PLC0415
-    from camgen.collision.cell import around  # noqa: PLC0415
+    from camgen.collision.cell import make_surroundings  # noqa: PLC0415
     from camgen.collision.motion import measure_apart  # noqa: PLC0415
     from camgen.motion.limits import limit_points  # noqa: PLC0415
 
     reach = check_reach(program, cell.arm, name or program.name)
-    there = where or around(job, cell, None)
+    there = where or make_surroundings(job, cell, None)
     distance = partial(measure_apart, there.scene)
     course = trace(reach, cell.arm, distance, name or program.name)
     slow = tuple(find_slow_paths(reach, course, cell.arm, name or program.name))

@@ -13,10 +13,10 @@ from camgen.check.lost import join_losses
 from camgen.check.reach import Reach
 from camgen.collision.cell import Surroundings
 from camgen.collision.describe import describe_hit
-from camgen.collision.motion import motion, motions
+from camgen.collision.motion import check_motion, check_motions
 from camgen.collision.scene import PART, Scene
 from camgen.geometry.ragged import ends_run, offsets, run_lengths
-from camgen.model.errors import Blocked, Loss
+from camgen.model.errors import Blocked, BlockedPath
 from camgen.model.part import IntArray, Note
 from camgen.model.pose import FloatArray
 from camgen.model.program import Program
@@ -125,8 +125,8 @@ def check_clear(
     close: list[Near] = []
     for begin in range(0, max(len(course.joints) - 1, 1), _ROWS):
         rows = course.joints[begin : begin + _ROWS + 1]
-        others = motion(where.apart, rows, FINE, near, APART)
-        working = motion(where.work, rows, STEP, apart=APART)
+        others = check_motion(where.apart, rows, FINE, near, APART)
+        working = check_motion(where.work, rows, STEP, deviation=APART)
         for scene, check in ((where.apart, others), (where.work, working)):
             if check.hit:
                 collisions.append(_collision(scene, course, begin + check.at, check.pair))
@@ -157,7 +157,7 @@ def _find_near(
     kinds = columns.path[motion_of[1:]] * 2 + columns.works[motion_of[1:]]
     runs = list(pairwise([0, *np.cumsum(run_lengths(kinds)).tolist()]))
     joints = [course.joints[rows[0] + first : rows[0] + last + 1] for first, last in runs]
-    checks = motions(where.apart, joints, FINE, near, APART)
+    checks = check_motions(where.apart, joints, FINE, near, APART)
     close = []
     for (first, _), check in zip(runs, checks, strict=True):
         if check.nearest < 0:
@@ -222,7 +222,7 @@ def _find_in_runs(
 ) -> list[_Collision]:
     """The first collision of each run."""
     joints = [course.joints[first : last + 1] for first, last in runs]
-    checked = motions(scene, joints, STEP, apart=APART)
+    checked = check_motions(scene, joints, STEP, deviation=APART)
     return [
         _collision(scene, course, first + result.at, result.pair)
         for (first, _), result in zip(runs, checked, strict=True)
@@ -245,7 +245,7 @@ def _block(
     """The error with all paths that have a collision."""
     program, columns = reach.program, reach.program.columns
     motion_of = _motions(reach, course)
-    losses: list[Loss] = []
+    losses: list[BlockedPath] = []
     last = ends_run(motion_of)
     for collision in sorted(collisions, key=lambda collision: collision.at):
         row = math.ceil(collision.at)
@@ -260,7 +260,7 @@ def _block(
             what = f"{robot.name} collides on {program.place_of(index)} {where}: {collision.text}"
             error = file, what, f"instruction {index}", _remedy(collision, robot)
         why, at_end = f"collision, {bodies}, {where}{link}", bool(link) and not is_link
-        losses.append(Loss(path, "collision", why, is_link, at_end))
+        losses.append(BlockedPath(path, "collision", why, is_link, at_end))
     return Blocked(*error, join_losses(losses))
 
 

@@ -6,11 +6,11 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.model.errors import Loss
+from camgen.model.errors import BlockedPath
 from camgen.model.pose import FloatArray
 from camgen.robots.kinematics.continuity import Choice, Stuck, Ties, follow
-from camgen.robots.kinematics.joint_limits import turns, within_turned
-from camgen.robots.kinematics.reasons import why
+from camgen.robots.kinematics.joint_limits import are_turned_within_limits, list_turn_counts
+from camgen.robots.kinematics.reasons import explain_stuck
 from camgen.robots.models import Robot
 
 #: So often a stretch is begun anew behind what stops it; what is left then is found when the rest is checked again.
@@ -46,7 +46,7 @@ class Stretch(Struct, frozen=True, eq=False):
 
 
 class Lost(Struct, frozen=True):
-    """row: where it stops. text: why. way: as in ``Loss``."""
+    """row: where it stops. text: why. way: as in ``BlockedPath``."""
 
     row: int
     text: str
@@ -57,7 +57,7 @@ def find_lost(stretch: Stretch, stuck: Stuck) -> tuple[Lost, list[Lost]]:
     """What stopped the arm, and all that cannot be run, by rows: paths that are beyond its reach or limits, and those
     to which no posture leads on from the path before. stuck: on the whole stretch.
     """
-    first = why(stretch.robot, stretch.rotations, stretch.origins, stuck)
+    first = explain_stuck(stretch.robot, stretch.rotations, stretch.origins, stuck)
     stop = Lost(first.row, first.text, False)
     found = _find_beyond(stretch, stuck) if stretch.robot.arm is not None else []
     gone = {int(stretch.path[one.row]) for one in found if not one.way}
@@ -70,11 +70,15 @@ def find_lost(stretch: Stretch, stuck: Stuck) -> tuple[Lost, list[Lost]]:
 def _find_beyond(stretch: Stretch, stuck: Stuck) -> list[Lost]:
     """The first row of each path, and of each way, that no posture reaches within the limits."""
     robot, none = stretch.robot, np.empty((0, stuck.candidates.shape[2]))
-    bad = np.flatnonzero(~within_turned(robot, stuck.candidates, turns(robot)).any(axis=(1, 2)))
+    bad = np.flatnonzero(
+        ~are_turned_within_limits(robot, stuck.candidates, list_turn_counts(robot)).any(axis=(1, 2))
+    )
     _, once = np.unique(stretch.path[bad] * 2 + stretch.way[bad], return_index=True)
     found = []
     for row in bad[once].tolist():
-        reason = why(robot, stretch.rotations, stretch.origins, Stuck(row, stuck.candidates, none))
+        reason = explain_stuck(
+            robot, stretch.rotations, stretch.origins, Stuck(row, stuck.candidates, none)
+        )
         found.append(Lost(row, reason.text, bool(stretch.way[row])))
     return found
 
@@ -90,7 +94,7 @@ def _find_apart(stretch: Stretch, left: Index) -> list[Lost]:
         if isinstance(choice, Choice):
             break
         row = int(left[choice.row])
-        text = why(some.robot, some.rotations, some.origins, choice).text
+        text = explain_stuck(some.robot, some.rotations, some.origins, choice).text
         own = left[(some.path == stretch.path[row]) & ~some.way]
         # A path at which the rows begin has no posture to blame.
         way = bool(stretch.way[row]) or bool(len(own) and own[0] > left[0])
@@ -103,9 +107,9 @@ def _find_apart(stretch: Stretch, left: Index) -> list[Lost]:
     return found
 
 
-def join_losses(losses: list[Loss]) -> tuple[Loss, ...]:
+def join_losses(losses: list[BlockedPath]) -> tuple[BlockedPath, ...]:
     """One for each path: what stops the path itself before what stops the way to it."""
-    kept: dict[int, Loss] = {}
+    kept: dict[int, BlockedPath] = {}
     for one in losses:
         if one.path not in kept or (kept[one.path].way and not one.way):
             kept[one.path] = one

@@ -17,7 +17,7 @@ from msgspec.structs import replace
 
 from camgen.check.collide import Clear, Near, check_clear
 from camgen.check.reach import MotionRows, Reach, ends, interpolate_joints, sample_motions, trace
-from camgen.collision.cell import Surroundings, around
+from camgen.collision.cell import Surroundings, make_surroundings
 from camgen.collision.motion import measure_apart
 from camgen.geometry.arcs import arc_middles
 from camgen.model.errors import NoSafeProgram
@@ -27,9 +27,9 @@ from camgen.model.pose import FloatArray
 from camgen.model.program import MoveC, Program, ToolChange, put_off_first
 from camgen.model.text import short
 from camgen.motion.pose_paths import PosePath
-from camgen.motion.setup import Setup, flange_poses
+from camgen.motion.setup import Setup, compute_flange_poses
 from camgen.robots.kinematics.inverse import inverse
-from camgen.robots.kinematics.joint_limits import excess, within
+from camgen.robots.kinematics.joint_limits import are_within_limits, measure_excess
 from camgen.robots.models import Robot
 from camgen.robots.workcell import Workcell
 
@@ -77,7 +77,7 @@ def check_machine(program: Program, job: Job, cell: Workcell, file: str) -> Mach
     for section in _split(program, job):
         reach = check_travel(section.program, machine, file)
         with_tool = replace(cell, flange_from_tool=section.program.flange_from_tool)
-        scene = around(replace(job, tool=section.tool), with_tool, None)
+        scene = make_surroundings(replace(job, tool=section.tool), with_tool, None)
         course = trace(reach, machine, partial(measure_apart, scene.scene), file)
         clears.append(check_clear(scene, reach, course, machine, file))
         reaches.append(replace(reach, owner=reach.owner + section.shift))
@@ -141,7 +141,7 @@ def check_travel(program: Program, machine: Robot, file: str) -> Reach:
     setup = Setup(machine, program.base_from_work, program.flange_from_tool)
 
     def find_axes(position: FloatArray, rotation: FloatArray) -> FloatArray:
-        return inverse(machine, *flange_poses(setup, position, rotation))[:, 0]
+        return inverse(machine, *compute_flange_poses(setup, position, rotation))[:, 0]
 
     axes = find_axes(rows.way.position, rows.way.rotation)
     leaning = np.flatnonzero(np.isnan(axes).any(axis=1))
@@ -165,9 +165,9 @@ def _check_limits(
     row = np.append(np.arange(len(rows.way)), segment + 1)
     position = np.concatenate([rows.way.position, extremes])
     axes = find_axes(position, rows.way.rotation[row])
-    if within(machine, axes).all():
+    if are_within_limits(machine, axes).all():
         return
-    beyond = excess(machine, axes)
+    beyond = measure_excess(machine, axes)
     worst = int(beyond.max(axis=1).argmax())
     axis = int(beyond[worst].argmax())
     value = float(axes[worst, axis])

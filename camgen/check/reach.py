@@ -17,20 +17,20 @@ from numpy.typing import NDArray
 
 from camgen.check.lost import Lost, Stretch, find_lost, join_losses
 from camgen.geometry.arcs import arc_middles
-from camgen.geometry.ragged import ends_run, owners, ramp
-from camgen.model.errors import Blocked, JobError, Loss
+from camgen.geometry.ragged import ends_run, offsets, owners, ramp
+from camgen.model.errors import Blocked, BlockedPath, JobError
 from camgen.model.pose import FloatArray
 from camgen.model.program import Joints, MoveC, MoveJ, Program
 from camgen.model.text import short
 from camgen.motion.joint_paths import JointPath, follow_closely
-from camgen.motion.pose_paths import Index, PosePath, counts, divide, rows
-from camgen.motion.setup import Setup, flange_poses
+from camgen.motion.pose_paths import Index, PosePath, count_parts, divide
+from camgen.motion.setup import Setup, compute_flange_poses
 from camgen.robots.kinematics.continuity import Stuck, Ties, follow
 from camgen.robots.kinematics.forward import flange
-from camgen.robots.kinematics.joint_limits import within
+from camgen.robots.kinematics.joint_limits import are_within_limits
 from camgen.robots.models import Robot
 from camgen.robots.posture import postures
-from camgen.robots.workcell import machine_wanted
+from camgen.robots.workcell import make_machine_error
 
 # The motions of a program as rows of poses, and joint motions between rows as rows of joints: what is to be looked at.
 
@@ -63,7 +63,8 @@ def sample_motions(program: Program, way: PosePath) -> MotionRows:
         free[own[1:]],
         1,
         np.maximum(
-            counts(way, STEP, _STEP_TURN), np.ceil(way.spans.sweep / _STEP_SWEEP).astype(np.int64)
+            count_parts(way, STEP, _STEP_TURN),
+            np.ceil(way.spans.sweep / _STEP_SWEEP).astype(np.int64),
         ),
     )
     motion = np.concatenate([own[:1], np.repeat(own[1:], parts)])
@@ -102,7 +103,7 @@ def _through_middles(way: PosePath, program: Program) -> tuple[PosePath, Index]:
     rotation = finer.rotation.copy()
     columns = program.columns
     vias = columns.via_rotation[np.searchsorted(columns.arcs, np.flatnonzero(turning))]
-    rotation[rows(parts)[turning] - 1] = np.stack(columns.table)[vias]
+    rotation[offsets(parts)[turning] - 1] = np.stack(columns.table)[vias]
     return PosePath(finer.position, finer.via, rotation), own
 
 
@@ -112,22 +113,21 @@ def interpolate_joints(
     """The joint values (R, J) with more rows on the way to those in ``free`` (R,), all joints together: no joint turns
     by more than 2 deg from row to row, and the flange moves by about 10 mm at most. And where the old rows are (R,).
     """
-    turning = np.array([not joint.sliding for joint in robot.joints])
-    angle = (np.abs(np.diff(joints, axis=0)) * turning).max(axis=1, initial=0.0)
+    angle = (np.abs(np.diff(joints, axis=0)) * robot.revolute).max(axis=1, initial=0.0)
     parts = np.where(free[1:], np.maximum(np.ceil(angle / _STEP_JOINT - 1e-9), 1), 1).astype(
         np.int64
     )
     if not free[1:].any():
-        return joints, rows(parts)
+        return joints, offsets(parts)
     dense = _between(joints, parts)
     own = np.repeat(free[1:], parts)
     looked = np.append(own, False) | np.append(False, own)
     place = np.zeros((len(dense), 3))
     place[looked] = flange(robot, dense[looked])[1]
     moved = np.linalg.norm(np.diff(place, axis=0), axis=1) * own
-    longest = np.maximum.reduceat(moved, rows(parts)[:-1])
+    longest = np.maximum.reduceat(moved, offsets(parts)[:-1])
     parts = parts * np.maximum(np.ceil(longest / STEP), 1).astype(np.int64)
-    return _between(joints, parts), rows(parts)
+    return _between(joints, parts), offsets(parts)
 
 
 def _between(joints: FloatArray, parts: Index) -> FloatArray:
@@ -137,7 +137,7 @@ def _between(joints: FloatArray, parts: Index) -> FloatArray:
     found = np.concatenate(
         [joints[:1], joints[segment] + share[:, None] * np.diff(joints, axis=0)[segment]]
     )
-    found[rows(parts)] = joints
+    found[offsets(parts)] = joints
     return found
 
 
@@ -200,7 +200,7 @@ def _anchors(program: Program, robot: Robot, file: str) -> FloatArray:
     columns = program.columns
     posed = columns.posed
     if posed[0]:
-        raise machine_wanted()
+        raise make_machine_error()
     places = np.flatnonzero(~posed)
     targets = [move.target.values for move in columns.pick(columns.at[places])]
     for place, values in zip(places.tolist(), targets, strict=True):
@@ -210,7 +210,7 @@ def _anchors(program: Program, robot: Robot, file: str) -> FloatArray:
                 "job", what, "cell.robot", "give cell.home for this robot, or another post"
             )
     anchors = np.array(targets)
-    beyond = places[~within(robot, anchors)]
+    beyond = places[~are_within_limits(robot, anchors)]
     if 0 in beyond:
         raise JobError(
             "job",
@@ -221,7 +221,7 @@ def _anchors(program: Program, robot: Robot, file: str) -> FloatArray:
     for place in beyond[:1].tolist():
         index = int(columns.at[place])
         what = f"{robot.name} cannot run {program.place_of(index)}: joint values beyond its limits"
-        lost = (Loss(program.path_at(index), "jump", "joint values beyond the limits"),)
+        lost = (BlockedPath(program.path_at(index), "jump", "joint values beyond the limits"),)
         raise Blocked(
             file, what, f"instruction {index}", "move or turn the part: cell.base_from_work", lost
         )
@@ -246,7 +246,7 @@ def _follow(
 ) -> FloatArray:
     """The joint values (R, J) of all rows, one stretch between anchors after the other."""
     setup = Setup(robot, program.base_from_work, program.flange_from_tool)
-    rotations, origins = flange_poses(setup, found.way.position, found.way.rotation)
+    rotations, origins = compute_flange_poses(setup, found.way.position, found.way.rotation)
     joints = np.empty((len(origins), len(robot.home)))
     fixed = found.at[~program.columns.posed]
     joints[fixed] = anchors
@@ -296,7 +296,7 @@ def _refusal(
     at = index(stop.row)
     what = f"{robot.name} cannot run {program.place_of(at)} at {place(stop.row)} mm: {stop.text}"
     losses = [
-        Loss(
+        BlockedPath(
             program.path_at(index(one.row)), "jump", f"{one.text}, at {place(one.row)} mm", one.way
         )
         for one in lost

@@ -15,7 +15,7 @@ from camgen.check.executed import pick_transitions
 from camgen.check.passing import find_corners
 from camgen.check.reach import Reach
 from camgen.collision.cell import Surroundings
-from camgen.collision.motion import measure_apart, measure_closer, motions
+from camgen.collision.motion import check_motions, measure_apart, measure_closer
 from camgen.collision.scene import Scene
 from camgen.model.cell import Dynamics
 from camgen.model.part import BoolArray, IntArray, Note
@@ -160,13 +160,13 @@ def _are_clear(
     tight = np.flatnonzero(~clear)
     closer = _measure(where.apart, measure_closer, rounded[tight], programmed[tight])
     needed = where.margin + closer + 2 * corners.more[tight]
-    tests = motions(where.apart, list(programmed[tight]), FINE, needed, bow)
+    tests = check_motions(where.apart, list(programmed[tight]), FINE, needed, bow)
     clear[tight] = np.array([0.0 if test.hit else test.clearance for test in tests]) >= needed
     if where.work.pairs:
-        tests = motions(where.work, list(rounded), STEP, apart=bow)
+        tests = check_motions(where.work, list(rounded), STEP, deviation=bow)
         clear &= ~np.array([test.hit for test in tests])
     if where.strict is not None and is_strict.any():
-        tests = motions(where.strict, list(rounded[is_strict]), STEP, apart=bow)
+        tests = check_motions(where.strict, list(rounded[is_strict]), STEP, deviation=bow)
         clear[is_strict] &= ~np.array([test.hit for test in tests])
     return clear
 

@@ -17,7 +17,7 @@ from camgen.model.program import MoveJ, Program
 from camgen.model.tolerance import NONZERO
 from camgen.motion.limits import measure_point_speed, round_down, slow_down
 from camgen.robots.kinematics.forward import flange
-from camgen.robots.kinematics.rates import fastest, held_share
+from camgen.robots.kinematics.rates import find_held_fraction, measure_fastest
 from camgen.robots.models import Robot
 from camgen.robots.workcell import Workcell
 
@@ -129,10 +129,10 @@ def _share(robot: Robot, joints: FloatArray, tip: Vec3, speed: float, turn: floa
     travel = joints[-1] - joints[0]
     if not travel.any():
         return 0.0
-    moved, turning = fastest(robot, joints, tip)
+    moved, turning = measure_fastest(robot, joints, tip)
     fastest_turn = min(turn or _FASTEST_TURN, _FASTEST_TURN)
     bounds = (limit / rate for limit, rate in ((speed, moved), (fastest_turn, turning)) if rate > 0)
-    return _floor(min([held_share(robot, travel), *bounds]))
+    return _floor(min([find_held_fraction(robot, travel), *bounds]))
 
 
 def _rate(robot: Robot, travel: FloatArray, share: float) -> float:
@@ -141,8 +141,7 @@ def _rate(robot: Robot, travel: FloatArray, share: float) -> float:
     travel: (J,) rad or mm from the start to the end.
     share: share of the joints' maximum speeds.
     """
-    turns = np.array([not joint.sliding for joint in robot.joints])
-    longest = np.abs(travel)[turns].max(initial=0.0)
+    longest = np.abs(travel)[robot.revolute].max(initial=0.0)
     if not longest:
         return 0.0
     return _floor(float(longest * share / (np.abs(travel) / robot.speeds).max()))

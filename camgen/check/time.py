@@ -20,7 +20,7 @@ from camgen.model.cell import Dynamics
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.program import Comment, Mask, MoveJ, Program, Wait, column, take
 from camgen.model.tolerance import SAME_POINT_MM
-from camgen.motion.limits import from_rest
+from camgen.motion.limits import time_from_rest
 
 if TYPE_CHECKING:
     from camgen.check.reach import Reach
@@ -211,7 +211,7 @@ def time_motions(
     turning = np.where(columns.turn > 0, np.minimum(columns.turn, pace.turning), pace.turning)[
         still
     ]
-    seconds[still] = from_rest(shape.turn[still], turning, pace.turning / pace.ramp)
+    seconds[still] = time_from_rest(shape.turn[still], turning, pace.turning / pace.ramp)
     if rows is not None:
         rest = swing | still
         seconds[rest] = np.maximum(seconds, _joints(rows, len(swing), pace))[rest]
@@ -220,11 +220,11 @@ def time_motions(
         seconds[shared] = _joints(rows, len(swing), pace, np.where(share > 0, share, 1.0))[shared]
         way = _sums(rows.motion, rows.way, len(swing))
         paced = np.flatnonzero(swing & (share == 0))
-        by_way = from_rest(way[paced], columns.speed[paced], pace.acceleration)
+        by_way = time_from_rest(way[paced], columns.speed[paced], pace.acceleration)
         seconds[paced] = np.maximum(seconds[paced], by_way)
     turned = np.flatnonzero(swing & (columns.turn > 0))
     gain = pace.turning / pace.ramp
-    by_turn = from_rest(shape.turn[turned], columns.turn[turned], gain)
+    by_turn = time_from_rest(shape.turn[turned], columns.turn[turned], gain)
     seconds[turned] = np.maximum(seconds[turned], by_turn)
     going = ~swing & ~still
     if going.any():
@@ -257,7 +257,7 @@ def _joints(rows: _Arm, count: int, pace: Dynamics, share: FloatArray | float = 
     """Seconds (M,) of the slowest joint from rest to rest. share: of its full speed, (M,) or one for all."""
     ways = np.stack([_sums(rows.motion, step, count) for step in rows.step.T])
     gain = 1.0 / pace.ramp if rows.gain is None else rows.gain[:, None]
-    return np.asarray(from_rest(ways, np.minimum(share, rows.held[:, None]), gain).max(axis=0))
+    return np.asarray(time_from_rest(ways, np.minimum(share, rows.held[:, None]), gain).max(axis=0))
 
 
 def _pieces(

@@ -33,7 +33,7 @@ from camgen.preview.inspection import draw
 from camgen.read import find_reader, list_installed
 from camgen.read.clamps import set_clamps_aside
 from camgen.read.image import read_outlines
-from camgen.read.job_file import beside, load
+from camgen.read.job_file import find_job_file, load_job
 from camgen.read.move import move_part
 
 _PICTURES = (".svg", ".png")
@@ -53,15 +53,15 @@ def run(arguments: Namespace, says: Voice) -> int:
         targets.append(Path(arguments.rework).with_suffix(".dxf"))
     with open_inputs([arguments.input], arguments.format) as ((photo,), opened):
         drawing, drawing_job = _find_drawing(Path(arguments.against))
-        job_file = beside(arguments.job, photo)
+        job_file = find_job_file(arguments.job, photo)
         job_files = [file for file in (job_file, drawing_job) if file]
         check_targets(targets, [photo, drawing, *job_files])
-        job = load(job_file, arguments.sets, opened)
+        job = load_job(job_file, arguments.sets, opened)
         files = opened.within(job.limits)
         says.stage("reading")
         seen = read_outlines(files.read(photo), job, files)
         if drawing_job:
-            part_job = load(drawing_job, [], files)
+            part_job = load_job(drawing_job, [], files)
         else:
             part_job = replace(job, camera=CameraTable(), image=ImageTable())
         source = files.read(drawing)
@@ -136,7 +136,7 @@ def _find_drawing(named: Path) -> tuple[Path, Path | None]:
     Raises JobError if a job file has no such input, or several.
     """
     if named.suffix.lower() != ".toml":
-        return named, beside(None, named)
+        return named, find_job_file(None, named)
     suffixes: set[str] = set()
     for plugin in list_installed():
         if plugin.reader:

@@ -24,7 +24,7 @@ from camgen.cli.stop import Stopped, exit_code, say_why
 from camgen.model.errors import JobError, one_line
 from camgen.model.text import counted, duration
 from camgen.post.plugins import find_post, find_readback
-from camgen.read.job_file import load
+from camgen.read.job_file import load_job
 
 #: Of several exit codes of parts the first of these is the one of the batch: a fault, a text that does not say what was
 #: planned, no safe program, a bad input.
@@ -84,7 +84,7 @@ def _check(arguments: Namespace) -> None:
     """What is wrong for all parts is said once, before anything is built."""
     find_post(arguments.post)
     find_readback(arguments.post)
-    load(Path(arguments.job) if arguments.job else None, arguments.sets)
+    load_job(Path(arguments.job) if arguments.job else None, arguments.sets)
     if arguments.jobs is not None and arguments.jobs < 1:
         raise JobError("--jobs", f"must be 1 or more, not {arguments.jobs}")
     if arguments.timeout is not None and not 0 <= arguments.timeout < math.inf:

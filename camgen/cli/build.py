@@ -45,7 +45,7 @@ from camgen.plan.steps import name_of
 from camgen.post.verify import list_uncompared
 from camgen.preview.drawings import check_preview, draw
 from camgen.read.files import Files
-from camgen.read.job_file import beside, load
+from camgen.read.job_file import find_job_file, load_job
 
 # The summary of a build: one line each for what was read, left out, planned, proved and written.
 
@@ -405,7 +405,7 @@ class _Stages(Struct):
 
     def __call__(self, name: str) -> None:
         if name == "planning":
-            self.files.let_go()
+            self.files.release()
             gc.collect()  # what was read is a heap of cycles, and a large one
         self.says.stage(name)
         if self.names and name.startswith(f"{self.names[-1]} "):
@@ -431,7 +431,7 @@ def run(arguments: Namespace, says: Voice) -> int:
         inputs = paths[: len(arguments.inputs)]
         photo = paths[-1] if by_photo else None
         stages = _Stages(says, files)
-        job_file = beside(arguments.job, None if arguments.inputs[0] == "-" else inputs[0])
+        job_file = find_job_file(arguments.job, None if arguments.inputs[0] == "-" else inputs[0])
         read = [*paths, *([job_file] if job_file else [])]
         aloud = arguments.output == "-"
         folder, program = _place(None if aloud else arguments.output)
@@ -440,7 +440,7 @@ def run(arguments: Namespace, says: Voice) -> int:
         check_preview(arguments.preview)
         if arguments.post.endswith(".py"):
             files.read(arguments.post)  # Python imports it; what it was made from stays
-        job = load(job_file, arguments.sets, files)
+        job = load_job(job_file, arguments.sets, files)
         job, photo_rows = _take_photo_settings(job, photo, job_file, files)
         name = program.stem if program else ""
         with rename_errors("job", str(job_file or "job")):
@@ -504,13 +504,13 @@ def _take_photo_settings(
     job: Job, photo: Path | None, job_file: Path | None, files: Files
 ) -> tuple[Job, list[Row]]:
     """The job with [camera] and [image] of the photo's own job file, if it has none of them."""
-    photo_file = beside(None, photo)
+    photo_file = find_job_file(None, photo)
     if photo_file is None or photo_file == job_file:
         return job, []
     if job.camera != CameraTable() or job.image != ImageTable():
         why = "[camera] and [image] are those of the job"
         return job, [("warning", f"{photo_file} is not used: {why}", "look")]
-    tables = load(photo_file, [], files)
+    tables = load_job(photo_file, [], files)
     row = ("photo", f"[camera] and [image] of {photo_file}", "plain")
     return replace(job, camera=tables.camera, image=tables.image), [row]
 

@@ -12,7 +12,7 @@ from camgen.cli.say import Voice, table
 from camgen.model.errors import JobError
 from camgen.model.text import counted, short
 from camgen.read.files import Files
-from camgen.vision.boards.corners import Target, charuco, chessboard
+from camgen.vision.boards.corners import Target, make_charuco, make_chessboard
 from camgen.vision.boards.sheet import DICTIONARY
 from camgen.vision.camera.calibrate import Calibration, calibrate
 from camgen.vision.camera.camera import camera_info
@@ -58,19 +58,24 @@ def _target(arguments: Namespace) -> Target:
     columns, rows = int(said[1]), int(said[2])
     if arguments.marker is not None:
         dictionary = arguments.dictionary or DICTIONARY
-        return charuco(columns, rows, arguments.square, arguments.marker, dictionary)
+        return make_charuco(columns, rows, arguments.square, arguments.marker, dictionary)
     if arguments.dictionary is not None:
         raise JobError(
             "--dictionary",
             "a chessboard has no markers",
             remedy="give --marker, the side of one in mm",
         )
-    return chessboard(columns, rows, arguments.square)
+    return make_chessboard(columns, rows, arguments.square)
 
 
 def _errors(found: Calibration) -> str:
     rows = [
-        (one.name, f"{len(one.errors)} of {one.seen.of}", f"{one.rms:.3f}", f"{one.worst:.3f}")
+        (
+            one.name,
+            f"{len(one.errors)} of {one.seen.corner_count}",
+            f"{one.rms:.3f}",
+            f"{one.worst:.3f}",
+        )
         for one in found.used
     ]
     return table([("photo", "corners", "rms px", "worst px"), *rows])

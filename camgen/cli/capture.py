@@ -9,10 +9,10 @@ from pathlib import Path
 from camgen.batch.writing import check_targets, write_all
 from camgen.cli.say import Voice
 from camgen.model.errors import JobError, NoSafeProgram
-from camgen.read.capture import MOST_FRAMES, capture, encode, judge_marks, tell
+from camgen.read.capture import MOST_FRAMES, capture, encode, format_shot, note_marks
 from camgen.read.files import Files
-from camgen.read.job_file import load
-from camgen.vision.frames import judge
+from camgen.read.job_file import load_job
+from camgen.vision.frames import note_faults
 
 #: Kinds of picture files that lose nothing.
 _SUFFIXES = (".png", ".tif", ".tiff", ".bmp")
@@ -26,17 +26,17 @@ def run(arguments: Namespace, says: Voice) -> int:
     job_file = Path(arguments.job) if arguments.job else None
     read = [Path(source), *([job_file] if job_file else [])]
     check_targets([target], read)
-    job = load(job_file, arguments.sets, files)
+    job = load_job(job_file, arguments.sets, files)
     says.stage(f"looking at {source}")
     shot = capture(source, arguments.frames, arguments.skip, arguments.timeout)
-    seen, missing = judge_marks(shot, job)
-    notes = (*judge(shot), *missing)
+    seen, missing = note_marks(shot, job)
+    notes = (*note_faults(shot), *missing)
     says.clear()
     if arguments.strict and notes:
         raise NoSafeProgram(source, f"--strict and {notes[0].what}", remedy=notes[0].why)
     write_all([(target, encode(shot, target.suffix.lower()))], files.opened)
     rows = [
-        ("camera", f"{source}: {tell(shot)}", "plain"),
+        ("camera", f"{source}: {format_shot(shot)}", "plain"),
         *(("markers", line, "plain") for line in seen),
     ]
     rows += [("warning", f"{note.what} ({note.why})", "look") for note in notes]

@@ -26,7 +26,7 @@ from camgen.post import Post
 from camgen.post.plugins import find_post, list_installed
 from camgen.read import find_reader
 from camgen.read.files import Files, identity
-from camgen.read.job_file import assignment, load
+from camgen.read.job_file import load_job, parse_assignment
 
 
 def run(arguments: Namespace, says: Voice) -> int:
@@ -42,7 +42,7 @@ def run(arguments: Namespace, says: Voice) -> int:
     says.stage("reading")
     reader = find_reader(source)
     sets = _with_material(arguments.sets, arguments.material)
-    job = load(None, sets, files)
+    job = load_job(None, sets, files)
     # What is proposed depends on nothing of [operation].
     reading = replace(job, operation=OperationTable())
     part = reader.read(source, reading, files) if reader.makes == "drawing" else None
@@ -51,7 +51,7 @@ def run(arguments: Namespace, says: Voice) -> int:
     option = option or ("--material" if arguments.material else "")
     proposal = _propose(part, job, source.name, option, says)
     chosen = Chosen(
-        values={(table, key): value for table, key, value in map(assignment, sets)},
+        values={(table, key): value for table, key, value in map(parse_assignment, sets)},
         proposal=proposal,
         active=arguments.operations,
     )

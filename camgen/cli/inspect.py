@@ -15,7 +15,7 @@ from camgen.read import find_reader, is_drawing
 from camgen.read.clamps import set_clamps_aside
 from camgen.read.contours import list_contours
 from camgen.read.files import Files
-from camgen.read.job_file import beside, load
+from camgen.read.job_file import find_job_file, load_job
 from camgen.read.move import move_part
 
 
@@ -37,8 +37,8 @@ def run(arguments: Namespace, says: Voice) -> int:
                 remedy="give the drawing of the part",
             )
     with open_inputs([arguments.input], arguments.format) as (paths, opened):
-        job = load(
-            beside(arguments.job, None if arguments.input == "-" else paths[0]),
+        job = load_job(
+            find_job_file(arguments.job, None if arguments.input == "-" else paths[0]),
             arguments.sets,
             opened,
         )

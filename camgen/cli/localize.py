@@ -14,9 +14,8 @@ from camgen.cli.say import Voice
 from camgen.localize import SOME_RUN_ON, Location, localize
 from camgen.localize.advice import ModelPart, localize_or_advise
 from camgen.localize.doubt import Rival
-from camgen.localize.scans import Scan, open_scan
-from camgen.localize.scans import read as read_scan
-from camgen.localize.words import describe_patch, pose_values
+from camgen.localize.scans import Scan, open_scan, read_scan
+from camgen.localize.words import describe_patch, format_values
 from camgen.model.errors import JobError
 from camgen.model.files import Source
 from camgen.model.limits import Limits
@@ -183,7 +182,7 @@ def job(names: tuple[str, str], units: tuple[str, str], found: Location, stood: 
 
 
 def _line(pose: Pose) -> str:
-    return f"base_from_work = {pose_values(pose)}"
+    return f"base_from_work = {format_values(pose)}"
 
 
 def _millimetres(place: FloatArray) -> str:
@@ -216,7 +215,7 @@ def _describe(found: Location, stood: str) -> Sequence[tuple[str, str, str]]:
         )
     elif found.rivals:
         rows.append(("ambiguous", f"other poses that fit as well: {len(found.rivals)}", "look"))
-        rows += [("", _tell(rival, found.told_apart), "look") for rival in found.rivals[:_LISTED]]
+        rows += [("", _tell(rival, found.noise_limit), "look") for rival in found.rivals[:_LISTED]]
         if len(found.rivals) > _LISTED:
             rows.append(("", f"and {len(found.rivals) - _LISTED} more", "look"))
     elif found.next_best is not None:
@@ -255,9 +254,11 @@ def _list_left_out(found: Location) -> list[tuple[str, str, str]]:
     return rows
 
 
-def _tell(rival: Rival, told_apart: float) -> str:
+def _tell(rival: Rival, noise_limit: float) -> str:
     elsewhere = (
-        f", surface up to {short(rival.off, 2)} mm elsewhere" if rival.off > told_apart else ""
+        f", surface up to {short(rival.distance, 2)} mm elsewhere"
+        if rival.distance > noise_limit
+        else ""
     )
     return f"turned by {rival.turn:.1f} deg{elsewhere}: {_line(rival.base_from_work)}"
 

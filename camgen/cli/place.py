@@ -32,7 +32,7 @@ from camgen.pipeline.memory import no_collector
 from camgen.pipeline.place import SET_UPS, Request, Search, Stand, Trial, name_set_up, search_place
 from camgen.preview.drawings import draw
 from camgen.read.files import Files
-from camgen.read.job_file import beside, load
+from camgen.read.job_file import find_job_file, load_job
 
 #: Edges that the summary lists.
 _LISTED = 12
@@ -47,7 +47,7 @@ def run(arguments: Namespace, says: Voice) -> int:
             f"{arguments.height} is not a height",
             remedy="give mm above the base of the robot",
         )
-    job_file = beside(arguments.job, source)
+    job_file = find_job_file(arguments.job, source)
     read_files = [source, *([job_file] if job_file else [])]
     numbers = range(1, SET_UPS + 1)
     possible = [_place_beside(target, number, ".toml") for number in numbers]
@@ -55,7 +55,7 @@ def run(arguments: Namespace, says: Voice) -> int:
     check_targets([target, *possible], read_files)
     files = Files()
     with no_collector(), rename_errors("job", str(job_file or "job")):
-        job = load(job_file, arguments.sets, files)
+        job = load_job(job_file, arguments.sets, files)
         poster = poster_of(arguments.post, job, str(job_file or "job"))
         says.stage("reading")
         read = read_inputs([source], job, poster.cell(), files.within(job.limits))

@@ -33,7 +33,7 @@ from camgen.model.job import Job
 from camgen.model.part import Part
 from camgen.model.program import Columns, MoveJ, ToolChange
 from camgen.model.text import counted, short
-from camgen.motion.corners import corner_tolerance
+from camgen.motion.corners import compute_corner_tolerance
 from camgen.pipeline.stock import REMEDY_FOR_PIECES
 from camgen.plan.page import on_page
 from camgen.plan.steps import job_of, name_drills, share_out
@@ -196,7 +196,7 @@ def _cut(program: str, executed: Executed, columns: Columns, job: Job) -> Cut:
         Path(program).name,
         travel=float(travel),
         chord=job.tolerance.chord,
-        corner=corner_tolerance(job, job.operation.kind),
+        corner=compute_corner_tolerance(job, job.operation.kind),
     )
 
 

@@ -56,7 +56,7 @@ from camgen.post.plugins import (
 from camgen.post.verify import compare
 from camgen.read import read
 from camgen.read.files import Files
-from camgen.read.job_file import beside, load
+from camgen.read.job_file import find_job_file, load_job
 
 if TYPE_CHECKING:
     from camgen.geometry.fixtures import Fixtures
@@ -133,8 +133,8 @@ def run(arguments: Namespace, says: Voice) -> int:
         )
         raise JobError("--part", what, remedy=remedy)
     source = name_source(paths[0], header)
-    named = beside(arguments.job, None if arguments.plan else source)
-    job = load(named or beside(None, drawing), arguments.sets, files)
+    named = find_job_file(arguments.job, None if arguments.plan else source)
+    job = load_job(named or find_job_file(None, drawing), arguments.sets, files)
     ours = bool(arguments.plan or named or job.post)
     origin = None
     if ours and header and not arguments.post and not arguments.plan:

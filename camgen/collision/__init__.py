@@ -1,1 +1,1 @@
-"""Collision: a robot and its tool as cuboids against one another, fixtures, table and part, many poses at once."""
+"""Collision tests of a robot and its tool against each other, fixtures, table and part."""

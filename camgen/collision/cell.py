@@ -1,16 +1,17 @@
-"""What a robot can run into: its own links, its tool and holder, fixtures, the table and the part, as one scene."""
+"""The scene of a robot in its cell: links, tool and holder, fixtures, table and part."""
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 
 import numpy as np
 from msgspec import Struct
 
-from camgen.collision.hits import clearance, hits
+from camgen.collision.hits import find_collisions, measure_clearance
 from camgen.collision.mesh import make_mesh
-from camgen.collision.scene import Allowed, Scene, Wall, narrow, scene
+from camgen.collision.scene import Allowed, Scene, Wall, make_scene, narrow
 from camgen.geometry.corners import Corners, corners_of
 from camgen.geometry.resting import turn_down
 from camgen.model.cell import Cell
@@ -22,11 +23,13 @@ from camgen.model.text import short
 from camgen.robots.models import Box, Link, Robot
 from camgen.robots.workcell import Workcell
 
-#: mm between the lowest point of a part and a table that is assumed, its size beyond the part, and how thick it is.
+#: The table that is assumed: mm below the lowest point of the part, its size beyond the part, and
+#: its thickness.
 _TABLE_GAP_MM, _BEYOND, _THICK = 0.5, 200.0, 20.0
-#: mm beside what its geometry asks for that a tool may enter the part: rounding, and a tip that is not a box.
+#: mm that a tool may enter the part beyond its contact: rounding, and tips that are not boxes.
 _TOUCH = 0.1
-#: mm: a tip that is so near to the flange is at it; and how thick what stands for no tool is.
+#: mm: a tip that is nearer to the flange is at the flange; and the thickness of the plate that
+#: stands for a missing tool.
 _NO_TOOL, _PLATE = 1e-6, 1.0
 
 
@@ -41,17 +44,24 @@ class Untested(Struct, frozen=True):
 
 
 class Surroundings(Struct, frozen=True, eq=False):
-    """scene: all of it. apart: of it the pairs that are to keep ``margin`` mm, and ``work`` all else: the tool against
-    the part, which are meant to meet, and what is nearer already where the robot is at its own home.
+    """The scene of a cell, and the parts of it that have different rules.
 
-    level: mm, base frame, above which an end of tool and holder is free of part and fixtures: half the holder's width
-    and ``cell.safety`` above their top (RFA paper, section II.A). low, high: corners of the part's box, base frame.
-
-    bodies: tool and holder, their boxes at the flange. standing: table and fixtures, their boxes in the base frame.
-    meshes: fixtures that are meshes with their names, work frame.
-    untested: pairs that are not tested, beside links that a joint joins.
-    rims: ids of the lines whose own rim may enter the tip of the tool, as ``work`` allows.
-    strict: ``work`` for all other lines; None without rims.
+    scene: all pairs.
+    apart: the pairs that are to keep `margin`.
+    work: all other pairs: the tool against the part, which are intended to meet, and pairs that are
+        nearer than the margin at the robot's own home.
+    margin: mm.
+    level: height in the base frame above which an end of tool and holder is free of part and
+        fixtures, mm: `room` above their top (RFA paper, section II.A).
+    room: half the width of the holder, and `cell.safety`, mm.
+    low, high: (3,) corners of the box around the part in the base frame, mm.
+    notes: notes to the user.
+    bodies: tool and holder, with their boxes at the flange.
+    standing: table and fixtures, with their boxes in the base frame.
+    meshes: fixtures that are meshes, with their names, work frame.
+    untested: pairs that are not tested, apart from links that share a joint.
+    rims: ids of the lines whose own rim may enter the tip of the tool, as `work` allows.
+    strict: `work` for all other lines; None without rims.
     """
 
     scene: Scene
@@ -75,81 +85,79 @@ class Surroundings(Struct, frozen=True, eq=False):
         return not self.rims.isdisjoint(contours)
 
 
-def around(
+def make_surroundings(
     job: Job,
     cell: Workcell,
     solid: Solid | None,
     tip: float = 0.0,
-    beside: FloatArray | None = None,
+    worked: FloatArray | None = None,
 ) -> Surroundings:
-    """The scene of ``cell`` with its arm and mesh fixtures, the tool, holder and boxes of ``job``
-    and the part ``solid``. tip: mm that the tool's tip may enter the part beside what its
-    leaning asks for: by so much the rims that it works bend into it. beside: (N, 3), work frame, what is worked on
-    beside the part: the box that is left upwards holds it too.
+    """The surroundings of the arm of `cell`.
 
-    Without fixtures a 3-D part is taken to stand on a table. JobError for boxes that are none.
+    job: its tool, holder and fixtures.
+    solid: the part. Without fixtures it is assumed to stand on a table.
+    tip: distance that the tip of the tool may enter the part beyond its contact, mm: rims that it
+        works extend into it by that.
+    worked: (N, 3) points in the work frame that are worked and not on the part. The box around the
+        part holds them too.
+
+    Raises JobError for invalid boxes.
     """
-    robot, meshes = cell.arm, cell.meshes
+    robot, base_from_work = cell.arm, cell.base_from_work
     assert robot is not None
-    standing, notes = _standing(job, cell.base_from_work, solid)
-    walls = tuple(Wall(name, make_mesh(shape), cell.base_from_work) for name, shape in meshes)
+    standing, notes = _make_standing(job, base_from_work, solid)
+    walls = tuple(Wall(name, make_mesh(shape), base_from_work) for name, shape in cell.meshes)
     holder = [corners_of("tool.holder", box) for box in job.tool.holder or ()]
     contact = job.tool.radius * math.sin(math.radians(job.tool.axis_tilt)) + _TOUCH
     contact = min(contact, job.tool.radius * 0.99)
-    shaft = _shaft(job, cell, holder)
+    shaft = _make_shaft(job, cell, holder)
     _check_length(job, shaft, contact)
-    bodies = [Link("tool", (shaft,))]
+    tool: tuple[Link, ...] = (Link("tool", (shaft,)),)
     if holder:
-        bodies.append(
-            Link(
-                "holder",
-                tuple(box_between(Pose(IDENTITY, (0.0, 0.0, 0.0)), *box) for box in holder),
-            )
-        )
-    tool = tuple(bodies)
+        flange = Pose(IDENTITY, (0.0, 0.0, 0.0))
+        tool += (Link("holder", tuple(make_box(flange, *box) for box in holder)),)
     part = make_mesh(solid) if solid is not None else ()
-    overlaps = _overlaps(robot, tool)
+    overlaps = _find_overlaps(robot, tool)
+    untested = _list_untested(robot, overlaps)
     allowed = Allowed(contact, tip, overlaps)
-    untested = _untested(robot, overlaps)
-    made = scene(robot, tool, (*standing, *walls), part, cell.base_from_work, allowed)
-    close = _close(robot, made, tool, job.cell.margin)
-    work = [k for k, pair in enumerate(made.pairs) if pair == ("tool", "part") or pair in close]
-    rest = [k for k in range(len(made.pairs)) if k not in work]
+    whole = make_scene(robot, tool, (*standing, *walls), part, base_from_work, allowed)
+    close = _find_close(robot, whole, tool, job.cell.margin)
+    is_work = [pair == ("tool", "part") or pair in close for pair in whole.pairs]
     notes += tuple(
         Note("assumed", f"{a} and {b} keep no margin", f"they are {short(far, 2)} mm apart at home")
         for (a, b), far in close.items()
     )
     notes += tuple(Note("assumed", f"{pair} is not tested", pair.why) for pair in untested)
-    points = [one for one in (None if solid is None else solid.vertices, beside) if one is not None]
-    low, high = _extent(cell.base_from_work, np.concatenate(points or [np.zeros((1, 3))]))
-    tops = [
-        high[2],
-        *(_top(box) for link in standing if link.name != "table" for box in link.boxes),
-    ]
-    tops += [_extent(cell.base_from_work, shape.vertices)[1][2] for _, shape in meshes]
-    room = _width(job, holder) / 2 + job.cell.safety
-    scenes = made, narrow(made, rest), narrow(made, work)
+    vertices = None if solid is None else solid.vertices
+    points = [table for table in (vertices, worked) if table is not None]
+    low, high = _measure_extent(base_from_work, np.concatenate(points or [np.zeros((1, 3))]))
+    fixtures = [link.boxes for link in standing if link.name != "table"]
+    tops = [high[2], *map(_measure_top, itertools.chain.from_iterable(fixtures))]
+    tops += [_measure_extent(base_from_work, shape.vertices)[1][2] for _, shape in cell.meshes]
+    room = _measure_width(job, holder) / 2 + job.cell.safety
     return Surroundings(
-        *scenes,
-        job.cell.margin,
-        max(tops) + room,
-        room,
-        low,
-        high,
-        notes,
-        tool,
-        standing,
-        tuple(meshes),
-        untested,
+        scene=whole,
+        apart=narrow(whole, np.flatnonzero(~np.array(is_work, dtype=bool)).tolist()),
+        work=narrow(whole, np.flatnonzero(is_work).tolist()),
+        margin=job.cell.margin,
+        level=max(tops) + room,
+        room=room,
+        low=low,
+        high=high,
+        notes=notes,
+        bodies=tool,
+        standing=standing,
+        meshes=tuple(cell.meshes),
+        untested=untested,
     )
 
 
-def _close(
+def _find_close(
     robot: Robot, scene: Scene, tool: tuple[Link, ...], margin: float
 ) -> dict[tuple[str, str], float]:
-    """Pairs of links and bodies of the tool that are nearer than `margin` at the robot's own home.
+    """Pairs of moving bodies nearer than `margin` at the robot's own home, and their distances, mm.
 
-    Returns their distances, mm. No path gives them more.
+    No path gives these pairs more distance than that.
     """
     if margin <= 0:
         return {}
@@ -157,35 +165,36 @@ def _close(
     pairs = [k for k, pair in enumerate(scene.pairs) if moving.issuperset(pair)]
     home = robot.home[None]
     # Nearly always all of them are farther apart.
-    if float(clearance(narrow(scene, pairs), home, margin)[0]) >= margin:
+    if float(measure_clearance(narrow(scene, pairs), home, margin)[0]) >= margin:
         return {}
     distances: dict[tuple[str, str], float] = {}
     for k in pairs:
-        distance = float(clearance(narrow(scene, [k]), home, margin)[0])
+        distance = float(measure_clearance(narrow(scene, [k]), home, margin)[0])
         if distance < margin:
             distances[scene.pairs[k]] = distance
     return distances
 
 
-#: Configurations in which two links have to overlap, every time, to be left untested.
+#: Two links are left untested if they overlap at all of this number of joint values.
 _SAMPLES = 48
-#: Links at the end of an arm whose boxes reach beyond its flange, by the least number of joints.
+#: Number of links at the end of an arm whose boxes extend beyond its flange: for arms with at least
+#: 6 joints, and for others.
 _WRISTS = ((6, 3), (0, 2))
 
 
-def _overlaps(robot: Robot, tool: tuple[Link, ...]) -> tuple[tuple[str, str], ...]:
-    """Pairs that meet at the robot's own home, because their shapes are too coarse.
+def _find_overlaps(robot: Robot, tool: tuple[Link, ...]) -> tuple[tuple[str, str], ...]:
+    """Pairs that meet at the robot's own home because their shapes are too coarse.
 
-    They are a body of the tool and a link of the wrist, boxes of two links of which one is of the
-    wrist, and any two links that meet at all joint values of an even sample as well.
+    These are a body of the tool and a link of the wrist, the boxes of two links of which one is of
+    the wrist, and two other links that also meet at all joint values of an even sample.
     """
     count = len(robot.joints)
     last = next(links for joints, links in _WRISTS if count >= joints)
     wrist = {link.name for link in robot.links[-last:]}
     bodies = {body.name for body in tool}
-    bare = scene(robot, tool)
+    bare = make_scene(robot, tool)
     overlapping: list[tuple[str, str]] = []
-    for k in _meeting(bare, robot.home[None]):
+    for k in _find_meeting(bare, robot.home[None]):
         pair = bare.pairs[k]
         is_tool = bool(bodies & set(pair))
         is_coarse = is_tool or bare.closer[k] is None
@@ -193,22 +202,22 @@ def _overlaps(robot: Robot, tool: tuple[Link, ...]) -> tuple[tuple[str, str], ..
         if not (is_spared or is_tool):
             rng = np.random.default_rng(1)
             spread = rng.uniform(robot.limits[:, 0], robot.limits[:, 1], (_SAMPLES, count))
-            is_spared = bool((hits(narrow(bare, [k]), spread) >= 0).all())
+            is_spared = bool((find_collisions(narrow(bare, [k]), spread) >= 0).all())
         if is_spared:
             overlapping.append(pair)
     return tuple(overlapping)
 
 
-def _meeting(tested: Scene, joints: FloatArray) -> list[int]:
-    """The numbers of pairs that meet at any of the joint values (N, J)."""
-    if (hits(tested, joints) < 0).all():
+def _find_meeting(tested: Scene, joints: FloatArray) -> list[int]:
+    """The indices of pairs that meet at any of the joint values (N, J)."""
+    if (find_collisions(tested, joints) < 0).all():
         return []
     pairs = range(len(tested.pairs))
-    return [k for k in pairs if (hits(narrow(tested, [k]), joints) >= 0).any()]
+    return [k for k in pairs if (find_collisions(narrow(tested, [k]), joints) >= 0).any()]
 
 
-def _untested(robot: Robot, overlaps: tuple[tuple[str, str], ...]) -> tuple[Untested, ...]:
-    """The pairs that are not tested, without links that a joint joins."""
+def _list_untested(robot: Robot, overlaps: tuple[tuple[str, str], ...]) -> tuple[Untested, ...]:
+    """The pairs that are not tested, apart from links that share a joint."""
     spared = [
         (robot.links[i].name, robot.links[j].name) for i, j in robot.touching if abs(i - j) > 1
     ]
@@ -224,10 +233,10 @@ def _untested(robot: Robot, overlaps: tuple[tuple[str, str], ...]) -> tuple[Unte
     return tuple(untested)
 
 
-def _standing(
+def _make_standing(
     job: Job, base_from_work: Pose, solid: Solid | None
 ) -> tuple[tuple[Link, ...], tuple[Note, ...]]:
-    """Fixtures that are boxes, or the table that is assumed, base frame."""
+    """Fixtures that are boxes, or the table that is assumed, in the base frame."""
     table = job.cell
     if table.rests_on is not None and (table.fixtures is not None or solid is None):
         what = "has no effect beside cell.fixtures" if solid else "has no effect without a 3-D part"
@@ -236,7 +245,7 @@ def _standing(
         fixtures = []
         for number, shape in enumerate(table.fixtures or (), 1):
             if isinstance(shape, list):
-                box = box_between(base_from_work, *corners_of("cell.fixtures", shape))
+                box = make_box(base_from_work, *corners_of("cell.fixtures", shape))
                 fixtures.append(Link(f"fixture {number}", (box,)))
         return tuple(fixtures), ()
     upright = Pose(turn_upright(table.rests_on), (0.0, 0.0, 0.0))
@@ -249,7 +258,7 @@ def _standing(
         "the part stands on a table",
         "say what it stands on: cell.fixtures, [] for nothing",
     )
-    box = box_between(base_from_work @ upright.inverse(), *corners)
+    box = make_box(base_from_work @ upright.inverse(), *corners)
     return (Link("table", (box,)),), (note,)
 
 
@@ -264,18 +273,21 @@ def turn_upright(rests_on: Sequence[float] | None) -> FloatArray:
     return turn_down(np.asarray(rests_on) / length)
 
 
-def box_between(frame: Pose, low: FloatArray, high: FloatArray) -> Box:
-    """The box of two corners that are told in ``frame``."""
+def make_box(frame: Pose, low: FloatArray, high: FloatArray) -> Box:
+    """The box between two corners in `frame`."""
     return Box(frame @ translation(*to_vec3((low + high) / 2)), to_vec3((high - low) / 2))
 
 
-def _shaft(job: Job, cell: Cell, holder: Sequence[Corners]) -> Box:
-    """The tool itself, as wide as its diameter, from its tip back to the holder, or to the flange without one. Where
-    the tip is at the flange there is no tool, as in many a program that was taught: a thin plate stands for it.
+def _make_shaft(job: Job, cell: Cell, holder: Sequence[Corners]) -> Box:
+    """The tool without its holder: as wide as its diameter, from the tip to the holder or flange.
+
+    If the tip is at the flange there is no tool, as in many recorded programs. Then a thin plate
+    stands for it. Raises JobError if the axis of the tool meets neither holder nor flange.
     """
     flange_from_tool = cell.flange_from_tool
     tip, back = np.asarray(flange_from_tool.origin), -flange_from_tool.rotation[:, 2]
-    lengths = [s for box in holder if (s := _until(tip, back, *box)) is not None]
+    entries = (_find_entry(tip, back, *box) for box in holder)
+    lengths = list(itertools.chain.from_iterable(entries))
     if not lengths and back[2] < 0:
         lengths = [float(tip[2] / -back[2])]
     length = min(lengths, default=0.0)
@@ -289,9 +301,9 @@ def _shaft(job: Job, cell: Cell, holder: Sequence[Corners]) -> Box:
 
 
 def _check_length(job: Job, shaft: Box, contact: float) -> None:
-    """JobError for a tool that is not longer than its contact with the part allows.
+    """Raise JobError if the tool is not longer than twice its contact.
 
-    contact: mm that the tool may enter the part.
+    contact: distance that the tool may enter the part, mm.
     """
     length, least = 2 * shaft.half[2], 2 * contact
     if length > least:
@@ -305,25 +317,27 @@ def _check_length(job: Job, shaft: Box, contact: float) -> None:
     raise JobError("job", what, setting, f"make it longer than {short(least, 3)} mm")
 
 
-def _until(start: FloatArray, along: FloatArray, low: FloatArray, high: FloatArray) -> float | None:
-    """Where the ray enters the box, None if it does not."""
+def _find_entry(
+    start: FloatArray, along: FloatArray, low: FloatArray, high: FloatArray
+) -> list[float]:
+    """The distance along a ray at which it enters a box, mm; empty if it does not."""
     with np.errstate(divide="ignore", invalid="ignore"):
         ends = (np.stack([low, high]) - start) / along
     enter, leave = float(np.nanmax(ends.min(axis=0))), float(np.nanmin(ends.max(axis=0)))
-    return enter if 0 < enter <= leave else None
+    return [enter] if 0 < enter <= leave else []
 
 
-def _width(job: Job, holder: Sequence[Corners]) -> float:
-    """The greatest width across the flange's axis of what is at the flange."""
-    wide = [float(math.hypot(*(high - low)[:2])) for low, high in holder]
-    return max([job.tool.diameter, *wide])
+def _measure_width(job: Job, holder: Sequence[Corners]) -> float:
+    """The largest width of tool and holder across the axis of the flange, mm."""
+    widths = [math.hypot(*(high - low)[:2]) for low, high in holder]
+    return max([job.tool.diameter, *widths])
 
 
-def _extent(frame: Pose, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _measure_extent(frame: Pose, points: FloatArray) -> tuple[FloatArray, FloatArray]:
     placed = points @ frame.rotation.T + np.asarray(frame.origin)
     return placed.min(axis=0), placed.max(axis=0)
 
 
-def _top(box: Box) -> float:
+def _measure_top(box: Box) -> float:
     rotation, half = box.link_from_box.rotation, np.asarray(box.half)
     return float(box.link_from_box.origin[2] + np.abs(rotation[2]) @ half)

@@ -1,4 +1,4 @@
-"""Which configurations collide."""
+"""Tests which joint values collide, and measures clearances at joint values."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.collision import pairs
-from camgen.collision.boxes import Boxes, every, least_apart, meet
-from camgen.collision.mesh import body, distance, find_struck
+from camgen.collision.boxes import Boxes, all_of_three, bound_distances, meet
+from camgen.collision.mesh import find_struck, make_box_object, measure_distance
 from camgen.collision.pairs import Travel
 from camgen.collision.scene import Scene, Target, narrow
 from camgen.geometry.ragged import each_once, ramp, run_lengths
@@ -19,51 +19,49 @@ from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 from camgen.robots.kinematics.forward import frames
 
-#: Configurations that are worked on at once: what belongs to them should fit into the processor's cache.
+#: Joint values that are tested together. Their data fit into the cache of the processor.
 ROWS = 1024
 
 
-def hits(
+def find_collisions(
     scene: Scene,
     joints: FloatArray,
     grow: float | FloatArray = 0.0,
     closing: FloatArray | None = None,
     near: float | FloatArray = 0.0,
 ) -> IntArray:
-    """The first pair of ``scene.pairs`` that collides at each configuration (N, J), rad or mm: (N,), -1: none.
+    """The first pair of `scene.pairs` that collides at each of the joint values, (N,); -1 for none.
 
-    grow: mm by which boxes that move are larger, one number or (N, B). closing: (N, P) mm by which the two boxes of
-    ``scene.first`` and ``scene.second`` are larger together, where that is less. near: mm, one number or (N,), at which
-    bodies collide. To touch is to collide.
+    joints: (N, J) rad or mm.
+    grow: distance by which moving boxes are larger on all sides, mm, one number or (N, B).
+    closing: (N, P) distance by which the boxes of a pair, `scene.first` and `scene.second`, are
+        larger together, mm. It counts where it is less than what both grow.
+    near: clearance at which bodies collide, mm, one number or (N,). Bodies that touch collide.
     """
     joints = np.asarray(joints, dtype=np.float64)
     grow = np.broadcast_to(grow, (len(joints), len(scene.frame))) * scene.moving
-    near = np.broadcast_to(near, len(joints))
-    found = np.full(len(joints), -1, dtype=np.int64)
+    growth, near = GrowthTable(grow, closing), np.broadcast_to(near, len(joints))
+    colliding = np.full(len(joints), -1, dtype=np.int64)
     for begin in range(0, len(joints), ROWS):
         rows = slice(begin, begin + ROWS)
-        bare = place(scene, joints[rows])
+        bare = place_boxes(scene, joints[rows])
+        limits = grow[rows] + near[rows, None]
         placed = bare.grown((grow[rows] + near[rows, None] * scene.moving)[..., None])
-        row, box = near_pairs(scene, placed)
-        first, second, room = _grow(
-            scene, bare, (row, box), grow[rows], None if closing is None else closing[rows]
+        row, test = _find_near_pairs(scene, placed)
+        met = _test_pairs(
+            scene, (joints[rows], bare), (row, test), growth.select(rows), near[rows], exactly=True
         )
-        room += near[rows][row]
-        met = meet(first.grown(near[rows][row, None]), second)
-        tests = _BoxTests(row, scene.of_pair[box], room)
-        _look_closer(scene, joints[rows], tests, met, exactly=True)
-        # Of several values for one place the last one stays: the first pair, since they come backwards.
-        found[rows][row[met][::-1]] = scene.of_pair[box[met][::-1]]
-        more = grow[rows] + near[rows, None]
+        # The last value that is assigned to a row stays. In reverse order that is the first pair.
+        colliding[rows][row[met][::-1]] = scene.of_pair[test[met][::-1]]
         for target in scene.targets:
-            _against(scene, joints[rows], target, placed, more, found[rows])
-    return found
+            _add_mesh_hits(scene, joints[rows], target, placed, limits, colliding[rows])
+    return colliding
 
 
 def split_off_meshes(scene: Scene) -> tuple[Scene, ...]:
-    """The pairs of boxes, and those of which a link is a mesh: first the pairs that meet most.
+    """The pairs of boxes, and those with the mesh of a link, which are ordered for early hits.
 
-    Two links meet the less, the fewer joints are between them.
+    Two links meet the less often, the fewer joints are between them.
     """
     between = {k: len(closer.joints) for k, closer in enumerate(scene.closer) if closer is not None}
     if not between:
@@ -74,107 +72,114 @@ def split_off_meshes(scene: Scene) -> tuple[Scene, ...]:
 
 
 def are_clear(scenes: Sequence[Scene], joints: FloatArray, near: float = 0.0) -> BoolArray:
-    """The rows without a collision in any scene (N,), see ``hits``. Quick scenes come first."""
-    clear = np.ones(len(joints), dtype=np.bool_)
+    """Whether nothing collides in any scene at joint values (N, J), (N,); see `find_collisions`.
+
+    Scenes that are tested quickly should come first.
+    """
+    is_clear = np.ones(len(joints), dtype=np.bool_)
     for scene in scenes:
-        left = np.flatnonzero(clear)
-        clear[left] = hits(scene, joints[left], near=near) < 0
-    return clear
+        rows = np.flatnonzero(is_clear)
+        is_clear[rows] = find_collisions(scene, joints[rows], near=near) < 0
+    return is_clear
 
 
 class _BoxTests(NamedTuple):
     """Tests of boxes.
 
     row: (n,) rows of joint values.
-    pair: (n,) numbers of pairs of the scene.
-    room: (n,) mm by which both bodies of a pair are larger together.
-    travel: the largest deviations of the joint values, by row; None: not known.
+    pair: (n,) indices in `scene.pairs`.
+    limit: (n,) distance within which the bodies of a pair count as meeting, mm.
+    travel: the largest deviations of the joint values, by row; None if they are not known.
     """
 
     row: IntArray
     pair: IntArray
-    room: FloatArray
+    limit: FloatArray
     travel: Travel | None = None
 
 
-def _look_closer(
+def _clear_distant_meshes(
     scene: Scene, joints: FloatArray, tests: _BoxTests, met: BoolArray, exactly: bool = False
 ) -> None:
-    """Clear ``met`` (n,) where the boxes meet and the meshes of a pair do not.
+    """Clear `met` (n,) where the boxes of a pair meet and its meshes do not.
 
     joints: (N, J).
-    exactly: whether meshes that are a little farther apart than `room` are cleared, and all pairs
-        but the first one at each of the joint values. Else one test that is not cleared is enough
-        at each of them: all later ones stay.
+    exactly: If True, meshes a little beyond their limit are cleared too, and so are all pairs
+        except the first one that meets in a row. If False, the tests of a row end at the first one
+        that is not cleared, and all later ones stay.
     """
     boxes_met = np.flatnonzero(met)
     is_named = np.zeros(len(joints), dtype=np.bool_)
     if not exactly:
-        bare = np.array([closer is None for closer in scene.closer], dtype=np.bool_)
-        is_named[tests.row[boxes_met[bare[tests.pair[boxes_met]]]]] = True
-    for number in each_once(tests.pair[boxes_met]).tolist():
-        which = boxes_met[tests.pair[boxes_met] == number]
-        # An earlier pair collides there.
-        late = is_named[tests.row[which]]
+        has_no_mesh = np.array([closer is None for closer in scene.closer], dtype=np.bool_)
+        is_named[tests.row[boxes_met[has_no_mesh[tests.pair[boxes_met]]]]] = True
+    for pair in each_once(tests.pair[boxes_met]).tolist():
+        which = boxes_met[tests.pair[boxes_met] == pair]
+        # Rows in which an earlier pair collides.
+        is_late = is_named[tests.row[which]]
         if exactly:
-            met[which[late]] = False
-        which = which[~late]
-        closer = scene.closer[number]
+            met[which[is_late]] = False
+        which = which[~is_late]
+        closer = scene.closer[pair]
         if closer is not None and len(which):
-            values, room = joints[tests.row[which]], tests.room[which]
-            if not room.any():
+            values, limit = joints[tests.row[which]], tests.limit[which]
+            if not limit.any():
                 met[which] = pairs.meet(scene.robot, closer, values)
             elif exactly:
-                met[which] = pairs.come_within(scene.robot, closer, values, room)
+                met[which] = pairs.come_within(scene.robot, closer, values, limit)
             else:
                 travel = None if tests.travel is None else tests.travel.select(tests.row[which])
-                met[which] = pairs.may_come_within(scene.robot, closer, values, room, travel)
+                met[which] = pairs.may_come_within(scene.robot, closer, values, limit, travel)
         is_named[tests.row[which[met[which]]]] = True
 
 
-#: A box that grows by 1 on every side reaches so much farther at its corners.
+#: Distance of the corners of a box that grows by 1 on every side from their previous places.
 _CORNERS = math.sqrt(3.0)
-#: Rows of configurations (n,), in order, and what is tested there (n,): numbers of pairs of boxes, and after them of
-#: what strikes each of the scene's targets.
+#: Rows of joint values (n,), in order, and the number of the test made there (n,). The pairs of
+#: boxes have the first numbers, then the boxes that strike each of the targets of the scene.
 Tests = tuple[IntArray, IntArray]
 
 
-def tests_of(tests: Tests, which: BoolArray) -> Tests:
-    """Those at some rows, ``which`` of all, that are counted among themselves."""
+def select_tests(tests: Tests, which: BoolArray) -> Tests:
+    """The tests of some rows. which: (N,) whether a row is kept; the kept rows are renumbered."""
     row, test = tests
     kept = which[row]
     return (np.cumsum(which) - 1)[row[kept]], test[kept]
 
 
-def share_tests(tests: Tests, parts: int) -> Tests:
-    """The same tests for each of so many parts that every row is cut into."""
+def divide_tests(tests: Tests, parts: int) -> Tests:
+    """The tests of each row, for each of `parts` new rows into which it is divided."""
     rows = (tests[0][:, None] * parts + np.arange(parts)).ravel()
     order = np.argsort(rows, kind="stable")
     return rows[order], np.repeat(tests[1], parts)[order]
 
 
 class Growth(Protocol):
-    """By how much boxes are larger than they are, mm, at rows of configurations; asked for what is near alone."""
+    """Distances by which boxes are larger at rows of joint values, mm, computed on demand."""
 
     @property
     def travel(self) -> Travel | None:
         """The largest deviations of the joint values, None if they are not known."""
 
     def of_boxes(self, row: IntArray, box: IntArray, bare: Boxes) -> FloatArray:
-        """Of boxes (n,), which are ``bare`` there; of those that stand whatever it is is left out."""
+        """Growth of boxes (n,), which are `bare` there. Growth of standing boxes is ignored."""
 
     def of_pairs(
         self, row: IntArray, pair: IntArray, first: Boxes, second: Boxes
     ) -> FloatArray | None:
-        """Of the two boxes of pairs (n,) together; it counts where it is less than what both grow. None: never."""
+        """Growth of the two boxes of pairs (n,) together, None if it is not known.
+
+        It counts where it is less than what both grow.
+        """
 
 
 class GrowthTable(Struct, frozen=True, eq=False):
-    """``Growth`` that is known of all.
+    """`Growth` from tables.
 
-    grow: (N, B) mm by which each box is larger.
-    closing: (N, P) mm by which both boxes of each pair are larger together; None: not known.
-    travel: the largest deviations of the joint values; None: not known.
+    grow: (N, B) distance by which each box is larger, mm.
+    closing: (N, P) distance by which both boxes of each pair are larger together, mm; None if it is
+        not known.
+    travel: the largest deviations of the joint values; None if they are not known.
     """
 
     grow: FloatArray
@@ -190,7 +195,7 @@ class GrowthTable(Struct, frozen=True, eq=False):
         )
 
     def of_boxes(self, row: IntArray, box: IntArray, bare: Boxes) -> FloatArray:  # noqa: ARG002
-        """As of ``Growth``."""
+        """See `Growth`."""
         return np.asarray(self.grow[row, box])
 
     def of_pairs(
@@ -200,7 +205,7 @@ class GrowthTable(Struct, frozen=True, eq=False):
         first: Boxes,  # noqa: ARG002
         second: Boxes,  # noqa: ARG002
     ) -> FloatArray | None:
-        """As of ``Growth``."""
+        """See `Growth`."""
         return None if self.closing is None else np.asarray(self.closing[row, pair])
 
 
@@ -209,206 +214,215 @@ def find_meetings(
     joints: FloatArray,
     growth: GrowthTable,
     near: FloatArray,
-    asked: Tests | None = None,
+    tests: Tests | None = None,
 ) -> Tests:
-    """The tests that meet at configurations (N, J).
+    """The tests that meet at joint values (N, J).
 
-    growth: growth of all boxes; of those that stand it does not count. A test that is not named
-        meets nothing in any part of that either.
-    near: (N,) mm at which bodies collide.
-    asked: the only tests that are made; None: all.
+    growth: growth of all boxes; growth of standing boxes is ignored. A test that does not meet,
+        meets nothing in any part of that growth either.
+    near: (N,) clearance at which bodies collide, mm.
+    tests: the only tests that are made; None for all.
     """
-    found = []
-    grow = growth.grow * scene.moving
-    growth = GrowthTable(grow, growth.closing, growth.travel)
+    meetings = []
+    growth = GrowthTable(growth.grow * scene.moving, growth.closing, growth.travel)
     for begin in range(0, len(joints), ROWS):
         rows = slice(begin, begin + ROWS)
-        looked, part = finite(joints[rows]), growth.select(rows)
-        if asked is None:
-            some = _named(_meet_all(scene, looked, part, near[rows]))
+        values, part = check_finite(joints[rows]), growth.select(rows)
+        if tests is None:
+            row, test = _select_meeting(_test_all(scene, values, part, near[rows]))
         else:
-            low, high = np.searchsorted(asked[0], [begin, begin + ROWS])
-            at = looked, frames(scene.robot, looked)
-            some = meet_again(
-                scene, at, part, near[rows], (asked[0][low:high] - begin, asked[1][low:high])
-            )
-        found.append((some[0] + begin, some[1]))
-    return join_tests(found)
+            low, high = np.searchsorted(tests[0], [begin, begin + ROWS])
+            placed = values, frames(scene.robot, values)
+            batch = tests[0][low:high] - begin, tests[1][low:high]
+            row, test = meet_again(scene, placed, part, near[rows], batch)
+        meetings.append((row + begin, test))
+    return join_tests(meetings)
 
 
 def find_near(scene: Scene, joints: FloatArray, grow: FloatArray) -> Tests:
-    """What may collide at configurations (N, J) where boxes that move are larger by ``grow`` (N, B), since the boxes
-    around that are square to the base meet: cheaper than ``find_meetings``, and more.
+    """The tests that may meet at joint values (N, J) if moving boxes are larger by `grow` (N, B).
+
+    Only the boxes around them with edges along x, y and z of the base are tested. That is cheaper
+    than `find_meetings`, and names more tests.
     """
-    found = []
+    near = []
     for begin in range(0, len(joints), ROWS):
         rows = slice(begin, begin + ROWS)
-        wide = place(scene, joints[rows]).grown(_CORNERS * (grow[rows] * scene.moving)[..., None])
-        some = [near_pairs(scene, wide)]
+        grown = place_boxes(scene, joints[rows]).grown(
+            _CORNERS * (grow[rows] * scene.moving)[..., None]
+        )
+        tests = [_find_near_pairs(scene, grown)]
         first = len(scene.first)
         for target in scene.targets:
-            row, which, _ = near_mesh(target, wide)
-            some.append((row, which + first))
+            row, strike, _ = _find_near_mesh(target, grown)
+            tests.append((row, strike + first))
             first += len(target.striking)
-        row, test = join_tests(some)
+        row, test = join_tests(tests)
         order = np.argsort(row, kind="stable")
-        found.append((row[order] + begin, test[order]))
-    return join_tests(found)
+        near.append((row[order] + begin, test[order]))
+    return join_tests(near)
 
 
 def join_tests(several: Iterable[Tests]) -> Tests:
-    """Some tests and others behind them."""
+    """Several groups of tests, one after the other."""
     none = np.zeros(0, dtype=np.int64)
     row, test = (np.concatenate(column) for column in zip((none, none), *several, strict=True))
     return row, test
 
 
-#: Joint values (N, J), and the frames of the links there, see ``frames``.
-_Places = tuple[FloatArray, tuple[FloatArray, FloatArray]]
+#: Joint values (N, J), and the frames of the links there, see `frames`.
+_PlacedLinks = tuple[FloatArray, tuple[FloatArray, FloatArray]]
 
 
-def meet_again(scene: Scene, at: _Places, growth: Growth, near: FloatArray, tests: Tests) -> Tests:
-    """The tests that meet ``at`` some joint values, see ``find_meetings``."""
-    return _named(_meet_some(scene, at, growth, near, *tests))
+def meet_again(
+    scene: Scene, placed: _PlacedLinks, growth: Growth, near: FloatArray, tests: Tests
+) -> Tests:
+    """The tests among `tests` that meet, see `find_meetings`."""
+    return _select_meeting(_test_some(scene, placed, growth, near, *tests))
 
 
-def _named(tested: Iterable[_Tested]) -> Tests:
-    """Those that meet, row by row."""
-    row, test = join_tests((row[met], test[met]) for row, test, met in tested)
+#: Rows and numbers of tests, and whether each of them meets.
+_Results = tuple[IntArray, IntArray, BoolArray]
+
+
+def _select_meeting(results: Iterable[_Results]) -> Tests:
+    row, test = join_tests((row[met], test[met]) for row, test, met in results)
     order = np.argsort(row, kind="stable")
     return row[order], test[order]
 
 
-#: Tests, and which of them meet.
-_Tested = tuple[IntArray, IntArray, BoolArray]
-
-
-def _meet_all(
+def _test_all(
     scene: Scene, joints: FloatArray, growth: GrowthTable, near: FloatArray
-) -> Iterator[_Tested]:
-    """``find_meetings`` of all tests."""
-    bare, grow = place(scene, joints), growth.grow
-    more = grow + near[:, None] * scene.moving
-    row, test = near_pairs(scene, bare.grown(_CORNERS * more[..., None]))
-    boxes, others, room = _grow(scene, bare, (row, test), grow, growth.closing)
-    met = meet(boxes.grown(near[row, None]), others)
-    tests = _BoxTests(row, scene.of_pair[test], room + near[row], growth.travel)
-    _look_closer(scene, joints, tests, met)
-    yield row, test, met
-    first = len(scene.first)
+) -> Iterator[_Results]:
+    """Make all tests of boxes that are near, see `find_meetings`."""
+    bare, grow = place_boxes(scene, joints), growth.grow
+    limits = grow + near[:, None] * scene.moving
+    row, test = _find_near_pairs(scene, bare.grown(_CORNERS * limits[..., None]))
+    yield row, test, _test_pairs(scene, (joints, bare), (row, test), growth, near)
+    begin = len(scene.first)
     for target in scene.targets:
-        row, which, boxes = near_mesh(target, bare.grown(more[..., None]))
+        row, strike, boxes = _find_near_mesh(target, bare.grown(limits[..., None]))
         met = find_struck(target.mesh, boxes)
-        room = more[row, target.striking[which]]
-        _look_closer(scene, joints, _BoxTests(row, target.of_strike[which], room), met)
-        yield row, which + first, met
-        first += len(target.striking)
+        limit = limits[row, target.striking[strike]]
+        tests = _BoxTests(row, target.of_strike[strike], limit)
+        _clear_distant_meshes(scene, joints, tests, met)
+        yield row, strike + begin, met
+        begin += len(target.striking)
 
 
-def _meet_some(
+def _test_some(
     scene: Scene,
-    placed: _Places,
+    placed: _PlacedLinks,
     growth: Growth,
     near: FloatArray,
     row: IntArray,
     test: IntArray,
-) -> Iterator[_Tested]:
-    """``find_meetings`` of tests at these rows. Only boxes that are asked for are placed, each once."""
+) -> Iterator[_Results]:
+    """Make these tests, see `find_meetings`. Each box that they need is placed once."""
     joints, links = placed
-    first, many = len(scene.first), len(scene.frame)
-    own = test < first
-    at, pair = row[own], test[own]
-    ends = [at * many + boxes[pair] for boxes in (scene.first, scene.second)]
+    begin, box_count = len(scene.first), len(scene.frame)
+    is_pair = test < begin
+    pair_row, pair = row[is_pair], test[is_pair]
+    ends = [pair_row * box_count + boxes[pair] for boxes in (scene.first, scene.second)]
     strikes = []
     for target in scene.targets:
-        own = (test >= first) & (test < first + len(target.striking))
-        strikes.append((row[own] * many + target.striking[test[own] - first], row[own], test[own]))
-        first += len(target.striking)
-    asked = np.zeros(len(near) * many, dtype=np.bool_)
-    for places in (*ends, *(place for place, _, _ in strikes)):
-        asked[places] = True
-    number, places = np.cumsum(asked) - 1, np.flatnonzero(asked)
-    of, box = np.divmod(places, many)
-    bare, moving = _place_some(scene, links, of, box), scene.moving[box]
-    grow = growth.of_boxes(of, box, bare) * moving
-    more = (grow + near[of] * moving)[:, None]
+        is_strike = (test >= begin) & (test < begin + len(target.striking))
+        strike_row, strike = row[is_strike], test[is_strike] - begin
+        index = strike_row * box_count + target.striking[strike]
+        strikes.append((index, strike_row, test[is_strike], target.of_strike[strike]))
+        begin += len(target.striking)
+    is_needed = np.zeros(len(near) * box_count, dtype=np.bool_)
+    for needed in (*ends, *(strike[0] for strike in strikes)):
+        is_needed[needed] = True
+    number = np.cumsum(is_needed) - 1
+    box_row, box = np.divmod(np.flatnonzero(is_needed), box_count)
+    bare, moving = _place_some(scene, links, box_row, box), scene.moving[box]
+    grow = growth.of_boxes(box_row, box, bare) * moving
+    limits = (grow + near[box_row] * moving)[:, None]
     if len(pair):
-        reach = bare.grown(_CORNERS * more).reach
-        one, other = (number.take(end) for end in ends)
-        room = reach.take(one, axis=0) + reach.take(other, axis=0)
-        kept = np.flatnonzero(
-            every(np.abs(bare.centres.take(one, axis=0) - bare.centres.take(other, axis=0)) <= room)
-        )
-        at, pair, one, other = at[kept], pair[kept], one[kept], other[kept]
-        both = bare.take(one), bare.take(other)
-        share = _share(grow.take(one), grow.take(other), growth.of_pairs(at, pair, *both))
-        wide = share[0] + near[at]
-        met = meet(both[0].grown(wide[:, None]), both[1].grown(share[1][:, None]))
-        tests = _BoxTests(at, scene.of_pair[pair], wide + share[1], growth.travel)
-        _look_closer(scene, joints, tests, met)
-        yield at, pair, met
-    begins = len(scene.first) + np.cumsum([0, *(len(target.striking) for target in scene.targets)])
-    for target, begin, (place, at, which) in zip(scene.targets, begins, strikes, strict=False):
-        if len(place):
-            here = number.take(place)
-            boxes = bare.take(here).grown(more.take(here, axis=0)).seen_from(*_frame(target))
+        reach = bare.grown(_CORNERS * limits).reach
+        first, second = (number.take(end) for end in ends)
+        extent = reach.take(first, axis=0) + reach.take(second, axis=0)
+        offset = bare.centres.take(first, axis=0) - bare.centres.take(second, axis=0)
+        kept = np.flatnonzero(all_of_three(np.abs(offset) <= extent))
+        pair_row, pair, first, second = pair_row[kept], pair[kept], first[kept], second[kept]
+        boxes, others = bare.take(first), bare.take(second)
+        both = growth.of_pairs(pair_row, pair, boxes, others)
+        first_grow, second_grow = _share_growth(grow.take(first), grow.take(second), both)
+        first_grow = first_grow + near[pair_row]
+        met = meet(boxes.grown(first_grow[:, None]), others.grown(second_grow[:, None]))
+        limit = first_grow + second_grow
+        tests = _BoxTests(pair_row, scene.of_pair[pair], limit, growth.travel)
+        _clear_distant_meshes(scene, joints, tests, met)
+        yield pair_row, pair, met
+    for target, (index, strike_row, strike, of_pair) in zip(scene.targets, strikes, strict=True):
+        if len(index):
+            striking = number.take(index)
+            limit = limits.take(striking)
+            boxes = bare.take(striking).grown(limit[:, None]).seen_from(*_get_frame(target))
             met = find_struck(target.mesh, boxes)
-            of_pair = target.of_strike[which - begin]
-            _look_closer(scene, joints, _BoxTests(at, of_pair, more.take(here)), met)
-            yield at, which, met
+            _clear_distant_meshes(scene, joints, _BoxTests(strike_row, of_pair, limit), met)
+            yield strike_row, strike, met
 
 
-def _frame(target: Target) -> tuple[FloatArray, FloatArray]:
-    """base_from_mesh, rotation and origin."""
+def _get_frame(target: Target) -> tuple[FloatArray, FloatArray]:
     return target.base_from_mesh.rotation, np.asarray(target.base_from_mesh.origin)
 
 
-def _grow(
+def _test_pairs(
     scene: Scene,
-    bare: Boxes,
-    which: tuple[IntArray, IntArray],
-    grow: FloatArray,
-    closing: FloatArray | None,
-) -> tuple[Boxes, Boxes, FloatArray]:
-    """The boxes of the pairs ``which`` (rows and pairs of boxes), grown each or together.
+    placed: tuple[FloatArray, Boxes],
+    tests: Tests,
+    growth: GrowthTable,
+    near: FloatArray,
+    exactly: bool = False,
+) -> BoolArray:
+    """Whether pairs of boxes meet, (n,).
 
-    The third value is the growth of both together, mm.
+    placed: joint values (N, J), and all boxes there (N, B).
+    exactly: argument of `_clear_distant_meshes`.
     """
-    row, box = which
-    one, other = grow[row, scene.first[box]], grow[row, scene.second[box]]
-    one, other = _share(one, other, None if closing is None else closing[row, box])
-    first, second = bare.pick(row, scene.first[box]), bare.pick(row, scene.second[box])
-    return first.grown(one[:, None]), second.grown(other[:, None]), one + other
+    row, pair = tests
+    first, second, (joints, bare) = scene.first[pair], scene.second[pair], placed
+    both = None if growth.closing is None else growth.closing[row, pair]
+    grow = _share_growth(growth.grow[row, first], growth.grow[row, second], both)
+    boxes = bare.pick(row, first).grown(grow[0][:, None]).grown(near[row, None])
+    met = meet(boxes, bare.pick(row, second).grown(grow[1][:, None]))
+    limit = grow[0] + grow[1] + near[row]
+    box_tests = _BoxTests(row, scene.of_pair[pair], limit, growth.travel)
+    _clear_distant_meshes(scene, joints, box_tests, met, exactly)
+    return met
 
 
-def _share(
-    one: FloatArray, other: FloatArray, both: FloatArray | None
+def _share_growth(
+    first: FloatArray, second: FloatArray, both: FloatArray | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Mm by which the first and the second box of pairs (n,) grow, of what each of them does: where both together grow
-    less than each of them the first does for both.
+    """The growth of the first and of the second boxes of pairs (n,), mm.
+
+    If `both`, the growth of a pair together, is less than the sum, the first box gets all of it.
     """
     if both is None:
-        return one, other
-    less = both < one + other
-    return np.where(less, both, one), np.where(less, 0.0, other)
+        return first, second
+    is_less = both < first + second
+    return np.where(is_less, both, first), np.where(is_less, 0.0, second)
 
 
-def finite(joints: FloatArray) -> FloatArray:
-    """``joints`` as they are. ValueError where one is not a number: nothing would seem to be near it."""
+def check_finite(joints: FloatArray) -> FloatArray:
+    """The joint values. Raises ValueError if one is not finite, which would seem to be free."""
     if not np.isfinite(joints).all():
         raise ValueError("a configuration holds a joint value that is not finite")
     return np.asarray(joints, dtype=np.float64)
 
 
-def place(scene: Scene, joints: FloatArray) -> Boxes:
-    """All boxes at N configurations (N, J), base frame: (N, B)."""
-    rotations, origins = frames(scene.robot, finite(joints))
-    # All configurations of a box in one product of matrices: an eighth of the time of a product each.
+def place_boxes(scene: Scene, joints: FloatArray) -> Boxes:
+    """All boxes at joint values (N, J), in the base frame: (N, B)."""
+    rotations, origins = frames(scene.robot, check_finite(joints))
+    # One matrix product for all poses of a box takes an eighth of the time of a product for each.
     count = len(scene.frame)
     rows = rotations.swapaxes(0, 1).take(scene.frame, axis=0).reshape(count, 3 * len(joints), 3)
     centres = (rows @ scene.origin[..., None]).reshape(count, len(joints), 3)
     centres += origins.swapaxes(0, 1).take(scene.frame, axis=0)
-    # Most boxes lie along the axes of their link.
+    # Most boxes have their edges along the axes of their link.
     for box in np.flatnonzero((scene.rotation != np.eye(3)).any(axis=(1, 2))).tolist():
         rows[box] = rows[box] @ scene.rotation[box]
     axes = rows.reshape(count, len(joints), 3, 3).swapaxes(0, 1)
@@ -418,75 +432,80 @@ def place(scene: Scene, joints: FloatArray) -> Boxes:
 def _place_some(
     scene: Scene, links: tuple[FloatArray, FloatArray], row: IntArray, box: IntArray
 ) -> Boxes:
-    """Boxes (n,) at rows (n,) of configurations whose links are at ``links``, as of ``frames``."""
+    """Boxes (n,) of the scene, each at one row (n,) of `links`, see `frames`."""
     frame = scene.frame[box]
-    # Link by link, as they lie in memory: so they are taken in a third of the time.
-    at = frame * len(links[0]) + row
-    rotation = links[0].swapaxes(0, 1).reshape(-1, 3, 3).take(at, axis=0)
-    origin = links[1].swapaxes(0, 1).reshape(-1, 3).take(at, axis=0)
-    turned = rotation @ np.concatenate([scene.rotation, scene.origin[..., None]], axis=2).take(
-        box, axis=0
-    )
+    # Links are stored link by link. In that order they are taken in a third of the time.
+    index = frame * len(links[0]) + row
+    rotation = links[0].swapaxes(0, 1).reshape(-1, 3, 3).take(index, axis=0)
+    origin = links[1].swapaxes(0, 1).reshape(-1, 3).take(index, axis=0)
+    link_from_box = np.concatenate([scene.rotation, scene.origin[..., None]], axis=2)
+    turned = rotation @ link_from_box.take(box, axis=0)
     return Boxes(origin + turned[..., 3], turned[..., :3], scene.half.take(box, axis=0))
 
 
-def near_pairs(scene: Scene, placed: Boxes) -> tuple[IntArray, IntArray]:
-    """Row and pair of boxes (n,), in order, whose boxes square to the base meet."""
+def _find_near_pairs(scene: Scene, placed: Boxes) -> Tests:
+    """The pairs of boxes that meet as boxes with edges along x, y and z of the base."""
     reach = placed.reach
-    near = np.ones((len(scene.first), len(reach)), dtype=bool)
+    is_near = np.ones((len(scene.first), len(reach)), dtype=bool)
     for axis in range(3):
-        # Box by box in memory: pairs are rows then, and taken in a fraction of the time.
-        at, room = (np.ascontiguousarray(table[..., axis].T) for table in (placed.centres, reach))
-        near &= np.abs(at[scene.first] - at[scene.second]) <= room[scene.first] + room[scene.second]
-    row, box = np.nonzero(near.T)
-    return row, box
+        # Stored box by box, the boxes of pairs are taken in a fraction of the time.
+        centre = np.ascontiguousarray(placed.centres[..., axis].T)
+        half = np.ascontiguousarray(reach[..., axis].T)
+        offset = np.abs(centre[scene.first] - centre[scene.second])
+        is_near &= offset <= half[scene.first] + half[scene.second]
+    row, pair = np.nonzero(is_near.T)
+    return row, pair
 
 
-def near_mesh(target: Target, placed: Boxes) -> tuple[IntArray, IntArray, Boxes]:
-    """Row and place in ``target.striking`` of boxes (n,), in order, that may meet the mesh since the boxes around both
-    do that are square to the base, and these boxes in the mesh's frame.
+def _find_near_mesh(target: Target, placed: Boxes) -> tuple[IntArray, IntArray, Boxes]:
+    """The boxes that may meet a mesh, by the boxes around both along x, y and z of the base.
+
+    Returns their rows, their indices in `target.striking`, and the boxes in the frame of the mesh.
     """
     mesh = target.mesh
-    rotation, origin = _frame(target)
+    rotation, origin = _get_frame(target)
     around = Boxes(rotation @ mesh.box.centres + origin, rotation, mesh.box.half)
     striking = placed[:, target.striking]
-    apart = np.abs(striking.centres - around.centres) <= striking.reach + around.reach
-    row, which = np.nonzero(apart[..., 0] & apart[..., 1] & apart[..., 2])
-    return row, which, striking[row, which].seen_from(rotation, origin)
+    is_near = np.abs(striking.centres - around.centres) <= striking.reach + around.reach
+    row, strike = np.nonzero(is_near[..., 0] & is_near[..., 1] & is_near[..., 2])
+    return row, strike, striking[row, strike].seen_from(rotation, origin)
 
 
-def _against(
+def _add_mesh_hits(
     scene: Scene,
     joints: FloatArray,
     target: Target,
     placed: Boxes,
-    more: FloatArray,
-    found: IntArray,
+    limits: FloatArray,
+    colliding: IntArray,
 ) -> None:
-    """Fill in the pairs with the mesh for configurations that have none yet.
+    """Set `colliding` to the pair that strikes a mesh, at joint values that have no pair yet.
 
-    more: (N, B) mm by which boxes are larger.
+    limits: (N, B) distance by which boxes are larger, mm.
     """
-    free = np.flatnonzero(found < 0)
-    row, which, boxes = near_mesh(target, placed if len(free) == len(found) else placed[free])
-    struck = find_struck(target.mesh, boxes)
+    free = np.flatnonzero(colliding < 0)
+    is_all = len(free) == len(colliding)
+    row, strike, boxes = _find_near_mesh(target, placed if is_all else placed[free])
+    met = find_struck(target.mesh, boxes)
     row = free[row]
-    room = more[row, target.striking[which]]
-    tests = _BoxTests(row, target.of_strike[which], room)
-    _look_closer(scene, joints, tests, struck, exactly=True)
-    met = np.flatnonzero(struck)[::-1]
-    found[row[met]] = target.of_strike[which[met]]
+    tests = _BoxTests(row, target.of_strike[strike], limits[row, target.striking[strike]])
+    _clear_distant_meshes(scene, joints, tests, met, exactly=True)
+    struck = np.flatnonzero(met)[::-1]
+    colliding[row[struck]] = target.of_strike[strike[struck]]
 
 
-# How far what may collide is apart.
+# Clearances.
 
-#: mm that distances must differ by to be told apart.
+#: Two distances count as different if they differ by more than this, mm.
 _SAME_DISTANCE_MM = 1e-6
 
 
 class Nearest(Struct, frozen=True):
-    """The nearest that two bodies come. row: the configuration. pair: of ``scene.pairs``, -1 where all are as far apart
-    as was looked.
+    """The smallest clearance at several joint values.
+
+    distance: mm.
+    row: index of the joint values.
+    pair: index in `scene.pairs`; -1 if no pair is nearer than the largest distance asked for.
     """
 
     distance: float
@@ -494,9 +513,12 @@ class Nearest(Struct, frozen=True):
     pair: int
 
 
-class _Found(Struct, frozen=True, eq=False):
-    """What has been found so far at each of n places, lowered as more is measured. distance: (n,) mm. row: (n,) the
-    configuration, pair: (n,) the pair that is so near, -1 where nothing is.
+class _NearestPairs(Struct, frozen=True, eq=False):
+    """The smallest clearance found at each of n places. It is lowered as more is measured.
+
+    distance: (n,) mm.
+    row: (n,) index of the joint values.
+    pair: (n,) index in `scene.pairs`; -1 if no pair is nearer than the first distance.
     """
 
     distance: FloatArray
@@ -504,44 +526,64 @@ class _Found(Struct, frozen=True, eq=False):
     pair: IntArray
 
     @classmethod
-    def beyond(cls, distance: FloatArray) -> _Found:
-        """Nothing is nearer than ``distance`` (n,)."""
+    def make(cls, distance: FloatArray) -> _NearestPairs:
+        """Places without any pair nearer than `distance` (n,)."""
         none = np.full(len(distance), -1)
         return cls(distance, none, none.copy())
 
 
-def clearance(scene: Scene, joints: FloatArray, near: float) -> FloatArray:
-    """The least distance (N,), mm, of all pairs at each configuration (N, J); 0 where it collides, ``near`` where all
-    are as far apart or farther. True to 1e-6 mm; the cost grows with what lies within ``near``.
+def measure_clearance(scene: Scene, joints: FloatArray, near: float) -> FloatArray:
+    """The clearance of all pairs at joint values (N, J), mm (N,).
+
+    It is 0 at a collision, and at most `near`. It is exact to 1e-6 mm. The time grows with the
+    number of pairs within `near`.
     """
     joints = np.asarray(joints, dtype=np.float64)
-    least = np.where(are_clear(split_off_meshes(scene), joints), near, 0.0)
-    free = np.flatnonzero(least)
-    _lower(scene, joints[free], free, _Found.beyond(least))
-    return least
+    distances = np.where(are_clear(split_off_meshes(scene), joints), near, 0.0)
+    free = np.flatnonzero(distances)
+    _lower(scene, joints[free], free, _NearestPairs.make(distances))
+    return distances
 
 
-def least(scene: Scene, joints: FloatArray, near: float) -> Nearest:
-    """The least of ``clearance`` for configurations (N, J) that do not collide, and its place; cheaper than each."""
-    return least_of_each(scene, joints, np.zeros(len(joints), dtype=np.int64), np.array([near]))[0]
-
-
-def least_of_each(
+def find_nearest_pairs(
     scene: Scene, joints: FloatArray, owner: IntArray, near: FloatArray
 ) -> list[Nearest]:
-    """``least`` for each of n groups of configurations. owner: (N,) the group of each. near: (n,) mm."""
-    found = _Found.beyond(near.copy())
-    _lower(scene, joints, owner, found)
-    columns = (column.tolist() for column in (found.distance, found.row, found.pair))
-    return [Nearest(*one) for one in zip(*columns, strict=True)]
+    """The smallest clearance of each of n groups of joint values that do not collide.
+
+    It is cheaper than to measure each clearance.
+
+    owner: (N,) the group of each of the joint values.
+    near: (n,) largest distance asked for in each group, mm.
+    """
+    nearest = _NearestPairs.make(near.copy())
+    _lower(scene, joints, owner, nearest)
+    columns = (column.tolist() for column in (nearest.distance, nearest.row, nearest.pair))
+    return [Nearest(*fields) for fields in zip(*columns, strict=True)]
+
+
+class _Candidates(Struct, frozen=True, eq=False):
+    """Pairs that may be the nearest ones at some place.
+
+    joints: (n, J).
+    place: (n,) place for which each pair is measured.
+    row: (n,) index of the joint values.
+    pair: (n,) index in `scene.pairs`.
+    bound: (n,) lower bound of the distance, mm.
+    """
+
+    joints: FloatArray
+    place: IntArray
+    row: IntArray
+    pair: IntArray
+    bound: FloatArray
 
 
 class _Rows(NamedTuple):
-    """Configurations that are measured together.
+    """Joint values that are measured together.
 
     joints: (n, J).
     placed: all boxes there, (n, B).
-    row: (n,) numbers of the configurations.
+    row: (n,) indices of the joint values.
     place: (n,) their places in the results.
     """
 
@@ -550,115 +592,115 @@ class _Rows(NamedTuple):
     row: IntArray
     place: IntArray
 
+    def make_candidates(self, row: IntArray, pair: IntArray, bound: FloatArray) -> _Candidates:
+        return _Candidates(self.joints[row], self.place[row], self.row[row], pair, bound)
 
-def _lower(scene: Scene, joints: FloatArray, place_of: IntArray, found: _Found) -> None:
-    """Lower ``found`` at ``place_of`` (N,) to the distances at the configurations (N, J)."""
+
+def _lower(scene: Scene, joints: FloatArray, owner: IntArray, nearest: _NearestPairs) -> None:
+    """Lower `nearest` at the places `owner` (N,) to the distances at joint values (N, J)."""
     for begin in range(0, len(joints), ROWS):
-        rows = np.arange(begin, min(begin + ROWS, len(joints)))
-        looked = _Rows(joints[rows], place(scene, joints[rows]), rows, place_of[rows])
-        _between(scene, looked, found)
+        index = np.arange(begin, min(begin + ROWS, len(joints)))
+        rows = _Rows(joints[index], place_boxes(scene, joints[index]), index, owner[index])
+        _measure_pairs(scene, rows, nearest)
         for target in scene.targets:
-            _to_mesh(scene, target, looked, found)
+            _measure_strikes(scene, target, rows, nearest)
 
 
-def _between(scene: Scene, rows: _Rows, found: _Found) -> None:
+def _measure_pairs(scene: Scene, rows: _Rows, nearest: _NearestPairs) -> None:
     placed = rows.placed
-    wide = placed.grown(found.distance[rows.place][:, None, None] * scene.moving[:, None])
-    row, which = near_pairs(scene, wide)
-    first, second = placed.pick(row, scene.first[which]), placed.pick(row, scene.second[which])
-    pair = scene.of_pair[which]
-    bound = least_apart(first, second)
-    _raise_bounds(scene, rows.joints[row], pair, found.distance[rows.place[row]], bound)
-
-    def measured(k: int) -> float:
-        closer = scene.closer[pair[k]]
-        if closer is not None:
-            return pairs.measure(scene.robot, closer, rows.joints[row[k]])
-        return distance(body(first, k), body(second, k))
-
-    _measure(
-        _Asked(rows.place[row], rows.row[row], pair, bound),
-        found,
-        lambda some, by: bound[some] < by,
-        measured,
+    distances = nearest.distance[rows.place][:, None, None]
+    row, test = _find_near_pairs(scene, placed.grown(distances * scene.moving[:, None]))
+    first, second = placed.pick(row, scene.first[test]), placed.pick(row, scene.second[test])
+    candidates = rows.make_candidates(row, scene.of_pair[test], bound_distances(first, second))
+    _raise_bounds(scene, candidates, nearest)
+    _measure_candidates(
+        scene,
+        candidates,
+        nearest,
+        lambda batch, limit: candidates.bound[batch] < limit,
+        lambda k: measure_distance(make_box_object(first, k), make_box_object(second, k)),
     )
 
 
-def _to_mesh(scene: Scene, target: Target, rows: _Rows, found: _Found) -> None:
-    placed = rows.placed
-    row, which, wide = near_mesh(target, placed.grown(found.distance[rows.place][:, None, None]))
-    boxes = Boxes(wide.centres, wide.axes, placed.half[row, target.striking[which]])
-    pair = target.of_strike[which]
-    bound = np.zeros(len(row))
-    _raise_bounds(scene, rows.joints[row], pair, found.distance[rows.place[row]], bound)
+def _measure_strikes(scene: Scene, target: Target, rows: _Rows, nearest: _NearestPairs) -> None:
+    """Lower `nearest` to the distances of boxes, or of meshes of links, from a mesh that stands."""
+    distances = nearest.distance[rows.place][:, None, None]
+    row, strike, grown = _find_near_mesh(target, rows.placed.grown(distances))
+    boxes = Boxes(grown.centres, grown.axes, rows.placed.half[row, target.striking[strike]])
+    candidates = rows.make_candidates(row, target.of_strike[strike], np.zeros(len(row)))
+    _raise_bounds(scene, candidates, nearest)
 
-    def within(some: IntArray, by: FloatArray) -> BoolArray:
-        struck = find_struck(target.mesh, boxes[some].grown(by[:, None]))
-        return np.asarray(struck & (bound[some] < by))
+    def may_be_nearer(batch: IntArray, limit: FloatArray) -> BoolArray:
+        is_struck = find_struck(target.mesh, boxes[batch].grown(limit[:, None]))
+        return np.asarray(is_struck & (candidates.bound[batch] < limit))
 
-    def measured(k: int) -> float:
-        closer = scene.closer[pair[k]]
-        if closer is not None:
-            return pairs.measure(scene.robot, closer, rows.joints[row[k]])
-        return distance(target.mesh.surface, body(boxes, k))
+    _measure_candidates(
+        scene,
+        candidates,
+        nearest,
+        may_be_nearer,
+        lambda k: measure_distance(target.mesh.surface, make_box_object(boxes, k)),
+    )
 
-    _measure(_Asked(rows.place[row], rows.row[row], pair, bound), found, within, measured)
 
+def _raise_bounds(scene: Scene, candidates: _Candidates, nearest: _NearestPairs) -> None:
+    """Raise the bounds of pairs whose meshes are farther apart than their boxes.
 
-def _raise_bounds(
-    scene: Scene, joints: FloatArray, pair: IntArray, enough: FloatArray, bound: FloatArray
-) -> None:
-    """Raise ``bound`` (n,) for meshes that are farther apart than their boxes at joints (n, J).
-
-    enough: (n,) mm; no bound need be more.
+    No bound is measured beyond the distance that is already found for its place.
     """
-    for number in each_once(pair).tolist():
-        closer = scene.closer[number]
+    bound, limit = candidates.bound, nearest.distance[candidates.place]
+    for pair in each_once(candidates.pair).tolist():
+        closer = scene.closer[pair]
         if closer is not None:
-            rows = np.flatnonzero((pair == number) & (bound < enough))
-            raised = pairs.at_least(scene.robot, closer, joints[rows], enough[rows])
+            rows = np.flatnonzero((candidates.pair == pair) & (bound < limit))
+            raised = pairs.bound_distances(
+                scene.robot, closer, candidates.joints[rows], limit[rows]
+            )
             bound[rows] = np.maximum(bound[rows], raised)
 
 
-class _Asked(Struct, frozen=True, eq=False):
-    """Candidates (n,) for the nearest: the place that each is asked for, its configuration, its pair, and mm that it is
-    apart at least.
-    """
-
-    place: IntArray
-    row: IntArray
-    pair: IntArray
-    bound: FloatArray
-
-
-#: An odd number of 64 bits: its multiples are spread evenly and follow no order.
+#: An odd number of 64 bits whose multiples are spread evenly and in no simple order.
 _SPREAD = np.uint64(0x9E3779B97F4A7C15)
 
 
-def _measure(
-    asked: _Asked,
-    found: _Found,
-    within: Callable[[IntArray, FloatArray], BoolArray],
-    measured: Callable[[int], float],
+def _measure_candidates(
+    scene: Scene,
+    candidates: _Candidates,
+    nearest: _NearestPairs,
+    may_be_nearer: Callable[[IntArray, FloatArray], BoolArray],
+    measure_boxes: Callable[[int], float],
 ) -> None:
-    """Lower ``found`` to the distances of n candidates. within: which of some may be nearer than so many mm.
+    """Lower `nearest` to the distances of n candidates.
 
-    fcl's distance takes a hundred times as long as a yes or no. So of each place the candidate that may be nearest is
-    measured, and only those stay that may be nearer than that. Where many are about as near, twice as many are measured
-    in each round as in the one before. Of candidates that may all touch any one may be the nearest; in any order but
-    that along a motion, few rounds are needed.
+    may_be_nearer: gets indices (m,) of candidates and distances (m,), mm; returns (m,) whether they
+        may be nearer than that.
+    measure_boxes: distance of a candidate whose pair has no meshes of links, mm.
+
+    A distance of fcl takes a hundred times as long as a test. So the candidate with the lowest
+    bound is measured at each place, and then only those that may be nearer remain. Each round
+    measures twice as many as the previous one, in case many are about equally near. Candidates with
+    equal bounds are in mixed order. In the order of a motion each would be a little nearer than the
+    one before, which needs many rounds.
     """
-    mixed = np.argsort(np.arange(len(asked.place), dtype=np.uint64) * _SPREAD)
-    left = mixed[np.lexsort((asked.bound[mixed], asked.place[mixed]))]
-    many = 1
-    while len(left):
-        left = left[
-            within(left, np.maximum(found.distance[asked.place[left]] - _SAME_DISTANCE_MM, 0.0))
-        ]
-        now = ramp(run_lengths(asked.place[left])) < many
-        for k in left[now].tolist():
-            at = asked.place[k]
-            if asked.bound[k] < found.distance[at] and (far := measured(k)) < found.distance[at]:
-                found.distance[at], found.row[at], found.pair[at] = far, asked.row[k], asked.pair[k]
-        left = left[~now]
-        many *= 2
+    mixed = np.argsort(np.arange(len(candidates.place), dtype=np.uint64) * _SPREAD)
+    pending = mixed[np.lexsort((candidates.bound[mixed], candidates.place[mixed]))]
+    limit = 1
+    while len(pending):
+        distances = nearest.distance[candidates.place[pending]] - _SAME_DISTANCE_MM
+        pending = pending[may_be_nearer(pending, np.maximum(distances, 0.0))]
+        is_due = ramp(run_lengths(candidates.place[pending])) < limit
+        for k in pending[is_due].tolist():
+            index = candidates.place[k]
+            if candidates.bound[k] >= nearest.distance[index]:
+                continue
+            closer = scene.closer[candidates.pair[k]]
+            if closer is None:
+                measured = measure_boxes(k)
+            else:
+                measured = pairs.measure_pair(scene.robot, closer, candidates.joints[k])
+            if measured < nearest.distance[index]:
+                nearest.distance[index] = measured
+                nearest.row[index] = candidates.row[k]
+                nearest.pair[index] = candidates.pair[k]
+        pending = pending[~is_due]
+        limit *= 2

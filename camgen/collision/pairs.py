@@ -1,29 +1,30 @@
-"""Two bodies of which at least one is a mesh: whether they meet, and their distance.
+"""Tests two bodies of which at least one is a mesh, and measures their distance.
 
-The cuboids around both are tested first (``hits``). Where these meet, fcl measures the meshes. That
+The cuboids around both are tested first (`hits`). Where these meet, fcl measures the meshes. That
 takes 0.2 to 5 ms, a thousand times as long as a test of cuboids, so each distance is kept:
 
-- The place of one body beside the other depends only on the joints between them.
+- The pose of one body relative to the other depends only on the joints between them.
 - A joint brings them nearer by no more than its angle times its lever.
 - So the distance at the middle of a cell of joint values bounds the distances in all of the cell.
 
-Of two links with one link between them, one is nearly round about the joint beside it. A solid
-around all that it sweeps takes its place first (``swept``): then that joint does not count, and
-there are far fewer cells.
+If there is one link between two links, one of the two is nearly round about its joint. The solid
+that it sweeps about this joint is tested first (`swept`). The distance from the solid does not
+depend on the joint, so there are far fewer cells.
 
-Before a distance is measured for a few questions alone, two cheaper answers are tried: known points
-of both bodies that are near enough, and the cuboids of one body, enlarged, against the mesh of the
-other one, which fcl answers in a tenth of the time.
+Before a distance is measured for few joint values, two cheaper tests are tried: known points of
+both bodies that are near enough, and the enlarged cuboids of one body against the mesh of the other
+one, which takes fcl a tenth of the time.
 
-The answers of `come_within` and `meet` do not depend on the distances that were kept before: if the
+The results of `come_within` and `meet` do not depend on the distances that were kept before: if the
 bounds do not decide, fcl measures at the joint values themselves.
 
-For fcl a mesh is a surface, which a body wholly within it does not meet. The bodies of an arm hang
-together, from a base that is outside: before one is within, another passes the surface.
+For fcl a mesh is a surface, so a body wholly within it does not meet it. The bodies of an arm are
+connected, from a base that is outside: before one is within, another one meets the surface.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache
@@ -33,40 +34,47 @@ import fcl  # type: ignore[import-untyped]
 import numpy as np
 from msgspec import Struct
 
-from camgen.collision.mesh import distance, join_surfaces, make_model, pick_outermost
+from camgen.collision.boxes import Boxes
+from camgen.collision.mesh import (
+    join_surfaces,
+    make_box_object,
+    make_model,
+    measure_distance,
+    select_outermost,
+)
 from camgen.collision.swept import SweptSolid
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray, Pose
 from camgen.robots.kinematics.forward import frames
 from camgen.robots.models import Box, Link, Robot
 
-#: mm by which bodies may come nearer from the middle of a cell to its border, for each size; and
-#: the size of more cells for solids, with one joint between them and a link.
+#: Sizes of cells: distance by which bodies may come nearer from the middle of a cell to its border,
+#: mm; and the size of further cells for solids, whose distance depends on one joint.
 _SLACKS_MM, _SMALL_SLACK_MM = (24.0, 3.0), 0.5
-#: Meetings that take fcl as long as a distance.
+#: fcl tests this number of poses in the time of one distance.
 _WORTH = 12
-#: Questions in a cell for which its distance is measured before each is tried by itself.
+#: Number of joint values in a cell from which its distance is measured before each is tested alone.
 _MANY = 6
-#: Places at which cuboids are tried before all others, and the share of these at which they have to
-#: answer.
+#: Number of joint values at which cuboids are tried before all others, and the fraction of these at
+#: which they have to decide.
 _TRIES, _WORTH_SHARE = 8, 0.5
-#: Cells and meetings that a pair keeps: they take some 200 bytes each.
+#: Cells and results that a pair keeps. Each takes about 200 bytes.
 _MOST_KNOWN = 100_000
 #: Joint values at which points of two bodies are compared together.
 _ROWS = 256
-#: Decimals of joint values, rad or mm; the values are equal if these are.
+#: Joint values are equal if these decimals are, rad or mm.
 _DIGITS = 12
-#: mm by which fcl's distances may be off: two ways to compute one differ by less.
+#: mm by which distances of fcl may be wrong: two ways to compute one differ by less.
 _ROUNDING_MM = 1e-6
 
 
 class Shape(Struct, frozen=True, eq=False):
-    """A body as fcl has it.
+    """A body for fcl.
 
-    frame: number of the link that carries it, 0 for a body that stands.
-    parts: fcl's geometries, and the pose of each in that link's frame.
-    points: (K, 3) some of its points, in that link's frame.
-    boxes: cuboids that hold it, in that link's frame.
+    frame: index of the link that carries it, 0 for a body that stands.
+    parts: geometries of fcl, and the pose of each in the frame of that link.
+    points: (K, 3) some of its points, in the frame of that link.
+    boxes: cuboids that hold it, in the frame of that link.
     is_mesh: whether it is a surface of triangles.
     """
 
@@ -78,11 +86,10 @@ class Shape(Struct, frozen=True, eq=False):
 
 
 class Sweep(Struct, frozen=True, eq=False):
-    """A body of which the solid that it sweeps is tested.
+    """The solid that is tested in place of one body of a pair.
 
-    solid: the solid.
-    is_first: whether that is the first body.
-    points: (N, 3) corners of the other body, in its link's frame.
+    is_first: whether it replaces the first body.
+    points: (N, 3) corners of the other body, in the frame of its link.
     """
 
     solid: SweptSolid
@@ -93,21 +100,22 @@ class Sweep(Struct, frozen=True, eq=False):
 class MeshPair(Struct, frozen=True, eq=False):
     """Two bodies and their known distances.
 
-    frames: the links that carry them.
-    first: fcl's objects of the first body, in its link's frame.
-    second: fcl's objects of the second one, each with its pose in its link's frame.
-    second_at_rest: the same in its link's frame.
-    points: some points of both bodies, each in its link's frame.
-    boxes: cuboids that hold the first and the second body, each in its link's frame; empty where
+    frames: indices of the links that carry them.
+    first: objects of fcl for the first body, in the frame of its link.
+    second: objects of fcl for the second body, each with its pose in the frame of its link.
+    second_at_rest: objects of fcl for the second body, in the frame of its link.
+    points: some points of both bodies, each in the frame of its link.
+    boxes: cuboids that hold the first and the second body, each in the frame of its link; empty if
         the other body is not a mesh.
-    joints: (d,) the joints of the chain between both links.
-    levers: (d,) mm per rad or mm of each, by which the bodies come nearer at most.
-    slacks: mm by which they come nearer from the middle of a cell to its border, for each size.
-    known: distances by cells, one table for each of ``slacks``.
-    meetings: whether the bodies meet, by the values of ``joints``.
-    wider: the pair with a solid around one of these bodies, which is tested first, if there is one;
-        made where it is asked for.
-    sweep: the body of this pair that is such a solid.
+    joints: (d,) indices of the joints between both links.
+    levers: (d,) distance by which each of these brings the bodies nearer at most, mm per rad or mm.
+    slacks: sizes of cells: distance by which the bodies may come nearer from the middle of a cell
+        to its border, mm.
+    known: known distances by cells, one table for each of `slacks`.
+    meetings: whether the bodies meet, by the values of `joints`.
+    wider: makes the pair with a solid around one of these bodies, which is tested first; None if
+        there is no such pair.
+    sweep: the solid, if this is such a pair.
     """
 
     frames: tuple[int, int]
@@ -126,24 +134,24 @@ class MeshPair(Struct, frozen=True, eq=False):
 
 
 @lru_cache(maxsize=64)
-def model_of(link: Link) -> Any:
-    """Fcl's model of all surfaces of a link, made once for any number of scenes."""
+def make_link_model(link: Link) -> Any:
+    """The model of fcl for all surfaces of a link, made once for any number of scenes."""
     return make_model(*join_surfaces(link))
 
 
 @lru_cache(maxsize=64)
-def link_points(link: Link) -> FloatArray:
+def list_link_points(link: Link) -> FloatArray:
     """The corners (K, 3) of the surfaces of a link that lie farthest outward."""
-    return pick_outermost(join_surfaces(link)[0])
+    return select_outermost(join_surfaces(link)[0])
 
 
-def box_part(box: Box) -> tuple[Any, Pose]:
-    """A cuboid as fcl has it, and its pose in the link's frame."""
+def make_box_part(box: Box) -> tuple[Any, Pose]:
+    """The geometry of fcl for a cuboid, and its pose in the frame of the link."""
     x, y, z = box.half
     return fcl.Box(2 * x, 2 * y, 2 * z), box.link_from_box
 
 
-def pair_up(
+def make_pair(
     first: Shape,
     second: Shape,
     levers: FloatArray,
@@ -152,9 +160,9 @@ def pair_up(
 ) -> MeshPair:
     """The pair of two bodies.
 
-    levers: (J,) mm per rad or mm of each joint, 0 for joints that are not between them, and for
-        that of a swept body.
-    wider, sweep: fields of ``MeshPair``.
+    levers: (J,) distance by which each joint brings them nearer at most, mm per rad or mm; 0 for
+        joints that are not between them, and for the joint of a swept body.
+    wider, sweep: fields of `MeshPair`.
     """
     low, high = sorted((first.frame, second.frame))
     joints = np.arange(low, high)
@@ -164,9 +172,9 @@ def pair_up(
         slacks += (_SMALL_SLACK_MM,)
     return MeshPair(
         (first.frame, second.frame),
-        tuple(fcl.CollisionObject(*_with_transform(*part)) for part in first.parts),
+        tuple(itertools.starmap(_make_object, first.parts)),
         tuple((fcl.CollisionObject(part[0]), part[1]) for part in second.parts),
-        tuple(fcl.CollisionObject(*_with_transform(*part)) for part in second.parts),
+        tuple(itertools.starmap(_make_object, second.parts)),
         (first.points, second.points),
         (first.boxes if second.is_mesh else (), second.boxes if first.is_mesh else ()),
         joints,
@@ -179,120 +187,122 @@ def pair_up(
     )
 
 
-def _with_transform(geometry: Any, pose: Pose) -> tuple[Any, Any]:
-    return geometry, fcl.Transform(pose.rotation, np.asarray(pose.origin))
+def _make_object(geometry: Any, pose: Pose) -> Any:
+    return fcl.CollisionObject(geometry, fcl.Transform(pose.rotation, np.asarray(pose.origin)))
 
 
-def come_within(robot: Robot, pair: MeshPair, joints: FloatArray, room: FloatArray) -> BoolArray:
-    """At which joint values (N, J) the two bodies come within ``room`` (N,), mm; at 0: meet."""
-    met = _have_near_points(robot, pair, joints, room)
-    left = np.flatnonzero(~met)
-    left = left[at_least(robot, pair, joints[left], room[left]) <= room[left]]
-    for row, placed in zip(left.tolist(), _each(robot, pair, joints[left]), strict=True):
-        met[row] = _distance(pair, placed) <= room[row]
-    return met
+def come_within(robot: Robot, pair: MeshPair, joints: FloatArray, limit: FloatArray) -> BoolArray:
+    """Whether the two bodies come within `limit` (N,) mm at joint values (N, J); 0 is to meet."""
+    is_near = _have_near_points(robot, pair, joints, limit)
+    rows = np.flatnonzero(~is_near)
+    rows = rows[bound_distances(robot, pair, joints[rows], limit[rows]) <= limit[rows]]
+    for row, placed in zip(rows.tolist(), _place_each(robot, pair, joints[rows]), strict=True):
+        is_near[row] = _distance(pair, placed) <= limit[row]
+    return is_near
 
 
 def meet(robot: Robot, pair: MeshPair, joints: FloatArray) -> BoolArray:
-    """At which joint values (N, J) the two bodies meet.
+    """Whether the two bodies meet at joint values (N, J).
 
-    fcl takes a tenth of the time of a distance for it. So known distances are used, and new ones
-    are measured in cells of many questions alone.
+    That takes fcl a tenth of the time of a distance. So known distances are used, and new ones are
+    measured in cells of many joint values alone.
     """
-    met = may_come_within(robot, pair, joints, np.zeros(len(joints)), worth=_WORTH)
-    left = np.flatnonzero(met)
+    is_meeting = may_come_within(robot, pair, joints, np.zeros(len(joints)), worth=_WORTH)
+    rows = np.flatnonzero(is_meeting)
     if len(pair.meetings) > _MOST_KNOWN:
         pair.meetings.clear()
-    serial = (joints[left] @ robot.coupling.T)[:, pair.joints]
+    serial = (joints[rows] @ robot.coupling.T)[:, pair.joints]
     keys = [row.tobytes() for row in serial.round(_DIGITS)]
-    new = [k for k, key in enumerate(keys) if key not in pair.meetings]
-    for k, placed in zip(new, _each(robot, pair, joints[left[new]]), strict=True):
+    untested = [k for k, key in enumerate(keys) if key not in pair.meetings]
+    for k, placed in zip(untested, _place_each(robot, pair, joints[rows[untested]]), strict=True):
         pair.meetings[keys[k]] = _meet(pair, placed)
-    met[left] = [pair.meetings[key] for key in keys]
-    return met
+    is_meeting[rows] = [pair.meetings[key] for key in keys]
+    return is_meeting
 
 
 class Travel(Struct, frozen=True, eq=False):
     """The largest deviations from N joint values.
 
-    turned: (N, J) rad or mm, of each joint of the serial chain.
-    more: (N,) mm by which two bodies may be nearer beside that.
+    turned: (N, J) deviation of each joint of the serial chain, rad or mm.
+    extra: (N,) distance by which two bodies may be nearer for other reasons, mm.
     """
 
     turned: FloatArray
-    more: FloatArray
+    extra: FloatArray
 
     def select(self, rows: IntArray | slice) -> Travel:
         """The deviations in some rows."""
-        return Travel(self.turned[rows], self.more[rows])
+        return Travel(self.turned[rows], self.extra[rows])
 
 
 def may_come_within(
     robot: Robot,
     pair: MeshPair,
     joints: FloatArray,
-    room: FloatArray,
+    limit: FloatArray,
     travel: Travel | None = None,
     worth: int = 1,
 ) -> BoolArray:
-    """At which joint values (N, J) bounds prove no distance above ``room`` (N,), mm.
+    """Whether the bodies may come within `limit` (N,) mm at joint values (N, J).
 
-    travel: the largest deviations of the joint values, which are a part of ``room``. The joint
-        about which a body sweeps its solid brings the solid no nearer.
-    worth: questions in a cell for which fcl measures its distance if that is not known.
+    False if bounds prove a larger distance.
+
+    travel: the largest deviations of the joint values, which are a part of `limit`. The joint about
+        which a body sweeps its solid brings the solid no nearer.
+    worth: number of joint values in a cell from which fcl measures its distance if it is not known.
     """
-    met = np.ones(len(joints), dtype=np.bool_)
+    is_near = np.ones(len(joints), dtype=np.bool_)
     if travel is not None and (wider := pair.wider()) is not None:
-        solid_room = travel.turned[:, wider.joints] @ wider.levers + travel.more
-        rows = np.flatnonzero(solid_room < room)
-        bound = at_least(robot, wider, joints[rows], solid_room[rows], worth)
-        met[rows] = bound <= solid_room[rows]
-    left = np.flatnonzero(met)
-    left = left[~_have_near_points(robot, pair, joints[left], room[left])]
-    met[left] = at_least(robot, pair, joints[left], room[left], worth) <= room[left]
-    return met
+        solid_limit = travel.turned[:, wider.joints] @ wider.levers + travel.extra
+        rows = np.flatnonzero(solid_limit < limit)
+        bound = bound_distances(robot, wider, joints[rows], solid_limit[rows], worth)
+        is_near[rows] = bound <= solid_limit[rows]
+    rows = np.flatnonzero(is_near)
+    rows = rows[~_have_near_points(robot, pair, joints[rows], limit[rows])]
+    is_near[rows] = bound_distances(robot, pair, joints[rows], limit[rows], worth) <= limit[rows]
+    return is_near
 
 
 def _have_near_points(
-    robot: Robot, pair: MeshPair, joints: FloatArray, room: FloatArray
+    robot: Robot, pair: MeshPair, joints: FloatArray, limit: FloatArray
 ) -> BoolArray:
-    """At which joint values (N, J) two known points of the bodies are within ``room`` (N,), mm."""
-    near = np.zeros(len(joints), dtype=np.bool_)
-    roomy = np.flatnonzero(room > 0)
+    """Whether two known points of the bodies are within `limit` (N,) mm at joint values (N, J)."""
+    is_near = np.zeros(len(joints), dtype=np.bool_)
+    positive = np.flatnonzero(limit > 0)
     first, second = pair.points
-    for begin in range(0, len(roomy), _ROWS):
-        rows = roomy[begin : begin + _ROWS]
-        turned, shifted = _place(robot, pair, joints[rows])
-        placed = second @ turned.swapaxes(1, 2) + shifted[:, None]
+    for begin in range(0, len(positive), _ROWS):
+        rows = positive[begin : begin + _ROWS]
+        rotations, origins = _place(robot, pair, joints[rows])
+        placed = second @ rotations.swapaxes(1, 2) + origins[:, None]
         squares = (placed**2).sum(axis=2)[:, :, None] + (first**2).sum(axis=1)
         squares -= 2 * (placed @ first.T)
-        near[rows] = squares.min(axis=(1, 2)) <= room[rows] ** 2
-    return near
+        is_near[rows] = squares.min(axis=(1, 2)) <= limit[rows] ** 2
+    return is_near
 
 
-def measure(robot: Robot, pair: MeshPair, joints: FloatArray) -> float:
-    """The distance at joint values (J,), mm; 0 where the bodies meet."""
-    (placed,) = _each(robot, pair, joints[None])
+def measure_pair(robot: Robot, pair: MeshPair, joints: FloatArray) -> float:
+    """The distance at joint values (J,), mm; 0 if the bodies meet."""
+    (placed,) = _place_each(robot, pair, joints[None])
     return _distance(pair, placed)
 
 
-def at_least(
+def bound_distances(
     robot: Robot, pair: MeshPair, joints: FloatArray, enough: FloatArray, worth: int = 1
 ) -> FloatArray:
-    """No more than the distance at joint values (N, J), mm (N,); it may be negative.
+    """Lower bounds of the distance at joint values (N, J), mm (N,); they may be negative.
 
-    enough: (N,) mm; nothing more is measured for a bound that is more, nor where none can be.
-    worth: argument of ``may_come_within``.
+    enough: (N,) mm; no more is measured if a bound is above it, or if none can be.
+    worth: argument of `may_come_within`.
     """
     bound = np.full(len(joints), -math.inf)
     if (wider := pair.wider()) is not None:
-        bound = at_least(robot, wider, joints, enough, worth)
+        bound = bound_distances(robot, wider, joints, enough, worth)
     is_open = _raise(robot, pair, joints, enough, bound, max(worth, _MANY))
-    left = np.flatnonzero(is_open & (bound <= enough))
-    if worth < _MANY and len(left):
-        # A few questions in a cell are answered sooner one by one.
-        wide = enough[left] + 2 * _ROUNDING_MM
-        far_rows = left[_have_boxes_apart(robot, pair, joints[left], wide)]
+    rows = np.flatnonzero(is_open & (bound <= enough))
+    if worth < _MANY and len(rows):
+        # A few joint values in a cell are tested faster one by one.
+        margin = enough[rows] + 2 * _ROUNDING_MM
+        far_rows = rows[_have_boxes_apart(robot, pair, joints[rows], margin)]
         bound[far_rows] = enough[far_rows] + _ROUNDING_MM
         _raise(robot, pair, joints, enough, bound, worth)
     return bound
@@ -306,28 +316,29 @@ def _raise(
     bound: FloatArray,
     worth: int,
 ) -> BoolArray:
-    """Raise ``bound`` (N,) to what cells prove.
+    """Raise `bound` (N,) to the bounds that cells prove.
 
-    Returns where it is not known that the distance is no more than ``enough``, (N,).
+    Returns False where the distance is known to be no more than `enough`, (N,).
     """
     is_open = np.ones(len(joints), dtype=np.bool_)
     for level, slack in enumerate(pair.slacks):
-        left = np.flatnonzero(is_open & (bound <= enough))
-        if not len(left):
+        rows = np.flatnonzero(is_open & (bound <= enough))
+        if not len(rows):
             break
-        more, is_known = _bound(robot, pair, joints[left], level, worth)
-        bound[left] = np.maximum(bound[left], more)
-        # The distance is no more than that in the middle of the cell and its slack.
-        is_open[left] = ~is_known | (more + 2 * (slack + _ROUNDING_MM) > enough[left])
+        raised, is_known = _bound(robot, pair, joints[rows], level, worth)
+        bound[rows] = np.maximum(bound[rows], raised)
+        # The distance is no more than the distance in the middle of the cell, plus its slack.
+        is_open[rows] = ~is_known | (raised + 2 * (slack + _ROUNDING_MM) > enough[rows])
     return is_open
 
 
 def _bound(
     robot: Robot, pair: MeshPair, joints: FloatArray, level: int, worth: int
 ) -> tuple[FloatArray, BoolArray]:
-    """The least that the distance can be at joint values (N, J), mm (N,), and where it is known.
+    """Lower bounds of the distance at joint values (N, J), mm (N,), and whether they are known.
 
-    worth: argument of ``may_come_within``; the bound of an unknown cell is below 0.
+    level: index in `slacks` of the size of the cells.
+    worth: argument of `may_come_within`; the bound of an unknown cell is below 0.
     """
     width = 2 * pair.slacks[level] / np.maximum(len(pair.joints) * pair.levers, 1.0)
     serial = (joints @ robot.coupling.T)[:, pair.joints]
@@ -337,12 +348,12 @@ def _bound(
     if len(known) > _MOST_KNOWN:
         known.clear()
     keys = list(map(tuple, unique.tolist()))
-    new = [k for k, key in enumerate(keys) if counts[k] >= worth and key not in known]
-    if new:
-        middles = np.zeros((len(new), len(robot.joints)))
-        middles[:, pair.joints] = unique[new] * width
+    unknown = [k for k, key in enumerate(keys) if counts[k] >= worth and key not in known]
+    if unknown:
+        middles = np.zeros((len(unknown), len(robot.joints)))
+        middles[:, pair.joints] = unique[unknown] * width
         middles = np.asarray(np.linalg.solve(robot.coupling, middles.T).T)
-        for k, placed in zip(new, _each(robot, pair, middles), strict=True):
+        for k, placed in zip(unknown, _place_each(robot, pair, middles), strict=True):
             known[keys[k]] = _distance(pair, placed)
     middle = np.array([known.get(key, math.nan) for key in keys])[cell_of.ravel()]
     is_known = ~np.isnan(middle)
@@ -360,82 +371,78 @@ def _place(robot: Robot, pair: MeshPair, joints: FloatArray) -> _Relative:
     rotations, origins = frames(robot, joints)
     first, second = pair.frames
     back = rotations[:, first].swapaxes(1, 2)
-    turned = np.asarray(back @ rotations[:, second])
-    shifted = (back @ (origins[:, second] - origins[:, first])[..., None])[..., 0]
-    return turned, shifted
+    offset = (origins[:, second] - origins[:, first])[..., None]
+    return np.asarray(back @ rotations[:, second]), (back @ offset)[..., 0]
 
 
-def _each(robot: Robot, pair: MeshPair, joints: FloatArray) -> Iterator[_Relative]:
-    """``_place`` at each of the joint values (N, J)."""
+def _place_each(robot: Robot, pair: MeshPair, joints: FloatArray) -> Iterator[_Relative]:
     return zip(*_place(robot, pair, joints), strict=True)
 
 
 def _move(pair: MeshPair, placed: _Relative) -> None:
-    """Put the second body's objects where they are."""
-    turned, shifted = placed
+    rotation, shift = placed
     for item, pose in pair.second:
-        origin = shifted + turned @ np.asarray(pose.origin)
-        item.setTransform(fcl.Transform(turned @ pose.rotation, origin))
+        origin = shift + rotation @ np.asarray(pose.origin)
+        item.setTransform(fcl.Transform(rotation @ pose.rotation, origin))
 
 
 def _have_boxes_apart(
-    robot: Robot, pair: MeshPair, joints: FloatArray, room: FloatArray
+    robot: Robot, pair: MeshPair, joints: FloatArray, margin: FloatArray
 ) -> BoolArray:
-    """At which joint values (N, J) the cuboids of one body meet nothing of the other, (N,).
+    """Whether the cuboids of one body meet nothing of the other at joint values (N, J).
 
-    room: (N,) mm by which cuboids are larger on each side.
-    Some places are tried first. If it is true at few of them, the others are not tried.
+    Some joint values are tried first. If the cuboids are apart at few of them, the others are not
+    tried, and count as False.
+
+    margin: (N,) distance by which cuboids are larger on each side, mm.
     """
-    turned, shifted = _place(robot, pair, joints)
-    back = turned.swapaxes(1, 2)
-    moved_back = -(back @ shifted[..., None])[..., 0]
+    rotation, shift = _place(robot, pair, joints)
+    back = rotation.swapaxes(1, 2)
+    shift_back = -(back @ shift[..., None])[..., 0]
     is_apart = np.zeros(len(joints), dtype=np.bool_)
     is_first = np.arange(len(joints)) % max(len(joints) // _TRIES, 1) == 0
     for meshes, boxes, (rotations, origins) in (
-        (pair.first, pair.boxes[1], (turned, shifted)),
-        (pair.second_at_rest, pair.boxes[0], (back, moved_back)),
+        (pair.first, pair.boxes[1], (rotation, shift)),
+        (pair.second_at_rest, pair.boxes[0], (back, shift_back)),
     ):
         if not boxes:
             continue
         for tried in (is_first, ~is_first):
-            left = np.flatnonzero(tried & ~is_apart)
-            if not len(left):
+            rows = np.flatnonzero(tried & ~is_apart)
+            if not len(rows):
                 continue
-            is_apart[left] = True
+            is_apart[rows] = True
             for box in boxes:
                 pose = box.link_from_box
-                axes = rotations[left] @ pose.rotation
-                centres = origins[left] + rotations[left] @ np.asarray(pose.origin)
-                sizes = 2 * (np.asarray(box.half) + room[left, None])
-                for row, *placed in zip(left.tolist(), axes, centres, sizes.tolist(), strict=True):
-                    is_apart[row] = is_apart[row] and not _meet_any(meshes, [_make_box(*placed)])
-            if is_apart[left].mean() < _WORTH_SHARE:
+                centres = origins[rows] + rotations[rows] @ np.asarray(pose.origin)
+                half = np.asarray(box.half) + margin[rows, None]
+                grown = Boxes(centres, rotations[rows] @ pose.rotation, half)
+                for k, row in enumerate(rows.tolist()):
+                    is_apart[row] = is_apart[row] and not _meet_any(
+                        meshes, [make_box_object(grown, k)]
+                    )
+            if is_apart[rows].mean() < _WORTH_SHARE:
                 break
     return is_apart
 
 
-def _make_box(axes: FloatArray, centre: FloatArray, sizes: list[float]) -> Any:
-    return fcl.CollisionObject(fcl.Box(*sizes), fcl.Transform(axes, centre))
-
-
 def _distance(pair: MeshPair, placed: _Relative) -> float:
-    # To fcl a solid is its surface, and bodies within the solid are apart from it.
+    # For fcl a solid is its surface, so bodies within the solid do not meet it.
     if pair.sweep is not None and _is_within(pair.sweep, placed):
         return 0.0
     _move(pair, placed)
     least = math.inf
     for item in pair.first:
         for other, _ in pair.second:
-            least = min(least, distance(item, other))
+            least = min(least, measure_distance(item, other))
     return least
 
 
 def _is_within(sweep: Sweep, placed: _Relative) -> bool:
-    """Whether a corner of the other body is within the solid."""
-    turned, shifted = placed
+    rotation, shift = placed
     if sweep.is_first:
-        turned, shifted = turned.T, -shifted @ turned
-    return sweep.solid.holds_any(sweep.points, turned, shifted)
+        rotation, shift = rotation.T, -shift @ rotation
+    return sweep.solid.holds_any(sweep.points, rotation, shift)
 
 
 def _meet(pair: MeshPair, placed: _Relative) -> bool:
@@ -444,7 +451,6 @@ def _meet(pair: MeshPair, placed: _Relative) -> bool:
 
 
 def _meet_any(first: Sequence[Any], second: Sequence[Any]) -> bool:
-    """Whether any of fcl's objects meets one of the second ones."""
     for item in first:
         for other in second:
             if fcl.collide(item, other, fcl.CollisionRequest(), fcl.CollisionResult()):

@@ -1,13 +1,15 @@
-"""What can collide: the bodies of a cell, and which pairs of them are tested.
+"""The bodies of a cell that can collide, and the pairs of them that are tested.
 
-Links, tool, fixtures and table are cuboids (RFA paper, section II.B); the part is a mesh or cuboids.
+Links, tool, fixtures and table are cuboids (RFA paper, section II.B). Where the cuboids of a link
+meet others, its meshes decide, if it has any. The part is a mesh or cuboids.
 """
 
 from __future__ import annotations
 
 import itertools
+from collections import defaultdict
 from collections.abc import Sequence
-from functools import cache, lru_cache
+from functools import cache, lru_cache, partial
 
 import numpy as np
 from msgspec import Struct
@@ -17,10 +19,10 @@ from camgen.collision.pairs import (
     MeshPair,
     Shape,
     Sweep,
-    box_part,
-    link_points,
-    model_of,
-    pair_up,
+    list_link_points,
+    make_box_part,
+    make_link_model,
+    make_pair,
 )
 from camgen.collision.swept import enlarge_levers, measure_roundness, sweep
 from camgen.geometry.vectors import cross
@@ -32,11 +34,15 @@ from camgen.robots.models import Box, Link, Robot
 
 #: The name of the part among the bodies.
 PART = "part"
-_HERE = Pose(IDENTITY, (0.0, 0.0, 0.0))
+_NO_SHIFT = Pose(IDENTITY, (0.0, 0.0, 0.0))
 
 
 class Target(Struct, frozen=True, eq=False):
-    """A mesh that stands. striking, of_strike: (M,) boxes of the scene that are tested against it and their pair."""
+    """A mesh that stands.
+
+    striking: (M,) indices of the boxes of the scene that are tested against it.
+    of_strike: (M,) index in `Scene.pairs` of each of these tests.
+    """
 
     mesh: Mesh
     base_from_mesh: Pose
@@ -45,16 +51,18 @@ class Target(Struct, frozen=True, eq=False):
 
 
 class Scene(Struct, frozen=True, eq=False):
-    """A cell ready to be tested. Made by ``scene``.
+    """A cell ready to be tested, made by `make_scene`.
 
-    pairs: names of the bodies of every pair, in the order in which they are tested: the robot and its tool against
-    themselves, then against obstacles, then against the part.
-
-    Boxes, B in all, some bodies with more than one set of them: frame: (B,) the link that carries it, 0 for what
-    stands; rotation (B, 3, 3), origin (B, 3): link_from_box; half: (B, 3).
-    first, second, of_pair: (P,) boxes that are tested against each other and their pair.
+    pairs: names of the two bodies of each pair, in the order in which they are tested: the robot
+        and its tool against themselves, then against obstacles, then against the part.
+    frame: (B,) index of the link that carries each box, 0 for boxes that stand. Some bodies have
+        several sets of boxes.
+    rotation, origin: (B, 3, 3) and (B, 3) link_from_box of each box, mm.
+    half: (B, 3) half the edges of each box, mm.
+    first, second: (P,) indices of boxes that are tested against each other.
+    of_pair: (P,) index in `pairs` of each of these tests.
     targets: meshes that stand.
-    closer: the meshes of each pair, which decide where boxes meet, None for two bodies of boxes.
+    closer: meshes of each pair, which decide where its boxes meet; None for two bodies of boxes.
     """
 
     robot: Robot
@@ -71,33 +79,36 @@ class Scene(Struct, frozen=True, eq=False):
 
     @property
     def moving(self) -> BoolArray:
-        """(B,) which boxes move."""
+        """(B,) whether each box moves."""
         return self.frame > 0
 
 
 def name_pair(scene: Scene, pair: int) -> str:
-    """The pair that ``hits`` names, as text: 'link 5 against clamp'."""
+    """The bodies of a pair, by its index in `scene.pairs`: 'link 5 against clamp'."""
     return " against ".join(scene.pairs[pair])
 
 
 class _Body(Struct, frozen=True, eq=False):
-    """A name and its boxes in the frame of link ``frame``.
+    """A body of the scene.
 
-    link: link whose meshes decide where boxes meet.
+    frame: index of the link that carries it, 0 for a body that stands.
+    boxes: its cuboids in the frame of that link.
+    mesh: its mesh, if it stands and has no boxes.
+    link: the link whose meshes decide where the boxes meet.
     """
 
     name: str
     frame: int
     boxes: tuple[Box, ...]
     mesh: Mesh | None = None
-    base_from_mesh: Pose = _HERE
+    base_from_mesh: Pose = _NO_SHIFT
     link: Link | None = None
 
     def measure_reach(self, origin: FloatArray, axis: FloatArray) -> tuple[float, float]:
-        """The reach of the body from an axis and from a point on it, mm.
+        """The largest distance of the body from an axis, and from a point on the axis, mm.
 
         origin: (3,) the point, in the frame of the link.
-        axis: (3,) direction, a unit vector.
+        axis: (3,) direction of the axis, a unit vector.
         """
         if self.link is not None:
             return _measure_link(self.link, to_vec3(origin), to_vec3(axis))
@@ -108,7 +119,7 @@ class _Body(Struct, frozen=True, eq=False):
         return _measure_reach(placed - origin, axis)
 
     def shape(self) -> Shape:
-        """The body as fcl has it."""
+        """The body for fcl."""
         if self.mesh is not None:
             place = self.base_from_mesh
             points = self.mesh.outermost @ place.rotation.T + np.asarray(place.origin)
@@ -118,12 +129,12 @@ class _Body(Struct, frozen=True, eq=False):
         if self.link is not None:
             return _shape_link(self.link, self.frame)
         points = np.concatenate([*map(_corners, self.boxes)])
-        parts = tuple(map(box_part, self.boxes))
+        parts = tuple(map(make_box_part, self.boxes))
         return Shape(self.frame, parts, points, self.boxes, is_mesh=False)
 
 
 class Wall(Struct, frozen=True, eq=False):
-    """A body that stands and is a mesh, in the frame of the mesh."""
+    """A body that stands and is a mesh."""
 
     name: str
     mesh: Mesh
@@ -144,22 +155,28 @@ class Allowed(Struct, frozen=True):
     pairs: tuple[tuple[str, str], ...] = ()
 
 
-def scene(
+def make_scene(
     robot: Robot,
     tool: tuple[Link, ...] = (),
     obstacles: tuple[Link | Wall, ...] = (),
     part: Mesh | tuple[Box, ...] = (),
-    base_from_part: Pose = _HERE,
+    base_from_part: Pose = _NO_SHIFT,
     allowed: Allowed = Allowed(),  # noqa: B008 (frozen)
 ) -> Scene:
-    """A scene. tool: bodies fixed to the flange, their boxes as flange_from_box; obstacles: bodies that stand, their
-    boxes as base_from_box; part: its boxes as part_from_box, or its mesh.
+    """The scene of a robot and its surroundings.
 
-    Links are grown by the robot's pad. Links that touch anyway (``Robot.touching``) are not tested against each other,
-    nor the tool against the last link; links that touch the last one, to which the flange may be closer than the pad,
-    are tested against the tool without pad. The base stands: it is tested against what moves only.
+    tool: bodies fixed to the flange, their boxes as flange_from_box.
+    obstacles: bodies that stand, their boxes as base_from_box.
+    part: its mesh, or its boxes as part_from_box.
+    allowed: contacts that are not collisions.
 
-    JobError: two bodies of one name, a name in ``allowed`` that no body has, a tool thinner than its contact.
+    Links are grown by the pad of the robot. Links that always touch (`Robot.touching`) are not
+    tested against each other, and the tool is not tested against the last link. Links that touch
+    the last one may be nearer to the flange than the pad, so they are tested against the tool
+    without it. The base stands, so it is tested against moving bodies only.
+
+    Raises JobError for two bodies of one name, for a name in `allowed` that no body has, and for a
+    tool that is thinner than its contact.
     """
     last = len(robot.joints)
     bare = [
@@ -169,69 +186,60 @@ def scene(
     links = [
         _Body(body.name, body.frame, _grow(body.boxes, robot.pad), link=body.link) for body in bare
     ]
-    tools = [_Body(body.name, last, _on_flange(robot, body.boxes)) for body in tool]
-    standing = [_stand(body) for body in obstacles]
-    target = _part(part, base_from_part)
-    _check([*links, *tools, *standing, *target], allowed.pairs)
-    spared = {frozenset(pair) for pair in robot.touching}
+    tools = [_Body(body.name, last, _place_boxes(robot.flange, body.boxes)) for body in tool]
+    standing = list(map(_make_standing, obstacles))
+    target = _make_part(part, base_from_part)
+    _check_names([*links, *tools, *standing, *target], allowed.pairs)
+    touching = set(map(frozenset, robot.touching))
     pairs = [
         (a, b)
         for a, b in itertools.combinations(links, 2)
-        if frozenset((a.frame, b.frame)) not in spared
+        if frozenset((a.frame, b.frame)) not in touching
     ]
-    pairs += [
-        ((bare if frozenset((k, last)) in spared else links)[k], body)
-        for body in tools
-        for k in range(last)
-    ]
-    pairs += [(body, other) for body in [*links[1:], *tools] for other in standing]
-    working = [
-        *(_Body(body.name, last, _entering(body, allowed)) for body in tools[:1]),
-        *tools[1:],
-    ]
-    pairs += [(body, other) for body in [*links[1:], *working] for other in target]
-    without = {frozenset(names) for names in allowed.pairs}
-    tested = [(a, b) for a, b in pairs if frozenset((a.name, b.name)) not in without]
-    return _tabulate(robot, tested)
+    by_tool = [bare[k] if frozenset((k, last)) in touching else links[k] for k in range(last)]
+    pairs += [(link, body) for body, link in itertools.product(tools, by_tool)]
+    pairs += itertools.product([*links[1:], *tools], standing)
+    working = [_Body(body.name, last, _shrink_tool(body, allowed)) for body in tools[:1]]
+    pairs += itertools.product([*links[1:], *working, *tools[1:]], target)
+    untested = set(map(frozenset, allowed.pairs))
+    return _make_scene(
+        robot, [(a, b) for a, b in pairs if frozenset((a.name, b.name)) not in untested]
+    )
 
 
 def narrow(scene: Scene, pairs: Sequence[int]) -> Scene:
-    """The same cell with only these of its pairs, by index, and only their boxes."""
-    number = np.full(len(scene.pairs), -1)
-    number[list(pairs)] = np.arange(len(pairs))
-    tested = number[scene.of_pair] >= 0
-    strikes = [(target, number[target.of_strike] >= 0) for target in scene.targets]
-    used = np.zeros(len(scene.frame), dtype=bool)
-    used[scene.first[tested]] = used[scene.second[tested]] = True
-    for target, kept in strikes:
-        used[target.striking[kept]] = True
-    place = np.cumsum(used) - 1
+    """The scene with only these of its pairs, by index, and only their boxes."""
+    new_pair = np.full(len(scene.pairs), -1)
+    new_pair[list(pairs)] = np.arange(len(pairs))
+    is_tested = new_pair[scene.of_pair] >= 0
+    is_used = np.zeros(len(scene.frame), dtype=bool)
+    is_used[scene.first[is_tested]] = is_used[scene.second[is_tested]] = True
+    for target in scene.targets:
+        is_used[target.striking[new_pair[target.of_strike] >= 0]] = True
+    new_box = np.cumsum(is_used) - 1
+    targets = []
+    for target in scene.targets:
+        kept = np.flatnonzero(new_pair[target.of_strike] >= 0)
+        if len(kept):
+            strikes = new_box[target.striking[kept]], new_pair[target.of_strike[kept]]
+            targets.append(Target(target.mesh, target.base_from_mesh, *strikes))
     return Scene(
         robot=scene.robot,
         pairs=tuple(scene.pairs[k] for k in pairs),
-        frame=scene.frame[used],
-        rotation=frozen(scene.rotation[used]),
-        origin=frozen(scene.origin[used]),
-        half=frozen(scene.half[used]),
-        first=place[scene.first[tested]],
-        second=place[scene.second[tested]],
-        of_pair=number[scene.of_pair[tested]],
-        targets=tuple(
-            Target(
-                one.mesh, one.base_from_mesh, place[one.striking[kept]], number[one.of_strike[kept]]
-            )
-            for one, kept in strikes
-            if kept.any()
-        ),
+        frame=scene.frame[is_used],
+        rotation=frozen(scene.rotation[is_used]),
+        origin=frozen(scene.origin[is_used]),
+        half=frozen(scene.half[is_used]),
+        first=new_box[scene.first[is_tested]],
+        second=new_box[scene.second[is_tested]],
+        of_pair=new_pair[scene.of_pair[is_tested]],
+        targets=tuple(targets),
         closer=tuple(scene.closer[k] for k in pairs),
     )
 
 
 def _grow(boxes: tuple[Box, ...], pad: float) -> tuple[Box, ...]:
-    return tuple(
-        Box(box.link_from_box, (box.half[0] + pad, box.half[1] + pad, box.half[2] + pad))
-        for box in boxes
-    )
+    return tuple(Box(box.link_from_box, to_vec3(np.asarray(box.half) + pad)) for box in boxes)
 
 
 @lru_cache(maxsize=256)
@@ -240,29 +248,33 @@ def _measure_link(link: Link, origin: Vec3, axis: Vec3) -> tuple[float, float]:
 
 
 def _measure_reach(points: FloatArray, axis: FloatArray) -> tuple[float, float]:
-    """The reach of points (N, 3) from an axis through their origin, and from that, mm."""
+    """The largest distance of points (N, 3) from an axis through the origin, and from that, mm."""
     across = np.linalg.norm(cross(points, axis), axis=1)
     return float(across.max()), float(np.linalg.norm(points, axis=1).max())
 
 
 def _corners(box: Box) -> FloatArray:
-    """(8, 3) the corners of a cuboid."""
+    """(8, 3) corners of a cuboid in the frame of its link."""
     place, half = box.link_from_box, np.asarray(box.half)
     signs = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
     return np.asarray((signs * half) @ place.rotation.T + np.asarray(place.origin))
 
 
-def _on_flange(robot: Robot, boxes: tuple[Box, ...]) -> tuple[Box, ...]:
-    return tuple(Box(robot.flange @ box.link_from_box, box.half) for box in boxes)
+def _place_boxes(frame: Pose, boxes: tuple[Box, ...]) -> tuple[Box, ...]:
+    return tuple(Box(frame @ box.link_from_box, box.half) for box in boxes)
 
 
-def _stand(body: Link | Wall) -> _Body:
+def _make_standing(body: Link | Wall) -> _Body:
     if isinstance(body, Wall):
         return _Body(body.name, 0, (), body.mesh, body.base_from_mesh)
     return _Body(body.name, 0, body.boxes)
 
 
-def _entering(body: _Body, allowed: Allowed) -> tuple[Box, ...]:
+def _shrink_tool(body: _Body, allowed: Allowed) -> tuple[Box, ...]:
+    """The boxes of the tool, smaller by the depth to which it may enter the part.
+
+    Raises JobError if it is not thicker than that.
+    """
     contact, tip = allowed.contact, allowed.tip
     thin = min((min(box.half) for box in body.boxes), default=contact + 1)
     if thin <= contact:
@@ -274,31 +286,34 @@ def _entering(body: _Body, allowed: Allowed) -> tuple[Box, ...]:
             "",
             remedy,
         )
-    entering = _grow(body.boxes, -contact)
-    return entering if tip == 0 else tuple(part for box in entering for part in _taper(box, tip))
+    boxes = _grow(body.boxes, -contact)
+    if tip == 0:
+        return boxes
+    return tuple(itertools.chain.from_iterable(_taper(box, tip) for box in boxes))
 
 
 def _taper(box: Box, tip: float) -> tuple[Box, ...]:
-    """The box as two along its z, the last of them, as long as half its width, thinner and shorter by ``tip``."""
-    wide, deep, long = box.half
-    end = min(wide, deep, long) / 2
-    shaft = Box(box.link_from_box @ translation(0.0, 0.0, -end), (wide, deep, long - end))
-    if min(wide, deep, 2 * end) <= tip:
+    """The box as a shaft and an end along its z; the end is thinner and shorter by `tip` mm.
+
+    The end is as long as half the width of the box. An end that vanishes is left out.
+    """
+    x, y, z = box.half
+    end = min(x, y, z) / 2
+    shaft = Box(box.link_from_box @ translation(0.0, 0.0, -end), (x, y, z - end))
+    if min(x, y, 2 * end) <= tip:
         return (shaft,)
-    middle = long - end - tip / 2
-    return shaft, Box(
-        box.link_from_box @ translation(0.0, 0.0, middle), (wide - tip, deep - tip, end - tip / 2)
-    )
+    middle = z - end - tip / 2
+    half = (x - tip, y - tip, end - tip / 2)
+    return shaft, Box(box.link_from_box @ translation(0.0, 0.0, middle), half)
 
 
-def _part(part: Mesh | tuple[Box, ...], base_from_part: Pose) -> list[_Body]:
+def _make_part(part: Mesh | tuple[Box, ...], base_from_part: Pose) -> list[_Body]:
     if isinstance(part, Mesh):
         return [_Body(PART, 0, (), part, base_from_part)]
-    boxes = tuple(Box(base_from_part @ box.link_from_box, box.half) for box in part)
-    return [_Body(PART, 0, boxes)] if boxes else []
+    return [_Body(PART, 0, _place_boxes(base_from_part, part))] if part else []
 
 
-def _check(bodies: list[_Body], allowed: tuple[tuple[str, str], ...]) -> None:
+def _check_names(bodies: list[_Body], allowed: tuple[tuple[str, str], ...]) -> None:
     names = [body.name for body in bodies]
     for name in names:
         if names.count(name) > 1:
@@ -309,19 +324,22 @@ def _check(bodies: list[_Body], allowed: tuple[tuple[str, str], ...]) -> None:
             raise JobError(f"body {name}", what, remedy=suggest(name, names))
 
 
-def _tabulate(robot: Robot, tested: list[tuple[_Body, _Body]]) -> Scene:
+def _make_scene(robot: Robot, tested: list[tuple[_Body, _Body]]) -> Scene:
+    """The scene of pairs of bodies. A body that is in several pairs gets its boxes once."""
     rows: dict[int, range] = {}
     bodies: list[_Body] = []
+    boxes: list[tuple[int, Box]] = []
     for body in itertools.chain.from_iterable(tested):
         if id(body) not in rows:
-            begin = sum(len(other.boxes) for other in bodies)
-            rows[id(body)] = range(begin, begin + len(body.boxes))
+            rows[id(body)] = range(len(boxes), len(boxes) + len(body.boxes))
             bodies.append(body)
-    boxes = [(body.frame, box) for body in bodies for box in body.boxes]
-    against = [
-        (i, j, k) for k, (a, b) in enumerate(tested) for i in rows[id(a)] for j in rows[id(b)]
-    ]
-    first, second, of_pair = np.array(against, dtype=np.int64).reshape(-1, 3).T
+            boxes += itertools.product([body.frame], body.boxes)
+    box_pairs: list[tuple[int, int, int]] = []
+    strikes: dict[int, list[tuple[int, int]]] = defaultdict(list)
+    for k, (a, b) in enumerate(tested):
+        box_pairs += itertools.product(rows[id(a)], rows[id(b)], [k])
+        strikes[id(b)] += itertools.product(rows[id(a)], [k])
+    first, second, of_pair = np.array(box_pairs, dtype=np.int64).reshape(-1, 3).T
     return Scene(
         robot=robot,
         pairs=tuple((a.name, b.name) for a, b in tested),
@@ -332,35 +350,38 @@ def _tabulate(robot: Robot, tested: list[tuple[_Body, _Body]]) -> Scene:
         first=first,
         second=second,
         of_pair=of_pair,
-        targets=tuple(_target(body, tested, rows) for body in bodies if body.mesh),
-        closer=tuple(_closer(robot, a, b) for a, b in tested),
+        targets=tuple(_make_target(body, strikes[id(body)]) for body in bodies if body.mesh),
+        closer=tuple(itertools.starmap(partial(_pair_meshes, robot), tested)),
     )
 
 
-def _closer(robot: Robot, first: _Body, second: _Body) -> MeshPair | None:
+def _make_target(body: _Body, strikes: list[tuple[int, int]]) -> Target:
+    assert body.mesh is not None
+    striking, of_strike = np.array(strikes, dtype=np.int64).reshape(-1, 2).T
+    return Target(body.mesh, body.base_from_mesh, striking, of_strike)
+
+
+def _pair_meshes(robot: Robot, first: _Body, second: _Body) -> MeshPair | None:
     """The meshes of a pair, None if no link of it has any, or if one body has no shape at all."""
-    if first.link is None and second.link is None:
-        return None
-    if not all(body.boxes or body.mesh for body in (first, second)):
+    has_shapes = (first.boxes or first.mesh) and (second.boxes or second.mesh)
+    if (first.link is None and second.link is None) or not has_shapes:
         return None
     if first.link is not None and second.link is not None:
         return _pair_links(robot, (first.link, first.frame), (second.link, second.frame))
-    return pair_up(first.shape(), second.shape(), _levers_between(robot, first, second))
+    return make_pair(first.shape(), second.shape(), _bound_levers(robot, first, second))
 
 
-#: A link that is a mesh, and its number.
+#: A link with meshes, and its index.
 _NumberedLink = tuple[Link, int]
 
 
 @lru_cache(maxsize=128)
 def _pair_links(robot: Robot, first: _NumberedLink, second: _NumberedLink) -> MeshPair:
-    """The pair of two links, with its known distances, for any number of scenes."""
-    body, second_body = (
-        _Body(link.name, frame, link.boxes, link=link) for link, frame in (first, second)
-    )
-    levers = _levers_between(robot, body, second_body)
+    """The meshes of two links, with their known distances, for any number of scenes."""
+    bodies = [_Body(link.name, frame, link.boxes, link=link) for link, frame in (first, second)]
+    levers = _bound_levers(robot, *bodies)
     wider = cache(lambda: _widen(robot, first, second, levers))
-    return pair_up(body.shape(), second_body.shape(), levers, wider)
+    return make_pair(bodies[0].shape(), bodies[1].shape(), levers, wider)
 
 
 def _widen(
@@ -368,7 +389,8 @@ def _widen(
 ) -> MeshPair | None:
     """The pair of two links with one link between them, the rounder one as the solid it sweeps.
 
-    With one joint left there are few cells. None for other links, and where no joint turns.
+    The distance then depends on one joint only, so there are few cells. Returns None for other
+    links, and if neither joint is revolute.
     """
     if second[1] - first[1] != 2:
         return None
@@ -379,17 +401,17 @@ def _widen(
         about = place.origin, to_vec3(place.rotation @ np.asarray(after.axis))
         choices.append((measure_roundness(first[0], *about), first, second, about))
     if not before.sliding:
-        about = _HERE.origin, before.axis
+        about = _NO_SHIFT.origin, before.axis
         choices.append((measure_roundness(second[0], *about), second, first, about))
     if not choices:
         return None
     _, (link, frame), (other, other_frame), about = min(choices, key=lambda choice: choice[0])
     solid, (points, _) = sweep(link, *about), join_surfaces(other)
-    # The solid holds its link, so the points of that are in it.
-    swept = Shape(frame, ((solid.model, _HERE),), link_points(link), ())
+    # The solid holds its link, so the points of the link are in it.
+    swept = Shape(frame, ((solid.model, _NO_SHIFT),), list_link_points(link), ())
     other_shape = _shape_link(other, other_frame)
     is_first = frame < other_frame
-    return pair_up(
+    return make_pair(
         swept if is_first else other_shape,
         other_shape if is_first else swept,
         enlarge_levers(levers),
@@ -398,14 +420,15 @@ def _widen(
 
 
 def _shape_link(link: Link, frame: int) -> Shape:
-    return Shape(frame, ((model_of(link), _HERE),), link_points(link), link.boxes)
+    return Shape(frame, ((make_link_model(link), _NO_SHIFT),), list_link_points(link), link.boxes)
 
 
-def _levers_between(robot: Robot, first: _Body, second: _Body) -> FloatArray:
-    """(J,) mm per rad or mm of each joint by which two bodies come nearer at most.
+def _bound_levers(robot: Robot, first: _Body, second: _Body) -> FloatArray:
+    """Upper bounds of the distance by which each joint brings two bodies nearer (J,).
 
-    To turn one body about a joint is to turn the other one the other way, so the less distant
-    counts. No point of a body is farther from the axis of the joint than the lever.
+    mm per rad or mm. To rotate one body about a joint is to rotate the other one in the opposite
+    direction, so the one that is nearer to the axis counts. The lever is the distance of its
+    farthest point from the axis.
     """
     near, far = sorted((first, second), key=lambda body: body.frame)
     between = slice(near.frame, far.frame)
@@ -431,9 +454,9 @@ def _levers_between(robot: Robot, first: _Body, second: _Body) -> FloatArray:
 def _sum_levers(
     reach_at_first: tuple[float, float], axes: FloatArray, shifts: FloatArray, travel: FloatArray
 ) -> FloatArray:
-    """The reach of a body from each of K axes at any joint values (K,), mm.
+    """The largest distance of a body from each of K axes at any joint values (K,), mm.
 
-    reach_at_first: reach from the first axis and from its origin, mm.
+    reach_at_first: largest distance from the first axis, and from its origin, mm.
     axes: (K, 3) unit vectors.
     shifts: (K - 1, 3) from the origin of each axis to that of the next one, mm.
     travel: (K,) mm by which a sliding joint moves the links beyond it, 0 for others.
@@ -443,10 +466,3 @@ def _sum_levers(
         distances.append(float(np.linalg.norm(np.cross(shift, axis))) + reach)
         reach += float(np.linalg.norm(shift)) + slide
     return np.array(distances)
-
-
-def _target(body: _Body, tested: list[tuple[_Body, _Body]], rows: dict[int, range]) -> Target:
-    assert body.mesh is not None
-    strikes = [(i, k) for k, (a, b) in enumerate(tested) if b is body for i in rows[id(a)]]
-    striking, of_strike = np.array(strikes, dtype=np.int64).reshape(-1, 2).T
-    return Target(body.mesh, body.base_from_mesh, striking, of_strike)

@@ -1,7 +1,7 @@
-"""Solids around links that turn about an axis: each holds its link at all angles.
+"""Solids that links sweep about an axis: each holds its link at all angles of the joint.
 
-The solid looks the same at all angles. Many links of an arm are nearly round about the axis of a
-joint beside them, so the solid of such a link is hardly larger than the link.
+A rotation about the axis does not change the solid. Many links of an arm are nearly round about the
+axis of one of their joints, so the solid of such a link is hardly larger than the link.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from camgen.geometry.vectors import lengths
 from camgen.model.pose import FloatArray, Vec3
 from camgen.robots.models import Link
 
-#: Discs of a solid at most. Neighbours are one disc if their radii differ less, mm.
+#: Maximum number of discs of a solid; neighbours are merged if their radii differ by less, mm.
 _DISCS, _SAME_RADIUS_MM = 64, 0.1
 #: Sides of the prism around a disc.
 _SIDES = 32
-#: mm by which discs are larger than computed.
+#: mm by which discs are larger than computed, for rounding.
 _ROUNDING_MM = 1e-6
 
 
@@ -34,7 +34,7 @@ class SweptSolid(Struct, frozen=True, eq=False):
     radii: (n,) their radii, mm.
     origin: (3,) point on the axis from which heights count.
     axis: (3,) its direction, a unit vector.
-    model: fcl's model of prisms around the discs.
+    model: model of fcl of prisms around the discs.
     """
 
     heights: FloatArray
@@ -58,13 +58,13 @@ class SweptSolid(Struct, frozen=True, eq=False):
 
 
 def enlarge_levers(levers: FloatArray) -> FloatArray:
-    """The levers of a link as those of its solid, which is a little larger."""
+    """The levers of the solid of a link, which is a little larger than the link."""
     return np.asarray((levers + _SAME_RADIUS_MM) / math.cos(math.pi / _SIDES))
 
 
 @lru_cache(maxsize=64)
 def measure_roundness(link: Link, origin: Vec3, axis: Vec3) -> float:
-    """The volume of a cylinder about an axis that holds a link, by that of the link's cuboids."""
+    """The volume of a cylinder about an axis that holds a link, divided by that of its cuboids."""
     vertices, _ = join_surfaces(link)
     height, radius = _measure(vertices, origin, axis)
     cuboids = sum(8 * math.prod(box.half) for box in link.boxes)
@@ -73,35 +73,35 @@ def measure_roundness(link: Link, origin: Vec3, axis: Vec3) -> float:
 
 @lru_cache(maxsize=64)
 def sweep(link: Link, origin: Vec3, axis: Vec3) -> SweptSolid:
-    """The solid that a link sweeps about an axis, a unit vector through ``origin``.
+    """The solid that a link sweeps about an axis, a unit vector through `origin`.
 
-    What of a triangle is between two heights is farthest from the axis at a corner: at one of the
-    triangle, or where one of its sides passes such a height.
+    The part of a triangle between two heights is farthest from the axis at one of its corners: a
+    corner of the triangle, or the point at which a side crosses one of the heights.
     """
     vertices, faces = join_surfaces(link)
     height, radius = _measure(vertices, origin, axis)
     planes = np.linspace(height.min(), height.max(), _DISCS + 1)
     size = max(float(planes[-1] - planes[0]), _ROUNDING_MM) / _DISCS
     lower, upper = (
-        ((height + by - planes[0]) // size).astype(np.int64).clip(0, _DISCS - 1)
-        for by in (-_ROUNDING_MM, _ROUNDING_MM)
+        ((height + shift - planes[0]) // size).astype(np.int64).clip(0, _DISCS - 1)
+        for shift in (-_ROUNDING_MM, _ROUNDING_MM)
     )
     radii = np.zeros(_DISCS)
     np.maximum.at(radii, upper, radius)
     sides = faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     falls = height[sides[:, 0]] > height[sides[:, 1]]
     begin, end = np.where(falls[:, None], sides[:, ::-1], sides).T
-    passing = lower[begin] < upper[end]
-    begin, end = begin[passing], end[passing]
+    crosses = lower[begin] < upper[end]
+    begin, end = begin[crosses], end[crosses]
     counts = upper[end] - lower[begin]
     side = owners(counts)
     disc = lower[begin][side] + ramp(counts)
     rise = (height[end] - height[begin])[side]
-    share = (planes[disc + 1] - height[begin][side]) / np.where(rise > 0, rise, 1.0)
+    fraction = (planes[disc + 1] - height[begin][side]) / np.where(rise > 0, rise, 1.0)
     first, last = vertices[begin][side], vertices[end][side]
-    _, across = _measure(first + share.clip(0.0, 1.0)[:, None] * (last - first), origin, axis)
-    for neighbour in (disc, disc + 1):
-        np.maximum.at(radii, neighbour, across)
+    _, distance = _measure(first + fraction.clip(0.0, 1.0)[:, None] * (last - first), origin, axis)
+    np.maximum.at(radii, disc, distance)
+    np.maximum.at(radii, disc + 1, distance)
     starts = [0]
     for number in range(1, _DISCS):
         if np.ptp(radii[starts[-1] : number + 1]) > _SAME_RADIUS_MM:
@@ -123,7 +123,7 @@ def _measure(points: FloatArray, origin: Vec3, axis: Vec3) -> tuple[FloatArray, 
 def _make_prisms(
     heights: FloatArray, radii: FloatArray, origin: FloatArray, axis: FloatArray
 ) -> Any:
-    """Fcl's model of prisms around discs, one surface: two rings of corners for each disc."""
+    """The model of fcl of prisms around discs: one surface with two rings of corners per disc."""
     across = np.linalg.svd(axis[None])[2][1:]
     angles = math.tau / _SIDES * np.arange(_SIDES)
     circle = np.column_stack([np.cos(angles), np.sin(angles)]) @ across

@@ -1,4 +1,8 @@
-"""Is a whole triangle of configurations free? That is what lies between a corner and every way that rounds it."""
+"""Tests whether whole triangles of joint values are free of collisions.
+
+A triangle between a corner and its neighbours holds every path by which a controller may round the
+corner.
+"""
 
 from __future__ import annotations
 
@@ -10,28 +14,29 @@ from camgen.collision.hits import (
     ROWS,
     GrowthTable,
     Tests,
+    check_finite,
+    divide_tests,
     find_meetings,
     find_near,
-    finite,
     join_tests,
     meet_again,
-    share_tests,
-    tests_of,
+    select_tests,
 )
-from camgen.collision.motion import closing, levers
+from camgen.collision.motion import bound_closing, bound_levers
 from camgen.collision.pairs import Travel
 from camgen.collision.scene import Scene
 from camgen.geometry.ragged import ramp, run_lengths
 from camgen.geometry.vectors import cross, lengths
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
-from camgen.robots.kinematics.forward import frames, set_out
+from camgen.robots.kinematics.forward import compute_velocities, frames
 
-#: So often a triangle is split.
+#: Maximum number of times that a triangle is split.
 _SPLITS = 4
-#: A triangle as four of half its size: rows of its corners and of the middles of its sides, 01, 12 and 20.
+#: The four quarters of a triangle: rows of its corners, which are 0, 1, 2, and of the middles of
+#: its sides 01, 12, 20, which are 3, 4, 5.
 _FOUR = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])
-#: Of each group so many parts of triangles are looked at in a round at most, and twice as many in the next.
+#: Parts of triangles of each group that are tested in the first round. Each round doubles it.
 _FIRST = 32
 
 
@@ -40,193 +45,211 @@ def are_free(
     corners: FloatArray,
     owner: IntArray,
     near: float = 0.0,
-    apart: FloatArray | float = 0.0,
+    deviation: FloatArray | float = 0.0,
 ) -> BoolArray:
-    """Which groups of triangles of configurations, rad or mm, hold none at which bodies come within ``near`` mm (G,).
+    """Whether bodies keep more than `near` mm in whole groups of triangles of joint values (G,).
 
-    corners: (K, 3, J). owner: (K,) the group of each, 0 to G - 1, none of them empty. apart: mm, (G,) or one for all,
-    that any point of a body may be off.
+    corners: (K, 3, J) joint values, rad or mm.
+    owner: (K,) group of each triangle, 0 to G - 1; no group is empty.
+    deviation: distance by which any point of a body may be elsewhere, mm, (G,) or one for all.
 
-    A triangle is free where, at its middle, boxes grown by all that they move within it (``_Growth``) meet nothing;
-    else it is split in four, ``_SPLITS`` times: what is not found free then is taken not to be. The smallest come
-    first: most groups that are not free are done with after a few.
+    A triangle is free if boxes at its middle, grown by all that they move within it
+    (`_TriangleGrowth`), meet nothing. Otherwise it is split in four, up to `_SPLITS` times. Parts
+    that are not found to be free by then count as colliding. The smallest parts are tested first,
+    so most groups that collide are settled after a few tests.
     """
     groups = int(owner.max(initial=-1)) + 1
-    found = np.ones(groups, dtype=bool)
-    serial = finite(corners) @ scene.robot.coupling.T
+    is_free = np.ones(groups, dtype=bool)
+    serial = check_finite(corners) @ scene.robot.coupling.T
     travel = np.abs(serial).max(axis=(0, 1), initial=0.0)
-    reach = _Reach(scene, levers(scene, travel), closing(scene, travel))
-    off = np.broadcast_to(apart, groups)
-    left = _Left(
+    bounds = _JointBounds(scene, bound_levers(scene, travel), bound_closing(scene, travel))
+    deviations = np.broadcast_to(deviation, groups)
+    pending = _Pending(
         corners,
         owner,
         np.zeros(len(corners), dtype=np.int64),
-        _find_near(reach, corners, off[owner], near),
+        _find_near(bounds, corners, deviations[owner], near),
     )
-    many = _FIRST
-    while len(left.owner):
-        order, chosen = np.lexsort((-left.depth, left.owner)), left.depth == 0
-        chosen[order[ramp(run_lengths(left.owner[order])) < many]] = True
-        some, left = left.of(chosen), left.of(~chosen)
-        row, test = _meet_within(reach, some, off, near)
-        met = np.zeros(len(some.owner), dtype=np.bool_)
-        met[row] = True
-        found[some.owner[met & (some.depth == _SPLITS)]] = False
-        # What collides at the middle of a whole one need not be split.
-        again = met & (some.depth == 0)
-        if again.any():
-            middle, more = some.corners[again].mean(axis=1), off[some.owner[again]]
-            first = tests_of((row, test), again)
+    limit = _FIRST
+    while len(pending.owner):
+        order, is_chosen = np.lexsort((-pending.depth, pending.owner)), pending.depth == 0
+        is_chosen[order[ramp(run_lengths(pending.owner[order])) < limit]] = True
+        batch, pending = pending.select(is_chosen), pending.select(~is_chosen)
+        row, test = _meet_within(bounds, batch, deviations, near)
+        meets = np.zeros(len(batch.owner), dtype=np.bool_)
+        meets[row] = True
+        is_free[batch.owner[meets & (batch.depth == _SPLITS)]] = False
+        # A whole triangle that collides at its middle need not be split.
+        wholes = meets & (batch.depth == 0)
+        if wholes.any():
+            middle = batch.corners[wholes].mean(axis=1)
+            groups_of_wholes = batch.owner[wholes]
+            growth = GrowthTable(deviations[groups_of_wholes][:, None])
+            wholes_tests = select_tests((row, test), wholes)
             nears = np.full(len(middle), near)
-            at, _ = find_meetings(scene, middle, GrowthTable(more[:, None]), nears, first)
-            found[some.owner[again][at]] = False
-        left = left.of(found[left.owner]).joined(_split(some, met & found[some.owner], row, test))
-        many *= 2
-    return found
+            colliding, _ = find_meetings(scene, middle, growth, nears, wholes_tests)
+            is_free[groups_of_wholes[colliding]] = False
+        quarters = _split(batch, meets & is_free[batch.owner], row, test)
+        pending = pending.select(is_free[pending.owner]).join(quarters)
+        limit *= 2
+    return is_free
 
 
-class _Reach(Struct, frozen=True, eq=False):
-    """How far joints move what is in a scene at most. levers, closing: (J, B) and (J, P), as of these functions."""
+class _JointBounds(Struct, frozen=True, eq=False):
+    """Bounds of the distances by which joints move bodies.
+
+    levers: (J, B) see `bound_levers`.
+    closing: (J, P) see `bound_closing`.
+    """
 
     scene: Scene
     levers: FloatArray
     closing: FloatArray
 
 
-def _find_near(reach: _Reach, corners: FloatArray, off: FloatArray, near: float) -> Tests:
-    """What may meet in triangles (K, 3, J) by the levers of their joints alone."""
+def _find_near(
+    bounds: _JointBounds, corners: FloatArray, deviation: FloatArray, near: float
+) -> Tests:
+    """Tests that may meet in triangles (K, 3, J), by the levers of the joints alone."""
     middle = corners.mean(axis=1)
-    around = np.abs((corners - middle[:, None]) @ reach.scene.robot.coupling.T).max(axis=1)
-    return find_near(reach.scene, middle, around @ reach.levers + off[:, None] + near)
+    largest = np.abs((corners - middle[:, None]) @ bounds.scene.robot.coupling.T).max(axis=1)
+    return find_near(bounds.scene, middle, largest @ bounds.levers + deviation[:, None] + near)
 
 
-def _meet_within(reach: _Reach, some: _Left, off: FloatArray, near: float) -> Tests:
-    """What of the tests that are asked for may meet in some triangles."""
-    found = []
-    for begin in range(0, len(some.owner), ROWS):
+def _meet_within(
+    bounds: _JointBounds, batch: _Pending, deviations: FloatArray, near: float
+) -> Tests:
+    """The tests of `batch` that may meet within its triangles."""
+    meetings = []
+    for begin in range(0, len(batch.owner), ROWS):
         rows = slice(begin, begin + ROWS)
-        middle = some.corners[rows].mean(axis=1)
-        moved = (some.corners[rows] - middle[:, None]) @ reach.scene.robot.coupling.T
-        links = frames(reach.scene.robot, middle)
-        low, high = np.searchsorted(some.asked[0], [begin, begin + ROWS])
-        growth = _Growth.of(reach, links, moved, off[some.owner[rows]], near)
-        asked = some.asked[0][low:high] - begin, some.asked[1][low:high]
-        row, test = meet_again(
-            reach.scene, (middle, links), growth, np.full(len(middle), near), asked
-        )
-        found.append((row + begin, test))
-    return join_tests(found)
+        middle = batch.corners[rows].mean(axis=1)
+        moved = (batch.corners[rows] - middle[:, None]) @ bounds.scene.robot.coupling.T
+        links = frames(bounds.scene.robot, middle)
+        growth = _TriangleGrowth.make(bounds, links, moved, deviations[batch.owner[rows]], near)
+        low, high = np.searchsorted(batch.tests[0], [begin, begin + ROWS])
+        tests = batch.tests[0][low:high] - begin, batch.tests[1][low:high]
+        nears = np.full(len(middle), near)
+        row, test = meet_again(bounds.scene, (middle, links), growth, nears, tests)
+        meetings.append((row + begin, test))
+    return join_tests(meetings)
 
 
-class _Growth(Struct, frozen=True, eq=False):
-    """How far boxes move at most from the middle of each triangle to any place within it: a ``Growth``.
+class _TriangleGrowth(Struct, frozen=True, eq=False):
+    """Bounds of the distances that boxes move from the middle of triangles to any of their points.
 
-    As far as they set out from there to one of its corners, since all other places lie between these, and as much as
-    that may change on the way: no more than all angles times what the levers of the joints tell (``measure_moves``).
-    Of triangles so wide that this is more than the levers alone tell, it is what they tell.
+    The first bound is the speed at the middle towards the farthest corner, since all other points
+    are between the corners, plus the most by which the speed may change on the way: the sum of all
+    angles times the distance by the levers (`measure_moves`). The second bound is the distance by
+    the levers alone, which is smaller in wide triangles. The smaller one counts.
 
-    setting_out: (J + 1, K, 3, 6), as of ``set_out``. angles: (K,) that all turning joints turn. grow, closing: (K, B)
-    and (K, P) mm by the levers. off: (K,) mm that any point may be off.
-
+    starts: (J + 1, K, 3, 6) motions of the links at the middle towards the corners, see
+        `compute_velocities`.
+    angles: (K,) sum of the angles of all revolute joints, rad.
+    box_limits, pair_limits: (K, B) and (K, P) distances by the levers, mm.
+    deviation: (K,) distance by which any point of a body may be elsewhere, mm.
     travel: the largest deviations of the joint values.
     """
 
     scene: Scene
-    setting_out: FloatArray
+    starts: FloatArray
     angles: FloatArray
-    grow: FloatArray
-    closing: FloatArray
-    off: FloatArray
+    box_limits: FloatArray
+    pair_limits: FloatArray
+    deviation: FloatArray
     travel: Travel
 
     @classmethod
-    def of(
+    def make(
         cls,
-        reach: _Reach,
+        bounds: _JointBounds,
         links: tuple[FloatArray, FloatArray],
         moved: FloatArray,
-        off: FloatArray,
+        deviation: FloatArray,
         near: float,
-    ) -> _Growth:
-        """moved: (K, 3, J) what the joints of the chain are at the corners from where they are in the middle."""
-        around = np.abs(moved).max(axis=1)
-        turning = np.array([not joint.sliding for joint in reach.scene.robot.joints])
-        start = set_out(reach.scene.robot, links, moved)
+    ) -> _TriangleGrowth:
+        """The growth of K triangles.
+
+        links: frames of the links at the middles.
+        moved: (K, 3, J) joint values of the serial chain at the corners, minus those at the middle.
+        """
+        largest = np.abs(moved).max(axis=1)
         return cls(
-            reach.scene,
-            start,
-            around[:, turning].sum(axis=1),
-            around @ reach.levers,
-            around @ reach.closing,
-            off,
-            Travel(around, 2 * off + near),
+            bounds.scene,
+            compute_velocities(bounds.scene.robot, links, moved),
+            largest[:, bounds.scene.robot.revolute].sum(axis=1),
+            largest @ bounds.levers,
+            largest @ bounds.closing,
+            deviation,
+            Travel(largest, 2 * deviation + near),
         )
 
     def of_boxes(self, row: IntArray, box: IntArray, bare: Boxes) -> FloatArray:
-        """As of ``Growth``."""
-        start = self.setting_out[self.scene.frame[box], row]
-        return self._limit(start, bare, self.grow[row, box], row) + self.off[row]
+        start = self.starts[self.scene.frame[box], row]
+        return self._bound(start, bare, self.box_limits[row, box], row) + self.deviation[row]
 
     def of_pairs(self, row: IntArray, pair: IntArray, first: Boxes, second: Boxes) -> FloatArray:
-        """As of ``Growth``."""
-        one, other = (
-            self.scene.frame[self.scene.first[pair]],
-            self.scene.frame[self.scene.second[pair]],
-        )
-        start = (
-            self.setting_out[np.maximum(one, other), row]
-            - self.setting_out[np.minimum(one, other), row]
-        )
-        far = (one > other)[:, None]
-        centres, half = (
-            np.where(far, first.centres, second.centres),
-            np.where(far, first.half, second.half),
-        )
+        first_frame = self.scene.frame[self.scene.first[pair]]
+        second_frame = self.scene.frame[self.scene.second[pair]]
+        # Motion of the box farther along the chain, relative to the other one.
+        far = np.maximum(first_frame, second_frame)
+        start = self.starts[far, row] - self.starts[np.minimum(first_frame, second_frame), row]
+        first_is_far = (first_frame > second_frame)[:, None]
+        centres = np.where(first_is_far, first.centres, second.centres)
+        half = np.where(first_is_far, first.half, second.half)
         boxes = Boxes(centres, first.axes, half)
-        return self._limit(start, boxes, self.closing[row, pair], row) + 2 * self.off[row]
+        return self._bound(start, boxes, self.pair_limits[row, pair], row) + 2 * self.deviation[row]
 
-    def _limit(
-        self, start: FloatArray, boxes: Boxes, most: FloatArray, row: IntArray
+    def _bound(
+        self, start: FloatArray, boxes: Boxes, limit: FloatArray, row: IntArray
     ) -> FloatArray:
-        """Of boxes (n,) that set out like ``start`` (n, 3, 6) and move no farther than ``most`` by the levers."""
+        """Bounds (n,) of the distances that boxes move, mm.
+
+        start: (n, 3, 6) motions at the middle towards the corners.
+        limit: (n,) distance by the levers, mm.
+        """
         turn = start[..., :3]
         middle = lengths(cross(turn, boxes.centres[:, None]) + start[..., 3:])
         straight = (middle + lengths(turn) * lengths(boxes.half)[:, None]).max(axis=1)
-        return np.asarray(np.minimum(straight + self.angles[row] * most, most))
+        return np.asarray(np.minimum(straight + self.angles[row] * limit, limit))
 
 
-class _Left(Struct, frozen=True, eq=False):
-    """Triangles that are to be looked at. corners: (K, 3, J). owner, depth: (K,) the group of each, and how often it
-    was split. asked: rows (n,) and tests (n,) that its whole met.
+class _Pending(Struct, frozen=True, eq=False):
+    """Triangles to be tested.
+
+    corners: (K, 3, J) joint values.
+    owner: (K,) group of each.
+    depth: (K,) number of times that each was split.
+    tests: the tests that met in the triangle from which each was split, by row.
     """
 
     corners: FloatArray
     owner: IntArray
     depth: IntArray
-    asked: Tests
+    tests: Tests
 
-    def of(self, which: BoolArray) -> _Left:
-        """Those of them."""
-        return _Left(
-            self.corners[which], self.owner[which], self.depth[which], tests_of(self.asked, which)
+    def select(self, which: BoolArray) -> _Pending:
+        return _Pending(
+            self.corners[which],
+            self.owner[which],
+            self.depth[which],
+            select_tests(self.tests, which),
         )
 
-    def joined(self, other: _Left) -> _Left:
-        """These and others behind them."""
-        return _Left(
+    def join(self, other: _Pending) -> _Pending:
+        return _Pending(
             np.concatenate([self.corners, other.corners]),
             np.concatenate([self.owner, other.owner]),
             np.concatenate([self.depth, other.depth]),
-            join_tests((self.asked, (other.asked[0] + len(self.owner), other.asked[1]))),
+            join_tests((self.tests, (other.tests[0] + len(self.owner), other.tests[1]))),
         )
 
 
-def _split(whole: _Left, which: BoolArray, row: IntArray, test: IntArray) -> _Left:
-    """Each of some triangles as four. row, test: what they meet."""
-    corners = whole.corners[which]
+def _split(batch: _Pending, which: BoolArray, row: IntArray, test: IntArray) -> _Pending:
+    """The four quarters of some triangles. row, test: the tests that meet in `batch`."""
+    corners = batch.corners[which]
     six = np.concatenate([corners, (corners + corners[:, [1, 2, 0]]) / 2], axis=1)
     four = six[:, _FOUR].reshape(-1, *corners.shape[1:])
-    owner, depth = (
-        np.repeat(column[which], len(_FOUR)) for column in (whole.owner, whole.depth + 1)
-    )
-    return _Left(four, owner, depth, share_tests(tests_of((row, test), which), len(_FOUR)))
+    owner = np.repeat(batch.owner[which], len(_FOUR))
+    depth = np.repeat(batch.depth[which] + 1, len(_FOUR))
+    return _Pending(four, owner, depth, divide_tests(select_tests((row, test), which), len(_FOUR)))

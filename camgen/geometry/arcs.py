@@ -80,7 +80,6 @@ class Spans(Struct, frozen=True, eq=False):
     def _fill_lines(
         self, points: FloatArray, places: IntArray, fraction: FloatArray, row: IntArray
     ) -> None:
-        """Sets rows `places` of `points` to points of lines."""
         # Axis by axis takes half the time.
         for axis in range(points.shape[1]):
             start = self.start[row, axis]
@@ -89,7 +88,6 @@ class Spans(Struct, frozen=True, eq=False):
     def _fill_arcs(
         self, points: FloatArray, places: IntArray, fraction: FloatArray, row: IntArray
     ) -> None:
-        """Sets rows `places` of `points` to points of arcs."""
         angle, radius = (fraction - 0.5) * self.sweep[row], self.radius[row]
         # From the middle, because the centre of a flat arc is far away and would cost digits.
         rise = -2 * radius * np.sin(angle / 2) ** 2

@@ -310,7 +310,6 @@ def cut_chain(
 
 
 def _list_free(covered: Parts) -> Parts:
-    """The fractions of a segment between the covered ones."""
     edges = [0.0]
     for part in covered:
         edges += part

@@ -37,7 +37,6 @@ def pair(points: FloatArray) -> IntArray:
 
 
 def _pair_exactly(points: FloatArray) -> IntArray:
-    """The shortest pairing, by dynamic programming over sets of points."""
     xy = points.tolist()
 
     @cache

@@ -173,7 +173,6 @@ def _make_loops(pieces: _Pieces) -> Iterable[Segments]:
 
 
 def _as_one_loop(table: Segments) -> Segments:
-    """`table` with owner 0 throughout."""
     return Segments(
         table.start, table.end, table.bulge, table.centre, table.radius, np.zeros_like(table.owner)
     )

@@ -60,8 +60,9 @@ def localize_or_advise(
         advice = list(filter(None, tried))
         if not advice:
             raise
-        remedy = f"it is found with {', and with '.join(advice)}"
-        raise InputError(error.file, error.what, error.where, remedy) from error
+        raise InputError(
+            error.file, error.what, error.where, f"it is found with {', and with '.join(advice)}"
+        ) from error
 
 
 class _Option(Struct, frozen=True):

@@ -6,8 +6,9 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.vectors import dots, unit
-from camgen.localize.coarse import thin
-from camgen.localize.model import Cloud, Model
+from camgen.localize.coarse import thin_out
+from camgen.localize.groups import pick_rows
+from camgen.localize.model import Cloud, Model, cross_edges
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import SIGMAS_OF_MEDIAN
@@ -48,27 +49,27 @@ class Bench(Struct, frozen=True, eq=False):
     certain: bool
 
     def carries(self, places: FloatArray, slack: float) -> bool:
-        """Whether all ``places`` (N, 3) are above the plane, up to the noise and ``slack`` (mm)."""
+        """Whether all `places` (N, 3) are above the plane, up to the noise and `slack` (mm)."""
         return float((places @ self.normal).min()) - self.height > -(2 * self.within + slack)
 
     def holds(self, points: FloatArray) -> BoolArray:
-        """Whether each of ``points`` (N, 3) lies in the plane or below it: (N,)."""
+        """Whether each of `points` (N, 3) lies in the plane or below it: (N,)."""
         return np.asarray(points @ self.normal - self.height < self.within)
 
 
-def isolated(points: FloatArray) -> BoolArray:
-    """Whether each of ``points`` (N, 3) is far from all others, as strays and flying pixels are.
+def find_isolated(points: FloatArray) -> BoolArray:
+    """Whether each of `points` (N, 3) is far from all others, as strays and flying pixels are.
 
     The points of a sparse surface are not: they lie in the planes of their neighbours.
     """
     cloud = Cloud(points)
-    distances = cloud.nearest(points, min(_NEIGHBOURS + 1, len(points)))[1][:, -1]
+    distances = cloud.find_nearest(points, min(_NEIGHBOURS + 1, len(points)))[1][:, -1]
     far = distances > _ISOLATED * float(np.median(distances))
     suspects = np.flatnonzero(far)
     if not len(suspects) or len(points) <= _NOISE_NEIGHBOURS:
         return np.asarray(far)
     noise = measure_noise(points[~far])
-    around = points[cloud.nearest(points[suspects], _NOISE_NEIGHBOURS + 1)[0][:, 1:]]
+    around = points[cloud.find_nearest(points[suspects], _NOISE_NEIGHBOURS + 1)[0][:, 1:]]
     middles = around.mean(axis=1)
     _, spreads, axes = np.linalg.svd(around - middles[:, None], full_matrices=False)
     thickness = spreads[:, 2] / np.sqrt(_NOISE_NEIGHBOURS - 3)
@@ -78,10 +79,10 @@ def isolated(points: FloatArray) -> BoolArray:
 
 
 def measure_noise(points: FloatArray) -> float:
-    """The standard deviation of ``points`` (N, 3) about the planes through their neighbours, mm."""
+    """The standard deviation of `points` (N, 3) about the planes through their neighbours, mm."""
     count = min(_NOISE_NEIGHBOURS, len(points))
-    places = points[:: max(len(points) // _NOISE_PLACES, 1)]
-    patches = points[Cloud(points).nearest(places, count)[0]]
+    places = pick_rows(points, _NOISE_PLACES)
+    patches = points[Cloud(points).find_nearest(places, count)[0]]
     patches = patches - patches.mean(axis=1, keepdims=True)
     least = np.linalg.svd(patches, compute_uv=False)[:, -1]
     return float(np.median(least)) / float(np.sqrt(max(count - 3, 1)))
@@ -95,29 +96,31 @@ def find_benches(model: Model, points: FloatArray, among: FloatArray | None = No
     points: (N, 3), the scene.
     among: (M, 3), the points that may be the bench; None for all.
     """
-    left = points if among is None else among
-    least = _LEAST_BENCH * len(left)
+    pending = points if among is None else among
+    least = _LEAST_BENCH * len(pending)
     within = max(_IN_PLANE * measure_noise(points), _FLATNESS * model.size)
     benches: list[Bench] = []
     for _ in range(_MOST_PLANES):
-        plane = _fit_plane(thin(left, _PLANE_POINTS), within) if len(left) > _NEIGHBOURS else None
+        if len(pending) <= _NEIGHBOURS:
+            break
+        plane = _fit_plane(thin_out(pending, _PLANE_POINTS), within)
         if plane is None:
             break
         normal, height = plane
-        on_plane = np.abs(left @ normal - height) < within
+        on_plane = np.abs(pending @ normal - height) < within
         if np.count_nonzero(on_plane) >= least:
-            bench = _turn_up(model, points, normal, height, within)
+            bench = _make_bench(model, points, normal, height, within)
             benches += [bench] if bench else []
             if bench and bench.certain:
                 break
-        left = left[~on_plane]
+        pending = pending[~on_plane]
     return benches
 
 
-def _turn_up(
+def _make_bench(
     model: Model, points: FloatArray, normal: FloatArray, height: float, within: float
 ) -> Bench | None:
-    """The plane as a bench under ``points`` (N, 3), None if the points are on both sides."""
+    """The plane as a bench under `points` (N, 3), None if the points are on both sides."""
     offsets = points @ normal - height
     off_plane = np.abs(offsets) >= within
     above = float(np.mean(offsets[off_plane] > 0)) if off_plane.any() else 1.0
@@ -125,12 +128,12 @@ def _turn_up(
         normal, height, above = -normal, -height, 1 - above
     if above < _ONE_SIDE:
         return None
-    larger = _area(points[~off_plane], normal) > _LARGER * _largest_face(model)
+    larger = _measure_covered(points[~off_plane], normal) > _LARGER * _measure_largest_face(model)
     return Bench(normal, height, within, larger)
 
 
 def _fit_plane(points: FloatArray, within: float) -> tuple[FloatArray, float] | None:
-    """The unit normal (3,) and the height, mm, of the plane with most of ``points`` (N, 3).
+    """The unit normal (3,) and the height, mm, of the plane with most of `points` (N, 3).
 
     MSAC (Torr and Zisserman, MLESAC, 2000) finds it, least squares refine it.
     """
@@ -155,22 +158,20 @@ def _fit_plane(points: FloatArray, within: float) -> tuple[FloatArray, float] | 
     return normal, height
 
 
-def _area(points: FloatArray, normal: FloatArray) -> float:
-    """The area that ``points`` (N, 3) of a plane cover, mm2: in cells three spacings wide."""
+def _measure_covered(points: FloatArray, normal: FloatArray) -> float:
+    """The area that `points` (N, 3) of a plane cover, mm2: in cells three spacings wide."""
     first = np.cross(normal, np.eye(3)[int(np.abs(normal).argmin())])
     first /= np.linalg.norm(first)
     flat = points @ np.column_stack([first, np.cross(normal, first)])
-    sample = points[:: max(len(points) // 1000, 1)]
-    cell = 3 * float(np.median(Cloud(points).nearest(sample, 2)[1][:, 1])) / SIGMAS_OF_MEDIAN
+    spacings = Cloud(points).find_nearest(pick_rows(points, 1000), 2)[1][:, 1]
+    cell = 3 * float(np.median(spacings)) / SIGMAS_OF_MEDIAN
     cells = np.unique(np.floor(flat / max(cell, 1e-9)).astype(np.int64), axis=0)
     return len(cells) * cell * cell
 
 
-def _largest_face(model: Model) -> float:
-    """The area of the largest flat face of the model, mm2."""
-    a, b, c = (model.tree.corners[:, k] for k in range(3))
-    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
-    heights = (model.normals * a).sum(axis=1) / (_SAME_PLANE * model.size)
+def _measure_largest_face(model: Model) -> float:
+    areas = np.linalg.norm(cross_edges(model.tree.corners), axis=1) / 2
+    heights = (model.normals * model.tree.corners[:, 0]).sum(axis=1) / (_SAME_PLANE * model.size)
     keys = np.rint(np.column_stack([model.normals / _SAME_NORMAL, heights])).astype(np.int64)
     _, face = np.unique(keys, axis=0, return_inverse=True)
     return float(np.bincount(face.reshape(-1), weights=areas).max())

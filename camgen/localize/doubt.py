@@ -1,4 +1,9 @@
-"""What speaks against a pose: others that fit as well, motions that the scan does not hold, and how much was seen."""
+"""The evidence against a pose.
+
+- Other poses that fit as well.
+- Motions of the part that the scan does not hold.
+- Surface of the part that the scan does not show.
+"""
 
 from __future__ import annotations
 
@@ -8,68 +13,101 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.vectors import dots
-from camgen.localize.coarse import Poses, turn_poses
-from camgen.localize.fine import ScanFit, View, cost, costs, draw, is_worse, losses, on, refine
-from camgen.localize.model import Cloud, Model, candidates, find_touched
-from camgen.localize.sight import SeenPlaces, around, estimate_eye, far_eyes, look
-from camgen.localize.starts import corners
+from camgen.localize.coarse import Poses, join_poses, make_turns
+from camgen.localize.fine import (
+    ScanFit,
+    View,
+    compute_cost,
+    compute_costs,
+    compute_losses,
+    draw_pose,
+    is_worse,
+    refine,
+)
+from camgen.localize.groups import pick_rows
+from camgen.localize.model import (
+    Cloud,
+    Model,
+    find_candidates,
+    find_touched,
+    find_touched_within,
+)
+from camgen.localize.sight import (
+    SeenPlaces,
+    estimate_eye,
+    find_seen,
+    make_far_eyes,
+    spread_directions,
+)
+from camgen.localize.starts import list_corners
 from camgen.model.part import BoolArray
-from camgen.model.pose import FloatArray, Pose, angle_between, frozen, to_vec3
+from camgen.model.pose import FloatArray, Pose, angle_between, frozen
 
-#: Poses that put a corner of the model's box farther apart than this part of its size are different ones.
+#: Two poses are different if a corner of the model's box moves by more than this part of its size.
 _DIFFERENT_SHARE = 0.01
-#: Two sides of a part that are nearer than this part of its size are one to the search.
+#: The search may confuse two sides of a part that are nearer than this part of the model's size.
 _THIN = 0.06
-#: Fits whose other sides are tried, and shifts of each.
+#: Maximum number of fits whose other sides are tried, and of shifts for each.
 _BESIDE, _SHIFTS = 3, 6
-#: Faces have one direction where the cosine is more than this; one that less than this share of the points lies on does
-#: not count, nor one in the plane of two others (least singular value).
+#: The faces of a direction: the cosine between their normals, and the share of the points that has
+#: to lie on them. A direction near the plane of the others is not used: the limit of the least
+#: singular value of all.
 _ALIKE, _FEW_NORMALS, _FLAT = 0.95, 0.03, 0.3
-#: A motion of which the points say less than this part of what they could is held weakly.
+#: A motion is held weakly if the information about it is less than this part of the largest one.
 _WEAK = 0.003
-#: How far a motion is tried that may be free: a corner of the box moves by this part of its size.
+#: A motion that may be free is tried. It moves a corner of the box by this part of the size.
 _NUDGE = 0.05
-#: Samples that say how much of the model was seen, and the cosine between a face and the view that still shows it.
+#: Number of samples of which it is tested whether they were seen, and the cosine between a face and
+#: the line of sight above which the face is seen.
 _SEEN_SAMPLES, _FACING = 4000, 0.3
-#: Samples by which the place of the scanner is estimated, and the length of the mean normal of what was seen above
-#: which one side of the part was.
+#: Number of samples with which the place of the scanner is estimated. One side of the part was seen
+#: if the mean of the normals that were seen is longer than this.
 _VIEW_SAMPLES, _ONE_SIDED = 800, 0.2
-#: The cosine between two normals below which they belong to opposite sides.
+#: Two normals belong to opposite sides if their cosine is less than this.
 _OPPOSITE = -0.5
-#: Two poses are as good as one where no place of the surface is farther from the other's than this many standard
-#: deviations of the scan's noise, or this part of the model's size, by which triangles may leave the part.
+#: Two surfaces are as good as one if they are nearer than this many standard deviations of the
+#: noise, or than this part of the model's size. Its triangles may leave the part by the latter.
 _BEYOND_NOISE, _BEYOND_SIZE = 3.0, 2e-4
-#: By how much more a pose may cost that is drawn onto another one.
+#: A pose that is drawn onto another one may cost more by this.
 _TWIN_COST = 0.004
-#: Samples, and corners of triangles, whose distance is asked for that.
+#: Number of samples, and of corners of triangles, whose distance from another surface is measured.
 _SPOTS = 1000
-#: Two poses are told apart by a start that lies at most this part of the way from the one to the other.
+#: A start decides between two poses if it is at most this part of the distance from the one.
 _DECIDED = 0.4
-#: A start says where the part stands if no corner of its box is farther from there than this part of its size.
+#: A start is near a pose if each corner of the model's box is nearer than this part of its size.
 _NEAR = 0.2
 
 
 class Rival(Struct, frozen=True, eq=False):
-    """Another pose of the model in the scan. turn: deg from the chosen one; shift: mm, what its box's middle moves;
-    cost: by how much worse it fits, 0..1. off: mm, how far its surface is from that of the chosen one at most.
+    """Another pose of the model in the scan, compared with the chosen one.
+
+    turn: angle between the two, deg.
+    shift: distance between the middles of the model's box, mm.
+    cost: excess of its cost, 0..1.
+    distance: largest distance of its surface from that of the chosen pose, mm. It is not measured
+        for a pose that fits worse, and inf.
     """
 
     base_from_work: Pose
     turn: float
     shift: float
     cost: float
-    off: float
+    distance: float
 
 
 class SeenShare(Struct, frozen=True):
-    """Shares 0..1 of the model's surface that have points of the scan: of all, and of what faces as those points do."""
+    """Shares of the model's surface that have points of the scan, 0..1.
+
+    all: share of the whole surface.
+    near: share of the surface that the scanner can see.
+    """
 
     all: float
     near: float
 
 
 class Alternatives(Struct, frozen=True, eq=False):
-    """Fits that were tried.
+    """Fits that were tried, the best first.
 
     fits, costs: each fit with its cost, 0..1.
     gate: distance of the costs, mm.
@@ -82,292 +120,287 @@ class Alternatives(Struct, frozen=True, eq=False):
     same: float
 
 
-def best_of(
-    model: Model, samples: Cloud, view: View, others: Alternatives, final: ScanFit
-) -> list[ScanFit]:
-    """The different fits that are not worse than the best by more than chance.
+# Other poses that fit as well.
 
-    view: more points than chose the fits.
-    final: any of the fits, as the measure of difference.
+
+def select_best(model: Model, view: View, others: Alternatives, final: ScanFit) -> list[ScanFit]:
+    """The different fits that are not worse than the best one by more than chance.
+
+    view: more points than those that chose the fits.
+    final: any of the fits. Its noise decides which fits are different.
     """
-    least, limit = min(others.costs), _limit(model, final)
+    limit = _compute_pose_limit(model, final)
     kept: list[ScanFit] = []
-    order = sorted(range(len(others.fits)), key=others.costs.__getitem__)
-    for fit in (others.fits[k] for k in order if others.costs[k] <= least + others.same):
-        if all(_off(model, fit, known) > limit for known in kept):
+    for fit, cost in zip(others.fits, others.costs, strict=True):
+        if cost <= others.costs[0] + others.same and _is_different(model, fit, kept, limit):
             kept.append(fit)
-    each = [losses(model, samples, view, fit, others.gate) for fit in kept]
-    best = min(each, key=lambda loss: float(loss.sum()))
-    return [fit for fit, loss in zip(kept, each, strict=True) if not is_worse(loss, best)]
+    losses = [compute_losses(model, view, fit, others.gate) for fit in kept]
+    best = min(losses, key=lambda loss: float(loss.sum()))
+    return [fit for fit, loss in zip(kept, losses, strict=True) if not is_worse(loss, best)]
 
 
-def rivals(
-    model: Model,
-    samples: Cloud,
-    points: FloatArray,
-    final: ScanFit,
-    others: Alternatives,
-    middle: FloatArray,
+def find_rivals(
+    model: Model, points: FloatArray, final: ScanFit, others: Alternatives, middle: FloatArray
 ) -> tuple[tuple[Rival, ...], Rival | None]:
-    """Other poses that fit as well as the best, by turn, and the best of those that do not. ``points`` refine those
-    of the first whose surface does not lie on that of the best.
+    """Poses that fit as well as the final one, in order of their turn, and the best of the rest.
+
+    The latter is None if all other poses fit as well.
+
+    points: (N, 3), refine the poses whose surface is elsewhere.
+    middle: (3,), the origin of the points in the frame of the scan, mm.
     """
-    same = others.same
-    best, limit = min(others.costs), _limit(model, final)
-    least = losses(model, samples, View(points), final, others.gate)
-    apart = [
-        (fit, c - best)
-        for fit, c in zip(others.fits, others.costs, strict=True)
-        if _off(model, fit, final) > limit
-    ]
-    equal: list[tuple[ScanFit, float]] = []
-    for fit, worse in sorted((pair for pair in apart if pair[1] <= same), key=lambda pair: pair[1]):
-        if all(_off(model, fit, known) > limit for known, _ in equal):
-            equal.append((fit, worse))
-    told = []
-    for fit, worse in equal:
-        compared, off = _compare(model, samples, points, final, fit, others.gate)
-        if off > noise_limit(model, final) and is_worse(
-            losses(model, samples, View(points), compared, others.gate), least
+    limit, noise = _compute_pose_limit(model, final), compute_noise_limit(model, final)
+    final_losses = compute_losses(model, View(points), final, others.gate)
+    rivals: list[Rival] = []
+    different: list[ScanFit] = []
+    following = None
+    for fit, cost in zip(others.fits, others.costs, strict=True):
+        excess = cost - others.costs[0]
+        if _measure_corner_distance(model, fit, final) <= limit:
+            continue
+        if excess > others.same:
+            following = _make_rival(model, fit, final, excess, middle, math.inf)
+            break
+        if not _is_different(model, fit, different, limit):
+            continue
+        different.append(fit)
+        refined, distance = _refine_rival(model, points, final, fit, others.gate)
+        if distance > noise and is_worse(
+            compute_losses(model, View(points), refined, others.gate), final_losses
         ):
             continue
-        told.append(_rival(model, compared, final, worse, middle, off))
-    told.sort(key=lambda rival: (round(rival.turn, 1), rival.shift))
-    less = min(((f, w) for f, w in apart if w > same), key=lambda pair: pair[1], default=None)
-    return tuple(told), None if less is None else _rival(
-        model, less[0], final, less[1], middle, math.inf
-    )
+        rivals.append(_make_rival(model, refined, final, excess, middle, distance))
+    rivals.sort(key=lambda rival: (round(rival.turn, 1), rival.shift))
+    return tuple(rivals), following
 
 
-def _compare(
-    model: Model,
-    samples: Cloud,
-    points: FloatArray,
-    final: ScanFit,
-    fit: ScanFit,
-    gate: float,
+def _refine_rival(
+    model: Model, points: FloatArray, final: ScanFit, fit: ScanFit, gate: float
 ) -> tuple[ScanFit, float]:
-    """The fit and its distance from the best surface, mm. A fit that is elsewhere is refined with more points."""
-    off = surface_off(model, samples, final, fit)
-    if off > noise_limit(model, final):
-        fit = refine(model, samples, points, (fit.rotation, fit.origin), gate)
-        off = surface_off(model, samples, final, fit)
-    if off > noise_limit(model, final):
-        off = min(off, _twin_off(model, samples, points, final, fit, gate))
-    return fit, off
+    """The fit and the distance of its surface from the final one, mm.
 
-
-def _twin_off(
-    model: Model, samples: Cloud, points: FloatArray, final: ScanFit, fit: ScanFit, gate: float
-) -> float:
-    """How far the surface is from that of the best pose where the fit is drawn onto that, mm; inf if it then is another
-    pose or fits the points worse. A motion that the points hold badly puts each of two alike elsewhere.
+    The fit is refined with more points if it is elsewhere.
     """
-    limit = _limit(model, final)
-    best = (model.samples[:: max(len(model.samples) // _SPOTS, 1)] - final.origin) @ final.rotation
-    twin = draw(model, samples, best, fit, limit)
-    there = [cost(model, samples, View(points), each, gate) for each in (twin, final)]
-    if _off(model, twin, fit) > limit or there[0] > there[1] + _TWIN_COST:
+    noise = compute_noise_limit(model, final)
+    distance = measure_surface_distance(model, final, fit)
+    if distance > noise:
+        fit = refine(model, points, (fit.rotation, fit.origin), gate)
+        distance = measure_surface_distance(model, final, fit)
+    if distance > noise:
+        distance = min(distance, _measure_drawn(model, points, final, fit, gate))
+    return fit, distance
+
+
+def _measure_drawn(
+    model: Model, points: FloatArray, final: ScanFit, fit: ScanFit, gate: float
+) -> float:
+    """The distance of the two surfaces after the fit is drawn onto the final pose, mm.
+
+    A motion that the points hold badly moves equal poses by different distances; drawing undoes
+    that. The distance is inf if the fit becomes another pose, or fits the points worse.
+    """
+    limit = _compute_pose_limit(model, final)
+    samples = pick_rows(model.samples, _SPOTS)
+    twin = draw_pose(model, (samples - final.origin) @ final.rotation, fit, limit)
+    twin_cost, final_cost = (
+        compute_cost(model, View(points), each, gate) for each in (twin, final)
+    )
+    if _is_different(model, twin, [fit], limit) or twin_cost > final_cost + _TWIN_COST:
         return math.inf
-    return surface_off(model, samples, final, twin)
+    return measure_surface_distance(model, final, twin)
 
 
-def noise_limit(model: Model, final: ScanFit) -> float:
-    """How far apart two surfaces may be that the noise of the scan does not tell apart, mm."""
+def _make_rival(
+    model: Model, fit: ScanFit, final: ScanFit, excess: float, middle: FloatArray, distance: float
+) -> Rival:
+    turn = math.degrees(angle_between(frozen(final.rotation), frozen(fit.rotation)))
+    moves = _scan_corners(model, fit) - _scan_corners(model, final)
+    shift = float(np.linalg.norm(moves.mean(axis=0)))
+    return Rival(fit.invert(middle), turn, shift, excess, distance)
+
+
+def compute_noise_limit(model: Model, final: ScanFit) -> float:
+    """The distance up to which the noise of the scan makes two surfaces one, mm."""
     return max(_BEYOND_NOISE * final.noise, _BEYOND_SIZE * model.size)
 
 
-def surface_off(model: Model, samples: Cloud, a: ScanFit, b: ScanFit) -> float:
-    """How far the model's surface at the one pose is from that at the other at most, mm, at ``_SPOTS`` samples and
-    corners of triangles each.
+def _compute_pose_limit(model: Model, final: ScanFit) -> float:
+    """The distance of a corner of the model's box above which two poses are different, mm.
+
+    The two sides of a sheet are different poses, unless the noise hides that.
     """
-    every = model.tree.corners.reshape(-1, 3)
-    spots = np.vstack([some[:: max(len(some) // _SPOTS, 1)] for some in (model.samples, every)])
-    there = a.apply((spots - b.origin) @ b.rotation)
-    touch = find_touched(
-        model,
-        candidates(model, samples, there, 2 * model.size + _distance(model, there), 0.0),
-        there,
-    )
-    return float(touch.distance.max())
+    size = _DIFFERENT_SHARE * model.size
+    half_thickness = min(size, model.volume / model.area)
+    return max(half_thickness, min(size, 2 * _BEYOND_NOISE * final.noise), 1e-3 * model.size)
 
 
-def _distance(model: Model, places: FloatArray) -> float:
-    """How far the farthest of the places is from the middle of the model's box, mm."""
-    return float(np.linalg.norm(places - (model.low + model.high) / 2, axis=1).max())
+def measure_surface_distance(model: Model, a: ScanFit, b: ScanFit) -> float:
+    """The largest distance of the model's surface at the pose `b` from that at the pose `a`, mm.
 
-
-def decides(model: Model, start: Pose, found: Pose, other: Pose) -> bool:
-    """Whether a start is plainly nearer to the pose that was found than to the other, along the way between them: the
-    corners of the model's box say where each is.
+    It is measured at samples, and at corners of triangles.
     """
-    begin, here, there = (_put_corners(model, pose).ravel() for pose in (start, found, other))
-    way = there - here
-    return abs(float(way @ (begin - here))) < _DECIDED * float(way @ way)
+    corners = pick_rows(model.tree.corners.reshape(-1, 3), _SPOTS)
+    spots = np.vstack([pick_rows(model.samples, _SPOTS), corners])
+    places = a.apply((spots - b.origin) @ b.rotation)
+    middle = (model.low + model.high) / 2
+    farthest = float(np.linalg.norm(places - middle, axis=1).max())
+    pairs = find_candidates(model, places, 2 * model.size + farthest, 0.0)
+    return float(find_touched(model, pairs, places).distance.max())
 
 
-def is_near(model: Model, start: Pose, found: Pose) -> bool:
-    """Whether a start says that the part stands where it was found."""
-    off = _put_corners(model, start) - _put_corners(model, found)
-    return float(np.linalg.norm(off, axis=1).max()) < _NEAR * model.size
+def _scan_corners(model: Model, fit: ScanFit) -> FloatArray:
+    """The corners (8, 3) of the model's box in the scan, mm."""
+    return np.asarray((list_corners(model) - fit.origin) @ fit.rotation)
 
 
-def _put_corners(model: Model, pose: Pose) -> FloatArray:
-    """The corners of the model's box (8, 3) where the pose puts them."""
-    return np.asarray(corners(model) @ np.asarray(pose.rotation).T + np.asarray(pose.origin))
+def _measure_corner_distance(model: Model, a: ScanFit, b: ScanFit) -> float:
+    """The largest distance between corners of the model's box at the two poses, mm."""
+    return float(np.linalg.norm(_scan_corners(model, a) - _scan_corners(model, b), axis=1).max())
 
 
-def beside(model: Model, samples: Cloud, few: FloatArray, fits: list[ScanFit]) -> Poses:
-    """Poses by which a thin part may have been missed: its other side lies on the points, within the search's reach.
+def _is_different(model: Model, fit: ScanFit, others: list[ScanFit], limit: float) -> bool:
+    return all(_measure_corner_distance(model, fit, other) > limit for other in others)
 
-    The best different fits, moved by the thickness, to and fro, along each of the up to three directions that most of
-    the faces have on which points lie, and along several of them together: those that put the points nearest to it.
-    None if the part is not thin.
+
+# Starts.
+
+
+def is_decided(model: Model, start: Pose, chosen: Pose, other: Pose) -> bool:
+    """Whether a start is clearly nearer to the chosen pose than to the other one.
+
+    The corners of the model's box are compared, along the line from the one pose to the other.
     """
-    if not thin(model):
+    begin, near, far = (_place_corners(model, pose).ravel() for pose in (start, chosen, other))
+    line = far - near
+    return abs(float(line @ (begin - near))) < _DECIDED * float(line @ line)
+
+
+def is_near(model: Model, start: Pose, chosen: Pose) -> bool:
+    """Whether a start says that the part is at the chosen pose."""
+    offsets = _place_corners(model, start) - _place_corners(model, chosen)
+    return float(np.linalg.norm(offsets, axis=1).max()) < _NEAR * model.size
+
+
+def _place_corners(model: Model, pose: Pose) -> FloatArray:
+    """The corners (8, 3) of the model's box at the pose, mm."""
+    return np.asarray(list_corners(model) @ np.asarray(pose.rotation).T + np.asarray(pose.origin))
+
+
+# Poses that the search may have missed.
+
+
+def find_other_sides(model: Model, points: FloatArray, fits: list[ScanFit]) -> Poses:
+    """Poses at which the other side of a thin part lies on `points` (N, 3); none for others.
+
+    The best different fits are shifted by the thickness of the part, in both directions, along each
+    of up to three directions of its faces, and along several of them together. The shifts that put
+    the points nearest to the model are kept.
+    """
+    if not is_thin(model):
         return Poses(np.zeros((0, 3, 3)), np.zeros((0, 3)))
-    thick = 2 * model.volume / model.area
-    turns, origins = [], []
-    for fit in _best_different(model, samples, few, fits):
-        axes = _axes(model.sample_normals[samples.nearest(fit.apply(few))[0][:, 0]])
-        signs = np.stack(np.meshgrid(*[(-1, 0, 1)] * len(axes), indexing="ij"), axis=-1).reshape(
-            -1, len(axes)
-        )
-        shifts = (
-            thick
-            * np.linalg.lstsq(axes, signs[signs.any(axis=1)].T.astype(np.float64), rcond=None)[0].T
-        )
-        away = np.stack([samples.nearest(fit.apply(few) + shift)[1][:, 0] for shift in shifts])
-        best = np.argsort(np.minimum(away, thick).mean(axis=1), kind="stable")[:_SHIFTS]
-        turns.append(np.broadcast_to(fit.rotation, (len(best), 3, 3)))
-        origins.append(fit.origin + shifts[best])
-    return Poses(np.concatenate(turns), np.concatenate(origins))
+    thickness = 2 * model.volume / model.area
+    groups = []
+    for fit in _select_different(model, points, fits):
+        places = fit.apply(points)
+        axes = _find_face_axes(model.sample_normals[model.cloud.find_nearest(places)[0][:, 0]])
+        signs = np.stack(np.meshgrid(*[(-1, 0, 1)] * len(axes), indexing="ij"), axis=-1)
+        signs = signs.reshape(-1, len(axes))
+        wanted = signs[signs.any(axis=1)].T.astype(np.float64)
+        shifts = thickness * np.linalg.lstsq(axes, wanted, rcond=None)[0].T
+        distances = [model.cloud.find_nearest(places + shift)[1][:, 0] for shift in shifts]
+        costs = np.minimum(np.stack(distances), thickness).mean(axis=1)
+        best = np.argsort(costs, kind="stable")[:_SHIFTS]
+        rotations = np.broadcast_to(fit.rotation, (len(best), 3, 3))
+        groups.append(Poses(rotations, fit.origin + shifts[best]))
+    return join_poses(groups)
 
 
-def _best_different(
-    model: Model, samples: Cloud, few: FloatArray, fits: list[ScanFit]
-) -> list[ScanFit]:
-    """The best fits of which none is near another one."""
+def _select_different(model: Model, points: FloatArray, fits: list[ScanFit]) -> list[ScanFit]:
     kept: list[ScanFit] = []
-    worth = costs(model, samples, View(few), fits, 0.01 * model.size)
-    for fit in (fits[k] for k in sorted(range(len(fits)), key=worth.__getitem__)):
-        if all(_off(model, fit, known) > 0.5 * _DIFFERENT_SHARE * model.size for known in kept):
-            kept.append(fit)
+    costs = compute_costs(model, View(points), fits, 0.01 * model.size)
+    for k in sorted(range(len(fits)), key=costs.__getitem__):
+        if _is_different(model, fits[k], kept, 0.5 * _DIFFERENT_SHARE * model.size):
+            kept.append(fits[k])
         if len(kept) == _BESIDE:
             break
     return kept
 
 
-def _axes(normals: FloatArray) -> FloatArray:
-    """Up to three directions (1 to 3, 3), not in one plane, that most of the normals (N, 3) have, to either side."""
-    found = np.zeros((0, 3))
-    left = normals
-    while len(found) < 3 and len(left) >= max(_FEW_NORMALS * len(normals), 1):
-        alike = np.abs(left @ left[:: max(len(left) // 100, 1)].T) > _ALIKE
-        best = alike[:, int(alike.sum(axis=0).argmax())]
-        axis = np.linalg.eigh(left[best].T @ left[best])[1][:, 2]
-        if np.linalg.svd(np.vstack([found, axis]), compute_uv=False)[-1] > _FLAT:
-            found = np.vstack([found, axis])
-        left = left[~best]
-    return found
+def _find_face_axes(normals: FloatArray) -> FloatArray:
+    """The directions (1 to 3, 3) of most of `normals` (N, 3), not in one plane, up to the sign."""
+    axes = np.zeros((0, 3))
+    pending = normals
+    while len(axes) < 3 and len(pending) >= max(_FEW_NORMALS * len(normals), 1):
+        is_alike = np.abs(pending @ pick_rows(pending, 100).T) > _ALIKE
+        best = is_alike[:, int(is_alike.sum(axis=0).argmax())]
+        axis = np.linalg.eigh(pending[best].T @ pending[best])[1][:, 2]
+        if np.linalg.svd(np.vstack([axes, axis]), compute_uv=False)[-1] > _FLAT:
+            axes = np.vstack([axes, axis])
+        pending = pending[~best]
+    return axes
 
 
-def alike(fit: ScanFit, symmetries: Poses) -> Poses:
-    """The poses by which the model looks about the same as by ``fit``; ``symmetries`` put the model onto itself."""
-    return Poses(
-        symmetries.rotations @ fit.rotation, symmetries.rotations @ fit.origin + symmetries.origins
-    )
+def make_symmetric(fit: ScanFit, symmetries: Poses) -> Poses:
+    """The poses at which the model looks about the same as at `fit`.
+
+    symmetries: poses that put the model onto itself.
+    """
+    rotations = symmetries.rotations
+    return Poses(rotations @ fit.rotation, rotations @ fit.origin + symmetries.origins)
 
 
-def thin(model: Model) -> bool:
-    """Whether two sides of the part are so near that the search may take one for the other."""
+def is_thin(model: Model) -> bool:
+    """Whether two sides of the part are so near that the search may confuse them."""
     return 2 * model.volume < _THIN * model.size * model.area
 
 
-def stray(model: Model, samples: Cloud, few: FloatArray, fit: ScanFit, within: float) -> float:
-    """Points in the model's box, without a margin at its sides, that do not lie on the model, per point that does: 0
-    where the part stands, more where it only seems to.
-    """
-    at = fit.apply(few)
-    off = np.ones(len(at), dtype=bool)
-    off[on(model, samples, at, within).point] = False
-    inside = ((at > model.low + 2 * within) & (at < model.high - 2 * within)).all(axis=1)
-    return float(np.count_nonzero(off & inside)) / max(float(np.count_nonzero(~off)), 1.0)
+# Motions that the scan does not hold.
 
 
-def _limit(model: Model, final: ScanFit) -> float:
-    """How far apart corners of the model's box are by two poses that count as two, mm. The two sides of a sheet are
-    two, if the noise does not hide that.
-    """
-    size = _DIFFERENT_SHARE * model.size
-    return max(
-        min(size, model.volume / model.area),
-        min(size, 2 * _BEYOND_NOISE * final.noise),
-        1e-3 * model.size,
-    )
-
-
-def _places(model: Model, fit: ScanFit) -> FloatArray:
-    """The corners of the model's box in the scan."""
-    return np.asarray((corners(model) - fit.origin) @ fit.rotation)
-
-
-def _off(model: Model, a: ScanFit, b: ScanFit) -> float:
-    return float(np.linalg.norm(_places(model, a) - _places(model, b), axis=1).max())
-
-
-def _rival(
-    model: Model, fit: ScanFit, final: ScanFit, worse: float, middle: FloatArray, off: float
-) -> Rival:
-    turn = math.degrees(angle_between(frozen(final.rotation), frozen(fit.rotation)))
-    shift = float(np.linalg.norm((_places(model, fit) - _places(model, final)).mean(axis=0)))
-    origin = to_vec3(middle - fit.rotation.T @ fit.origin)
-    return Rival(Pose(frozen(fit.rotation.T), origin), turn, shift, worse, off)
-
-
-def freedom(
-    model: Model,
-    samples: Cloud,
-    view: View,
-    final: ScanFit,
-    limits: tuple[float, float],
+def find_free_motion(
+    model: Model, view: View, final: ScanFit, gate: float, same: float
 ) -> tuple[str, float]:
-    """What motion of the part changes nothing, in words, "" if there is none, and how far it takes the surface from
-    where it was, mm: the part is nudged along the motion that the points hold least, and stays there. ``limits``: mm
-    and cost, as for equal poses.
+    """A motion of the part that changes nothing, in words, and how far it moves the surface, mm.
+
+    The part is moved along the motion that the points hold least, and refined. If it stays there
+    and fits as well, the motion is free. Without a free motion the result is "" and 0.
+
+    gate: distance of the costs, mm.
+    same: difference of two costs up to which poses are equally good.
     """
-    vectors = np.linalg.eigh(final.information)[1]
-    motion = vectors[:, 0]
+    motion = np.linalg.eigh(final.information)[1][:, 0]
     turn, shift = motion[:3] / final.arm, motion[3:]
-    here = corners(model)
-    reach = np.linalg.norm(np.cross(turn, here - final.centre) + shift, axis=1).max()
-    factor = _NUDGE * model.size / float(reach)
-    step = turn_poses(factor * turn[None])[0]
-    start = (
-        step @ final.rotation,
-        step @ (final.origin - final.centre) + final.centre + factor * shift,
-    )
-    nudged = refine(model, samples, view.points, start, 2 * limits[0])
-    away = _off(model, nudged, final)
-    worse = cost(model, samples, view, nudged, limits[0]) - cost(
-        model, samples, view, final, limits[0]
-    )
-    if away < 0.5 * _NUDGE * model.size or worse > limits[1]:
+    moves = np.cross(turn, list_corners(model) - final.centre) + shift
+    factor = _NUDGE * model.size / float(np.linalg.norm(moves, axis=1).max())
+    rotation = make_turns(factor * turn[None])[0]
+    origin = rotation @ (final.origin - final.centre) + final.centre + factor * shift
+    nudged = refine(model, view.points, (rotation @ final.rotation, origin), 2 * gate)
+    excess = compute_cost(model, view, nudged, gate) - compute_cost(model, view, final, gate)
+    moved = _measure_corner_distance(model, nudged, final)
+    if moved < 0.5 * _NUDGE * model.size or excess > same:
         return "", 0.0
-    return _name_motion(final, motion), surface_off(model, samples, final, nudged)
+    return _describe_motion(final, motion), measure_surface_distance(model, final, nudged)
 
 
-def _name_motion(final: ScanFit, motion: FloatArray) -> str:
-    """A motion (6,) in words, in the scan's frame."""
+def find_weak_motion(final: ScanFit) -> str:
+    """The motion that the points hold weakly, in words; "" without one."""
+    values, vectors = np.linalg.eigh(final.information)
+    if float(values[0]) >= _WEAK * float(values[-1]):
+        return ""
+    return _describe_motion(final, vectors[:, 0])
+
+
+def _describe_motion(final: ScanFit, motion: FloatArray) -> str:
+    """A motion (6,) in words, in the frame of the scan."""
     turn, shift = motion[:3], motion[3:]
     back = final.rotation.T
     if float(np.linalg.norm(turn)) > float(np.linalg.norm(shift)):
-        return f"turning it about {_direction(back @ turn)}"
-    return f"moving it along {_direction(back @ shift)}"
+        return f"turning it about {_format_direction(back @ turn)}"
+    return f"moving it along {_format_direction(back @ shift)}"
 
 
-def _direction(vector: FloatArray) -> str:
-    """A direction for people: ``z`` within 5 deg of it, else three numbers; the largest is positive."""
+def _format_direction(vector: FloatArray) -> str:
+    """A direction: `z` within 5 deg of that axis, else three numbers, the largest positive."""
     unit = vector / np.linalg.norm(vector)
     unit = unit * np.sign(unit[int(np.abs(unit).argmax())])
     if float(unit.max()) > math.cos(math.radians(5)):
@@ -375,65 +408,70 @@ def _direction(vector: FloatArray) -> str:
     return "[" + ", ".join(f"{v + 0.0:.2f}" for v in unit.tolist()) + "]"
 
 
-def weakness(final: ScanFit) -> str:
-    """The motion that the points hold weakly, in words, "" if none."""
-    values, vectors = np.linalg.eigh(final.information)
-    if float(values[0]) >= _WEAK * float(values[-1]):
-        return ""
-    return _name_motion(final, vectors[:, 0])
+# Surface that the scan shows.
 
 
-def measure_seen(
-    model: Model,
-    samples: Cloud,
-    view: View,
-    final: ScanFit,
-    within: float,
-) -> SeenShare:
+def measure_stray(model: Model, points: FloatArray, fit: ScanFit, within: float) -> float:
+    """The number of points in the model's box that are off the model, per point on it.
+
+    It is 0 if the part is there, and more if it only seems to be. The box has no margin.
+
+    within: distance up to which a point is on the model, mm.
+    """
+    places = fit.apply(points)
+    is_off = np.ones(len(places), dtype=bool)
+    is_off[find_touched_within(model, places, within).point] = False
+    inside = ((places > model.low + 2 * within) & (places < model.high - 2 * within)).all(axis=1)
+    stray, lying = np.count_nonzero(is_off & inside), np.count_nonzero(~is_off)
+    return float(stray) / max(float(lying), 1.0)
+
+
+def measure_seen(model: Model, view: View, final: ScanFit, within: float) -> SeenShare:
     """The shares of the model that the scan shows: of all, and of the surface that could be seen.
 
     That surface faces the scanner, and the part itself does not hide it. An unknown place of the
-    scanner is estimated.
+    scanner is estimated. If several sides were seen, there are scanners all around.
     """
-    step = max(len(model.samples) // _SEEN_SAMPLES, 1)
-    places, normals = model.samples[::step], model.sample_normals[::step]
-    limits = (within, noise_limit(model, final))
-    hit = _hit(model, samples, final.apply(view.points), places, normals, limits)
-    few = slice(None, None, max(len(places) // _VIEW_SAMPLES, 1))
+    places = pick_rows(model.samples, _SEEN_SAMPLES)
+    normals = pick_rows(model.sample_normals, _SEEN_SAMPLES)
+    hit = _find_hit(model, final.apply(view.points), places, normals, within, final)
     if view.eye is not None:
-        asked = look(model, places, normals, final.apply(view.eye)[None], _FACING)[0]
+        eyes = final.apply(view.eye)[None]
     elif hit.any() and float(np.linalg.norm(normals[hit].mean(axis=0))) > _ONE_SIDED:
-        shown = SeenPlaces(places[few], normals[few], hit[few])
-        eye = estimate_eye(model, shown, _FACING).eye
-        asked = look(model, places, normals, eye[None], _FACING)[0]
-    else:  # from all around
-        asked = look(model, places, normals, far_eyes(model, around()), _FACING).any(axis=0)
-    return SeenShare(float(hit.mean()), float(hit[asked].mean()) if asked.any() else 0.0)
+        shown = (pick_rows(places, _VIEW_SAMPLES), pick_rows(normals, _VIEW_SAMPLES))
+        seen = SeenPlaces(*shown, pick_rows(hit, _VIEW_SAMPLES))
+        eyes = estimate_eye(model, seen, _FACING).eye[None]
+    else:
+        eyes = make_far_eyes(model, spread_directions())
+    visible = find_seen(model, places, normals, eyes, _FACING).any(axis=0)
+    return SeenShare(float(hit.mean()), float(hit[visible].mean()) if visible.any() else 0.0)
 
 
-def _hit(
+def _find_hit(
     model: Model,
-    samples: Cloud,
-    at: FloatArray,
+    points: FloatArray,
     places: FloatArray,
     normals: FloatArray,
-    limits: tuple[float, float],
+    within: float,
+    final: ScanFit,
 ) -> BoolArray:
-    """Whether each place on the model (N, 3) has a point ``at`` (P, 3), in the model's frame, beside it.
+    """Whether each of `places` (N, 3) on the model has one of `points` (P, 3) near it: (N,).
 
     A point on a face with the opposite normal does not count, unless the noise hides that.
-    limits: mm, the distance of a point beside a place, and its height that noise explains.
+
+    points: coordinates in the model's frame, mm.
+    within: distance up to which a point is near, if the points are not farther apart, mm.
     """
-    cloud = Cloud(at)
-    nearest, near = (each[:, 0] for each in cloud.nearest(places))
-    some = at[:: max(len(at) // 1000, 1)]
-    spacing = float(np.median(cloud.nearest(some, 2)[1][:, 1]))
-    reach = max(limits[0], 4 * spacing)
-    hit = np.asarray(near <= reach)
-    beside, of = np.unique(nearest[hit], return_inverse=True)
-    touch = find_touched(model, candidates(model, samples, at[beside], reach, 0.0), at[beside])
-    face = np.zeros((len(beside), 3))
+    cloud = Cloud(points)
+    nearest, distance = (each[:, 0] for each in cloud.find_nearest(places))
+    spacing = float(np.median(cloud.find_nearest(pick_rows(points, 1000), 2)[1][:, 1]))
+    reach = max(within, 4 * spacing)
+    hit = np.asarray(distance <= reach)
+    used, point = np.unique(nearest[hit], return_inverse=True)
+    touch = find_touched(model, find_candidates(model, points[used], reach, 0.0), points[used])
+    face = np.zeros((len(used), 3))
     face[touch.point] = model.normals[touch.triangle]
-    above = np.abs(dots(at[nearest[hit]] - places[hit], normals[hit]))
-    hit[hit] = (dots(face[of], normals[hit]) > _OPPOSITE) | (above <= limits[1])
+    heights = np.abs(dots(points[nearest[hit]] - places[hit], normals[hit]))
+    is_same_side = dots(face[point], normals[hit]) > _OPPOSITE
+    hit[hit] = is_same_side | (heights <= compute_noise_limit(model, final))
     return hit

@@ -1,4 +1,7 @@
-"""The exact refinement: scan points to the planes of their closest triangles, robust, until nothing moves."""
+"""The exact refinement: robust point-to-plane registration (ICP) with the closest triangles.
+
+Its costs say how well a pose fits, with regard to what the scanner can see.
+"""
 
 from __future__ import annotations
 
@@ -8,33 +11,51 @@ from itertools import pairwise
 import numpy as np
 from msgspec import Struct
 
-from camgen.localize.coarse import turn_poses
-from camgen.localize.model import Cloud, Model, Touch, TouchPairs, candidates, find_touched
-from camgen.localize.sight import hidden
+from camgen.geometry.vectors import dots
+from camgen.localize.coarse import make_turns
+from camgen.localize.model import (
+    Model,
+    Touch,
+    TouchPairs,
+    find_candidates,
+    find_touched,
+    find_touched_within,
+)
+from camgen.localize.sight import find_hidden
 from camgen.model.part import BoolArray, IntArray
-from camgen.model.pose import FloatArray
+from camgen.model.pose import FloatArray, Pose, frozen, to_vec3
 from camgen.model.tolerance import SIGMAS_OF_MEDIAN
 
-#: Tukey's biweight: points beyond this many standard deviations count nothing; 95 % efficient for normal noise.
+#: Tukey's biweight: points beyond this many standard deviations have no weight. It is 95 %
+#: efficient for normal noise.
 TUKEY = 4.685
+#: Maximum number of times that the gate closes, and of steps with each gate.
 _ROUNDS, _STEPS = 8, 12
-#: How far a pose may move, as part of the reach, before the candidates are looked for again.
+#: Fewer points than this do not hold a pose, which has six unknowns.
+_LEAST_POINTS = 7
+#: The candidates are found again if a pose moves the points by more than this part of the reach.
 _SLACK_SHARE = 0.2
-#: A pose that moves by less than this part of the model's size is at rest. Points that change their triangle keep it
-#: from standing quite still.
+#: A pose is at rest if a step moves it by less than this part of the model's size. Points that
+#: change their triangle keep it from coming to a complete rest.
 _STILL_SHARE = 5e-7
-#: One of two poses is worse if its losses exceed the others by this many standard deviations, and
-#: by this sum.
+#: A pose is worse than another one if the sum of its losses is larger by this many standard
+#: deviations, and by this number of points.
 _DECISIVE, _FEW_POINTS = 4.0, 6.0
 #: A face whose normal has less than this cosine with the way up faces the bench.
 _DOWN = -0.5
 
 
 class ScanFit(Struct, frozen=True, eq=False):
-    """A refined pose: model_from_scan as ``rotation`` (3, 3) and ``origin`` (3,), mm.
+    """A refined pose of the scan in the model's frame, mm.
 
-    noise: standard deviation of the residuals, robust, mm. rms: of the points that count, mm. used: which they are.
-    information: (6, 6) of a turn (rad, times ``arm`` mm) about ``centre`` and a shift, in the model's frame.
+    rotation: (3, 3), model_from_scan.
+    origin: (3,), model_from_scan, mm.
+    noise: robust standard deviation of the residuals, mm.
+    rms: rms residual of the points that have a weight, mm.
+    used: indices of these points.
+    information: (6, 6), information matrix of a turn (rad, times `arm`) about `centre` and a shift.
+    centre: (3,), weighted mean of the points, mm.
+    arm: rms distance of the points from `centre`, mm.
     """
 
     rotation: FloatArray
@@ -47,127 +68,115 @@ class ScanFit(Struct, frozen=True, eq=False):
     arm: float
 
     def apply(self, points: FloatArray) -> FloatArray:
-        """``points`` (N, 3) of the scan in the model's frame."""
+        """`points` (N, 3) of the scan in the model's frame."""
         return np.asarray(points @ self.rotation.T + self.origin)
 
+    def invert(self, middle: FloatArray) -> Pose:
+        """base_from_work, for points that are relative to `middle` (3,) of the scan, mm."""
+        return Pose(frozen(self.rotation.T), to_vec3(middle - self.rotation.T @ self.origin))
 
-#: What the way of a pose asks: where its points (N, 3) are, and if they are to be looked for anew, how far from the
-#: model they count and how far they may move before that is asked again, mm.
+
+#: model_from_scan: rotation (3, 3) and origin (3,), mm.
+_Placement = tuple[FloatArray, FloatArray]
+#: Places (N, 3) for which the closest triangles are wanted, mm. The second is the reach and the
+#: slack (see `find_candidates`) if the candidates have to be found again, otherwise None.
 _Question = tuple[FloatArray, tuple[float, float] | None]
 
 
-def refine(
-    model: Model,
-    samples: Cloud,
-    points: FloatArray,
-    start: tuple[FloatArray, FloatArray],
-    gate: float,
-) -> ScanFit:
-    """The pose near ``start`` (model_from_scan) that puts ``points`` (N, 3) onto the model.
+def refine(model: Model, points: FloatArray, start: _Placement, gate: float) -> ScanFit:
+    """The pose near `start` that puts `points` (N, 3) onto the model.
 
-    gate: mm, points farther from the model do not count; it closes as the residuals shrink. Where fewer than seven
-    points are left, the start comes back with infinite noise.
+    gate: mm, points farther from the model have no weight. It closes as the residuals shrink.
+
+    If fewer than seven points are within the gate, the start is returned, with infinite noise.
     """
-    return refine_all(model, samples, points, [start], gate)[0]
+    return refine_all(model, points, [start], gate)[0]
 
 
 def refine_all(
-    model: Model,
-    samples: Cloud,
-    points: FloatArray,
-    starts: list[tuple[FloatArray, FloatArray]],
-    gate: float,
+    model: Model, points: FloatArray, starts: list[_Placement], gate: float
 ) -> list[ScanFit]:
-    """Each of ``starts`` as ``refine`` does it. What they ask is answered for many of them at once: a question of some
-    hundred points takes little more time than its call.
+    """Each of `starts`, refined as by `refine`.
+
+    The poses are refined side by side, so that the closest triangles are found for many of them in
+    one call. A call takes about as long as the answer for some hundred points.
     """
-    ways = [_way(model, points, start, gate) for start in starts]
-    asked: dict[int, _Question] = {k: next(way) for k, way in enumerate(ways)}
+    refinements = [_refine_steps(model, points, start, gate) for start in starts]
+    questions: dict[int, _Question] = {k: next(each) for k, each in enumerate(refinements)}
     pairs: dict[int, TouchPairs] = {}
-    found: dict[int, ScanFit] = {}
-    while asked:
-        # All go on until each of them has to look again, and then they do so together.
-        moving = [k for k, (_, limits) in asked.items() if limits is None]
+    fits: dict[int, ScanFit] = {}
+    while questions:
+        # Poses that need no new candidates go first, until all others wait for theirs.
+        moving = [k for k, (_, limits) in questions.items() if limits is None]
         if not moving:
-            moving = list(asked)
-            pairs = dict(
-                zip(moving, _look_for(model, samples, [asked[k] for k in moving]), strict=True)
-            )
-        touched = _touch(model, [pairs[k] for k in moving], [asked[k][0] for k in moving])
-        for k, touch in zip(moving, touched, strict=True):
+            moving = list(questions)
+            answers = _find_all_candidates(model, [questions[k] for k in moving])
+            pairs = dict(zip(moving, answers, strict=True))
+        places = [questions[k][0] for k in moving]
+        touches = _find_all_touched(model, [pairs[k] for k in moving], places)
+        for k, touch in zip(moving, touches, strict=True):
             try:
-                asked[k] = ways[k].send(touch)
+                questions[k] = refinements[k].send(touch)
             except StopIteration as end:
-                del asked[k]
-                found[k] = end.value
-    return [found[k] for k in range(len(starts))]
+                del questions[k]
+                fits[k] = end.value
+    return [fits[k] for k in range(len(starts))]
 
 
-def _look_for(model: Model, samples: Cloud, questions: list[_Question]) -> list[TouchPairs]:
-    """The candidates of each question, which has as many points as any."""
+def _find_all_candidates(model: Model, questions: list[_Question]) -> list[TouchPairs]:
+    """The candidates for each question. All questions have the same number of places."""
     limits = [limits for _, limits in questions if limits is not None]
-    at, each = np.concatenate([at for at, _ in questions]), len(questions[0][0])
-    reach, slack = (np.repeat(values, each) for values in zip(*limits, strict=True))
-    pairs = candidates(model, samples, at, reach, slack)
-    ends = np.searchsorted(pairs.point, each * np.arange(len(questions) + 1))
+    places, count = np.concatenate([each for each, _ in questions]), len(questions[0][0])
+    reach, slack = (np.repeat(values, count) for values in zip(*limits, strict=True))
+    pairs = find_candidates(model, places, reach, slack)
+    ends = np.searchsorted(pairs.point, count * np.arange(len(questions) + 1))
     return [
-        TouchPairs(pairs.point[a:b] - each * k, pairs.triangle[a:b])
+        TouchPairs(pairs.point[a:b] - count * k, pairs.triangle[a:b])
         for k, (a, b) in enumerate(pairwise(ends.tolist()))
     ]
 
 
-def _touch(model: Model, pairs: list[TouchPairs], places: list[FloatArray]) -> list[Touch]:
-    """The closest candidates of each of some sets of places, which are as many in each."""
-    each = len(places[0])
+def _find_all_touched(
+    model: Model, pairs: list[TouchPairs], places: list[FloatArray]
+) -> list[Touch]:
+    """The closest of the candidates for each set of places. All sets have the same size."""
+    count = len(places[0])
     all_pairs = TouchPairs(
-        np.concatenate([some.point + each * k for k, some in enumerate(pairs)]),
-        np.concatenate([some.triangle for some in pairs]),
+        np.concatenate([each.point + count * k for k, each in enumerate(pairs)]),
+        np.concatenate([each.triangle for each in pairs]),
     )
     touch = find_touched(model, all_pairs, np.concatenate(places))
-    ends = np.searchsorted(touch.point, each * np.arange(len(places) + 1))
+    ends = np.searchsorted(touch.point, count * np.arange(len(places) + 1))
     return [
-        Touch(touch.point[a:b] - each * k, touch.at[a:b], touch.triangle[a:b], touch.distance[a:b])
+        Touch(touch.point[a:b] - count * k, touch.at[a:b], touch.triangle[a:b], touch.distance[a:b])
         for k, (a, b) in enumerate(pairwise(ends.tolist()))
     ]
 
 
-def _way(
-    model: Model, points: FloatArray, start: tuple[FloatArray, FloatArray], gate: float
+def _refine_steps(
+    model: Model, points: FloatArray, start: _Placement, gate: float
 ) -> Generator[_Question, Touch, ScanFit]:
-    """The way of a pose from its start to where it is at rest: it asks where its points touch the model."""
-    rotation, origin = start
+    """Refines one pose. It yields its questions, gets the answers, and returns the fit."""
+    placement = start
     floor, still = 1e-6 * model.size, _STILL_SHARE * model.size
     noise = least = gate / TUKEY
-    found = ScanFit(
-        rotation,
-        origin,
-        np.inf,
-        np.inf,
-        np.zeros(0, dtype=np.int64),
-        np.zeros((6, 6)),
-        np.zeros(3),
-        1.0,
-    )
+    nothing, zero = np.zeros(0, dtype=np.int64), np.zeros(3)
+    fit = ScanFit(*start, np.inf, np.inf, nothing, np.zeros((6, 6)), zero, 1.0)
     for _ in range(_ROUNDS):
         reach = max(TUKEY * noise, 10 * floor)
         slack = max(_SLACK_SHARE * reach, floor)
         limits: tuple[float, float] | None = (reach, slack)
         moved = 0.0
         for _ in range(_STEPS):
-            at = points @ rotation.T + origin
-            touch = yield at, limits
+            places = points @ placement[0].T + placement[1]
+            touch = yield places, limits
             limits = None
             near = touch.distance <= reach
-            if np.count_nonzero(near) < 7:
-                return found
+            if np.count_nonzero(near) < _LEAST_POINTS:
+                return fit
             spread = SIGMAS_OF_MEDIAN * float(np.median(touch.distance[near]))
             noise = max(min(spread, gate / TUKEY), least, floor)
-            found, turn, shift = _step(model, touch, at, noise, (rotation, origin))
-            rotation = turn @ rotation
-            origin = turn @ (origin - found.centre) + found.centre + shift
-            step = float(np.linalg.norm(shift)) + found.arm * float(
-                np.linalg.norm(turn - np.eye(3))
-            )
+            fit, placement, step = _compute_step(model, touch, places, noise, placement)
             moved += 2 * step
             if step < still or moved > slack:
                 break
@@ -176,71 +185,78 @@ def _way(
         least *= 0.5
         if settled or (step < still and reach <= 10 * floor):
             break
-    return found
+    return fit
 
 
-def draw(model: Model, samples: Cloud, points: FloatArray, start: ScanFit, reach: float) -> ScanFit:
-    """The pose near ``start`` that puts ``points`` (N, 3) onto the model, all that are within ``reach`` (mm) of it to
-    the end, however near the most of them are. Points without noise that hold a motion by few of them need that.
+def draw_pose(model: Model, points: FloatArray, start: ScanFit, reach: float) -> ScanFit:
+    """The pose near `start` that puts `points` (N, 3) onto the model, with a gate that stays open.
+
+    All points within `reach` (mm) of the model keep their weight, however near most of them are.
+    That is right for points without noise of which only a few hold a motion.
     """
-    rotation, origin, found = start.rotation, start.origin, start
+    placement, fit = (start.rotation, start.origin), start
     for _ in range(_STEPS):
-        at = points @ rotation.T + origin
-        touch = find_touched(model, candidates(model, samples, at, reach, 0.0), at)
-        if len(touch.point) < 7:
+        places = points @ placement[0].T + placement[1]
+        touch = find_touched(model, find_candidates(model, places, reach, 0.0), places)
+        if len(touch.point) < _LEAST_POINTS:
             break
-        found, turn, shift = _step(model, touch, at, reach / TUKEY, (rotation, origin))
-        rotation = turn @ rotation
-        origin = turn @ (origin - found.centre) + found.centre + shift
-        if (
-            float(np.linalg.norm(shift)) + found.arm * float(np.linalg.norm(turn - np.eye(3)))
-            < _STILL_SHARE * model.size
-        ):
+        fit, placement, step = _compute_step(model, touch, places, reach / TUKEY, placement)
+        if step < _STILL_SHARE * model.size:
             break
-    return found
+    return fit
 
 
-def _step(
-    model: Model, touch: Touch, at: FloatArray, noise: float, pose: tuple[FloatArray, FloatArray]
-) -> tuple[ScanFit, FloatArray, FloatArray]:
-    """One Gauss-Newton step: the fit before it, and the turn (3, 3) about its centre and shift (3,) that it takes."""
+def _compute_step(
+    model: Model, touch: Touch, places: FloatArray, noise: float, placement: _Placement
+) -> tuple[ScanFit, _Placement, float]:
+    """One Gauss-Newton step: the fit before it, the placement after it, and its length, mm.
+
+    The length counts the turn at the distance `arm`.
+    """
     ratio = (touch.distance / (TUKEY * noise)) ** 2
     weight = np.where(ratio < 1, (1 - ratio) ** 2, 0.0)
     counts = weight > 0
     total = float(weight.sum())
-    places = at[touch.point]
-    normals, off = _pulls(model, touch, places)
+    places = places[touch.point]
+    normals, residuals = _compute_pulls(model, touch, places)
     centre = (weight[:, None] * places).sum(axis=0) / total
     arms = places - centre
     arm = float(np.sqrt((weight * (arms * arms).sum(axis=1)).sum() / total))
-    lines = np.concatenate([np.cross(arms, normals) / arm, normals], axis=1)
-    pulled = lines * weight[:, None]
-    matrix = pulled.T @ lines / total
-    damped = matrix + 1e-9 * np.eye(6)
-    step = -np.linalg.solve(damped, pulled.T @ off / total)
-    rms = float(np.sqrt((off[counts] ** 2).mean()))
-    fit = ScanFit(pose[0], pose[1], noise, rms, touch.point[counts], matrix, centre, arm)
-    return fit, turn_poses(step[None, :3] / arm)[0], step[3:]
+    rows = np.concatenate([np.cross(arms, normals) / arm, normals], axis=1)
+    weighted = rows * weight[:, None]
+    matrix = weighted.T @ rows / total
+    step = -np.linalg.solve(matrix + 1e-9 * np.eye(6), weighted.T @ residuals / total)
+    rms = float(np.sqrt((residuals[counts] ** 2).mean()))
+    rotation, origin = placement
+    fit = ScanFit(rotation, origin, noise, rms, touch.point[counts], matrix, centre, arm)
+    turn, shift = make_turns(step[None, :3] / arm)[0], step[3:]
+    moved = turn @ rotation, turn @ (origin - centre) + centre + shift
+    return fit, moved, float(np.linalg.norm(shift)) + arm * float(np.linalg.norm(turn - np.eye(3)))
 
 
-def _pulls(model: Model, touch: Touch, places: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Which way each place moves away from the model fastest (K, 3), and how far away it is, signed, mm.
+def _compute_pulls(model: Model, touch: Touch, places: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Unit directions (K, 3) away from the model, and signed distances (K,), mm, of `places`.
 
-    Over a face that is its normal. Beside an edge it is the way from there: what lies beyond the rim of a face says
-    where that ends, which is all that holds a box sideways that is seen from above.
+    Over a face the direction is its normal. Beyond an edge it comes from the closest point: places
+    beyond the rim of a face show where it ends. They alone hold a box sideways if it is seen from
+    above.
     """
-    away, normals = places - touch.at, model.normals[touch.triangle]
-    off = np.einsum("ij,ij->i", away, normals)
-    beside = np.flatnonzero(touch.distance > np.abs(off) * (1 + 1e-6) + 1e-9 * model.size)
-    normals[beside] = away[beside] / touch.distance[beside, None]
-    off[beside] = touch.distance[beside]
-    return normals, off
+    offsets, normals = places - touch.at, model.normals[touch.triangle]
+    distances = dots(offsets, normals)
+    beyond = np.flatnonzero(touch.distance > np.abs(distances) * (1 + 1e-6) + 1e-9 * model.size)
+    normals[beyond] = offsets[beyond] / touch.distance[beyond, None]
+    distances[beyond] = touch.distance[beyond]
+    return normals, distances
+
+
+# How well a pose fits.
 
 
 class View(Struct, frozen=True, eq=False):
-    """Points of a scan (N, 3), mm, and the place of the scanner as far as it is known.
+    """Points of a scan, and the place of the scanner as far as it is known.
 
-    eye: (3,), its place, mm; None if it is not known.
+    points: (N, 3), mm.
+    eye: (3,), place of the scanner, mm; None if it is not known.
     up: (3,), unit, from the bench to the part and the scanner; None without a bench.
     """
 
@@ -248,81 +264,71 @@ class View(Struct, frozen=True, eq=False):
     eye: FloatArray | None = None
     up: FloatArray | None = None
 
+    def first(self, count: int) -> View:
+        """The view with its first `count` points."""
+        return View(self.points[:count], self.eye, self.up)
 
-def losses(model: Model, samples: Cloud, view: View, fit: ScanFit, gate: float) -> FloatArray:
-    """The loss of each point of a view, 0..1 (N,): its squared distance in units of ``gate`` (mm).
+
+def compute_losses(model: Model, view: View, fit: ScanFit, gate: float) -> FloatArray:
+    """The loss of each point of a view, 0..1 (N,): its squared distance in units of `gate` (mm).
 
     It is 1 for points farther than the gate, and on places that the scanner cannot have seen.
     """
-    touch = on(model, samples, fit.apply(view.points), gate)
-    seen = ~unseen(model, touch, view, fit, gate)
+    touch = find_touched_within(model, fit.apply(view.points), gate)
+    seen = ~find_unseen(model, touch, view, fit, gate)
     loss = np.ones(len(view.points))
     loss[touch.point[seen]] = (touch.distance[seen] / gate) ** 2
     return loss
 
 
-def cost(model: Model, samples: Cloud, view: View, fit: ScanFit, gate: float) -> float:
-    """The mean of the ``losses``, 0..1."""
-    return float(losses(model, samples, view, fit, gate).mean())
+def compute_cost(model: Model, view: View, fit: ScanFit, gate: float) -> float:
+    """The mean of the losses, 0..1."""
+    return float(compute_losses(model, view, fit, gate).mean())
 
 
 def is_worse(losses: FloatArray, best: FloatArray) -> bool:
-    """Whether losses (N,) exceed the losses ``best`` of another pose by more than chance."""
-    more = losses - best
-    spread = float(np.sqrt((more * more).sum()))
-    return float(more.sum()) > max(_DECISIVE * spread, _FEW_POINTS)
+    """Whether `losses` (N,) exceed the losses `best` of another pose by more than chance."""
+    excess = losses - best
+    deviation = float(np.sqrt((excess * excess).sum()))
+    return float(excess.sum()) > max(_DECISIVE * deviation, _FEW_POINTS)
 
 
-def unseen(model: Model, touch: Touch, view: View, fit: ScanFit, gap: float) -> BoolArray:
+def find_unseen(model: Model, touch: Touch, view: View, fit: ScanFit, gap: float) -> BoolArray:
     """Whether the scanner cannot have seen each of the touched places: (N,).
 
-    The model hides them by more than ``gap`` mm, or they face the bench.
+    The model hides them by more than `gap` mm, or they face the bench.
     """
     if view.eye is not None:
-        # From the model, not from the points: noise puts those of a face that is seen aslant far behind it.
-        return hidden(model, touch.at, fit.apply(view.eye), gap)
+        # The rays start on the model. Noise puts points of a steep face far below the surface.
+        return find_hidden(model, touch.at, fit.apply(view.eye), gap)
     if view.up is not None:
         return np.asarray(model.normals[touch.triangle] @ (fit.rotation @ view.up) < _DOWN)
     return np.zeros(len(touch.point), dtype=bool)
 
 
-def _mean_cost(near: FloatArray, count: int, gate: float) -> float:
-    """The cost of ``count`` points of which those at the distances ``near`` (mm) are on the model."""
-    return 1 - (len(near) - float(((near / gate) ** 2).sum())) / count
-
-
-def costs(
-    model: Model,
-    samples: Cloud,
-    view: View,
-    fits: list[ScanFit],
-    gate: float,
-    same: float = 0.0,
+def compute_costs(
+    model: Model, view: View, fits: list[ScanFit], gate: float, same: float = 0.0
 ) -> list[float]:
-    """The ``cost`` of each fit.
+    """The cost of each fit.
 
-    Sight makes no cost less. So it is examined only for fits that may be the best, or worse by at
-    most ``same``.
+    Regard to sight can only raise a cost. So it is taken only for fits that may be the best one,
+    or worse by at most `same`.
     """
     if not fits:
         return []
-    points = view.points
-    touch = on(model, samples, np.concatenate([fit.apply(points) for fit in fits]), gate)
-    ends = np.searchsorted(touch.point, len(points) * np.arange(1, len(fits)))
-    results = [_mean_cost(near, len(points), gate) for near in np.split(touch.distance, ends)]
+    count = len(view.points)
+    places = np.concatenate([fit.apply(view.points) for fit in fits])
+    touch = find_touched_within(model, places, gate)
+    ends = np.searchsorted(touch.point, count * np.arange(1, len(fits)))
+    results = []
+    for near in np.split(touch.distance, ends):
+        results.append(1 - (len(near) - float(((near / gate) ** 2).sum())) / count)
     if view.eye is None and view.up is None:
         return results
     best = np.inf
     for i in sorted(range(len(fits)), key=results.__getitem__):
         if results[i] > best + same:
             break
-        results[i] = cost(model, samples, view, fits[i], gate)
+        results[i] = compute_cost(model, view, fits[i], gate)
         best = min(best, results[i])
     return results
-
-
-def on(model: Model, samples: Cloud, at: FloatArray, reach: float) -> Touch:
-    """The touches of the places ``at`` (N, 3) within ``reach`` (mm) of the model."""
-    touch = find_touched(model, candidates(model, samples, at, reach, 0.0), at)
-    near = touch.distance <= reach
-    return Touch(touch.point[near], touch.at[near], touch.triangle[near], touch.distance[near])

@@ -16,7 +16,7 @@ from camgen.localize.clouds.las import read_las
 from camgen.localize.clouds.ptx import read_ptx
 from camgen.localize.clouds.records import has_faces, read_pcd, read_ply
 from camgen.localize.clouds.text import read_text, read_vertices
-from camgen.localize.model import spread
+from camgen.localize.model import cross_edges, spread_points
 from camgen.model.errors import InputError, JobError, one_line
 from camgen.model.files import Source
 from camgen.model.part import Note
@@ -74,14 +74,14 @@ def open_scan(path: Path, files: Files) -> Source:
     try:
         return files.open(path)
     except IsADirectoryError:
-        raise InputError(path.name, "is a folder", "", "name a point cloud in it") from None
+        raise InputError(path.name, "is a folder", remedy="name a point cloud in it") from None
     except FileNotFoundError:
         raise InputError(path.name, "there is no such file") from None
     except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
         raise InputError(path.name, f"cannot be read: {one_line(reason(error))}") from error
 
 
-def read(source: Source, unit: str = "") -> Scan:
+def read_scan(source: Source, unit: str = "") -> Scan:
     """The points in `source`.
 
     unit: the unit of the file, a key of `MM`; "" for the unit that the file states or mm.
@@ -90,14 +90,17 @@ def read(source: Source, unit: str = "") -> Scan:
     unit.
     """
     if source.suffix not in SUFFIXES:
-        what = "is not a kind of point cloud that camgen reads"
-        raise InputError(source.name, what, "", f"give one of {', '.join(SUFFIXES)}")
+        raise InputError(
+            source.name,
+            "is not a kind of point cloud that camgen reads",
+            remedy=f"give one of {', '.join(SUFFIXES)}",
+        )
     if not source.data.strip():
         raise InputError(source.name, "the file is empty")
     cloud = _load(source)
     notes = list(cloud.notes)
     taken = _choose_unit(source.name, cloud, unit, notes)
-    points = _usable(source.name, cloud.points * MM[taken], notes)
+    points = _select_usable(source.name, cloud.points * MM[taken], notes)
     viewpoint = None if cloud.viewpoint is None else cloud.viewpoint * MM[taken]
     return Scan(points, tuple(notes), taken, bool(cloud.unit), viewpoint)
 
@@ -118,22 +121,31 @@ def _choose_unit(name: str, cloud: FileCloud, unit: str, notes: list[Note]) -> s
     """
     if cloud.unit:
         if unit and MM[unit] != MM[cloud.unit]:
-            what = f"says {unit}, and {name} is in {cloud.unit}: {cloud.source} says so"
-            raise JobError("--units", what, "", "leave it out, or correct the file")
+            raise JobError(
+                "--units",
+                f"says {unit}, and {name} is in {cloud.unit}: {cloud.source} says so",
+                remedy="leave it out, or correct the file",
+            )
         notes.append(Note("assumed", f"1 unit of the scan = 1 {cloud.unit}", cloud.source))
         return cloud.unit
     if not cloud.usual:
         return unit or "mm"
     if not unit:
-        why = f"{cloud.source}; give --units if it is in another unit"
-        notes.append(Note("assumed", f"1 unit of the scan = 1 {cloud.usual}", why))
+        notes.append(
+            Note(
+                "assumed",
+                f"1 unit of the scan = 1 {cloud.usual}",
+                f"{cloud.source}; give --units if it is in another unit",
+            )
+        )
     elif MM[unit] != MM[cloud.usual]:
-        what = f"1 unit of the scan = 1 {unit}, as --units says"
-        notes.append(Note("warning", what, cloud.source))
+        notes.append(
+            Note("warning", f"1 unit of the scan = 1 {unit}, as --units says", cloud.source)
+        )
     return unit or cloud.usual
 
 
-def _usable(name: str, points: FloatArray, notes: list[Note]) -> FloatArray:
+def _select_usable(name: str, points: FloatArray, notes: list[Note]) -> FloatArray:
     """The finite points.
 
     Scanners write NaN, or the origin of the sensor, for directions in which they saw nothing.
@@ -164,12 +176,9 @@ def _spread_over_mesh(source: Source) -> FileCloud:
     """Points spread over the faces of a mesh, evenly, however coarse the triangles are."""
     soup = read_mesh(source)
     corners = soup.vertices[soup.faces]
-    area = np.linalg.norm(
-        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
-    )
-    if not area.any():
-        raise InputError(source.name, "has no face with an area", "", AGAIN)
-    points = spread(corners, _SPREAD)[0]
+    if not np.linalg.norm(cross_edges(corners), axis=1).any():
+        raise InputError(source.name, "has no face with an area", remedy=AGAIN)
+    points = spread_points(corners, _SPREAD)[0]
     faces = counted(len(corners), "face")
     note = Note("assumed", f"{_SPREAD} points were spread over the {faces} of the scan")
     return FileCloud(points, (*soup.notes, note))

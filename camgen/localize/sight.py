@@ -5,21 +5,23 @@ from __future__ import annotations
 import numpy as np
 from msgspec import Struct
 
-from camgen.collision.tree import ask
+from camgen.collision.tree import search_tree
 from camgen.geometry.vectors import cross, dots, in_blocks, unit
 from camgen.localize.model import Model
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 
-#: A place off the model by this part of its size is on it: a ray from there does not meet the triangle it starts on.
+#: A place is on the model if it is off by less than this part of the model's size. A ray from there
+#: does not meet the triangle on which it starts.
 ON_SURFACE = 1e-5
-#: Share by which a ray may pass beside a triangle and meet it still, so that none slips through between two.
+#: Share of a triangle by which a ray may pass beside it and still meets it, so that no ray slips
+#: through between two triangles.
 _SEAM = 1e-9
-#: Directions that are tried all around, and then about the best one.
+#: Directions that are tried all around, and then about each of the best ones.
 _AROUND, _NEARER = 60, 16
 #: Two directions agree about as well with the seen places if their coefficients differ by less.
 _ABOUT_AS_WELL = 0.05
-#: A far eye stands this many sizes of the model away.
+#: A far eye is this many sizes of the model away.
 _FAR = 1e4
 #: The best directions that are refined, and the eyes that agree about as well, at most.
 _BEST, _ALIKE = 3, 80
@@ -32,70 +34,78 @@ _ROUNDS: tuple[tuple[float, tuple[float, ...]], ...] = (
 )
 
 
-def hidden(model: Model, places: FloatArray, eyes: FloatArray, gap: float) -> BoolArray:
-    """Which ``places`` (N, 3) the model hides from ``eyes`` (3,) or (N, 3), all in the model's frame, mm: a triangle
-    is on the way there, more than ``gap`` (mm) from the place.
-    """
-    ways = unit(eyes - places)
-    ways[ways == 0] = 1e-300
-    # A place within the box leaves it after one diagonal, any other meets it between here and its far end.
-    inverse, pad = 1 / ways, 1e-9 * model.size
+def find_hidden(model: Model, places: FloatArray, eyes: FloatArray, gap: float) -> BoolArray:
+    """Whether the model hides each of `places` (N, 3) from an eye: (N,).
 
-    columns, shares = np.ascontiguousarray(places.T), np.ascontiguousarray(inverse.T)
+    A triangle hides a place if the ray to the eye meets it more than `gap` (mm) from the place.
+
+    eyes: one eye (3,), or one for each place (N, 3). All are in the model's frame, mm.
+    """
+    directions = unit(eyes - places)
+    directions[directions == 0] = 1e-300
+    # Boxes are padded, so that rounding loses none of them.
+    inverse, pad = 1 / directions, 1e-9 * model.size
+    columns, inverses = np.ascontiguousarray(places.T), np.ascontiguousarray(inverse.T)
 
     def meets(which: IntArray, low: FloatArray, high: FloatArray) -> IntArray:
-        here, share = columns.take(which, axis=1), shares.take(which, axis=1)
-        one, two = (low - pad - here) * share, (high + pad - here) * share
-        enters, leaves = np.minimum(one, two).max(axis=0), np.maximum(one, two).min(axis=0)
+        start, factor = columns.take(which, axis=1), inverses.take(which, axis=1)
+        to_low, to_high = (low - pad - start) * factor, (high + pad - start) * factor
+        enters = np.minimum(to_low, to_high).max(axis=0)
+        leaves = np.maximum(to_low, to_high).min(axis=0)
         return np.flatnonzero((leaves >= enters) & (leaves > gap))
 
-    ray, triangle, _ = ask(model.tree, len(places), meets)
-    blocked = np.zeros(len(places), dtype=bool)
+    ray, triangle, _ = search_tree(model.tree, len(places), meets)
     distances = in_blocks(
-        _cross,
+        _measure_ray,
         model.tree.corners.take(triangle, axis=0),
         places.take(ray, axis=0),
-        ways.take(ray, axis=0),
+        directions.take(ray, axis=0),
     )
+    blocked = np.zeros(len(places), dtype=bool)
     blocked[ray[distances > gap]] = True
     return blocked
 
 
-def _cross(corners: FloatArray, places: FloatArray, ways: FloatArray) -> FloatArray:
-    """How far from each place (n, 3) along its unit way the triangle (n, 3, 3) is met, mm; -inf if it is not (Moeller
-    and Trumbore, Fast, minimum storage ray/triangle intersection, 1997).
+def _measure_ray(corners: FloatArray, places: FloatArray, directions: FloatArray) -> FloatArray:
+    """(n,) distance along each ray to its triangle, mm; -inf if the ray does not meet it.
+
+    A ray goes from a place (n, 3) in a unit direction (n, 3); triangles are (n, 3, 3) (Moeller and
+    Trumbore, Fast, minimum storage ray/triangle intersection, 1997).
     """
-    one, two = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    across = cross(ways, two)
-    volume = dots(one, across)
-    volume[volume == 0] = np.inf  # beside the triangle: all quotients are 0 and the distance too
+    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    across = cross(directions, second)
+    volume = dots(first, across)
+    volume[volume == 0] = np.inf  # parallel: all quotients are 0, and the distance too
     from_corner = places - corners[:, 0]
     u = dots(from_corner, across) / volume
-    turned = cross(from_corner, one)
-    v = dots(ways, turned) / volume
-    met = (u >= -_SEAM) & (v >= -_SEAM) & (u + v <= 1 + _SEAM)
-    return np.asarray(np.where(met, dots(two, turned) / volume, -np.inf))
+    turned = cross(from_corner, first)
+    v = dots(directions, turned) / volume
+    is_met = (u >= -_SEAM) & (v >= -_SEAM) & (u + v <= 1 + _SEAM)
+    return np.asarray(np.where(is_met, dots(second, turned) / volume, -np.inf))
 
 
-def far_eyes(model: Model, directions: FloatArray) -> FloatArray:
-    """Eyes (D, 3) that look at the model from far away, from the unit ``directions`` (D, 3)."""
+def make_far_eyes(model: Model, directions: FloatArray) -> FloatArray:
+    """Eyes (D, 3) far away from the model, in the unit `directions` (D, 3) from its middle."""
     return np.asarray((model.low + model.high) / 2 + _FAR * model.size * directions)
 
 
-def look(
+def find_seen(
     model: Model, places: FloatArray, normals: FloatArray, eyes: FloatArray, facing: float
 ) -> BoolArray:
-    """Which places (N, 3) on the model, with their normals, each of ``eyes`` (D, 3) sees: (D, N). A surface whose
-    normal and the way to the eye have a cosine of ``facing`` or less is too steep to be seen.
+    """Whether each of `eyes` (D, 3) sees each of `places` (N, 3) on the model: (D, N).
+
+    normals: (N, 3), unit normals at the places.
+    facing: a surface is too steep to be seen if the cosine between its normal and the direction to
+        the eye is not larger than this.
     """
-    ways = unit((eyes[:, None] - places).reshape(-1, 3)).reshape(len(eyes), -1, 3)
-    seen = np.asarray(np.einsum("dnk,nk->dn", ways, normals) > facing)
+    directions = unit((eyes[:, None] - places).reshape(-1, 3)).reshape(len(eyes), -1, 3)
+    seen = np.asarray(np.einsum("dnk,nk->dn", directions, normals) > facing)
     eye, place = np.nonzero(seen)
-    seen[eye, place] = ~hidden(model, places[place], eyes[eye], ON_SURFACE * model.size)
+    seen[eye, place] = ~find_hidden(model, places[place], eyes[eye], ON_SURFACE * model.size)
     return seen
 
 
-def around() -> FloatArray:
+def spread_directions() -> FloatArray:
     """Unit directions (D, 3) on a spiral all around."""
     k = np.arange(_AROUND) + 0.5
     up, turn = 1 - 2 * k / _AROUND, np.pi * (3 - 5**0.5) * k
@@ -136,6 +146,9 @@ def estimate_eye(
 ) -> EyeEstimate:
     """The scanner's place, by Dice's coefficient of its sight and the seen places.
 
+    The first round tries far eyes all around. The next rounds try directions about the best ones,
+    with nearer eyes too.
+
     facing: the cosine between a face and the line of sight above which the face is seen.
     up: (3,), towards the side of the eye; None for any side.
     likely: (3,), a direction to try besides those all around.
@@ -143,13 +156,17 @@ def estimate_eye(
     middle = (model.low + model.high) / 2
 
     def compare(eyes: FloatArray) -> tuple[FloatArray, FloatArray]:
-        sight = look(model, seen.places, seen.normals, eyes, facing)
+        sight = find_seen(model, seen.places, seen.normals, eyes, facing)
         both, count = (sight & seen.hit).sum(axis=1), int(seen.hit.sum())
         agree = 2 * both / np.maximum(sight.sum(axis=1) + count, 1)
         return np.asarray(agree), np.asarray(both / max(count, 1))
 
-    usual = [*_usual(seen.normals[seen.hit]), *([] if likely is None else [likely[None]])]
-    directions = above(np.vstack([around(), *usual]), up)
+    tries = [spread_directions(), np.eye(3), -np.eye(3)]
+    if seen.hit.any():
+        tries.insert(1, unit(seen.normals[seen.hit].mean(axis=0, keepdims=True)))
+    if likely is not None:
+        tries.append(likely[None])
+    directions = select_above(np.vstack(tries), up)
     eyes, agree, shares = np.zeros((0, 3)), np.zeros(0), np.zeros(0)
     for cone, distances in _ROUNDS:
         tried = np.concatenate([middle + far * model.size * directions for far in distances])
@@ -157,30 +174,25 @@ def estimate_eye(
         eyes = np.vstack([eyes, tried])
         agree, shares = np.append(agree, results[0]), np.append(shares, results[1])
         best = unit(eyes[np.argsort(-agree, kind="stable")[:_BEST]] - middle)
-        directions = above(np.vstack([_ring(direction, cone) for direction in best]), up)
+        rings = [_spread_ring(direction, cone) for direction in best]
+        directions = select_above(np.vstack(rings), up)
     order = np.argsort(-agree, kind="stable")[:_ALIKE]
     alike = order[agree[order] >= agree[order[0]] - _ABOUT_AS_WELL]
     return EyeEstimate(eyes[order[0]], float(shares[order[0]]), eyes[alike])
 
 
-def _usual(normals: FloatArray) -> list[FloatArray]:
-    """Unit directions of many scanners: the mean of the normals (1, 3) and the axes (6, 3)."""
-    mean = normals.mean(axis=0, keepdims=True) if len(normals) else np.zeros((0, 3))
-    return [unit(mean), np.vstack([np.eye(3), -np.eye(3)])]
-
-
-def above(directions: FloatArray, up: FloatArray | None) -> FloatArray:
-    """The directions (D, 3) that point up, at least the nearest one; all if ``up`` is None."""
+def select_above(directions: FloatArray, up: FloatArray | None) -> FloatArray:
+    """The directions (D, 3) that point up, or at least the nearest one; all if `up` is None."""
     if up is None:
         return directions
     rise = directions @ up
     return directions[rise > min(0.0, float(rise.max()) - 1e-9)]
 
 
-def _ring(axis: FloatArray, cone: float) -> FloatArray:
-    """Unit directions (N, 3) about one, at ``cone`` and half of that, rad."""
+def _spread_ring(axis: FloatArray, cone: float) -> FloatArray:
+    """Unit directions (N, 3) around a unit axis, at the angles `cone` and `cone` / 2, rad."""
     turn = 2 * np.pi * np.arange(_NEARER) / _NEARER
     side = unit(np.cross(axis, np.eye(3)[int(np.abs(axis).argmin())])[None])[0]
     ring = np.outer(np.cos(turn), side) + np.outer(np.sin(turn), np.cross(axis, side))
-    wide = np.where(np.arange(_NEARER) % 2, cone, cone / 2)[:, None]
-    return np.asarray(np.cos(wide) * axis + np.sin(wide) * ring)
+    angle = np.where(np.arange(_NEARER) % 2, cone, cone / 2)[:, None]
+    return np.asarray(np.cos(angle) * axis + np.sin(angle) * ring)

@@ -1,46 +1,56 @@
-"""Where the search begins: what of the scan may be the part, and poses all around it, thinned to the few that count."""
+"""The poses with which the search begins: points that may be the part, slid onto the model."""
 
 from __future__ import annotations
 
 import numpy as np
 from msgspec import Struct
 
-from camgen.localize.coarse import DistanceField, Poses, fit, rotations, slide, thin
+from camgen.localize.coarse import (
+    DistanceField,
+    Poses,
+    join_poses,
+    measure_fit,
+    slide_poses,
+    spread_rotations,
+    thin_out,
+)
 from camgen.localize.groups import group_places
 from camgen.localize.model import Model
 from camgen.model.pose import FloatArray, Pose
 
-#: Orientations to begin with: about 25 deg from one to the next.
+#: Number of orientations with which the search begins: neighbours are about 25 deg apart.
 _ORIENTATIONS = 600
-#: Trace of the rotation between two that are turned by less than 45 deg.
+#: Trace of the rotation between two orientations that differ by less than 45 deg.
 _LITTLE = 1 + 2 * np.cos(np.radians(45))
-#: A scan that measures less than this part of the model across shows one side, which lies this part of the way out.
+#: A scan that is thinner than this part of the model shows one side. It lies at this part of the
+#: distance between the middle of the model and its corners.
 _FLATTER, _OUT = 0.7, 0.6
-#: Points that slide. More make it slower, not better.
+#: Number of points that slide. With more the search is slower, and finds no more.
 _POINTS = 120
-#: Points of the model by which its symmetries are looked for.
+#: Number of samples with which the symmetries of the model are searched.
 _ITSELF = 60
-#: Rounds: reach of a point and pull of the samples (see ``coarse.slide``), steps.
-#: Reaches are parts of the model's size.
+#: Rounds: scale, as part of the model's size, pull of the samples (see `slide_poses`), steps.
 _FAR = ((0.15, 1.0, 4), (0.08, 0.5, 4))
 _NARROWING = ((0.05, 0.2, 6), (0.03, 0.05, 6), (0.015, 0.02, 6))
+#: Poses that are kept after the rounds from afar.
 _KEPT = 60
-#: Poses that fit less than this part of the best one are not refined.
+#: Poses are not refined if their fit is less than this part of the best one.
 _WORTH_SHARE = 0.6
-#: Things that may be the part, and the fewest points of one.
+#: Maximum number of things that may be the part, and minimum number of points of each.
 _HEAPS, _FEWEST = 3, 100
-#: Poses that put the corners of the model's box farther apart than this part of its size are different to the search.
+#: Poses are different to the search if a corner of the model's box moves by more than this part of
+#: the model's size.
 _DIFFERENT_SHARE = 0.03
 
 
-def things(model: Model, points: FloatArray) -> list[FloatArray]:
+def list_things(model: Model, points: FloatArray) -> list[FloatArray]:
     """Point sets that may be the part: all points (N, 3), and each of the largest things."""
-    largest = heaps(points, model.size / 16)
+    largest = split_heaps(points, model.size / 16)
     sets = [points, *(largest if len(largest) > 1 else [])]
-    return [thin(each, _POINTS) for each in sets]
+    return [thin_out(each, _POINTS) for each in sets]
 
 
-class Begins(Struct, frozen=True, eq=False):
+class StartPoses(Struct, frozen=True, eq=False):
     """Poses (model_from_scan) to refine, the best first.
 
     share: the share of the points that the best pose explains, 0..1.
@@ -50,110 +60,109 @@ class Begins(Struct, frozen=True, eq=False):
     share: float
 
 
-def starts(
+def find_starts(
     model: Model, field: DistanceField, sets: list[FloatArray], given: Pose | None, near: bool
-) -> Begins:
-    """Different poses to refine, of the ``things`` of a scan.
+) -> StartPoses:
+    """Different poses to refine.
 
-    given: scan_from_model as far as it is known.
-    near: whether the search begins only with poses that are turned little from it.
+    sets: point sets that may be the part, as by `list_things`.
+    given: scan_from_model, as far as it is known.
+    near: whether the search begins only with poses that are turned by less than 45 deg from it.
     """
-    turns, origin = rotations(_ORIENTATIONS), None
+    turns, origin = spread_rotations(_ORIENTATIONS), None
     if given is not None:
         back = given.inverse()
         if near:
             turns = turns[np.einsum("bij,ij->b", turns, back.rotation) > _LITTLE]
         turns = np.concatenate([back.rotation[None], turns])
         origin = back.origin
-    found = [_slide(model, field, some, turns, origin) for some in sets]
-    poses = Poses(
-        *(np.concatenate([getattr(p, name) for p in found]) for name in ("rotations", "origins"))
-    )
-    fits = fit(field, sets[0], poses, 0.01 * model.size)
-    best = np.argsort(-fits, kind="stable")
-    worth = poses[best[fits[best] > _WORTH_SHARE * fits[best[0]]]]
-    return Begins(different(model, worth, _DIFFERENT_SHARE * model.size), float(fits[best[0]]))
+    poses = join_poses([_slide_turns(model, field, points, turns, origin) for points in sets])
+    fits = measure_fit(field, sets[0], poses, 0.01 * model.size)
+    order = np.argsort(-fits, kind="stable")
+    good = poses[order[fits[order] > _WORTH_SHARE * fits[order[0]]]]
+    different = select_different(model, good, _DIFFERENT_SHARE * model.size)
+    return StartPoses(different, float(fits[order[0]]))
 
 
-def symmetries(model: Model, field: DistanceField) -> Poses:
-    """Poses of the model that put its surface about onto itself: found by the search, and half a turn about each
-    principal axis, which the search meets only nearly where the part is thin.
+def find_symmetries(model: Model, field: DistanceField) -> Poses:
+    """Poses of the model that put its surface about onto itself.
+
+    The search finds them. Half a turn about each principal axis is added, because the search finds
+    it only nearly if the part is thin.
     """
-    found = starts(model, field, [thin(model.samples, _ITSELF)], None, near=False).poses
+    poses = find_starts(model, field, [thin_out(model.samples, _ITSELF)], None, near=False).poses
     middle = model.samples.mean(axis=0)
     axes = np.linalg.eigh(np.cov((model.samples - middle).T))[1].T
     turns = 2 * axes[:, :, None] * axes[:, None] - np.eye(3)
-    origins = middle - turns @ middle
-    return Poses(np.concatenate([turns, found.rotations]), np.concatenate([origins, found.origins]))
+    return join_poses([Poses(turns, middle - turns @ middle), poses])
 
 
-def _slide(
+def _slide_turns(
     model: Model,
     field: DistanceField,
     points: FloatArray,
     turns: FloatArray,
     origin: tuple[float, float, float] | None,
 ) -> Poses:
-    """The best of ``turns`` (B, 3, 3) about the middle of the points, and of the first with ``origin``, slid onto the
-    model.
+    """The best poses after sliding `points` (N, 3) onto the model.
+
+    turns: (B, 3, 3), the orientations with which the points start at the middle of the model.
+    origin: model_from_scan, a further start with the first of the orientations.
     """
-    turns, origins = _lay(model, points, turns)
+    poses = _place_turns(model, points, turns)
     if origin is not None:
-        turns, origins = (
-            np.concatenate([turns[:1], turns]),
-            np.concatenate([np.array([origin]), origins]),
-        )
-    poses = Poses(turns, origins)
-    for scale, plain, steps in _FAR:
+        poses = join_poses([Poses(turns[:1], np.array([origin])), poses])
+    for scale, pull, steps in _FAR:
         for _ in range(steps):
-            poses = slide(field, points, poses, scale * model.size, plain)
-    best = np.argsort(-fit(field, points, poses, 0.03 * model.size), kind="stable")[:_KEPT]
-    poses = poses[best]
-    for scale, plain, steps in _NARROWING:
+            poses = slide_poses(field, points, poses, scale * model.size, pull)
+    fits = measure_fit(field, points, poses, 0.03 * model.size)
+    poses = poses[np.argsort(-fits, kind="stable")[:_KEPT]]
+    for scale, pull, steps in _NARROWING:
         for _ in range(steps):
-            poses = slide(field, points, poses, scale * model.size, plain)
+            poses = slide_poses(field, points, poses, scale * model.size, pull)
     return poses
 
 
-def _lay(model: Model, points: FloatArray, turns: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """``turns`` (B, 3, 3) and origins (B, 3) that lay the middle of the points onto that of the model; of points that
-    are flatter than the model, which show one side of it, also towards either side.
+def _place_turns(model: Model, points: FloatArray, turns: FloatArray) -> Poses:
+    """Poses with `turns` (B, 3, 3) that put the middle of `points` (N, 3) onto that of the model.
+
+    Points that are flatter than the model show one side of it. They are put towards either side
+    too, so that there are 3 B poses.
     """
     middle, centre = points.mean(axis=0), model.samples.mean(axis=0)
     origins = centre - turns @ middle
-    least, axes = np.linalg.eigh(np.cov((points - middle).T))
-    if least[0] > _FLATTER**2 * np.linalg.eigvalsh(np.cov((model.samples - centre).T))[0]:
-        return turns, origins
+    variances, axes = np.linalg.eigh(np.cov((points - middle).T))
+    if variances[0] > _FLATTER**2 * np.linalg.eigvalsh(np.cov((model.samples - centre).T))[0]:
+        return Poses(turns, origins)
     across = turns @ axes[:, 0]
-    heights = (corners(model) - centre) @ across.T
+    heights = (list_corners(model) - centre) @ across.T
     out = _OUT * np.stack([0 * heights[0], heights.max(axis=0), heights.min(axis=0)])
-    return np.tile(turns, (3, 1, 1)), (origins + out[..., None] * across).reshape(-1, 3)
+    return Poses(np.tile(turns, (3, 1, 1)), (origins + out[..., None] * across).reshape(-1, 3))
 
 
-def corners(model: Model) -> FloatArray:
-    """The eight corners (8, 3) of the model's box."""
-    pick = np.array([[(i >> k) & 1 for k in range(3)] for i in range(8)])
-    return np.where(pick, model.high, model.low)
+def list_corners(model: Model) -> FloatArray:
+    """The corners (8, 3) of the model's box."""
+    is_high = np.arange(8)[:, None] >> np.arange(3) & 1
+    return np.where(is_high, model.high, model.low)
 
 
-def different(model: Model, poses: Poses, apart: float, limit: int = 24) -> Poses:
-    """The first of ``poses`` and those of the next that put a corner of the model more than ``apart`` mm elsewhere."""
-    places = (corners(model)[None] - poses.origins[:, None]) @ poses.rotations
+def select_different(model: Model, poses: Poses, distance: float, limit: int = 24) -> Poses:
+    """The poses that put a corner of the model's box more than `distance` mm from all poses before.
+
+    At most `limit` poses are selected; the first one always is.
+    """
+    corners = (list_corners(model)[None] - poses.origins[:, None]) @ poses.rotations
     kept: list[int] = []
     for i in range(len(poses)):
-        off = (
-            np.linalg.norm(places[kept] - places[i], axis=2).max(axis=1)
-            if kept
-            else np.array([np.inf])
-        )
-        if off.min() > apart:
+        distances = np.linalg.norm(corners[kept] - corners[i], axis=2).max(axis=1)
+        if distances.min(initial=np.inf) > distance:
             kept.append(i)
         if len(kept) == limit:
             break
     return poses[np.array(kept, dtype=np.int64)]
 
 
-def heaps(points: FloatArray, cell: float) -> list[FloatArray]:
+def split_heaps(points: FloatArray, cell: float) -> list[FloatArray]:
     """The points (N, 3) of each of the largest things that stand apart by more than a cell (mm)."""
     groups = group_places(points, cell)[:_HEAPS]
     return [points[group] for group in groups if len(group) >= _FEWEST]

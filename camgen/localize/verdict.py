@@ -13,10 +13,10 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.vectors import dots, lengths
-from camgen.localize.evidence import DISC, Evidence, gather, sides
+from camgen.localize.evidence import DISC, Evidence, find_sides, gather_evidence
 from camgen.localize.fine import ScanFit, View
 from camgen.localize.groups import group_places
-from camgen.localize.model import Cloud, Model, candidates, find_touched
+from camgen.localize.model import Cloud, Model, find_touched_within
 from camgen.localize.rims import Rims, find_rims
 from camgen.localize.viewpoint import Sight, find_sight
 from camgen.model.part import BoolArray, IntArray
@@ -58,37 +58,23 @@ class Patch(Struct, frozen=True, eq=False):
     beyond: bool
 
 
-class _Strips(Struct, frozen=True, eq=False):
-    """Strips along the rims on one side of the model.
-
-    counts, expected: (R,), the points beside each rim place, and the number expected.
-    valid: (R,), whether the strip says anything at each place.
-    beyond: whether the strips lie beyond the rims.
-    """
-
-    counts: FloatArray
-    expected: FloatArray
-    valid: BoolArray
-    beyond: bool
-
-
-def differences(model: Model, samples: Cloud, view: View, final: ScanFit) -> list[Patch]:
+def find_differences(model: Model, view: View, final: ScanFit) -> list[Patch]:
     """The patches that speak against the model, the largest first.
 
     view: all points of the scan that may be the part.
     """
-    evidence = gather(model, samples, view, final)
+    evidence = gather_evidence(model, view, final)
     if evidence is None:
         return []
     sight = find_sight(evidence, view, final)
-    patches = _find_empty(evidence, sight) + _search_rims(evidence, sight)
+    patches = _find_empty(evidence, sight) + _find_rim_patches(evidence, sight)
     return sorted(patches, key=lambda patch: -patch.expected)
 
 
 def _find_empty(evidence: Evidence, sight: Sight) -> list[Patch]:
     """Patches of the surface that the scan should show and that hold no point."""
     model = evidence.model
-    sample_side, point_side = sides(model.sample_normals), sides(evidence.normals)
+    sample_side, point_side = find_sides(model.sample_normals), find_sides(evidence.normals)
     area = model.area / len(model.samples)
     patches: list[Patch] = []
     for k in np.unique(sample_side):
@@ -98,76 +84,84 @@ def _find_empty(evidence: Evidence, sight: Sight) -> list[Patch]:
         points = np.vstack([evidence.at[point_side == k], opposite])
         empty = samples
         if len(points):
-            empty = samples[Cloud(points).nearest(model.samples[samples])[1][:, 0] > radius]
+            empty = samples[Cloud(points).find_nearest(model.samples[samples])[1][:, 0] > radius]
         empty = empty[sight.expects(model, model.samples[empty], model.sample_normals[empty])]
         for group in group_places(model.samples[empty], 2 * np.sqrt(area)):
             middles = Cloud(model.samples[empty[group]])
             covered = model.samples[samples]
-            covered = covered[middles.nearest(covered)[1][:, 0] <= radius]
-            patch = _cover(covered, float(evidence.density[k] * area * len(covered)), beyond=False)
+            covered = covered[middles.find_nearest(covered)[1][:, 0] <= radius]
+            expected = float(evidence.density[k] * area * len(covered))
+            patch = _make_patch(covered, expected, beyond=False)
             if patch.expected >= _EXPECTED and patch.size[1] >= _WIDTH * radius:
                 patches.append(patch)
     return patches
 
 
 def _see_through(evidence: Evidence, samples: IntArray, at: FloatArray) -> FloatArray:
-    """The places ``at`` (N, 3) of the opposite side that noise may have put there.
+    """The places `at` (N, 3) of the opposite side that noise may have put there.
 
     samples: the numbers of the samples on this side.
     """
     if not len(at):
         return at
     model = evidence.model
-    nearest = samples[Cloud(model.samples[samples]).nearest(at)[0][:, 0]]
+    nearest = samples[Cloud(model.samples[samples]).find_nearest(at)[0][:, 0]]
     heights = dots(at - model.samples[nearest], model.sample_normals[nearest])
     return at[np.abs(heights) <= evidence.within]
 
 
-def _cover(places: FloatArray, expected: float, beyond: bool) -> Patch:
-    """The patch that ``places`` (N, 3) cover."""
+def _make_patch(places: FloatArray, expected: float, beyond: bool) -> Patch:
     middle = places.mean(axis=0)
     axes = np.linalg.svd(places - middle, full_matrices=False)[2]
     length, width = [*np.ptp((places - middle) @ axes.T, axis=0).tolist(), 0.0][:2]
     return Patch(middle, (length, width), expected, beyond)
 
 
-def _search_rims(evidence: Evidence, sight: Sight) -> list[Patch]:
+def _find_rim_patches(evidence: Evidence, sight: Sight) -> list[Patch]:
     """Stretches of the rims with an empty strip inside, or with scan beyond in the face's plane."""
     rims = find_rims(evidence.model, _RIM_PLACES)
     if not len(rims.places):
         return []
-    density = evidence.density[sides(rims.normals)]
+    density = evidence.density[find_sides(rims.normals)]
     width = _STRIP / np.sqrt(density)
     expected = density * width * rims.length / len(rims.places)
     gap = np.maximum(evidence.within, 0.3 * width)
     middles = rims.places - 0.5 * width[:, None] * rims.out
     shown = sight.expects(evidence.model, middles, rims.normals)
-    shown &= _runs_inward(evidence, rims, _DEEP * width)
-    inner = _count(evidence, rims, evidence.at, evidence.normals, (-width, 0 * width))
-    outer = _count(evidence, rims, evidence.off, None, (gap, gap + width))
-    ends = shown & _ends(evidence, rims, gap + width)
-    inside = _Strips(inner, expected, shown, beyond=False)
-    outside = _Strips(outer, expected, ends, beyond=True)
-    return _find_stretches(rims, inside) + _find_stretches(rims, outside)
+    shown &= _find_inward(evidence, rims, _DEEP * width)
+    inner = _count_points(evidence, rims, evidence.at, evidence.normals, (-width, 0 * width))
+    outer = _count_points(evidence, rims, evidence.stray, None, (gap, gap + width))
+    ends = shown & _find_ends(evidence, rims, gap + width)
+    inside = _find_stretches(rims, inner, expected, shown, beyond=False)
+    return inside + _find_stretches(rims, outer, expected, ends, beyond=True)
 
 
-def _find_stretches(rims: Rims, strips: _Strips) -> list[Patch]:
-    """The stretches of strips that speak against the model."""
-    side = sides(rims.normals)
+def _find_stretches(
+    rims: Rims, counts: FloatArray, expected: FloatArray, valid: BoolArray, beyond: bool
+) -> list[Patch]:
+    """The stretches of strips along the rims that speak against the model.
+
+    counts, expected: (R,), the points in the strip at each rim place, and the number expected.
+    valid: (R,), whether the strip says anything at each place.
+    beyond: whether the strips lie beyond the rims.
+    """
+    side = find_sides(rims.normals)
     patches: list[Patch] = []
-    for k in np.unique(side[strips.valid]):
-        places = np.flatnonzero((side == k) & strips.valid)
-        expected, counts = strips.expected[places], strips.counts[places]
-        half = max(_IN_WINDOW / float(expected[0]) / 2, 1.5) * _mm_per_place(rims)
-        distances = lengths(rims.places[places][:, None] - rims.places[places])
-        window = (distances <= half) & (rims.normals[places] @ rims.normals[places].T > _ALIKE)
-        wanted, held = window @ expected, window @ counts
-        odd = held >= _FULL * wanted if strips.beyond else held <= _EMPTY * wanted
-        odd &= wanted > 0.5 * _IN_WINDOW
-        for group in group_places(rims.places[places[odd]], half):
-            total, seen = float(expected[odd][group].sum()), float(counts[odd][group].sum())
-            if seen >= _BEYOND if strips.beyond else _chance(seen, total) < _CHANCE:
-                patches.append(_cover(rims.places[places[odd]][group], total, strips.beyond))
+    for k in np.unique(side[valid]):
+        rows = np.flatnonzero((side == k) & valid)
+        places, normals = rims.places[rows], rims.normals[rows]
+        half = max(_IN_WINDOW / float(expected[rows[0]]) / 2, 1.5) * _mm_per_place(rims)
+        distances = lengths(places[:, None] - places)
+        window = (distances <= half) & (normals @ normals.T > _ALIKE)
+        wanted, held = window @ expected[rows], window @ counts[rows]
+        is_odd = held >= _FULL * wanted if beyond else held <= _EMPTY * wanted
+        odd = np.flatnonzero(is_odd & (wanted > 0.5 * _IN_WINDOW))
+        for group in group_places(places[odd], half):
+            stretch = odd[group]
+            total = float(expected[rows[stretch]].sum())
+            seen = float(counts[rows[stretch]].sum())
+            if seen >= _BEYOND if beyond else _compute_chance(seen, total) < _CHANCE:
+                patches.append(_make_patch(places[stretch], total, beyond))
     return patches
 
 
@@ -175,53 +169,50 @@ def _mm_per_place(rims: Rims) -> float:
     return rims.length / len(rims.places)
 
 
-def _chance(seen: float, expected: float) -> float:
-    """The chance of at most ``seen`` points among ``expected`` independent ones (Poisson)."""
+def _compute_chance(seen: float, expected: float) -> float:
+    """The chance of at most `seen` points among `expected` independent ones (Poisson)."""
     terms = [k * math.log(expected) - math.lgamma(k + 1) - expected for k in range(round(seen) + 1)]
     return math.fsum(math.exp(term) for term in terms)
 
 
-def _runs_inward(evidence: Evidence, rims: Rims, depth: FloatArray) -> BoolArray:
-    """Whether the face at each rim place reaches inward by ``depth`` (R,) mm: (R,)."""
-    model, inward = evidence.model, rims.places - depth[:, None] * rims.out
-    pairs = candidates(model, evidence.samples, inward, evidence.within, 0.0)
-    touch = find_touched(model, pairs, inward)
-    alike = dots(model.normals[touch.triangle], rims.normals[touch.point]) > _ALIKE
-    runs = np.zeros(len(inward), dtype=bool)
-    runs[touch.point[alike & (touch.distance <= evidence.within)]] = True
-    return runs
+def _find_inward(evidence: Evidence, rims: Rims, depth: FloatArray) -> BoolArray:
+    """Whether the face at each rim place reaches inward by `depth` (R,) mm: (R,)."""
+    inward = rims.places - depth[:, None] * rims.out
+    touch = find_touched_within(evidence.model, inward, evidence.within)
+    normals = evidence.model.normals[touch.triangle]
+    reaches = np.zeros(len(inward), dtype=bool)
+    reaches[touch.point[dots(normals, rims.normals[touch.point]) > _ALIKE]] = True
+    return reaches
 
 
-def _ends(evidence: Evidence, rims: Rims, reach: FloatArray) -> BoolArray:
-    """Whether the model has no surface beyond each rim place, out to ``reach`` (R,) mm: (R,)."""
+def _find_ends(evidence: Evidence, rims: Rims, reach: FloatArray) -> BoolArray:
+    """Whether the model has no surface beyond each rim place, out to `reach` (R,) mm: (R,)."""
     ends = np.ones(len(rims.places), dtype=bool)
-    limit = 2 * evidence.within
     for share in (0.5, 1.0):
         beyond = rims.places + share * reach[:, None] * rims.out
-        pairs = candidates(evidence.model, evidence.samples, beyond, limit, 0.0)
-        touch = find_touched(evidence.model, pairs, beyond)
-        ends[touch.point[touch.distance <= limit]] = False
+        ends[find_touched_within(evidence.model, beyond, 2 * evidence.within).point] = False
     return ends
 
 
-def _count(
+def _count_points(
     evidence: Evidence,
     rims: Rims,
     points: FloatArray,
     normals: FloatArray | None,
     limits: tuple[FloatArray, FloatArray],
 ) -> FloatArray:
-    """The number of ``points`` (N, 3) beside each rim place, between two distances beyond it: (R,).
+    """The number of `points` (N, 3) beside each rim place, between two distances beyond it: (R,).
 
     normals: (N, 3), of the face under each point; None if the plane of the rim's face decides.
     limits: (R,) each, mm. Negative distances are inward.
     """
     counts = np.zeros(len(rims.places))
-    side = sides(rims.normals)
+    side = find_sides(rims.normals)
     for k in np.unique(side) if len(points) else ():
         places = np.flatnonzero(side == k)
         counted = np.zeros(len(points), dtype=bool)
-        for rim in places[Cloud(rims.places[places]).nearest(points, min(3, len(places)))[0]].T:
+        nearest = Cloud(rims.places[places]).find_nearest(points, min(3, len(places)))[0]
+        for rim in places[nearest].T:
             offsets = points - rims.places[rim]
             out = dots(offsets, rims.out[rim])
             along = dots(offsets, np.cross(rims.normals[rim], rims.out[rim]))

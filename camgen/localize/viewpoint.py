@@ -6,11 +6,19 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.vectors import unit
-from camgen.localize.evidence import DISC, FEW_ON_SIDE, NEIGHBOURS, Evidence, sides
+from camgen.localize.evidence import DISC, FEW_ON_SIDE, NEIGHBOURS, Evidence, find_sides
 from camgen.localize.fine import ScanFit, View
+from camgen.localize.groups import pick_rows
 from camgen.localize.model import Cloud, Model
 from camgen.localize.rims import find_rims
-from camgen.localize.sight import SeenPlaces, above, around, estimate_eye, far_eyes, look
+from camgen.localize.sight import (
+    SeenPlaces,
+    estimate_eye,
+    find_seen,
+    make_far_eyes,
+    select_above,
+    spread_directions,
+)
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray
 
@@ -45,10 +53,10 @@ class Sight(Struct, frozen=True, eq=False):
     facing: float = _FACING
 
     def expects(self, model: Model, places: FloatArray, normals: FloatArray) -> BoolArray:
-        """Whether the scan should show each of ``places`` (N, 3) on the model: (N,)."""
+        """Whether the scan should show each of `places` (N, 3) on the model: (N,)."""
         if not len(places):
             return np.zeros(0, dtype=bool)
-        seen = look(model, places, normals, self.eyes, self.facing)
+        seen = find_seen(model, places, normals, self.eyes, self.facing)
         return np.asarray(seen.mean(axis=0) >= self.share - 1e-9)
 
 
@@ -56,21 +64,20 @@ def find_sight(evidence: Evidence, view: View, final: ScanFit) -> Sight:
     """The place of the scanner, as it is known or follows from the points."""
     model = evidence.model
     if view.eye is not None:
-        return Sight(_surround(final.apply(view.eye), model, _NEAR_KNOWN), 1.0)
-    clear = _clear_of_rims(evidence)
+        return Sight(_make_ring(final.apply(view.eye), model, _NEAR_KNOWN), 1.0)
+    clear = _find_clear(evidence)
     at, faces = evidence.at[clear], evidence.normals[clear]
-    step = max(len(model.samples) // _PLACES, 1)
-    places, normals = model.samples[::step], model.sample_normals[::step]
+    places, normals = (pick_rows(each, _PLACES) for each in (model.samples, model.sample_normals))
     hit = _find_hit(evidence, at, faces, places, normals)
     up = None if view.up is None else final.rotation @ view.up
-    likely = _direction_by_density(at, faces)
+    likely = _fit_direction(at, faces)
     seen_places = SeenPlaces(places, normals, hit)
     estimate = estimate_eye(model, seen_places, _STEEPEST, up, likely)
     if estimate.share >= 1 - _MISSED:
-        near = _surround(estimate.eye, model, _NEAR_ESTIMATED)
+        near = _make_ring(estimate.eye, model, _NEAR_ESTIMATED)
         return Sight(np.vstack([near, estimate.alike]), _MOST_ALIKE, _STEEPEST)
-    eyes = far_eyes(model, above(around(), up))
-    seen = look(model, places, normals, eyes, _FACING)
+    eyes = make_far_eyes(model, select_above(spread_directions(), up))
+    seen = find_seen(model, places, normals, eyes, _FACING)
     shown = (seen & hit).sum(axis=1) >= _SHOWN * np.maximum(seen.sum(axis=1), 1)
     return Sight(np.vstack([estimate.eye[None], eyes[shown]]), _OPEN)
 
@@ -78,25 +85,25 @@ def find_sight(evidence: Evidence, view: View, final: ScanFit) -> Sight:
 def _find_hit(
     evidence: Evidence, at: FloatArray, faces: FloatArray, places: FloatArray, normals: FloatArray
 ) -> BoolArray:
-    """Whether each of ``places`` (N, 3) has a point ``at`` (M, 3) of its side beside it: (N,)."""
-    point_side, place_side = sides(faces), sides(normals)
+    """Whether each of `places` (N, 3) has a point `at` (M, 3) of its side beside it: (N,)."""
+    point_side, place_side = find_sides(faces), find_sides(normals)
     hit = np.zeros(len(places), dtype=bool)
     for k in np.flatnonzero(np.bincount(point_side, minlength=6) >= FEW_ON_SIDE):
         on_side = place_side == k
-        distances = Cloud(at[point_side == k]).nearest(places[on_side])[1][:, 0]
+        distances = Cloud(at[point_side == k]).find_nearest(places[on_side])[1][:, 0]
         hit[on_side] = distances < DISC / np.sqrt(evidence.density[k])
     return hit
 
 
-def _direction_by_density(at: FloatArray, normals: FloatArray) -> FloatArray | None:
-    """The unit direction (3,) of a single scanner, None if there are too few points ``at`` (N, 3).
+def _fit_direction(at: FloatArray, normals: FloatArray) -> FloatArray | None:
+    """The unit direction (3,) of a single scanner, None if there are too few points `at` (N, 3).
 
     The density of points on a face is in proportion to the cosine between its normal and the
     direction. The direction is fitted to the densities by least squares.
     """
     if len(at) <= NEIGHBOURS:
         return None
-    distances = np.maximum(Cloud(at).nearest(at, NEIGHBOURS + 1)[1][:, -1], 1e-9)
+    distances = np.maximum(Cloud(at).find_nearest(at, NEIGHBOURS + 1)[1][:, -1], 1e-9)
     # The area that a point stands for is in proportion to the squared distance of its neighbours.
     weighted = normals * (distances**2)[:, None]
     direction = np.linalg.pinv(weighted.T @ normals, rcond=1e-3) @ normals.sum(axis=0)
@@ -104,17 +111,17 @@ def _direction_by_density(at: FloatArray, normals: FloatArray) -> FloatArray | N
     return np.asarray(direction / length) if length else None
 
 
-def _clear_of_rims(evidence: Evidence) -> BoolArray:
+def _find_clear(evidence: Evidence) -> BoolArray:
     """Whether each point is so far from the rims that noise does not put it on another face."""
     rims = find_rims(evidence.model)
     if not len(rims.places):
         return np.ones(len(evidence.at), dtype=bool)
     gap = 2 * evidence.within + rims.length / len(rims.places)
-    return np.asarray(Cloud(rims.places).nearest(evidence.at)[1][:, 0] > gap)
+    return np.asarray(Cloud(rims.places).find_nearest(evidence.at)[1][:, 0] > gap)
 
 
-def _surround(eye: FloatArray, model: Model, angle: float) -> FloatArray:
-    """The eye (3,) and six eyes turned from it about the model by ``angle`` (rad): (7, 3)."""
+def _make_ring(eye: FloatArray, model: Model, angle: float) -> FloatArray:
+    """The eye (3,) and six eyes turned from it about the model by `angle` (rad): (7, 3)."""
     axis = eye - (model.low + model.high) / 2
     side = unit(np.cross(axis, np.eye(3)[int(np.abs(axis).argmin())])[None])[0]
     other = np.cross(unit(axis[None])[0], side)

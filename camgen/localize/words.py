@@ -11,9 +11,9 @@ from camgen.model.text import fixed, short
 _MM_DIGITS, _DEG_DIGITS = 4, 5
 
 
-def pose_values(pose: Pose) -> str:
+def format_values(pose: Pose) -> str:
     """A pose as the list of a job file: x, y, z in mm, then rx, ry, rz in degrees."""
-    angles = [math.degrees(angle) for angle in fixed_xyz(pose.rotation)]
+    angles = map(math.degrees, fixed_xyz(pose.rotation))
     texts = [fixed(v, _MM_DIGITS) for v in pose.origin] + [fixed(v, _DEG_DIGITS) for v in angles]
     return f"[{', '.join(texts)}]"
 
@@ -21,7 +21,7 @@ def pose_values(pose: Pose) -> str:
 def describe_patch(patch: Patch) -> str:
     """The difference at a patch, with its place in the model's frame and its size."""
     place = ", ".join(short(value, 1) for value in patch.middle.tolist())
-    length, width = (short(value, 0) for value in patch.size)
+    length, width = short(patch.size[0], 0), short(patch.size[1], 0)
     if patch.beyond:
         return f"the scan runs on beyond a rim at {place} of the model over {length} mm"
     if patch.size[1] < 1:

@@ -46,7 +46,7 @@ from camgen.model.program import (
     splice,
 )
 from camgen.model.tolerance import SAME_POINT_MM, ZONES
-from camgen.motion.corners import corner_tolerance
+from camgen.motion.corners import compute_corner_tolerance
 from camgen.order.tours import ArmTour
 
 # How far a tool that turns with the contour winds up, and where it is turned back: in the air, between two paths.
@@ -507,7 +507,7 @@ def _open_draft(
     else:
         orientations = lower_rows.orient_fixed(rows)
     run = np.repeat(np.arange(len(runs)), rows.last - rows.first + 1)
-    tolerance = np.array([corner_tolerance(job, run.path.operation) for run in runs])
+    tolerance = np.array([compute_corner_tolerance(job, run.path.operation) for run in runs])
     blend = lower_rows.blends(rows, tolerance[run], cell.pace)
     blend[np.flatnonzero(orientations.turns) - 1] = 0.0
     above_start, near, above_end = _heights(rows, runs, job.process)

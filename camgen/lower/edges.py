@@ -28,9 +28,9 @@ from camgen.model.program import (
     Program,
 )
 from camgen.model.tolerance import SAME_POINT_MM
-from camgen.motion.corners import corner_tolerance, hold_orientation
+from camgen.motion.corners import compute_corner_tolerance, limit_blends
 from camgen.motion.pose_paths import PosePath
-from camgen.motion.setup import EdgeMotion, feed_of
+from camgen.motion.setup import EdgeMotion, compute_feed
 from camgen.order import EdgeTour
 from camgen.order.edges.links import JointLink, PathLink, Piece
 
@@ -57,7 +57,7 @@ def lower_edges(
         if isinstance(leg.link[-1], JointLink):
             link += _state(leg.motion.way, process)
         body += _belonging(link, number, False)
-        feed = feed_of(leg.motion, length, process)
+        feed = compute_feed(leg.motion, length, process)
         blend = _blends(leg.motion, tour.paths[number], feed, job, cell.pace)
         body += _belonging(_work(leg.motion, feed, blend, job), number, True)
     out, way = _split(route.back[:-1])
@@ -122,7 +122,7 @@ def _approach(piece: PathLink, process: ProcessTable) -> Iterator[Instruction]:
     if slow <= 0 or not np.isnan(way.via[-1, 0]):
         yield from _along(way, piece.speed)
         return
-    ahead = _cut(way, 1 - slow / last) if slow < last else way.head
+    ahead = _cut(way, 1 - slow / last) if slow < last else way.slice(0, len(way) - 1)
     yield from _along(ahead, piece.speed)
     yield MoveL(_pose(way.rotation[-1], way.position[-1]), plunge(process))
 
@@ -151,8 +151,8 @@ def _blends(
     """
     run = np.full(len(path.position), feed)
     rows = replace(gather([path], [0.0]), feed=run)
-    blend = blends(rows, np.full_like(run, corner_tolerance(job, path.operation)), pace)
-    blend[1:-1] = hold_orientation(blend[1:-1], _bends(motion.way), pace)
+    blend = blends(rows, np.full_like(run, compute_corner_tolerance(job, path.operation)), pace)
+    blend[1:-1] = limit_blends(blend[1:-1], _bends(motion.way), pace)
     return [float(radius) for radius in blend]
 
 

@@ -31,7 +31,7 @@ from camgen.model.program import (
     ToolChange,
 )
 from camgen.model.tolerance import SAME_POINT_MM
-from camgen.motion.corners import blend_corners, corner_tolerance
+from camgen.motion.corners import blend_corners, compute_corner_tolerance
 from camgen.order import ReplayTour
 from camgen.plan.replay import moving, owners
 from camgen.plan.taught import stretches
@@ -109,7 +109,7 @@ def _run(
     above = 1 if tool.kind in _TURNING else len(motions)
     out = [*_switch_on_after(body[:first], motions[:above]), *motions[above:]]
     manner = zip(
-        _blends(columns, corner_tolerance(job, "replay"), cell.pace).tolist()[1:],
+        _blends(columns, compute_corner_tolerance(job, "replay"), cell.pace).tolist()[1:],
         following,
         strict=True,
     )

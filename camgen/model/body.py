@@ -280,7 +280,7 @@ _MOTION_COLUMNS = ("end", "rotation", "speed", "blend", "path", "work")
 _ARC_COLUMNS = ("via", "via_rotation")
 
 
-class Packing(Sequence[Instruction]):
+class BodyBuilder(Sequence[Instruction]):
     """Builds a body: instructions are added as to a list, and packed in blocks."""
 
     def __init__(self, items: Iterable[Instruction] = ()) -> None:
@@ -358,7 +358,7 @@ class Packing(Sequence[Instruction]):
 
 def pack(items: Iterable[Instruction]) -> Body:
     """The instructions as a body; a body is returned as it is."""
-    return items if isinstance(items, Body) else Packing(items).body()
+    return items if isinstance(items, Body) else BodyBuilder(items).body()
 
 
 def join(*bodies: Body) -> Body:
@@ -414,7 +414,6 @@ def _pack(items: Sequence[Instruction], rotations: _Rotations) -> tuple[Packed, 
 
 
 def _origins(poses: Sequence[Pose]) -> FloatArray:
-    """(K, 3) origins of the poses, mm."""
     flat = chain.from_iterable(map(attrgetter("origin"), poses))
     return np.fromiter(flat, np.float64, 3 * len(poses)).reshape(-1, 3)
 
@@ -435,7 +434,6 @@ def _are_plain(moves: Sequence[Any]) -> bool:
 
 
 def _is_plain(move: Motion) -> bool:
-    """Whether the columns describe a motion in full."""
     if move.joints is not None or move.posture is not None or type(move.target) is not Pose:
         return False
     if type(move) is MoveJ:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from camgen.model.body import NUMBER, Body, Packing
+from camgen.model.body import NUMBER, Body, BodyBuilder
 from camgen.model.errors import JobError, one_line
 from camgen.model.text import counted, suggest
 
@@ -79,15 +79,6 @@ def be_struct(kind: type, fields: Mapping[str, Check]) -> Check:
         return ""
 
     return check
-
-
-def be_optional(check: Check) -> Check:
-    """A check that a value is None or passes `check`."""
-
-    def check_optional(value: Any) -> str:
-        return "" if value is None else check(value)
-
-    return check_optional
 
 
 def be_empty(value: Any) -> str:
@@ -176,7 +167,7 @@ def be_words(kind: type | tuple[type, ...], words: Collection[str], noun: str) -
 
 def be_body(body: Any) -> str:
     """A check that a value is a sequence of instructions."""
-    if isinstance(body, (Body, Packing)):
+    if isinstance(body, (Body, BodyBuilder)):
         # Motions in columns have their types by construction.
         body = body.objects
     if not isinstance(body, Sequence) or isinstance(body, str):

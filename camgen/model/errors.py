@@ -77,7 +77,7 @@ class Refused(NoSafeProgram):
         self.index = index
 
 
-class Loss(NamedTuple):
+class BlockedPath(NamedTuple):
     """A path that cannot be run.
 
     path: index of the path in the program, -1 for a motion on no path.
@@ -100,7 +100,12 @@ class Blocked(NoSafeProgram):
     """
 
     def __init__(
-        self, file: str, what: str, where: str = "", remedy: str = "", lost: tuple[Loss, ...] = ()
+        self,
+        file: str,
+        what: str,
+        where: str = "",
+        remedy: str = "",
+        lost: tuple[BlockedPath, ...] = (),
     ) -> None:
         super().__init__(file, what, where, remedy)
         self.lost = lost

@@ -169,7 +169,6 @@ _PLURALS: dict[object, str] = {
 
 
 def _describe_type(hint: Any) -> str:
-    """The possible values of the type `hint`, in words."""
     if get_origin(hint) is Annotated:
         base, *metas = get_args(hint)
         bounds = [f" > {_number(m.gt)}" for m in metas if m.gt is not None]

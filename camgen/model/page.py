@@ -19,10 +19,12 @@ def page_size(page: PageTable) -> tuple[float, float]:
         name, _, turned = page.size.strip().lower().partition(" ")
         turned = turned.strip()
         if name not in SIZES or turned not in ("", "portrait", "landscape"):
-            remedy = (
-                f'use one of {", ".join(SIZES)}, "A4 landscape" for the long side down, or [w, h]'
+            raise JobError(
+                "job",
+                f'unknown page "{page.size[:40]}"',
+                "page.size",
+                f'use one of {", ".join(SIZES)}, "A4 landscape" for the long side down, or [w, h]',
             )
-            raise JobError("job", f'unknown page "{page.size[:40]}"', "page.size", remedy)
         width, height = SIZES[name]
         return (height, width) if turned == "landscape" else (width, height)
     if len(page.size) != 2 or min(page.size) <= 0:

@@ -79,9 +79,12 @@ def ask(entry: EntryPoint, what: str, answer: Callable[[], _T]) -> _T:
             return answer()
     except (Exception, SystemExit, _TooLong) as error:
         kind = type(error).__name__.lstrip("_")
-        reason = f"cannot {what}: {kind}: {one_line(str(error))}"
-        remedy = "mend or remove its package"
-        raise JobError(f"plug-in {entry.name}", reason, entry.value, remedy) from error
+        raise JobError(
+            f"plug-in {entry.name}",
+            f"cannot {what}: {kind}: {one_line(str(error))}",
+            entry.value,
+            "mend or remove its package",
+        ) from error
 
 
 class _TooLong(BaseException):

@@ -14,7 +14,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from camgen.model.body import NUMBER, Body, Indices, Mask, Packing, join, pack
+from camgen.model.body import NUMBER, Body, BodyBuilder, Indices, Mask, join, pack
 from camgen.model.errors import Refused
 from camgen.model.instructions import (
     Comment,
@@ -40,6 +40,7 @@ from camgen.model.tolerance import SAME_POINT_MM
 __all__ = [
     "RULES",
     "Body",
+    "BodyBuilder",
     "Columns",
     "Comment",
     "Force",
@@ -53,7 +54,6 @@ __all__ = [
     "MoveL",
     "Origin",
     "Output",
-    "Packing",
     "Posture",
     "Program",
     "Stop",
@@ -379,7 +379,6 @@ def put_at(
 
 
 def _any_of(numbered: NDArray[np.int8], kinds: Iterable[type]) -> Mask:
-    """Whether each kind, by number, is one of the types `kinds`."""
     mask = np.zeros(len(numbered), np.bool_)
     for kind in kinds:
         mask |= numbered == NUMBER[kind]
@@ -427,25 +426,29 @@ def check(columns: Columns, paths: int = 0) -> None:
     paths: number of paths of the program.
     """
     at, speed, blend = columns.at, columns.speed, columns.blend
-    waits = np.flatnonzero(columns.are(Wait))
-    first_move, is_joint = at[:1], columns.moves_are(MoveJ)[:1]
-    wrong_speed = ~(speed > 0) | (blend < 0)
-    wrong_share = ~((columns.share >= 0) & (columns.share <= 1))
-    wrong_rate = ~((columns.rate >= 0) & np.isfinite(columns.rate))
-    wrong_path = (columns.path < -1) | (columns.path >= paths)
-    no_turn = columns.turned & ~(columns.turn > 0)
-    wrong_turn = ~(columns.turn >= 0)
-    wrong_wait = column(columns.of(Wait), "seconds") < 0
+    share, rate, path, turn = columns.share, columns.rate, columns.path, columns.turn
+    wrong_waits = column(columns.of(Wait), "seconds") < 0
+    wrong_waits_at = np.flatnonzero(columns.are(Wait))[wrong_waits]
+    not_joint = ~columns.moves_are(MoveJ)[:1]
     broken = [
-        *_first(first_move[~is_joint], "the first motion must be joint-interpolated"),
+        *_first(at[:1][not_joint], "the first motion must be joint-interpolated"),
         *_find_not_finite(columns),
-        *_first(at[wrong_speed], "a speed must be positive and a blend not negative"),
-        *_first(at[wrong_share], "a share of the joints' speeds must be from 0 to 1"),
-        *_first(at[wrong_rate], "a speed of a joint must not be negative"),
-        *_first(at[wrong_path], "a motion belongs to a path that there is none of"),
-        *_first(at[no_turn], "a motion that only turns the tool has no speed of turning"),
-        *_first(at[wrong_turn], "a speed of turning must not be negative"),
-        *_first(waits[wrong_wait], "a wait must not be negative"),
+        *_first(
+            at[~(speed > 0) | (blend < 0)], "a speed must be positive and a blend not negative"
+        ),
+        *_first(
+            at[~((share >= 0) & (share <= 1))], "a share of the joints' speeds must be from 0 to 1"
+        ),
+        *_first(at[~((rate >= 0) & np.isfinite(rate))], "a speed of a joint must not be negative"),
+        *_first(
+            at[(path < -1) | (path >= paths)], "a motion belongs to a path that there is none of"
+        ),
+        *_first(
+            at[columns.turned & ~(turn > 0)],
+            "a motion that only turns the tool has no speed of turning",
+        ),
+        *_first(at[~(turn >= 0)], "a speed of turning must not be negative"),
+        *_first(wrong_waits_at, "a wait must not be negative"),
         *_find_blending(columns),
         *_find_pressing(columns),
         *_find_left_on(columns),
@@ -512,7 +515,6 @@ def _are_finite(values: FloatArray) -> Mask:
 
 
 def _is_finite(value: float | Sequence[float] | FloatArray) -> bool:
-    """Whether a number, or all numbers of a tuple or array, are finite."""
     if isinstance(value, float):
         return math.isfinite(value)
     if isinstance(value, tuple):
@@ -524,9 +526,7 @@ def _find_blending(columns: Columns) -> Iterator[tuple[int, str]]:
     """Yield motions that blend although the next instruction is not a motion."""
     is_motion = columns.are(MoveJ, MoveL, MoveC)[~columns.are(Comment)]
     is_followed = np.append(is_motion[1:], False)[is_motion]
-    is_last = np.zeros(len(is_motion), np.bool_)
-    is_last[-1:] = True
-    is_last = is_last[is_motion]
+    is_last = (np.arange(len(is_motion)) == len(is_motion) - 1)[is_motion]
     wrong = (columns.blend > 0) & ~is_followed
     yield from _first(columns.at[wrong & ~is_last], _BLENDS)
     yield from _first(columns.at[wrong & is_last], "the last motion must not blend")
@@ -586,13 +586,12 @@ def _find_changing(columns: Columns) -> Iterator[tuple[int, str]]:
     The first motion after a tool change must be joint-interpolated.
     """
     on = set[str]()
-    changed = False
-    for index in np.flatnonzero(columns.are(ToolChange)).tolist():
-        changed = True
+    changes = np.flatnonzero(columns.are(ToolChange)).tolist()
+    for index in changes:
         next_motion = _find_next_motion(columns, index)
         if index + 1 < len(columns.body) and not isinstance(next_motion, MoveJ):
             yield index, "the first motion after a tool change must be joint-interpolated"
-    if not changed:
+    if not changes:
         return
     for index in np.flatnonzero(columns.are(Output, Force, ToolChange)).tolist():
         item = columns.body[index]
@@ -608,7 +607,6 @@ def _find_changing(columns: Columns) -> Iterator[tuple[int, str]]:
 
 
 def _find_next_motion(columns: Columns, index: int) -> Motion | None:
-    """The first motion after the instruction at `index`, or None."""
     after = int(np.searchsorted(columns.at, index))
     return columns.moves[after] if after < len(columns.moves) else None
 

@@ -42,7 +42,6 @@ def read_signature(text: str) -> State:
 
 
 def _digest(text: str) -> str:
-    """The digest of a text without a digest."""
     if "\r" in text or " \n" in text or "\t\n" in text:
         text = _BLANKS.sub("", text.replace("\r\n", "\n"))
     data = text.rstrip().encode("utf-8", "surrogateescape")

@@ -9,8 +9,8 @@ import numpy as np
 
 from camgen.collision.cell import Surroundings
 from camgen.collision.describe import describe_hit
-from camgen.collision.hits import are_clear, clearance, hits, split_off_meshes
-from camgen.collision.motion import MotionCheck, measure_apart, motions
+from camgen.collision.hits import are_clear, find_collisions, measure_clearance, split_off_meshes
+from camgen.collision.motion import MotionCheck, check_motions, measure_apart
 from camgen.collision.scene import Scene, name_pair
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError, NoSafeProgram
@@ -19,17 +19,17 @@ from camgen.model.pose import FloatArray, frozen
 from camgen.model.program import Joints
 from camgen.motion.joint_paths import APART, JointPath, follow_all
 from camgen.motion.setup import Blockage, FreeSpace, SampledMotion, Setup
-from camgen.robots.kinematics.joint_limits import within
-from camgen.robots.kinematics.reasons import tell_limit
+from camgen.robots.kinematics.joint_limits import are_within_limits
+from camgen.robots.kinematics.reasons import describe_limit
 from camgen.robots.models import Robot
 
-#: mm: what two bodies may enter each other before a motion in between is found to collide.
+#: mm: depth to which two bodies may enter each other between two samples without a collision.
 STEP = 2.0
-#: The same where it is found how near they come, mm.
+#: mm: this depth if the clearance is measured as well.
 FINE = 0.5
 
 
-def home_of(robot: Robot, cell: Cell, scene: Scene) -> FloatArray:
+def find_home(robot: Robot, cell: Cell, scene: Scene) -> FloatArray:
     """(J,) the joint values at home.
 
     Raises JobError if their number is not that of the joints, or if they are beyond the limits.
@@ -40,10 +40,10 @@ def home_of(robot: Robot, cell: Cell, scene: Scene) -> FloatArray:
     if len(home) != len(robot.joints):
         what = f"{robot.name} has {len(robot.joints)} joints, home has {len(home)}"
         raise JobError("job", what, "cell.home", "give home for this robot")
-    if not within(robot, home):
-        what = f"at home {tell_limit(robot, home)}"
+    if not are_within_limits(robot, home):
+        what = f"at home {describe_limit(robot, home)}"
         raise JobError("job", what, "cell.home", "give a home within the limits")
-    pair = int(hits(scene, home[None])[0])
+    pair = int(find_collisions(scene, home[None])[0])
     if pair >= 0:
         raise NoSafeProgram(
             "job",
@@ -54,7 +54,7 @@ def home_of(robot: Robot, cell: Cell, scene: Scene) -> FloatArray:
     return home
 
 
-def setup_of(robot: Robot, cell: Cell, where: Surroundings) -> Setup:
+def make_setup(robot: Robot, cell: Cell, where: Surroundings) -> Setup:
     """The set-up of a cell for motions along edges: arm, frames and collision tests."""
     scene = where.scene
     clear = partial(are_clear, split_off_meshes(scene))
@@ -70,47 +70,47 @@ def setup_of(robot: Robot, cell: Cell, where: Surroundings) -> Setup:
         cell.base_from_work,
         cell.flange_from_tool,
         clear,
-        lambda joints: name_pair(scene, int(hits(scene, joints[None])[0])),
+        lambda joints: name_pair(scene, int(find_collisions(scene, joints[None])[0])),
         partial(measure_apart, scene),
         keep_margin if where.margin > 0 else clear,
     )
 
 
-def room_of(where: Surroundings, setup: Setup) -> FreeSpace:
+def make_free_space(where: Surroundings, setup: Setup) -> FreeSpace:
     """The free space of a cell, with the collision tests of motions along edges and links."""
 
-    def look(several: Sequence[SampledMotion]) -> list[Blockage | float]:
+    def test(several: Sequence[SampledMotion]) -> list[Blockage | float]:
         if not several:
             return []
-        courses = follow_all(setup, several)
-        rows = [course.joints for course in courses]
-        beside = motions(where.apart, rows, FINE, where.margin, APART)
-        working = motions(where.work, rows, STEP, apart=APART)
-        return [_say(where, *one) for one in zip(courses, beside, working, strict=True)]
+        paths = follow_all(setup, several)
+        rows = [path.joints for path in paths]
+        with_margin = check_motions(where.apart, rows, FINE, where.margin, APART)
+        working = check_motions(where.work, rows, STEP, deviation=APART)
+        return list(map(partial(_find_blockage, where), paths, with_margin, working))
 
-    def gaps(joints: FloatArray) -> FloatArray:
-        return (
-            clearance(where.apart, joints, where.margin)
-            if where.margin > 0
-            else np.zeros(len(joints))
-        )
+    def measure_gaps(joints: FloatArray) -> FloatArray:
+        if where.margin > 0:
+            return measure_clearance(where.apart, joints, where.margin)
+        return np.zeros(len(joints))
 
-    return FreeSpace(where.level, where.low, where.high, where.room, where.margin, look, gaps)
+    return FreeSpace(
+        where.level, where.low, where.high, where.room, where.margin, test, measure_gaps
+    )
 
 
-def _say(
-    where: Surroundings, course: JointPath, beside: MotionCheck, working: MotionCheck
+def _find_blockage(
+    where: Surroundings, path: JointPath, with_margin: MotionCheck, working: MotionCheck
 ) -> Blockage | float:
-    """The first place where a motion fails, by its joints or a collision; else its clearance, mm."""
-    if len(course.lost):
-        return Blockage("jump", "the joints cannot follow", float(course.lost[0]))
-    found = [
-        (met.at, scene.pairs[met.pair])
-        for scene, met in ((where.apart, beside), (where.work, working))
-        if met.hit
-    ]
-    if not found:
-        return beside.clearance
-    first, pair = min(found, key=lambda one: (one[0], where.scene.pairs.index(one[1])))
-    at = np.interp(first, np.arange(len(course.at)), course.at)
-    return Blockage("collision", f"collision, {' against '.join(pair)}", float(at))
+    """The first place at which joints or a collision stop a motion, or its clearance, mm."""
+    if len(path.lost):
+        return Blockage("jump", "the joints cannot follow", float(path.lost[0]))
+    collisions = []
+    for scene, check in ((where.apart, with_margin), (where.work, working)):
+        if check.hit:
+            pair = scene.pairs[check.pair]
+            collisions.append((check.at, where.scene.pairs.index(pair)))
+    if not collisions:
+        return with_margin.clearance
+    first, index = min(collisions)
+    at = np.interp(first, np.arange(len(path.at)), path.at)
+    return Blockage("collision", f"collision, {name_pair(where.scene, index)}", float(at))

@@ -1,4 +1,4 @@
-"""How the tool passes a corner: it stops, or its controller rounds the corner by no more than a tolerance."""
+"""Corners of a path: the tool stops there, or the controller rounds them within a tolerance."""
 
 from __future__ import annotations
 
@@ -15,18 +15,20 @@ from camgen.model.pose import FloatArray
 from camgen.model.tolerance import NONZERO, SMALLEST_ZONE, ZONES
 from camgen.motion.rounding import Transitions, measure_rounding
 
-#: From where on the tool is turned to the next motion with each of them, mm before the corner: z5, z1 and z0 of RAPID.
+#: mm before the corner at which the reorientation to the next motion begins with each of `ZONES`:
+#: z5, z1 and z0 of RAPID.
 _TURNS = (8.0, 1.0, 0.3)
-#: Share of the width of a pen, and mm at most: a line so much nearer to its corner is not seen.
-_PEN_SHARE, _MOST = 1 / 20, 0.05
-#: Of a way, mm: lines that go on into an arc have no corner.
+#: A line that is rounded by at most this fraction of the width of the pen, and at most this
+#: distance in mm, looks the same.
+_PEN_SHARE, _MAX_PEN_MM = 1 / 20, 0.05
+#: mm: rounding of a distance. Lines that continue into an arc have no corner.
 _ROUNDING = 1e-9
-#: The least blend that texts tell from a stop, mm.
-_LEAST_BLEND = 1e-3
-#: How far the tool may be from how it is to stand in a corner that it passes, rad; an orientation that jumps by more
-#: is turned there while the tool stands still.
+#: mm: smallest blend that differs from a stop in program texts.
+_MIN_BLEND = 1e-3
+#: rad: deviation of the orientation that is allowed in a corner without a stop. If the orientation
+#: jumps by more, the tool stops to be reoriented.
 JUMP = math.radians(0.5)
-#: A tool begins to turn up to so many times a zone before its corner: z5 of RAPID does (``zonedata``).
+#: A reorientation begins this number of zones before the corner at most: z5 of RAPID (`zonedata`).
 TURNING = 1.6
 
 
@@ -45,19 +47,19 @@ class Flow(Struct, frozen=True):
     floor: float
 
 
-def corner_tolerance(job: Job, operation: str) -> float:
-    """How far the path of an ``operation`` may be rounded in a corner, mm."""
+def compute_corner_tolerance(job: Job, operation: str) -> float:
+    """Distance by which the path of an `operation` may be rounded in a corner, mm."""
     if job.tolerance.corner is not None:
         return job.tolerance.corner
     if operation in ("trace", "fill"):
-        return max(job.tolerance.chord, min(_PEN_SHARE * job.tool.diameter, _MOST))
+        return max(job.tolerance.chord, min(_PEN_SHARE * job.tool.diameter, _MAX_PEN_MM))
     return job.tolerance.chord
 
 
 def blend_corners(
     motions: Spans, speed: FloatArray, tolerance: FloatArray | float, pace: Dynamics
 ) -> FloatArray:
-    """(N - 1,) distance, mm, before the end of each motion at which rounding may begin; 0 is a stop.
+    """(N - 1,) distance before the end of each motion at which rounding may begin, mm; 0 is a stop.
 
     motions: N motions, each from the end of the one before.
     speed: (N,) mm/s.
@@ -82,15 +84,15 @@ def blend_corners(
 
 
 def _zone(length: FloatArray, sine: FloatArray, tolerance: FloatArray) -> FloatArray:
-    """One of the zones, no more than half of the shorter neighbour.
+    """The largest zone that keeps the tolerance and half of the shorter neighbour, mm; 0 is a stop.
 
-    A rounding of two lines that begins b before a corner and ends b behind it is a parabola, which
-    passes the corner at b sin(turn / 2) / 2. The least zone stays beside shorter neighbours, where
-    the corner allows it: controllers cut a zone to half of the neighbours by themselves, while a
-    stop at every point of a fine polyline would leave its mark on the part.
+    A rounding of two lines that begins b before a corner and ends b after it is a parabola, which
+    passes the corner at b sin(turn / 2) / 2. The smallest zone is kept next to shorter neighbours,
+    if the tolerance allows it: controllers limit a zone to half of the neighbours by themselves,
+    while stops at every point of a fine polyline would leave marks on the part.
     """
     reach = 2 * tolerance / np.maximum(sine, 1e-9)
-    # A line drawn 10 mm long counts as that, whatever is left of it in the last binary digit.
+    # A line that is drawn 10 mm long counts as that, whatever its last binary digit is.
     half = np.minimum(length[:-1], length[1:]) / 2 + 1e-9
     room = np.minimum(reach, np.maximum(half, ZONES[-1]))
     return np.asarray(np.select([room >= zone for zone in ZONES], ZONES, 0.0))
@@ -99,16 +101,19 @@ def _zone(length: FloatArray, sine: FloatArray, tolerance: FloatArray) -> FloatA
 def _overlap(
     length: FloatArray, sine: FloatArray, fast: FloatArray, tolerance: FloatArray, pace: Dynamics
 ) -> FloatArray:
-    """The next motion begins when the one before begins to brake, v^2 / 2a before its end, or half-way where it is too
-    short for its speed. The tool leaves the corner by what the longer of both ways makes at most.
+    """The length of overlapping motions before a corner, mm; 0 is a stop.
+
+    The next motion begins when the previous one begins to brake, v^2 / 2a before its end, or
+    half-way if it is too short for its speed. The distance from the corner is at most that of the
+    longer one of both.
     """
-    way = np.minimum(fast**2 / (2 * pace.acceleration), np.maximum(length[:-1], length[1:]) / 2)
-    within = way * sine / 2 <= tolerance + _ROUNDING
-    return np.where(within, np.maximum(np.round(way, 3), _LEAST_BLEND), 0.0)
+    length = np.minimum(fast**2 / (2 * pace.acceleration), np.maximum(length[:-1], length[1:]) / 2)
+    is_within = length * sine / 2 <= tolerance + _ROUNDING
+    return np.where(is_within, np.maximum(np.round(length, 3), _MIN_BLEND), 0.0)
 
 
 def _fit(motions: Spans) -> Spans:
-    """The motions with arcs through their `via`, which paths in space have beside the middle."""
+    """The motions with arcs through their `via`, which is not the middle in paths in space."""
     return spans_through(motions.start, motions.via, motions.end)
 
 
@@ -130,12 +135,14 @@ def _narrow(pairs: Transitions, tolerance: FloatArray, pace: Dynamics) -> FloatA
     return blend
 
 
-def hold_orientation(blend: FloatArray, bend: FloatArray, pace: Dynamics) -> FloatArray:
-    """``blend`` (K,) of corners, smaller or 0 where the tool would be turned by more than ``JUMP`` from how it is to
-    stand. bend: (K,) rad/mm by which the turning along the way changes there, its axis with it.
+def limit_blends(blend: FloatArray, bend: FloatArray, pace: Dynamics) -> FloatArray:
+    """Blends (K,) that keep the orientation within `JUMP`: `blend`, smaller, or 0.
 
-    Rounding turns as it travels: it mixes the turns before and behind a corner, which leaves the orientation at the
-    corner by b bend / 4 where both begin b away from it.
+    bend: (K,) change of the angular velocity per length of the path at the corner, with its axis,
+        rad/mm.
+
+    Rounding mixes the rotations before and after a corner. That changes the orientation at the
+    corner by b bend / 4 if both begin b from it.
     """
     reach = 4 * JUMP / np.maximum(bend, NONZERO)
     if pace.corner == "overlap":

@@ -1,8 +1,8 @@
-"""The pieces of an edge that the arm can work where it cannot work the whole.
+"""Finds the pieces of an edge that the arm can work if it cannot work the whole edge.
 
 Stations along the edge, orientations of the tool and branches of the inverse kinematics form a
-ladder graph (``pose_covers``). Each chain that it gives is examined as the robot runs it. A stretch
-where a chain fails is closed, and the chains are sought again.
+ladder graph (`pose_covers`). Each chain of the best cover is examined as the robot runs it. A
+stretch in which a chain fails is closed, and the best cover is searched again.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.geometry.ragged import owners
+from camgen.geometry.ragged import offsets, owners
 from camgen.model.job import ProcessTable
 from camgen.model.part import BoolArray, Line
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import SAME_POINT_MM
-from camgen.motion.pose_chains import CHANGE, PoseChain, States, Steps, steps
+from camgen.motion.pose_chains import CHANGE, PoseChain, States, Steps, find_steps
 from camgen.motion.pose_covers import CoverChain, find_cover
-from camgen.motion.pose_paths import Index, PosePath, counts, cut, divide, join, rows
+from camgen.motion.pose_paths import Index, PosePath, count_parts, cut, divide, join
 from camgen.motion.reach import widest_grid
 from camgen.motion.search import (
     Grid,
@@ -40,33 +40,33 @@ from camgen.motion.setup import (
     OrientationFreedom,
     SampledMotion,
     Setup,
-    feed_at_tip,
-    flange_poses,
+    compute_flange_poses,
+    compute_tip_feed,
 )
 from camgen.robots.kinematics.continuity import Choice, follow
-from camgen.robots.kinematics.joint_limits import turns
+from camgen.robots.kinematics.joint_limits import list_turn_counts
 from camgen.robots.models import Robot
 
-#: A piece that is shorter, mm, is not worked.
+#: mm: shorter pieces are not worked.
 SHORTEST_MM = 5.0
-#: Greatest distance of two stations, mm: each piece has a station.
+#: mm: largest distance of two stations, so that each piece has a station.
 _STATION_MM = SHORTEST_MM
-#: Length that a piece adds at least, mm.
+#: mm: length that a piece must add at least.
 _PRICE = SHORTEST_MM / 2
-#: Greatest turn of the tool, and of a joint, between two stations, rad.
+#: rad: largest rotation of the tool, and of a joint, between two stations.
 _STATION_TURN, _JUMP = math.radians(10), math.radians(45)
-#: The same turn where most motions are too fast for a joint, rad: a step of the roll from station
-#: to station keeps the tool from turning with the rim of a small hole.
+#: rad: largest rotation of the tool if most motions are too fast for a joint. With a step of the
+#: roll from station to station the tool does not rotate with the rim of a small hole.
 _WIDE_TURN = math.radians(30)
-#: Share of the motions between stations from which on these are most.
-_MANY = 0.5
-#: An edge has no more stretches than these; on a longer edge the stations are farther apart.
-_MOST_STRETCHES = 400
-#: Joint values that differ less are the same, rad or mm.
+#: Fraction of the motions between stations from which on these are most of them.
+_MOSTLY = 0.5
+#: Maximum number of stretches of an edge. On a longer edge the stations are farther apart.
+_MAX_STRETCHES = 400
+#: rad or mm: joint values that differ by less are equal.
 _SAME_JOINTS = 1e-6
-#: Share of a time by which a joint may be late.
+#: Fraction of a time by which a joint may be late.
 _SAME_TIME = 1e-6
-#: A joint that is not farther beyond its limit, rad or mm, is on it.
+#: rad or mm: a joint that is beyond its limit by less is at the limit.
 _ON_LIMIT = 1e-9
 #: Number of moves that may fail in a stretch before no chain runs through it.
 _FAILURES = 3
@@ -79,13 +79,13 @@ class _Ladder(Struct, frozen=True, eq=False):
 
     path: pose path of the edge.
     lengths: length of the edge along each segment of the path, mm.
-    folded: whether no piece may run along the segment.
+    folded: whether each segment is folded, so that no piece may run along it.
     parts: number of stretches between stations in each of its segments.
     stations: the pose path with a row at each of the K stations.
     states, transitions: states at the stations, and steps between them.
-    checked: (K,) stations of whose states those that are not free are closed.
-    too_fast: (K - 1,) stretches along which every motion would need a joint that is faster.
-    late: share of the motions between stations that would need one.
+    checked: (K,) whether the colliding states of a station are closed.
+    too_fast: (K - 1,) stretches along which each motion would need a faster joint.
+    late: fraction of the motions between stations that would need a faster joint.
     """
 
     path: PosePath
@@ -111,13 +111,13 @@ class _Ladder(Struct, frozen=True, eq=False):
             visited = [np.arange(chain.first, chain.last + 1) for chain in chains]
             station = np.concatenate(visited)
             joints = np.concatenate([chain.joints for chain in chains])
-            left = ~self.checked[station]
-            met = station[left][~setup.roomy(joints[left])]
-            if not len(met):
+            is_open = ~self.checked[station]
+            colliding = station[is_open][~setup.roomy(joints[is_open])]
+            if not len(colliding):
                 return chains
-            new = np.zeros_like(self.checked)
-            new[met] = True
-            self._check(setup, new)
+            unchecked = np.zeros_like(self.checked)
+            unchecked[colliding] = True
+            self._check(setup, unchecked)
 
     @property
     def along_edge(self) -> FloatArray:
@@ -125,11 +125,11 @@ class _Ladder(Struct, frozen=True, eq=False):
         return np.asarray((self.lengths / self.parts)[owners(self.parts)])
 
     def roll(self, start: int, path: PosePath, lengths: FloatArray, folded: BoolArray) -> _Ladder:
-        """The graph of a closed edge that begins at the station ``start``.
+        """The graph of a closed edge that begins at station `start`.
 
         The joints have the same values at the first and the last station.
 
-        path, lengths, folded: result of ``_begin_at``.
+        path, lengths, folded: result of `_begin_at`.
         """
         segment, share = self.locate(start)
         parts = np.roll(self.parts, -segment)
@@ -158,7 +158,7 @@ class _Ladder(Struct, frozen=True, eq=False):
         )
 
     def find_lone_states(self, chains: Sequence[CoverChain], setup: Setup) -> list[CoverChain]:
-        """Chains of one station each, from the stations beside all ``chains`` that can be stood at.
+        """Chains of one station each, at stations next to no chain that the arm can reach.
 
         A stretch that is twice as long as `_STATION_MM` may have no two stations.
         """
@@ -181,7 +181,7 @@ class _Ladder(Struct, frozen=True, eq=False):
         return lone
 
     def _check(self, setup: Setup, stations: BoolArray) -> None:
-        """Closes the states of some stations (K,) that are not free."""
+        """Close the colliding states of some stations (K,)."""
         tested = self.states.usable.any(axis=-1) & stations[:, None, None]
         if tested.any():
             free = setup.roomy(self.states.joints[tested])
@@ -189,8 +189,8 @@ class _Ladder(Struct, frozen=True, eq=False):
         self.checked[stations] = True
 
     def locate(self, station: float) -> tuple[int, float]:
-        """The segment in which a station lies, or a place between two, and its share of it."""
-        first = rows(self.parts)[:-1]
+        """The segment of a station, or of a place between two, and its position there, 0 to 1."""
+        first = offsets(self.parts)[:-1]
         segment = int(np.searchsorted(first, station, "right")) - 1
         return segment, float((station - first[segment]) / self.parts[segment])
 
@@ -207,7 +207,7 @@ class _Ladder(Struct, frozen=True, eq=False):
 class _Extension(Struct, frozen=True, eq=False):
     """An extension of a chain at one of its ends.
 
-    share: share of the stretch beyond that end.
+    share: fraction of the stretch beyond that end.
     joints: (1, J) joint values there; (0, J) for none.
     """
 
@@ -232,7 +232,7 @@ class _Piece(Struct, frozen=True, eq=False):
     segments: Index
 
     @classmethod
-    def of(
+    def make(
         cls, ladder: _Ladder, chain: CoverChain, before: _Extension, after: _Extension
     ) -> _Piece:
         """The piece of a chain that is extended at its ends."""
@@ -270,7 +270,7 @@ class _Lengthened(Struct, frozen=True, eq=False):
     """A proven motion.
 
     motion: the motion of a chain and of its extensions.
-    beyond: share of the stretch after the chain that it uses.
+    beyond: fraction of the stretch after the chain that it uses.
     """
 
     motion: EdgeMotion
@@ -293,7 +293,7 @@ class Pieces(Struct, frozen=True, eq=False):
 
     motions: the pieces, or the motion along the whole edge, which is not called a piece.
     too_fast: length of the edge along which a joint would have to be faster than it can be, mm.
-    late: share of the motions between stations that would need a faster joint.
+    late: fraction of the motions between stations that would need a faster joint.
     """
 
     motions: tuple[EdgeMotion, ...] = ()
@@ -306,7 +306,7 @@ class Pieces(Struct, frozen=True, eq=False):
 
 
 class Coverage(Struct, frozen=True, eq=False):
-    """How pieces of edges are sought.
+    """A search for pieces of edges.
 
     setup: arm, work and tool.
     space: free space, with the test of whole motions.
@@ -328,9 +328,9 @@ class Coverage(Struct, frozen=True, eq=False):
     ) -> Pieces:
         """The motions along as much of an edge as possible, in the order of its length.
 
-        path: pose path of ``line``.
-        lengths: length of ``line`` along each segment of the path, mm.
-        folded: segments of the path that no piece may run along.
+        path: pose path of `line`.
+        lengths: length of `line` along each segment of the path, mm.
+        folded: whether no piece may run along each segment of the path.
         """
         # Without a closed form the joint values at a station depend on those before it.
         if self.setup.robot.arm is None:
@@ -339,7 +339,7 @@ class Coverage(Struct, frozen=True, eq=False):
             folded = np.zeros(len(lengths), dtype=np.bool_)
         result = self._find(line, path, lengths, folded, _STATION_TURN)
         missing = line.length - result.measure(line)
-        if missing < SHORTEST_MM or result.late < _MANY:
+        if missing < SHORTEST_MM or result.late < _MOSTLY:
             return result
         wide = self._find(line, path, lengths, folded, _WIDE_TURN)
         return wide if wide.measure(line) > result.measure(line) + SAME_POINT_MM else result
@@ -347,7 +347,7 @@ class Coverage(Struct, frozen=True, eq=False):
     def _find(
         self, line: Line, path: PosePath, lengths: FloatArray, folded: BoolArray, turn: float
     ) -> Pieces:
-        """``find_pieces`` with stations between which the tool turns by at most ``turn`` rad."""
+        """`find_pieces` with stations between which the tool rotates by at most `turn` rad."""
         setup, choice = self.setup, widest_grid(self.freedom, path)
         ladder = self._make_ladder(path, lengths, folded, choice, turn)
         shift = 0.0
@@ -355,10 +355,12 @@ class Coverage(Struct, frozen=True, eq=False):
             start = _choose_start(ladder.find_chains(setup), len(ladder.stations) - 1)
             shift = ladder.measure(start, lengths)
         if shift > 0:
-            begun = _begin_at(ladder, start)
+            rotated = _begin_at(ladder, start)
             first, last = ladder.states.joints[[0, -1]]
             same = np.allclose(first, last, rtol=0.0, atol=_SAME_JOINTS, equal_nan=True)
-            ladder = ladder.roll(start, *begun) if same else self._make_ladder(*begun, choice, turn)
+            ladder = (
+                ladder.roll(start, *rotated) if same else self._make_ladder(*rotated, choice, turn)
+            )
         whole = float(lengths.sum())
         motions = self._prove_all(line.id, ladder, choice)
         if len(motions) == 1 and not shift and max(motions[0].trimmed) < SAME_POINT_MM:
@@ -391,10 +393,10 @@ class Coverage(Struct, frozen=True, eq=False):
         parts = _divide_evenly(path, turn)
         stations = divide(path, parts)
         states = make_states(setup, stations, choice, _JUMP)
-        transitions = steps(replace(setup.robot, speeds=setup.robot.fastest), states, _JUMP)
+        transitions = find_steps(replace(setup.robot, speeds=setup.robot.fastest), states, _JUMP)
         turning = CHANGE * (np.arange(len(states.moves)) > 0)[:, None, None]
         along_edge = (lengths / parts)[owners(parts)]
-        feed = feed_at_tip(stations.length / along_edge, self.process)
+        feed = compute_tip_feed(stations.length / along_edge, self.process)
         slowest = (stations.length / feed)[:, None, None, None]
         in_time = np.where(transitions.time - turning <= slowest, transitions.time, math.inf)
         too_fast = _have_any(transitions.time) & ~_have_any(in_time)
@@ -417,7 +419,7 @@ class Coverage(Struct, frozen=True, eq=False):
         )
 
     def _prove_all(self, name: str, ladder: _Ladder, choice: Grid) -> list[EdgeMotion]:
-        """The motions of the best cover all of whose chains stand the examination."""
+        """The motions of the best cover whose chains all have motions."""
         failures = np.zeros(len(ladder.stations) - 1, dtype=np.int64)
         known: dict[_ChainKey, _Lengthened] = {}
         while True:
@@ -440,12 +442,12 @@ class Coverage(Struct, frozen=True, eq=False):
         choice: Grid,
         known: dict[_ChainKey, _Lengthened],
     ) -> list[EdgeMotion] | _Failure:
-        """The motions of chains, each as far beyond its ends as it can be run.
+        """The motions of chains, each as far beyond its ends as the arm can run it.
 
-        The first chain without a motion is returned instead, unless it is a single station: that is
+        The first chain without a motion is returned instead. A single station without a motion is
         left out.
 
-        known: motions that were proven before, which grow.
+        known: motions that are proven already; further ones are added.
         """
         motions: list[EdgeMotion] = []
         free = 0.0
@@ -473,9 +475,9 @@ class Coverage(Struct, frozen=True, eq=False):
         choice: Grid,
         room: tuple[int, int],
     ) -> _Lengthened | _Failure | None:
-        """The motion of a chain as far beyond its ends as it can be run, or as it is.
+        """The motion of a chain as far beyond its ends as the arm can run it, or without extension.
 
-        None for a single station beyond which nothing can be run.
+        None for a single station that cannot be extended.
 
         room: parts of the stretches before and after the chain that may be used.
         """
@@ -488,7 +490,7 @@ class Coverage(Struct, frozen=True, eq=False):
         for ends in ((before, after), (none, none)):
             if not len(chain.moves) and not sum(end.share for end in ends):
                 return None
-            piece = _Piece.of(ladder, chain, *ends)
+            piece = _Piece.make(ladder, chain, *ends)
             proved = self._prove(name, piece, choice)
             if isinstance(proved, EdgeMotion):
                 late = self._find_too_fast(ladder, piece)
@@ -518,17 +520,17 @@ class Coverage(Struct, frozen=True, eq=False):
         return proved
 
     def _find_too_fast(self, ladder: _Ladder, piece: _Piece) -> Index:
-        """The stretches of a piece that take a joint longer than the tool at the piece's feed."""
-        length = piece.knots.way.length
+        """The stretches that take a joint longer than the tool at the feed of the piece."""
+        length = piece.knots.path.length
         along_edge = float(ladder.lengths.sum()) - sum(piece.trimmed)
-        feed = feed_at_tip(length.sum() / along_edge, self.process)
+        feed = compute_tip_feed(length.sum() / along_edge, self.process)
         moved = np.abs(np.diff(piece.chain.joints, axis=0)) / self.setup.robot.fastest
         return np.flatnonzero(moved.max(axis=1) > (1 + _SAME_TIME) * length / feed)
 
     def _extend(
         self, ladder: _Ladder, chain: CoverChain, choice: Grid, end: int, parts: int
     ) -> _Extension:
-        """The extension of a chain beyond an end, in the orientation that it has there.
+        """The extension of a chain beyond an end, in the orientation at that end.
 
         end: 0 for its start, -1 for its end.
         parts: largest number of parts of the stretch beyond the end that may be used.
@@ -540,9 +542,11 @@ class Coverage(Struct, frozen=True, eq=False):
         low = min(row, row + beyond)
         if ladder.folded[ladder.locate(low)[0]]:
             return none
-        looks = divide(ladder.stations.slice(low, low + 2), np.array([_PARTS_BEYOND]))
-        turned = looks.rotation @ choice.nominal_from_tool[chain.orientation[end]]
-        goals = [goal[::beyond] for goal in flange_poses(self.setup, looks.position, turned)]
+        samples = divide(ladder.stations.slice(low, low + 2), np.array([_PARTS_BEYOND]))
+        turned = samples.rotation @ choice.nominal_from_tool[chain.orientation[end]]
+        goals = [
+            goal[::beyond] for goal in compute_flange_poses(self.setup, samples.position, turned)
+        ]
         start = chain.joints[end]
         while parts > 0:
             rotations, origins = (goal[: parts + 1] for goal in goals)
@@ -567,14 +571,14 @@ def _divide_evenly(path: PosePath, turn: float) -> Index:
 
     turn: largest turn of the tool between two stations, rad.
     """
-    step = max(_STATION_MM, float(path.length.sum()) / _MOST_STRETCHES)
-    return counts(path, step, turn)
+    step = max(_STATION_MM, float(path.length.sum()) / _MAX_STRETCHES)
+    return count_parts(path, step, turn)
 
 
 def _close(ladder: _Ladder, failure: _Failure, failures: Index) -> None:
-    """Closes the move of a chain in the stretch where it fails, or after some failures every move.
+    """Close the move of a chain in the stretch in which it fails, or all moves after some failures.
 
-    failures: number of failures in each stretch of the edge; it is counted on.
+    failures: number of failures in each stretch of the edge; it is increased.
     """
     chain, stretch = failure.chain, failure.stretch
     row = chain.first + stretch
@@ -587,18 +591,20 @@ def _close(ladder: _Ladder, failure: _Failure, failures: Index) -> None:
 
 
 def _turn_to_home(robot: Robot, chain: PoseChain) -> PoseChain:
-    """A chain by the whole turns that bring it next to home within the limits of its joints."""
+    """The chain, moved next to home by whole turns, within the limits of its joints."""
     low, high = chain.joints.min(axis=0), chain.joints.max(axis=0)
-    least = np.ceil((robot.limits[:, 0] - _ON_LIMIT - low) / math.tau)
-    greatest = (robot.limits[:, 1] + _ON_LIMIT - high) // math.tau
-    whole = np.clip(np.rint((robot.home - (low + high) / 2) / math.tau), least, greatest)
-    return replace(chain, joints=chain.joints + math.tau * whole * turns(robot).any(axis=0))
+    lower = np.ceil((robot.limits[:, 0] - _ON_LIMIT - low) / math.tau)
+    upper = (robot.limits[:, 1] + _ON_LIMIT - high) // math.tau
+    whole = np.clip(np.rint((robot.home - (low + high) / 2) / math.tau), lower, upper)
+    return replace(
+        chain, joints=chain.joints + math.tau * whole * list_turn_counts(robot).any(axis=0)
+    )
 
 
 def _choose_start(chains: list[CoverChain], last: int) -> int:
-    """The station at which the motions along a closed edge begin best: in its longest gap.
+    """The station at which the motions along a closed edge should begin: in the longest gap.
 
-    last: number of the last station, which is at the place of the first.
+    last: number of the last station, which is at the position of the first.
     """
     if not chains:
         return 0
@@ -627,11 +633,13 @@ def _begin_at(ladder: _Ladder, station: int) -> tuple[PosePath, FloatArray, Bool
 
 
 def _shift_ends(trimmed: tuple[float, float], shift: float, length: float) -> tuple[float, float]:
-    """Lengths before and after a piece as they are from the start of a closed edge.
+    """The lengths before and after a piece from the start of a closed edge, mm.
 
     The second is negative for a piece that runs over the start.
 
-    shift: distance from that start at which the pieces were measured from, mm.
+    trimmed: these lengths from the point at which the pieces begin.
+    shift: distance of this point from the start, mm.
+    length: length of the edge, mm.
     """
     low, high = trimmed[0] + shift, length - trimmed[1] + shift
     if low >= length:

@@ -14,22 +14,22 @@ from camgen.model.path import ToolPath, waypoints
 from camgen.model.pose import frozen
 from camgen.model.text import counted, short
 from camgen.model.tolerance import SAME_POINT_MM
-from camgen.motion.setup import EdgeMotion, UnreachableEdge, feed_of
+from camgen.motion.setup import EdgeMotion, UnreachableEdge, compute_feed
 
 
-def edge_path(motion: EdgeMotion, edge: Line, job: Job) -> ToolPath:
-    """The motion along ``edge`` as a tool path."""
+def make_tool_path(motion: EdgeMotion, edge: Line, job: Job) -> ToolPath:
+    """The motion along `edge` as a tool path."""
     layer, operation = (edge.kind, "edges") if isinstance(edge, Edge) else (edge.layer, "trace")
-    way = motion.way
-    axis = frozen(way.rotation[:, :, 2])
+    path = motion.way
+    axis = frozen(path.rotation[:, :, 2])
     press = np.stack([np.concatenate([axis[:1], axis[:-1]]), axis], axis=1)
-    feed = feed_of(motion, edge.length - sum(motion.trimmed), job.process)
+    feed = compute_feed(motion, edge.length - sum(motion.trimmed), job.process)
     return ToolPath(
         id=motion.id,
         layer=layer,
         table=waypoints(
-            position=way.position,
-            via=way.via,
+            position=path.position,
+            via=path.via,
             axis=axis,
             force_direction=press,
             force=job.process.force,
@@ -41,7 +41,9 @@ def edge_path(motion: EdgeMotion, edge: Line, job: Job) -> ToolPath:
     )
 
 
-def none_left(part: Part, count: int, first: UnreachableEdge, noun: str = "edge") -> NoSafeProgram:
+def make_no_edge_error(
+    part: Part, count: int, first: UnreachableEdge, noun: str = "edge"
+) -> NoSafeProgram:
     """The error if no line of a part can be processed.
 
     count: number of the lines.
@@ -64,14 +66,14 @@ def list_pieces(
     return pieces
 
 
-def left_out(
+def note_left_out(
     lost: Sequence[UnreachableEdge],
     lines: Mapping[str, Line],
     pieces: Mapping[str, tuple[Line, float]] = MappingProxyType({}),
 ) -> list[Note]:
     """Notes on edges, curves and pieces of them without a motion.
 
-    pieces: result of ``list_pieces``.
+    pieces: result of `list_pieces`.
     """
     notes = []
     for edge in lost:

@@ -1,4 +1,7 @@
-"""Motions as a controller makes them: joint values so close that no body leaves the way of the TCP between two rows."""
+"""Motions as a controller runs them: joint values so dense that joints run evenly between two rows.
+
+Between two rows no body leaves the pose path of the TCP by more than a tolerance.
+"""
 
 from __future__ import annotations
 
@@ -11,19 +14,25 @@ from camgen.geometry.ragged import each_once, offsets
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray
 from camgen.motion.pose_paths import Index, PosePath, PoseSampler
-from camgen.motion.setup import SampledMotion, Setup, flange_poses
-from camgen.robots.kinematics.inverse import nearest
+from camgen.motion.setup import SampledMotion, Setup, compute_flange_poses
+from camgen.robots.kinematics.inverse import find_nearest
 
-#: mm: half-way between two rows no point of arm and tool is farther from where joints that run evenly have it.
+#: mm: no point of arm and tool deviates by more from its place with evenly running joints, at the
+#: middle of two rows.
 APART = 0.02
-#: So often a stretch is halved, down to a 4096th, before no joints are taken to lead along it.
+#: A segment is halved this number of times, down to a 4096th. Then no joint values lead along it.
 _HALVINGS = 12
 
 
 class JointPath(Struct, frozen=True, eq=False):
-    """joints: (D, J), between which they may be taken to run evenly: what is left is about a quarter of ``APART``,
-    since every stretch is halved once more than it had to be. at: (D,) where, in rows of the way: 2.25 is a quarter of
-    the way from row 2 to row 3. lost: rows after which no joints lead along the way.
+    """Joint values between which the joints run evenly.
+
+    The remaining deviation is about a quarter of `APART`, since every segment is halved once more
+    than necessary.
+
+    joints: (D, J) joint values, rad or mm.
+    at: (D,) their places in rows of the pose path: 2.25 is between rows 2 and 3.
+    lost: rows of the pose path after which no joint values lead along it.
     """
 
     joints: FloatArray
@@ -31,72 +40,75 @@ class JointPath(Struct, frozen=True, eq=False):
     lost: Index
 
 
-def follow_closely(setup: Setup, way: PosePath, joints: FloatArray, along: BoolArray) -> JointPath:
-    """The motion through the poses of ``way`` with its ``joints`` (N, J), rad or mm. along: (N - 1,) the segments in
-    which the TCP keeps to the way; in others the joints run evenly, and nothing is added.
+def follow_closely(
+    setup: Setup, path: PosePath, joints: FloatArray, on_path: BoolArray
+) -> JointPath:
+    """The motion along a pose path.
+
+    joints: (N, J) joint values at its rows, rad or mm.
+    on_path: (N - 1,) whether the TCP keeps to the path in a segment. In others the joints run
+        evenly, and no rows are added.
     """
     at = np.arange(len(joints), dtype=np.float64)
-    open_: BoolArray = np.asarray(along, dtype=bool)
+    is_open: BoolArray = np.asarray(on_path, dtype=bool)
     lost: list[FloatArray] = []
-    poses = PoseSampler.of(way).poses
+    sampler = PoseSampler.make(path)
     for _ in range(_HALVINGS):
-        before = np.flatnonzero(open_)
+        before = np.flatnonzero(is_open)
         if not len(before):
             break
-        kept = offsets(1 + open_)
+        kept = offsets(1 + is_open)
         middle, place = kept[before] + 1, (at[before] + at[before + 1]) / 2
         even = (joints[before] + joints[before + 1]) / 2
-        position, rotation = poses(place)
-        exact = nearest(setup.robot, *flange_poses(setup, position, rotation), even)
-        none: BoolArray = np.asarray(np.isnan(exact).any(axis=1))
-        lost.append(at[before[none]])
-        exact = np.where(none[:, None], even, exact)
-        far: BoolArray = np.asarray(setup.apart(exact, even) > APART)
-        wide = middle[far]
+        exact = find_nearest(setup.robot, *compute_flange_poses(setup, *sampler.poses(place)), even)
+        is_missing: BoolArray = np.asarray(np.isnan(exact).any(axis=1))
+        lost.append(at[before[is_missing]])
+        exact = np.where(is_missing[:, None], even, exact)
+        uneven = middle[np.asarray(setup.apart(exact, even) > APART)]
         at, joints = _insert(at, kept, middle, place), _insert(joints, kept, middle, exact)
-        open_ = np.zeros(len(at) - 1, dtype=np.bool_)
-        open_[wide - 1] = open_[wide] = True
-    lost.append(at[:-1][open_])
+        is_open = np.zeros(len(at) - 1, dtype=np.bool_)
+        is_open[uneven - 1] = is_open[uneven] = True
+    lost.append(at[:-1][is_open])
     return JointPath(joints, at, each_once(np.concatenate(lost).astype(np.int64)))
 
 
-def _insert(old: FloatArray, kept: Index, middle: Index, new: FloatArray) -> FloatArray:
-    """One table with ``old`` at the rows ``kept`` and ``new`` at the rows ``middle``."""
-    found = np.empty((len(old) + len(new), *old.shape[1:]))
-    found[kept], found[middle] = old, new
-    return found
+def _insert(old: FloatArray, kept: Index, middle: Index, added: FloatArray) -> FloatArray:
+    table = np.empty((len(old) + len(added), *old.shape[1:]))
+    table[kept], table[middle] = old, added
+    return table
 
 
-def follow_all(setup: Setup, tracks: Sequence[SampledMotion]) -> list[JointPath]:
-    """``follow_closely`` of each of several, in one."""
-    bound = [k for k, track in enumerate(tracks) if track.way is not None]
-    plain = {k: track.joints for k, track in enumerate(tracks) if track.way is None}
-    found = {
-        k: JointPath(q, np.arange(len(q), dtype=np.float64), np.zeros(0, np.int64))
-        for k, q in plain.items()
-    }
-    if bound:
-        found |= zip(bound, _split(setup, [tracks[k] for k in bound]), strict=True)
-    return [found[k] for k in range(len(tracks))]
+def follow_all(setup: Setup, motions: Sequence[SampledMotion]) -> list[JointPath]:
+    """The joint path of each of several motions, computed together."""
+    none = np.zeros(0, np.int64)
+    paths = [
+        JointPath(motion.joints, np.arange(len(motion.joints), dtype=np.float64), none)
+        for motion in motions
+    ]
+    on_paths = [k for k, motion in enumerate(motions) if motion.way is not None]
+    followed = _follow_paths(setup, [motions[k] for k in on_paths])
+    for k, joint_path in zip(on_paths, followed, strict=True):
+        paths[k] = joint_path
+    return paths
 
 
-def _split(setup: Setup, tracks: Sequence[SampledMotion]) -> list[JointPath]:
-    """The courses of tracks that are bound to a way."""
-    ways = [track.way for track in tracks if track.way is not None]
-    first = offsets([len(way) for way in ways])
-    whole = PosePath(
-        *(
-            np.concatenate([getattr(way, name) for way in ways])
-            for name in PosePath.__struct_fields__
-        )
-    )
-    along = np.ones(len(whole) - 1, dtype=bool)
-    along[first[1:-1] - 1] = False
-    one = follow_closely(setup, whole, np.concatenate([track.joints for track in tracks]), along)
-    # The seam from one way to the next has no rows in between.
-    ends = np.searchsorted(one.at, first - 0.5)
-    found = []
-    for a, b, low, high in zip(first[:-1], first[1:], ends[:-1], ends[1:], strict=True):
-        own = one.lost[(one.lost >= a) & (one.lost < b)]
-        found.append(JointPath(one.joints[low:high], one.at[low:high] - a, own - a))
-    return found
+def _follow_paths(setup: Setup, motions: Sequence[SampledMotion]) -> list[JointPath]:
+    """The joint paths of motions along pose paths, computed as one pose path with seams."""
+    if not motions:
+        return []
+    paths = [motion.way for motion in motions if motion.way is not None]
+    first = offsets(list(map(len, paths)))
+    columns = zip(*((path.position, path.via, path.rotation) for path in paths), strict=True)
+    whole = PosePath(*map(np.concatenate, columns))
+    on_path = np.ones(len(whole) - 1, dtype=bool)
+    on_path[first[1:-1] - 1] = False
+    joints = np.concatenate([motion.joints for motion in motions])
+    joined = follow_closely(setup, whole, joints, on_path)
+    # The seam from one path to the next has no rows in between.
+    ends = np.searchsorted(joined.at, first - 0.5)
+    followed = []
+    for begin, end, low, high in zip(first[:-1], first[1:], ends[:-1], ends[1:], strict=True):
+        lost = joined.lost[(joined.lost >= begin) & (joined.lost < end)]
+        at = joined.at[low:high] - begin
+        followed.append(JointPath(joined.joints[low:high], at, lost - begin))
+    return followed

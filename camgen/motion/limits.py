@@ -15,7 +15,7 @@ from camgen.model.tolerance import NONZERO
 from camgen.motion.pose_paths import Index, PosePath
 from camgen.motion.setup import Setup
 from camgen.robots.kinematics.forward import flange
-from camgen.robots.kinematics.rates import fastest, held_share
+from camgen.robots.kinematics.rates import find_held_fraction, measure_fastest
 from camgen.robots.models import Robot
 
 #: From this speed on, mm/s, speeds of lines are whole numbers.
@@ -53,8 +53,8 @@ class MotionLimits(Struct, frozen=True, eq=False):
         moved: (..., J) changes of the joints, rad or mm.
         length: (...) length of the way of the TCP, mm.
         """
-        joints = from_rest(np.abs(moved), self.joint_speeds, self.joint_accelerations)
-        tool = from_rest(np.asarray(length), self.speed, self.acceleration)
+        joints = time_from_rest(np.abs(moved), self.joint_speeds, self.joint_accelerations)
+        tool = time_from_rest(np.asarray(length), self.speed, self.acceleration)
         return np.asarray(np.maximum(joints.max(axis=-1), tool))
 
     def between(self, start: FloatArray, end: FloatArray, length: FloatArray | float) -> FloatArray:
@@ -75,11 +75,11 @@ class MotionLimits(Struct, frozen=True, eq=False):
             np.maximum(long, np.where(full, time, 0.0), out=long)
             np.maximum(short, moved / acceleration, out=short)
         joints = np.maximum(2 * np.sqrt(short), long)
-        tool = from_rest(np.asarray(length), self.speed, self.acceleration)
+        tool = time_from_rest(np.asarray(length), self.speed, self.acceleration)
         return np.asarray(np.maximum(joints, tool))
 
 
-def limits_of(robot: Robot, dynamics: Dynamics, speed: float) -> MotionLimits:
+def make_limits(robot: Robot, dynamics: Dynamics, speed: float) -> MotionLimits:
     """The limits of `robot` on a controller with `dynamics`.
 
     speed: maximum speed of the TCP, mm/s.
@@ -90,7 +90,7 @@ def limits_of(robot: Robot, dynamics: Dynamics, speed: float) -> MotionLimits:
     return MotionLimits(robot.fastest, accelerations, speed, dynamics.acceleration)
 
 
-def from_rest(
+def time_from_rest(
     length: FloatArray, speed: FloatArray | float, acceleration: FloatArray | float
 ) -> FloatArray:
     """Durations from rest to rest, s: a trapezoid of speed, or a triangle on a short way.
@@ -126,14 +126,16 @@ class LinkSpeeds(Struct, frozen=True):
     def time_joints(self, robot: Robot, moved: FloatArray) -> FloatArray:
         """(...) durations of joint motions from rest to rest, s; moved: (..., J) rad or mm."""
         gains = robot.fastest / self.ramp if robot.accelerations is None else robot.accelerations
-        return np.asarray(from_rest(np.abs(moved), robot.fastest, gains).max(axis=-1))
+        return np.asarray(time_from_rest(np.abs(moved), robot.fastest, gains).max(axis=-1))
 
     def time_tool(self, length: FloatArray | float, speed: FloatArray | float) -> FloatArray:
         """(...) durations of motions of the TCP from rest to rest, s; length: mm; speed: mm/s."""
-        return from_rest(np.asarray(length), speed, self.acceleration)
+        return time_from_rest(np.asarray(length), speed, self.acceleration)
 
 
-def link_speeds(process: ProcessTable, dynamics: Dynamics, *, pressed: bool = False) -> LinkSpeeds:
+def choose_link_speeds(
+    process: ProcessTable, dynamics: Dynamics, *, pressed: bool = False
+) -> LinkSpeeds:
     """The speeds of links that a job asks for.
 
     Without `process.travel` no point is faster than the reduced speed.
@@ -168,7 +170,7 @@ def measure_point_speed(
     return float((distances / seconds[moves]).max(initial=0.0))
 
 
-def line_speeds(
+def compute_line_speeds(
     setup: Setup, speeds: LinkSpeeds, dense: PosePath, joints: FloatArray, at: Index
 ) -> FloatArray:
     """(N - 1,) speeds, mm/s, of the segments of a retraction, within the limits of an arm.
@@ -215,7 +217,7 @@ def _peak_rates(joints: FloatArray, length: FloatArray, at: Index) -> FloatArray
     return np.asarray(np.abs(rates) + np.maximum(before, after))
 
 
-def turn_speed(
+def compute_joint_speed(
     setup: Setup, start: FloatArray, end: FloatArray, speeds: LinkSpeeds
 ) -> tuple[float, float]:
     """The speed of the TCP, mm/s, and the share of the joints' maximum speeds of a joint motion.
@@ -226,10 +228,10 @@ def turn_speed(
     if speeds.share == 0:
         return speeds.free, 0.0
     samples = start + np.linspace(0.0, 1.0, _LOOKS)[:, None] * (end - start)
-    moved, _ = fastest(setup.robot, samples, setup.flange_from_tool.origin)
+    moved, _ = measure_fastest(setup.robot, samples, setup.flange_from_tool.origin)
     if moved == 0:
         return speeds.part, 0.0
-    allowed = min(speeds.share, held_share(setup.robot, end - start), speeds.free / moved)
+    allowed = min(speeds.share, find_held_fraction(setup.robot, end - start), speeds.free / moved)
     by_points = speeds.point / max(moved, measure_point_speed(setup.robot, setup.apart, samples))
     share = math.floor(min(allowed, by_points) * _SHARES) / _SHARES
     if by_points < allowed:

@@ -1,7 +1,8 @@
-"""The cheapest chain of (orientation, branch, turns) along an edge, by dynamic programming.
+"""The cheapest chain of orientations, branches and turn counts along an edge.
 
-As ``robots/kinematics/continuity`` for one orientation per row; here each row has many, and from one row to the next
-the orientation may stay or go to a neighbour in the grid. Away from singularities a branch never becomes another.
+It is found by dynamic programming, as in `camgen.robots.kinematics.continuity` for one orientation
+per row. Here each row has many, and from one row to the next the orientation stays or changes to a
+neighbour in the grid. Away from singularities a branch never becomes another one.
 """
 
 from __future__ import annotations
@@ -17,12 +18,19 @@ from camgen.model.pose import FloatArray
 from camgen.motion.pose_paths import Index
 from camgen.robots.models import Robot
 
-#: Seconds that a change of orientation is weighed with: each is a row of the program.
+#: s: cost of a change of the orientation, because each change is a row of the program.
 CHANGE = 0.05
 
 
 class PoseChain(Struct, frozen=True, eq=False):
-    """orientation: (K,) indices into the grid. moves: (K - 1,) that lead there. branch. joints: (K, J). cost: s."""
+    """A chain of states through K rows.
+
+    orientation: (K,) indices of orientations in the grid.
+    moves: (K - 1,) moves of the grid from row to row.
+    branch: branch of the inverse kinematics.
+    joints: (K, J) joint values.
+    cost: s.
+    """
 
     orientation: Index
     moves: Index
@@ -32,10 +40,16 @@ class PoseChain(Struct, frozen=True, eq=False):
 
 
 class States(Struct, frozen=True, eq=False):
-    """What K rows can choose from. joints: (K, C, B, J) of C orientations and B branches, nan: none. table: (T, J)
-    whole turns, of all combinations of a range per joint, joint 1 slowest. usable: (K, C, B, T). open: (K - 1, M, C, B,
-    T), which moves may be made from a row to the next, by the orientation and the turns of arrival. Both may be
-    narrowed while a way is sought. moves, cost: ``Grid``'s.
+    """The states of K rows, with C orientations, B branches and T combinations of turn counts.
+
+    joints: (K, C, B, J) solutions of the inverse kinematics, nan for none.
+    table: (T, J) turn counts, all combinations of a range per joint; joint 1 changes slowest.
+    usable: (K, C, B, T) states that may be used.
+    open: (K - 1, M, C, B, T) moves that may be made from a row to the next one, by the orientation
+        and the turn counts of arrival.
+    moves, cost: fields of `Grid`.
+
+    A search may clear entries of `usable` and `open`.
     """
 
     joints: FloatArray
@@ -47,97 +61,127 @@ class States(Struct, frozen=True, eq=False):
 
 
 class Steps(Struct, frozen=True, eq=False):
-    """From a row to the next by each move. time: (K - 1, M, C, B) s, infinite where there is no way. before: (K - 1, M,
-    C, B, T) from which row of the table, by the turns of arrival; T: from none.
+    """The steps from each row to the next one, by move, and orientation and branch of arrival.
+
+    time: (K - 1, M, C, B) s, infinite without a step.
+    before: (K - 1, M, C, B, T) row of the table of turn counts from which a step comes, by the row
+        of arrival; T for none.
     """
 
     time: FloatArray
     before: NDArray[np.int16]
 
 
-def steps(robot: Robot, states: States, jump: float) -> Steps:
-    """All steps by the shortest turns, where no turning joint goes by more than ``jump`` rad."""
-    table, most = states.table, states.table.max(axis=0)
-    bad, time, whole = states.moves[..., None] < 0, np.zeros(()), {}
+def find_steps(robot: Robot, states: States, jump: float) -> Steps:
+    """All steps, by the shortest rotation of each joint.
+
+    jump: rad; steps in which a revolute joint turns by more are left out.
+    """
+    table, limit = states.table, states.table.max(axis=0)
+    is_bad, time, whole = states.moves[..., None] < 0, np.zeros(()), {}
     for k, joint in enumerate(robot.joints):
-        own = np.ascontiguousarray(states.joints[..., k])
-        moved = own[1:, None] - own[:-1, states.moves]
-        if most[k]:
+        values = np.ascontiguousarray(states.joints[..., k])
+        moved = values[1:, None] - values[:-1, states.moves]
+        if limit[k]:
             turns = np.rint(moved / math.tau)
             moved -= math.tau * turns
             whole[k] = np.where(np.isnan(turns), 0.0, turns).astype(np.int16)
         np.abs(moved, out=moved)
-        bad = bad | ~(moved <= (math.inf if joint.sliding else jump))
+        is_bad = is_bad | ~(moved <= (math.inf if joint.sliding else jump))
         moved /= robot.speeds[k]
         time = np.maximum(time, moved)
-    time = np.where(
-        bad, math.inf, time + CHANGE * (np.arange(len(states.moves)) > 0)[:, None, None]
-    )
-    # Few numbers of whole turns come up: what each of their combinations does to the table is looked up.
-    code, index = np.zeros(bad.shape, dtype=np.int64), np.zeros((1, len(table)), dtype=np.int16)
-    lost = np.zeros(index.shape, dtype=bool)
+    change = CHANGE * (np.arange(len(states.moves)) > 0)[:, None, None]
+    time = np.where(is_bad, math.inf, time + change)
+    # Few turn counts occur. The change that each of their combinations makes is kept in a table.
+    code, index = np.zeros(is_bad.shape, dtype=np.int64), np.zeros((1, len(table)), dtype=np.int16)
+    is_lost = np.zeros(index.shape, dtype=bool)
     for k, turns in whole.items():
         low, high = int(turns.min(initial=0)), int(turns.max(initial=0))
         turned = (table[:, k] + np.arange(low, high + 1)[:, None]).astype(np.int16)
-        index = (index[:, None] * np.int16(2 * most[k] + 1) + turned + np.int16(most[k])).reshape(
-            -1, len(table)
-        )
-        lost = (lost[:, None] | (np.abs(turned) > most[k])).reshape(-1, len(table))
+        digits = index[:, None] * np.int16(2 * limit[k] + 1) + turned + np.int16(limit[k])
+        index = digits.reshape(-1, len(table))
+        is_lost = (is_lost[:, None] | (np.abs(turned) > limit[k])).reshape(-1, len(table))
         code = code * (high + 1 - low) + (turns - low)
-    return Steps(time, np.where(lost, np.int16(len(table)), index).take(code, axis=0))
+    before = np.where(is_lost, np.int16(len(table)), index)
+    return Steps(time, before.take(code, axis=0))
 
 
-def cheapest(robot: Robot, states: States, ways: Steps, start: FloatArray) -> PoseChain | None:
-    """The chain with the least sum of times, the slowest joint counting, from ``start`` (J,), of the orientations'
-    cost, averaged over the rows, and of changes.
+def add_steps(
+    values: FloatArray,
+    states: States,
+    steps: Steps,
+    row: int,
+    used: Index,
+    factor: float = 1.0,
+) -> FloatArray:
+    """The values of U states of a row by each move from the row before, (M, U).
+
+    values: values of the states of the row before, (C, B, T + 1) or in one line; the last one of
+        each branch stands for no state.
+    used: (U,) indices of the states among the C * B * T of the row.
+    factor: value of a second. Moves that are not open get infinity with its sign.
+    """
+    count, branches, turns = states.usable.shape[1:]
+    state = used // turns
+    source = (states.moves % count)[:, state // branches] * branches + state % branches
+    before, time, is_open = (
+        table[row - 1].reshape(len(source), -1) for table in (steps.before, steps.time, states.open)
+    )
+    total: FloatArray = values.take(source * (turns + 1) + before.take(used, axis=1))
+    total += factor * time.take(state, axis=1)
+    total[~is_open.take(used, axis=1)] = math.copysign(math.inf, factor)
+    return total
+
+
+def find_cheapest_chain(
+    robot: Robot, states: States, steps: Steps, start: FloatArray
+) -> PoseChain | None:
+    """The chain of least cost from joint values `start` (J,), None if there is no chain.
+
+    Its cost is the sum of the times of its steps, in which the slowest joint counts, of the changes
+    of orientation, and of the mean cost of its orientations.
     """
     if not states.usable.any(axis=(1, 2, 3)).all():
         return None
-    share = states.cost / len(states.joints)
+    row_cost = states.cost / len(states.joints)
     count, branches, turns = states.usable.shape[1:]
     cost = np.full((count, branches, turns + 1), math.inf)
     costs = []
     for row, usable in enumerate(states.usable):
-        # Few states are usable where joints may turn more than once. The states of a row lie in
-        # one line. Each branch has one more, for "from none".
+        # Few states are usable if joints may turn more than once. The states of a row are in one
+        # line. Each branch has one more, which stands for no state.
         used = np.flatnonzero(usable)
         state, turn = used // turns, used % turns
         if row:
-            source = (states.moves % count)[:, state // branches] * branches + state % branches
-            before, time, is_open = (
-                table[row - 1].reshape(len(source), -1)
-                for table in (ways.before, ways.time, states.open)
-            )
-            total = cost.take(source * (turns + 1) + before.take(used, axis=1))
-            total += time.take(state, axis=1)
-            total[~is_open.take(used, axis=1)] = math.inf
+            total = add_steps(cost, states, steps, row, used)
             least = total.min(axis=0)
             costs.append(cost)
             cost = np.full(cost.shape, math.inf)
         else:
             solutions = states.joints[0].reshape(count * branches, -1)
             least = _time(robot, solutions[state] + math.tau * states.table[turn] - start)
-        cost.reshape(-1)[state * (turns + 1) + turn] = least + share[state // branches]
-    return _trace(states, ways, cost, costs) if np.isfinite(cost).any() else None
+        cost.reshape(-1)[state * (turns + 1) + turn] = least + row_cost[state // branches]
+    return _trace(states, steps, cost, costs) if np.isfinite(cost).any() else None
 
 
 def _time(robot: Robot, moved: FloatArray) -> FloatArray:
-    """Seconds that the slowest joint needs for moving by (..., J); infinite where there is nothing to move."""
+    """Time of the slowest joint for changes (..., J) of joint values, s; infinite for nan."""
     time = (np.abs(moved) / robot.speeds).max(axis=-1)
     return np.where(np.isnan(time), math.inf, time)
 
 
-def _trace(states: States, ways: Steps, cost: FloatArray, costs: list[FloatArray]) -> PoseChain:
-    """The chain that ends in the least ``cost``. costs: of all rows but the last (C, B, T + 1), infinite from none."""
-    here = np.unravel_index(int(cost.argmin()), cost.shape)
-    orientation, branch, turns = (int(k) for k in here)
+def _trace(states: States, steps: Steps, cost: FloatArray, costs: list[FloatArray]) -> PoseChain:
+    """The chain that ends at the least `cost`.
+
+    cost, costs: (C, B, T + 1) s, of the last row, and of each row before it.
+    """
+    end = np.unravel_index(int(cost.argmin()), cost.shape)
+    orientation, branch, turns = map(int, end)
     chain, moves = [(orientation, turns)], []
     for row in reversed(range(len(costs))):
-        sources, before = (
-            states.moves[:, orientation],
-            ways.before[row, :, orientation, branch, turns],
-        )
-        total = costs[row][sources, branch, before] + ways.time[row, :, orientation, branch]
+        sources = states.moves[:, orientation]
+        before = steps.before[row, :, orientation, branch, turns]
+        total = costs[row][sources, branch, before] + steps.time[row, :, orientation, branch]
         total[~states.open[row, :, orientation, branch, turns]] = math.inf
         move = int(total.argmin())
         turns, orientation = int(before[move]), int(sources[move])

@@ -1,8 +1,8 @@
 """Chains of states that cover as much of a path as possible, by dynamic programming.
 
-It is ``pose_chains`` with breaks: a chain may end at any row and another begin, for a price.
-The states of the rows and the steps between them form a ladder graph, as in Descartes
-(github:ros-industrial-consortium/descartes_light).
+It differs from `camgen.motion.pose_chains` in that a chain may end at any row and another one may
+begin, for a price. The states of the rows and the steps between them form a ladder graph, as in
+Descartes (github:ros-industrial-consortium/descartes_light).
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from camgen.model.pose import FloatArray
-from camgen.motion.pose_chains import States, Steps
+from camgen.motion.pose_chains import States, Steps, add_steps
 from camgen.motion.pose_paths import Index
 
-#: Length that a second of joint motion, or of the cost of an orientation, counts for, mm.
-_MM_A_SECOND = 0.02
+#: mm: value of a second of joint motion, or of the cost of an orientation.
+_MM_PER_SECOND = 0.02
 
 
 class CoverChain(Struct, frozen=True, eq=False):
@@ -46,9 +46,10 @@ class CoverChain(Struct, frozen=True, eq=False):
 class _Rows(Struct, frozen=True, eq=False):
     """The best partial covers at the K rows.
 
-    moves: (C, B, T) at each row, the move by which the last chain comes to this state, `_BEGINS`
-        if it begins here.
-    ending: state in which the best cover that ends at each row ends, C B T in one number.
+    moves: (C, B, T) at each row, the move by which the last chain comes to a state, `_BEGINS` if
+        the chain begins there.
+    ending: index among the C * B * T states of the one in which the best cover that ends at each
+        row ends.
     best: (K + 1,) value of the best cover of the rows before each, and of all, mm.
     """
 
@@ -64,25 +65,25 @@ _BEGINS = -1
 def find_cover(
     states: States, transitions: Steps, lengths: FloatArray, price: float
 ) -> list[CoverChain]:
-    """The chains, in order, that cover the most length less a price for each of them.
+    """The chains, in order, that together cover the largest length minus a price for each chain.
 
     lengths: (K - 1,) length from row to row, mm.
     price: length that a chain must cover at least, mm.
     """
     if not states.usable.any():
         return []
-    share = _MM_A_SECOND / len(states.joints) * states.cost
+    row_cost = _MM_PER_SECOND / len(states.joints) * states.cost
     rows = _Rows([], [], np.zeros(len(states.joints) + 1))
     count, branches, turns = states.usable.shape[1:]
-    # Values of the states of a row in one line. Each branch has one more, for no state at all.
+    # The values of the states of a row are in one line. Each branch has one more, for no state.
     values = np.full(count * branches * (turns + 1), -math.inf)
     for row, usable in enumerate(states.usable):
-        # Few states are usable where joints may turn more than once.
+        # Few states are usable if joints may turn more than once.
         used = np.flatnonzero(usable)
-        cost = share[used // (branches * turns)]
+        cost = row_cost[used // (branches * turns)]
         value, move = np.full(len(used), -math.inf), np.full(len(used), _BEGINS, dtype=np.int8)
         if row and len(used):
-            value, move = _go_on(values, states, transitions, row, used)
+            value, move = _continue_chains(values, states, transitions, row, used)
             value += lengths[row - 1]
             value -= cost
         end = int(value.argmax()) if len(used) else None
@@ -98,25 +99,14 @@ def find_cover(
     return _trace(rows, states, transitions)
 
 
-def _go_on(
+def _continue_chains(
     values: FloatArray, states: States, transitions: Steps, row: int, used: Index
 ) -> tuple[FloatArray, NDArray[np.int8]]:
-    """The best values of the states ``used`` (N,) of a row that follow the row before.
+    """The best values of states of a row by moves from the row before, and the moves, (U,) each.
 
-    Returns these and their moves, (N,) each.
-
-    values: values of the row before, with one of none for each orientation and branch.
+    values, used: arguments of `add_steps`.
     """
-    count, branches, turns = states.usable.shape[1:]
-    state = used // turns
-    source = (states.moves % count)[:, state // branches] * branches + state % branches
-    before, time, is_open = (
-        table[row - 1].reshape(len(source), -1)
-        for table in (transitions.before, transitions.time, states.open)
-    )
-    total = values.take(source * (turns + 1) + before.take(used, axis=1))
-    total -= _MM_A_SECOND * time.take(state, axis=1)
-    total[~is_open.take(used, axis=1)] = -math.inf
+    total = add_steps(values, states, transitions, row, used, -_MM_PER_SECOND)
     move = total.argmax(axis=0)
     return total[move, np.arange(len(used))], move.astype(np.int8)
 
@@ -136,7 +126,6 @@ def _trace(rows: _Rows, states: States, transitions: Steps) -> list[CoverChain]:
 
 
 def _trace_chain(rows: _Rows, states: States, transitions: Steps, row: int) -> CoverChain:
-    """The chain that ends at a row."""
     end = np.unravel_index(rows.ending[row], states.usable.shape[1:])
     orientation, branch, turn = (int(k) for k in end)
     passed, moves = [(orientation, turn)], []

@@ -1,4 +1,4 @@
-"""Poses along an edge as a table: lines and arcs with an orientation at each end, and what lies between."""
+"""Pose paths: tables of tool poses with lines and arcs between them."""
 
 from __future__ import annotations
 
@@ -16,13 +16,18 @@ from camgen.model.tolerance import NONZERO
 
 Index = NDArray[np.int64]
 
+#: `PosePath.via` of a straight segment.
+_STRAIGHT = np.full((1, 3), np.nan)
+
 
 class PosePath(Struct, frozen=True, eq=False):
-    """Poses of the tool in order, work frame, mm. Row i > 0 ends the segment from row i - 1.
+    """Poses of the tool in order, in the work frame. Row i > 0 ends the segment from row i - 1.
 
-    position: (N, 3) of the TCP. via: (N, 3), half-way along an arc of at most half a circle, NaN for a straight segment
-    and in row 0. rotation: (N, 3, 3) work_from_tool; within a segment it turns from row to row by the shortest turn in
-    proportion to the way, as controllers do.
+    position: (N, 3) TCP, mm.
+    via: (N, 3) point half-way along an arc of at most half a circle, mm; NaN for a straight segment
+        and in row 0.
+    rotation: (N, 3, 3) work_from_tool. Within a segment it changes by the shortest rotation, in
+        proportion to the length, as controllers do.
     """
 
     position: FloatArray
@@ -33,21 +38,16 @@ class PosePath(Struct, frozen=True, eq=False):
         return len(self.position)
 
     def reversed(self) -> PosePath:
-        """The same poses the other way round."""
+        """The poses in opposite order."""
         return PosePath(
-            frozen(self.position[::-1]), backwards(self.via), frozen(self.rotation[::-1])
+            frozen(self.position[::-1]), reverse_via(self.via), frozen(self.rotation[::-1])
         )
 
     def slice(self, first: int, stop: int) -> PosePath:
-        """Poses of the rows from ``first`` up to ``stop``, which is left out."""
+        """The rows from `first` up to the one before `stop`."""
         via = self.via[first:stop].copy()
         via[:1] = np.nan
         return PosePath(self.position[first:stop], frozen(via), self.rotation[first:stop])
-
-    @property
-    def head(self) -> PosePath:
-        """The poses without the last one."""
-        return PosePath(self.position[:-1], self.via[:-1], self.rotation[:-1])
 
     @property
     def spans(self) -> Spans:
@@ -56,87 +56,93 @@ class PosePath(Struct, frozen=True, eq=False):
 
     @property
     def length(self) -> FloatArray:
-        """(N - 1,) mm of each segment."""
+        """(N - 1,) length of each segment, mm."""
         return span_lengths(self.position, self.via[1:])
 
     @property
     def turn(self) -> FloatArray:
-        """(N - 1,) rad by which the tool turns in each segment."""
+        """(N - 1,) angle by which the tool rotates in each segment, rad."""
         return angles_between(self.rotation[:-1], self.rotation[1:])
 
 
-def backwards(via: FloatArray) -> FloatArray:
-    """``PosePath.via`` of the reversed way."""
-    return frozen(np.concatenate([np.full((1, 3), np.nan), via[:0:-1]]))
+def reverse_via(via: FloatArray) -> FloatArray:
+    """`PosePath.via` of the reversed path."""
+    return frozen(np.concatenate([_STRAIGHT, via[:0:-1]]))
 
 
-def counts(way: PosePath, length: float, turn: float) -> Index:
-    """(N - 1,) into how many equal parts of at most ``length`` mm and ``turn`` rad each segment is to be cut."""
-    most = np.maximum(way.length / length, way.turn / turn)
-    return np.asarray(np.maximum(np.ceil(most - 1e-9), 1), dtype=np.int64)
+def count_parts(path: PosePath, length: float, turn: float) -> Index:
+    """(N - 1,) numbers of equal parts of at most `length` mm and `turn` rad of each segment."""
+    parts = np.maximum(path.length / length, path.turn / turn)
+    return np.asarray(np.maximum(np.ceil(parts - 1e-9), 1), dtype=np.int64)
 
 
-def divide(way: PosePath, parts: Index) -> PosePath:
-    """The same motion with segment i cut into ``parts[i - 1]`` equal ones; old row i is new row ``rows(parts)[i]``."""
+def divide(path: PosePath, parts: Index) -> PosePath:
+    """The pose path with segment i divided into `parts[i - 1]` equal ones.
+
+    Row i becomes row `offsets(parts)[i]`.
+    """
     segment, after = owners(parts), ramp(parts) + 1
-    share = 1.0 / parts[segment]
-    spans, kept = way.spans, rows(parts)
-    position = np.concatenate([way.position[:1], spans.point(after * share, segment)])
-    position[kept] = way.position
-    via = np.concatenate([np.full((1, 3), np.nan), spans.point((after - 0.5) * share, segment)])
-    via[1:][np.isnan(way.via[1:, 0])[segment]] = np.nan
-    whole = parts[segment] == 1
-    via[1:][whole] = way.via[1:][segment[whole]]
-    rotation = np.concatenate(
-        [way.rotation[:1], between(way.rotation[:-1], way.rotation[1:], segment, after * share)]
-    )
-    rotation[kept] = way.rotation
+    fraction = 1.0 / parts[segment]
+    spans, kept = path.spans, offsets(parts)
+    position = np.concatenate([path.position[:1], spans.point(after * fraction, segment)])
+    position[kept] = path.position
+    via = np.concatenate([_STRAIGHT, spans.point((after - 0.5) * fraction, segment)])
+    via[1:][np.isnan(path.via[1:, 0])[segment]] = np.nan
+    is_whole = parts[segment] == 1
+    via[1:][is_whole] = path.via[1:][segment[is_whole]]
+    turned = between(path.rotation[:-1], path.rotation[1:], segment, after * fraction)
+    rotation = np.concatenate([path.rotation[:1], turned])
+    rotation[kept] = path.rotation
     return PosePath(frozen(position), frozen(via), frozen(rotation))
 
 
 class PoseSampler(Struct, frozen=True, eq=False):
-    """A way, of which poses are asked for more than once. spans: its segments. turn: (N - 1, 3) by which the tool turns
-    in each, axis times rad, as it stands at its start.
+    """A pose path, prepared for sampling at many places.
+
+    path: the pose path.
+    spans: its segments.
+    turn: (N - 1, 3) rotation vector of each segment in the tool frame at its start, rad.
     """
 
-    way: PosePath
+    path: PosePath
     spans: Spans
     turn: FloatArray
 
     @classmethod
-    def of(cls, way: PosePath) -> PoseSampler:
-        """All along ``way``."""
-        return cls(
-            way, way.spans, vectors_of(np.swapaxes(way.rotation[:-1], 1, 2) @ way.rotation[1:])
-        )
+    def make(cls, path: PosePath) -> PoseSampler:
+        """The sampler of a pose path."""
+        turn = vectors_of(np.swapaxes(path.rotation[:-1], 1, 2) @ path.rotation[1:])
+        return cls(path, path.spans, turn)
 
     def poses(self, at: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The TCP (K, 3) and its rotation (K, 3, 3) at places (K,), in rows: 2.25 is a quarter of the way from row 2 to
-        row 3.
+        """Positions (K, 3) and rotations (K, 3, 3) of the tool at places `at` (K,) in rows.
+
+        2.25 is a quarter of the way from row 2 to row 3.
         """
         segment = np.minimum(at.astype(np.int64), len(self.turn) - 1)
-        share = at - segment
-        turned = from_vectors(self.turn[segment] * share[:, None])
-        return self.spans.point(share, segment), self.way.rotation[segment] @ turned
+        fraction = at - segment
+        turned = from_vectors(self.turn[segment] * fraction[:, None])
+        return self.spans.point(fraction, segment), self.path.rotation[segment] @ turned
 
 
-def cut(way: PosePath, low: float, high: float) -> PosePath:
-    """The same motion from ``low`` to ``high`` mm along it, where it has a length in between."""
-    ends = np.concatenate([[0.0], np.cumsum(way.length)])
+def cut(path: PosePath, low: float, high: float) -> PosePath:
+    """The part of a pose path from `low` to `high` mm along it, which must have a length."""
+    ends = np.concatenate([[0.0], np.cumsum(path.length)])
     before, after = np.clip(ends[:-1], low, high), np.clip(ends[1:], low, high)
     segment = np.flatnonzero(after - before > 0)
-    span = np.maximum(way.length[segment], NONZERO)
-    start, stop = (before[segment] - ends[segment]) / span, (after[segment] - ends[segment]) / span
-    spans = way.spans
-    own, first = np.concatenate([segment[:1], segment]), np.concatenate([start[:1], stop])
-    via = np.concatenate([np.full((1, 3), np.nan), spans.point((start + stop) / 2, segment)])
-    via[1:][np.isnan(way.via[1:, 0])[segment]] = np.nan
-    rotation = between(way.rotation[:-1], way.rotation[1:], own, first)
-    return PosePath(frozen(spans.point(first, own)), frozen(via), frozen(rotation))
+    length = np.maximum(path.length[segment], NONZERO)
+    start = (before[segment] - ends[segment]) / length
+    stop = (after[segment] - ends[segment]) / length
+    spans = path.spans
+    via = np.concatenate([_STRAIGHT, spans.point((start + stop) / 2, segment)])
+    via[1:][np.isnan(path.via[1:, 0])[segment]] = np.nan
+    row_segment, at = np.concatenate([segment[:1], segment]), np.concatenate([start[:1], stop])
+    rotation = between(path.rotation[:-1], path.rotation[1:], row_segment, at)
+    return PosePath(frozen(spans.point(at, row_segment)), frozen(via), frozen(rotation))
 
 
 def measure_to(path: PosePath, row: float) -> float:
-    """Length of a pose path up to a place in rows: 2.25 is a quarter of the way from row 2."""
+    """Length of a pose path up to a place in rows, mm: 2.25 is a quarter of the way from row 2."""
     along = np.concatenate([[0.0], np.cumsum(path.length)])
     return float(np.interp(row, np.arange(len(along)), along))
 
@@ -149,8 +155,3 @@ def join(paths: Sequence[PosePath]) -> PosePath:
         np.concatenate([paths[0].via, *(path.via[1:] for path in rest)]),
         np.concatenate([paths[0].rotation, *(path.rotation[1:] for path in rest)]),
     )
-
-
-def rows(parts: Index) -> Index:
-    """(N,) where the rows of a way are after ``divide``."""
-    return offsets(parts)

@@ -1,18 +1,21 @@
-"""Can the arm run a pose path, and how: the nominal pose first, the tool's freedom only where that fails."""
+"""Finds joint values along pose paths: the nominal orientation first, the tool's freedom after it.
+
+Other orientations are searched only if the nominal one fails or does not keep the margin.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from functools import cache
 
 import numpy as np
 from msgspec.structs import replace
 
+from camgen.geometry.ragged import offsets
 from camgen.model.part import BoolArray, Line
 from camgen.model.pose import frozen
 from camgen.model.text import short
-from camgen.motion.pose_paths import PosePath, divide, rows
-from camgen.motion.search import Grid, can_stand, grid, search
+from camgen.motion.pose_paths import PosePath, divide
+from camgen.motion.search import Grid, can_stand, make_grid, search
 from camgen.motion.setup import (
     JUMP,
     MARGIN,
@@ -20,200 +23,185 @@ from camgen.motion.setup import (
     OrientationFreedom,
     Setup,
     UnreachableEdge,
-    dense_parts,
-    flange_poses,
+    compute_flange_poses,
+    count_samples,
 )
 from camgen.robots.kinematics.continuity import Choice, follow_each
-from camgen.robots.kinematics.reasons import why
+from camgen.robots.kinematics.reasons import explain_stuck
 
-_grid = cache(grid)
 _NONE = OrientationFreedom()
-#: Of the tilt, what rows on arcs may have.
+#: Fraction of the tilt that rows on arcs may have. The tool axis leans more between two rows.
 _ON_ARCS = 0.9
-#: So many edges are looked at together in the nominal orientation: bounds the memory.
+#: Edges that are computed together in the nominal orientation: bounds the memory.
 _TOGETHER = 32
 
+#: The motion along a pose path, or the reason for none.
+_Result = EdgeMotion | UnreachableEdge
 
-def _ignore(_: int) -> None:
-    """For callers who do not look at it."""
 
-
-def reach_ways(
-    ways: Iterable[tuple[Line, PosePath | UnreachableEdge]],
+def reach_paths(
+    paths: Iterable[tuple[Line, PosePath | UnreachableEdge]],
     setup: Setup,
     freedom: OrientationFreedom = _NONE,
-    tell: Callable[[int], None] = _ignore,
-) -> tuple[EdgeMotion | UnreachableEdge, ...]:
-    """How the arm runs each of ``ways``.
+    on_progress: Callable[[int], None] = lambda _: None,
+) -> tuple[_Result, ...]:
+    """The motion of the arm along each pose path, or the reason for none.
 
-    ways: lines with their poses, or with the reason why they have no poses.
-    tell: callback that gets the number of lines that were tried.
+    Each motion keeps the joint limits, stays 2 deg from singularities, and is free of collisions at
+    all of its samples. Between these the TCP moves by at most 5 mm and 5 deg, and a joint by at
+    most 15 deg.
 
-    Each motion keeps the joint limits, 2 deg from singularities and clear of collisions wherever it is looked at, at
-    least every 5 mm and 5 deg, and no joint turns by more than 15 deg from look to look.
+    paths: lines with their pose paths, or with the reason why they have none.
+    on_progress: callback that gets the number of lines that were tried.
     """
-    listed, found = list(ways), []
-    for begin in range(0, len(listed), _TOGETHER):
-        some = listed[begin : begin + _TOGETHER]
-        plain = iter(
-            _nominal(setup, [(line.id, way) for line, way in some if isinstance(way, PosePath)])
-        )
-        for done, (_, way) in enumerate(some, begin):
-            tell(done)
-            found.append(
-                _free(setup, way, freedom, next(plain)) if isinstance(way, PosePath) else way
+    lines = list(paths)
+    results: list[_Result] = []
+    for begin in range(0, len(lines), _TOGETHER):
+        batch = lines[begin : begin + _TOGETHER]
+        named = [(line.id, path) for line, path in batch if isinstance(path, PosePath)]
+        nominal = iter(_reach_nominal(setup, named))
+        for done, (_, path) in enumerate(batch, begin):
+            on_progress(done)
+            results.append(
+                _reach_freely(setup, path, freedom, next(nominal))
+                if isinstance(path, PosePath)
+                else path
             )
-    return tuple(found)
+    return tuple(results)
 
 
-def can_end(setup: Setup, ways: Sequence[PosePath], freedom: OrientationFreedom) -> BoolArray:
-    """The ways at both of whose ends the arm can stand in some orientation of ``freedom``, (K,).
+def can_end(setup: Setup, paths: Sequence[PosePath], freedom: OrientationFreedom) -> BoolArray:
+    """Whether the arm reaches both ends of pose paths in an orientation of `freedom`, (K,).
 
-    Along others ``reach_along`` finds no motion either, and takes many times as long.
+    If not, `reach_along` finds no motion either, and takes many times as long.
     """
-    choices = [widest_grid(freedom, way) for way in ways]
-    found = np.ones(len(ways), dtype=np.bool_)
-    for choice in dict.fromkeys(choices):
-        own = np.array([k for k, one in enumerate(choices) if one is choice])
-        found[own] = _can_end(setup, [ways[k] for k in own.tolist()], choice)
-    return found
+    grids = [widest_grid(freedom, path) for path in paths]
+    can = np.ones(len(paths), dtype=np.bool_)
+    for choice in dict.fromkeys(grids):
+        indices = [k for k, path_grid in enumerate(grids) if path_grid is choice]
+        can[indices] = _can_end(setup, [paths[k] for k in indices], choice)
+    return can
 
 
-def _can_end(setup: Setup, ways: Sequence[PosePath], choice: Grid) -> BoolArray:
-    found = np.ones(len(ways), dtype=np.bool_)
-    # Without a closed form joints depend on those before them.
+def _can_end(setup: Setup, paths: Sequence[PosePath], choice: Grid) -> BoolArray:
+    can = np.ones(len(paths), dtype=np.bool_)
+    # Without a closed form the joint values depend on the previous ones.
     for end in (0, -1) if setup.robot.arm else ():
-        left = np.flatnonzero(found)
-        if len(left):
-            position, rotation = (
-                np.stack([getattr(ways[k], name)[end] for k in left.tolist()])
-                for name in ("position", "rotation")
-            )
-            found[left] = can_stand(setup, position, rotation, choice)
-    return found
+        indices = np.flatnonzero(can)
+        if len(indices):
+            position = np.stack([paths[k].position[end] for k in indices.tolist()])
+            rotation = np.stack([paths[k].rotation[end] for k in indices.tolist()])
+            can[indices] = can_stand(setup, position, rotation, choice)
+    return can
 
 
-def reach_along(
-    setup: Setup, name: str, way: PosePath, freedom: OrientationFreedom
-) -> EdgeMotion | UnreachableEdge:
-    """How the arm runs ``way``, which is called ``name``, with the margin, or else without it, or why it cannot."""
-    return reach_each(setup, [(name, way)], freedom)[0]
+def reach_along(setup: Setup, name: str, path: PosePath, freedom: OrientationFreedom) -> _Result:
+    """The motion of the arm along a pose path, or the reason for none.
+
+    A motion that keeps the margin is preferred.
+
+    name: id of the edge.
+    """
+    (nominal,) = _reach_nominal(setup, [(name, path)])
+    return _reach_freely(setup, path, freedom, nominal)
 
 
-def reach_each(
-    setup: Setup, ways: Sequence[tuple[str, PosePath]], freedom: OrientationFreedom
-) -> list[EdgeMotion | UnreachableEdge]:
-    """``reach_along`` of each of several, with their names."""
-    nominal = _nominal(setup, ways)
-    return [
-        _free(setup, way, freedom, plain) for (_, way), plain in zip(ways, nominal, strict=True)
-    ]
-
-
-def _free(
-    setup: Setup, way: PosePath, freedom: OrientationFreedom, plain: EdgeMotion | UnreachableEdge
-) -> EdgeMotion | UnreachableEdge:
-    """``reach_along`` where the nominal orientation comes to ``plain``."""
-    name = plain.id
-    if isinstance(plain, EdgeMotion):
-        return _prefer(plain, setup, way, _grids("collision", freedom, way), freedom)
+def _reach_freely(
+    setup: Setup, path: PosePath, freedom: OrientationFreedom, nominal: _Result
+) -> _Result:
+    """`reach_along`, where `nominal` is the result in the nominal orientation."""
+    if isinstance(nominal, EdgeMotion):
+        return _keep_margin(nominal, setup, path, _list_grids("collision", freedom, path), freedom)
     collision = ""
-    grids = _grids(plain.kind, freedom, way)
+    grids = _list_grids(nominal.kind, freedom, path)
     for k, choice in enumerate(grids):
-        # The last one is searched in any case: it says what stands in the way.
-        if k < len(grids) - 1 and not _can_end(setup, [way], choice).all():
+        # The last one is searched in any case, because it names the obstacle.
+        if k < len(grids) - 1 and not _can_end(setup, [path], choice).all():
             continue
-        found = search(setup, name, way, choice, freedom.tilt)
-        if isinstance(found, EdgeMotion):
-            return _prefer(found, setup, way, grids[k:], freedom)
-        collision = found
-    return (
-        UnreachableEdge(name, plain.kind, plain.text + _in_vain(freedom, collision))
-        if freedom
-        else plain
-    )
+        result = search(setup, nominal.id, path, choice, freedom.tilt)
+        if isinstance(result, EdgeMotion):
+            return _keep_margin(result, setup, path, grids[k:], freedom)
+        collision = result
+    if not freedom:
+        return nominal
+    text = nominal.text + _describe_search(freedom, collision)
+    return UnreachableEdge(nominal.id, nominal.kind, text)
 
 
-def _prefer(
-    found: EdgeMotion,
+def _keep_margin(
+    motion: EdgeMotion,
     setup: Setup,
-    way: PosePath,
+    path: PosePath,
     grids: Sequence[Grid],
     freedom: OrientationFreedom,
 ) -> EdgeMotion:
-    """``found`` where it keeps the margin, else what of ``grids`` keeps it, else ``found`` again."""
-    if setup.roomy(found.dense).all():
-        return found
+    """The motion if it keeps the margin, else one in `grids` that does, else the motion."""
+    if setup.roomy(motion.dense).all():
+        return motion
     roomy = replace(setup, clear=setup.roomy)
     for choice in grids:
-        other = search(roomy, found.id, way, choice, freedom.tilt)
+        other = search(roomy, motion.id, path, choice, freedom.tilt)
         if isinstance(other, EdgeMotion):
-            return replace(other, nearer=found)
-    return found
+            return replace(other, nearer=motion)
+    return motion
 
 
-def _grids(kind: str, freedom: OrientationFreedom, way: PosePath) -> list[Grid]:
-    """What is tried where the nominal way fails for a reason of this kind, in this order: another branch where the
-    first collides, a roll, which costs nothing, all.
+def _list_grids(kind: str, freedom: OrientationFreedom, path: PosePath) -> list[Grid]:
+    """The orientations to be tried, in order, if the nominal one fails for a reason of this kind.
+
+    After a collision another branch is tried first. A roll costs nothing, so it comes before tilt.
     """
     steps = [OrientationFreedom()] if kind == "collision" else []
     steps += [replace(freedom, tilt=0.0)] if freedom.roll else []
-    # Along an arc the axis leans more between two rows than at them: the grid leaves room for it.
-    share = _ON_ARCS if np.isfinite(way.via).any() else 1.0
-    steps += [replace(freedom, tilt=share * freedom.tilt)] if freedom.tilt > 0 else []
-    return [_grid(step) for step in steps]
+    fraction = _ON_ARCS if np.isfinite(path.via).any() else 1.0
+    steps += [replace(freedom, tilt=fraction * freedom.tilt)] if freedom.tilt > 0 else []
+    return list(map(make_grid, steps))
 
 
-def widest_grid(freedom: OrientationFreedom, way: PosePath) -> Grid:
-    """All orientations that the tool may have along ``way``."""
-    return _grids("collision", freedom, way)[-1]
+def widest_grid(freedom: OrientationFreedom, path: PosePath) -> Grid:
+    """All orientations that the tool may have along a pose path."""
+    return _list_grids("collision", freedom, path)[-1]
 
 
-def _in_vain(freedom: OrientationFreedom, collision: str) -> str:
+def _describe_search(freedom: OrientationFreedom, collision: str) -> str:
+    """The end of the reason why no orientation is reached. collision: the obstacle, or empty."""
     parts = [f"{short(np.degrees(freedom.tilt), 2)} deg of tilt"] if freedom.tilt > 0 else []
-    parts += (
-        ["any roll" if freedom.turns is None else "any roll of tool.turn"] if freedom.roll else []
-    )
-    return f"; with {' and '.join(parts)}: " + (
-        f"collision, {collision}" if collision else "no way either"
-    )
+    if freedom.roll:
+        parts.append("any roll" if freedom.turns is None else "any roll of tool.turn")
+    result = f"collision, {collision}" if collision else "no way either"
+    return f"; with {' and '.join(parts)}: {result}"
 
 
-def _nominal(
-    setup: Setup, ways: Sequence[tuple[str, PosePath]]
-) -> list[EdgeMotion | UnreachableEdge]:
-    """How the arm runs each of ``ways``, with their names, in the nominal orientation, or why it cannot."""
-    parts = [dense_parts(way) for _, way in ways]
-    dense = [divide(way, own) for (_, way), own in zip(ways, parts, strict=True)]
-    goals = [flange_poses(setup, one.position, one.rotation) for one in dense]
-    found = follow_each(setup.robot, goals, [setup.robot.home] * len(goals), MARGIN, JUMP)
-    tested = [one.joints for one in found if isinstance(one, Choice)]
-    clear = iter(
-        np.split(setup.clear(np.concatenate(tested)), np.cumsum([len(one) for one in tested]))
-        if tested
-        else []
-    )
-    made: list[EdgeMotion | UnreachableEdge] = []
-    for (name, way), own, looks, goal, one in zip(ways, parts, dense, goals, found, strict=True):
-        if not isinstance(one, Choice):
-            reason = why(setup.robot, *goal, one, MARGIN, JUMP)
-            made.append(
-                UnreachableEdge(name, reason.kind, f"{reason.text}, {_place(looks, reason.row)}")
-            )
+def _reach_nominal(setup: Setup, paths: Sequence[tuple[str, PosePath]]) -> list[_Result]:
+    """The motion along each pose path in the nominal orientation, or the reason for none."""
+    parts = [count_samples(path) for _, path in paths]
+    samples = [divide(path, count) for (_, path), count in zip(paths, parts, strict=True)]
+    goals = [compute_flange_poses(setup, path.position, path.rotation) for path in samples]
+    choices = follow_each(setup.robot, goals, [setup.robot.home] * len(goals), MARGIN, JUMP)
+    results: list[_Result] = []
+    joints = [choice.joints for choice in choices if isinstance(choice, Choice)]
+    if joints:
+        ends = np.cumsum(list(map(len, joints)))
+        is_clear = iter(np.split(setup.clear(np.concatenate(joints)), ends))
+    for (name, path), count, sampled, goal, choice in zip(
+        paths, parts, samples, goals, choices, strict=True
+    ):
+        if not isinstance(choice, Choice):
+            reason = explain_stuck(setup.robot, *goal, choice, MARGIN, JUMP)
+            text = f"{reason.text}, {_describe_place(sampled, reason.row)}"
+            results.append(UnreachableEdge(name, reason.kind, text))
             continue
-        hit = np.flatnonzero(~next(clear))
+        hit = np.flatnonzero(~next(is_clear))
         if len(hit):
-            text = f"collision, {setup.hit(one.joints[hit[0]])}, {_place(looks, int(hit[0]))}"
-            made.append(UnreachableEdge(name, "collision", text))
+            place = _describe_place(sampled, int(hit[0]))
+            text = f"collision, {setup.hit(choice.joints[hit[0]])}, {place}"
+            results.append(UnreachableEdge(name, "collision", text))
             continue
-        at, none = rows(own), frozen(np.zeros(len(looks)))
-        made.append(
-            EdgeMotion(
-                name, False, way, frozen(one.joints[at]), looks, frozen(one.joints), at, none, none
-            )
-        )
-    return made
+        at, dense, zero = offsets(count), frozen(choice.joints), frozen(np.zeros(len(sampled)))
+        joints_at = frozen(choice.joints[at])
+        results.append(EdgeMotion(name, False, path, joints_at, sampled, dense, at, zero, zero))
+    return results
 
 
-def _place(dense: PosePath, row: int) -> str:
-    return f"{short(float(dense.length[:row].sum()), 1)} mm along it"
+def _describe_place(path: PosePath, row: int) -> str:
+    return f"{short(float(path.length[:row].sum()), 1)} mm along it"

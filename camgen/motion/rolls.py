@@ -1,8 +1,9 @@
-"""The turns about its axis that a tool may have: any, or those that the job lists."""
+"""The rolls of a tool about its axis that are allowed: any, or those that the job lists."""
 
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 from msgspec import Struct
 
@@ -11,39 +12,46 @@ from camgen.model.job import Job, ToolTable
 from camgen.model.text import counted
 from camgen.motion.setup import OrientationFreedom
 
-#: deg: turns with wider steps stay as they are along a path; a tool that has so few is not led through others.
+#: deg: a tool whose rolls have a larger step keeps one of them along a path.
 WIDEST_STEP = 30.0
-#: So many turns are more than any tool needs.
-_MOST = 720
+#: Maximum number of rolls that a job may list; no tool needs more.
+_MAX_ROLLS = 720
+#: Rounding: fraction of a step, and rad.
 _EPS = 1e-9
 
 
 class Rolls(Struct, frozen=True):
-    """angles: rad, each beside the next. round: the first comes after the last. steady: the tool keeps
-    one of them along a path.
+    """Allowed rolls of a tool.
+
+    angles: rad, in order.
+    round: whether the first one is the neighbour of the last one.
+    steady: whether the tool keeps one of them along a path.
     """
 
     angles: tuple[float, ...]
     round: bool
     steady: bool
 
-    def beside(self, index: int, step: int) -> int:
-        """The index of the turn that is ``step`` (-1, 0 or 1) from that at ``index``; -1: none."""
+    def find_neighbour(self, index: int, step: int) -> int:
+        """The index of the roll that is `step` (-1, 0 or 1) after another one, -1 for none."""
         if step == 0:
             return index
-        other = index + step
-        if self.steady or not (self.round or 0 <= other < len(self.angles)):
+        neighbour = index + step
+        if self.steady or not (self.round or 0 <= neighbour < len(self.angles)):
             return -1
-        return other % len(self.angles)
+        return neighbour % len(self.angles)
 
 
-def is_free(tool: ToolTable) -> bool:
-    """Whether the tool has more than one turn."""
+def has_rolls(tool: ToolTable) -> bool:
+    """Whether the tool has more than one roll."""
     return tool.symmetric or tool.turn is not None
 
 
-def turns_of(tool: ToolTable) -> tuple[float, ...] | None:
-    """The turns (rad) of ``tool.turn`` in order, 0 among them; None: the job has none. JobError for what is none."""
+def read_rolls(tool: ToolTable) -> tuple[float, ...] | None:
+    """The rolls of `tool.turn`, rad, in order, 0 among them; None if the job lists none.
+
+    Raises JobError if the setting is invalid.
+    """
     given = tool.turn
     if given is None:
         return None
@@ -51,7 +59,7 @@ def turns_of(tool: ToolTable) -> tuple[float, ...] | None:
         raise JobError(
             "job", "a symmetric tool has any turn", "tool.turn", "leave out one of the two"
         )
-    if len(given) != 3 or not all(math.isfinite(v) for v in given):
+    if len(given) != 3 or not all(map(math.isfinite, given)):
         raise JobError(
             "job", f"has {counted(len(given), 'value')}", "tool.turn", "give [from, to, step], deg"
         )
@@ -62,34 +70,30 @@ def turns_of(tool: ToolTable) -> tuple[float, ...] | None:
         )
         raise JobError("job", f"{given} are no turns", "tool.turn", remedy)
     first, last = math.ceil(low / step - _EPS), math.floor(high / step + _EPS)
-    if last - first >= _MOST:
+    if last - first >= _MAX_ROLLS:
         raise JobError(
             "job", f"has {counted(last - first + 1, 'turn')}", "tool.turn", "take a larger step"
         )
     if last > first and (last - first) * step > 360 - _EPS:
-        last -= 1  # a whole turn is none
+        last -= 1  # The last roll would be the first one again.
     return tuple(math.radians(k * step) for k in range(first, last + 1))
 
 
-def rolls_of(freedom: OrientationFreedom, count: int) -> Rolls:
-    """The turns of ``freedom``; of a tool that has any, ``count`` of them, evenly."""
+def list_rolls(freedom: OrientationFreedom, count: int) -> Rolls:
+    """The rolls of `freedom`; `count` of them, evenly spread, if any roll is allowed."""
     if not freedom.roll:
         return Rolls((0.0,), False, True)
     if freedom.turns is None:
         angles = ((k * math.tau / count + math.pi) % math.tau - math.pi for k in range(count))
         return Rolls(tuple(angles), True, False)
-    step = min(
-        (b - a for a, b in zip(freedom.turns, freedom.turns[1:], strict=False)), default=math.tau
-    )
-    whole = freedom.turns[-1] - freedom.turns[0] + step > math.tau - _EPS
-    return Rolls(
-        freedom.turns, whole and len(freedom.turns) > 1, step > math.radians(WIDEST_STEP) + _EPS
-    )
+    step = min((b - a for a, b in pairwise(freedom.turns)), default=math.tau)
+    is_round = freedom.turns[-1] - freedom.turns[0] + step > math.tau - _EPS
+    is_steady = step > math.radians(WIDEST_STEP) + _EPS
+    return Rolls(freedom.turns, is_round and len(freedom.turns) > 1, is_steady)
 
 
-def freedom_of(job: Job) -> OrientationFreedom:
-    """What the job leaves free of the tool's orientation."""
-    turns = turns_of(job.tool)
-    return OrientationFreedom(
-        math.radians(job.tool.axis_tilt), job.tool.symmetric or turns is not None, turns
-    )
+def find_freedom(job: Job) -> OrientationFreedom:
+    """The freedom that the job leaves for the orientation of the tool."""
+    turns = read_rolls(job.tool)
+    has_roll = job.tool.symmetric or turns is not None
+    return OrientationFreedom(math.radians(job.tool.axis_tilt), has_roll, turns)

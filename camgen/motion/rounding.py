@@ -1,4 +1,4 @@
-"""The path that a controller runs where one motion goes on into the next without a stop.
+"""The path that a controller runs if one motion continues into the next one without a stop.
 
 RAPID leaves the path at the edge of the zone of a corner, whatever the turn, and runs a parabola
 (manual, `zonedata`). Other controllers begin the next motion while the one before ends. The curve
@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from camgen.geometry.arcs import Spans
-from camgen.geometry.vectors import cross, dots, lengths
+from camgen.geometry.vectors import add_coordinates, cross, dots, lengths
 from camgen.model.cell import Dynamics
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import NONZERO
@@ -49,7 +49,7 @@ def measure_rounding(transitions: Transitions, dynamics: Dynamics) -> FloatArray
     if dynamics.corner == "arc":
         # LinuxCNC keeps to the distance that `G64 P` states.
         return np.full(len(transitions.blend), dynamics.deviation)
-    distances = [_leave(transitions, curve) for curve in round_off(transitions, dynamics)]
+    distances = [_measure_deviation(transitions, path) for path in round_off(transitions, dynamics)]
     return np.asarray(np.max(distances, axis=0))
 
 
@@ -84,13 +84,13 @@ def trace_corners(transitions: Transitions, dynamics: Dynamics) -> RoundedCorner
     """One executed path of each transition; in zones the model that leaves the path farther."""
     before, after = _find_reach(transitions, dynamics)
     path = _mix(transitions, before, after)
-    off = _leave(transitions, path)
+    deviation = _measure_deviation(transitions, path)
     if dynamics.corner == "zone":
         bent = _bend(transitions, before, after)
-        farther = _leave(transitions, bent)
-        path = np.where((farther > off)[:, None, None], bent, path)
-        off = np.maximum(farther, off)
-    return RoundedCorners(before, after, path, off)
+        bent_deviation = _measure_deviation(transitions, bent)
+        path = np.where((bent_deviation > deviation)[:, None, None], bent, path)
+        deviation = np.maximum(bent_deviation, deviation)
+    return RoundedCorners(before, after, path, deviation)
 
 
 def _find_reach(transitions: Transitions, dynamics: Dynamics) -> tuple[FloatArray, FloatArray]:
@@ -114,8 +114,8 @@ def _reach(motion: Spans, blend: FloatArray) -> FloatArray:
 
 def _mix(transitions: Transitions, before: FloatArray, after: FloatArray) -> FloatArray:
     """Both motions at once: the first with even deceleration, the second with even acceleration."""
-    share = np.linspace(0.0, 1.0, _POINTS)
-    return _add(transitions, (1 - share) ** 2 * before[:, None], share**2 * after[:, None])
+    fraction = np.linspace(0.0, 1.0, _POINTS)
+    return _add(transitions, (1 - fraction) ** 2 * before[:, None], fraction**2 * after[:, None])
 
 
 def _overlap(
@@ -147,8 +147,8 @@ def _add(transitions: Transitions, left: FloatArray, run: FloatArray) -> FloatAr
         np.minimum(run / np.maximum(second.length, NONZERO)[:, None], 1.0),
     ]
     places = [
-        motion.point(share.ravel(), rows).reshape(*left.shape, 3)
-        for motion, share in zip((first, second), along, strict=True)
+        motion.point(fraction.ravel(), rows).reshape(*left.shape, 3)
+        for motion, fraction in zip((first, second), along, strict=True)
     ]
     return np.asarray(places[0] + places[1] - first.end[:, None])
 
@@ -159,57 +159,55 @@ def _bend(transitions: Transitions, before: FloatArray, after: FloatArray) -> Fl
     Its middle control point is where the tangents meet. Where they do not meet ahead, a cubic of
     the same lengths stands for it.
     """
-    enter, onto = _tangents_at(transitions.first, before, end=True)
-    leave, off = _tangents_at(transitions.second, after, end=False)
-    chord, cosine = leave - enter, dots(onto, off)
+    start, start_tangent = _tangents_at(transitions.first, before, end=True)
+    end, end_tangent = _tangents_at(transitions.second, after, end=False)
+    chord, cosine = end - start, dots(start_tangent, end_tangent)
     square = np.maximum(1 - cosine**2, NONZERO)
-    ahead = (dots(chord, onto) - cosine * dots(chord, off)) / square
-    back = (dots(chord, off) - cosine * dots(chord, onto)) / square
+    ahead = (dots(chord, start_tangent) - cosine * dots(chord, end_tangent)) / square
+    back = (dots(chord, end_tangent) - cosine * dots(chord, start_tangent)) / square
     longest = 2 * np.maximum(before, after)
-    meet = (lengths(cross(onto, off)) > _PARALLEL) & (ahead > 0) & (back > 0)
+    meet = (lengths(cross(start_tangent, end_tangent)) > _PARALLEL) & (ahead > 0) & (back > 0)
     meet &= (ahead < longest) & (back < longest)
-    handles = [np.where(meet, ahead, before) * 2 / 3, np.where(meet, back, after) * 2 / 3]
-    share = np.linspace(0.0, 1.0, _POINTS)[:, None]
-    points = (enter, enter + handles[0][:, None] * onto, leave - handles[1][:, None] * off, leave)
+    start_handle = np.where(meet, ahead, before) * 2 / 3
+    end_handle = np.where(meet, back, after) * 2 / 3
+    fraction = np.linspace(0.0, 1.0, _POINTS)[:, None]
+    second = start + start_handle[:, None] * start_tangent
+    points = (start, second, end - end_handle[:, None] * end_tangent, end)
     weights = (
-        (1 - share) ** 3,
-        3 * share * (1 - share) ** 2,
-        3 * share**2 * (1 - share),
-        share**3,
+        (1 - fraction) ** 3,
+        3 * fraction * (1 - fraction) ** 2,
+        3 * fraction**2 * (1 - fraction),
+        fraction**3,
     )
     return np.asarray(sum(w * point[:, None] for w, point in zip(weights, points, strict=True)))
 
 
 def _tangents_at(motion: Spans, length: FloatArray, *, end: bool) -> tuple[FloatArray, FloatArray]:
     """Points (K, 3), mm, and directions of travel (K, 3) at a length from an end of motions."""
-    share = length / np.maximum(motion.length, NONZERO)
-    share = 1 - share if end else share
-    angle = ((share - 0.5) * motion.sweep)[:, None]
+    fraction = length / np.maximum(motion.length, NONZERO)
+    fraction = 1 - fraction if end else fraction
+    angle = ((fraction - 0.5) * motion.sweep)[:, None]
     turned = np.cos(angle) * motion.along - np.sin(angle) * motion.towards
-    return motion.point(share), np.where(motion.curved[:, None], turned, motion.along)
+    return motion.point(fraction), np.where(motion.curved[:, None], turned, motion.along)
 
 
-def _leave(transitions: Transitions, curve: FloatArray) -> FloatArray:
+def _measure_deviation(transitions: Transitions, path: FloatArray) -> FloatArray:
     """(K,) distance, mm, between executed paths (K, P, 3) and the programmed ones."""
-    off = np.minimum(_distance(transitions.first, curve), _distance(transitions.second, curve)).max(
-        axis=1
+    from_first, from_second = (
+        _distance(transitions.first, path),
+        _distance(transitions.second, path),
     )
-    return np.asarray(np.maximum(off, _pass(curve, transitions.first.end)))
+    distance = np.minimum(from_first, from_second).max(axis=1)
+    return np.asarray(np.maximum(distance, _measure_pass(path, transitions.first.end)))
 
 
-def _pass(curve: FloatArray, corner: FloatArray) -> FloatArray:
+def _measure_pass(path: FloatArray, corner: FloatArray) -> FloatArray:
     """(K,) distance, mm, at which polylines (K, P, 3) pass points (K, 3)."""
-    start, step = curve[:, :-1], np.diff(curve, axis=1)
+    start, step = path[:, :-1], np.diff(path, axis=1)
     arm = corner[:, None] - start
-    share = _dots(arm, step) / np.maximum(_dots(step, step), NONZERO)
-    off = arm - np.clip(share, 0.0, 1.0)[..., None] * step
-    return np.asarray(np.sqrt(_dots(off, off).min(axis=1)))
-
-
-def _dots(first: FloatArray, second: FloatArray) -> FloatArray:
-    """(K, P) products of vectors (K, P, 3) with (K, P, 3) or (K, 1, 3)."""
-    x, y, z = (first[..., axis] * second[..., axis] for axis in range(3))
-    return np.asarray(x + y + z)
+    fraction = add_coordinates(arm * step) / np.maximum(add_coordinates(step * step), NONZERO)
+    offset = arm - np.clip(fraction, 0.0, 1.0)[..., None] * step
+    return np.asarray(lengths(offset).min(axis=1))
 
 
 def _distance(motion: Spans, points: FloatArray) -> FloatArray:
@@ -223,19 +221,19 @@ def _distance(motion: Spans, points: FloatArray) -> FloatArray:
 
 def _distance_to_lines(motion: Spans, points: FloatArray) -> FloatArray:
     arm = points - motion.start[:, None]
-    along = _dots(arm, motion.along[:, None])
+    along = add_coordinates(arm * motion.along[:, None])
     along = np.clip(along, 0.0, motion.length[:, None])
-    off = arm - along[..., None] * motion.along[:, None]
-    return np.asarray(np.sqrt(_dots(off, off)))
+    offset = arm - along[..., None] * motion.along[:, None]
+    return np.asarray(lengths(offset))
 
 
 def _distance_to_arcs(arcs: Spans, points: FloatArray) -> FloatArray:
     arm = points - (arcs.via - arcs.radius[:, None] * arcs.towards)[:, None]
-    x = _dots(arm, arcs.towards[:, None])
-    y = _dots(arm, arcs.along[:, None])
-    above = np.maximum(_dots(arm, arm) - x**2 - y**2, 0.0)
+    x = add_coordinates(arm * arcs.towards[:, None])
+    y = add_coordinates(arm * arcs.along[:, None])
+    above = np.maximum(add_coordinates(arm * arm) - x**2 - y**2, 0.0)
     across = np.sqrt((np.hypot(x, y) - arcs.radius[:, None]) ** 2 + above)
     arms = [points - end[:, None] for end in (arcs.start, arcs.end)]
-    ends = [np.sqrt(_dots(arm, arm)) for arm in arms]
+    ends = [lengths(arm) for arm in arms]
     within = np.abs(np.arctan2(y, x)) <= arcs.sweep[:, None] / 2
     return np.asarray(np.where(within, across, np.minimum(*ends)))

@@ -1,48 +1,56 @@
-"""Tilts and rolls searched together along an edge, and what comes out proved densely."""
+"""Searches tilts and rolls together along an edge, and proves the result at dense samples."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import cache
 from itertools import product
 
 import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
+from camgen.geometry.ragged import offsets
 from camgen.geometry.rotations import from_vectors, turns_about_z
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray, frozen
-from camgen.motion.pose_chains import PoseChain, States, Steps, cheapest, steps
-from camgen.motion.pose_paths import Index, PosePath, counts, divide, rows
-from camgen.motion.rolls import rolls_of
+from camgen.motion.pose_chains import PoseChain, States, Steps, find_cheapest_chain, find_steps
+from camgen.motion.pose_paths import Index, PosePath, count_parts, divide
+from camgen.motion.rolls import list_rolls
 from camgen.motion.setup import (
     JUMP,
     MARGIN,
     EdgeMotion,
     OrientationFreedom,
     Setup,
-    dense_parts,
-    flange_poses,
+    compute_flange_poses,
+    count_samples,
 )
 from camgen.robots.kinematics import iterative as damped
 from camgen.robots.kinematics.continuity import Choice, follow
 from camgen.robots.kinematics.inverse import inverse
-from camgen.robots.kinematics.joint_limits import turns, within_turned, wrap
-from camgen.robots.kinematics.singular import from_singular
+from camgen.robots.kinematics.joint_limits import are_turned_within_limits, list_turn_counts, wrap
+from camgen.robots.kinematics.singular import measure_singularity_distance
 from camgen.robots.models import Robot
 
 # The orientations that a tool may have instead of the nominal one: a small grid of tilts and rolls.
 
-#: Tilts to each side, in steps of the most; rolls in a turn.
+#: Steps of the tilt to each side, up to the largest; and number of rolls in a turn.
 _STEPS, _ROLLS = 2, 12
-#: Seconds of joint motion that a rad of tilt and of roll are weighed with: a roll does nothing to the process.
+#: s/rad: cost of tilt and of roll as time of a joint motion. A roll does not change the process.
 _TILT, _ROLL = 10.0, 0.2
+#: Steps of tilt across and along the edge and of roll that a move of the grid makes.
+_MOVES = ((0, 0, 0), (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))
 
 
 class Grid(Struct, frozen=True, eq=False):
-    """C orientations, the nominal one first. nominal_from_tool: (C, 3, 3). cost: (C,) s, what each is worth avoiding.
-    moves: (M, C) the index of the one from which move m leads to each, -1 if none; move 0 stays.
+    """C orientations, the nominal one first.
+
+    nominal_from_tool: (C, 3, 3) rotations.
+    cost: (C,) cost of each orientation, s.
+    moves: (M, C) index of the orientation from which move m leads to each, -1 for none; move 0
+        stays.
     """
 
     nominal_from_tool: FloatArray
@@ -50,10 +58,14 @@ class Grid(Struct, frozen=True, eq=False):
     moves: Index
 
 
-def grid(freedom: OrientationFreedom) -> Grid:
-    """Tilts across the edge (about y) and along it (about x) within the cone, each with all rolls (about z)."""
+@cache
+def make_grid(freedom: OrientationFreedom) -> Grid:
+    """The tilts within the cone of `freedom`, each with all rolls (about z).
+
+    Tilts are across the edge (about y) and along it (about x).
+    """
     steps = range(-_STEPS, _STEPS + 1) if freedom.tilt > 0 else range(1)
-    rolls = rolls_of(freedom, _ROLLS)
+    rolls = list_rolls(freedom, _ROLLS)
     cells = [
         (a, b, r)
         for a, b, r in product(steps, steps, range(len(rolls.angles)))
@@ -63,116 +75,138 @@ def grid(freedom: OrientationFreedom) -> Grid:
         key=lambda cell: (cell[0] ** 2 + cell[1] ** 2, round(abs(rolls.angles[cell[2]]), 9), cell)
     )
     index = {cell: k for k, cell in enumerate(cells)}
-    around = [(0, 0, 0), (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)]
-    moves = [
-        [index.get((a - u, b - v, rolls.beside(r, -w)), -1) for a, b, r in cells]
-        for u, v, w in around
-    ]
+    moves = np.full((len(_MOVES), len(cells)), -1, dtype=np.int64)
+    for m, (u, v, w) in enumerate(_MOVES):
+        for k, (a, b, r) in enumerate(cells):
+            moves[m, k] = index.get((a - u, b - v, rolls.find_neighbour(r, -w)), -1)
     across, along, roll = np.array(cells).T
     tilts = np.column_stack([along, across, 0 * roll]) * (freedom.tilt / _STEPS)
     turn = np.array(rolls.angles)[roll]
     spin = from_vectors(np.column_stack([0 * turn, 0 * turn, turn]))
     cost = _TILT * np.linalg.norm(tilts, axis=1) + _ROLL * np.abs(turn)
-    # A grid without tilts or rolls has moves that lead nowhere, or to where they come from.
-    useful = [
-        0,
-        *(m for m in range(1, 7) if any(k >= 0 and k != c for c, k in enumerate(moves[m]))),
-    ]
-    return Grid(from_vectors(tilts) @ spin, cost, np.array(moves, dtype=np.int64)[useful])
+    # In a grid without tilts or rolls some moves lead nowhere, or back to where they come from.
+    is_useful = ((moves >= 0) & (moves != np.arange(len(cells)))).any(axis=1)
+    is_useful[0] = True
+    return Grid(from_vectors(tilts) @ spin, cost, moves[is_useful])
 
 
-def lean(nominal: FloatArray, actual: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Rad (N,) between the z axes of two orientations (N, 3, 3), and of the turn about z (swing and twist)."""
-    turn = np.swapaxes(nominal, 1, 2) @ actual
-    tilt = np.arctan2(np.hypot(turn[:, 0, 2], turn[:, 1, 2]), turn[:, 2, 2])
-    return tilt, turns_about_z(turn)
+def measure_lean(nominal: FloatArray, actual: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The tilt and the roll from nominal to actual orientations (N, 3, 3), (N,) rad each.
 
-
-# Joints for a table of poses, D looks by C orientations, branches in the same columns throughout.
-
-
-def solutions(robot: Robot, rotations: FloatArray, origins: FloatArray, moves: Index) -> FloatArray:
-    """Joint values (D, C, B, J) for base_from_flange (D, C, 3, 3), (D, C, 3), nan: none. moves: ``Grid.moves``.
-
-    Without a closed form those of the first pose are followed: from orientation to neighbouring orientation, then all
-    from look to look.
+    They are the swing and the twist of the rotation: the angle between the z axes, and the rotation
+    about z.
     """
-    looks, choices = origins.shape[:2]
+    rotation = np.swapaxes(nominal, 1, 2) @ actual
+    tilt = np.arctan2(np.hypot(rotation[:, 0, 2], rotation[:, 1, 2]), rotation[:, 2, 2])
+    return tilt, turns_about_z(rotation)
+
+
+# Joint values for a table of poses: D samples by C orientations. A branch keeps its column.
+
+
+def find_solutions(
+    robot: Robot, rotations: FloatArray, origins: FloatArray, moves: Index
+) -> FloatArray:
+    """The joint values (D, C, B, J) of all branches for poses of the flange, nan for none.
+
+    Without a closed form the solutions of the first pose are followed: first from orientation to
+    neighbouring orientation, then all from sample to sample.
+
+    rotations, origins: base_from_flange, (D, C, 3, 3) and (D, C, 3).
+    moves: field of `Grid`.
+    """
+    samples, choices = origins.shape[:2]
     if robot.arm:
-        found = inverse(robot, rotations.reshape(-1, 3, 3), origins.reshape(-1, 3), robot.home)
-        return found.reshape(looks, choices, found.shape[1], -1)
+        joints = inverse(robot, rotations.reshape(-1, 3, 3), origins.reshape(-1, 3), robot.home)
+        return joints.reshape(samples, choices, joints.shape[1], -1)
     first = inverse(robot, rotations[0, :1], origins[0, :1])[0]
     first = first[np.isfinite(first[:, 0])]
-    found = np.full((looks, choices, len(first), len(robot.joints)), np.nan)
-    found[0, 0] = first
+    joints = np.full((samples, choices, len(first), len(robot.joints)), np.nan)
+    joints[0, 0] = first
     known = np.arange(choices) == 0
     for _ in range(choices):
         sources = np.where((moves >= 0) & known[moves], moves, -1).max(axis=0)
-        new = np.flatnonzero(~known & (sources >= 0))
-        if not len(new):
+        added = np.flatnonzero(~known & (sources >= 0))
+        if not len(added):
             break
-        found[0, new] = _follow(robot, rotations[0, new], origins[0, new], found[0, sources[new]])
-        known[new] = True
-    for row in range(1, looks):
-        found[row] = _follow(robot, rotations[row], origins[row], found[row - 1])
-    return found
+        starts = joints[0, sources[added]]
+        joints[0, added] = _follow(robot, rotations[0, added], origins[0, added], starts)
+        known[added] = True
+    for row in range(1, samples):
+        joints[row] = _follow(robot, rotations[row], origins[row], joints[row - 1])
+    return joints
 
 
 def _follow(
-    robot: Robot, rotations: FloatArray, origins: FloatArray, near: FloatArray
+    robot: Robot, rotations: FloatArray, origins: FloatArray, starts: FloatArray
 ) -> FloatArray:
-    """Joints (C, B, J) for C poses from those of ``near`` (C, B, J)."""
-    branches = near.shape[1]
+    """The joint values (C, B, J) for C poses, followed from joint values `starts` (C, B, J)."""
+    branches = starts.shape[1]
     goal = np.repeat(rotations, branches, axis=0), np.repeat(origins, branches, axis=0)
-    return wrap(robot, damped.refine(robot, *goal, near.reshape(-1, near.shape[2]))).reshape(
-        near.shape
-    )
+    refined = damped.refine(robot, *goal, starts.reshape(-1, starts.shape[2]))
+    return wrap(robot, refined).reshape(starts.shape)
 
 
-#: The orientation may change over so many mm and rad: the rows of the search.
+#: mm and rad between two rows of the search, over which the orientation may change.
 _ROW_MM, _ROW_TURN = 50.0, math.radians(30)
-#: mm, rad: what the search looks at in between; what it finds is proved by ``dense_parts``.
-_LOOK_MM, _LOOK_TURN = 10.0, math.radians(10)
-#: rad: the most a joint may turn from one row of the search to the next, and from one look to the next.
+#: mm and rad between two samples of the search. Its result is proved at the samples of
+#: `count_samples`.
+_SAMPLE_MM, _SAMPLE_TURN = 10.0, math.radians(10)
+#: rad: largest angle of a joint from one row of the search to the next, and from one sample to the
+#: next.
 _KNOT_JUMP, _STEP_JUMP = math.radians(120), 2 * JUMP
-#: rad: a tilt so much above another is the same; and what the axis may lean between rows where only the roll is free.
+#: rad: tilts that differ by less are equal; and the largest tilt between rows if only the roll is
+#: free.
 _EVEN, _CUT = 1e-6, math.radians(2)
-#: Of so many orientations one is looked at before the others: no number of rolls, so that all of these come up.
+#: Every 11th orientation is tested before the others. The number does not divide numbers of rolls,
+#: so all rolls are among these.
 _HERE_AND_THERE = 11
 #: Number of the rows in which a chain collides that are checked before the others.
 _ROWS_FIRST = 2
-#: So many chains are proved before an edge is given up.
+#: Chains that are proved before an edge is given up.
 _TRIES = 40
 
 
 class Knots(Struct, frozen=True, eq=False):
-    """A way cut into the rows of the search, ``parts`` of each segment of the ``whole``."""
+    """A pose path divided into the rows of the search.
+
+    whole: the pose path.
+    path: the divided one.
+    parts: number of parts of each segment of the whole path.
+    """
 
     whole: PosePath
-    way: PosePath
+    path: PosePath
     parts: Index
 
 
-def search(setup: Setup, edge: str, way: PosePath, grid: Grid, most: float) -> EdgeMotion | str:
-    """The motion along ``way`` that costs least, its orientations free within ``grid``; or what the last one collided
-    with, empty where no motion is possible at all. most: rad that the axis may lean, between rows too.
+def search(
+    setup: Setup, edge: str, path: PosePath, grid: Grid, max_lean: float
+) -> EdgeMotion | str:
+    """The cheapest motion along a pose path with orientations of `grid`.
+
+    Without a motion, the obstacle of the last one that collided is returned, or an empty text if no
+    motion collided.
+
+    edge: id of the edge.
+    max_lean: largest tilt of the tool axis, between rows too, rad.
     """
-    parts = counts(way, _ROW_MM, _ROW_TURN)
-    knots = Knots(way, divide(way, parts), parts)
-    states = make_states(setup, knots.way, grid)
-    ways = steps(setup.robot, states, _KNOT_JUMP)
+    parts = count_parts(path, _ROW_MM, _ROW_TURN)
+    knots = Knots(path, divide(path, parts), parts)
+    states = make_states(setup, knots.path, grid)
+    transitions = find_steps(setup.robot, states, _KNOT_JUMP)
     checked: set[int] = set()
     collision = ""
     for _ in range(_TRIES):
-        chain, met = _choose_clear(setup, states, ways, checked)
-        collision = met or collision
+        chain, obstacle = _choose_clear(setup, states, transitions, checked)
+        collision = obstacle or collision
         if chain is None:
             break
-        proved = prove(setup, edge, knots, grid, chain, most)
+        proved = prove(setup, edge, knots, grid, chain, max_lean)
         if isinstance(proved, EdgeMotion):
-            return thin_out(proved, *_few(knots, chain))
-        stretch, met = proved
-        collision = met or collision
+            return thin_out(proved, *_choose_rows(knots, chain))
+        stretch, obstacle = proved
+        collision = obstacle or collision
         move, orientation = int(chain.moves[stretch]), int(chain.orientation[stretch + 1])
         states.open[stretch, move, orientation, chain.branch] = False
     return collision
@@ -181,127 +215,140 @@ def search(setup: Setup, edge: str, way: PosePath, grid: Grid, most: float) -> E
 def _choose_clear(
     setup: Setup, states: States, transitions: Steps, checked: set[int]
 ) -> tuple[PoseChain | None, str]:
-    """The cheapest chain whose states are clear, and what the last one before it collided with.
+    """The cheapest chain whose states are clear, and the obstacle of the last one that was not.
 
-    checked: rows of whose states those that collide are closed, which grow.
+    checked: rows whose colliding states are closed; rows are added to it.
     """
     collision = ""
-    while (chain := cheapest(setup.robot, states, transitions, setup.robot.home)) is not None:
-        met = np.flatnonzero(~setup.clear(chain.joints)).tolist()
-        new = sorted(set(met) - checked)
-        if not new:
+    while (
+        chain := find_cheapest_chain(setup.robot, states, transitions, setup.robot.home)
+    ) is not None:
+        colliding = np.flatnonzero(~setup.clear(chain.joints)).tolist()
+        unchecked = sorted(set(colliding) - checked)
+        if not unchecked:
             break
-        collision = setup.hit(chain.joints[met[0]])
-        # Where no state of a row is left there is no chain: rows with few states come first.
-        new.sort(key=lambda row: int(states.usable[row].any(axis=-1).sum()))
-        for batch in (new[:_ROWS_FIRST], new[_ROWS_FIRST:]):
+        collision = setup.hit(chain.joints[colliding[0]])
+        # A row without states ends the search, so rows with few states come first.
+        unchecked.sort(key=lambda row: int(states.usable[row].any(axis=-1).sum()))
+        for batch in (unchecked[:_ROWS_FIRST], unchecked[_ROWS_FIRST:]):
             if batch:
                 check_states(setup, states, batch)
             if not states.usable[batch].any(axis=(1, 2, 3)).all():
                 return None, collision
-        checked |= set(new)
+        checked |= set(unchecked)
     return chain, collision
 
 
 def make_states(
     setup: Setup, knots: PosePath, grid: Grid, pieces_jump: float | None = None
 ) -> States:
-    """The states of the rows of ``knots``, and the orientations that can stay from row to row.
+    """The states of the rows of `knots`, and the orientations that can stay from row to row.
 
-    pieces_jump: largest turn of a joint from row to row, rad, if pieces of the path are sought. A
-        joint that cannot come past half a turn needs no whole turns: whatever it can run, it can
-        run about the middle of its limits. None for the whole path: then only branches in which
-        each row can be stood at are of use.
+    pieces_jump: largest angle of a joint from row to row, rad, if pieces of the path are searched.
+        A joint that cannot pass half a turn needs no other turn counts: it can run everything about
+        the middle of its limits. None for the whole path: then only branches that reach each row
+        are kept.
     """
-    robot, table, whole = setup.robot, turns(setup.robot), pieces_jump is None
-    parts = counts(knots, _LOOK_MM, _LOOK_TURN)
-    at, looks = rows(parts), divide(knots, parts)
-    orientations = looks.rotation[:, None] @ grid.nominal_from_tool
-    found = solutions(
-        robot, *flange_poses(setup, looks.position[:, None], orientations), grid.moves
-    )
-    idle = np.zeros((found.shape[2], len(robot.joints)), dtype=np.bool_)
+    robot, table, is_whole = setup.robot, list_turn_counts(setup.robot), pieces_jump is None
+    parts = count_parts(knots, _SAMPLE_MM, _SAMPLE_TURN)
+    at, samples = offsets(parts), divide(knots, parts)
+    orientations = samples.rotation[:, None] @ grid.nominal_from_tool
+    goal = compute_flange_poses(setup, samples.position[:, None], orientations)
+    joints = find_solutions(robot, *goal, grid.moves)
+    idle = np.zeros((joints.shape[2], len(robot.joints)), dtype=np.bool_)
     if pieces_jump is not None:
-        idle = ~_pass_half_turns(robot, found, max(pieces_jump, _STEP_JUMP))
+        idle = ~_pass_half_turns(robot, joints, max(pieces_jump, _STEP_JUMP))
         table = table[~table[:, idle.all(axis=0)].any(axis=1)]
-    usable = within_turned(robot, found[at], table)
+    usable = are_turned_within_limits(robot, joints[at], table)
     usable &= ~(idle[:, None] & (table != 0)).any(axis=2)
     stands = np.asarray(usable.any(axis=-1))
-    stands[stands] = _safe(robot, found[at][stands])
-    # A branch never becomes another.
-    of_use = stands.any(axis=1)
-    columns = np.flatnonzero(of_use.all(axis=0) if whole else of_use.any(axis=0))
-    found, usable = found[:, :, columns], usable[:, :, columns] & stands[:, :, columns, None]
-    safe = _safe(robot, found)
-    most = np.abs(table[usable.any(axis=(0, 1, 2))]).max(axis=0, initial=0)
-    few = (np.abs(table) <= most).all(axis=1)
-    table, usable = table[few], usable[..., few]
+    stands[stands] = _are_safe(robot, joints[at][stands])
+    # A branch never becomes another one.
+    reaches = stands.any(axis=1)
+    columns = np.flatnonzero(reaches.all(axis=0) if is_whole else reaches.any(axis=0))
+    joints, usable = joints[:, :, columns], usable[:, :, columns] & stands[:, :, columns, None]
+    safe = _are_safe(robot, joints)
+    limit = np.abs(table[usable.any(axis=(0, 1, 2))]).max(axis=0, initial=0)
+    is_needed = (np.abs(table) <= limit).all(axis=1)
+    table, usable = table[is_needed], usable[..., is_needed]
     opened = np.ones((len(parts), len(grid.moves), *usable.shape[1:]), dtype=bool)
-    opened[:, 0] = _staying(robot, found, safe, parts, table)
-    return States(found[at], table, usable, opened, grid.moves, grid.cost)
+    opened[:, 0] = _can_stay(robot, joints, safe, parts, table)
+    return States(joints[at], table, usable, opened, grid.moves, grid.cost)
 
 
 def _pass_half_turns(robot: Robot, joints: FloatArray, jump: float) -> BoolArray:
-    """The joints that may come past half a turn from the middle of their limits, by branch (B, J).
+    """Whether joints may pass half a turn from the middle of their limits, by branch (B, J).
 
-    joints: (D, C, B, J) joint values, between which no joint turns by more than ``jump`` rad. A
+    joints: (D, C, B, J) joint values, between which no joint turns by more than `jump` rad. A
         joint that has another value in the serial chain always counts.
     """
-    off = joints - robot.limits.mean(axis=1)
-    near = math.pi - jump
-    both = (off > near).any(axis=(0, 1)) & (off < -near).any(axis=(0, 1))
+    offset = joints - robot.limits.mean(axis=1)
+    limit = math.pi - jump
+    both = (offset > limit).any(axis=(0, 1)) & (offset < -limit).any(axis=(0, 1))
     return np.asarray(both | (robot.coupling != np.eye(len(robot.joints))).any(axis=1))
 
 
-def _safe(robot: Robot, found: FloatArray) -> BoolArray:
-    """Which of (D, C, B, J) are there and far enough from singularities (D, C, B)."""
+def _are_safe(robot: Robot, joints: FloatArray) -> BoolArray:
+    """Whether joint values (..., J) are solutions and far enough from singularities, (...)."""
     with np.errstate(invalid="ignore"):
-        away = from_singular(robot, found).min(axis=-1, initial=math.inf)
-        return np.asarray(np.isfinite(found[..., 0]) & (away >= MARGIN))
+        distance = measure_singularity_distance(robot, joints).min(axis=-1, initial=math.inf)
+        return np.asarray(np.isfinite(joints[..., 0]) & (distance >= MARGIN))
 
 
-def _staying(
-    robot: Robot, found: FloatArray, safe: BoolArray, parts: Index, table: Index
+def _can_stay(
+    robot: Robot, joints: FloatArray, safe: BoolArray, parts: Index, table: Index
 ) -> BoolArray:
-    """(K - 1, C, B, T): the orientation and branch can be kept through a stretch that arrives with these turns."""
-    moved = np.diff(found, axis=0)
-    turning: BoolArray = np.array([not joint.sliding for joint in robot.joints])
-    whole = np.rint(moved / math.tau) * turning
-    steady = (np.abs(moved - math.tau * whole) <= _STEP_JUMP)[..., turning].all(axis=-1)
-    unwound = found[:-1]
+    """Whether orientation and branch can stay through a stretch between rows, (K - 1, C, B, T).
+
+    T: by the turn counts at its end.
+    joints, safe: (D, C, B, J) and (D, C, B), at the samples.
+    """
+    moved = np.diff(joints, axis=0)
+    whole = np.rint(moved / math.tau) * robot.revolute
+    steady = (np.abs(moved - math.tau * whole) <= _STEP_JUMP)[..., robot.revolute].all(axis=-1)
+    unwound = joints[:-1]
     whole[np.isnan(whole)] = 0.0
     if whole.any():
-        # Whole turns from each look to the last one of its stretch.
-        left = np.concatenate(
-            [np.cumsum(whole[::-1], axis=0)[::-1], np.zeros((1, *whole.shape[1:]))]
-        )
-        unwound = unwound + math.tau * (left[:-1] - left[np.repeat(rows(parts)[1:], parts)])
-    good = within_turned(robot, unwound, table) & np.asarray(steady & safe[:-1])[..., None]
-    return np.asarray(np.logical_and.reduceat(good, rows(parts)[:-1], axis=0))
+        # Whole turns from each sample to the last one of its stretch.
+        none = np.zeros((1, *whole.shape[1:]))
+        to_end = np.concatenate([np.cumsum(whole[::-1], axis=0)[::-1], none])
+        unwound = unwound + math.tau * (to_end[:-1] - to_end[np.repeat(offsets(parts)[1:], parts)])
+    can = (
+        are_turned_within_limits(robot, unwound, table) & np.asarray(steady & safe[:-1])[..., None]
+    )
+    return np.asarray(np.logical_and.reduceat(can, offsets(parts)[:-1], axis=0))
 
 
 def can_stand(setup: Setup, position: FloatArray, rotation: FloatArray, grid: Grid) -> BoolArray:
-    """At which TCPs of the work frame, (K, 3) and (K, 3, 3), some joints have the tool in an orientation of ``grid`` as
-    ``search`` asks for it: within the limits, far enough from singularities and clear (K,).
+    """Whether the arm reaches TCPs in an orientation of `grid` under the rules of `search`, (K,).
+
+    The joint values must be within the limits, far enough from singularities and clear.
+
+    position, rotation: poses in the work frame, (K, 3) and (K, 3, 3).
     """
     robot = setup.robot
-    goal = flange_poses(setup, position[:, None], rotation[:, None] @ grid.nominal_from_tool)
-    found = solutions(robot, *goal, grid.moves)
-    usable = np.asarray(within_turned(robot, found, turns(robot)).any(axis=-1))
-    usable[usable] = _safe(robot, found[usable])
+    goal = compute_flange_poses(
+        setup, position[:, None], rotation[:, None] @ grid.nominal_from_tool
+    )
+    joints = find_solutions(robot, *goal, grid.moves)
+    usable = np.asarray(
+        are_turned_within_limits(robot, joints, list_turn_counts(robot)).any(axis=-1)
+    )
+    usable[usable] = _are_safe(robot, joints[usable])
     stands = np.zeros(len(position), dtype=np.bool_)
-    # The nominal orientation comes first, then a few here and there; where one is clear no other is looked at.
+    # The nominal orientation is tested first, then a few others. The rest is tested only if none of
+    # these is clear.
     number = np.arange(usable.shape[1])
     for which in (number == 0, number % _HERE_AND_THERE == 1, number > 0):
-        some = usable & which[:, None] & ~stands[:, None, None]
-        if some.any():
-            stands[np.nonzero(some)[0][setup.clear(found[some])]] = True
+        tested = usable & which[:, None] & ~stands[:, None, None]
+        if tested.any():
+            stands[np.nonzero(tested)[0][setup.clear(joints[tested])]] = True
             usable &= ~which[:, None]
     return stands
 
 
 def check_states(setup: Setup, states: States, rows: Sequence[int]) -> None:
-    """Leaves of the states of some rows those that are clear."""
+    """Remove the colliding states of some rows from `states.usable`."""
     stands = states.usable[rows].any(axis=-1)
     clear = np.zeros(stands.shape, dtype=bool)
     clear[stands] = setup.clear(states.joints[rows][stands])
@@ -309,17 +356,23 @@ def check_states(setup: Setup, states: States, rows: Sequence[int]) -> None:
 
 
 def prove(
-    setup: Setup, edge: str, knots: Knots, grid: Grid, chain: PoseChain, most: float
+    setup: Setup, edge: str, knots: Knots, grid: Grid, chain: PoseChain, max_lean: float
 ) -> EdgeMotion | tuple[int, str]:
-    """The motion of ``chain`` as the robot makes it, or the first stretch where it fails, and what it collides with."""
+    """The motion of a chain as the robot runs it, at dense samples.
+
+    If it fails, the index of the first stretch at which it does, and the obstacle; empty if it does
+    not collide.
+
+    max_lean: argument of `search`.
+    """
     actual = replace(
-        knots.way, rotation=frozen(knots.way.rotation @ grid.nominal_from_tool[chain.orientation])
+        knots.path, rotation=frozen(knots.path.rotation @ grid.nominal_from_tool[chain.orientation])
     )
-    parts = dense_parts(actual)
-    dense, at = divide(actual, parts), rows(parts)
+    parts = count_samples(actual)
+    dense, at = divide(actual, parts), offsets(parts)
     joints = follow(
         setup.robot,
-        *flange_poses(setup, dense.position, dense.rotation),
+        *compute_flange_poses(setup, dense.position, dense.rotation),
         chain.joints[0],
         MARGIN,
         JUMP,
@@ -329,9 +382,9 @@ def prove(
     hit = np.flatnonzero(~setup.clear(joints.joints))
     if len(hit):
         return _stretch(at, int(hit[0])), setup.hit(joints.joints[hit[0]])
-    tilt, roll = lean(divide(knots.way, parts).rotation, dense.rotation)
-    # On an arc the axis cuts the corner between two rows that lean, or roll, differently.
-    steep = np.flatnonzero(tilt > max(most, _CUT) + _EVEN)
+    tilt, roll = measure_lean(divide(knots.path, parts).rotation, dense.rotation)
+    # Between two rows on an arc the axis leans more if their tilts or rolls differ.
+    steep = np.flatnonzero(tilt > max(max_lean, _CUT) + _EVEN)
     if len(steep):
         return _stretch(at, int(steep[0])), ""
     return EdgeMotion(
@@ -348,7 +401,7 @@ def prove(
 
 
 def thin_out(motion: EdgeMotion, kept: Index, nominal: PosePath) -> EdgeMotion:
-    """A motion with only the rows ``kept`` in its program.
+    """The motion with only the rows `kept` in its program.
 
     nominal: pose path with these rows, in the nominal orientation.
     """
@@ -360,12 +413,13 @@ def _stretch(at: Index, row: int) -> int:
     return int(np.clip(np.searchsorted(at, row) - 1, 0, len(at) - 2))
 
 
-def _few(knots: Knots, chain: PoseChain) -> tuple[Index, PosePath]:
-    """The rows that the program needs: all in segments where the orientation changes, else the segments' ends."""
-    at = rows(knots.parts)
+def _choose_rows(knots: Knots, chain: PoseChain) -> tuple[Index, PosePath]:
+    """The rows that the program needs, and the nominal pose path with these.
+
+    They are the ends of all segments, and all rows of segments in which the orientation changes.
+    """
+    at = offsets(knots.parts)
     changes = np.add.reduceat(chain.moves != 0, at[:-1]) > 0
-    own = [
-        np.arange(low + 1, high + 1) if change else [high]
-        for low, high, change in zip(at[:-1], at[1:], changes, strict=True)
-    ]
-    return np.concatenate([[0], *own]), divide(knots.whole, np.where(changes, knots.parts, 1))
+    is_kept = np.append(True, np.repeat(changes, knots.parts))
+    is_kept[at] = True
+    return np.flatnonzero(is_kept), divide(knots.whole, np.where(changes, knots.parts, 1))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from camgen.model.job import ProcessTable
 from camgen.model.pose import FloatArray, Pose, frozen
-from camgen.motion.pose_paths import Index, PosePath, counts
+from camgen.motion.pose_paths import Index, PosePath, count_parts
 from camgen.robots.models import Robot
 
 
@@ -22,20 +22,16 @@ def all_clear(joints: FloatArray) -> NDArray[np.bool_]:
     return np.ones(len(joints), dtype=bool)
 
 
-def _never_apart(one: FloatArray, _: FloatArray) -> FloatArray:
-    return np.zeros(len(one))
-
-
 class Setup(Struct, frozen=True, eq=False):
     """A robot, its work and its tool.
 
     robot: the arm.
     base_from_work, flange_from_tool: frames of the work and of the tip.
-    clear: tells whether joint values (N, J) are free of collisions, (N,).
+    clear: returns whether joint values (N, J) are free of collisions, (N,).
     hit: names the bodies that collide at joint values (J,), "link 5 with the part".
-    apart: the largest distance by which a point of arm and tool moves between two tables of joint
-        values (N, J), (N,) mm.
-    roomy: tells whether joint values (N, J) are clear and keep the margin, (N,).
+    apart: returns the largest distance by which a point of arm and tool moves between two tables of
+        joint values (N, J), (N,) mm.
+    roomy: returns whether joint values (N, J) are clear and keep the margin, (N,).
     """
 
     robot: Robot
@@ -43,7 +39,7 @@ class Setup(Struct, frozen=True, eq=False):
     flange_from_tool: Pose
     clear: Callable[[FloatArray], NDArray[np.bool_]] = all_clear
     hit: Callable[[FloatArray], str] = lambda _: "something"
-    apart: Callable[[FloatArray, FloatArray], FloatArray] = _never_apart
+    apart: Callable[[FloatArray, FloatArray], FloatArray] = lambda joints, _: np.zeros(len(joints))
     roomy: Callable[[FloatArray], NDArray[np.bool_]] = all_clear
 
 
@@ -51,8 +47,7 @@ class SampledMotion(Struct, frozen=True, eq=False):
     """A motion at the places where it is examined.
 
     joints: (D, J) joint values.
-    way: poses of the TCP there, between which it runs on lines and arcs; None if the joints run
-        evenly.
+    way: pose path of the TCP with a row for each of these; None for a joint motion.
     """
 
     joints: FloatArray
@@ -62,7 +57,8 @@ class SampledMotion(Struct, frozen=True, eq=False):
 class Blockage(Struct, frozen=True):
     """The first place where a motion fails.
 
-    what: "collision, link 5 against part".
+    kind: whether bodies collide, or the joints cannot follow the pose path.
+    what: the reason, "collision, link 5 against part".
     at: the place, in rows of the motion.
     """
 
@@ -78,8 +74,9 @@ class FreeSpace(Struct, frozen=True, eq=False):
     low, high: (3,) corners of the part's box, mm.
     beside: distance from that box within which the holder may meet it, mm.
     margin: `cell.margin`, mm.
-    look: the blockage of each motion, or its clearance, at most ``margin``, mm.
-    gaps: the clearance of joint values (N, J) without a collision, (N,) mm.
+    look: returns the blockage of each motion, or its clearance, at most `margin`, mm.
+    gaps: returns the clearance of joint values (N, J) without a collision, at most `margin`, (N,)
+        mm.
     """
 
     level: float
@@ -92,13 +89,13 @@ class FreeSpace(Struct, frozen=True, eq=False):
 
 
 class OrientationFreedom(Struct, frozen=True):
-    """Orientations that a tool may have beside the nominal one.
+    """Orientations that a tool may have besides the nominal one.
 
-    Where the roll changes along an arc, the axis may lean by up to 2 deg between two rows.
+    If the roll changes along an arc, the axis may lean by up to 2 deg between two rows.
 
     tilt: largest angle of its axis to the nominal axis, rad.
-    roll: whether it may be turned about its axis.
-    turns: the turns about its axis, rad, in order, 0 among them; None for any.
+    roll: whether it may be rotated about its axis.
+    turns: the allowed rolls, rad, in order, 0 among them; None for any.
     """
 
     tilt: float = 0.0
@@ -113,7 +110,7 @@ class UnreachableEdge(Struct, frozen=True):
     """An edge that cannot be processed.
 
     id: id of the edge.
-    kind: kind of the reason: its shape, one of ``kinematics.reasons``, or a collision.
+    kind: kind of the reason: its shape, one of `kinematics.reasons`, or a collision.
     text: the reason with its amount and the place along the edge.
     remedy: a setting that would help; empty if none is known.
     """
@@ -125,7 +122,7 @@ class UnreachableEdge(Struct, frozen=True):
 
     @property
     def reason(self) -> str:
-        """The reason, with what would help."""
+        """The reason, with the remedy."""
         return "; ".join(filter(None, (self.text, self.remedy)))
 
 
@@ -149,7 +146,7 @@ class EdgeMotion(Struct, frozen=True, eq=False):
     dense: (D, J) joint values there.
     at: (N,) places of the program's rows among these.
     tilt: (D,) angle between tool z and its nominal direction, rad.
-    roll: (D,) turn about tool z from the nominal orientation, rad.
+    roll: (D,) rotation about tool z from the nominal orientation, rad.
     backwards: whether the edge is run from its end to its start.
     trimmed: lengths of the edge before the first row and after the last, mm. The second is negative
         for a piece of a closed edge that runs over the start of the edge.
@@ -192,44 +189,44 @@ class EdgeMotion(Struct, frozen=True, eq=False):
 
     @property
     def freed(self) -> tuple[float, float] | None:
-        """The greatest tilt and roll, deg; None if the tool keeps the nominal orientation."""
+        """The largest tilt and roll, deg; None if the tool keeps the nominal orientation."""
         freed = (math.degrees(np.abs(self.tilt).max()), math.degrees(np.abs(self.roll).max()))
         return freed if max(freed) > 1e-6 else None
 
 
-def feed_of(motion: EdgeMotion, length: float, process: ProcessTable) -> float:
-    """Feed of the TCP, mm/s, with which the contact runs at ``process.feed``.
+def compute_feed(motion: EdgeMotion, length: float, process: ProcessTable) -> float:
+    """Feed of the TCP, mm/s, with which the contact runs at `process.feed`.
 
     length: length of the edge, mm.
     """
-    return float(feed_at_tip(feed_factor(motion, length), process))
+    return float(compute_tip_feed(compute_feed_factor(motion, length), process))
 
 
-def feed_at_tip(factor: FloatArray | float, process: ProcessTable) -> FloatArray:
+def compute_tip_feed(factor: FloatArray | float, process: ProcessTable) -> FloatArray:
     """Feed of the TCP, mm/s, for lengths of its path divided by those of the edge."""
     return np.asarray(process.feed * np.minimum(factor, process.max_feed_factor))
 
 
-def feed_factor(motion: EdgeMotion, length: float) -> float:
-    """Length of the path of the TCP divided by that of the edge, ``length`` mm."""
+def compute_feed_factor(motion: EdgeMotion, length: float) -> float:
+    """Length of the path of the TCP divided by that of the edge, `length` mm."""
     return float(motion.way.length.sum()) / length if length > 0 else 1.0
 
 
 # Poses of the flange, and the places at which a motion is examined.
 
-#: Largest distance and turn of the TCP between two such places, mm and rad; largest turn of a
-#: joint, rad.
-_LOOK_MM, _LOOK_TURN, JUMP = 5.0, math.radians(5), math.radians(15)
-#: Least distance of a motion from singularities, rad.
+#: Largest distance and rotation of the TCP between two such places, mm and rad; and the largest
+#: rotation of a joint, rad.
+_SAMPLE_MM, _SAMPLE_TURN, JUMP = 5.0, math.radians(5), math.radians(15)
+#: Smallest distance of a motion from singularities, rad.
 MARGIN = math.radians(2)
 
 
-def dense_parts(way: PosePath) -> Index:
+def count_samples(path: PosePath) -> Index:
     """The number of parts into which each segment of a pose path is divided to be examined."""
-    return counts(way, _LOOK_MM, _LOOK_TURN)
+    return count_parts(path, _SAMPLE_MM, _SAMPLE_TURN)
 
 
-def flange_poses(
+def compute_flange_poses(
     setup: Setup, position: FloatArray, rotation: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Rotations (..., 3, 3) and origins (..., 3) of the flange in the base, for poses of the TCP.

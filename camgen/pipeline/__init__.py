@@ -86,7 +86,7 @@ from camgen.post.plugins import (
 )
 from camgen.post.verify import Deviation
 from camgen.read.files import Files
-from camgen.read.job_file import from_mapping, load
+from camgen.read.job_file import from_mapping, load_job
 from camgen.robots.workcell import Workcell
 
 if TYPE_CHECKING:
@@ -468,7 +468,7 @@ def settings_of(job: JobLike, files: Files) -> Job:
         return job
     if isinstance(job, Mapping):
         return from_mapping(job, files)
-    return load(None if job is None else Path(job), files=files)
+    return load_job(None if job is None else Path(job), files=files)
 
 
 def poster_of(name: str, job: Job, origin: str) -> Post:

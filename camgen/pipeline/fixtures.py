@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from camgen.model.errors import Blocked, Loss, NoSafeProgram
+from camgen.model.errors import Blocked, BlockedPath, NoSafeProgram
 from camgen.model.job import Job
 from camgen.model.path import Tour
 from camgen.model.program import Comment, Program, pack
@@ -47,7 +47,7 @@ def check_fixtures(program: Program, tour: Tour, request: Request, source: str) 
     if not faults:
         return
     lost = {program.path_at(fault.line): fault for fault in faults}
-    losses = tuple(Loss(path, "collision", fault.text) for path, fault in lost.items())
+    losses = tuple(BlockedPath(path, "collision", fault.text) for path, fault in lost.items())
     first = faults[0]
     raise Blocked(source, first.text, program.place_of(first.line), MOVE_FIXTURE, losses)
 

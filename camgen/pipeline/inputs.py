@@ -305,9 +305,9 @@ def digest_of(job: Job, sources: Sequence[Path | Part], files: Files) -> str:
         total.update(data)
     arm: Sequence[Path] = ()
     if described := split_name(job.cell.robot):
-        from camgen.robots.urdf.xml import urdf_files  # noqa: PLC0415 (only arms from a URDF need it)
+        from camgen.robots.urdf.xml import list_urdf_files  # noqa: PLC0415 (only arms from a URDF need it)
 
-        arm = urdf_files(described[0], files)
+        arm = list_urdf_files(described[0], files)
     named = [("image.background", job.image.background), ("camera.file", job.camera.file)]
     named.append(("image.lamp_moved", job.image.lamp_moved))
     named += [("cell.robot", str(path)) for path in arm]

@@ -17,8 +17,8 @@ import numpy as np
 from msgspec import Struct, field
 from msgspec.structs import replace
 
-from camgen.collision.cell import around
-from camgen.collision.hits import hits
+from camgen.collision.cell import make_surroundings
+from camgen.collision.hits import find_collisions
 from camgen.geometry.resting import RestingFace, find_resting_faces, make_rotation_down, turn_down
 from camgen.model.advice import drop_place
 from camgen.model.errors import JobError, NoSafeProgram
@@ -26,10 +26,10 @@ from camgen.model.job import Job
 from camgen.model.part import BoolArray, Edge, Part, Solid
 from camgen.model.pose import FloatArray, Pose, fixed_xyz, rotation_about, to_vec3
 from camgen.model.text import counted
-from camgen.motion.cell import home_of
+from camgen.motion.cell import find_home
 from camgen.motion.coverage import SHORTEST_MM
-from camgen.motion.pose_paths import PosePath, counts, divide
-from camgen.motion.setup import MARGIN, FoldedEdge, Setup, flange_poses
+from camgen.motion.pose_paths import PosePath, count_parts, divide
+from camgen.motion.setup import MARGIN, FoldedEdge, Setup, compute_flange_poses
 from camgen.pipeline import Result, build
 from camgen.pipeline.tool_room import Samples, make_samples
 from camgen.plan import Watch, ignore_stages
@@ -38,8 +38,8 @@ from camgen.plan.edges.contact import find_contacts
 from camgen.plan.edges.last_face import offset_along
 from camgen.plan.edges.poses import measure_line, poses
 from camgen.robots.kinematics.inverse import inverse
-from camgen.robots.kinematics.joint_limits import excess
-from camgen.robots.kinematics.singular import from_singular
+from camgen.robots.kinematics.joint_limits import measure_excess
+from camgen.robots.kinematics.singular import measure_singularity_distance
 from camgen.robots.models import Robot
 from camgen.robots.workcell import Workcell
 
@@ -589,14 +589,16 @@ def _find_joints(
     goals = []
     for spot in spots:
         setup = Setup(case.robot, case.base_from_work(spot), cell.flange_from_tool)
-        goals.append(flange_poses(setup, position, samples.rotation))
+        goals.append(compute_flange_poses(setup, position, samples.rotation))
     rotations, origins = (np.concatenate(parts) for parts in zip(*goals, strict=True))
     joints = inverse(case.robot, rotations, origins, case.robot.home)
     margins = np.full(joints.shape[:2], -math.inf)
     exists = np.isfinite(joints).all(axis=-1)
     values = joints[exists]
-    singularity_distance = from_singular(case.robot, values).min(axis=-1, initial=math.inf)
-    room = -excess(case.robot, values).max(axis=-1)
+    singularity_distance = measure_singularity_distance(case.robot, values).min(
+        axis=-1, initial=math.inf
+    )
+    room = -measure_excess(case.robot, values).max(axis=-1)
     margins[exists] = np.where(singularity_distance >= MARGIN, room, -math.inf)
     shape = len(spots), len(position)
     return joints.reshape(*shape, *joints.shape[1:]), margins.reshape(*shape, -1)
@@ -608,11 +610,11 @@ def examine(case: Case, spot: Spot) -> Reached:
     samples = stand.samples
     nothing = Reached(np.zeros((1, len(case.paths))), np.zeros(1))
     cell = replace(stand.cell, base_from_work=case.base_from_work(spot))
-    scene = around(stand.job, cell, case.solid, case.tip).scene
+    scene = make_surroundings(stand.job, cell, case.solid, case.tip).scene
     if not len(samples.owner):
         return nothing
     try:
-        home_of(case.robot, cell, scene)
+        find_home(case.robot, cell, scene)
     except NoSafeProgram:
         return nothing
     (joints,), (margins,) = _find_joints(case, [spot], samples)
@@ -630,7 +632,7 @@ def examine(case: Case, spot: Spot) -> Reached:
         if not len(pending):
             break
         tested = flat[first[pending] + number]
-        clear = hits(scene, values[tested]) < 0
+        clear = find_collisions(scene, values[tested]) < 0
         is_free[pending] = clear
         room[pending] = np.where(clear, margins.ravel()[tested], 0.0)
     share = np.clip(room, 0.0, _ROOM).mean(keepdims=True) / _ROOM
@@ -684,7 +686,7 @@ def _mark(edge: PosePath, pieces: Sequence[PosePath]) -> BoolArray:
     middles = (edge.position[1:] + edge.position[:-1]) / 2
     nearest = np.full(len(middles), math.inf)
     for piece in pieces:
-        dense = divide(piece, counts(piece, _MARK_MM / 2, math.inf)).position
+        dense = divide(piece, count_parts(piece, _MARK_MM / 2, math.inf)).position
         distances = np.linalg.norm(middles[:, None] - dense[None], axis=2).min(axis=1)
         nearest = np.minimum(nearest, distances)
     return np.asarray(nearest <= _MARK_MM)

@@ -16,7 +16,7 @@ from camgen.model.path import Tour
 from camgen.model.pose import FloatArray
 from camgen.model.program import Columns
 from camgen.model.text import short
-from camgen.motion.corners import corner_tolerance
+from camgen.motion.corners import compute_corner_tolerance
 from camgen.order import JobTour
 from camgen.post import Post
 from camgen.post.plugins import dynamics_of, find_post, states_rounding
@@ -105,7 +105,7 @@ def _find_tolerance(job: Job, operation: str) -> float:
     """The corners of a program that was read are its own, unless the job states a tolerance."""
     if operation == "replay" and job.tolerance.corner is None:
         return UNLIMITED
-    return corner_tolerance(job, operation)
+    return compute_corner_tolerance(job, operation)
 
 
 def _refuse(worst: Rounding, post: Post) -> NoSafeProgram:

@@ -14,14 +14,14 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.collision.boxes import Boxes, meet
-from camgen.collision.cell import Surroundings, around
+from camgen.collision.cell import Surroundings, make_surroundings
 from camgen.collision.mesh import find_struck
 from camgen.model.job import Job
 from camgen.model.part import BoolArray, IntArray, Solid
 from camgen.model.pose import FloatArray, Pose
-from camgen.motion.pose_paths import PosePath, counts, divide
+from camgen.motion.pose_paths import PosePath, count_parts, divide
 from camgen.motion.reach import widest_grid
-from camgen.motion.rolls import freedom_of
+from camgen.motion.rolls import find_freedom
 from camgen.robots.workcell import Workcell
 
 #: mm, rad: distance of the samples of an edge.
@@ -85,12 +85,12 @@ def make_samples(
     cell: the cell of the stand; where the part is before the arm does not matter.
     tip: mm that the edges may enter the tool.
     """
-    freedom = freedom_of(job)
-    around_part = around(job, cell, solid, tip)
+    freedom = find_freedom(job)
+    around_part = make_surroundings(job, cell, solid, tip)
     position, owner, rotation, weights = [], [], [], []
     count = 0
     for number, path in enumerate(paths.values()):
-        samples = divide(path, counts(path, _SAMPLE_MM, _SAMPLE_TURN))
+        samples = divide(path, count_parts(path, _SAMPLE_MM, _SAMPLE_TURN))
         grid = widest_grid(freedom, path)
         turned = samples.rotation[:, None] @ grid.nominal_from_tool
         has_room = _find_room(around_part, cell, samples.position, turned)

@@ -43,7 +43,7 @@ from camgen.plan.columns import SLOWEST, Label, SegmentWork, pass_depths, sidewa
 from camgen.plan.contact_feed import CAPPED, note_contact_feed
 from camgen.plan.finish import rough_then_last
 from camgen.plan.open_outlines import check_outlines
-from camgen.read.join import tell_gaps
+from camgen.read.join import format_gaps
 
 #: From this turn (rad) on an outer corner is sharp: the tool only rolls about it, so no force is put on (PIST 4.2.1).
 _SHARP = np.radians(15.0)
@@ -239,7 +239,7 @@ def _choose_sides(part: Part, side: str, join: float) -> tuple[_Loops, list[Note
 def _open_notes(contours: list[Contour], join: float) -> list[Note]:
     if not contours:
         return []
-    told, places = tell_gaps([contour.points for contour in contours], join)
+    told, places = format_gaps([contour.points for contour in contours], join)
     why = (
         "an open contour has no outside; "
         + (f"{told}, or " if told else "")

@@ -16,7 +16,7 @@ from camgen.model.tolerance import SAME_POINT_MM
 from camgen.plan.open_outlines import check_outlines
 from camgen.plan.unused import drop_inherited
 from camgen.read.chosen import is_chosen_layer
-from camgen.read.colors import describe, resolve_named
+from camgen.read.colors import format_color, resolve_named
 from camgen.read.marks import can_drill_marks
 
 #: What is done first: holes, pockets, what is drawn on the part and at its edges, and last what cuts it out.
@@ -154,7 +154,7 @@ def _chosen_colors(part: Part, choice: Choice, where: str) -> frozenset[str]:
     asked = [resolve_named(name) for name in choice.colors]
     for name, colors in zip(choice.colors, asked, strict=True):
         if there.isdisjoint(colors):
-            known = ", ".join(describe(color) for color in sorted(there - {""})[:_SHOWN])
+            known = ", ".join(format_color(color) for color in sorted(there - {""})[:_SHOWN])
             remedy = (
                 f"there are {known}"
                 if known

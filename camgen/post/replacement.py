@@ -21,6 +21,7 @@ from camgen.model.errors import Refused
 from camgen.model.pose import Pose
 from camgen.model.program import (
     Body,
+    BodyBuilder,
     Columns,
     Indices,
     Instruction,
@@ -29,7 +30,6 @@ from camgen.model.program import (
     MoveC,
     MoveJ,
     MoveL,
-    Packing,
     Program,
     join,
     pack,
@@ -89,7 +89,7 @@ def replace_refused(controller: Controller, program: Program, chord: float) -> P
     undecided = np.flatnonzero(~accepted)
     indices: list[int] = []
     sizes: list[int] = []
-    replaced = Packing()
+    replaced = BodyBuilder()
     for low in range(0, len(undecided), _BLOCK):
         arcs, refusal = _find_refused(controller, columns, undecided[low : low + _BLOCK])
         for arc, pieces in zip(arcs, _replace_arcs(controller, arcs, chord), strict=True):

@@ -75,10 +75,10 @@ def _take_untested(result: Built) -> Around:
     job = result.job
     if not job.cell.fixtures and not job.tool.holder:
         return Around((), (), ())
-    from camgen.collision.cell import box_between  # noqa: PLC0415 (loads fcl)
+    from camgen.collision.cell import make_box  # noqa: PLC0415 (loads fcl)
 
     holder = tuple(
-        box_between(_HERE, *corners_of("tool.holder", box)) for box in job.tool.holder or ()
+        make_box(_HERE, *corners_of("tool.holder", box)) for box in job.tool.holder or ()
     )
     named = [
         (f"fixture {k}", box)
@@ -86,7 +86,7 @@ def _take_untested(result: Built) -> Around:
         if isinstance(box, list)
     ]
     standing = [
-        Link(name, (box_between(_HERE, *corners_of("cell.fixtures", box)),)) for name, box in named
+        Link(name, (make_box(_HERE, *corners_of("cell.fixtures", box)),)) for name, box in named
     ]
     return Around((Link("holder", holder),), tuple(standing), result.cell.meshes)
 

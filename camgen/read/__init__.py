@@ -1,12 +1,13 @@
-"""Readers: a file's bytes to a Part, with notes on all that was skipped, mended or assumed.
+"""Reads input files as parts, with notes on everything that was skipped, repaired or assumed.
 
-Which formats there are is an open table: the entry points ``camgen.readers``, of camgen and of other packages alike
-(docs/writing-a-reader.md).
+The formats are an open table, the entry points `camgen.readers` of camgen and of other packages:
+see docs/writing-a-reader.md.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Literal
@@ -25,24 +26,30 @@ from camgen.read.move import move_part
 READERS = "camgen.readers"
 #: Bytes from the beginning of a file by which a format is recognised.
 HEAD = 256
-#: Suffixes of point clouds alone.
+#: Suffixes of point clouds that no other format has.
 _CLOUDS = (".pcd",)
 
 _DEFAULTS = Job()
 
 
 def recognise_none(_head: bytes) -> bool:
-    """For formats that have no mark at their beginning: only the suffix tells."""
+    """False: for a format that is recognised by its suffix alone."""
     return False
 
 
 class Reader(Struct, frozen=True):
-    """One format. name: that of its entry point. about: what it is, for a sentence: "a DXF drawing". suffixes: in small
-    letters with their dot, "" for a name without one. makes: what kind of part.
+    """The reader of a format.
 
-    read: the part in the bytes of a file, in mm, as the job asks; InputError if it has none. inspect: what is in it,
-    as a value whose ``str`` is a page to print. Both open other files that the job or the input names through the
-    ``Files`` that they are given. recognise: whether a file that begins like this is of this format.
+    name: name of its entry point.
+    about: noun for a sentence, such as "a DXF drawing".
+    suffixes: suffixes in lower case with their dot; "" is for files without a suffix.
+    makes: kind of part that it makes.
+    read: returns the part in a file, mm. Raises InputError for a file without one.
+    inspect: returns the content of a file as a value. Its `str` is a page to print.
+    recognise: whether the first `HEAD` bytes of a file are those of this format.
+
+    `read` and `inspect` get a `Files`, with which they open other files that the job or the input
+    names.
     """
 
     name: str
@@ -55,7 +62,12 @@ class Reader(Struct, frozen=True):
 
 
 class InstalledReader(Struct, frozen=True):
-    """One line of the table. broken: why the reader cannot be used, empty when it can."""
+    """A row of the table of readers.
+
+    entry: its entry point.
+    reader: None if it cannot be used.
+    broken: the reason why it cannot be used, otherwise "".
+    """
 
     entry: EntryPoint
     reader: Reader | None
@@ -63,93 +75,97 @@ class InstalledReader(Struct, frozen=True):
 
     @property
     def name(self) -> str:
-        """As ``--format`` takes it."""
+        """Name for the option `--format`."""
         return self.entry.name
 
     @property
     def origin(self) -> str:
-        """The package that it comes from: looked up only where it is shown, since its metadata are slow to read."""
+        """Name of its package. It is found on access, because metadata are slow to read."""
         return origin(self.entry)
 
 
 def list_installed() -> list[InstalledReader]:
-    """All readers by name; a broken one is listed with its reason."""
-    found = []
+    """All readers by name, and for each one that cannot be used the reason."""
+    rows = []
     for entry in entries(READERS):
         try:
             reader = load(entry)
         except JobError as error:
-            found.append(InstalledReader(entry, None, str(error)))
+            rows.append(InstalledReader(entry, None, str(error)))
             continue
         if isinstance(reader, Reader) and reader.name == entry.name:
-            found.append(InstalledReader(entry, reader, ""))
-        else:
-            what = (
-                f"is called {reader.name}"
-                if isinstance(reader, Reader)
-                else "is not a camgen.read.Reader"
-            )
-            why = JobError(f"reader {entry.name}", what, entry.value, "mend or remove its package")
-            found.append(InstalledReader(entry, None, str(why)))
-    return found
+            rows.append(InstalledReader(entry, reader, ""))
+            continue
+        what = "is not a camgen.read.Reader"
+        if isinstance(reader, Reader):
+            what = f"is called {reader.name}"
+        why = JobError(f"reader {entry.name}", what, entry.value, "mend or remove its package")
+        rows.append(InstalledReader(entry, None, str(why)))
+    return rows
 
 
 def find_reader(source: Source) -> Reader:
-    """The reader for this input: by how it begins, else by its suffix. InputError where none or more than one is."""
-    table = [_recognise(one, source.data[:HEAD]) for one in list_installed()]
-    readers = [one.reader for one, _ in table if one.reader is not None]
-    fit = [one.reader for one, known in table if one.reader is not None and known]
-    fit = fit or [one for one in readers if source.suffix in one.suffixes]
-    if len(fit) == 1:
-        return fit[0]
-    if fit:
-        names = " and ".join(one.name for one in fit)
-        raise InputError(
-            source.name,
-            f"is claimed by the readers {names}",
-            remedy="remove the package of one of them",
-        )
-    broken = "".join(f"; {one.broken}" for one, _ in table if one.broken)
-    remedy = (
-        SCAN
-        if source.suffix in _CLOUDS
-        else f"give {', '.join(one.about for one in readers)}{broken}"
-    )
+    """The reader that recognises the first bytes of an input, or else the one with its suffix.
+
+    A reader that fails is left out and named in the message if no other one is found.
+
+    Raises InputError if there is no such reader, or more than one.
+    """
+    readers: list[Reader] = []
+    matching: list[Reader] = []
+    broken = ""
+    for installed in list_installed():
+        reader = installed.reader
+        if reader is None:
+            broken += f"; {installed.broken}"
+            continue
+        recognise = partial(reader.recognise, source.data[:HEAD])
+        try:
+            is_recognised = ask(installed.entry, "look at a file", recognise)
+        except JobError as error:
+            broken += f"; {error}"
+            continue
+        readers.append(reader)
+        if is_recognised:
+            matching.append(reader)
+    matching = matching or [reader for reader in readers if source.suffix in reader.suffixes]
+    if len(matching) == 1:
+        return matching[0]
+    if matching:
+        what = f"is claimed by the readers {' and '.join(reader.name for reader in matching)}"
+        raise InputError(source.name, what, remedy="remove the package of one of them")
+    remedy = f"give {', '.join(reader.about for reader in readers)}{broken}"
+    if source.suffix in _CLOUDS:
+        remedy = SCAN
     raise InputError(source.name, "is not a kind of file that camgen reads", remedy=remedy)
 
 
-def _recognise(one: InstalledReader, head: bytes) -> tuple[InstalledReader, bool]:
-    """Whether a reader knows a file by how it begins; one that fails at it is broken, and the others go on."""
-    reader = one.reader
-    if reader is None:
-        return one, False
-    try:
-        return one, bool(ask(one.entry, "look at a file", lambda: reader.recognise(head)))
-    except JobError as error:
-        return InstalledReader(one.entry, None, str(error)), False
-
-
 def find_suffix(name: str) -> str:
-    """The suffix of files of the format ``name``, which is a reader or one of its suffixes. JobError if neither is."""
+    """The suffix of files of a format.
+
+    name: name of its reader, or one of its suffixes without the dot.
+
+    Raises JobError for another name.
+    """
     table = list_installed()
-    for one in table:
-        if one.name == name and one.broken:
-            raise JobError("--format", one.broken)
-        if one.reader is not None and f".{name}" in one.reader.suffixes:
+    for installed in table:
+        if installed.name == name and installed.broken:
+            raise JobError("--format", installed.broken)
+        if installed.reader is not None and f".{name}" in installed.reader.suffixes:
             return f".{name}"
-    for one in table:
-        if one.reader is not None and one.name == name:
-            return next((suffix for suffix in one.reader.suffixes if suffix), "")
-    names = ", ".join(one.name for one in table)
+    for installed in table:
+        if installed.reader is not None and installed.name == name:
+            return next((suffix for suffix in installed.reader.suffixes if suffix), "")
+    names = ", ".join(installed.name for installed in table)
     raise JobError(
         "--format", f"no reader is called {name}", remedy=f"give one of {names}, or a suffix"
     )
 
 
 def read(path: str | Path, job: Job = _DEFAULTS, files: Files | None = None) -> Part:
-    """The part in the file ``path``, in mm, read as ``job`` asks. InputError if it has none.
+    """The part in the file `path`, mm. Raises InputError if it has none.
 
-    files: what has been read already.
+    files: files that were read before and are not read again.
     """
     files = (files or Files()).within(job.limits)
     source = files.read(path)
@@ -158,24 +174,23 @@ def read(path: str | Path, job: Job = _DEFAULTS, files: Files | None = None) -> 
 
 
 def inspect(path: str | Path, job: Job = _DEFAULTS, files: Files | None = None) -> object:
-    """What is in the file ``path``; its ``str`` is the page that ``camgen inspect`` prints. InputError if nothing is.
+    """The content of the file `path`. Its `str` is the page that `camgen inspect` prints.
 
-    files: what has been read already.
+    Raises InputError if the file cannot be read.
+
+    files: files that were read before and are not read again.
     """
     files = (files or Files()).within(job.limits)
     source = files.read(path)
     return find_reader(source).inspect(source, job, files)
 
 
-# Whether a picture is a drawing, or a photo of a part: the settings of the job tell.
-
-_KINDS = ("trace", "fill", "drill")
-
-
 def is_drawing(job: Job) -> bool:
-    """Whether a picture is a drawing: to be traced, filled, drilled or laid on a page, and no photo."""
+    """Whether the settings of a job treat a picture as a drawing, not as a photo of a part.
+
+    A drawing is traced, filled, drilled or put on a page.
+    """
     kind = job.operation.kind
-    drawing = kind in _KINDS or (kind == "auto" and bool(job.page.size))
-    return (
-        drawing and job.camera == CameraTable() and job.image.mask in ("auto", "otsu", "threshold")
-    )
+    if kind not in ("trace", "fill", "drill") and not (kind == "auto" and job.page.size):
+        return False
+    return job.camera == CameraTable() and job.image.mask in ("auto", "otsu", "threshold")

@@ -1,7 +1,7 @@
-"""Drawings in black and white, to be traced, filled or drilled: the borders of the ink, point by point
-(continuous-path.md, 3), and where thin lines and lettering are traced their middles.
+"""Reads a black and white drawing that is traced, filled or drilled (continuous-path.md, 3).
 
-``plan/simplify`` makes lines and arcs of them once the size on the page is known.
+The contours are the borders of the ink, one point per pixel, or the middles of thin lines and
+letters. `plan/simplify` turns them into lines and arcs when their size on the page is known.
 """
 
 from __future__ import annotations
@@ -22,24 +22,25 @@ from camgen.vision.to_scale import ScaledView, already_to_scale
 
 
 def read(source: Source, job: Job, _files: Files) -> Part:
-    """The ink in the picture ``source``: contours of one point per pixel of border or middle, lines between them.
+    """The ink in a picture as contours, with a point per pixel and lines between them.
 
-    InputError if the picture has no ink or no scale, JobError for settings that a drawing has no use for.
+    Raises InputError if the picture has no ink or no scale, and JobError for a setting that has no
+    effect on a drawing.
     """
-    _nothing_unused(job)
+    _check_no_photo_settings(job)
     picture = load(source)
-    view = _view(picture, job)
+    view = _scale(picture, job)
     threshold = job.image.threshold
     ink = ink_of(picture.pixels, threshold, job.image.invert)
     if ink is None:
-        what = "has no ink: it is of one grey value" + (
-            "" if threshold is None else f" beside {short(threshold, 1)}"
-        )
+        what = "has no ink: it is of one grey value"
+        if threshold is not None:
+            what += f" beside {short(threshold, 1)}"
         raise InputError(source.name, what, remedy="draw dark on light, or set [image] threshold")
-    found = borders(ink)
-    # Pixel (0, 0) of what was found is the paper around the picture.
+    ink_borders = borders(ink)
+    # The borders count pixels with a frame of paper around the picture, which is pixel (0, 0).
     matrix = np.column_stack([view.work_from_view[:, :2], view.work_from_view @ (-1.0, -1.0, 1.0)])
-    contours, told = _contours(ink, found, matrix, job)
+    contours, line_notes = _make_contours(ink, ink_borders, matrix, job)
     height, width = picture.pixels.shape[:2]
     mask = ink.pixels.view(np.uint8) * np.uint8(255)
     grey = np.clip(ink.grey, 0, 255).astype(np.uint8)
@@ -51,64 +52,60 @@ def read(source: Source, job: Job, _files: Files) -> Part:
         view=grey,
         work_from_view=frozen(matrix),
         mask=mask,
-        borders=tuple(frozen(border) for border in found),
+        borders=tuple(frozen(border) for border in ink_borders),
     )
-    notes = (
-        *picture.notes,
-        *view.notes,
-        Note("assumed", f"ink told from paper by {ink.why}", "image.invert swaps them"),
-        *told,
-    )
+    ink_note = Note("assumed", f"ink told from paper by {ink.why}", "image.invert swaps them")
+    notes = (*picture.notes, *view.notes, ink_note, *line_notes)
     return Part(
         source.stem, source.name, f"{short(view.mm_per_px, 5)} mm/px", contours, notes, raster
     )
 
 
-def _contours(
-    ink: Ink, found: list[FloatArray], matrix: FloatArray, job: Job
+def _make_contours(
+    ink: Ink, ink_borders: list[FloatArray], matrix: FloatArray, job: Job
 ) -> tuple[tuple[Contour, ...], tuple[Note, ...]]:
-    """The borders ``found``, and instead of those of thin lines their middles, if the drawing is traced."""
-    drawn = [(border, True) for border in found]
+    """The borders as contours. In a drawing that is traced, thin lines become their middles.
+
+    matrix: (2, 3) from pixels to mm in the work frame.
+    """
+    lines = [(border, True) for border in ink_borders]
     notes: tuple[Note, ...] = ()
     if job.operation.kind == "trace" and job.image.lines != "border":
         pieces = pieces_of(ink, job.image.lines == "centre")
-        middles, once = middles_of(pieces)
-        drawn = [(border, True) for border in found if not once[piece_of(border, pieces)]]
-        drawn += [(middle.points, middle.closed) for middle in middles]
-        if once.any():
-            what = f"{counted(int(once.sum()), 'piece')} of ink drawn once, along the middle"
-            rest = len(once) - 1 - int(once.sum())
-            what += f", {counted(rest, 'piece')} along the border" if rest else ""
-            notes = (
-                Note(
-                    "assumed", what, f'image.lines = "{job.image.lines}"; "border" draws both sides'
-                ),
-            )
+        middles, is_thin = middles_of(pieces)
+        lines = [line for line in lines if not is_thin[piece_of(line[0], pieces)]]
+        lines += [(middle.points, middle.closed) for middle in middles]
+        if is_thin.any():
+            count = int(is_thin.sum())
+            others = len(is_thin) - 1 - count
+            what = f"{counted(count, 'piece')} of ink drawn once, along the middle"
+            if others:
+                what += f", {counted(others, 'piece')} along the border"
+            why = f'image.lines = "{job.image.lines}"; "border" draws both sides'
+            notes = (Note("assumed", what, why),)
     contours = []
-    for k, (points, closed) in enumerate(drawn, 1):
+    for number, (points, closed) in enumerate(lines, 1):
         placed = frozen(points @ matrix[:, :2].T + matrix[:, 2])
-        contours.append(Contour(placed, frozen(np.zeros(len(placed))), closed, "0", f"c{k}"))
+        contours.append(Contour(placed, frozen(np.zeros(len(placed))), closed, "0", f"c{number}"))
     return tuple(contours), notes
 
 
-def _view(picture: Picture, job: Job) -> ScaledView:
-    """To scale; on a page whose scale is not the picture's own a pixel counts as 1 mm until it is laid there."""
+def _scale(picture: Picture, job: Job) -> ScaledView:
+    """The picture with its scale. On a page that sets the scale itself a pixel is 1 mm for now.
+
+    Raises JobError if the job gives a scale that the page replaces.
+    """
     image = job.image
-    given = image.mm_per_px is not None or image.width_mm is not None
-    if job.page.size and job.page.scale != "true":
-        if given:
-            what = f"page.scale = {job.page.scale} gives the scale"
-            raise JobError(
-                "[image]",
-                f"mm_per_px and width_mm have no effect: {what}",
-                remedy='use page.scale = "true"',
-            )
-        return ScaledView(picture.pixels, already_to_scale(picture, 1.0).work_from_view, 1.0)
-    return already_to_scale(picture, image.mm_per_px, image.width_mm)
+    if not job.page.size or job.page.scale == "true":
+        return already_to_scale(picture, image.mm_per_px, image.width_mm)
+    if image.mm_per_px is not None or image.width_mm is not None:
+        what = "mm_per_px and width_mm have no effect: "
+        what += f"page.scale = {job.page.scale} gives the scale"
+        raise JobError("[image]", what, remedy='use page.scale = "true"')
+    return ScaledView(picture.pixels, already_to_scale(picture, 1.0).work_from_view, 1.0)
 
 
-def _nothing_unused(job: Job) -> None:
-    """JobError for a setting of photos: the user believes that it does something."""
+def _check_no_photo_settings(job: Job) -> None:
     default = ImageTable()
     for key in ("region", "tones", "background", "lamp_moved", "color", "min_area"):
         if getattr(job.image, key) != getattr(default, key):

@@ -1,4 +1,4 @@
-"""The contours of a part, one by one, by the ids that a job chooses them by."""
+"""Lists the contours of a part with their ids, by which a job chooses them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,14 @@ from camgen.model.text import short
 
 
 class ContourFacts(Struct, frozen=True):
-    """A contour: its id, layer, whether it is closed, its size and its middle (x, y), mm, of the box around it."""
+    """A contour of a part.
+
+    id: its id.
+    layer: name of its layer.
+    closed: whether it is closed.
+    size: width and height of the box around it, mm.
+    middle: x and y of the centre of the box, mm.
+    """
 
     id: str
     layer: str
@@ -29,15 +36,13 @@ def list_contours(part: Part) -> list[ContourFacts]:
     """All contours of a part, in its order."""
     segments = from_contours(part.contours)
     box = bounds(segments)
-    # Some are one point, without a segment.
-    low = np.array([contour.points[0] for contour in part.contours]).reshape(-1, 2)
-    high = low.copy()
-    np.minimum.at(low, segments.owner, box[:, :2])
-    np.maximum.at(high, segments.owner, box[:, 2:])
-    sizes, middles = (high - low).tolist(), ((low + high) / 2).tolist()
+    # A contour of one point has no segment.
+    lower = np.array([contour.points[0] for contour in part.contours]).reshape(-1, 2)
+    upper = lower.copy()
+    np.minimum.at(lower, segments.owner, box[:, :2])
+    np.maximum.at(upper, segments.owner, box[:, 2:])
+    sizes, middles = (upper - lower).tolist(), ((lower + upper) / 2).tolist()
     return [
-        ContourFacts(
-            contour.id, contour.layer, contour.closed, (size[0], size[1]), (middle[0], middle[1])
-        )
+        ContourFacts(contour.id, contour.layer, contour.closed, tuple(size), tuple(middle))
         for contour, size, middle in zip(part.contours, sizes, middles, strict=True)
     ]

@@ -1,4 +1,4 @@
-"""The one door for input files: each is opened once, as bytes, however many ask for it."""
+"""Opens input files. Each file is read once, as bytes, however often it is used."""
 
 from __future__ import annotations
 
@@ -14,13 +14,16 @@ from camgen.model.files import Source
 from camgen.model.limits import Limits, tell
 
 _DEFAULTS = Limits()
-#: Bytes that are read at a time, at least.
+#: Smallest number of bytes to read at a time.
 _BLOCK = 1 << 26
 
 
 class Files:
-    """The input files of one build. given: what need not be opened, since its bytes are here: what travelled to another
-    machine. streams: what is read from there when it is asked for: standard input. limits: of what is read.
+    """The input files of a build.
+
+    given: files whose bytes are known, such as those sent to another machine; they are not opened.
+    streams: streams that are read in place of a path, such as standard input.
+    limits: limits of the files that are read.
     """
 
     def __init__(
@@ -31,100 +34,104 @@ class Files:
     ) -> None:
         self.limits = limits
         sources = {identity(source.path): source for source in given}
-        self._data = {same: source.data for same, source in sources.items()}
-        self._notes = {same: source.notes for same, source in sources.items()}
+        self._data = {key: source.data for key, source in sources.items()}
+        self._notes = {key: source.notes for key, source in sources.items()}
         self._streams = {identity(path): stream for path, stream in streams.items()}
-        #: What was opened, by its ``identity``: nothing of it may be written over.
+        #: Files that were opened, by `identity`. No output may overwrite them.
         self.opened: dict[str, Path] = {}
 
     def within(self, limits: Limits) -> Files:
-        """The same files, what was read among them, under the limits of a job."""
+        """These files, with those that were read, under the limits of a job."""
         if limits == self.limits:
             return self
-        other = Files(limits=limits)
-        other._data, other._streams, other.opened = self._data, self._streams, self.opened
-        other._notes = self._notes
-        return other
+        files = Files(limits=limits)
+        files._data, files._streams, files.opened = self._data, self._streams, self.opened
+        files._notes = self._notes
+        return files
 
     def read(self, path: str | Path) -> Source:
-        """An input. InputError where there is none: missing, a folder, not to be read."""
+        """An input file. Raises InputError if it is missing, is a folder, or cannot be read."""
         path = Path(path)
         try:
             if identity(path) not in self._data | self._streams:
-                _insist_on_file(path)
+                _check_file(path)
             return self.open(path)
         except FileNotFoundError as error:
-            raise InputError(str(path), "no such file", remedy=_nearest(path)) from error
+            raise InputError(str(path), "no such file", remedy=_suggest_file(path)) from error
         except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
             raise InputError(str(path), f"cannot be read: {reason(error)}") from error
 
-    def let_go(self) -> None:
-        """Forgets what was read, but not its names: after the last input is read nothing asks for it again."""
+    def release(self) -> None:
+        """Free the bytes of all files. The names of opened files are kept.
+
+        To be called when the last input was read.
+        """
         self._data.clear()
 
     def open(self, path: str | Path) -> Source:
-        """As the system gives it. OSError, ValueError for a name that no file can have, InputError for what is no
-        regular file: a device has no end, and who opens a pipe waits for its writer.
+        """A file, with the errors of the system.
+
+        Raises OSError, ValueError for an impossible file name, and InputError for a file that is
+        too large or not regular: a device has no end, and a pipe waits for its writer.
         """
         path = Path(path)
-        same = identity(path)
-        if same in self._streams:
-            self._data[same] = _bounded(str(path), self._streams.pop(same), self.limits.file_bytes)
-        if same not in self._data:
-            _insist_on_regular(path)
+        key = identity(path)
+        limit = self.limits.file_bytes
+        if key in self._streams:
+            self._data[key] = _read_bounded(str(path), self._streams.pop(key), limit)
+        if key not in self._data:
+            mode = path.stat().st_mode
+            # A folder is left to the system, which has a message for it.
+            if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
+                raise InputError(str(path), "is not a regular file", remedy="copy it to a file")
             with path.open("rb") as stream:
                 size = os.fstat(stream.fileno()).st_size
-                self._data[same] = _bounded(str(path), stream, self.limits.file_bytes, size)
-            self.opened[same] = path
-        return Source(path, self._data[same], self.limits, self._notes.get(same, ()))
+                self._data[key] = _read_bounded(str(path), stream, limit, size)
+            self.opened[key] = path
+        return Source(path, self._data[key], self.limits, self._notes.get(key, ()))
 
 
 def identity(path: str | Path) -> str:
-    """The same text for two names of one file, as far as links and (on such systems) case go. ValueError for a name
-    that no file can have.
+    """A text that is equal for two names of one file: links are followed, case may be ignored.
+
+    Raises ValueError for an impossible file name.
     """
     return os.path.normcase(os.path.realpath(path))
 
 
 def reason(error: OSError | ValueError) -> str:
-    """Why a file cannot be opened, as the system says it."""
+    """The message of the system why a file cannot be opened."""
     return getattr(error, "strerror", None) or str(error)
 
 
-def _insist_on_file(path: Path) -> None:
+def _check_file(path: Path) -> None:
     mode = path.stat().st_mode
     if stat.S_ISDIR(mode):
         raise InputError(str(path), "is a folder", remedy="name the files in it")
     if not stat.S_ISREG(mode):
-        raise InputError(
-            str(path), "is not a regular file", remedy="copy it to a file, or use - with --format"
-        )
+        remedy = "copy it to a file, or use - with --format"
+        raise InputError(str(path), "is not a regular file", remedy=remedy)
 
 
-def _insist_on_regular(path: Path) -> None:
-    mode = path.stat().st_mode
-    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):  # of a folder the system itself says it
-        raise InputError(str(path), "is not a regular file", remedy="copy it to a file")
+def _read_bounded(name: str, stream: BinaryIO, limit: float, size: int = 0) -> bytes:
+    """All bytes of a stream. Raises InputError if there are more than `limit`.
 
-
-def _bounded(name: str, stream: BinaryIO, most: float, size: int = 0) -> bytes:
-    """All of a stream. InputError where it is longer than ``most`` bytes. size: bytes of a file."""
-    block_size = max(_BLOCK, int(min(size, most)) + 1)
+    size: bytes of a file, 0 for a stream of unknown length.
+    """
+    # Python allocates as much as it is asked to read, and a limit may be larger than the memory.
+    block_size = max(_BLOCK, int(min(size, limit)) + 1)
     blocks: list[bytes] = []
-    read = 0
-    # Python allocates the size that is asked for, and a job may raise its limit beyond the memory.
-    while read <= most and (block := stream.read(block_size)):
+    count = 0
+    while count <= limit and (block := stream.read(block_size)):
         blocks.append(block)
-        read += len(block)
-    data = b"".join(blocks)
-    if len(data) > most:
-        raise InputError(
-            name, f"has more than {tell(most)} bytes", remedy="split it, or raise limits.file_bytes"
-        )
-    return data
+        count += len(block)
+    if count > limit:
+        what = f"has more than {tell(limit)} bytes"
+        raise InputError(name, what, remedy="split it, or raise limits.file_bytes")
+    return b"".join(blocks)
 
 
-def _nearest(path: Path) -> str:
+def _suggest_file(path: Path) -> str:
     try:
         stems = {Path(name).stem: name for name in sorted(os.listdir(path.parent))}
     except OSError:

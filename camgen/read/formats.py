@@ -34,7 +34,7 @@ def _is_svg(head: bytes) -> bool:
 
 
 def read_with(module: str) -> Callable[[Source, Job, Files], Part]:
-    """The function ``read`` of a module that is imported at the first call."""
+    """A function that calls `read` of a module, which is imported at the first call."""
 
     def read(source: Source, job: Job, files: Files) -> Part:
         part: Part = import_module(module).read(source, job, files)
@@ -44,17 +44,16 @@ def read_with(module: str) -> Callable[[Source, Job, Files], Part]:
 
 
 def inspect_with(module: str) -> Callable[[Source, Job, Files], object]:
-    """The function ``inspect`` of a module that is imported at the first call."""
+    """A function that calls `inspect` of a module, which is imported at the first call."""
 
     def inspect(source: Source, job: Job, files: Files) -> object:
-        found: object = import_module(module).inspect(source, job, files)
-        return found
+        facts: object = import_module(module).inspect(source, job, files)
+        return facts
 
     return inspect
 
 
 def _read_picture(source: Source, job: Job, files: Files) -> Part:
-    """The ink of a drawing, or the part in a photo."""
     module = "camgen.read.artwork" if is_drawing(job) else "camgen.read.image"
     return read_with(module)(source, job, files)
 

@@ -1,7 +1,8 @@
-"""Pictures of a flat part: the part's contours in the work plane, from a photo, a scan or a rendering (docs/pist.md).
+"""Reads the contours of a flat part from a photo, a scan or a rendering (docs/pist.md).
 
-Photo, work plane, to-scale view, mask, outlines to a part of a pixel, lines and arcs: each step is a module of
-``camgen.vision``. The way follows the PIST paper, sections 2 and 3.1.
+The steps are the photo, the work plane, the rectified view, the mask, outlines at sub-pixel edges,
+and lines and arcs. Each one is a module of `camgen.vision`. The method is that of PIST, sections 2
+and 3.1.
 """
 
 from __future__ import annotations
@@ -41,33 +42,46 @@ from camgen.vision.to_scale import (
     rectify,
 )
 
-#: A ChArUco board by its squares.
+#: Name of a ChArUco board, by its squares.
 _BOARD = re.compile(r"(\d{1,2})x(\d{1,2})")
-#: Pictures of more values are looked at coarsely first: so many times coarser, and then around the part with so much of
-#: the bench on each side, coarse pixels at least and as a share of the part.
-_LARGE, _COARSER, _ROOM_PX, _ROOM_SHARE = 2_000_000, 4, 24, 0.12
-
-#: A close look finds this share of the area that a coarse one found, at least.
+#: Values of a picture above which the part is located in a coarse view first. The fine view then
+#: shows the part and its surroundings only.
+_LARGE = 2_000_000
+#: Factor on the pixel size in the coarse view.
+_COARSER = 4
+#: Width of the surroundings on each side, in coarse pixels at least,
+_MIN_MARGIN_PX = 24
+#: and as a fraction of the size of the part.
+_MARGIN_FRACTION = 0.12
+#: Smallest area of the part in the fine view, as a fraction of the area in the coarse view.
 _SAME_PART = 0.5
-#: The error bound is computed at about this many places of the outlines.
-_BOUND_PLACES = 500
-#: A part that leaves the hull of the points by no more, mm, is inside: its outline has a width.
+#: Number of points of the outlines at which the error bound is computed, about.
+_BOUND_POINTS = 500
+#: mm: a part counts as inside of the points if it leaves their hull by this at most, because its
+#: outline has a width.
 _OUTSIDE_MM = 0.5
-#: The blur of an unsharp photo, standard deviation, px. Sharp ones have 0.5 to 1.2.
+#: px: standard deviation of the blur from which a photo is unsharp. Sharp photos have 0.5 to 1.2.
 _UNSHARP_PX = 2.0
-#: Operations on patterns, in which small pieces are meant as much as large ones.
-_OF_PATTERNS = ("trace", "fill", "drill")
-#: A side wall is that of the given height if its own differs by no more than this share.
+#: Kinds of operations on patterns, of which small pieces matter as much as large ones.
+_PATTERN_KINDS = ("trace", "fill", "drill")
+#: Largest difference of a side wall from the given height, as a fraction of the height.
 _SAME_HEIGHT = 0.35
-#: A lens that may move a part by more than this, mm, is a warning.
+#: mm: displacement of the part by the lens above which there is a warning.
 _LENS_MM = 0.1
-#: A part beside a sheet or a board whose corners were examined for their lens is refused if it may
-#: be further off, mm.
+#: mm: displacement above which a part next to a sheet or a board is refused, if the corners of the
+#: sheet or board were examined for their lens.
 _EXAMINED_MM = 0.5
 
 
 class PictureFacts(Struct, frozen=True):
-    """What is in a picture; its ``str`` is a page to print. part: why none is found, where none is."""
+    """The content of a picture. Its `str` is a page to print.
+
+    size: width and height, px.
+    colour: whether it has colours.
+    scale: its scale and the source of the scale.
+    part: size and contours of the part, or the reason why there is none.
+    notes: notes of `read`, or those of the picture if there is no part.
+    """
 
     size: tuple[int, int]
     colour: bool
@@ -86,8 +100,15 @@ class PictureFacts(Struct, frozen=True):
         return "\n".join(lines)
 
 
-class _Seen(Struct, frozen=True):
-    """The way from the picture to the mask."""
+class _Segmented(Struct, frozen=True):
+    """A picture whose part was found.
+
+    picture: the picture, with values proportional to light.
+    camera: the calibrated camera, None without one.
+    plane: the work plane, None for a picture that is to scale.
+    view: the rectified view.
+    mask: the part in the view.
+    """
 
     picture: Picture
     camera: Camera | None
@@ -99,33 +120,34 @@ class _Seen(Struct, frozen=True):
 def read(source: Source, job: Job, files: Files) -> Part:
     """The part in a picture.
 
-    Raises InputError for a picture that shows none, JobError for settings that contradict another.
+    Raises InputError for a picture without a part, JobError for settings that contradict each
+    other, and NoSafeProgram for outlines that are too uncertain.
     """
-    outlined, borders = _outline(source, job, files)
-    assert outlined.raster is not None
-    drawn, fits, more = primitives(borders, outlined.raster.work_from_view)
-    return replace(outlined, contours=drawn, notes=(*outlined.notes, *more, *_tell_fit(fits)))
+    part, borders = _outline(source, job, files)
+    assert part.raster is not None
+    contours, fits, fit_notes = primitives(borders, part.raster.work_from_view)
+    return replace(part, contours=contours, notes=(*part.notes, *fit_notes, *_note_fit(fits)))
 
 
 def read_outlines(source: Source, job: Job, files: Files) -> Part:
-    """The picture with the borders of its part and of loose things, and without contours.
+    """A part without contours whose raster has the outlines of the part and of loose things.
 
-    Borders without an edge have a warning. Raises the other errors of ``read``.
+    Outlines without an edge have a warning. Raises the other errors of `read`.
     """
     accept = [*job.image.accept, "specks", "edges"]
     return _outline(source, replace(job, image=replace(job.image, accept=accept)), files)[0]
 
 
 def _outline(source: Source, job: Job, files: Files) -> tuple[Part, Sequence[Outline]]:
-    """The part without contours, and the borders from which they are made."""
-    seen = _see(source, job, files)
+    """The part without contours, and the outlines of which the contours are made."""
+    seen = _segment(source, job, files)
     borders, notes = outlines(seen.mask.grey, seen.mask.pixels)
-    _insist_on_edges(source.name, borders, job)
+    _check_edges(source.name, borders, job)
     points = tuple(border.points for border in borders)
     blur = float(np.median([border.blur for border in borders])) if borders else 0.0
     raster = Raster(
         photo=seen.picture.pixels,
-        framed=_frame(seen),
+        framed=_find_frame(seen),
         view=seen.view.pixels,
         work_from_view=seen.view.work_from_view,
         mask=seen.mask.pixels,
@@ -133,18 +155,19 @@ def _outline(source: Source, job: Job, files: Files) -> tuple[Part, Sequence[Out
         doubt=seen.mask.doubt,
         blur=blur,
     )
-    found = (
+    part_notes = (
         *_note_height(job.camera),
         *_note_wall(seen, points, job),
-        *_notes(seen),
-        *_placed(seen, points, job),
+        *_note_steps(seen),
+        *_note_placement(seen, points, job),
         *_note_blur(blur),
         *notes,
     )
-    return Part(source.stem, source.name, _scale(seen.view), (), found, raster), borders
+    scale = f"{short(seen.view.mm_per_px, 5)} mm/px"
+    return Part(source.stem, source.name, scale, (), part_notes, raster), borders
 
 
-def _insist_on_edges(name: str, borders: Sequence[Outline], job: Job) -> None:
+def _check_edges(name: str, borders: Sequence[Outline], job: Job) -> None:
     """Raises NoSafeProgram if an outline has no edge in the picture, or all are of shadows alone.
 
     The job may accept such outlines.
@@ -152,8 +175,10 @@ def _insist_on_edges(name: str, borders: Sequence[Outline], job: Job) -> None:
     if "edges" in job.image.accept:
         return
     if borders and all(outline.is_shadow for outline in borders):
-        what = "shows a shadow alone: all outlines are sharp on one side and soft on the other, "
-        what += "and as wide everywhere; part and bench hardly differ"
+        what = (
+            "shows a shadow alone: all outlines are sharp on one side and soft on the other, "
+            "and as wide everywhere; part and bench hardly differ"
+        )
         remedy = (
             "put the part on a bench of another tone, light it from all sides, give "
             'image.background, or set image.accept = ["edges"]'
@@ -170,79 +195,73 @@ def _insist_on_edges(name: str, borders: Sequence[Outline], job: Job) -> None:
 
 
 def _note_blur(blur: float) -> tuple[Note, ...]:
-    """The warning on an unsharp photo. blur: standard deviation, px."""
+    """A warning on an unsharp photo. blur: standard deviation, px."""
     if blur < _UNSHARP_PX:
         return ()
     what = f"the photo is unsharp: its edges have a blur of {blur:.1f} px"
     return (Note("warning", what, "corners come out round; focus, hold still, or come nearer"),)
 
 
-def _tell_fit(fits: Sequence[OutlineFit]) -> tuple[Note, ...]:
-    """How well the lines and arcs follow what was measured."""
+def _note_fit(fits: Sequence[OutlineFit]) -> tuple[Note, ...]:
     if not fits:
         return ()
     lines, arcs = sum(fit.lines for fit in fits), sum(fit.arcs for fit in fits)
-    rms, most = max(fit.rms_mm for fit in fits), max(fit.max_mm for fit in fits)
+    rms, largest = max(fit.rms_mm for fit in fits), max(fit.max_mm for fit in fits)
     what = f"{counted(lines, 'line')} and {counted(arcs, 'arc')} found in the outlines"
-    return (
-        Note(
-            "assumed",
-            what,
-            f"they leave the measured edge by {most:.3f} mm at most, {rms:.3f} mm rms",
-        ),
-    )
+    why = f"they leave the measured edge by {largest:.3f} mm at most, {rms:.3f} mm rms"
+    return (Note("assumed", what, why),)
 
 
 def inspect(source: Source, job: Job, files: Files) -> PictureFacts:
-    """What is in the picture ``source``, as far as its scale is known."""
+    """The content of a picture. Raises InputError if it cannot be read."""
     picture = load(source)
     height, width = picture.pixels.shape[:2]
     colour = picture.pixels.ndim == 3
     try:
         part = read(source, job, files)
     except (InputError, JobError, NoSafeProgram) as error:
-        known = f"{short(25.4 / picture.dpi, 5)} mm/px from its DPI" if picture.dpi else "not known"
-        return PictureFacts((width, height), colour, known, str(error), picture.notes)
-    pieces = sum(len(c.points) for c in part.contours)
-    holes = f"{counted(len(part.contours), 'contour')}, {counted(pieces, 'line or arc', 'lines and arcs')}"
-    low = np.min([c.points.min(axis=0) for c in part.contours], axis=0)
-    high = np.max([c.points.max(axis=0) for c in part.contours], axis=0)
-    size = " x ".join(short(v, 2) for v in (high - low).tolist())
-    return PictureFacts((width, height), colour, part.units, f"{size} mm, {holes}", part.notes)
+        scale = f"{short(25.4 / picture.dpi, 5)} mm/px from its DPI" if picture.dpi else "not known"
+        return PictureFacts((width, height), colour, scale, str(error), picture.notes)
+    points = np.concatenate([contour.points for contour in part.contours])
+    contours = counted(len(part.contours), "contour")
+    segments = counted(len(points), "line or arc", "lines and arcs")
+    size = " x ".join(short(length, 2) for length in np.ptp(points, axis=0).tolist())
+    text = f"{size} mm, {contours}, {segments}"
+    return PictureFacts((width, height), colour, part.units, text, part.notes)
 
 
-def _see(source: Source, job: Job, files: Files) -> _Seen:
-    _nothing_unused(job)
-    picture = _light(load(source, sensor=is_of_sensor(job.camera)), job)
+def _segment(source: Source, job: Job, files: Files) -> _Segmented:
+    _check_settings(job)
+    picture = _linearize(load(source, sensor=is_of_sensor(job.camera)), job)
     camera = read_camera(files.read(job.camera.file)) if job.camera.file else None
-    plane = _plane(picture, camera, job.camera)
-    # The view is made with the camera that the sheet shows; that one is not calibrated.
+    plane = _find_plane(picture, camera, job.camera)
+    # A lens that was estimated from a sheet makes the view, but it does not count as calibrated.
     used = plane.lens.camera if plane is not None and plane.lens is not None else camera
-    way = _Way(used, plane, job, _by_alpha(picture, job.image))
-    empty = _second(picture, job, files, "background") if job.image.background else None
+    method = _Method(used, plane, job, _is_masked_by_alpha(picture, job.image))
+    empty = _read_second(picture, job, files, "background") if job.image.background else None
     if job.image.lamp_moved:
-        other = _second(picture, job, files, "lamp_moved")
+        other = _read_second(picture, job, files, "lamp_moved")
         lit = remove_shadows(picture.pixels, other.pixels, other.name)
         picture = replace(picture, pixels=lit)
-    region, coarse = _region(job, way.plane), False
+    region, is_located = _find_region(job, plane), False
     if region is None and picture.pixels.size > _LARGE:
-        region, area = _around(way, picture, empty)
-        coarse = region is not None
-    view, mask = _mask(way, picture, empty, region, 1)
-    if coarse:
-        _check_area(picture.name, area, _area(view, mask))
+        region, area = _locate_part(method, picture, empty)
+        is_located = region is not None
+    view, mask = _make_mask(method, picture, empty, region, 1)
+    if is_located:
+        _check_area(picture.name, area, _measure_area_mm2(view, mask))
     if region is not None and job.image.region is None:
-        view = replace(view, notes=(*view.notes, _note_surroundings(region, coarse)))
-    return _Seen(picture, camera, way.plane, view, mask)
+        view = replace(view, notes=(*view.notes, _note_region(region, is_located)))
+    return _Segmented(picture, camera, plane, view, mask)
 
 
-def _second(picture: Picture, job: Job, files: Files, key: str) -> Picture:
-    """The photo of the key ``background`` or ``lamp_moved``, taken from the same place.
+def _read_second(picture: Picture, job: Job, files: Files, key: str) -> Picture:
+    """The photo of the key `background` or `lamp_moved`, which was taken from the same position.
 
     Raises InputError if its size or its colours differ.
     """
     file = files.read(getattr(job.image, key))
-    second = _light(load(file, sensor=is_of_sensor(job.camera)), job)
+    second = _linearize(load(file, sensor=is_of_sensor(job.camera)), job)
     if second.pixels.shape == picture.pixels.shape:
         return second
     differ = "size" if second.pixels.shape[:2] != picture.pixels.shape[:2] else "colors"
@@ -251,27 +270,26 @@ def _second(picture: Picture, job: Job, files: Files, key: str) -> Picture:
     raise InputError(second.name, what, f"[image] {key}", remedy)
 
 
-def _nothing_unused(job: Job) -> None:
-    """JobError for a setting that the others leave without effect: the user believes that it has one."""
+def _check_settings(job: Job) -> None:
     image, camera = job.image, job.camera
-    measured = camera.points_px is not None or bool(camera.markers)
-    plane = measured or camera.plane_from is not None
-    paper = bool(camera.markers) and not _BOARD.fullmatch(camera.markers)
-    for where, unused, why in (
+    has_pairs = camera.points_px is not None or bool(camera.markers)
+    has_plane = has_pairs or camera.plane_from is not None
+    has_sheet = bool(camera.markers) and not _BOARD.fullmatch(camera.markers)
+    for setting, has_no_effect, why in (
         (
             "[image] mm_per_px",
-            plane and image.mm_per_px is not None,
+            has_plane and image.mm_per_px is not None,
             "the work plane gives the scale",
         ),
         (
             "[image] width_mm",
-            plane and image.width_mm is not None,
+            has_plane and image.width_mm is not None,
             "the work plane gives the scale",
         ),
-        ("[camera] height", bool(camera.height) and not measured, "it is for points and markers"),
+        ("[camera] height", bool(camera.height) and not has_pairs, "it is for points and markers"),
         (
             "[camera] printed_length",
-            camera.printed_length != RULER and not paper,
+            camera.printed_length != RULER and not has_sheet,
             "no sheet is used",
         ),
         (
@@ -291,27 +309,23 @@ def _nothing_unused(job: Job) -> None:
         ),
         ("[image] lines", image.lines != "auto", "it is for drawings that are traced"),
     ):
-        if unused:
-            raise JobError(where, f"has no effect: {why}", remedy="leave one of the two out")
+        if has_no_effect:
+            raise JobError(setting, f"has no effect: {why}", remedy="leave one of the two out")
 
 
-def _note_surroundings(region: Region, coarse: bool) -> Note:
-    """What was taken for the surroundings of the part: whatever lies outside is not in the program."""
-    shown = ", ".join(short(v, 2) for v in region)
-    why = (
-        f"a look {_COARSER} times coarser found the part there"
-        if coarse
-        else "the free area of the marker sheet, less with the height of the part"
-    )
-    return Note(
-        "assumed", f"looked at closely: [{shown}] mm only", f"{why}; set image.region for another"
-    )
+def _note_region(region: Region, is_located: bool) -> Note:
+    listed = ", ".join(short(value, 2) for value in region)
+    why = "the free area of the marker sheet, less with the height of the part"
+    if is_located:
+        why = f"a look {_COARSER} times coarser found the part there"
+    what = f"looked at closely: [{listed}] mm only"
+    return Note("assumed", what, f"{why}; set image.region for another")
 
 
-def _light(picture: Picture, job: Job) -> Picture:
-    """The picture with values that are light: blur of lens and sensor acts on light, and so does the level of an edge.
+def _linearize(picture: Picture, job: Job) -> Picture:
+    """The picture with values proportional to light, by the curve of IEC 61966-2-1.
 
-    IEC 61966-2-1 has the curve.
+    Blur of lens and sensor acts on light, and so does the threshold at an edge.
     """
     if job.image.tones == "linear":
         return picture
@@ -323,8 +337,14 @@ def _light(picture: Picture, job: Job) -> Picture:
     return replace(picture, pixels=np.asarray(pixels, dtype=np.uint8))
 
 
-class _Way(Struct, frozen=True):
-    """How a picture becomes a view."""
+class _Method(Struct, frozen=True):
+    """How a picture becomes a view and a mask.
+
+    camera: calibrated or estimated camera, None without one.
+    plane: the work plane, None for a picture that is to scale.
+    job: the settings.
+    by_alpha: whether the transparency of the picture is the mask.
+    """
 
     camera: Camera | None
     plane: Plane | None
@@ -332,7 +352,7 @@ class _Way(Struct, frozen=True):
     by_alpha: bool
 
 
-def _by_alpha(picture: Picture, table: ImageTable) -> bool:
+def _is_masked_by_alpha(picture: Picture, table: ImageTable) -> bool:
     """Whether the transparency of the picture is the mask.
 
     Raises JobError if the job asks for it and the picture is opaque.
@@ -348,118 +368,132 @@ def _by_alpha(picture: Picture, table: ImageTable) -> bool:
     return is_cut_out(picture.alpha)
 
 
-def _mask(
-    way: _Way, picture: Picture, empty: Picture | None, region: Region | None, coarser: int
+def _make_mask(
+    method: _Method, picture: Picture, empty: Picture | None, region: Region | None, coarser: int
 ) -> tuple[ScaledView, Mask]:
-    view = _view(way, picture, region, coarser)
-    if way.by_alpha and picture.alpha is not None:
-        opaque = _view(way, replace(picture, pixels=picture.alpha), region, coarser)
-        return view, part_mask(opaque, replace(way.job.image, mask="alpha"), None, picture.name)
-    background = None if empty is None else _view(way, empty, region, coarser)
-    table = way.job.image
-    kinds = {way.job.operation.kind, *(step.operation.kind for step in way.job.operations)}
-    if not kinds.isdisjoint(_OF_PATTERNS):
+    view = _make_view(method, picture, region, coarser)
+    if method.by_alpha and picture.alpha is not None:
+        opaque = _make_view(method, replace(picture, pixels=picture.alpha), region, coarser)
+        return view, part_mask(opaque, replace(method.job.image, mask="alpha"), None, picture.name)
+    background = None if empty is None else _make_view(method, empty, region, coarser)
+    table = method.job.image
+    kinds = {method.job.operation.kind, *(step.operation.kind for step in method.job.operations)}
+    if not kinds.isdisjoint(_PATTERN_KINDS):
         table = replace(table, accept=[*table.accept, "specks"])
     return view, part_mask(view, table, background, picture.name)
 
 
-def _area(view: ScaledView, mask: Mask) -> float:
-    """The area of a part, mm2."""
+def _measure_area_mm2(view: ScaledView, mask: Mask) -> float:
     return float(np.count_nonzero(mask.pixels)) * view.mm_per_px**2
 
 
-def _check_area(name: str, coarse: float, close: float) -> None:
-    """Raises NoSafeProgram if a coarse and a close look find parts of much different areas, mm2."""
-    if close < _SAME_PART * coarse:
-        what = f"a coarse look finds a part of {coarse:.0f} mm2, a close one finds {close:.0f} mm2"
+def _check_area(name: str, coarse_mm2: float, fine_mm2: float) -> None:
+    if fine_mm2 < _SAME_PART * coarse_mm2:
+        what = (
+            f"a coarse look finds a part of {coarse_mm2:.0f} mm2, "
+            f"a close one finds {fine_mm2:.0f} mm2"
+        )
         remedy = "part and bench hardly differ: light it evenly, or choose another image.mask"
         raise NoSafeProgram(name, what, remedy=remedy)
 
 
-def _around(way: _Way, picture: Picture, empty: Picture | None) -> tuple[Region | None, float]:
-    """The part with some bench around it, mm, as a coarse view shows it, and its area, mm2.
+def _locate_part(
+    method: _Method, picture: Picture, empty: Picture | None
+) -> tuple[Region | None, float]:
+    """The region of the part and some bench around it, and the area of the part, mm2.
 
-    The rest of the photo is not examined further.
+    They are found in a coarse view. None if no part is found there.
     """
     try:
-        view, mask = _mask(way, picture, empty, None, _COARSER)
+        view, mask = _make_mask(method, picture, empty, None, _COARSER)
     except InputError:
-        return None, 0.0  # the close look finds it, or says why not
+        return None, 0.0  # the fine view finds the part, or reports why not
     columns, rows = np.flatnonzero(mask.pixels.any(axis=0)), np.flatnonzero(mask.pixels.any(axis=1))
     height, width = mask.pixels.shape
-    room = max(_ROOM_PX, round(_ROOM_SHARE * max(np.ptp(columns), np.ptp(rows))))
-    left, right = max(columns[0] - room, 0), min(columns[-1] + room, width - 1)
-    top, bottom = max(rows[0] - room, 0), min(rows[-1] + room, height - 1)
+    size = max(np.ptp(columns), np.ptp(rows))
+    margin = max(_MIN_MARGIN_PX, round(_MARGIN_FRACTION * size))
+    left, right = max(columns[0] - margin, 0), min(columns[-1] + margin, width - 1)
+    top, bottom = max(rows[0] - margin, 0), min(rows[-1] + margin, height - 1)
     corners = view.work_from_view @ np.array([[left, right], [bottom, top], [1.0, 1.0]])
     x0, y0, x1, y1 = corners.T.ravel().tolist()
-    return (x0, y0, x1, y1), _area(view, mask)
+    return (x0, y0, x1, y1), _measure_area_mm2(view, mask)
 
 
-def _plane(picture: Picture, camera: Camera | None, table: CameraTable) -> Plane | None:
-    """The work plane, by the one way that is given; none for a picture that is to scale."""
-    ways = {
+def _find_plane(picture: Picture, camera: Camera | None, table: CameraTable) -> Plane | None:
+    """The work plane by points, by a pose or by markers; None for a picture that is to scale.
+
+    Raises JobError if several of them are given, or one of them is incomplete.
+    """
+    is_given = {
         "points_px": table.points_px is not None or table.points_mm is not None,
         "plane_from": table.plane_from is not None,
         "markers": bool(table.markers),
     }
-    given = [name for name, is_given in ways.items() if is_given]
+    given = [name for name in is_given if is_given[name]]
     if len(given) > 1:
         raise JobError(
             "[camera]", f"{' and '.join(given)} are both given", remedy="give one of them"
         )
-    if ways["points_px"]:
-        if table.points_px is None or table.points_mm is None:
-            raise JobError(
-                "[camera]",
-                "points_px and points_mm belong together",
-                remedy="give both, in one order",
-            )
-        pairs = plane_from_points(camera, table.points_px, table.points_mm)
-        if not table.height:
-            return pairs
-        height, width = picture.pixels.shape[:2]
-        lens = None
-        if camera is None:
-            px, mm, size = pairs.pairs_px, pairs.pairs_mm, (width, height)
-            lens = lens_of_sheet(px, mm, size, needs_focal=True, focal_px=picture.focal_px)
-            check_focal_length(lens)
-        used = camera if lens is None else lens.camera
-        plane = plane_from_points(used, table.points_px, table.points_mm, height=table.height)
-        return plane if lens is None else replace(plane, lens=lens, notes=(lens.note, *plane.notes))
+    if is_given["points_px"]:
+        return _find_plane_by_points(picture, camera, table)
     if table.plane_from is not None:
         if camera is None:
             raise JobError(
                 "[camera] plane_from", "a pose needs the camera", remedy="give [camera] file"
             )
         if len(table.plane_from) != 6:
-            raise JobError(
-                "[camera] plane_from",
-                f"has {counted(len(table.plane_from), 'value')}",
-                remedy="give 6",
-            )
+            what = f"has {counted(len(table.plane_from), 'value')}"
+            raise JobError("[camera] plane_from", what, remedy="give 6")
         return plane_from_pose(camera, pose_from_values(table.plane_from))
     if table.markers:
         return find(picture, camera, find_target(table), height=table.height)
     return None
 
 
-def _view(way: _Way, picture: Picture, region: Region | None, coarser: int) -> ScaledView:
-    if way.plane is not None:
-        return rectify(picture, way.camera, way.plane, region, coarser)
-    if way.camera is not None:
+def _find_plane_by_points(picture: Picture, camera: Camera | None, table: CameraTable) -> Plane:
+    """The work plane by points. A plane above them needs a lens, which is estimated from them."""
+    if table.points_px is None or table.points_mm is None:
+        what = "points_px and points_mm belong together"
+        raise JobError("[camera]", what, remedy="give both, in one order")
+    plane = plane_from_points(camera, table.points_px, table.points_mm)
+    if not table.height:
+        return plane
+    lens = None
+    if camera is None:
+        height, width = picture.pixels.shape[:2]
+        px, mm, size = plane.pairs_px, plane.pairs_mm, (width, height)
+        lens = lens_of_sheet(px, mm, size, needs_focal=True, focal_px=picture.focal_px)
+        check_focal_length(lens)
+    used = camera if lens is None else lens.camera
+    plane = plane_from_points(used, table.points_px, table.points_mm, height=table.height)
+    return plane if lens is None else replace(plane, lens=lens, notes=(lens.note, *plane.notes))
+
+
+def _make_view(
+    method: _Method, picture: Picture, region: Region | None, coarser: int
+) -> ScaledView:
+    if method.plane is not None:
+        return rectify(picture, method.camera, method.plane, region, coarser)
+    if method.camera is not None:
         remedy = "give [camera] points_px and points_mm, plane_from, or markers"
         raise JobError("[camera]", "a lens without a work plane", remedy=remedy)
-    table = way.job.image
+    table = method.job.image
     return cut_out(already_to_scale(picture, table.mm_per_px, table.width_mm), region, coarser)
 
 
-def _region(job: Job, plane: Plane | None) -> Region | None:
-    """What is looked at: what the job says; on a marker sheet its free area, since markers look like parts."""
+def _find_region(job: Job, plane: Plane | None) -> Region | None:
+    """The region of the job, or else the free area of a sheet: its markers look like parts.
+
+    None if the whole picture is used. Raises JobError for a board without a region.
+    """
     values = job.image.region
     if values is None:
         target = find_target(job.camera) if job.camera.markers else None
         if isinstance(target, Board):
-            remedy = "give [image] region = [x from, y from, x to, y to], mm from the board's lower left corner"
+            remedy = (
+                "give [image] region = [x from, y from, x to, y to], "
+                "mm from the board's lower left corner"
+            )
             raise JobError(
                 "[camera] markers", "a board on the bench looks like a part", remedy=remedy
             )
@@ -475,15 +509,17 @@ def _region(job: Job, plane: Plane | None) -> Region | None:
 
 
 def _free_area(paper: Sheet, plane: Plane) -> Region:
-    """The free area of a sheet as it is seen in the work plane, mm.
+    """The free area of a sheet as it appears in the work plane, mm.
 
     Above the sheet, the lines of sight from the area to the camera enclose a smaller rectangle. It
-    is moved towards the point below the camera. The marks of the origin touch the area, and stay
-    outside by their width.
+    is moved towards the point below the camera. The marks of the origin touch the area, and are
+    kept outside by their width.
+
+    Raises JobError if nothing of the area remains.
     """
     corners = map_points(plane.work_from_pairs, np.array([(0.0, 0.0), paper.free]))
-    room = STROKE if np.any(plane.work_from_pairs != np.eye(3)) else 0.0
-    (x0, y0), (x1, y1) = corners[0] + room, corners[1] - room
+    margin = STROKE if np.any(plane.work_from_pairs != np.eye(3)) else 0.0
+    (x0, y0), (x1, y1) = corners[0] + margin, corners[1] - margin
     if x0 >= x1 or y0 >= y1:
         what = f"at this height nothing of the free area of the {paper.label} is left"
         raise JobError("[camera] height", what, remedy="take the photo from higher up")
@@ -491,28 +527,29 @@ def _free_area(paper: Sheet, plane: Plane) -> Region:
 
 
 def find_target(table: CameraTable) -> Sheet | Board:
-    """The sheet or the board that lies on the bench."""
+    """The sheet or the board on the bench."""
     squares = _BOARD.fullmatch(table.markers)
     if squares is None:
         return sheet(table.markers, table.marker, table.printed_length)
     return Board(int(squares[1]), int(squares[2]), table.square, table.marker)
 
 
-def _frame(seen: _Seen) -> FloatArray:
-    """The border of the view in the photo, (N, 2) px."""
+def _find_frame(seen: _Segmented) -> FloatArray:
+    """(N, 2) border of the view in the photo, px."""
     height, width = seen.picture.pixels.shape[:2]
     if seen.plane is None:
-        return np.array(
-            [[0.0, 0.0], [width - 1.0, 0.0], [width - 1.0, height - 1.0], [0.0, height - 1.0]]
-        )
+        right, bottom = width - 1.0, height - 1.0
+        return np.array([[0.0, 0.0], [right, 0.0], [right, bottom], [0.0, bottom]])
     return frame_view(seen.view, seen.camera, seen.plane, (width, height))
 
 
-def _placed(seen: _Seen, outlines_px: Sequence[FloatArray], job: Job) -> tuple[Note, ...]:
-    """The error bound of the outlines, as notes.
+def _note_placement(
+    seen: _Segmented, outlines_px: Sequence[FloatArray], job: Job
+) -> tuple[Note, ...]:
+    """Notes on the error bound of the outlines.
 
-    Raises NoSafeProgram if a lens that is not calibrated may move them too far. The corners of a
-    sheet or a board are examined for their lens; points are too few for that.
+    The corners of a sheet or a board are examined for their lens; points are too few for that.
+    Raises NoSafeProgram if a lens that is not calibrated may move the outlines too far.
     """
     plane = seen.plane
     if plane is None or not len(plane.pairs_px) or not outlines_px:
@@ -520,70 +557,71 @@ def _placed(seen: _Seen, outlines_px: Sequence[FloatArray], job: Job) -> tuple[N
     matrix = seen.view.work_from_view
     outline = np.concatenate(outlines_px) @ matrix[:, :2].T + matrix[:, 2]
     height, width = seen.picture.pixels.shape[:2]
-    step = max(1, len(outline) // _BOUND_PLACES)
+    step = max(1, len(outline) // _BOUND_POINTS)
     bound = error_bound(plane, seen.camera, (width, height), outline[::step])
-    off = f"up to {short(bound.outside, 1)} mm outside of the points that gave the work plane"
+    distance = f"up to {short(bound.outside, 1)} mm outside of the points that gave the work plane"
     is_calibrated = seen.camera is not None and plane.lens is None
-    is_beside = not is_calibrated and bound.outside > _OUTSIDE_MM
+    is_outside = not is_calibrated and bound.outside > _OUTSIDE_MM
     is_examined = bool(job.camera.markers) and len(plane.pairs_px) >= LEAST_CORNERS
     limit = _EXAMINED_MM if is_examined else job.tolerance.chord
     by_lens = bound.noise + bound.lens
-    if is_beside and bound.known and by_lens > limit and "outside" not in job.image.accept:
-        what = f"the part lies {off}, without a calibrated lens: it may be {_mm(bound.total)} off"
+    if is_outside and bound.known and by_lens > limit and "outside" not in job.image.accept:
+        what = f"the part lies {distance}, without a calibrated lens: "
+        what += f"it may be {_format_mm(bound.total)} off"
         remedy = (
             "give camera.file (camgen calibrate), lay the sheet or board around the part, or set "
             'image.accept = ["outside"]'
         )
         raise NoSafeProgram(seen.picture.name, what, remedy=remedy)
     notes = [_note_bound(bound, is_calibrated)] if bound.known else []
-    if is_beside and not (is_examined and by_lens <= _LENS_MM):
-        what = f"the part lies {off}, without a calibrated lens"
-        how = _mm(bound.total) if bound.known else "unknown, there are too few points"
-        why = (
-            f"how far off it may be: {how}; give camera.file, or lay sheet or board around the part"
-        )
+    if is_outside and not (is_examined and by_lens <= _LENS_MM):
+        what = f"the part lies {distance}, without a calibrated lens"
+        total = _format_mm(bound.total) if bound.known else "unknown, there are too few points"
+        remedy = "give camera.file, or lay sheet or board around the part"
+        why = f"how far off it may be: {total}; {remedy}"
         notes.append(Note("warning", what, why, strict="outside" not in job.image.accept))
     elif bound.lens > _LENS_MM:
-        what = f"no camera.file is given, and a lens may move the part by {_mm(bound.lens)}"
+        what = f"no camera.file is given, and a lens may move the part by {_format_mm(bound.lens)}"
         notes.append(Note("warning", what, "the points do not lie as without a lens"))
     if bound.height > _LENS_MM:
-        what = f"the height may move the part by {_mm(bound.height)}"
+        what = f"the height may move the part by {_format_mm(bound.height)}"
         why = "the focal length is from the photo: tilt the camera more, or give camera.file"
         notes.append(Note("warning", what, why, strict=True))
     return tuple(notes)
 
 
 def _note_bound(bound: ErrorBound, is_calibrated: bool) -> Note:
-    lens = "the lens as calibrated" if is_calibrated else f"{_mm(bound.lens)} by the lens"
+    lens = "the lens as calibrated" if is_calibrated else f"{_format_mm(bound.lens)} by the lens"
     if bound.height:
-        lens += f", {_mm(bound.height)} by the height and the focal length"
+        lens += f", {_format_mm(bound.height)} by the height and the focal length"
     outside = "inside of the points"
     if bound.outside > _OUTSIDE_MM:
         outside = f"up to {short(bound.outside, 1)} mm outside of the points"
-    why = f"{_mm(bound.noise)} by the noise of the points, {lens}; the part lies {outside}"
-    return Note("assumed", f"the part is placed to within {_mm(bound.total)}", why)
+    why = f"{_format_mm(bound.noise)} by the noise of the points, {lens}; the part lies {outside}"
+    return Note("assumed", f"the part is placed to within {_format_mm(bound.total)}", why)
 
 
-def _mm(value: float) -> str:
+def _format_mm(value: float) -> str:
     return f"{max(value, 0.001):.3f} mm"
 
 
 def _note_height(table: CameraTable) -> tuple[Note, ...]:
-    """A part of some thickness on markers comes out too large, and beside its place."""
+    """A note on a height of 0. A thick part on markers would be too large and displaced."""
     if table.height or not (table.markers or table.points_px):
         return ()
-    where = "sheet" if table.markers else "points"
+    noun = "sheet" if table.markers else "points"
     if _BOARD.fullmatch(table.markers):
-        where = "board"
-    what = f"height 0: the part's upper face lies in the plane of the {where}"
+        noun = "board"
+    what = f"height 0: the part's upper face lies in the plane of the {noun}"
     calibration = "" if table.markers else ", with camera.file,"
     return (Note("assumed", what, f"camera.height{calibration} says how far above it"),)
 
 
-def _note_wall(seen: _Seen, borders: Sequence[FloatArray], job: Job) -> tuple[Note, ...]:
-    """A warning of a side wall in the picture.
+def _note_wall(seen: _Segmented, borders: Sequence[FloatArray], job: Job) -> tuple[Note, ...]:
+    """A warning on a side wall of the part in the picture.
 
-    Without a height, the outline is shifted. With one, it is wrong where it runs along the foot.
+    If no height is given, the wall moves the outline. If one is given, an outline along the foot of
+    the wall is wrong.
     """
     if seen.plane is None or not job.camera.markers or not borders:
         return ()
@@ -597,7 +635,7 @@ def _note_wall(seen: _Seen, borders: Sequence[FloatArray], job: Job) -> tuple[No
     if given:
         if not wall.is_part or abs(wall.highest - given) > _SAME_HEIGHT * given:
             return ()
-        what = f"the outline runs along the foot of a side wall, up to {_mm(wall.width)} off"
+        what = f"the outline runs along the foot of a side wall, up to {_format_mm(wall.width)} off"
         why = "give image.threshold between the tones of wall and upper face, or light the walls"
         return (Note("warning", what, why, strict=True),)
     height = f"about {short(wall.highest, 1)} mm"
@@ -608,22 +646,14 @@ def _note_wall(seen: _Seen, borders: Sequence[FloatArray], job: Job) -> tuple[No
     return (Note("warning", what, why, strict=True),)
 
 
-def _scale(view: ScaledView) -> str:
-    return f"{short(view.mm_per_px, 5)} mm/px"
-
-
-def _notes(seen: _Seen) -> tuple[Note, ...]:
+def _note_steps(seen: _Segmented) -> tuple[Note, ...]:
+    notes = [*seen.picture.notes]
     plane = seen.plane
-    measured: tuple[Note, ...] = ()
-    if plane is not None and len(plane.residuals_mm):
-        what = f"work plane from {len(plane.residuals_mm)} points, rms {short(plane.rms_mm, 4)} mm"
-        measured = (Note("assumed", f"{what}, largest {short(plane.max_mm, 4)} mm"),)
-    mask = Note("assumed", f"part by {seen.mask.method}", seen.mask.why)
-    return (
-        *seen.picture.notes,
-        *(plane.notes if plane is not None else ()),
-        *measured,
-        *seen.view.notes,
-        mask,
-        *seen.mask.notes,
-    )
+    if plane is not None:
+        notes += plane.notes
+        if len(plane.residuals_mm):
+            rms, largest = short(plane.rms_mm, 4), short(plane.max_mm, 4)
+            what = f"work plane from {len(plane.residuals_mm)} points, rms {rms} mm"
+            notes.append(Note("assumed", f"{what}, largest {largest} mm"))
+    mask_note = Note("assumed", f"part by {seen.mask.method}", seen.mask.why)
+    return (*notes, *seen.view.notes, mask_note, *seen.mask.notes)

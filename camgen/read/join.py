@@ -1,16 +1,18 @@
-"""From a soup of drawn pieces to contours: ends that meet are joined, what is drawn twice is kept once.
+"""Joins drawn pieces to contours whose ends meet, and keeps curves that are drawn twice once.
 
-Two ends meet first where they coincide, then, nearest first, where they are closer than the tolerance; each end meets
-at most one other, so that a row of close points cannot collapse into one. Ends on one layer meet before ends on
-different layers, and on one layer those of one color first. Where three or more ends coincide the chain goes straight
-on. The order of the pieces decides only where a contour starts, which way it runs, and ties.
+Ends that coincide meet first. Then ends up to the tolerance apart meet, nearest first. Each end
+meets at most one other, so that a row of close points cannot collapse into one. Ends of one layer
+and color meet first, then ends of one layer, then any. Where three or more ends coincide the chain
+goes straight on. The order of the pieces decides only start, direction and ties.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import pairwise, product
+from operator import itemgetter
 
 import numpy as np
 from msgspec import Struct
@@ -36,13 +38,20 @@ from camgen.read.pieces import (
 )
 from camgen.read.twice import cut_repeated, drop_repeated_loops, label_selections
 
+#: Points (x, y), mm.
 Places = tuple[tuple[float, float], ...]
 
-# Chains of drawn pieces: which pieces follow each other, and how their ends are made to meet.
+# Chains of pieces. Numbers of ends: 2 i is the start of piece i, 2 i + 1 its end.
 
 
 class EndJoints(Struct, frozen=True):
-    """Gaps that were closed, the largest in mm, and contours made of several layers, and of several colors."""
+    """Joints of a drawing.
+
+    count: number of gaps that were closed.
+    largest: largest of these gaps, mm.
+    mixed: number of contours with pieces of several layers.
+    colored: number of contours with pieces of several colors.
+    """
 
     count: int
     largest: float
@@ -51,102 +60,121 @@ class EndJoints(Struct, frozen=True):
 
 
 def chain(partner: list[int], closed: list[bool]) -> tuple[list[list[int]], list[bool]]:
-    """Chains of the ends at which each piece is entered, and whether they close; in order of their first pieces."""
+    """Chains of pieces whose ends meet, in order of their first pieces, and whether each is closed.
+
+    A chain is the ends at which its pieces are entered.
+
+    partner: the end that each end meets, -1 for none.
+    closed: whether each piece is closed.
+    """
     count = len(closed)
-    seen = [False] * count
+    is_used = [False] * count
 
     def follow(end: int) -> list[int]:
-        chain = []
-        while end >= 0 and not seen[end >> 1]:
-            seen[end >> 1] = True
-            chain.append(end)
+        ends = []
+        while end >= 0 and not is_used[end >> 1]:
+            is_used[end >> 1] = True
+            ends.append(end)
             end = partner[end ^ 1]
-        return chain
+        return ends
 
-    found: list[tuple[int, list[int], bool]] = []
+    chains: list[tuple[int, list[int], bool]] = []
     for end in range(2 * count):
-        if partner[end] < 0 and not seen[end >> 1] and not closed[end >> 1]:
-            chain = follow(end)
-            first = min(chain, key=lambda e: e >> 1)
+        if partner[end] < 0 and not is_used[end >> 1] and not closed[end >> 1]:
+            ends = follow(end)
+            first = min(ends, key=lambda end: end >> 1)
             if first & 1:
-                chain = [e ^ 1 for e in reversed(chain)]
-            found.append((first >> 1, chain, False))
-    rest = (piece for piece in range(count) if not seen[piece])
-    found += [(piece, [2 * piece] if closed[piece] else follow(2 * piece), True) for piece in rest]
-    found.sort(key=lambda item: item[0])
-    return [chain for _, chain, _ in found], [loop for _, _, loop in found]
+                ends = [end ^ 1 for end in reversed(ends)]
+            chains.append((first >> 1, ends, False))
+    for piece in range(count):
+        if not is_used[piece]:
+            chains.append((piece, [2 * piece] if closed[piece] else follow(2 * piece), True))
+    chains.sort(key=itemgetter(0))
+    return [ends for _, ends, _ in chains], [is_closed for _, _, is_closed in chains]
 
 
 def assemble(
     soup: Soup, chains: list[list[int]], closed: list[bool], same: float
 ) -> tuple[Soup, EndJoints]:
-    """The chains as pieces; where ends do not coincide a line gives way, two arcs get a short line between them."""
-    sizes = np.array([len(c) for c in chains], dtype=np.intp)
-    entered = np.array([e for c in chains for e in c], dtype=np.intp)
-    piece, backwards = entered >> 1, (entered & 1).astype(np.bool_)
+    """The chains as pieces, and their joints.
+
+    Lines are changed until their ends meet. Two arcs get a short line between them.
+
+    closed: whether each chain is closed.
+    same: distance below which two points are one, mm.
+    """
+    sizes = np.array([len(ends) for ends in chains], dtype=np.intp)
+    chain_of_piece = np.repeat(np.arange(len(chains)), sizes)
+    entered = np.array(list(itertools.chain.from_iterable(chains)), dtype=np.intp)
+    piece, is_reversed = entered >> 1, (entered & 1).astype(np.bool_)
     counts = np.diff(soup.first)[piece]
-    step = np.repeat(np.where(backwards, -1, 1), counts)
-    base = np.where(backwards, soup.first[1:][piece] - 1, soup.first[:-1][piece])
+    step = np.repeat(np.where(is_reversed, -1, 1), counts)
+    base = np.where(is_reversed, soup.first[1:][piece] - 1, soup.first[:-1][piece])
     rows = np.repeat(base, counts) + step * ramp(counts)
     points = soup.points[rows]
     bulges = np.where(step < 0, -soup.bulges[rows - 1], soup.bulges[rows])
-    whole = soup.closed[piece]
+    is_closed_piece = soup.closed[piece]
     last = np.cumsum(counts) - 1
-    bulges[last[~whole]] = 0.0
+    bulges[last[~is_closed_piece]] = 0.0
     start = last - counts + 1
-    loop = np.array(closed, dtype=np.bool_)
+    is_loop = np.array(closed, dtype=np.bool_)
     ends = np.cumsum(sizes)
-    follower = following(sizes)
-    meets = ~whole
-    meets[ends - 1] &= loop
-    keep, gaps = _meet(points, bulges, last[meets], start[follower[meets]], same)
-    chain_of_row = np.repeat(np.repeat(np.arange(len(chains)), sizes), counts)
+    meets_next = ~is_closed_piece
+    meets_next[ends - 1] &= is_loop
+    keep, gaps = _meet(points, bulges, last[meets_next], start[following(sizes)[meets_next]], same)
     heads = piece[ends - sizes]
-    owner, head = np.repeat(np.arange(len(chains)), sizes), np.repeat(heads, sizes)
+    head = np.repeat(heads, sizes)
     mixed = [
-        len(each_once(owner[names[piece] != names[head]])) for names in (soup.layer, soup.color)
+        len(each_once(chain_of_piece[names[piece] != names[head]]))
+        for names in (soup.layer, soup.color)
     ]
-    length = np.bincount(chain_of_row[keep], minlength=len(chains))
-    made = replace(
+    length = np.bincount(np.repeat(chain_of_piece, counts)[keep], minlength=len(chains))
+    assembled = replace(
         soup,
         points=points[keep],
         bulges=bulges[keep] + 0.0,  # no minus zero
         first=offsets(length),
-        closed=loop,
+        closed=is_loop,
         layer=soup.layer[heads],
         kind=soup.kind[heads],
         color=soup.color[heads],
     )
     wide = gaps[gaps > same]
-    return made, EndJoints(len(wide), float(wide.max(initial=0.0)), *mixed)
+    return assembled, EndJoints(len(wide), float(wide.max(initial=0.0)), *mixed)
 
 
 def _meet(
-    points: FloatArray, bulges: FloatArray, a: IntArray, b: IntArray, same: float
+    points: FloatArray, bulges: FloatArray, before: IntArray, after: IntArray, same: float
 ) -> tuple[BoolArray, FloatArray]:
-    """Let row ``a``, the end of a piece, meet row ``b``, the start of the next; which rows remain, and the gaps.
+    """Move ends of pieces to starts of the next ones: which rows remain, and the gaps in mm.
 
-    Two lines meet half-way; a line moves to the end of an arc; between two arcs both points stay.
+    Two lines meet half-way. A line is moved to the end of an arc. Between two arcs both points
+    stay.
+
+    points: changed in place.
+    before, after: rows of the ends, and of the starts that follow them.
     """
-    gaps = np.hypot(*(points[a] - points[b]).T)
-    arc_before, arc_after = bulges[a - 1] != 0, bulges[b] != 0
-    goal = np.where(arc_before[:, None], points[a], points[b])
-    goal = np.where((arc_before == arc_after)[:, None], (points[a] + points[b]) / 2, goal)
-    bridged = arc_before & arc_after & (gaps > same)
-    exact = gaps <= same
-    goal[exact] = points[b][exact]
-    points[b[~bridged]] = goal[~bridged]
+    gaps = np.hypot(*(points[before] - points[after]).T)
+    is_arc_before, is_arc_after = bulges[before - 1] != 0, bulges[after] != 0
+    goal = np.where(is_arc_before[:, None], points[before], points[after])
+    middle = (points[before] + points[after]) / 2
+    goal = np.where((is_arc_before == is_arc_after)[:, None], middle, goal)
+    is_bridged = is_arc_before & is_arc_after & (gaps > same)
+    coincides = gaps <= same
+    goal[coincides] = points[after][coincides]
+    points[after[~is_bridged]] = goal[~is_bridged]
     keep = np.ones(len(points), dtype=np.bool_)
-    keep[a[~bridged]] = False
+    keep[before[~is_bridged]] = False
     return keep, gaps
 
 
-#: The gaps of an outline together are at most this share of its length. A plate of 100 x 60 mm may
-#: be open by 16 mm. An arc of 340 degrees (5.6 %) and a dashed line are meant as they are.
+#: Largest sum of the gaps of an outline, as a fraction of its length. A plate of 100 x 60 mm may be
+#: open by 16 mm. An arc of 340 degrees (5.6 %) and a dashed line are open on purpose.
 GAP_SHARE = 0.05
-#: A chain is not closed on itself across more than this part of its own length.
+#: Largest gap across which a chain is closed, as a fraction of its length.
 _OWN_GAP = 0.25
-#: Up to so many ends at one point are paired by the least turn of all pairs; beyond, by opposite directions.
+#: Up to this number of ends in one point, all their pairs are compared by their corner angles. More
+#: are paired by opposite directions.
 _CROWD = 32
 
 _DAMAGED = Note("skipped", "damaged", "coordinates that are not finite or not credible")
@@ -154,8 +182,8 @@ _NO_LENGTH = Note("repaired", "dropped", "without length")
 _TWICE = Note("repaired", "dropped", "drawn twice; each is used once")
 
 
-def contours_of(soup: Soup, job: Job) -> tuple[tuple[Contour, ...], tuple[Note, ...]]:
-    """The contours of a drawing, and notes, as `contours` makes them for a job.
+def make_job_contours(soup: Soup, job: Job) -> tuple[tuple[Contour, ...], tuple[Note, ...]]:
+    """The contours of a drawing, and notes, as `make_contours` makes them for a job.
 
     Pieces on layers of clamps are joined and compared by themselves. Their contours come last.
     """
@@ -164,9 +192,9 @@ def contours_of(soup: Soup, job: Job) -> tuple[tuple[Contour, ...], tuple[Note, 
     on_clamps = np.array([layer.casefold() in clamps for layer in soup.layers], np.bool_)
     is_clamp = on_clamps[soup.layer]
     if not is_clamp.any():
-        return contours(soup, *settings)
-    part_contours, notes = contours(soup.take(~is_clamp), *settings)
-    clamp_contours, clamp_notes = contours(soup.take(is_clamp), *settings)
+        return make_contours(soup, *settings)
+    part_contours, notes = make_contours(soup.take(~is_clamp), *settings)
+    clamp_contours, clamp_notes = make_contours(soup.take(is_clamp), *settings)
     renamed = [
         replace(contour, id=f"c{number}")
         for number, contour in enumerate(clamp_contours, len(part_contours) + 1)
@@ -174,7 +202,7 @@ def contours_of(soup: Soup, job: Job) -> tuple[tuple[Contour, ...], tuple[Note, 
     return (*part_contours, *renamed), (*notes, *clamp_notes)
 
 
-def contours(
+def make_contours(
     soup: Soup, tolerance: float, by_color: bool = False, operations: Sequence[Step] = ()
 ) -> tuple[tuple[Contour, ...], tuple[Note, ...]]:
     """The contours of drawn pieces in drawing order, and notes on repairs and joints.
@@ -190,48 +218,57 @@ def contours(
     soup = tidy(soup)
     soup = _drop(soup, np.diff(soup.first) > 1, _NO_LENGTH, notes)
     soup = _drop(soup, are_first(soup, label_selections(soup, operations)), _TWICE, notes)
-    is_open = ~(soup.closed | _meet_themselves(soup, tolerance))
+    is_open = ~(soup.closed | _are_closed_within(soup, tolerance))
     label = label_selections(soup, operations)
     cut, repeated = cut_repeated(soup, label, tolerance, is_open, np.zeros_like(is_open))
     joined, joints = _join(cut, tolerance)
     if repeated:
-        # Outlines side by side, each of lines of its own, need their common edge twice.
-        in_loop = _find_loop_pieces(soup, tolerance)
+        # Two outlines side by side, each with lines of its own, need their common edge twice.
+        is_loose = is_open & ~_find_loop_pieces(soup, tolerance)
         loose, loose_repeated = cut_repeated(
-            soup, label, tolerance, is_open & ~in_loop, np.zeros_like(is_open)
+            soup, label, tolerance, is_loose, np.zeros_like(is_open)
         )
         whole, whole_joints = _join(loose, tolerance)
         if whole.closed.sum() > joined.closed.sum():
             joined, joints, repeated = whole, whole_joints, loose_repeated
     soup = joined
     notes += repeated
-    notes += _joint_notes(joints, tolerance, by_color)
+    notes += _note_joints(joints, tolerance, by_color)
     soup = tidy(soup)
     soup = soup.take(np.diff(soup.first) > 1)
-    # Pieces and a whole of the same shape can be compared only after pieces are joined.
+    # Several pieces and one piece of the same shape can be compared only after pieces are joined.
     soup = _drop(soup, are_first(soup, label_selections(soup, operations)), _TWICE, notes)
     soup, repeated = drop_repeated_loops(soup, label_selections(soup, operations), tolerance)
     notes += repeated
     if not soup.closed.all():
         label = label_selections(soup, operations)
-        # An outline with a gap stays whole: whether it is meant to be closed is asked later.
+        # An outline with a gap stays whole. Later it is decided whether it should be closed.
         compared = soup.closed | ~_are_nearly_closed(soup)
         soup, repeated = cut_repeated(soup, label, tolerance, compared, soup.closed, "contour")
         notes += repeated
-    count = int((~soup.closed).sum())
-    if count:
-        notes.append(_open_note(soup, tolerance))
+    if not soup.closed.all():
+        notes.append(_note_open(soup, tolerance))
+    return _convert_to_contours(soup), tuple(notes)
+
+
+def _convert_to_contours(soup: Soup) -> tuple[Contour, ...]:
     points, bulges = frozen(soup.points), frozen(soup.bulges)
-    spans = pairwise(soup.first.tolist())
     columns = ContourColumns(points, bulges, np.diff(soup.first), soup.closed)
+    spans = pairwise(soup.first.tolist())
     rows = zip(spans, soup.closed.tolist(), soup.layer.tolist(), soup.color.tolist(), strict=True)
-    made = (
+    contours = (
         Contour(
-            points[a:b], bulges[a:b], closed, soup.layers[layer], f"c{i}", (), soup.colors[color]
+            points[first:after],
+            bulges[first:after],
+            closed,
+            soup.layers[layer],
+            f"c{number}",
+            (),
+            soup.colors[color],
         )
-        for i, ((a, b), closed, layer, color) in enumerate(rows, start=1)
+        for number, ((first, after), closed, layer, color) in enumerate(rows, start=1)
     )
-    return Contours.of(made, columns), tuple(notes)
+    return Contours.of(contours, columns)
 
 
 def _are_nearly_closed(soup: Soup) -> BoolArray:
@@ -244,88 +281,86 @@ def _are_nearly_closed(soup: Soup) -> BoolArray:
     return np.asarray(gap <= GAP_SHARE * length)
 
 
-def _meet_themselves(soup: Soup, tolerance: float) -> BoolArray:
-    """(P,) whether the two ends of each piece are within `tolerance` mm."""
+def _are_closed_within(soup: Soup, tolerance: float) -> BoolArray:
     gap = soup.points[soup.first[1:] - 1] - soup.points[soup.first[:-1]]
     return np.asarray(np.hypot(gap[:, 0], gap[:, 1]) <= tolerance)
 
 
-#: Of so many ends the gaps are looked for; the number of pairs grows with their square. So many are told.
-_MOST_ENDS, _TOLD = 4000, 3
-#: A gap may be meant to be closed where it is no longer than this share of the drawing.
-_MEANT = 0.1
+#: Ends among which gaps are searched, at most. The number of pairs grows with their square.
+_MOST_ENDS = 4000
+#: Gaps that a note lists.
+_LISTED = 3
+#: A gap up to this fraction of the larger piece may be unintended.
+_MAX_GAP_FRACTION = 0.1
 
 
-def tell_gaps(pieces: Sequence[FloatArray], tolerance: float) -> tuple[str, Places]:
-    """The gaps between the ends of open ``pieces`` (N, 2) that ``input.join`` would close, with their places and what
-    to set; "" for none.
+def format_gaps(pieces: Sequence[FloatArray], tolerance: float) -> tuple[str, Places]:
+    """A text on gaps that `input.join` would close, with its value, and their middles.
 
-    tolerance: what was joined, mm. A gap is between two ends that have no nearer one, and no longer than a tenth of the
-    larger of their pieces: what is farther apart is taken as meant.
+    A gap is between two ends that are nearest to each other. Gaps above a tenth of the larger of
+    their pieces are assumed to be intended. Without gaps the text is "".
+
+    pieces: (N, 2) points of each open piece, mm.
+    tolerance: distance up to which ends were joined, mm.
     """
     if 2 * len(pieces) > _MOST_ENDS:
         return "", ()
-    ends = np.array([end for piece in pieces for end in (piece[0], piece[-1])])
-    meant = _MEANT * np.repeat([float(np.ptp(piece, axis=0).max()) for piece in pieces], 2)
-    apart = np.hypot(*np.moveaxis(ends[:, None] - ends[None, :], 2, 0))
-    np.fill_diagonal(apart, np.inf)
-    apart[apart <= tolerance] = np.inf
-    nearest = apart.argmin(axis=1)
-    gap = apart[np.arange(len(ends)), nearest]
-    mine = (nearest[nearest] == np.arange(len(ends))) & (np.arange(len(ends)) < nearest)
-    mine &= gap <= np.maximum(meant, meant[nearest])
-    found = np.flatnonzero(mine)[np.argsort(gap[mine], kind="stable")]
-    if not len(found):
+    ends = np.concatenate([piece[[0, -1]] for piece in pieces])
+    sizes = [float(np.ptp(piece, axis=0).max()) for piece in pieces]
+    largest_gap = _MAX_GAP_FRACTION * np.repeat(sizes, 2)
+    distance = np.hypot(*np.moveaxis(ends[:, None] - ends[None, :], 2, 0))
+    np.fill_diagonal(distance, np.inf)
+    distance[distance <= tolerance] = np.inf
+    nearest = distance.argmin(axis=1)
+    numbers = np.arange(len(ends))
+    gap = distance[numbers, nearest]
+    is_gap = (nearest[nearest] == numbers) & (numbers < nearest)
+    is_gap &= gap <= np.maximum(largest_gap, largest_gap[nearest])
+    gaps = np.flatnonzero(is_gap)[np.argsort(gap[is_gap], kind="stable")]
+    if not len(gaps):
         return "", ()
-    middles = (ends[found] + ends[nearest[found]]) / 2
-    places = [
-        f"{short(gap[k], 3)} mm near x {short(x, 2)}, y {short(y, 2)}"
-        for k, (x, y) in zip(found, middles.tolist(), strict=True)
-    ]
-    more = f" and {counted(len(found) - _TOLD, 'other')}" if len(found) > _TOLD else ""
-    join = short(closing_value(float(gap[found].max())), 3)
-    noun = "gap" if len(found) == 1 else "gaps"
-    told = (
-        f"{noun} of {', '.join(places[:_TOLD])}{more}: input.join "
-        f"= {join} closes {'it' if len(found) == 1 else 'them'}"
+    middles = ((ends[gaps] + ends[nearest[gaps]]) / 2).tolist()
+    text = ", ".join(
+        f"{short(length, 3)} mm near x {short(x, 2)}, y {short(y, 2)}"
+        for length, (x, y) in zip(gap[gaps[:_LISTED]].tolist(), middles, strict=False)
     )
-    return told, tuple((x, y) for x, y in middles.tolist())
+    if len(gaps) > _LISTED:
+        text += f" and {counted(len(gaps) - _LISTED, 'other')}"
+    join = short(compute_join(float(gap[gaps].max())), 3)
+    noun, pronoun = ("gap", "it") if len(gaps) == 1 else ("gaps", "them")
+    places = tuple((x, y) for x, y in middles)
+    return f"{noun} of {text}: input.join = {join} closes {pronoun}", places
 
 
-def closing_value(gap: float) -> float:
+def compute_join(gap: float) -> float:
     """Value of `input.join` that closes a gap of `gap` mm: the next micrometre but one."""
     return math.ceil(gap * 1000 + 1) / 1000
 
 
-def _open_note(soup: Soup, tolerance: float) -> Note:
-    rows = np.flatnonzero(~soup.closed).tolist()
-    told, places = tell_gaps(
-        [soup.points[soup.first[k] : soup.first[k + 1]] for k in rows], tolerance
-    )
-    why = told or f"their ends meet no free end within input.join = {short(tolerance, 6)} mm"
-    return Note("warning", f"open contours: {len(rows)}", why, (), places)
+def _note_open(soup: Soup, tolerance: float) -> Note:
+    is_open = soup.take(~soup.closed)
+    pieces = np.split(is_open.points, is_open.first[1:-1])
+    why, places = format_gaps(pieces, tolerance)
+    why = why or f"their ends meet no free end within input.join = {short(tolerance, 6)} mm"
+    return Note("warning", f"open contours: {len(pieces)}", why, (), places)
 
 
-def _drop(soup: Soup, keep: BoolArray, told: Note, notes: list[Note]) -> Soup:
-    """The pieces to keep; the note ``told`` counts the others."""
+def _drop(soup: Soup, keep: BoolArray, note: Note, notes: list[Note]) -> Soup:
+    """The pieces to keep. The others are counted by `note`, which is added to `notes`."""
     if keep.all():
         return soup
-    lost = np.flatnonzero(~keep)
-    what = describe_elements(
-        [soup.kinds[k] for k in soup.kind[lost]], [soup.layers[k] for k in soup.layer[lost]]
-    )
-    notes.append(replace(told, what=f"{told.what}: {what}"))
+    kinds = [soup.kinds[kind] for kind in soup.kind[~keep]]
+    layers = [soup.layers[layer] for layer in soup.layer[~keep]]
+    notes.append(replace(note, what=f"{note.what}: {describe_elements(kinds, layers)}"))
     return soup.take(keep)
 
 
-def _joint_notes(joints: EndJoints, tolerance: float, by_color: bool) -> list[Note]:
+def _note_joints(joints: EndJoints, tolerance: float, by_color: bool) -> list[Note]:
     notes = []
     limit = f"input.join = {short(tolerance, 6)} mm"
     if joints.count:
-        gap = f"largest {joints.largest:.3g} mm"
-        notes.append(
-            Note("joined", f"gaps closed: {joints.count}, {gap}", f"ends closer than {limit} meet")
-        )
+        what = f"gaps closed: {joints.count}, largest {joints.largest:.3g} mm"
+        notes.append(Note("joined", what, f"ends closer than {limit} meet"))
     if joints.mixed:
         what = f"contours over more than one layer: {joints.mixed}"
         notes.append(Note("joined", what, "each counts to the layer of its first piece"))
@@ -336,7 +371,14 @@ def _joint_notes(joints: EndJoints, tolerance: float, by_color: bool) -> list[No
 
 
 class _Ends(Struct, frozen=True, eq=False):
-    """Ends 2 i (start) and 2 i + 1 (end) of each open piece i; outward directions point into the piece."""
+    """Ends of P pieces. The ends of closed pieces are not used.
+
+    points: (2 P, 2) mm.
+    directions: (2 P, 2) unit vectors from each end into its piece.
+    layer: (2 P,) layer of the piece of each end.
+    color: (2 P,) color of the piece of each end.
+    length: (P,) lengths of the pieces, mm.
+    """
 
     points: FloatArray
     directions: FloatArray
@@ -346,7 +388,6 @@ class _Ends(Struct, frozen=True, eq=False):
 
 
 def _join(soup: Soup, tolerance: float) -> tuple[Soup, EndJoints]:
-    """The soup with its open pieces chained; in order of the first piece of each chain."""
     partner = pair_ends(soup, tolerance)
     chains, closed = chain(partner.tolist(), soup.closed.tolist())
     return assemble(soup, chains, closed, compute_same_distance(soup))
@@ -370,25 +411,28 @@ def pair_ends(soup: Soup, tolerance: float) -> IntArray:
     same = compute_same_distance(soup)
     tolerance = max(tolerance, 4 * same)
     partner = np.full(2 * len(soup), -1, dtype=np.intp)
-    ends = _ends(soup)
-    free = np.repeat(~soup.closed, 2)
-    for group in _groups(ends, len(soup.colors)):
-        _pair_coincident(partner, free, ends, group, same)
-        _pair_near(partner, free, ends, group, (same, tolerance))
+    ends = _find_ends(soup)
+    is_free = np.repeat(~soup.closed, 2)
+    for group in _list_groups(ends, len(soup.colors)):
+        _pair_coincident(partner, is_free, ends, group, same)
+        _pair_near(partner, is_free, ends, group, (same, tolerance))
     return partner
 
 
-def _groups(ends: _Ends, colors: int) -> list[IntArray]:
-    """Labels of the ends that may meet, one array after the other: of one layer and color, of one layer, any two."""
+def _list_groups(ends: _Ends, colors: int) -> list[IntArray]:
+    """Labels of ends. Ends with equal labels may meet, first by the first labels.
+
+    The labels are layer and color, the layer, and one for all. Labels that make the same groups as
+    the labels before are left out.
+    """
     groups = [ends.layer * colors + ends.color, ends.layer, np.zeros_like(ends.layer)]
     counts = [int(np.count_nonzero(np.bincount(group))) for group in groups]
-    return [group for k, group in enumerate(groups) if k == 0 or counts[k] < counts[k - 1]]
+    is_new = [True, counts[1] < counts[0], counts[2] < counts[1]]
+    return list(itertools.compress(groups, is_new))
 
 
-def _ends(soup: Soup) -> _Ends:
-    """Places, directions and lengths of the ends of all pieces (of no use for closed ones)."""
-    following = find_next_rows(soup)
-    chord = soup.points[following] - soup.points
+def _find_ends(soup: Soup) -> _Ends:
+    chord = soup.points[find_next_rows(soup)] - soup.points
     size = np.hypot(chord[:, 0], chord[:, 1])
     b = np.abs(soup.bulges)
     lengths = size * np.where(b > 0, (1 + b * b) * np.arctan(b) / np.where(b > 0, b, 1.0), 1.0)
@@ -396,12 +440,11 @@ def _ends(soup: Soup) -> _Ends:
     lengths[end[~soup.closed]] = 0.0
     directions = np.empty((len(soup), 2, 2))
     for side, rows, sign in ((0, start, 1.0), (1, np.maximum(end - 1, 0), -1.0)):
+        # The tangent of an arc is its chord, rotated by half the angle of the arc.
         half = 2 * np.arctan(soup.bulges[rows])
         cos, sin = np.cos(half), -sign * np.sin(half)
-        c = sign * chord[rows] / np.maximum(size[rows], NONZERO)[:, None]
-        directions[:, side] = np.column_stack(
-            [c[:, 0] * cos - c[:, 1] * sin, c[:, 0] * sin + c[:, 1] * cos]
-        )
+        x, y = (sign * chord[rows] / np.maximum(size[rows], NONZERO)[:, None]).T
+        directions[:, side] = np.column_stack([x * cos - y * sin, x * sin + y * cos])
     return _Ends(
         points=np.stack([soup.points[start], soup.points[end]], axis=1).reshape(-1, 2),
         directions=directions.reshape(-1, 2),
@@ -412,112 +455,130 @@ def _ends(soup: Soup) -> _Ends:
 
 
 def _pair_coincident(
-    partner: IntArray, free: BoolArray, ends: _Ends, layer: IntArray, same: float
+    partner: IntArray, is_free: BoolArray, ends: _Ends, group: IntArray, same: float
 ) -> None:
-    """Pair the free ends that lie in one place on one layer, straightest first."""
-    loose = np.flatnonzero(free & (partner < 0))
+    """Pair free ends in one point and one group, the smallest corner angle first.
+
+    partner: changed in place.
+    """
+    loose = np.flatnonzero(is_free & (partner < 0))
     cells = np.floor(ends.points[loose] / same + OFF_GRID).astype(np.int64)
-    order = np.lexsort([cells[:, 1], cells[:, 0], layer[loose]])
+    order = np.lexsort([cells[:, 1], cells[:, 0], group[loose]])
     loose, cells = loose[order], cells[order]
-    new = starts_run(cells) | starts_run(layer[loose])
-    starts = np.append(np.flatnonzero(new), len(loose))
+    is_first = starts_run(cells) | starts_run(group[loose])
+    starts = np.append(np.flatnonzero(is_first), len(loose))
     counts = np.diff(starts)
-    two = starts[:-1][counts == 2]
-    _marry(partner, loose[two], loose[two + 1])
-    for i in np.flatnonzero(counts > 2):
-        for a, b in _straightest(loose[starts[i] : starts[i + 1]], ends.directions):
+    first = loose[starts[:-1][counts == 2]]
+    second = loose[starts[:-1][counts == 2] + 1]
+    partner[first], partner[second] = second, first
+    for k in np.flatnonzero(counts > 2):
+        for a, b in _pair_straightest(loose[starts[k] : starts[k + 1]], ends.directions):
             partner[a], partner[b] = b, a
 
 
-def _marry(partner: IntArray, a: IntArray, b: IntArray) -> None:
-    partner[a], partner[b] = b, a
-
-
-def _straightest(ends: IntArray, directions: FloatArray) -> list[tuple[int, int]]:
-    """Pairs of the ends in one place, the smallest turn first."""
+def _pair_straightest(ends: IntArray, directions: FloatArray) -> list[tuple[int, int]]:
+    """Pairs of `ends` in one point, the smallest corner angle first."""
     d = directions[ends]
     if len(ends) > _CROWD:
-        around = ends[np.argsort(np.arctan2(d[:, 1], d[:, 0]), kind="stable")]
+        sorted_ends = ends[np.argsort(np.arctan2(d[:, 1], d[:, 0]), kind="stable")].tolist()
         half = len(ends) // 2
-        return list(zip(around[:half].tolist(), around[half : 2 * half].tolist(), strict=True))
+        return list(zip(sorted_ends[:half], sorted_ends[half : 2 * half], strict=True))
     i, j = np.triu_indices(len(ends), 1)
-    # Rounded, so that equal turns tie and do not hang on the last bit.
+    # Rounded, so that equal angles tie and do not depend on the last bit.
     order = np.argsort(np.round(np.einsum("kd,kd->k", d[i], d[j]), 9), kind="stable")
-    return _greedy(ends[i][order].tolist(), ends[j][order].tolist())
+    return _select_disjoint(ends[i][order].tolist(), ends[j][order].tolist())
 
 
-def _greedy(a: list[int], b: list[int]) -> list[tuple[int, int]]:
-    """The pairs in order, leaving out those of which one is taken."""
+def _select_disjoint(first: list[int], second: list[int]) -> list[tuple[int, int]]:
+    """Pairs in order, without those of which an end belongs to an earlier pair."""
     taken: set[int] = set()
     pairs = []
-    for i, j in zip(a, b, strict=True):
-        if i not in taken and j not in taken:
-            taken |= {i, j}
-            pairs.append((i, j))
+    for a, b in zip(first, second, strict=True):
+        if a not in taken and b not in taken:
+            taken |= {a, b}
+            pairs.append((a, b))
     return pairs
 
 
 def _pair_near(
-    partner: IntArray, free: BoolArray, ends: _Ends, layer: IntArray, reach: tuple[float, float]
+    partner: IntArray, is_free: BoolArray, ends: _Ends, group: IntArray, radii: tuple[float, float]
 ) -> None:
-    """Pair free ends on one layer up to the second ``reach`` apart, nearest first.
+    """Pair free ends of one group that are near to each other, nearest first.
 
-    The radius grows step by step. After each step no two free ends are that close, hence the next step
-    meets few pairs however dense the drawing is.
+    The radius grows in steps. After each step no two free ends are that near, so that the next step
+    finds few pairs, even in a dense drawing.
+
+    partner: changed in place.
+    radii: distance below which two points are one, and largest distance of a pair, mm.
     """
-    radius, limit = reach
-    loose = np.flatnonzero(free & (partner < 0))
-    loose = loose[_has_neighbours(ends.points[loose], layer[loose], limit)]
+    radius, limit = radii
+    loose = np.flatnonzero(is_free & (partner < 0))
+    loose = loose[_have_neighbours(ends.points[loose], group[loose], limit)]
     while radius < limit and len(loose):
         radius = min(4 * radius, limit)
-        a, b, gap = close_pairs(ends.points[loose], layer[loose], radius)
+        a, b, gap = find_close_pairs(ends.points[loose], group[loose], radius)
         a, b = loose[a], loose[b]
-        other, length = _chain_ends(partner, ends.length, np.unique(a))
-        fair = (other[a] != b) | (gap <= _OWN_GAP * length[a])
-        a, b, gap = a[fair], b[fair], gap[fair]
+        other, length = _find_chain_ends(partner, ends.length, np.unique(a))
+        is_allowed = (other[a] != b) | (gap <= _OWN_GAP * length[a])
+        a, b, gap = a[is_allowed], b[is_allowed], gap[is_allowed]
         lower = np.minimum(ends.points[a], ends.points[b])
-        order = np.lexsort([lower[:, 1], lower[:, 0], np.round(gap / reach[0])])
-        for i, j in _greedy(a[order].tolist(), b[order].tolist()):
-            partner[i], partner[j] = j, i
+        order = np.lexsort([lower[:, 1], lower[:, 0], np.round(gap / radii[0])])
+        for first, second in _select_disjoint(a[order].tolist(), b[order].tolist()):
+            partner[first], partner[second] = second, first
         loose = loose[partner[loose] < 0]
 
 
-def _has_neighbours(points: FloatArray, group: IntArray, radius: float) -> BoolArray:
-    """Which points (N,) have another in their own or a bordering cell of the grid: a quick way to drop the rest."""
+def _have_neighbours(points: FloatArray, group: IntArray, radius: float) -> BoolArray:
+    """(N,) whether the 3 x 3 cells around each point have another point of its group.
+
+    This quickly removes points without a pair. The cells are `radius` mm wide.
+    """
     cells = np.floor(points / radius).astype(np.int64)
-    ranked = np.sort(_cell_key(cells, group))
-    around = np.zeros(len(points), dtype=np.intp)
-    for step in ((i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)):
-        wanted = _cell_key(cells + np.array(step), group)
-        around += np.searchsorted(ranked, wanted, side="right") - np.searchsorted(ranked, wanted)
-    return np.asarray(around > 1)
+    ranked = np.sort(_compute_cell_keys(cells, group))
+    count = np.zeros(len(points), dtype=np.intp)
+    for step in product((-1, 0, 1), repeat=2):
+        keys = _compute_cell_keys(cells + np.array(step), group)
+        count += np.searchsorted(ranked, keys, side="right") - np.searchsorted(ranked, keys)
+    return np.asarray(count > 1)
 
 
-def close_pairs(
+def find_close_pairs(
     points: FloatArray, group: IntArray, radius: float
 ) -> tuple[IntArray, IntArray, FloatArray]:
-    """Pairs of points of one group at most ``radius`` apart, and their distances: a hash grid, each pair once."""
+    """Pairs of points of one group that are at most `radius` mm apart, and their distances.
+
+    Each pair occurs once. The points are sorted into the cells of a grid.
+
+    points: (N, 2) mm.
+    group: (N,) label of the group of each point.
+
+    Returns (K,) indices of the first and of the second points, and (K,) distances in mm.
+    """
     cells = np.floor(points / radius).astype(np.int64)
-    keys = _cell_key(cells, group)
+    keys = _compute_cell_keys(cells, group)
     order = np.argsort(keys, kind="stable")
     ranked = keys[order]
-    found_a, found_b = [], []
+    firsts, seconds = [], []
     for step in ((0, 0), (1, 0), (-1, 1), (0, 1), (1, 1)):
-        wanted = _cell_key(cells + np.array(step), group)
-        low, high = np.searchsorted(ranked, wanted), np.searchsorted(ranked, wanted, side="right")
+        keys = _compute_cell_keys(cells + np.array(step), group)
+        low, high = np.searchsorted(ranked, keys), np.searchsorted(ranked, keys, side="right")
         a = np.repeat(np.arange(len(points)), high - low)
         b = order[stretches(low, high - low)]
-        once = a < b if step == (0, 0) else np.ones(len(a), dtype=np.bool_)
-        found_a.append(a[once])
-        found_b.append(b[once])
-    a, b = np.concatenate(found_a), np.concatenate(found_b)
+        if step == (0, 0):
+            a, b = a[a < b], b[a < b]
+        firsts.append(a)
+        seconds.append(b)
+    a, b = np.concatenate(firsts), np.concatenate(seconds)
     gap = np.hypot(*(points[a] - points[b]).T)
-    good = (gap <= radius) & (group[a] == group[b]) & (a != b)
-    return a[good], b[good], gap[good]
+    is_pair = (gap <= radius) & (group[a] == group[b]) & (a != b)
+    return a[is_pair], b[is_pair], gap[is_pair]
 
 
-def _cell_key(cells: NDArray[np.int64], group: IntArray) -> NDArray[np.int64]:
-    """A number per cell and group; two cells may share one, which the distance sorts out."""
+def _compute_cell_keys(cells: NDArray[np.int64], group: IntArray) -> NDArray[np.int64]:
+    """A number for the cell and the group of each point.
+
+    Two cells may have the same number. Their points are separated by distance and group later.
+    """
     return np.asarray(
         cells[:, 0] * 0x1F123BB5159A55E5
         ^ cells[:, 1] * 0x5851F42D4C957F2D
@@ -525,23 +586,24 @@ def _cell_key(cells: NDArray[np.int64], group: IntArray) -> NDArray[np.int64]:
     )
 
 
-def _chain_ends(
+def _find_chain_ends(
     partner: IntArray, length: FloatArray, loose: IntArray
 ) -> tuple[IntArray, FloatArray]:
-    """For each loose end the other end of its chain and the length of the chain, in arrays over all ends."""
+    """(2 P,) the other end of the chain of each loose end, and (2 P,) the length of the chain.
+
+    Other ends have -1 and 0.
+    """
     other = np.full(len(partner), -1, dtype=np.intp)
     total = np.zeros(len(partner))
-    links, lengths = partner.tolist(), length.tolist()
-    for end in loose.tolist():
-        if other[end] >= 0:
+    partners, lengths = partner.tolist(), length.tolist()
+    for start in loose.tolist():
+        if other[start] >= 0:
             continue
-        at, run = end, 0.0
-        while True:
-            run += lengths[at >> 1]
-            far = at ^ 1
-            at = links[far]
-            if at < 0:
-                break
-        other[end], other[far] = far, end
-        total[end] = total[far] = run
+        end, chain_length = start, 0.0
+        while end >= 0:
+            chain_length += lengths[end >> 1]
+            last = end ^ 1
+            end = partners[last]
+        other[start], other[last] = last, start
+        total[start] = total[last] = chain_length
     return other, total

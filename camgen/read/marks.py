@@ -15,7 +15,7 @@ from camgen.model.part import Contour, Note
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
 from camgen.read.chosen import is_chosen_color, is_chosen_layer
-from camgen.read.join import close_pairs
+from camgen.read.join import find_close_pairs
 from camgen.read.pieces import BoolArray, describe_elements
 
 #: Distance from the centre of a circle, or from another point, up to which a point is dropped, mm.
@@ -105,7 +105,7 @@ def _list_centres(contours: Sequence[Contour]) -> FloatArray:
 def _are_new(places: FloatArray, known: FloatArray) -> BoolArray:
     """(N,) whether each place is away from all known ones and from the places before it."""
     points = np.concatenate([known, places])
-    first, second, _ = close_pairs(points, np.zeros(len(points), np.intp), _SAME_PLACE_MM)
+    first, second, _ = find_close_pairs(points, np.zeros(len(points), np.intp), _SAME_PLACE_MM)
     are_new = np.ones(len(points), np.bool_)
     are_new[np.maximum(first, second)] = False
     return are_new[len(known) :]

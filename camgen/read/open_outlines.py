@@ -17,7 +17,7 @@ from camgen.geometry.segments import flatten, from_contours
 from camgen.model.job import Job
 from camgen.model.part import Contour, OpenOutline, tabulate_contours
 from camgen.model.pose import FloatArray
-from camgen.read.join import GAP_SHARE, assemble, chain, closing_value, pair_ends
+from camgen.read.join import GAP_SHARE, assemble, chain, compute_join, pair_ends
 from camgen.read.pieces import Soup, compute_same_distance
 
 #: Arcs are flattened to chords within this for the test of inside and outside, mm.
@@ -52,7 +52,7 @@ def find_open_outlines(contours: Sequence[Contour], job: Job) -> tuple[OpenOutli
     candidates = _select_outlines(_close_chains(pieces, lengths, widest), closed)
     if not candidates:
         return ()
-    join = closing_value(max(loop.gap for loop, _ in candidates))
+    join = compute_join(max(loop.gap for loop, _ in candidates))
     outlines = []
     for loop, inside in _select_outlines(_close_chains(pieces, lengths, join), closed):
         ids = [opened[piece].id for piece in loop.pieces]

@@ -169,7 +169,7 @@ def _split_lines(source: Source) -> Iterator[tuple[int, list[str]]]:
     try:
         text = source.data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise InputError(source.name, "is not text", f"byte {error.start}", _REMEDY) from error
+        raise InputError(source.name, "is not a text", f"byte {error.start}", _REMEDY) from error
     is_first = True
     for number, line in enumerate(re.split(r"\r\n|\r|\n", text), 1):
         content = line.partition("#")[0].strip()

@@ -1,14 +1,20 @@
-"""Robots as data: ``robot`` by name, ``robots`` all of them.
+"""The built-in robots, each described by a file: `robot` by name, `robots` for all of them.
 
-A robot is a file in ``data`` that is called like one of its names, in small letters and digits alone. Its keys:
-``name``, and ``also`` for other names; ``maker`` and ``controller``; ``convention``: what the controller's joint values
-are, which are the joint values everywhere in camgen; ``trust``: how well the numbers are known (confirmed: two
-independent sources; derived: one good source or worked out; uncertain); ``notes`` and ``sources``; ``flange``: its
-frame in the last joint's, [x, y, z, rx, ry, rz]; ``home``; ``pad``: how much the boxes should be grown; ``touching``:
-pairs of links that need no test against each other; ``rod``: a parallel rod that holds the joint's link, so that the
-joint turns by its value less another's, within ``limits``; ``joints``: each ``at`` a place in the frame before it,
-about or along ``axis``; ``links``: the base and the link that each joint moves, with ``boxes`` in its frame as [x, y, z
-of the centre, half lengths]. Lengths mm, angles deg, speeds deg/s or mm/s.
+A file in `data` is called like one of the names of its robot, in lower case with letters and digits
+alone. Lengths are in mm, angles in deg, speeds in deg/s or mm/s. Its keys:
+
+- `name`, and `also` for other names; `maker` and `controller`.
+- `convention`: meaning of the joint values of the controller, which camgen uses everywhere.
+- `trust`: certainty of the numbers: confirmed by two independent sources, derived from one good
+  source or by calculation, or uncertain. `notes` and `sources`.
+- `flange`: frame of the flange in that of the last joint, [x, y, z, rx, ry, rz].
+- `home`: joint values. `pad`: distance by which the boxes should be grown.
+- `touching`: pairs of links that need no test against each other.
+- `rod`: a parallel rod that holds the link of a joint, so that the joint turns by its value minus
+  that of another joint, within `limits`.
+- `joints`: each `at` a point in the frame before it, about or along `axis`.
+- `links`: the base and the link that each joint moves, with `boxes` in its frame as [x, y, z of the
+  centre, half lengths].
 """
 
 from __future__ import annotations
@@ -74,18 +80,22 @@ class _File(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def robot(name: str, files: Files | None = None) -> Robot:
-    """The robot ``name``; capitals, spaces and hyphens do not matter. JobError with the nearest name if none has it.
+    """The robot of a name. Capitals, spaces and hyphens do not matter.
 
-    A name that ends in .urdf, or in .urdf#LINK for another tip than the flange, is a file; InputError if it is no arm.
-    files: what has been read already.
+    A name that ends in .urdf, or in .urdf#LINK for another tip than the flange, is a file.
+
+    files: files that have been read already.
+
+    Raises JobError with the most similar name if there is no such robot, and InputError if a file
+    does not describe an arm.
     """
     if described := split_name(name):
-        from camgen.robots.urdf import read_urdf  # noqa: PLC0415 (it makes a Robot, and few jobs name a file)
+        from camgen.robots.urdf import read_urdf  # noqa: PLC0415 (few jobs name a file)
 
         return read_urdf(*described, files or Files())
     file = _read(_key(name)) or _by_key().get(_key(name))
     if file is None:
-        near = suggest(name, [one.name for one in _by_key().values()])
+        near = suggest(name, [known.name for known in _by_key().values()])
         raise JobError(
             f"robot {name}", "there is no such robot", remedy=f"{near}; camgen robots lists them"
         )
@@ -93,40 +103,37 @@ def robot(name: str, files: Files | None = None) -> Robot:
 
 
 def robots() -> tuple[Robot, ...]:
-    """All built-in robots by name."""
+    """All built-in robots, sorted by name."""
     return tuple(_make(file) for file in _files())
 
 
 @cache
 def _read(key: str) -> _File | None:
-    """The robot whose file is called ``key``: to read all for one takes 5 ms of every build."""
+    """The file with this key, None without such a file. To read all files takes 5 ms."""
     file = resources.files("camgen.robots") / "data" / f"{key}.toml"
-    return (
-        msgspec.convert(tomllib.loads(file.read_text()), _File, strict=False)
-        if file.is_file()
-        else None
-    )
+    if not file.is_file():
+        return None
+    return msgspec.convert(tomllib.loads(file.read_text()), _File, strict=False)
 
 
 @cache
 def _files() -> tuple[_File, ...]:
     folder = resources.files("camgen.robots") / "data"
-    keys = [
-        entry.name.removesuffix(".toml")
-        for entry in folder.iterdir()
-        if entry.name.endswith(".toml")
-    ]
-    files = [file for key in keys if (file := _read(key))]
+    names = [entry.name for entry in folder.iterdir() if entry.name.endswith(".toml")]
+    files = filter(None, (_read(name.removesuffix(".toml")) for name in names))
     return tuple(sorted(files, key=lambda file: file.name))
 
 
 @cache
 def _by_key() -> dict[str, _File]:
-    return {_key(name): file for file in _files() for name in (file.name, *file.also)}
+    keys: dict[str, _File] = {}
+    for file in _files():
+        keys |= dict.fromkeys(map(_key, (file.name, *file.also)), file)
+    return keys
 
 
 def _key(name: str) -> str:
-    return "".join(c for c in name.casefold() if c.isalnum())
+    return "".join(filter(str.isalnum, name.casefold()))
 
 
 @cache
@@ -136,10 +143,7 @@ def _make(file: _File) -> Robot:
         Joint(row.name, row.sliding, translation(*row.at), _AXES[row.axis]) for row in file.joints
     )
     flange = pose_from_values(file.flange)
-    coupling, serial_limits = _rod(file.rod, len(joints))
-    boxes = [
-        tuple(Box(translation(*row[:3]), row[3:]) for row in link.boxes) for link in file.links
-    ]
+    coupling, serial_limits = _couple(file.rod, len(joints))
     return Robot(
         name=file.name,
         maker=file.maker,
@@ -151,7 +155,7 @@ def _make(file: _File) -> Robot:
         flange=flange,
         coupling=coupling,
         serial_limits=serial_limits,
-        links=tuple(Link(link.name, own) for link, own in zip(file.links, boxes, strict=True)),
+        links=tuple(map(_make_link, file.links)),
         touching=file.touching,
         pad=file.pad,
         home=frozen(np.array(file.home) * units),
@@ -162,8 +166,12 @@ def _make(file: _File) -> Robot:
     )
 
 
-def _rod(rod: _Rod | None, count: int) -> tuple[FloatArray, FloatArray]:
-    """The coupling (J, J) and the limits (J, 2) of the serial chain, rad."""
+def _make_link(link: _LinkRow) -> Link:
+    return Link(link.name, tuple(Box(translation(*row[:3]), row[3:]) for row in link.boxes))
+
+
+def _couple(rod: _Rod | None, count: int) -> tuple[FloatArray, FloatArray]:
+    """The fields `coupling` and `serial_limits` of `Robot`."""
     coupling = np.eye(count)
     limits = np.tile([-math.inf, math.inf], (count, 1))
     if rod:

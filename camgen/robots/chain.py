@@ -1,4 +1,4 @@
-"""The chain of joints that a robot is."""
+"""The chain of joints of a robot."""
 
 from __future__ import annotations
 
@@ -9,8 +9,11 @@ from camgen.model.pose import FloatArray, Pose, Vec3, frozen
 
 
 class Joint(Struct, frozen=True, eq=False):
-    """One joint. previous_from_joint: its place in the frame before it, at 0. axis: unit vector in its own frame, about
-    which it turns or along which it slides.
+    """One joint.
+
+    sliding: whether it is prismatic, otherwise it is revolute.
+    previous_from_joint: its frame in that of the joint before it, at value 0.
+    axis: unit vector in its own frame, about which it turns or along which it slides.
     """
 
     name: str
@@ -20,8 +23,10 @@ class Joint(Struct, frozen=True, eq=False):
 
 
 class AtZero(Struct, frozen=True, eq=False):
-    """The chain with every joint at 0, in the base frame: a point on each axis (J, 3), mm, the axes' directions (J, 3)
-    and base_from_flange.
+    """The chain with every joint at 0, in the base frame.
+
+    points: (J, 3) a point on each axis, mm.
+    directions: (J, 3) directions of the axes.
     """
 
     points: FloatArray
@@ -29,8 +34,8 @@ class AtZero(Struct, frozen=True, eq=False):
     base_from_flange: Pose
 
 
-def at_zero(joints: tuple[Joint, ...], flange: Pose) -> AtZero:
-    """Where the axes are when every joint stands at 0. flange: last_joint_from_flange."""
+def make_zero_chain(joints: tuple[Joint, ...], flange: Pose) -> AtZero:
+    """The chain with every joint at 0. flange: last_joint_from_flange."""
     base_from_joint = Pose(frozen(np.eye(3)), (0.0, 0.0, 0.0))
     points, directions = [], []
     for joint in joints:

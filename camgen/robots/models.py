@@ -1,20 +1,21 @@
-"""What a robot is: joints, limits, speeds, and the boxes of its links."""
+"""The model of a robot: joints, limits, speeds, and the shapes of its links."""
 
 from __future__ import annotations
 
 import math
 from typing import Literal
 
+import numpy as np
 from msgspec import Struct
 
-from camgen.model.part import IntArray
+from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray, Pose, Vec3
 from camgen.robots.chain import Joint
 from camgen.robots.kinematics.arms import Arm, Gantry, Scara, Spherical
 from camgen.robots.kinematics.three_parallel import ThreeParallel
 
 Kind = Literal["spherical-wrist", "three-parallel", "scara", "cartesian", "serial"]
-Known = Literal["confirmed", "derived", "uncertain"]
+Certainty = Literal["confirmed", "derived", "uncertain"]
 Triple = tuple[float, float, float]
 
 _KINDS: dict[type, Kind] = {
@@ -27,14 +28,22 @@ _KINDS: dict[type, Kind] = {
 
 
 class Box(Struct, frozen=True, eq=False):
-    """A cuboid. link_from_box: its centre and axes. half: half its edge lengths, mm."""
+    """A cuboid in the frame of a link.
+
+    link_from_box: its centre and axes.
+    half: half its edge lengths, mm.
+    """
 
     link_from_box: Pose
     half: Vec3
 
 
 class Surface(Struct, frozen=True, eq=False):
-    """Triangles: vertices (V, 3), mm, in the frame of the link; faces (F, 3)."""
+    """A surface of triangles.
+
+    vertices: (V, 3) in the frame of the link, mm.
+    faces: (F, 3) indices of the corners of each triangle.
+    """
 
     vertices: FloatArray
     faces: IntArray
@@ -55,22 +64,29 @@ class Link(Struct, frozen=True, eq=False):
 
 
 class Trust(Struct, frozen=True, forbid_unknown_fields=True):
-    """How well a robot's numbers are known."""
+    """Certainty of the numbers of a robot."""
 
-    kinematics: Known
-    limits: Known
-    speeds: Known
-    boxes: Known
+    kinematics: Certainty
+    limits: Certainty
+    speeds: Certainty
+    boxes: Certainty
 
 
 class Robot(Struct, frozen=True, eq=False):
-    """A robot. Joint values (J,) are the controller's: rad, mm for slides.
+    """A robot of J joints. Joint values (J,) are those of its controller, rad or mm.
 
-    limits: (J, 2), finite. speeds: (J,), rad/s or mm/s. flange: last_joint_from_flange. coupling: (J, J), takes the
-    controller's values to the turns of the serial chain; serial_limits: (J, 2) of those, infinite where a joint has
-    none. links: base first, then the link that each joint moves. touching: pairs of links not tested against each
-    other. pad: mm to grow boxes by. home: (J,). arm: the closed form of its joints, or None. held: (J,) speeds to which
-    a job holds the joints, None: their own. accelerations: (J,), rad/s2 or mm/s2, None where the job says none.
+    limits: (J, 2) joint limits, finite.
+    speeds: (J,) maximum speeds, rad/s or mm/s.
+    flange: last_joint_from_flange.
+    coupling: (J, J) matrix from the joint values to those of the serial chain.
+    serial_limits: (J, 2) limits of the values of the serial chain, infinite for none.
+    links: the base, then the link that each joint moves.
+    touching: pairs of links, by index, that are not tested against each other.
+    pad: distance by which boxes are to be grown, mm.
+    home: (J,) joint values.
+    arm: closed form of the inverse kinematics, None if it has none.
+    held: (J,) speeds to which a job limits the joints, None for `speeds`.
+    accelerations: (J,) rad/s2 or mm/s2, None if the job states none.
     """
 
     name: str
@@ -96,17 +112,24 @@ class Robot(Struct, frozen=True, eq=False):
 
     @property
     def fastest(self) -> FloatArray:
-        """(J,) what its joints may run at in the job."""
+        """(J,) maximum speeds of the joints in the job."""
         return self.speeds if self.held is None else self.held
 
     @property
+    def revolute(self) -> BoolArray:
+        """(J,) whether each joint is revolute; others slide."""
+        return np.array([not joint.sliding for joint in self.joints])
+
+    @property
     def kind(self) -> Kind:
-        """Which closed form it has; serial: none."""
+        """The kind of its closed form; serial for none."""
         return _KINDS[type(self.arm)]
 
     @property
     def lever(self) -> float:
-        """Millimetres that weigh as much as a radian: half the length of the chain, the mean lever of its joints."""
-        return max(
-            sum(math.hypot(*joint.previous_from_joint.origin) for joint in self.joints) / 2, 1.0
-        )
+        """Length that weighs as much as a radian, mm: half the length of the chain.
+
+        It is the mean lever of its joints.
+        """
+        lengths = (math.hypot(*joint.previous_from_joint.origin) for joint in self.joints)
+        return max(sum(lengths) / 2, 1.0)

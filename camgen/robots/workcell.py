@@ -1,4 +1,4 @@
-"""The cell of a job: that of the post with the frames, home, arm and fixtures that the job names."""
+"""The cell of a job: the cell of the post with frames, home, arm and fixtures of the job."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Meshes = tuple[tuple[str, Solid], ...]
 class Workcell(Cell, frozen=True, eq=False):
     """The cell of a job.
 
-    arm: the robot with which programs are checked, None where none is.
+    arm: the robot with which programs are checked, None for none.
     meshes: fixtures that are meshes.
     machine: the machine of `cell.machine`, None without it.
     fixtures: fixtures of a machine without an arm, None for none. An arm has them in its scene.
@@ -42,17 +42,20 @@ class Workcell(Cell, frozen=True, eq=False):
 
 
 def equip(cell: Cell, job: Job, arm: Robot | None = None, meshes: Meshes = ()) -> Workcell:
-    """``cell`` with the frames and the home position of ``job``. The built-in tool is as long as ``tool.length``.
+    """The cell with the frames and the home position of `job`.
 
-    arm: the robot that is checked; without a home in the job the one that the job names has its own. meshes: of the
-    fixtures.
+    The built-in tool is as long as `tool.length`. A home of joint values is given in deg, or mm for
+    sliding joints. The home of a machine without an arm is x, y and z of the tool in the work
+    frame, mm, tool down. A robot that the job names has its own home if the job states none.
 
-    A home of joint values is given in deg, of sliding joints in mm; that of a machine whose home is a pose is x, y, z
-    in mm, work frame, tool down. Raises JobError for a wrong count or value.
+    arm: the robot with which programs are checked.
+    meshes: fixtures that are meshes.
+
+    Raises JobError for a wrong number of values or a wrong value.
     """
     table = job.cell
     if arm is not None and isinstance(cell.home, Pose) and arm.kind != "cartesian":
-        raise machine_wanted()
+        raise make_machine_error()
     work = cell.base_from_work
     if table.base_from_work is not None:
         work = pose_from_values(_values("base_from_work", table.base_from_work, 6))
@@ -61,7 +64,7 @@ def equip(cell: Cell, job: Job, arm: Robot | None = None, meshes: Meshes = ()) -
         tool = pose_from_values(_values("flange_from_tool", table.flange_from_tool, 6))
     home = cell.home
     if isinstance(home, Joints) and table.robot and arm is not None and table.home is None:
-        home = _own_home(arm, cell, home)
+        home = _choose_home(arm, cell, home)
     fixtures = None
     if isinstance(home, Pose) and arm is None and table.fixtures:
         from camgen.geometry.fixtures import list_fixtures  # noqa: PLC0415 (loads shapely)
@@ -75,33 +78,24 @@ def equip(cell: Cell, job: Job, arm: Robot | None = None, meshes: Meshes = ()) -
         _check_above(home, fixtures)
     elif table.home is not None:
         count = len(table.home) or len(cell.home.values) if isinstance(cell.home, Joints) else 0
-        # Another count is another arm than the built-in one: the six-axis arms that the posts know only turn.
-        sliding = (
-            cell.sliding
-            if isinstance(cell.home, Joints) and count == len(cell.home.values)
-            else frozenset()
-        )
+        # With another number of joints it is another arm than the built-in one. The six-axis arms
+        # that the posts know have no sliding joints.
+        is_built_in = isinstance(cell.home, Joints) and count == len(cell.home.values)
+        sliding = cell.sliding if is_built_in else frozenset()
         values = enumerate(_values("home", table.home, count))
         home = Joints(tuple(v if k in sliding else math.radians(v) for k, v in values))
     if arm is not None and isinstance(home, Pose) and table.base_from_work is None:
         work = _home_work(arm, home, tool)
-    name, robot = _name(table.robot) or cell.name, table.robot or cell.robot
+    # A URDF is named by its file.
+    name = table.robot.replace("\\", "/").rpartition("/")[2] or cell.name
+    robot = table.robot or cell.robot
     return Workcell(
-        name,
-        work,
-        tool,
-        home,
-        cell.sliding,
-        robot,
-        cell.pace,
-        arm,
-        meshes,
-        fixtures=fixtures,
+        name, work, tool, home, cell.sliding, robot, cell.pace, arm, meshes, fixtures=fixtures
     )
 
 
 def _check_above(home: Pose, fixtures: Fixtures | None) -> None:
-    """Raises JobError for a home below a fixture: the tool goes there from anywhere."""
+    """Raise JobError for a home below a fixture, because the tool moves there from anywhere."""
     height = home.origin[2]
     if fixtures is None or height >= fixtures.travel:
         return
@@ -111,8 +105,9 @@ def _check_above(home: Pose, fixtures: Fixtures | None) -> None:
 
 
 def _above_travel(home: Pose, job: Job, fixtures: Fixtures | None) -> Pose:
-    """The built-in home of a machine, no lower than the height of travel of any operation, and with
-    `cell.safety` above all fixtures.
+    """The built-in home of a machine, raised if necessary.
+
+    It is not below the clearance height of any operation, and `cell.safety` above all fixtures.
     """
     heights = [step.process.clearance for step in job.operations]
     if fixtures is not None:
@@ -121,7 +116,7 @@ def _above_travel(home: Pose, job: Job, fixtures: Fixtures | None) -> Pose:
     return replace(home, origin=(x, y, max(z, job.process.clearance, *heights)))
 
 
-def machine_wanted() -> JobError:
+def make_machine_error() -> JobError:
     """The error about an arm in the cell of a machine."""
     return JobError(
         "job", "the post is for a machine, not for an arm", "cell.robot", "leave it out"
@@ -140,18 +135,13 @@ def _home_work(machine: Robot, home: Pose, tool: Pose) -> Pose:
     return translation(*(origins[0] - np.asarray((home @ tool.inverse()).origin)).tolist())
 
 
-def _name(robot: str) -> str:
-    """The name of ``cell.robot`` for messages: of a URDF that of the file."""
-    return robot.replace("\\", "/").rpartition("/")[2]
-
-
-def _own_home(own: Robot, cell: Cell, builtin: Joints) -> Joints:
-    """The home of the robot ``own``; the one of the built-in cell keeps that cell's."""
+def _choose_home(arm: Robot, cell: Cell, builtin: Joints) -> Joints:
+    """The home of a robot; the robot of the built-in cell keeps that of the cell."""
     from camgen.robots.catalogue import robot  # noqa: PLC0415 (only jobs with a robot load it)
 
-    if cell.robot and own.name == robot(cell.robot).name:
+    if cell.robot and arm.name == robot(cell.robot).name:
         return builtin
-    return Joints(tuple(own.home.tolist()))
+    return Joints(tuple(arm.home.tolist()))
 
 
 def _values(key: str, values: Sequence[float], count: int) -> Sequence[float]:
@@ -159,7 +149,7 @@ def _values(key: str, values: Sequence[float], count: int) -> Sequence[float]:
         raise JobError(
             "job", f"has {counted(len(values), 'value')}", f"cell.{key}", f"give {count} values"
         )
-    if not all(math.isfinite(v) for v in values):
+    if not all(map(math.isfinite, values)):
         raise JobError(
             "job", "has a value that is not a finite number", f"cell.{key}", "give numbers"
         )

@@ -16,7 +16,7 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from camgen.model.pose import FloatArray
-from camgen.vision.image import Pixels
+from camgen.vision.image import Pixels, convert_to_grey
 
 ComplexArray = NDArray[np.complex128]
 
@@ -68,8 +68,7 @@ def crosses(mask: Pixels, grey: Pixels) -> tuple[Cross, ...]:
     mask: (H, W), 255 ink.
     grey: (H, W) or (H, W, 3), the picture that the mask was made of.
     """
-    if grey.ndim == 3:
-        grey = np.asarray(cv2.cvtColor(grey, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
+    grey = convert_to_grey(grey)
     marks = [*_find_marks(mask, grey)]
     marks += _find_marks(np.asarray(cv2.bitwise_not(mask), dtype=np.uint8), grey)
     return tuple(sorted(marks, key=lambda mark: (mark.v, mark.u)))

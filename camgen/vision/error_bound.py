@@ -157,8 +157,7 @@ def _by_height(plane: Plane, lens: SheetLens, outline: FloatArray) -> FloatArray
     def shift(matrix: FloatArray) -> FloatArray:
         raised = raise_plane(below, replace(lens.camera, matrix=matrix), plane.height)
         moved = map_points(np.linalg.inv(raised).astype(np.float64, copy=False), px)
-        distance: FloatArray = np.linalg.norm(moved - outline, axis=1)
-        return distance
+        return np.asarray(np.linalg.norm(moved - outline, axis=1))
 
     by_focal = []
     for focal in lens.focal:
@@ -170,16 +169,14 @@ def _by_height(plane: Plane, lens: SheetLens, outline: FloatArray) -> FloatArray
         matrix = lens.camera.matrix.copy()
         matrix[axis, 2] += AGREES * deviation
         squares = squares + shift(matrix) ** 2
-    share: FloatArray = np.sqrt(squares)
-    return share
+    return np.asarray(np.sqrt(squares))
 
 
 def _jacobians(homography: FloatArray, places: FloatArray) -> FloatArray:
     """Derivatives (N, 2, 2) of the pixel of each place by its x and y, px/mm."""
     px = map_points(homography, places)
     top = homography[None, :2, :2] - px[:, :, None] * homography[None, 2:, :2]
-    slopes: FloatArray = top / depth(homography, places)[:, None, None]
-    return slopes
+    return np.asarray(top / depth(homography, places)[:, None, None])
 
 
 def _distortion(px: FloatArray, size: tuple[int, int]) -> FloatArray:
@@ -187,8 +184,7 @@ def _distortion(px: FloatArray, size: tuple[int, int]) -> FloatArray:
     middle = (np.array(size) - 1) / 2
     from_middle = px - middle
     share = np.linalg.norm(from_middle, axis=1) / np.linalg.norm(middle)
-    moved: FloatArray = share[:, None] ** 2 * from_middle
-    return moved
+    return np.asarray(share[:, None] ** 2 * from_middle)
 
 
 def _distance_outside(points: FloatArray, places: FloatArray) -> float:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from camgen.model.errors import InputError
 from camgen.model.part import Note
 from camgen.model.text import counted
-from camgen.vision.image import Pixels
+from camgen.vision.image import Pixels, convert_to_grey
 
 Float32 = NDArray[np.float32]
 
@@ -93,8 +93,9 @@ class Sum:
             sizes = " and ".join(
                 f"{pixels.shape[1]} x {pixels.shape[0]}" for pixels in (self.first, frame)
             )
-            remedy = "set the camera to one size"
-            raise InputError("camera", f"has frames of {sizes} px", remedy=remedy)
+            raise InputError(
+                "camera", f"has frames of {sizes} px", remedy="set the camera to one size"
+            )
         self._total += frame
         self._clipped += (frame == WHITE).any(axis=2)
         self.frames += 1
@@ -154,7 +155,6 @@ def _compute_blur(widths: Float32) -> float:
 
 
 def _find_edges(pixels: Pixels) -> _Edges | None:
-    """The strongest edges of a picture, or None if there are too few."""
     smooth = _smooth(pixels)
     slope = _compute_slope(smooth)
     step = _dilate(smooth, _STEP_PX) + _dilate(-smooth, _STEP_PX)
@@ -171,12 +171,10 @@ def _find_edges(pixels: Pixels) -> _Edges | None:
 
 
 def _smooth(pixels: Pixels) -> Float32:
-    """The grey values (H, W) of a picture, smoothed."""
     import cv2  # noqa: PLC0415 (loaded only by what needs it)
 
-    grey = pixels if pixels.ndim == 2 else cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY)
-    smooth = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), _SMOOTHING_PX)
-    return np.asarray(smooth, dtype=np.float32)
+    grey = convert_to_grey(pixels).astype(np.float32)
+    return np.asarray(cv2.GaussianBlur(grey, (0, 0), _SMOOTHING_PX), dtype=np.float32)
 
 
 def _compute_slope(smooth: Float32) -> Float32:
@@ -193,17 +191,28 @@ def _dilate(values: Float32, reach: int) -> Float32:
     return np.asarray(cv2.dilate(values, square), dtype=np.float32)
 
 
-def judge(shot: Shot) -> tuple[Note, ...]:
+def note_faults(shot: Shot) -> tuple[Note, ...]:
     """Notes on faults of the picture, with what to do about each; empty for a good picture."""
     notes = _note_blur(shot)
     if shot.clipped > _MAX_CLIPPED:
-        what = f"{100 * shot.clipped:.1f} % of the picture is at full white, {WHITE}"
-        why = "edges beside it move: expose shorter, close the aperture, or take light away"
-        notes.append(Note("warning", what, why, strict=True))
+        notes.append(
+            Note(
+                "warning",
+                f"{100 * shot.clipped:.1f} % of the picture is at full white, {WHITE}",
+                "edges beside it move: expose shorter, close the aperture, or take light away",
+                strict=True,
+            )
+        )
     brightness = float(np.quantile(shot.pixels[::2, ::2], 1 - _BRIGHTEST))
     if brightness < _MIN_BRIGHTNESS * WHITE:
-        what = f"the picture is dark: its brightest parts have {brightness:.0f} of {WHITE}"
-        notes.append(Note("warning", what, "expose longer, or give more light", strict=True))
+        notes.append(
+            Note(
+                "warning",
+                f"the picture is dark: its brightest parts have {brightness:.0f} of {WHITE}",
+                "expose longer, or give more light",
+                strict=True,
+            )
+        )
     return tuple(notes)
 
 

@@ -345,19 +345,24 @@ def load(source: Source, *, sensor: bool = False) -> Picture:
         raise InputError(name, "is empty")
     head = header(data)
     if head is None:
-        what = "is not a PNG, JPEG, TIFF, BMP or PGM image, or cut off in its first bytes"
-        raise InputError(name, what, remedy="give a photo or a scan in one of these formats")
+        raise InputError(
+            name,
+            "is not a PNG, JPEG, TIFF, BMP or PGM image, or cut off in its first bytes",
+            remedy="give a photo or a scan in one of these formats",
+        )
     _check_size(name, head, source.limits)
     notes: list[Note] = [*source.notes]
     stored = _decode(data, name, head, notes)
     if head.white < 255:
         scaled = stored.astype(np.float64) * (255 / head.white)
         stored = scaled.clip(0, 255).round().astype(np.uint8)
-        what = f"grey values scaled to 255, white is {head.white} in the file"
-        notes.append(Note("assumed", what))
+        notes.append(
+            Note("assumed", f"grey values scaled to 255, white is {head.white} in the file")
+        )
     if head.pages > 1:
-        why = "camgen reads one picture from a file"
-        notes.append(Note("skipped", "all pages but the first", why))
+        notes.append(
+            Note("skipped", "all pages but the first", "camgen reads one picture from a file")
+        )
     eight_bits = _convert_to_eight_bits(stored, name, notes)
     alpha = _find_transparency(eight_bits)
     pixels = _blend_onto_white(eight_bits, notes)
@@ -374,6 +379,15 @@ def load(source: Source, *, sensor: bool = False) -> Picture:
     return Picture(name, pixels, dpi, turned, tuple(notes), alpha, focal_px=focal or None)
 
 
+def convert_to_grey(pixels: Pixels) -> Pixels:
+    """The grey values (H, W) of a picture, (H, W) or (H, W, 3) blue, green, red."""
+    import cv2  # noqa: PLC0415 (loaded only by what needs it)
+
+    if pixels.ndim == 2:
+        return pixels
+    return cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY).astype(np.uint8, copy=False)
+
+
 def is_of_sensor(camera: CameraTable) -> bool:
     """Whether the pixels are used as the sensor delivered them, as a lens calibration needs them.
 
@@ -384,24 +398,24 @@ def is_of_sensor(camera: CameraTable) -> bool:
 
 
 def _check_size(name: str, head: Header, limits: Limits) -> None:
-    """Raises InputError for more pixels, or more bytes of pixels, than the limits allow."""
     pixels = head.width * head.height
     if pixels > limits.picture_pixels:
-        what = f"has {head.width} x {head.height} pixels, more than {tell(limits.picture_pixels)}"
-        remedy = "crop it, scan with fewer DPI, or raise limits.picture_pixels"
-        raise InputError(name, what, remedy=remedy)
+        raise InputError(
+            name,
+            f"has {head.width} x {head.height} pixels, more than {tell(limits.picture_pixels)}",
+            remedy="crop it, scan with fewer DPI, or raise limits.picture_pixels",
+        )
     size = pixels * head.depth
     if size > limits.picture_bytes:
-        what = f"its pixels take {size:,} bytes, more than {tell(limits.picture_bytes)}"
-        remedy = (
-            "save it with 8 bits a channel and without transparency, crop it, "
-            "or raise limits.picture_bytes"
+        raise InputError(
+            name,
+            f"its pixels take {size:,} bytes, more than {tell(limits.picture_bytes)}",
+            remedy="save it with 8 bits a channel and without transparency, crop it, "
+            "or raise limits.picture_bytes",
         )
-        raise InputError(name, what, remedy=remedy)
 
 
 def _decode(data: bytes, name: str, head: Header, notes: list[Note]) -> NDArray[np.generic]:
-    """The pixels as they are stored. Raises InputError for a damaged file."""
     import cv2  # noqa: PLC0415 (loaded only by what needs it)
 
     remedy = "copy or export it again"
@@ -413,8 +427,9 @@ def _decode(data: bytes, name: str, head: Header, notes: list[Note]) -> NDArray[
         except cv2.error as error:
             raise InputError(name, f"cannot be decoded: {error.err}", remedy=remedy) from error
     if stored is None:
-        what = f"is cut off or damaged: OpenCV cannot decode this {head.kind}"
-        raise InputError(name, what, remedy=remedy)
+        raise InputError(
+            name, f"is cut off or damaged: OpenCV cannot decode this {head.kind}", remedy=remedy
+        )
     # libjpeg fills parts that it cannot decode with grey and continues, so they are lost.
     for message in messages:
         if "orrupt" not in message:
@@ -462,8 +477,11 @@ def _convert_to_eight_bits(stored: NDArray[np.generic], name: str, notes: list[N
     if stored.dtype == np.uint8:
         return stored.astype(np.uint8, copy=False)
     if stored.dtype != np.uint16:
-        what = f"has pixels of type {stored.dtype}"
-        raise InputError(name, what, remedy="save it with 8 or 16 bits per channel")
+        raise InputError(
+            name,
+            f"has pixels of type {stored.dtype}",
+            remedy="save it with 8 or 16 bits per channel",
+        )
     deep = stored.astype(np.uint16, copy=False)
     colours = deep[..., :3] if deep.ndim == 3 else deep
     bits = max(int(colours.max()).bit_length(), 8)
@@ -483,7 +501,6 @@ def _find_transparency(pixels: Pixels) -> Pixels | None:
 
 
 def _blend_onto_white(pixels: Pixels, notes: list[Note]) -> Pixels:
-    """The pixels without transparency, with a note if there was any."""
     if pixels.ndim == 2 or pixels.shape[2] == 3:
         return pixels
     clear = pixels[..., 3] < 255

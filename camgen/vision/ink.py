@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from camgen.model.pose import FloatArray
 from camgen.model.text import short
-from camgen.vision.image import Pixels
+from camgen.vision.image import Pixels, convert_to_grey
 
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
@@ -53,10 +53,7 @@ def ink_of(pixels: Pixels, threshold: float | None, invert: bool) -> Ink | None:
     """
     import cv2  # noqa: PLC0415 (loaded only by what needs it)
 
-    grey = pixels
-    if pixels.ndim == 3:
-        grey = np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
-    split = threshold
+    grey, split = convert_to_grey(pixels), threshold
     if split is None:
         split = cv2.threshold(grey, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)[0]
     light = grey > split
@@ -86,7 +83,6 @@ def ink_of(pixels: Pixels, threshold: float | None, invert: bool) -> Ink | None:
 
 
 def _compute_median(grey: Pixels, selected: BoolArray) -> float:
-    """The median of the `selected` pixels, from their histogram."""
     counts = np.cumsum(np.bincount(grey[selected], minlength=256))
     return float(np.searchsorted(counts, counts[-1] / 2))
 

@@ -378,9 +378,13 @@ def outlines(
     if lacks_edge.any():
         edge = _merge_edges(loops, edge, _fit_mask_edge(mask_pixels, loops, chain), lacks_edge)
         bare_count = int(lacks_edge.sum())
-        what = f"{bare_count} of {counted(len(lacks_edge), 'outline')} taken from the mask alone"
-        why = "the grey picture shows no edge there; their noise is about a tenth of a pixel"
-        notes.append(Note("warning", what, why))
+        notes.append(
+            Note(
+                "warning",
+                f"{bare_count} of {counted(len(lacks_edge), 'outline')} taken from the mask alone",
+                "the grey picture shows no edge there; their noise is about a tenth of a pixel",
+            )
+        )
     results: list[Outline] = []
     small_count = 0
     for loop, rows in enumerate(_select_rows(loops, edge.halfway)):
@@ -394,20 +398,27 @@ def outlines(
         hole, halfway_points = bool(holes[loop]), _convert_points(halfway)
         results.append(Outline(points, halfway_points, hole, sigma, blur, has_edge, is_shadow))
     if small_count:
-        what = f"{counted(small_count, 'border')} of fewer than {_MIN_POINTS} points"
-        notes.append(Note("skipped", what, "smaller than 3 px"))
+        notes.append(
+            Note(
+                "skipped",
+                f"{counted(small_count, 'border')} of fewer than {_MIN_POINTS} points",
+                "smaller than 3 px",
+            )
+        )
     return tuple(results), tuple(notes)
 
 
 def _check_pictures(grey: Pixels | Float32, mask: Pixels) -> None:
-    """Raises InputError if picture or mask have a wrong shape or type."""
     if mask.ndim != 2 or mask.dtype != np.uint8:
-        what = f"has shape {mask.shape} of {mask.dtype}"
-        raise InputError("mask", what, remedy="give (H, W) uint8")
+        raise InputError(
+            "mask", f"has shape {mask.shape} of {mask.dtype}", remedy="give (H, W) uint8"
+        )
     if grey.shape != mask.shape or grey.dtype not in (np.uint8, np.float32):
-        what = f"has shape {grey.shape} of {grey.dtype} beside a mask of {mask.shape}"
-        remedy = "give (H, W) uint8 or float32 of the same size"
-        raise InputError("grey picture", what, remedy=remedy)
+        raise InputError(
+            "grey picture",
+            f"has shape {grey.shape} of {grey.dtype} beside a mask of {mask.shape}",
+            remedy="give (H, W) uint8 or float32 of the same size",
+        )
 
 
 def _find_chains(mask: Pixels) -> tuple[Rings, ComplexArray, NDArray[np.bool_]]:
@@ -465,9 +476,14 @@ def _note_soft(widths: _EdgeWidths) -> tuple[Note, ...]:
     fraction = float(np.mean(widths.soft[measured]))
     if fraction < _MIN_SOFT:
         return ()
-    what = f"{100 * fraction:.0f} % of the outlines are soft, the rest is sharp"
     why = "a shadow is soft on the side of the bench; a camera that moves blurs along its motion"
-    return (Note("warning", what, f"{why}; look at the preview"),)
+    return (
+        Note(
+            "warning",
+            f"{100 * fraction:.0f} % of the outlines are soft, the rest is sharp",
+            f"{why}; look at the preview",
+        ),
+    )
 
 
 def _is_shadow_alone(mask: Pixels, chain: ComplexArray, widths: _EdgeWidths) -> bool:

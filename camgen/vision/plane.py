@@ -47,14 +47,12 @@ class Suspect(Struct, frozen=True):
 def map_points(homography: FloatArray, points: FloatArray) -> FloatArray:
     """Map points (N, 2) by a homography (3, 3) to points (N, 2)."""
     lifted = points @ homography[:, :2].T + homography[:, 2]
-    image: FloatArray = lifted[:, :2] / lifted[:, 2:]
-    return image
+    return np.asarray(lifted[:, :2] / lifted[:, 2:])
 
 
 def depth(homography: FloatArray, points: FloatArray) -> FloatArray:
     """The divisor (N,) of a homography at points (N, 2); its sign changes at the horizon."""
-    divisor: FloatArray = points @ homography[2, :2] + homography[2, 2]
-    return divisor
+    return np.asarray(points @ homography[2, :2] + homography[2, 2])
 
 
 def fit_homography(source: FloatArray, image: FloatArray) -> FloatArray:
@@ -73,8 +71,7 @@ def fit_homography(source: FloatArray, image: FloatArray) -> FloatArray:
     homography = np.linalg.inv(to_image) @ best @ to_source
     homography = homography / np.linalg.norm(homography)
     middle = source.mean(axis=0)[None]
-    result: FloatArray = homography if depth(homography, middle)[0] > 0 else -homography
-    return result
+    return np.asarray(homography if depth(homography, middle)[0] > 0 else -homography)
 
 
 def in_line(points: FloatArray) -> int | None:
@@ -152,8 +149,7 @@ def scales(homography: FloatArray, points: FloatArray) -> FloatArray:
     slopes = homography[None, :2, :2] - image[:, :, None] * homography[None, 2:, :2]
     jacobian = slopes / lifted[:, 2, None, None]
     values = np.linalg.svd(jacobian, compute_uv=False)[:, ::-1]
-    sizes: FloatArray = values.astype(np.float64, copy=False)
-    return sizes
+    return np.asarray(values, dtype=np.float64)
 
 
 def _measure_stretch(homography: FloatArray, source: FloatArray) -> float:
@@ -189,7 +185,6 @@ def _make_normalisation(points: FloatArray) -> FloatArray:
 
 
 def _fit_dlt(source: FloatArray, image: FloatArray) -> FloatArray:
-    """Fit a homography (3, 3) by the direct linear transformation."""
     lifted = np.column_stack([source, np.ones(len(source))])
     zeros = np.zeros_like(lifted)
     first = np.hstack([lifted, zeros, -image[:, :1] * lifted])
@@ -298,13 +293,19 @@ def plane_from_points(
     image, work = _check_pairs(px, mm, source)
     names = names or [f"pair {i + 1}" for i in range(len(image))]
     if height and camera is None:
-        remedy = "give [camera] file, or height 0"
-        raise JobError(source, "points below the top face need a camera", remedy=remedy)
+        raise JobError(
+            source,
+            "points below the top face need a camera",
+            remedy="give [camera] file, or height 0",
+        )
     _check_general_position(image, work, names, source)
     ideal = image if camera is None else undistort(camera, image)
     if not np.isfinite(ideal).all():
-        remedy = "calibrate with the board in the corners of the photo"
-        raise JobError(source, "a point lies where the lens model shows nothing", remedy=remedy)
+        raise JobError(
+            source,
+            "a point lies where the lens model shows nothing",
+            remedy="calibrate with the board in the corners of the photo",
+        )
     homography = fit_homography(work, ideal)
     residuals = np.linalg.norm(map_points(homography, work) - ideal, axis=1)
     labels = [
@@ -314,11 +315,14 @@ def plane_from_points(
     notes = _check_consistency(camera, ideal, work, residuals, labels, source)
     _check_seen_from_above(homography, work, source)
     if camera is not None and skewness(homography, camera.matrix) > _MAX_SKEWNESS:
-        why = (
-            "with this camera they cannot all be right: "
-            "check the pairs, their unit and the camera file"
+        notes.append(
+            Note(
+                "warning",
+                "the points give x and y different scales",
+                "with this camera they cannot all be right: "
+                "check the pairs, their unit and the camera file",
+            )
         )
-        notes.append(Note("warning", "the points give x and y different scales", why))
     work_from_pixel: FloatArray = np.linalg.inv(homography).astype(np.float64, copy=False)
     residuals_mm = np.linalg.norm(map_points(work_from_pixel, ideal) - work, axis=1)
     pairs = {"pairs_px": frozen(image), "pairs_mm": frozen(work)}
@@ -326,8 +330,11 @@ def plane_from_points(
         return replace(_make_plane(homography, residuals_mm, residuals, notes), **pairs)
     raised = raise_plane(homography, camera, height)
     if depth(raised, work).min() <= 0:
-        what = f"a top face {short(height, 3)} mm above the points lies behind the camera"
-        raise JobError("[camera] height", what, remedy="give the height of the part, in mm")
+        raise JobError(
+            "[camera] height",
+            f"a top face {short(height, 3)} mm above the points lies behind the camera",
+            remedy="give the height of the part, in mm",
+        )
     plane = _make_plane(raised, residuals_mm, residuals, notes)
     work_from_pairs = frozen(np.linalg.solve(raised, homography))
     return replace(plane, work_from_pairs=work_from_pairs, height=height, **pairs)
@@ -353,8 +360,9 @@ def plane_from_pose(
     if not origin[2] > 0:
         raise JobError(source, "the work frame is behind the camera", remedy=remedy)
     if not normal @ origin < 0:
-        what = "the camera sees the part from below, its z points away"
-        raise JobError(source, what, remedy=remedy)
+        raise JobError(
+            source, "the camera sees the part from below, its z points away", remedy=remedy
+        )
     axes = np.column_stack([camera_from_work.rotation[:, :2], origin])
     nothing = np.zeros(0)
     return _make_plane(camera.matrix @ axes, nothing, nothing, [])
@@ -364,19 +372,19 @@ def same_pixels(picture: Picture, camera: Camera) -> None:
     """Raises InputError if the photo does not have the pixels of the camera's calibration."""
     height, width = picture.pixels.shape[:2]
     if picture.turned:
-        what = (
+        raise InputError(
+            picture.name,
             "was turned by its Exif orientation, "
-            "a lens calibration belongs to the pixels of the sensor"
+            "a lens calibration belongs to the pixels of the sensor",
+            remedy="take it with the camera upright, or save it without the orientation",
         )
-        remedy = "take it with the camera upright, or save it without the orientation"
-        raise InputError(picture.name, what, remedy=remedy)
     if (width, height) != tuple(camera.size):
-        what = (
+        raise InputError(
+            picture.name,
             f"is {width} x {height} px, camera {camera.name} was calibrated with "
-            f"{camera.size[0]} x {camera.size[1]}"
+            f"{camera.size[0]} x {camera.size[1]}",
+            remedy="take photos and calibration with the same camera settings",
         )
-        remedy = "take photos and calibration with the same camera settings"
-        raise InputError(picture.name, what, remedy=remedy)
 
 
 def pose_of(plane_homography: FloatArray, matrix: FloatArray) -> Pose:
@@ -418,8 +426,7 @@ def raise_plane(homography: FloatArray, camera: Camera, height: float) -> FloatA
     normal = pose_of(homography, camera.matrix).rotation[:, 2]
     lift = np.zeros((3, 3))
     lift[:, 2] = camera.matrix @ normal * height
-    raised: FloatArray = metric + lift
-    return raised
+    return np.asarray(metric + lift)
 
 
 def _check_pairs(px: ArrayLike, mm: ArrayLike, source: str) -> tuple[FloatArray, FloatArray]:
@@ -430,8 +437,9 @@ def _check_pairs(px: ArrayLike, mm: ArrayLike, source: str) -> tuple[FloatArray,
     except (ValueError, TypeError) as error:
         raise JobError(source, what, remedy="give pairs of numbers, [[u, v], ...]") from error
     if image.ndim != 2 or image.shape[1] != 2 or work.ndim != 2 or work.shape[1] not in (2, 3):
-        remedy = "give pairs of numbers, [[u, v], ...] and [[x, y], ...]"
-        raise JobError(source, what, remedy=remedy)
+        raise JobError(
+            source, what, remedy="give pairs of numbers, [[u, v], ...] and [[x, y], ...]"
+        )
     if len(image) != len(work):
         what = f"{counted(len(image), 'point')} in the photo and {len(work)} in mm"
         raise JobError(source, what, remedy="give as many of both, in the same order")
@@ -441,29 +449,37 @@ def _check_pairs(px: ArrayLike, mm: ArrayLike, source: str) -> tuple[FloatArray,
     if not (np.isfinite(image).all() and np.isfinite(work).all()):
         raise JobError(source, "holds a number that is not finite", remedy="correct the number")
     if work.shape[1] == 3 and np.abs(work[:, 2]).max() > 1e-9:
-        remedy = "give x and y, and how far they lie below the top face as height"
-        raise JobError(source, "points with a z other than 0", remedy=remedy)
+        raise JobError(
+            source,
+            "points with a z other than 0",
+            remedy="give x and y, and how far they lie below the top face as height",
+        )
     return image, work[:, :2]
 
 
 def _check_general_position(
     image: FloatArray, work: FloatArray, names: Sequence[str], source: str
 ) -> None:
-    """Raises JobError for equal points, and for points on a line."""
     for points, kind in ((image, "in the photo"), (work, "in mm")):
         _, first, inverse = np.unique(points, axis=0, return_index=True, return_inverse=True)
         repeated = np.flatnonzero(first[inverse] != np.arange(len(points)))
         if len(repeated):
             twin = int(first[inverse][repeated[0]])
-            what = f"{names[twin]} and {names[int(repeated[0])]} are the same point {kind}"
-            remedy = "give four or more different points"
-            raise JobError(source, what, _format_point(points[twin]), remedy)
+            raise JobError(
+                source,
+                f"{names[twin]} and {names[int(repeated[0])]} are the same point {kind}",
+                _format_point(points[twin]),
+                "give four or more different points",
+            )
         odd = in_line(points)
         if odd is not None:
             others = [name for i, name in enumerate(names) if i != odd]
             which = ", ".join(others) if len(others) == 3 else f"all points but {names[odd]}"
-            remedy = "four points are needed of which no three are on a line"
-            raise JobError(source, f"{which} lie on one line {kind}", remedy=remedy)
+            raise JobError(
+                source,
+                f"{which} lie on one line {kind}",
+                remedy="four points are needed of which no three are on a line",
+            )
 
 
 def _check_consistency(
@@ -484,23 +500,32 @@ def _check_consistency(
     """
     count = len(residuals)
     if count == 4:
-        why = "they fit exactly whatever they are; a fifth and a sixth would show an error"
-        return [Note("assumed", "four point pairs are right", why)]
+        return [
+            Note(
+                "assumed",
+                "four point pairs are right",
+                "they fit exactly whatever they are; a fifth and a sixth would show an error",
+            )
+        ]
     odd = suspect(work, ideal, residuals) if count > 5 else None
     remedy = _AGAIN if source == _SOURCE else _LIES_FLAT + _BENDS * (camera is None)
     if odd is not None and odd.error > _WRONG_PX and odd.chance < _WRONG_CHANCE:
-        what = f"{labels[odd.index]} is wrong: the others put it {short(odd.error, 1)} px away"
-        raise JobError(source, what, remedy=remedy)
+        raise JobError(
+            source,
+            f"{labels[odd.index]} is wrong: the others put it {short(odd.error, 1)} px away",
+            remedy=remedy,
+        )
     error = math.sqrt(float(residuals @ residuals) / (2 * count - 8))
     extent = float(np.linalg.norm(np.ptp(ideal, axis=0)))
     if error > max(_CONTRADICT_PX, _CONTRADICT_FRACTION * extent):
         odd = odd or most_distorted(work, ideal, None if camera is None else camera.matrix)
-        what = (
+        raise JobError(
+            source,
             f"the point pairs contradict each other by {short(error, 1)} px; "
             f"most likely wrong is {labels[odd.index]}, "
-            f"which the others put {short(odd.error, 1)} px away"
+            f"which the others put {short(odd.error, 1)} px away",
+            remedy=remedy,
         )
-        raise JobError(source, what, remedy=remedy)
     worst = int(np.argmax(residuals))
     if residuals[worst] <= _NOTE_PX:
         return []
@@ -515,14 +540,18 @@ def _check_seen_from_above(homography: FloatArray, work: FloatArray, source: str
     has a negative determinant.
     """
     if depth(homography, work).min() <= 0:
-        what = "the points do not lie on a plane in front of the camera"
-        raise JobError(source, what, remedy="check that both lists are in the same order")
-    if np.linalg.det(homography) > 0:
-        remedy = (
-            "seen from above, y runs up where v runs down: "
-            "check the sign of y, and the order of the points"
+        raise JobError(
+            source,
+            "the points do not lie on a plane in front of the camera",
+            remedy="check that both lists are in the same order",
         )
-        raise JobError(source, "the points are mirrored", remedy=remedy)
+    if np.linalg.det(homography) > 0:
+        raise JobError(
+            source,
+            "the points are mirrored",
+            remedy="seen from above, y runs up where v runs down: "
+            "check the sign of y, and the order of the points",
+        )
 
 
 def _format_point(values: FloatArray) -> str:

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from camgen.model.pose import FloatArray
 from camgen.vision.boards.lens import lens_of_sheet
 from camgen.vision.camera.camera import Camera
-from camgen.vision.image import Picture, Pixels
+from camgen.vision.image import Picture, Pixels, convert_to_grey
 from camgen.vision.plane import Plane, pose_of
 
 #: About this number of places of the outlines is examined.
@@ -92,8 +92,8 @@ def find_side_wall(
     """
     import cv2  # noqa: PLC0415 (loaded only by what needs it)
 
-    grey = view if view.ndim == 2 else np.asarray(cv2.cvtColor(view, cv2.COLOR_BGR2GRAY))
-    smooth = np.asarray(cv2.GaussianBlur(grey.astype(np.float32), (0, 0), 0.7), dtype=np.float32)
+    grey = convert_to_grey(view).astype(np.float32)
+    smooth = np.asarray(cv2.GaussianBlur(grey, (0, 0), 0.7), dtype=np.float32)
     border = _outward(mask, outlines)
     mm_per_px = float(np.linalg.norm(work_from_view[:, 0]))
     walls = []

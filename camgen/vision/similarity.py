@@ -21,6 +21,9 @@ def scale_of(work_from_view: FloatArray) -> float:
         or scale <= 0
         or np.abs(square / scale**2 - np.eye(2)).max() > 1e-6
     ):
-        what = "the view is not to scale: one pixel is not as long in every direction"
-        raise InputError("view", what, remedy="rectify the photo first")
+        raise InputError(
+            "view",
+            "the view is not to scale: one pixel is not as long in every direction",
+            remedy="rectify the photo first",
+        )
     return scale

@@ -371,7 +371,6 @@ def strokes(net: Graph) -> list[Stroke]:
 
 
 def _count_ends(branches: list[Branch]) -> dict[int, int]:
-    """Number of branches that meet at each node."""
     count: dict[int, int] = defaultdict(int)
     for branch in branches:
         count[branch.start] += 1
@@ -434,7 +433,6 @@ def _merge_junctions(
 
 
 def _join_branches(junctions: _Junctions) -> list[Stroke]:
-    """Join the branches that continue each other at a junction to strokes."""
     count = len(junctions.node)
     # For each end the end of the branch that continues its own one, -1 for none.
     partner = [-1] * count

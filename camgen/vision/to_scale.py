@@ -400,8 +400,9 @@ def already_to_scale(
     scales_by_name = {"mm_per_px": mm_per_px, "width_mm": width_mm, "dpi": dpi}
     given = {name: value for name, value in scales_by_name.items() if value is not None}
     if len(given) > 1:
-        what = f"{' and '.join(given)} are both given"
-        raise JobError("[image]", what, remedy="give one of them")
+        raise JobError(
+            "[image]", f"{' and '.join(given)} are both given", remedy="give one of them"
+        )
     for name, value in given.items():
         if not (math.isfinite(value) and value > 0):
             raise JobError(f"[image] {name}", f"must be more than 0, not {value}")
@@ -415,8 +416,7 @@ def already_to_scale(
             raise _describe_missing_scale(picture)
     notes: tuple[Note, ...] = ()
     if not given:
-        what = f"scale of {short(mm_per_px, 5)} mm/px from the file's DPI"
-        notes = (Note("assumed", what),)
+        notes = (Note("assumed", f"scale of {short(mm_per_px, 5)} mm/px from the file's DPI"),)
     s = mm_per_px
     work_from_view = frozen([[s, 0, s / 2], [0, -s, (height - 0.5) * s]])
     return ScaledView(picture.pixels, work_from_view, s, None, notes)
@@ -438,8 +438,12 @@ def cut_out(view: ScaledView, region: Region | None, coarser: int = 1) -> Scaled
         left, top = max(left, 0), max(top, 0)
         right, bottom = min(right + 1, width), min(bottom + 1, height)
         if left >= right or top >= bottom:
-            remedy = "check its corners, in mm from the lower left corner of the picture"
-            raise InputError("picture", "does not show the region", _format_region(region), remedy)
+            raise InputError(
+                "picture",
+                "does not show the region",
+                _format_region(region),
+                "check its corners, in mm from the lower left corner of the picture",
+            )
         pixels = np.ascontiguousarray(pixels[top:bottom, left:right])
         matrix = np.column_stack([matrix[:, :2], matrix @ (left, top, 1.0)])
     if coarser > 1:
@@ -459,12 +463,13 @@ def _describe_missing_scale(picture: Picture) -> InputError:
         if "not used as a scale" in note.what:
             unused = f" ({note.what}: {note.why})"
             break
-    remedy = (
-        "give [page] size to draw it on paper, [image] mm_per_px or width_mm for a picture that is "
-        "to scale, save it with its DPI, or give [camera] points_px and points_mm, plane_from, or "
-        "markers for a photo"
+    return InputError(
+        picture.name,
+        f"has no scale{unused}",
+        remedy="give [page] size to draw it on paper, [image] mm_per_px or width_mm for a picture "
+        "that is to scale, save it with its DPI, or give [camera] points_px and points_mm, "
+        "plane_from, or markers for a photo",
     )
-    return InputError(picture.name, f"has no scale{unused}", remedy=remedy)
 
 
 def rectify(
@@ -497,12 +502,12 @@ def rectify(
     right, top = (math.ceil(v / scale) for v in region[2:])
     columns, rows = right - left + 1, top - bottom + 1
     if columns * rows > _MAX_ENLARGEMENT * width * height:
-        what = (
+        raise InputError(
+            picture.name,
             f"its view would have {columns} x {rows} pixels, "
-            f"over {_MAX_ENLARGEMENT:.0f} times those of the photo"
+            f"over {_MAX_ENLARGEMENT:.0f} times those of the photo",
+            remedy="give a smaller region around the part, or take it from above",
         )
-        remedy = "give a smaller region around the part, or take it from above"
-        raise InputError(picture.name, what, remedy=remedy)
     work_from_view = frozen([[scale, 0, left * scale], [0, -scale, top * scale]])
     pixels, valid = remap(picture.pixels, shown, work_from_view, (columns, rows))
     for array in (pixels, valid):
@@ -536,18 +541,25 @@ def _find_region(shown: PlaneView, picture: Picture, notes: list[Note]) -> tuple
     places = work_from_photo(shown, sample_photo(shown.size, _PHOTO_SAMPLES))
     front = places[np.isfinite(places).all(axis=1)]
     if not len(front):
-        remedy = "check the points or the pose"
-        raise InputError(picture.name, "does not show the work plane", remedy=remedy)
+        raise InputError(
+            picture.name, "does not show the work plane", remedy="check the points or the pose"
+        )
     finest, coarsest = mm_per_pixel(shown, front)
     kept = front[coarsest <= _MAX_COARSENESS * finest.min()]
     if not len(kept):
-        remedy = "take the photo from above"
-        raise InputError(picture.name, "sees the work plane on edge", remedy=remedy)
+        raise InputError(
+            picture.name, "sees the work plane on edge", remedy="take the photo from above"
+        )
     fraction = 1 - len(kept) / len(places)
     if fraction > 0:
-        what = f"{100 * fraction:.0f} % of the photo left out of the view"
-        why = "there it is too far away, or seen too flatly; a part that reaches there is refused"
-        notes.append(Note("assumed", what, why))
+        notes.append(
+            Note(
+                "assumed",
+                f"{100 * fraction:.0f} % of the photo left out of the view",
+                "there it is too far away, or seen too flatly; "
+                "a part that reaches there is refused",
+            )
+        )
     return (*kept.min(axis=0).tolist(), *kept.max(axis=0).tolist()), float(finest.min())
 
 
@@ -558,15 +570,22 @@ def _find_scale(shown: PlaneView, picture: Picture, region: Region) -> float:
     """
     x0, y0, x1, y1 = region
     if not (all(map(math.isfinite, region)) and x0 < x1 and y0 < y1):
-        remedy = "give [x from, y from, x to, y to] in mm"
-        raise JobError("region", f"{list(region)} is no rectangle", remedy=remedy)
+        raise JobError(
+            "region",
+            f"{list(region)} is no rectangle",
+            remedy="give [x from, y from, x to, y to] in mm",
+        )
     x, y = np.meshgrid(np.linspace(x0, x1, _PHOTO_SAMPLES), np.linspace(y0, y1, _PHOTO_SAMPLES))
     places = np.column_stack([x.ravel(), y.ravel()])
     px = photo_from_work(shown, places)
     inside = places[np.all((px >= 0) & (px <= np.array(shown.size) - 1), axis=1)]
     if not len(inside):
-        remedy = "check its corners, in mm of the work frame"
-        raise InputError(picture.name, "does not show the region", _format_region(region), remedy)
+        raise InputError(
+            picture.name,
+            "does not show the region",
+            _format_region(region),
+            "check its corners, in mm of the work frame",
+        )
     return float(mm_per_pixel(shown, inside)[0].min())
 
 

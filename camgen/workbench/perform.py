@@ -25,9 +25,9 @@ from camgen.plan.propose import propose
 from camgen.preview.page import Edits, page
 from camgen.preview.view import view
 from camgen.read import find_reader, read
-from camgen.read.dxf.layers import Layers
 from camgen.read.files import Files
-from camgen.read.job_file import load
+from camgen.read.job_file import load_job
+from camgen.read.layers import Layers
 from camgen.workbench.form import find_place
 from camgen.workbench.session import rows_of, tables_of
 from camgen.workbench.usual import Usual, usual_in
@@ -155,7 +155,7 @@ def perform(ask: Ask, watch: Watch, tell: Tell) -> Outcome:
 
 
 def _build(ask: Ask, files: Files, watch: Watch, tell: Tell, begun: float) -> Built:
-    job = load(ask.job_file, (), files)
+    job = load_job(ask.job_file, (), files)
     result = build(ask.inputs, post=ask.post, job=job, watch=watch, files=files)
     programs = program_files(result, ask.output, None)
     watch("drawing")
@@ -304,7 +304,7 @@ def _far(ask: Ask, files: Files) -> str:
     except CamgenError:
         return ""
     try:
-        part = read(ask.inputs[0], load(ask.job_file, (), files), files)
+        part = read(ask.inputs[0], load_job(ask.job_file, (), files), files)
         return _mask(part, part.raster) if part.raster is not None else ""
     except CamgenError:
         return _photo(source)
@@ -339,7 +339,7 @@ def _photo(source: Source) -> str:
 
 
 def _propose(ask: Ask, files: Files) -> Proposed:
-    job = load(ask.job_file, (), files)
+    job = load_job(ask.job_file, (), files)
     part = read(ask.inputs[0], job, files)
     if kind_of(part) != "drawing" or len(ask.inputs) > 1:
         raise InputError(part.source, "operations are proposed for one flat drawing")

@@ -15,7 +15,7 @@ from msgspec.structs import replace
 from camgen.model.errors import JobError
 from camgen.model.job_tables import BESIDE, FILES, ROWS, settings, split_name
 from camgen.read.files import Files, identity
-from camgen.read.job_file import assignment, beside, load, value_of
+from camgen.read.job_file import find_job_file, load_job, parse_assignment, parse_value
 from camgen.workbench.job_text import write_job
 
 #: The job as TOML has it: tables of keys, and lists of such tables. Keys that hold their default are left out.
@@ -89,11 +89,11 @@ def open_session(
     posts: Sequence[str],
 ) -> Session:
     """The session of a command. JobError for a job file that is no TOML, and for a ``--set`` that makes no sense."""
-    found = beside(job, inputs[0])
+    found = find_job_file(job, inputs[0])
     file = found or inputs[0].with_suffix(".toml")
     base = read_base(file, Files()) if found else ""
     # What the file says is looked at by the build, whose error stands in the page; a slip in --set is told at once.
-    load(None, [text for text in sets if text.split(".")[0].strip() not in ROWS], Files())
+    load_job(None, [text for text in sets if text.split(".")[0].strip() not in ROWS], Files())
     tables = tables_of(base)
     for text in sets:
         tables = _set(tables, text, file.parent)
@@ -118,7 +118,7 @@ def tables_of(base: str) -> Tables:
 
 def _set(tables: Tables, text: str, folder: Path) -> Tables:
     """``tables`` with one ``--set``; a file in it lies where the user stands, in the job file beside that."""
-    table, key, value = assignment(text)
+    table, key, value = parse_assignment(text)
     if isinstance(value, str) and value and _names_file(table, key, value):
         value = os.path.relpath(value, folder)
     name, _, row = table.partition(".")
@@ -185,7 +185,7 @@ def change(session: Session, changes: Sequence[Change]) -> Session:
         check_place(entry)
         value = entry.value
         if entry.raw is not None:
-            value = value_of(entry.raw) if entry.raw.strip() else None
+            value = parse_value(entry.raw) if entry.raw.strip() else None
         if isinstance(value, (date, time)):
             value = entry.raw  # no setting is a date: the error shows the text as it was typed
         tables = put(tables, entry.path, value)

@@ -13,7 +13,7 @@ from camgen.model.errors import CamgenError
 from camgen.model.job import Job
 from camgen.model.job_tables import defaults_beside
 from camgen.model.pose import Pose, fixed_xyz
-from camgen.motion.corners import corner_tolerance
+from camgen.motion.corners import compute_corner_tolerance
 from camgen.order.tours import ArmTour, EdgeTour
 from camgen.pipeline import Result
 from camgen.plan import find_operation
@@ -39,7 +39,7 @@ def usual_in(result: Result) -> Usual:
     if kind:
         found["operation"] = {"kind": kind}
         silent = replace(job, tolerance=replace(job.tolerance, corner=None))
-        found["tolerance"] = {"corner": round(corner_tolerance(silent, kind), 6)}
+        found["tolerance"] = {"corner": round(compute_corner_tolerance(silent, kind), 6)}
     return found
 
 

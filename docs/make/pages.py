@@ -17,6 +17,7 @@ from subprocess import PIPE, STDOUT, run
 
 from camgen.model.limits import table
 from docs.make.api import api
+from docs.make.messages import messages_page
 from docs.make.papers import papers_page
 from docs.make.posts import with_options
 from docs.make.robots import robots_page
@@ -76,6 +77,7 @@ def _post_page(name: str) -> Callable[[str], str]:
 PAGES: dict[str, Callable[[str], str]] = {
     "robots.md": lambda _: robots_page(),
     "api.md": lambda _: api(),
+    "messages.md": lambda _: messages_page(),
     **{f"posts/{name}.md": _post_page(name) for name in POSTS},
     "reliability.md": with_limits,
     "papers.md": lambda _: papers_page(),

@@ -12,7 +12,7 @@ from camgen.model.text import short
 from camgen.post.plugins import find_post, list_installed, make_post
 from camgen.robots.catalogue import robots
 from camgen.robots.kinematics.forward import flange
-from camgen.robots.kinematics.joint_limits import within
+from camgen.robots.kinematics.joint_limits import are_within_limits
 from camgen.robots.models import Robot
 
 _KINDS = {
@@ -159,4 +159,4 @@ def reach(r: Robot) -> float:
 def _far(r: Robot, joints: np.ndarray) -> np.ndarray:
     """The distance of the flange from axis 1; -1 where the posture is not within the limits."""
     origins = flange(r, joints)[1]
-    return np.where(within(r, joints), np.hypot(origins[:, 0], origins[:, 1]), -1.0)
+    return np.where(are_within_limits(r, joints), np.hypot(origins[:, 0], origins[:, 1]), -1.0)

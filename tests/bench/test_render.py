@@ -27,7 +27,7 @@ from bench.render.scene import Layer, Scene, render, written
 from bench.render.shapes import Loop, area, box, circle, hole, pieces, rounded, slot
 from bench.render.truth import offset_truth, path_error
 from camgen.model.pose import pose_from_values
-from camgen.read.job_file import load
+from camgen.read.job_file import load_job
 from camgen.vision.boards.sheet import sheet
 from camgen.vision.camera.camera import distort, read_camera
 from camgen.vision.plane import map_points, plane_from_points, plane_from_pose
@@ -398,7 +398,7 @@ def test_plans_are_read_with_their_arcs(tmp_path: Path) -> None:
 def test_job_and_camera_say_what_was_rendered(photo, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     write(tmp_path, photo)
     job, camera = (
-        load(tmp_path / f"{photo.name}.toml"),
+        load_job(tmp_path / f"{photo.name}.toml"),
         read_camera(source(tmp_path / f"{photo.name}.yaml")),
     )
     assert np.array_equal(camera.matrix, photo.shot.lens.matrix)
@@ -429,7 +429,9 @@ def test_the_empty_bench_is_the_same_without_the_part(tmp_path: Path) -> None:
         cv2.imread(str(tmp_path / f"{one.name}{what}.png"), cv2.IMREAD_GRAYSCALE)
         for what in ("", "-empty")
     )
-    assert load(tmp_path / f"{one.name}.toml").image.background.endswith(f"{one.name}-empty.png")
+    assert load_job(tmp_path / f"{one.name}.toml").image.background.endswith(
+        f"{one.name}-empty.png"
+    )
     covered = whole(one.loops, one.shot)
     change = full.astype(float) / bench
     assert change[covered < 1e-6].mean() == pytest.approx(1 / 0.95, abs=0.002)

@@ -14,19 +14,19 @@ import camgen
 from bench.robots.parts import joints_on, touches, turned, unfounded
 from bench.support.motions import place_motion
 from camgen.check import Checks
-from camgen.collision.motion import measure_apart, motion
-from camgen.collision.scene import Allowed, Scene, scene
-from camgen.model.errors import Blocked, Loss, NoSafeProgram
+from camgen.collision.motion import check_motion, measure_apart
+from camgen.collision.scene import Allowed, Scene, make_scene
+from camgen.model.errors import Blocked, BlockedPath, NoSafeProgram
 from camgen.model.pose import IDENTITY, FloatArray, Pose, frozen, rotation_about, translation
 from camgen.motion.joint_paths import APART, follow_all, follow_closely
 from camgen.motion.pose_paths import PosePath
-from camgen.motion.setup import SampledMotion, Setup, flange_poses
+from camgen.motion.setup import SampledMotion, Setup, compute_flange_poses
 from camgen.pipeline import programs
 from camgen.plan.edges import LineTask
 from camgen.plan.edges.contact import find_contacts
 from camgen.robots.catalogue import robot
 from camgen.robots.kinematics.forward import flange
-from camgen.robots.kinematics.inverse import nearest
+from camgen.robots.kinematics.inverse import find_nearest
 from camgen.robots.models import Box, Link
 from tests.support.arm_models import by_hand
 
@@ -43,7 +43,7 @@ SHORT = PosePath(
 
 def tool_scene(obstacles: tuple[Link, ...] = ()) -> Scene:
     rod = Link("tool", (Box(translation(0.0, 0.0, 50.0), (3.0, 3.0, 50.0)),))
-    return scene(ARM, (rod,), obstacles)
+    return make_scene(ARM, (rod,), obstacles)
 
 
 def setup() -> Setup:
@@ -52,9 +52,9 @@ def setup() -> Setup:
 
 def ends() -> FloatArray:
     start = np.array([[0.0, 0.4, 0.2, 0.1, 0.8, 0.0]])
-    rotations, origins = flange_poses(setup(), SHORT.position, SHORT.rotation)
-    first = nearest(ARM, rotations[:1], origins[:1], start)
-    return np.concatenate([first, nearest(ARM, rotations[1:], origins[1:], first)])
+    rotations, origins = compute_flange_poses(setup(), SHORT.position, SHORT.rotation)
+    first = find_nearest(ARM, rotations[:1], origins[:1], start)
+    return np.concatenate([first, find_nearest(ARM, rotations[1:], origins[1:], first)])
 
 
 def tips(joints: FloatArray) -> FloatArray:
@@ -123,9 +123,9 @@ def test_what_stands_on_the_line_is_met_though_evenly_run_joints_pass_it() -> No
     place = tips(half)[0] + np.array(BASE.origin) - away / np.linalg.norm(away) * 0.02
     pin = (Link("pin", (Box(Pose(IDENTITY, tuple(place.tolist())), (0.01, 0.01, 0.01)),)),)
     thin = Link("tool", (Box(translation(0.0, 0.0, 99.95), (0.01, 0.01, 0.05)),))
-    tested = scene(ARM, (thin,), pin)
-    assert motion(tested, middle.joints, 0.02).pair >= 0
-    assert motion(tested, ends(), 0.02).pair < 0
+    tested = make_scene(ARM, (thin,), pin)
+    assert check_motion(tested, middle.joints, 0.02).pair >= 0
+    assert check_motion(tested, ends(), 0.02).pair < 0
 
 
 # -- whole builds ------------------------------------------------------------------------------------------------------
@@ -166,7 +166,7 @@ def test_a_box_with_rounded_corners_comes_to_a_program_that_touches_nothing(
 
 
 def stop(
-    monkeypatch: pytest.MonkeyPatch, rounds: int, lost: Callable[[Any], tuple[Loss, ...]]
+    monkeypatch: pytest.MonkeyPatch, rounds: int, lost: Callable[[Any], tuple[BlockedPath, ...]]
 ) -> list[Any]:
     """The check finds collisions in the first rounds."""
     asked: list[Any] = []
@@ -189,14 +189,15 @@ def find_whole(program: Any) -> int:
     return next(k for k, path in enumerate(program.paths) if k and path.id in path.contours)
 
 
-def second(program: Any) -> tuple[Loss, ...]:
+def second(program: Any) -> tuple[BlockedPath, ...]:
     why = "collision, link 5 against part, at 1 2 3 mm"
-    return (Loss(find_whole(program), "collision", why),)
+    return (BlockedPath(find_whole(program), "collision", why),)
 
 
-def every(program: Any) -> tuple[Loss, ...]:
+def every(program: Any) -> tuple[BlockedPath, ...]:
     return tuple(
-        Loss(k, "collision", "collision, link 5 against part") for k in range(len(program.paths))
+        BlockedPath(k, "collision", "collision, link 5 against part")
+        for k in range(len(program.paths))
     )
 
 
@@ -233,8 +234,8 @@ def test_a_link_that_is_blocked_for_once_costs_no_edge(
 ) -> None:
     """The tool leaves the part on it then."""
 
-    def blocked(program: Any) -> tuple[Loss, ...]:
-        return (Loss(find_whole(program), "collision", "tool against part", **ends),)
+    def blocked(program: Any) -> tuple[BlockedPath, ...]:
+        return (BlockedPath(find_whole(program), "collision", "tool against part", **ends),)
 
     programs_checked = stop(monkeypatch, 1, blocked)
     result = camgen.build(box, post="rapid")
@@ -385,8 +386,8 @@ def test_only_the_tip_may_enter_the_part_deeper(at: float, met: bool) -> None:
         Pose(turn, tuple((origin + turn @ [7.7, 0.0, at + 20.0]).tolist())), (5.0, 5.0, 20.0)
     )
     for tip, verdict in ((0.0, at < 99.9), (0.4, met)):
-        tested = scene(ARM, (rod,), (), (wall,), allowed=Allowed(0.1, tip))
-        found = motion(tested, joints, 1.0)
+        tested = make_scene(ARM, (rod,), (), (wall,), allowed=Allowed(0.1, tip))
+        found = check_motion(tested, joints, 1.0)
         assert (found.pair >= 0 and tested.pairs[found.pair] == ("tool", "part")) is verdict
 
 

@@ -12,7 +12,7 @@ from camgen.check.flow import let_flow
 from camgen.check.passing import legs_of
 from camgen.check.reach import check_reach
 from camgen.check.time import from_rest, time_motions
-from camgen.collision.hits import hits
+from camgen.collision.hits import find_collisions
 from camgen.collision.motion import measure_apart
 from camgen.collision.triangle import are_free
 from camgen.model.cell import Dynamics
@@ -143,7 +143,7 @@ def test_triangles_that_are_called_free_hold_nothing_that_collides() -> None:
     shares = rng.dirichlet(np.ones(3), (150, 60))
     inside = np.einsum("kns,ksj->knj", shares, corners)
     struck = (
-        (hits(scene, inside.reshape(-1, inside.shape[-1]), near=1.0) >= 0)
+        (find_collisions(scene, inside.reshape(-1, inside.shape[-1]), near=1.0) >= 0)
         .reshape(150, 60)
         .any(axis=1)
     )

@@ -11,7 +11,7 @@ import pytest
 import camgen
 from camgen.cli import main
 from camgen.cli.stock import rows_of_build
-from camgen.model.errors import Blocked, Loss, NoSafeProgram
+from camgen.model.errors import Blocked, BlockedPath, NoSafeProgram
 from camgen.model.program import Program, ToolChange
 from camgen.order import ArmTour, JobTour
 from camgen.pipeline import Result, programs
@@ -302,7 +302,9 @@ def test_rounds_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
     def check(program: Program, *_: object) -> None:
         asked.append(program.paths[0].id)
-        raise Blocked("holes.dxf", "it collides", "", "", (Loss(0, "collision", "a collision"),))
+        raise Blocked(
+            "holes.dxf", "it collides", "", "", (BlockedPath(0, "collision", "a collision"),)
+        )
 
     monkeypatch.setattr(programs, "check", check)
     with pytest.raises(Blocked):

@@ -14,7 +14,7 @@ from camgen.model.errors import Blocked, JobError, NoSafeProgram
 from camgen.model.pose import TOOL_DOWN, Pose, pose_from_values, translation
 from camgen.model.program import Comment, MoveC, MoveJ, MoveL, Origin, Program, ToolChange
 from camgen.post.plugins import cell_of, find_post, make_post
-from camgen.read.job_file import from_mapping, load
+from camgen.read.job_file import from_mapping, load_job
 from camgen.robots.catalogue import robot
 from camgen.robots.workcell import Workcell, equip
 
@@ -172,7 +172,7 @@ def test_without_a_work_offset_home_is_the_machines_own_and_a_note_says_where_ze
 def test_operations_with_several_tools_are_checked() -> None:
     """Zero is at -250 mm; tools of 80 mm go 11 mm deep and to a home 50 mm above zero."""
     job = PARTS.parent / "cases" / "motor-plate" / "job.toml"
-    settings = load(job, ["cell.robot=3-axis mill"])
+    settings = load_job(job, ["cell.robot=3-axis mill"])
     result = camgen.build(PARTS / "motor.dxf", post="gcode", job=settings)
     assert result.reach is not None
     heights = result.reach.joints[:, 2]

@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from bench.robots.rfa import FREE, PARTS, cell, loop
 from camgen.model.job import CellTable
-from camgen.motion.cell import room_of, setup_of
+from camgen.motion.cell import make_free_space, make_setup
 from camgen.motion.limits import LinkSpeeds
 from camgen.motion.pose_paths import PosePath
 from camgen.motion.setup import Blockage, EdgeMotion, SampledMotion
@@ -178,12 +178,12 @@ def _planned(result: Result):  # type: ignore[no-untyped-def]
     """Setup, room and motions of a build."""
     assert result.where is not None
     assert result.cell.arm is not None
-    setup = setup_of(result.cell.arm, result.cell, result.where)
+    setup = make_setup(result.cell.arm, result.cell, result.where)
     edges = [
         edge for edge in SOLID.edges if edge.id in {path.contours[0] for path in result.planned}
     ]
     motions = tuple(one for one in reach(edges, setup, 2.0) if isinstance(one, EdgeMotion))
-    return setup, room_of(result.where, setup), motions
+    return setup, make_free_space(result.where, setup), motions
 
 
 def test_bodies_that_are_near_at_home_keep_no_margin_and_are_named() -> None:

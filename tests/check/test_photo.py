@@ -33,7 +33,7 @@ from camgen.model.pose import Pose
 from camgen.model.program import MoveJ, MoveL
 from camgen.read.files import Files
 from camgen.read.image import read_outlines
-from camgen.read.job_file import from_mapping, load
+from camgen.read.job_file import from_mapping, load_job
 from tests.support.part_photos import MIDDLE, PIXEL, PLATE, bumped, drawing, photo, write_dxf
 
 #: What the job of such a picture says.
@@ -414,7 +414,7 @@ def test_the_job_of_a_rework_holds_all_it_needs(
     (desk / "out").mkdir()
     assert main([*words, "--rework", "out/again.toml"]) == 0
     capsys.readouterr()
-    job = load(desk / "out" / "again.toml")
+    job = load_job(desk / "out" / "again.toml")
     assert (job.tool.number, job.tool.diameter) == (7, 4.0)
     assert (job.process.force, job.process.spindle, job.process.stay_down) == (2.0, 9000.0, False)
     assert [step.operation.depth for step in job.operations] == [1.5, 1.5]
@@ -445,7 +445,7 @@ def test_the_passes_over_a_burr_without_force_have_one_way_down(
     words = ["inspect", "photo.png", "--against", "plate.dxf", "--removal", "0.2"]
     assert main([*words, "--rework", "again.toml"]) == 0
     capsys.readouterr()
-    job = load(desk / "again.toml")
+    job = load_job(desk / "again.toml")
     passes = len(job.operations)
     assert passes > 2
     assert [step.process.stay_down for step in job.operations] == [False] + [True] * (passes - 1)

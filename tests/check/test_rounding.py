@@ -16,7 +16,7 @@ from camgen.check.time import cycle
 from camgen.model.cell import Dynamics
 from camgen.model.pose import FloatArray, rotation_between
 from camgen.model.program import Comment, Force, MoveC, MoveJ, MoveL, Output
-from camgen.motion.corners import hold_orientation
+from camgen.motion.corners import limit_blends
 from camgen.pipeline import Result
 from camgen.read.solid import mesh
 from tests.support.files import source
@@ -262,10 +262,10 @@ def test_a_tool_that_turns_otherwise_all_at_once_stops() -> None:
     bend = np.array(
         [0.0, 4 * half / 8.01, 4 * half / 7.99, 4 * half / 0.99, 4 * half / 0.31, 4 * half / 0.29]
     )
-    zones = hold_orientation(np.full(6, 5.0), bend[::-1], Dynamics())
+    zones = limit_blends(np.full(6, 5.0), bend[::-1], Dynamics())
     assert zones.tolist() == [0.0, 0.3, 0.3, 1.0, 5.0, 5.0]
     # Where motions overlap there is one rounding, as long as they are fast.
-    lapped = hold_orientation(np.full(6, 0.3), bend, Dynamics(corner="overlap"))
+    lapped = limit_blends(np.full(6, 0.3), bend, Dynamics(corner="overlap"))
     assert lapped.tolist() == [0.3, 0.3, 0.3, 0.3, 0.3, 0.0]
 
 

@@ -17,9 +17,9 @@ from bench.render.optics import Lens, Shot, looking
 from bench.render.scene import Scene, render
 from camgen.cli import main
 from camgen.model.job import CameraTable, Job
-from camgen.read.capture import capture, judge_marks, name_picture
+from camgen.read.capture import capture, name_picture, note_marks
 from camgen.vision.boards.sheet import DICTIONARY, sheet
-from camgen.vision.frames import edge_blur, judge
+from camgen.vision.frames import edge_blur, note_faults
 
 SIZE = (320, 240)
 
@@ -112,7 +112,9 @@ def test_frames_are_left_out_and_those_there_are_counted(
 
 
 def told(tmp_path: Path, frames: Sequence[np.ndarray]) -> list[str]:
-    return [note.what for note in judge(capture(str(film(tmp_path / "clip.avi", frames, "FFV1"))))]
+    return [
+        note.what for note in note_faults(capture(str(film(tmp_path / "clip.avi", frames, "FFV1"))))
+    ]
 
 
 @pytest.mark.parametrize("blur", [0.8, 1.5, 2.6, 4.0])
@@ -158,9 +160,9 @@ def test_missing_markers_are_told_by_their_numbers(
     whole, torn = sheet_frame(), sheet_frame(-2)
     ids = sheet("A4").ids
     job = Job(camera=CameraTable(markers="A4"))
-    assert judge_marks(capture(str(film(tmp_path / "a.avi", [whole] * 3))), job)[1] == ()
+    assert note_marks(capture(str(film(tmp_path / "a.avi", [whole] * 3))), job)[1] == ()
     clip = film(tmp_path / "b.avi", [torn] * 3)
-    (note,) = judge_marks(capture(str(clip)), job)[1]
+    (note,) = note_marks(capture(str(clip)), job)[1]
     assert note.what == f"2 markers missing of the {sheet('A4').label}: {ids[-2]}, {ids[-1]}"
     command = ["capture", str(clip), "-o", str(tmp_path / "b.png"), "--set", "camera.markers=A4"]
     assert main(command) == 0

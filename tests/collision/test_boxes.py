@@ -6,9 +6,17 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from camgen.collision.boxes import Boxes, least_apart, meet
-from camgen.collision.mesh import Mesh, _through, body, distance, find_struck, inside, make_mesh
-from camgen.collision.tree import ask, grow
+from camgen.collision.boxes import Boxes, bound_distances, meet
+from camgen.collision.mesh import (
+    Mesh,
+    _count_crossings,
+    are_inside,
+    find_struck,
+    make_box_object,
+    make_mesh,
+    measure_distance,
+)
+from camgen.collision.tree import make_tree, search_tree
 from camgen.model.part import Solid
 from camgen.model.pose import frozen, rotation_about, rotation_about_axis
 
@@ -166,7 +174,7 @@ def test_a_point_is_inside_where_the_whole_sphere_is_seen() -> None:
     points = np.random.default_rng(4).uniform(-11, 11, (1500, 3))
     expected = [solid_angle(RING.triangles, point) > 0.5 for point in points]
     assert 50 < sum(expected) < 800
-    assert inside(ring, points).tolist() == expected
+    assert are_inside(ring, points).tolist() == expected
 
 
 def test_rays_through_corners_and_edges_count_once() -> None:
@@ -176,9 +184,11 @@ def test_rays_through_corners_and_edges_count_once() -> None:
     points = np.stack(np.meshgrid(grid, grid, grid), axis=-1).reshape(-1, 3)
     points = points[(np.abs(points) != 2).all(axis=1)]
     expected = (np.abs(points) < 2).all(axis=1)
-    assert inside(mesh(block), points).tolist() == expected.tolist()
+    assert are_inside(mesh(block), points).tolist() == expected.tolist()
     for axis in range(3):
-        assert _through(mesh(block).tree, points, axis).tolist() == (2.0 * expected).tolist()
+        assert (
+            _count_crossings(mesh(block).tree, points, axis).tolist() == (2.0 * expected).tolist()
+        )
 
 
 def test_a_box_within_a_block_strikes_it_and_one_in_a_hollow_does_not() -> None:
@@ -215,17 +225,19 @@ def test_the_distance_from_a_mesh_is_that_of_the_corner_above_it(gap: float) -> 
     above = boxes(corner_up(gap))
     assert not find_struck(block, above).any()
     assert find_struck(block, above.grown(gap)).all()
-    assert distance(block.surface, body(above, 0)) == pytest.approx(gap, abs=1e-9)
+    assert measure_distance(block.surface, make_box_object(above, 0)) == pytest.approx(
+        gap, abs=1e-9
+    )
 
 
 @pytest.mark.parametrize("count", [1, 7, 8, 9, 64, 65, 700])
 def test_the_tree_finds_every_triangle_once(count: int) -> None:
     rng = np.random.default_rng(count)
     corners = rng.uniform(0, 10, (count, 1, 3)) + rng.uniform(0, 1, (count, 3, 3))
-    tree = grow(corners)
+    tree = make_tree(corners)
     low, high = np.array([2.0, 3, 1]), np.array([6.0, 7, 9])
     wide = low[:, None, None], high[:, None, None]
-    _, found, _ = ask(
+    _, found, _ = search_tree(
         tree, 1, lambda _, lo, hi: np.flatnonzero(((lo <= wide[1]) & (hi >= wide[0])).all(axis=0))
     )
     expected = ((corners.min(axis=1) <= high) & (corners.max(axis=1) >= low)).all(axis=1)
@@ -237,10 +249,12 @@ def test_boxes_are_no_nearer_than_the_best_axis_parts_them_and_as_near_where_no_
     None
 ):
     a, b = some(2000, 5, 60.0, 15.0), some(2000, 6, 60.0, 15.0)
-    bound, met = least_apart(a, b), meet(a, b)
+    bound, met = bound_distances(a, b), meet(a, b)
     assert ((bound <= 1e-6) == met).all()
     free = np.flatnonzero(~met)
-    exact = np.array([distance(body(a, k), body(b, k)) for k in free.tolist()])
+    exact = np.array(
+        [measure_distance(make_box_object(a, k), make_box_object(b, k)) for k in free.tolist()]
+    )
     assert (bound[free] <= exact + 1e-6).all()
     # Corners against corners are parted by less: of boxes at random that is so of a part.
     assert np.median(bound[free] / exact) > 0.9
@@ -250,5 +264,5 @@ def test_boxes_are_no_nearer_than_the_best_axis_parts_them_and_as_near_where_no_
     ]
     stand = boxes(*[((0, 0, 0), STRAIGHT, (4, 4, 4))] * 2)
     # Face to face, and the upright edges of two pillars across their diagonals.
-    assert least_apart(stand, boxes(*rows))[0] == pytest.approx(3.0, abs=1e-6)
-    assert least_apart(stand, boxes(*rows))[1] == pytest.approx(3 * math.sqrt(2) - 1, abs=1e-6)
+    assert bound_distances(stand, boxes(*rows))[0] == pytest.approx(3.0, abs=1e-6)
+    assert bound_distances(stand, boxes(*rows))[1] == pytest.approx(3 * math.sqrt(2) - 1, abs=1e-6)

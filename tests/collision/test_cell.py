@@ -9,8 +9,8 @@ import pytest
 from camgen_posts.rapid import Rapid
 from msgspec.structs import replace
 
-from camgen.collision.cell import Surroundings, around
-from camgen.collision.hits import hits
+from camgen.collision.cell import Surroundings, make_surroundings
+from camgen.collision.hits import find_collisions
 from camgen.collision.scene import Scene, name_pair
 from camgen.model.cell import Cell
 from camgen.model.errors import InputError, JobError
@@ -37,7 +37,7 @@ def solid() -> Solid:
 
 def made(tool: dict[str, object], cell: dict[str, object], solid: Solid | None) -> Surroundings:
     job = from_mapping({"tool": tool, "cell": {"robot": "IRB 1200", **cell}})
-    return around(job, equip(Rapid.cell(), job, ARM, read_fixtures(job, Files())), solid)
+    return make_surroundings(job, equip(Rapid.cell(), job, ARM, read_fixtures(job, Files())), solid)
 
 
 def boxes(scene: Scene, name: str) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
@@ -150,7 +150,10 @@ def test_only_the_tool_may_touch_the_part(solid: Solid) -> None:
         every = inverse(ARM, down[None], place[None])[0]
         every = every[np.isfinite(every).all(axis=1)]
         found.append(
-            {name_pair(where.scene, int(k)) if k >= 0 else "" for k in hits(where.scene, every)}
+            {
+                name_pair(where.scene, int(k)) if k >= 0 else ""
+                for k in find_collisions(where.scene, every)
+            }
         )
     assert "" in found[0]
     assert "" not in found[1]
@@ -166,14 +169,14 @@ def test_wrist_boxes_that_reach_past_the_flange_are_said() -> None:
         pose_from_values([0.0, 0, 100, 0, 0, 0]),
         Joints(()),
     )
-    where = around(Job(), equip(cell, Job(), arm), None)
+    where = make_surroundings(Job(), equip(cell, Job(), arm), None)
     untested = [("link 4", "link 6"), ("link 4", "tool")]
     assert [pair.bodies for pair in where.untested] == untested
     assert [str(note) for note in where.notes] == [
         f"assumed: {a} against {b} is not tested (their boxes overlap at home)" for a, b in untested
     ]
-    assert hits(where.scene, arm.home[None])[0] < 0
-    plain = around(Job(), equip(cell, Job(), ARM), None)
+    assert find_collisions(where.scene, arm.home[None])[0] < 0
+    plain = make_surroundings(Job(), equip(cell, Job(), ARM), None)
     assert [pair.bodies for pair in plain.untested] == untested[:1]
 
 
@@ -205,7 +208,7 @@ def test_a_fixture_that_is_no_mesh_is_told_by_its_name(tmp_path: Path) -> None:
 def test_the_job_is_not_changed(solid: Solid) -> None:
     job = from_mapping({"cell": {"robot": "IRB 1200", "fixtures": [[0, 0, -50, 1, 1, -40]]}})
     before = replace(job)
-    around(job, equip(Rapid.cell(), job, ARM, read_fixtures(job, Files())), solid)
+    make_surroundings(job, equip(Rapid.cell(), job, ARM, read_fixtures(job, Files())), solid)
     assert job == before
 
 

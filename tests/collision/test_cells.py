@@ -8,7 +8,7 @@ import pytest
 import camgen
 from camgen.collision.boxes import Boxes
 from camgen.collision.cells import PASSED, UNKNOWN, divide_space
-from camgen.collision.mesh import _surface, find_struck, inside, make_mesh
+from camgen.collision.mesh import _meet_surface, are_inside, find_struck, make_mesh
 from camgen.geometry.rotations import from_vectors
 from camgen.model.part import Solid
 
@@ -34,7 +34,7 @@ def boxes_around(solid: Solid, count: int) -> Boxes:
 def test_what_meets_a_closed_mesh_is_what_its_triangles_say(solid: Solid) -> None:
     mesh, boxes = make_mesh(solid), boxes_around(solid, 4000)
     assert mesh.closed
-    expected = inside(mesh, boxes.centres) | _surface(mesh.tree, boxes)
+    expected = are_inside(mesh, boxes.centres) | _meet_surface(mesh.tree, boxes)
     assert 0.1 < expected.mean() < 0.9
     np.testing.assert_array_equal(find_struck(mesh, boxes), expected)
 
@@ -42,7 +42,7 @@ def test_what_meets_a_closed_mesh_is_what_its_triangles_say(solid: Solid) -> Non
 def test_no_box_that_meets_the_surface_is_far_from_its_cells(solid: Solid) -> None:
     mesh, boxes = make_mesh(solid), boxes_around(solid, 4000)
     near = divide_space(mesh.tree.corners).near(boxes.centres, boxes.reach)
-    met = _surface(mesh.tree, boxes)
+    met = _meet_surface(mesh.tree, boxes)
     assert near[met].all()
     assert (~near).mean() > 0.2
 
@@ -51,13 +51,13 @@ def test_points_of_a_plate_are_in_passed_cells() -> None:
     corners = np.array([[[0.0, 0, 0], [100, 0, 0], [0, 100, 0]]])
     cells = divide_space(corners)
     share = np.random.default_rng(1).dirichlet([1, 1, 1], 500)
-    rows, cell = cells.of(share @ corners[0])
+    rows, cell = cells.locate(share @ corners[0])
     assert len(rows) == 500
     assert (cells.state.ravel()[cell] == PASSED).all()
-    _, cell = cells.of(np.array([[90.0, 90.0, 0.0]]))
+    _, cell = cells.locate(np.array([[90.0, 90.0, 0.0]]))
     assert cells.state.ravel()[cell].tolist() == [UNKNOWN]
     np.testing.assert_allclose(cells.middles(cell), [[90.0, 90.0, 0.0]], atol=cells.size / 2)
-    rows, _ = cells.of(np.array([[90.0, 90.0, 50.0], [np.inf, 0.0, 0.0]]))
+    rows, _ = cells.locate(np.array([[90.0, 90.0, 50.0], [np.inf, 0.0, 0.0]]))
     assert len(rows) == 0
 
 
@@ -74,7 +74,7 @@ def test_points_of_triangles_of_any_shape_are_in_passed_cells() -> None:
     cells = divide_space(corners)
     share = rng.dirichlet([0.4, 0.4, 0.4], (len(corners), 2000))
     points = np.einsum("fnk,fkj->fnj", share, corners).reshape(-1, 3)
-    rows, cell = cells.of(points)
+    rows, cell = cells.locate(points)
     assert len(rows) == len(points)
     assert (cells.state.ravel()[cell] == PASSED).all()
     # What is marked is no more than two cells beside the surface.

@@ -8,23 +8,28 @@ from msgspec.structs import replace
 
 from camgen.collision import motion as motion_module
 from camgen.collision.boxes import Boxes
-from camgen.collision.hits import clearance, hits, least, place
-from camgen.collision.mesh import Mesh, inside, make_mesh
+from camgen.collision.hits import (
+    find_collisions,
+    find_nearest_pairs,
+    measure_clearance,
+    place_boxes,
+)
+from camgen.collision.mesh import Mesh, are_inside, make_mesh
 from camgen.collision.motion import (
-    closing,
+    bound_closing,
+    check_motion,
+    check_motions,
     measure_apart,
     measure_closer,
     measure_moves,
-    motion,
-    motions,
 )
-from camgen.collision.scene import Allowed, Scene, name_pair, narrow, scene
+from camgen.collision.scene import Allowed, Scene, make_scene, name_pair, narrow
 from camgen.model.errors import JobError
 from camgen.model.part import Solid
 from camgen.model.pose import Pose, frozen, rotation_about, translation
 from camgen.robots.catalogue import robot, robots
 from camgen.robots.kinematics.forward import flange, frames
-from camgen.robots.kinematics.joint_limits import within
+from camgen.robots.kinematics.joint_limits import are_within_limits
 from camgen.robots.models import Box, Link, Robot
 
 SIGNS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
@@ -67,11 +72,13 @@ def block(size: tuple[float, float, float]) -> Mesh:
 def some(of: Robot, count: int, seed: int = 0) -> np.ndarray:
     rng = np.random.default_rng(seed)
     values = rng.uniform(of.limits[:, 0], of.limits[:, 1], (8 * count, len(of.joints)))
-    return values[within(of, values)][:count]
+    return values[are_within_limits(of, values)][:count]
 
 
 def name_of(tested: Scene, joints: np.ndarray) -> list[str]:
-    return [name_pair(tested, k) if k >= 0 else "" for k in hits(tested, joints).tolist()]
+    return [
+        name_pair(tested, k) if k >= 0 else "" for k in find_collisions(tested, joints).tolist()
+    ]
 
 
 def test_a_folded_arm_meets_its_own_base() -> None:
@@ -79,7 +86,7 @@ def test_a_folded_arm_meets_its_own_base() -> None:
     arm = rods()
     pillar = bar("base", (140, 105, 390), (40, 5, 100))
     arm = replace(arm, links=(pillar, *arm.links[1:]))
-    assert name_of(scene(arm), np.vstack([at(0, a, 0, 0) for a in (0, 120, 150)])) == [
+    assert name_of(make_scene(arm), np.vstack([at(0, a, 0, 0) for a in (0, 120, 150)])) == [
         "",
         "",
         "base against link 2",
@@ -90,25 +97,25 @@ def test_links_that_touch_anyway_are_left_out_and_a_pad_counts_on_both() -> None
     arm = rods()
     first = bar("link 1", (325, 0, 45), (20, 20, 100))
     arm = replace(arm, links=(arm.links[0], first, *arm.links[2:]))
-    assert name_of(scene(arm), arm.home[None]) == [""]
+    assert name_of(make_scene(arm), arm.home[None]) == [""]
     # Axis 1 bears a wall 8.5 mm beside the second arm, which stands straight out.
     wall = bar("base", (460, 18.5 + 1, 450), (50, 1, 50))
     for pad, expected in ((4.0, ""), (4.3, "base against link 2")):
         padded = replace(arm, links=(wall, *arm.links[1:]), pad=pad)
-        assert name_of(scene(padded), at(0, 0, 0, 0)) == [expected]
+        assert name_of(make_scene(padded), at(0, 0, 0, 0)) == [expected]
 
 
 @pytest.mark.parametrize("of", robots(), ids=lambda of: of.name)
 def test_robots_are_free_at_home_and_with_a_tool_on_a_short_adapter(of: Robot) -> None:
     tool = (bar("tool", (0, 0, 80), (20, 20, 40)),)
-    assert name_of(scene(of, tool), of.home[None]) == [""]
+    assert name_of(make_scene(of, tool), of.home[None]) == [""]
 
 
 def test_a_tool_right_on_the_flange_is_not_hit_by_the_pad_of_the_wrist() -> None:
     """IRB 2000: its flange is 150 mm from axis 5, link 5 ends at 130.01 mm, and the pad is 30 mm."""
     of = robot("IRB 2000")
-    assert name_of(scene(of, (bar("tool", (0, 0, 40), (20, 20, 40)),)), of.home[None]) == [""]
-    assert name_of(scene(of, (bar("tool", (0, 0, 29), (20, 20, 50)),)), of.home[None]) == [
+    assert name_of(make_scene(of, (bar("tool", (0, 0, 40), (20, 20, 40)),)), of.home[None]) == [""]
+    assert name_of(make_scene(of, (bar("tool", (0, 0, 29), (20, 20, 50)),)), of.home[None]) == [
         "link 5 against tool"
     ]
 
@@ -120,15 +127,15 @@ def test_the_tool_meets_the_table_and_the_part_where_it_reaches_them() -> None:
     joints = np.vstack(
         [at(0, 0, 386.99 - 100 - 100, 0), at(0, 0, 387.01 - 100 - 100, 0), at(30, 0, 200, 0)]
     )
-    assert name_of(scene(rods(), tool, table), joints) == ["", "tool against table", ""]
+    assert name_of(make_scene(rods(), tool, table), joints) == ["", "tool against table", ""]
     for part in (block((200, 200, 20)), (Box(translation(0, 0, 0), (100.0, 100.0, 10.0)),)):
-        tested = scene(rods(), tool, (), part, translation(600, 0, 90))
+        tested = make_scene(rods(), tool, (), part, translation(600, 0, 90))
         assert name_of(tested, joints) == ["", "tool against part", ""]
 
 
 def test_a_tool_wholly_within_the_part_is_found() -> None:
     tool = (bar("tool", (0, 0, 50), (5, 5, 5)),)
-    tested = scene(rods(), tool, (), block((100, 100, 100)), translation(600, 0, 337))
+    tested = make_scene(rods(), tool, (), block((100, 100, 100)), translation(600, 0, 337))
     assert name_of(tested, at(0, 0, 0, 0)) == ["tool against part"]
 
 
@@ -136,12 +143,14 @@ def test_the_first_pair_in_order_is_named_whatever_else_is_hit() -> None:
     tool = (bar("holder", (0, 0, 20), (5, 5, 20)), bar("tool", (0, 0, 70), (2, 2, 30)))
     wall = bar("wall", (600, 0, 300), (50, 50, 150))
     part = block((120, 120, 320))
-    tested = scene(rods(), tool, (wall,), part, translation(600, 0, 300))
+    tested = make_scene(rods(), tool, (wall,), part, translation(600, 0, 300))
     assert name_of(tested, at(0, 0, 0, 0)) == ["link 2 against wall"]
     allowed = (("wall", "link 2"), ("wall", "tool"), ("holder", "wall"))
-    tested = scene(rods(), tool, (wall,), part, translation(600, 0, 300), Allowed(pairs=allowed))
+    tested = make_scene(
+        rods(), tool, (wall,), part, translation(600, 0, 300), Allowed(pairs=allowed)
+    )
     assert name_of(tested, at(0, 0, 0, 0)) == ["link 2 against part"]
-    tested = scene(
+    tested = make_scene(
         rods(),
         tool,
         (wall,),
@@ -158,12 +167,12 @@ def test_the_tool_may_enter_the_part_by_its_contact_and_nothing_else(
 ) -> None:
     tool = (bar("tool", (0, 0, 50), (5, 5, 50)),)
     deep = at(0, 0, 387 - 100 - 100 + 1, 0)
-    tested = scene(
+    tested = make_scene(
         rods(), tool, (), block((200, 200, 20)), translation(600, 0, 90), Allowed(contact)
     )
-    assert (hits(tested, deep) >= 0).tolist() == [met]
+    assert (find_collisions(tested, deep) >= 0).tolist() == [met]
     table = (bar("table", (600, 0, 90), (100, 100, 10)),)
-    assert name_of(scene(rods(), tool, table, allowed=Allowed(contact)), deep) == [
+    assert name_of(make_scene(rods(), tool, table, allowed=Allowed(contact)), deep) == [
         "tool against table"
     ]
 
@@ -173,20 +182,20 @@ def test_bodies_that_cannot_be_meant_are_refused_in_one_line() -> None:
     with pytest.raises(
         JobError, match=r"^tool tool: it may enter the part by 0.5 mm, but is 1 mm thin; allow "
     ):
-        scene(rods(), tool, allowed=Allowed(0.5))
+        make_scene(rods(), tool, allowed=Allowed(0.5))
     with pytest.raises(
         JobError, match=r"^body tol: it may touch, but there is no such body; nearest is tool$"
     ):
-        scene(rods(), tool, allowed=Allowed(pairs=(("tol", "tool"),)))
+        make_scene(rods(), tool, allowed=Allowed(pairs=(("tol", "tool"),)))
     with pytest.raises(JobError, match=r"^body base: there are two of this name; rename one$"):
-        scene(rods(), tool, (bar("base", (0, 0, 0), (1, 1, 1)),))
+        make_scene(rods(), tool, (bar("base", (0, 0, 0), (1, 1, 1)),))
 
 
 def test_a_joint_that_is_not_a_number_is_never_free() -> None:
     with pytest.raises(ValueError, match="not finite"):
-        hits(scene(rods()), at(0, math.nan, 0, 0))
+        find_collisions(make_scene(rods()), at(0, math.nan, 0, 0))
     with pytest.raises(ValueError, match="not finite"):
-        motion(scene(rods()), np.vstack([at(0, 0, 0, 0), at(0, math.nan, 0, 0)]), 1.0)
+        check_motion(make_scene(rods()), np.vstack([at(0, 0, 0, 0), at(0, math.nan, 0, 0)]), 1.0)
 
 
 def corners_of(
@@ -231,8 +240,8 @@ def test_verdicts_are_those_of_all_pairs_of_hulls() -> None:
         Box(translation(0, 0, 0), (80.0, 60.0, 40.0)),
     )
     base_from_part = Pose(rotation_about(1, 0.3), (500.0, 100.0, 250.0))
-    of_boxes = scene(of, tool, (pillar,), (part,), base_from_part)
-    of_mesh = scene(of, tool, (pillar,), block((160, 120, 80)), base_from_part)
+    of_boxes = make_scene(of, tool, (pillar,), (part,), base_from_part)
+    of_mesh = make_scene(of, tool, (pillar,), block((160, 120, 80)), base_from_part)
     joints = some(of, 120)
     expected = []
     for row in joints:
@@ -260,8 +269,8 @@ def test_verdicts_are_those_of_all_pairs_of_hulls() -> None:
             any(hulls_meet(a, b) for one, two in pairs for a in one for b in two if close(a, b))
         )
     assert 20 < sum(expected) < 90
-    assert (hits(of_boxes, joints) >= 0).tolist() == expected
-    assert (hits(of_mesh, joints) >= 0).tolist() == expected
+    assert (find_collisions(of_boxes, joints) >= 0).tolist() == expected
+    assert (find_collisions(of_mesh, joints) >= 0).tolist() == expected
 
 
 def close(a: np.ndarray, b: np.ndarray) -> bool:
@@ -273,19 +282,21 @@ def test_the_clearance_is_the_least_gap() -> None:
     tool = (bar("tool", (0, 0, 50), (5, 5, 50)),)
     table = (bar("table", (600, 0, 247), (150, 150, 10)),)
     for part in (block((50, 50, 50)), (Box(translation(0, 0, 0), (25.0, 25.0, 25.0)),)):
-        tested = scene(rods(), tool, table, part, translation(600 + 25 + 5 + 12, 0, 320))
+        tested = make_scene(rods(), tool, table, part, translation(600 + 25 + 5 + 12, 0, 320))
         joints = np.vstack([at(0, 0, 0, 0), at(0, 0, 0, 45), at(0, 0, 31, 0)])
         edge_on = 17 - 5 * math.sqrt(2)
-        assert clearance(tested, joints, 50.0) == pytest.approx([12, edge_on, 0], abs=1e-5)
-        assert clearance(tested, joints, 11.0) == pytest.approx([11, edge_on, 0], abs=1e-5)
-        assert least(tested, joints[:2], 50.0).distance == pytest.approx(edge_on, abs=1e-5)
-        assert clearance(tested, at(90, 0, 0, 0), 50.0).tolist() == [50.0]
+        assert measure_clearance(tested, joints, 50.0) == pytest.approx([12, edge_on, 0], abs=1e-5)
+        assert measure_clearance(tested, joints, 11.0) == pytest.approx([11, edge_on, 0], abs=1e-5)
+        owner = np.zeros(2, dtype=np.int64)
+        (nearest,) = find_nearest_pairs(tested, joints[:2], owner, np.array([50.0]))
+        assert nearest.distance == pytest.approx(edge_on, abs=1e-5)
+        assert measure_clearance(tested, at(90, 0, 0, 0), 50.0).tolist() == [50.0]
         # Farther than all else, the tool is 53 mm below the second arm.
-        assert clearance(tested, at(90, 0, 0, 0), 60.0) == pytest.approx([53], abs=1e-5)
+        assert measure_clearance(tested, at(90, 0, 0, 0), 60.0) == pytest.approx([53], abs=1e-5)
 
 
 def sweep(wall: Link, tool: Link) -> Scene:
-    return scene(rods(), (tool,), (wall,))
+    return make_scene(rods(), (tool,), (wall,))
 
 
 def test_a_thin_wall_between_two_free_rows_is_not_skipped() -> None:
@@ -301,17 +312,17 @@ def test_a_thin_wall_between_two_free_rows_is_not_skipped() -> None:
         block((100, 0.2, 200)),
         Pose(rotation_about(2, math.radians(45)), (424.3, 424.3, 300.0)),
     )
-    for tested in (sweep(plate, tool), scene(rods(), (tool,), (), thin, placed)):
-        assert (hits(tested, rows) < 0).all()
+    for tested in (sweep(plate, tool), make_scene(rods(), (tool,), (), thin, placed)):
+        assert (find_collisions(tested, rows) < 0).all()
         for step in (0.5, 5.0):
-            course = motion(tested, rows, step)
+            course = check_motion(tested, rows, step)
             assert name_pair(tested, course.pair).startswith("tool against")
             assert course.at * math.pi / 2 == pytest.approx(
                 math.pi / 4 - 5.1 / 600, abs=(step + 0.2) / 600
             )
             assert course.clearance == 0.0
         dense = np.linspace(rows[0], rows[1], 91)
-        assert motion(tested, dense, 0.5).at / 90 == pytest.approx(
+        assert check_motion(tested, dense, 0.5).at / 90 == pytest.approx(
             0.5 - 5.1 / 600 * 2 / math.pi, abs=1e-3
         )
 
@@ -322,38 +333,38 @@ def test_a_motion_that_passes_says_how_close_it_came() -> None:
     tested = sweep(wall, bar("tool", (0, 0, 50), (5, 5, 50)))
     rows = np.vstack([at(0, 0, 0, 0), at(90, 0, 0, 0)])
     for step in (0.2, 2.0):
-        course = motion(tested, rows, step, near=20.0)
+        course = check_motion(tested, rows, step, near=20.0)
         assert (course.pair, math.isnan(course.at)) == (-1, True)
         assert 5 - 0.1 - 1e-6 <= course.clearance <= 5 + step
         # An edge is nearest where it is square to the wall: at 45 deg but for what it lies off the middle.
         assert tested.pairs[course.nearest] == ("tool", "wall")
         assert course.nearest_at == pytest.approx(0.5, abs=(5 + step) / 600)
-    far = motion(tested, rows, 1.0, near=3.0)
+    far = check_motion(tested, rows, 1.0, near=3.0)
     assert (far.clearance, far.nearest, math.isnan(far.nearest_at)) == (3.0, -1, True)
-    assert motion(tested, rows, 1.0).clearance == 0.0
+    assert check_motion(tested, rows, 1.0).clearance == 0.0
 
 
 def test_one_row_and_rows_that_repeat_are_motions_too() -> None:
     tool, wall = bar("tool", (0, 0, 50), (5, 5, 50)), bar("wall", (600, 0, 300), (5, 5, 100))
     for rows in (at(0, 0, 0, 0), np.vstack([at(0, 0, 0, 0)] * 3)):
         assert (
-            name_pair(sweep(wall, tool), motion(sweep(wall, tool), rows, 1.0).pair)
+            name_pair(sweep(wall, tool), check_motion(sweep(wall, tool), rows, 1.0).pair)
             == "tool against wall"
         )
-        assert motion(scene(rods(), (tool,)), rows, 1.0).pair == -1
+        assert check_motion(make_scene(rods(), (tool,)), rows, 1.0).pair == -1
 
 
 @pytest.mark.parametrize("name", ["IRB 2400", "VS-060", "COBOTTA", "Cobra s600", "3-axis mill"])
 def test_no_point_moves_farther_than_the_bound(name: str) -> None:
     """Ways of all corners of all boxes, added up over 100 parts of each stretch; near rows, the bound is not loose."""
     of = robot(name)
-    tested = scene(
+    tested = make_scene(
         of, (bar("tool", (10, 0, 120), (10, 20, 60)),), (bar("table", (0, 0, -500), (9, 9, 9)),)
     )
     for share, loose in ((0.3, math.inf), (0.004, 3.0)):
         for pair in some(of, 20).reshape(10, 2, -1):
             rows = np.array([pair[0], pair[0] + (pair[1] - pair[0]) * share])
-            fine = place(tested, np.linspace(rows[0], rows[1], 101))
+            fine = place_boxes(tested, np.linspace(rows[0], rows[1], 101))
             corners = fine.centres[..., None, :] + (
                 SIGNS * tested.half[:, None]
             ) @ fine.axes.transpose(0, 1, 3, 2)
@@ -367,7 +378,7 @@ def test_a_motion_agrees_with_every_fine_sample() -> None:
     """Random motions of an arm in a narrow cell: none is called free in which 400 samples find a hit a step deep."""
     of = robot("IRB 120")
     tool = (bar("tool", (0, 0, 60), (10, 10, 60)),)
-    tested = scene(
+    tested = make_scene(
         of,
         tool,
         (bar("beam", (250, 0, 700), (20, 300, 3)),),
@@ -375,18 +386,18 @@ def test_a_motion_agrees_with_every_fine_sample() -> None:
         translation(350, 0, 100),
     )
     joints = some(of, 80, 3)
-    free = joints[hits(tested, joints) < 0]
+    free = joints[find_collisions(tested, joints) < 0]
     verdicts = []
     for rows in zip(free[:-1:2], free[1::2], strict=False):
-        course = motion(tested, np.array(rows), 2.0)
+        course = check_motion(tested, np.array(rows), 2.0)
         samples = np.linspace(*rows, 400)
-        deep = np.flatnonzero(hits(tested, samples, -2.0) >= 0)
-        shallow = hits(tested, samples) >= 0
+        deep = np.flatnonzero(find_collisions(tested, samples, -2.0) >= 0)
+        shallow = find_collisions(tested, samples) >= 0
         verdicts.append(course.pair >= 0)
         assert course.pair >= 0 or not len(deep)
         if course.pair >= 0:
             assert (
-                hits(tested, rows[0][None] + (rows[1] - rows[0])[None] * course.at)[0]
+                find_collisions(tested, rows[0][None] + (rows[1] - rows[0])[None] * course.at)[0]
                 == course.pair
             )
             assert not len(deep) or course.at <= deep[0] / 399 + 1e-12
@@ -404,14 +415,14 @@ def test_what_is_not_looked_at_behind_a_hit_changes_nothing(
         bar("wire", (560, 0, 450), (60, 0.05, 60)),
         bar("wall", (560, 150, 450), (60, 90, 60)),
     )
-    tested = scene(rods(), obstacles=(wire, wall))
+    tested = make_scene(rods(), obstacles=(wire, wall))
     rng = np.random.default_rng(11)
     several = []
     for start, end in rng.uniform(-60, 60, (40, 2, 2)).tolist():
         several.append(np.vstack([at(*start, 0, 0), at(*end, 0, 0)]))
-    hasty = motions(tested, several, 0.5, 3.0)
+    hasty = check_motions(tested, several, 0.5, 3.0)
     monkeypatch.setattr(motion_module, "_LONG", math.inf)
-    patient = motions(tested, several, 0.5, 3.0)
+    patient = check_motions(tested, several, 0.5, 3.0)
     assert list(map(repr, hasty)) == list(map(repr, patient))
     met = [name_pair(tested, check.pair) for check in patient if check.hit]
     assert 5 < len(met) < 35
@@ -420,7 +431,7 @@ def test_what_is_not_looked_at_behind_a_hit_changes_nothing(
 
 def test_a_wire_before_a_wall_is_the_first_hit_of_a_motion_through_both() -> None:
     """Half a step before the wire there is nothing."""
-    tested = scene(
+    tested = make_scene(
         rods(),
         obstacles=(
             bar("wire", (560, 0, 450), (60, 0.05, 60)),
@@ -428,16 +439,16 @@ def test_a_wire_before_a_wall_is_the_first_hit_of_a_motion_through_both() -> Non
         ),
     )
     waypoints = np.vstack([at(0, -30, 0, 0), at(0, 40, 0, 0)])
-    met = motion(tested, waypoints, 0.5)
+    met = check_motion(tested, waypoints, 0.5)
     assert name_pair(tested, met.pair).endswith("wire")
     samples = np.linspace(*waypoints, 20_001)
-    first = np.flatnonzero(hits(tested, samples) >= 0)[0] / 20_000
+    first = np.flatnonzero(find_collisions(tested, samples) >= 0)[0] / 20_000
     assert first <= met.at <= first + 0.5 / 275 / math.radians(70)
 
 
 def test_growing_never_removes_a_hit() -> None:
     of = robot("VS-6556")
-    tested = scene(
+    tested = make_scene(
         of,
         (bar("tool", (0, 0, 60), (10, 10, 60)),),
         (),
@@ -445,17 +456,17 @@ def test_growing_never_removes_a_hit() -> None:
         translation(350, 0, 300),
     )
     joints = some(of, 300)
-    found = [hits(tested, joints, by) >= 0 for by in (0.0, 3.0, 30.0)]
+    found = [find_collisions(tested, joints, by) >= 0 for by in (0.0, 3.0, 30.0)]
     assert (found[0] <= found[1]).all()
     assert (found[1] <= found[2]).all()
     assert found[0].sum() < found[2].sum()
 
 
 def test_boxes_are_where_their_links_are() -> None:
-    tested = scene(
+    tested = make_scene(
         rods(), (bar("tool", (0, 0, 50), (5, 5, 50)),), (bar("table", (9, 8, 7), (1, 2, 3)),)
     )
-    placed = place(tested, at(0, 90, 10, 0))
+    placed = place_boxes(tested, at(0, 90, 10, 0))
     assert isinstance(placed, Boxes)
     middles = {tuple(np.round(centre, 6).tolist()) for centre in placed.centres[0]}
     assert middles == {(325.0, 137.5, 450.0), (325.0, 275.0, 387.0 - 10 - 50), (9.0, 8.0, 7.0)}
@@ -465,7 +476,7 @@ def test_boxes_are_where_their_links_are() -> None:
 def test_no_box_comes_nearer_to_another_than_the_bound(name: str) -> None:
     """The corners of the farther box of each pair, seen from the link of the other one, over 100 parts of a stretch."""
     of = robot(name)
-    tested = scene(
+    tested = make_scene(
         of, (bar("tool", (10, 0, 120), (10, 20, 60)),), (bar("table", (0, 0, -500), (9, 9, 9)),)
     )
     first, second = tested.first, tested.second
@@ -475,7 +486,7 @@ def test_no_box_comes_nearer_to_another_than_the_bound(name: str) -> None:
     for pair in some(of, 20).reshape(10, 2, -1):
         fine = np.linspace(pair[0], pair[0] + (pair[1] - pair[0]) * 0.2, 101)
         rotations, origins = frames(of, fine)
-        placed = place(tested, fine)
+        placed = place_boxes(tested, fine)
         corners = placed.centres[..., None, :] + (
             SIGNS * tested.half[:, None]
         ) @ placed.axes.transpose(0, 1, 3, 2)
@@ -483,7 +494,7 @@ def test_no_box_comes_nearer_to_another_than_the_bound(name: str) -> None:
         seen = (corners[:, far] - origins[:, link][:, :, None]) @ rotations[:, link]
         ways = np.linalg.norm(np.diff(seen, axis=0), axis=-1).sum(axis=0).max(axis=1)
         serial = np.abs(np.diff(fine @ of.coupling.T, axis=0)).sum(axis=0)
-        bound = serial @ closing(tested, np.abs(fine @ of.coupling.T).max(axis=0))
+        bound = serial @ bound_closing(tested, np.abs(fine @ of.coupling.T).max(axis=0))
         assert (ways <= bound + 1e-9).all()
         moves += int((ways > 1).sum())
     assert moves > 50
@@ -493,7 +504,7 @@ def test_a_cell_in_two_parts_collides_where_the_whole_does() -> None:
     of = robot("VS-6556")
     tools = (bar("tool", (0, 0, 60), (10, 10, 60)), bar("holder", (0, 0, 20), (40, 40, 20)))
     table = bar("table", (350, 0, 60), (200, 200, 9))
-    tested = scene(of, tools, (table,), block((150, 150, 80)), translation(350, 0, 300))
+    tested = make_scene(of, tools, (table,), block((150, 150, 80)), translation(350, 0, 300))
     own = [k for k, pair in enumerate(tested.pairs) if "tool" in pair]
     rest = [k for k in range(len(tested.pairs)) if k not in own]
     joints = some(of, 300)
@@ -507,8 +518,8 @@ def test_a_cell_in_two_parts_collides_where_the_whole_does() -> None:
     assert all(any(found) for found in names)
     assert len(parts[0].frame) < len(tested.frame)
     nothing = narrow(tested, [])
-    assert (hits(nothing, joints) == -1).all()
-    assert motion(nothing, joints[:2], 2.0, 5.0).clearance == 5.0
+    assert (find_collisions(nothing, joints) == -1).all()
+    assert check_motion(nothing, joints[:2], 2.0, 5.0).clearance == 5.0
 
 
 def test_the_tool_may_enter_the_part_and_its_holder_may_not() -> None:
@@ -516,10 +527,10 @@ def test_the_tool_may_enter_the_part_and_its_holder_may_not() -> None:
     tool, holder = bar("tool", (0, 0, 50), (5, 5, 50)), bar("holder", (0, 30, 50), (5, 5, 50))
     plate = block((100, 100, 20))
     for tools, met in (((tool,), ""), ((tool, holder), "holder against part")):
-        tested = scene(rods(), tools, (), plate, translation(600, 0, 178), Allowed(2.0))
+        tested = make_scene(rods(), tools, (), plate, translation(600, 0, 178), Allowed(2.0))
         assert name_of(tested, at(0, 0, 100, 0)) == [met]
     assert name_of(
-        scene(rods(), (tool,), (), plate, translation(600, 0, 178)), at(0, 0, 100, 0)
+        make_scene(rods(), (tool,), (), plate, translation(600, 0, 178)), at(0, 0, 100, 0)
     ) == ["tool against part"]
 
 
@@ -548,14 +559,14 @@ def test_one_axis_is_asked_only_where_the_triangles_bound_a_body() -> None:
         )
         assert mesh.closed == closed
         points = np.array([[3.0, 4.0, 5.0], [30.0, 0.0, 0.0], [3.0, 4.0, 25.0]])
-        assert inside(mesh, points).tolist() == [True, False, False]
+        assert are_inside(mesh, points).tolist() == [True, False, False]
     loose = made.vertices[made.faces].reshape(-1, 3)
     apart = np.arange(len(loose)).reshape(-1, 3)
     mesh = make_mesh(
         Solid("b", "b", "mm", frozen(loose), apart, frozen(made.face_normals), (), (), ())
     )
     assert not mesh.closed
-    assert inside(mesh, np.array([[3.0, 4.0, 5.0]])).tolist() == [True]
+    assert are_inside(mesh, np.array([[3.0, 4.0, 5.0]])).tolist() == [True]
 
 
 def two_bars() -> Scene:
@@ -566,7 +577,7 @@ def two_bars() -> Scene:
         bar("link 1", (300, 0, 0), (300, 1, 1)),
         bar("link 2", (137.5, 0, 0), (137.5, 1, 1)),
     )
-    return scene(replace(arm, links=(*bars, *arm.links[3:]), touching=()))
+    return make_scene(replace(arm, links=(*bars, *arm.links[3:]), touching=()))
 
 
 def test_what_carries_two_bodies_along_brings_them_no_nearer() -> None:
@@ -598,13 +609,13 @@ def test_no_two_bodies_come_nearer_than_is_measured(name: str) -> None:
     arm = robot(name)
     held = Link("tool", (Box(translation(0, 0, 80), (30, 20, 80)),))
     table = Link("table", (Box(translation(300, 0, -200), (500, 500, 50)),))
-    tested = scene(arm, (held,), (table,), (Box(translation(300, 0, -100), (50, 50, 50)),))
+    tested = make_scene(arm, (held,), (table,), (Box(translation(300, 0, -100), (50, 50, 50)),))
     rng = np.random.default_rng(1)
     one = some(arm, 400)
     other = one + rng.normal(0, 0.01, one.shape)
     for k in range(len(tested.pairs)):
         only = narrow(tested, [k])
         # As far as is looked, two that move are not farther apart than the arm is long.
-        far = [clearance(only, joints, 2000.0) for joints in (one, other)]
+        far = [measure_clearance(only, joints, 2000.0) for joints in (one, other)]
         free = far[0] > 0
         assert (far[0] - far[1] <= measure_closer(only, one, other) + 1e-6)[free].all()

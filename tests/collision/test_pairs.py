@@ -8,19 +8,25 @@ import pytest
 from msgspec.structs import replace
 
 from camgen.collision import pairs
-from camgen.collision.cell import around
+from camgen.collision.cell import make_surroundings
 from camgen.collision.describe import describe_hit, describe_joints, find_depth
-from camgen.collision.hits import GrowthTable, clearance, find_meetings, hits, least
-from camgen.collision.motion import motion
+from camgen.collision.hits import (
+    GrowthTable,
+    find_collisions,
+    find_meetings,
+    find_nearest_pairs,
+    measure_clearance,
+)
+from camgen.collision.motion import check_motion
 from camgen.collision.pairs import _SLACKS_MM
-from camgen.collision.scene import Scene, Wall, scene
+from camgen.collision.scene import Scene, Wall, make_scene
 from camgen.collision.triangle import are_free
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.pose import IDENTITY, Pose, frozen, pose_from_values, translation
 from camgen.model.program import Joints
-from camgen.motion.cell import home_of
+from camgen.motion.cell import find_home
 from camgen.robots.catalogue import robot
 from camgen.robots.kinematics.forward import frames
 from camgen.robots.models import Box, Link, Robot, Surface
@@ -98,34 +104,36 @@ def true_distance(angle: float, x: float, y: float) -> float:
     return min(flat_distance(corners_of(*plate) @ turn, post) for plate in (*PLATES, BACK))
 
 
-@pytest.fixture(scope="module")
-def between() -> Scene:
-    """The pillar stands between the prongs."""
-    return scene(fork(), obstacles=(pillar(60, 0),))
-
-
-@pytest.mark.parametrize("as_mesh", [False, True])
-def test_a_pillar_between_the_prongs_is_free_as_far_as_it_is(as_mesh: bool) -> None:
+@pytest.fixture(scope="module", params=[False, True], ids=["box", "mesh"])
+def between(request: pytest.FixtureRequest) -> Scene:
+    """The pillar, a box or a mesh, stands between the prongs."""
     size = tuple(2 * half for half in PILLAR)
-    wall = Wall("pillar", block(size), translation(60, 0, 0)) if as_mesh else pillar(60, 0)
-    cell_scene = scene(fork(), obstacles=(wall,))
+    wall = Wall("pillar", block(size), translation(60, 0, 0)) if request.param else pillar(60, 0)
+    return make_scene(fork(), obstacles=(wall,))
+
+
+def test_a_pillar_between_the_prongs_is_free_as_far_as_it_is(between: Scene) -> None:
     angles = np.linspace(-1.2, 1.2, 97)
     true = np.array([true_distance(angle, 60, 0) for angle in angles])
     for near in (0.0, 5.0):
-        is_hit = hits(cell_scene, turned(angles), near=near) >= 0
+        is_hit = find_collisions(between, turned(angles), near=near) >= 0
         sure = np.abs(true - near) > 1e-6
         assert (is_hit == (true <= near))[sure].all()
         assert 10 < is_hit.sum() < 90
-    free = clearance(cell_scene, turned(angles), 15.0)
+    free = measure_clearance(between, turned(angles), 15.0)
     assert free == pytest.approx(np.minimum(true, 15.0), abs=1e-5)
-    nearest = least(cell_scene, turned(angles[true > 0]), 100.0)
+    joints = turned(angles[true > 0])
+    owner = np.zeros(len(joints), dtype=np.int64)
+    (nearest,) = find_nearest_pairs(between, joints, owner, np.array([100.0]))
     assert nearest.distance == pytest.approx(true[true > 0].min(), abs=1e-5)
 
 
 def test_without_its_mesh_the_fork_is_full(between: Scene) -> None:
     full = replace(fork(), links=tuple(replace(link, surfaces=()) for link in fork().links))
-    assert hits(scene(full, obstacles=(pillar(60, 0),)), turned(np.zeros(1)))[0] >= 0
-    assert hits(between, turned(np.zeros(1)))[0] < 0
+    assert (
+        find_collisions(make_scene(full, obstacles=(pillar(60, 0),)), turned(np.zeros(1)))[0] >= 0
+    )
+    assert find_collisions(between, turned(np.zeros(1)))[0] < 0
 
 
 def test_what_is_not_named_meets_nothing_in_all_that_it_grows_for(between: Scene) -> None:
@@ -147,7 +155,7 @@ def test_a_motion_that_is_free_is_free_in_between(between: Scene) -> None:
     verdicts = set()
     for _ in range(16):
         ends = rng.uniform(-0.5, 0.5, 2)
-        met = motion(between, turned(ends), 0.5, near=3.0)
+        met = check_motion(between, turned(ends), 0.5, near=3.0)
         true = min(true_distance(angle, 60, 0) for angle in np.linspace(*ends, 80))
         verdicts.add(met.hit)
         if met.hit:
@@ -175,12 +183,12 @@ def test_bounds_are_no_more_than_the_distance_and_what_is_far_is_known_to_be() -
     angles, room = rng.uniform(-1.5, 1.5, 150), rng.uniform(0.0, 30.0, 150)
     true = np.array([true_distance(angle, 60, 0) for angle in angles])
     for together in (1, 150):
-        between = scene(fork(), obstacles=(pillar(60, 0),))
+        between = make_scene(fork(), obstacles=(pillar(60, 0),))
         (closer,) = [pair for pair in between.closer if pair is not None]
         for begin in range(0, 150, together):
             rows = slice(begin, begin + together)
             values, distance, limit = turned(angles[rows]), true[rows], room[rows]
-            bound = pairs.at_least(between.robot, closer, values, limit)
+            bound = pairs.bound_distances(between.robot, closer, values, limit)
             assert (bound <= distance + 1e-5).all()
             may_come = pairs.may_come_within(between.robot, closer, values, limit)
             assert (may_come | (distance > limit - 1e-6)).all()
@@ -193,13 +201,17 @@ def test_bounds_are_no_more_than_the_distance_and_what_is_far_is_known_to_be() -
 def test_answers_do_not_depend_on_what_was_asked_before() -> None:
     angles = np.linspace(-0.5, 0.5, 41)
     fresh = [
-        int(hits(scene(fork(), obstacles=(pillar(60, 0),)), turned(angles[k : k + 1]), near=4.0)[0])
+        int(
+            find_collisions(
+                make_scene(fork(), obstacles=(pillar(60, 0),)), turned(angles[k : k + 1]), near=4.0
+            )[0]
+        )
         for k in range(41)
     ]
-    cell_scene = scene(fork(), obstacles=(pillar(60, 0),))
+    cell_scene = make_scene(fork(), obstacles=(pillar(60, 0),))
     growth = GrowthTable(np.full((41, len(cell_scene.frame)), 9.0))
     find_meetings(cell_scene, turned(angles), growth, np.zeros(41))
-    assert hits(cell_scene, turned(angles), near=4.0).tolist() == fresh
+    assert find_collisions(cell_scene, turned(angles), near=4.0).tolist() == fresh
 
 
 def test_two_links_that_both_are_meshes() -> None:
@@ -210,14 +222,14 @@ def test_two_links_that_both_are_meshes() -> None:
     links = tuple(second if k == 2 else link for k, link in enumerate(base.links))
     joints = (base.joints[0], replace(base.joints[1], previous_from_joint=translation(150, 0, 0)))
     of = replace(base, links=links, joints=(*joints, *base.joints[2:]), touching=())
-    cell_scene = scene(of)
+    cell_scene = make_scene(of)
     assert ("link 1", "link 2") in cell_scene.pairs
     angles = np.linspace(-0.6, 0.6, 61)
     rows = np.zeros((61, 4))
     rows[:, 1] = angles
     _, origins = frames(of, rows)
     assert np.allclose(origins[:, 2, 0], 150)
-    is_hit = hits(cell_scene, rows) >= 0
+    is_hit = find_collisions(cell_scene, rows) >= 0
     for angle, met in zip(angles, is_hit, strict=True):
         c, s = math.cos(angle), math.sin(angle)
         outline = corners_of((60.0, 4.0), (-60.0, 0.0)) @ np.array([[c, s], [-s, c]]) + [150, 0]
@@ -234,7 +246,7 @@ def test_a_pair_that_cannot_be_told_apart_is_named_and_left_out() -> None:
     joints = [replace(joint, previous_from_joint=translation(0, 0, 0)) for joint in base.joints]
     of = replace(base, links=tuple(links), joints=tuple(joints), touching=((0, 1), (1, 2), (2, 3)))
     cell = Cell("c", pose_from_values([900, 0, 0, 0, 0, 0]), translation(0, 0, 100), Joints(()))
-    where = around(Job(), equip(cell, Job(), of), None)
+    where = make_surroundings(Job(), equip(cell, Job(), of), None)
     assert ("link 1", "link 3") in [pair.bodies for pair in where.untested]
     assert ("link 1", "link 3") not in where.scene.pairs
 
@@ -243,17 +255,17 @@ def test_a_link_with_a_mesh_that_is_not_read_is_named() -> None:
     base = robot("Cobra s600")
     links = (*base.links[:2], replace(base.links[2], unread=("arm.x3d",)), *base.links[3:])
     cell = Cell("c", pose_from_values([900, 0, 0, 0, 0, 0]), translation(0, 0, 100), Joints(()))
-    where = around(Job(), equip(cell, Job(), replace(base, links=links)), None)
+    where = make_surroundings(Job(), equip(cell, Job(), replace(base, links=links)), None)
     (untested,) = where.untested
     assert untested.bodies == ("link 2", "all others")
     assert untested.why == "arm.x3d could not be read"
     links = (*base.links[:2], Link("link 2", ()), *base.links[3:])
-    where = around(Job(), equip(cell, Job(), replace(base, links=links)), None)
+    where = make_surroundings(Job(), equip(cell, Job(), replace(base, links=links)), None)
     assert [pair.why for pair in where.untested] == ["it has no shape"]
 
 
 def test_a_collision_is_told_with_its_depth_and_joint_values() -> None:
-    cell_scene = scene(fork(), obstacles=(pillar(60, 0),))
+    cell_scene = make_scene(fork(), obstacles=(pillar(60, 0),))
     (row,) = turned(np.array([math.radians(30)]))
     assert describe_hit(cell_scene, row, cell_scene.pairs.index(("link 1", "pillar"))) == (
         "link 1 against pillar, their meshes meet, at joints 30 deg, 0 deg, 0 mm, 0 deg"
@@ -262,8 +274,8 @@ def test_a_collision_is_told_with_its_depth_and_joint_values() -> None:
     size = tuple(2 * half for half in PILLAR)
     # The box of the fork ends at x = 100, the pillar begins at 96.
     for post in (pillar(104, 0), Wall("pillar", block(size), translation(104, 0, 0))):
-        cell = scene(full, obstacles=(post,))
-        pair = int(hits(cell, turned(np.zeros(1)))[0])
+        cell = make_scene(full, obstacles=(post,))
+        pair = int(find_collisions(cell, turned(np.zeros(1)))[0])
         assert find_depth(cell, turned(np.zeros(1))[0], pair) == pytest.approx(4.0, abs=0.02)
     assert (
         describe_joints(robot("IRB 1200"), np.radians([1, -2, 3, 0, 30, 0.5]))
@@ -278,4 +290,4 @@ def test_a_home_beyond_its_limits_is_no_collision() -> None:
     with pytest.raises(
         JobError, match=r"at home axis 2 is beyond its limit by 10 deg \(cell.home\)"
     ):
-        home_of(arm, cell, scene(arm))
+        find_home(arm, cell, make_scene(arm))

@@ -7,10 +7,10 @@ import pytest
 from msgspec.structs import replace
 
 from camgen.collision import pairs
-from camgen.collision.hits import are_clear, hits, split_off_meshes
-from camgen.collision.motion import closing
+from camgen.collision.hits import are_clear, find_collisions, split_off_meshes
+from camgen.collision.motion import bound_closing
 from camgen.collision.pairs import MeshPair
-from camgen.collision.scene import Scene, narrow, scene
+from camgen.collision.scene import Scene, make_scene, narrow
 from camgen.collision.swept import measure_roundness, sweep
 from camgen.geometry.rotations import from_vectors
 from camgen.model.pose import frozen, translation
@@ -75,7 +75,7 @@ def closer_of(cell_scene: Scene) -> MeshPair:
 
 @pytest.fixture(scope="module")
 def cell_scene() -> Scene:
-    return scene(bar_and_block(), obstacles=(pillar(200, 250),))
+    return make_scene(bar_and_block(), obstacles=(pillar(200, 250),))
 
 
 @pytest.fixture(scope="module")
@@ -139,8 +139,8 @@ def test_a_solid_is_no_farther_than_its_link(cell_scene: Scene, pair: MeshPair) 
     joints = rows(300, 3)
     wider = pair.wider()
     assert wider is not None
-    bounds = pairs.at_least(arm, wider, joints, np.full(len(joints), 1e6))
-    true = np.array([pairs.measure(arm, pair, row) for row in joints])
+    bounds = pairs.bound_distances(arm, wider, joints, np.full(len(joints), 1e6))
+    true = np.array([pairs.measure_pair(arm, pair, row) for row in joints])
     assert (bounds <= true + 1e-6).all()
     # It is of use: where the block is beside the bar and where it is not.
     assert (bounds > 5).sum() > 50
@@ -149,15 +149,15 @@ def test_a_solid_is_no_farther_than_its_link(cell_scene: Scene, pair: MeshPair) 
 
 def test_a_link_within_a_solid_is_not_apart_from_it() -> None:
     """Their surfaces are 37 mm apart or more, however the joints turn."""
-    inside = scene(arm_of((PIN,), TUBE, ((0, 0, 0),) * 3))
+    inside = make_scene(arm_of((PIN,), TUBE, ((0, 0, 0),) * 3))
     closer = closer_of(inside)
     wider = closer.wider()
     assert wider is not None
     assert wider.sweep is not None
     assert not wider.sweep.is_first
     joints = rows(20, 4)
-    assert (pairs.at_least(inside.robot, wider, joints, np.full(20, 1e6)) <= 0).all()
-    assert min(pairs.measure(inside.robot, closer, row) for row in joints) > 35
+    assert (pairs.bound_distances(inside.robot, wider, joints, np.full(20, 1e6)) <= 0).all()
+    assert min(pairs.measure_pair(inside.robot, closer, row) for row in joints) > 35
     assert not pairs.meet(inside.robot, closer, joints).any()
 
 
@@ -172,14 +172,14 @@ def test_no_joint_brings_bodies_nearer_than_its_lever(cell_scene: Scene) -> None
             turn = np.zeros(6)
             turn[int(rng.choice(closer.joints))] = rng.uniform(-0.2, 0.2)
             moved = closer.levers @ np.abs(turn[closer.joints])
-            before, after = (pairs.measure(arm, closer, each) for each in (row, row + turn))
+            before, after = (pairs.measure_pair(arm, closer, each) for each in (row, row + turn))
             assert abs(before - after) <= moved + 1e-6
             used += int(abs(before - after) > 0.5 * moved)
     assert used > 5
 
 
 def test_two_boxes_come_no_nearer_than_their_meshes(cell_scene: Scene, pair: MeshPair) -> None:
-    table = closing(cell_scene, np.full(6, math.pi))
+    table = bound_closing(cell_scene, np.full(6, math.pi))
     (column,) = table[:, cell_scene.of_pair == cell_scene.pairs.index(("link 1", "link 3"))].T
     assert (column[pair.joints] <= pair.levers + 1e-9).all()
     assert (np.delete(column, pair.joints) == 0).all()
@@ -205,21 +205,23 @@ def test_the_joint_that_sweeps_a_solid_does_not_count_and_nothing_is_missed(
     assert (loose & ~tight).sum() > 10
     for row in np.flatnonzero(~tight).tolist():
         around = joints[row] + rng.uniform(-1.0, 1.0, (12, 6)) * turned[row]
-        assert min(pairs.measure(arm, pair, values) for values in around) > more[row]
+        assert min(pairs.measure_pair(arm, pair, values) for values in around) > more[row]
 
 
 def test_pairs_of_boxes_first_give_the_same_answer(cell_scene: Scene) -> None:
     joints = rows(400, 8)
     for near in (0.0, 12.0):
         clear = are_clear(split_off_meshes(cell_scene), joints, near)
-        assert clear.tolist() == (hits(cell_scene, joints, near=near) < 0).tolist()
+        assert clear.tolist() == (find_collisions(cell_scene, joints, near=near) < 0).tolist()
         assert 20 < clear.sum() < 380
 
 
 def test_the_first_pair_is_named_where_several_collide(cell_scene: Scene) -> None:
     joints = rows(400, 9)
-    first = hits(cell_scene, joints)
-    each = [hits(narrow(cell_scene, [k]), joints) >= 0 for k in range(len(cell_scene.pairs))]
+    first = find_collisions(cell_scene, joints)
+    each = [
+        find_collisions(narrow(cell_scene, [k]), joints) >= 0 for k in range(len(cell_scene.pairs))
+    ]
     collides = np.array(each)
     expected = np.where(collides.any(axis=0), collides.argmax(axis=0), -1)
     assert first.tolist() == expected.tolist()

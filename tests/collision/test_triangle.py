@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 import trimesh
 
-from camgen.collision.hits import hits
+from camgen.collision.hits import find_collisions
 from camgen.collision.mesh import make_mesh
-from camgen.collision.scene import Scene, scene
+from camgen.collision.scene import Scene, make_scene
 from camgen.collision.triangle import are_free
 from camgen.model.part import Solid
 from camgen.model.pose import frozen, translation
 from camgen.robots.catalogue import robot
-from camgen.robots.kinematics.joint_limits import within
+from camgen.robots.kinematics.joint_limits import are_within_limits
 from camgen.robots.models import Box, Link, Robot
 
 #: How far the corners of a triangle are apart, rad; slides move 100 mm a rad.
@@ -27,7 +27,7 @@ def cell_of(arm: Robot) -> Scene:
     part = Solid(
         "b", "b.stl", "mm", frozen(made.vertices), faces, frozen(made.face_normals), (), (), ()
     )
-    return scene(arm, (held,), (post,), make_mesh(part), translation(350, -50, 100))
+    return make_scene(arm, (held,), (post,), make_mesh(part), translation(350, -50, 100))
 
 
 @pytest.mark.parametrize("name", ["IRB 120", "IRB 2400", "VS-6577", "Cobra s600"])
@@ -37,10 +37,11 @@ def test_nothing_is_near_in_what_is_called_free(name: str, near: float) -> None:
     tested, rng = cell_of(arm), np.random.default_rng(3)
     units = np.where([joint.sliding for joint in arm.joints], 100.0, 1.0)
     middle = rng.uniform(arm.limits[:, 0], arm.limits[:, 1], (8000, len(arm.joints)))
-    middle = middle[within(arm, middle)]
+    middle = middle[are_within_limits(arm, middle)]
     # Those of them where something is near, but nothing meets: they are neither free nor not at first sight.
     middle = middle[
-        (hits(tested, middle, near=near) < 0) & (hits(tested, middle, near=near + 60.0) >= 0)
+        (find_collisions(tested, middle, near=near) < 0)
+        & (find_collisions(tested, middle, near=near + 60.0) >= 0)
     ][:100]
     groups = len(middle) * len(WIDE)
     wide = np.repeat(WIDE, len(middle))[:, None, None]
@@ -53,7 +54,10 @@ def test_nothing_is_near_in_what_is_called_free(name: str, near: float) -> None:
         [rng.dirichlet(np.ones(3), (groups, 30)), np.tile(np.eye(3), (groups, 1, 1))], axis=1
     )
     inside = np.einsum("kns,ksj->knj", shares, corners)
-    struck = hits(tested, inside.reshape(-1, inside.shape[-1]), near=near).reshape(groups, -1) >= 0
+    struck = (
+        find_collisions(tested, inside.reshape(-1, inside.shape[-1]), near=near).reshape(groups, -1)
+        >= 0
+    )
     struck = struck.any(axis=1)
     assert not (free & struck).any()
     assert struck.sum() > groups / 8

@@ -17,7 +17,7 @@ from camgen.cli import main, parsers
 from camgen.model.errors import CamgenError
 from camgen.model.job_tables import settings, tables
 from camgen.post.plugins import find_post, make_post
-from camgen.read.job_file import from_mapping, load
+from camgen.read.job_file import from_mapping, load_job
 from camgen.robots.catalogue import robot
 from docs.make import pages
 from docs.make.pictures import PICTURES, Shown, drawn
@@ -132,7 +132,7 @@ def checked(arguments: object, line: str) -> None:
     """The settings and post options of a command are real ones."""
     sets = getattr(arguments, "sets", [])
     post = getattr(arguments, "post", None)
-    job = load(
+    job = load_job(
         None, [one for one in sets if not one.startswith("cell.file=") and ".urdf" not in one]
     )
     if post in pages.POSTS:

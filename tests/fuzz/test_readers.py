@@ -98,7 +98,7 @@ def cloud(**said: str) -> bytes:
 )
 def test_what_a_point_cloud_says_of_its_numbers(said: dict[str, str], what: str) -> None:
     with pytest.raises(InputError, match=f"is damaged or no PCD point cloud: .*{what}"):
-        scans.read(Source(Path("scan.pcd"), cloud(**said)))
+        scans.read_scan(Source(Path("scan.pcd"), cloud(**said)))
 
 
 def test_a_point_cloud_without_a_format() -> None:
@@ -106,7 +106,7 @@ def test_a_point_cloud_without_a_format() -> None:
     with pytest.raises(
         InputError, match="is damaged or no PLY point cloud: its head has no format"
     ):
-        scans.read(
+        scans.read_scan(
             Source(Path("scan.ply"), f"ply\nelement vertex 1\n{axes}end_header\n1 2 3\n".encode())
         )
 

@@ -11,8 +11,8 @@ import pytest
 import trimesh
 
 from camgen.localize import localize
-from camgen.localize.coarse import rotations
-from camgen.localize.model import Cloud, candidates, closest, find_touched, model_part
+from camgen.localize.coarse import spread_rotations
+from camgen.localize.model import compute_closest, find_candidates, find_touched, make_model
 from camgen.localize.search import WITHIN
 from camgen.model.errors import InputError
 from camgen.model.pose import Pose, frozen
@@ -223,7 +223,9 @@ def test_closest_points_are_trimeshs():
     rng = np.random.default_rng(0)
     corners, points = rng.normal(size=(20_000, 3, 3)), 2 * rng.normal(size=(20_000, 3))
     assert (
-        np.abs(closest(corners, points) - trimesh.triangles.closest_point(corners, points)).max()
+        np.abs(
+            compute_closest(corners, points) - trimesh.triangles.closest_point(corners, points)
+        ).max()
         < 1e-12
     )
 
@@ -231,12 +233,12 @@ def test_closest_points_are_trimeshs():
 @pytest.mark.parametrize("subdivisions", [0, 3])
 def test_the_closest_triangle_is_always_among_the_candidates(subdivisions):
     mesh = trimesh.creation.icosphere(subdivisions, 40)
-    model = model_part(*shape(mesh))
+    model = make_model(*shape(mesh))
     rng = np.random.default_rng(1)
     points = rng.normal(size=(2000, 3))
     points *= (40 + rng.uniform(-8, 8, (2000, 1))) / np.linalg.norm(points, axis=1, keepdims=True)
     slack, reach = 0.3, 5.0
-    pairs = candidates(model, Cloud(model.samples), points, reach, slack)
+    pairs = find_candidates(model, points, reach, slack)
     moved = points + slack / np.sqrt(3) * rng.uniform(-1, 1, points.shape)
     touch = find_touched(model, pairs, moved)
     away = distances(mesh, moved)
@@ -246,7 +248,7 @@ def test_the_closest_triangle_is_always_among_the_candidates(subdivisions):
 
 def test_orientations_leave_no_gap():
     """Every rotation is within 30 deg of one of the 600 that the search starts from."""
-    known = rotations(600)
+    known = spread_rotations(600)
     assert np.abs(known @ known.transpose(0, 2, 1) - np.eye(3)).max() < 1e-12
     assert np.linalg.det(known) == pytest.approx(np.ones(600))
     some = trimesh.transformations
@@ -259,7 +261,7 @@ def test_orientations_leave_no_gap():
 
 def test_samples_spread_by_area():
     mesh = MESHES["rfa1"]
-    model = model_part(*shape(mesh), 5000)
+    model = make_model(*shape(mesh), 5000)
     assert model.volume == pytest.approx(mesh.volume)
     assert model.area == pytest.approx(mesh.area)
     assert (WITHIN * model.size) == pytest.approx(0.005 * np.linalg.norm(mesh.extents))

@@ -10,7 +10,7 @@ import trimesh
 
 import camgen
 from camgen import cli
-from camgen.localize.scans import read
+from camgen.localize.scans import read_scan
 from camgen.model.errors import InputError
 from camgen.model.pose import pose_from_values
 from tests.support.clouds import ROUND, scan
@@ -172,7 +172,7 @@ KINDS = ["a.xyz", "b.csv", "c.txt", "d.pcd", "e.pcd", "f.pcd", "g.ply", "h.ply",
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_format_holds_the_same_points(kind, tmp_path):
     (tmp_path / kind).write_bytes(written(kind, a_cloud()))
-    found = read(source(tmp_path / kind), "cm")
+    found = read_scan(source(tmp_path / kind), "cm")
     assert found.points == pytest.approx(a_cloud() * 10.0, rel=1e-6)
     assert found.notes == ()
 
@@ -181,7 +181,7 @@ def test_every_format_holds_the_same_points(kind, tmp_path):
 def test_points_beyond_the_count_of_a_pcd_are_named(kind, tmp_path):
     data = written(kind, a_cloud()).replace(b"POINTS 200", b"POINTS 150")
     (tmp_path / kind).write_bytes(data)
-    cloud = read(source(tmp_path / kind))
+    cloud = read_scan(source(tmp_path / kind))
     assert cloud.points == pytest.approx(a_cloud()[:150], rel=1e-6)
     assert [str(note) for note in cloud.notes] == [
         "repaired: 50 points were left out (POINTS of the head says 150)"
@@ -197,15 +197,15 @@ def test_fields_in_capital_letters(fields, says, tmp_path):
     (tmp_path / "a.pcd").write_bytes(data)
     if says:
         with pytest.raises(InputError, match=f"of its fields '{fields.replace(' ', ', ')}' {says}"):
-            read(source(tmp_path / "a.pcd"))
+            read_scan(source(tmp_path / "a.pcd"))
     else:
-        assert read(source(tmp_path / "a.pcd")).points == pytest.approx(a_cloud(), rel=1e-6)
+        assert read_scan(source(tmp_path / "a.pcd")).points == pytest.approx(a_cloud(), rel=1e-6)
 
 
 @pytest.mark.parametrize("suffix", [".stl", ".ply", ".obj"])
 def test_a_scan_that_is_a_mesh_is_spread_over_its_faces(suffix, tmp_path):
     trimesh.creation.box((10, 20, 30)).export(tmp_path / f"box{suffix}")
-    found = read(source(tmp_path / f"box{suffix}"))
+    found = read_scan(source(tmp_path / f"box{suffix}"))
     assert np.abs(np.abs(found.points) / [5, 10, 15]).max(axis=1) == pytest.approx(
         np.ones(len(found.points))
     )
@@ -218,7 +218,7 @@ def test_what_a_scanner_did_not_see_is_left_out_and_counted(tmp_path):
     points[5, 1] = np.inf
     points[10:14] = 0
     (tmp_path / "a.ply").write_bytes(written("h.ply", points))
-    found = read(source(tmp_path / "a.ply"))
+    found = read_scan(source(tmp_path / "a.ply"))
     assert len(found.points) == 194
     assert [note.what.split()[0] for note in found.notes] == ["2", "4"]
 
@@ -228,7 +228,7 @@ def test_a_cloud_that_breaks_off_is_damaged(kind, tmp_path):
     data = written(kind, a_cloud())
     (tmp_path / kind).write_bytes(data[: len(data) - 900])
     with pytest.raises(InputError, match=f"{kind}: is damaged or no "):
-        read(source(tmp_path / kind))
+        read_scan(source(tmp_path / kind))
 
 
 @pytest.mark.parametrize(
@@ -275,11 +275,11 @@ def test_a_model_without_faces_is_refused(tmp_path, capsys):
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the shared data is not beside the repository")
 def test_real_clouds_are_read():
     """Bounds and counts as the list of the data states them, measured with other software."""
-    milk = read(source(SHARED / "data" / "milk.pcd")).points
+    milk = read_scan(source(SHARED / "data" / "milk.pcd")).points
     assert milk.shape == (12575, 3)
     assert milk.min(axis=0) == pytest.approx([0.17866, -0.21077, -0.82682], abs=1e-5)
     assert milk.max(axis=0) == pytest.approx([0.32538, 9e-05, -0.63615], abs=1e-5)
-    assert read(source(SHARED / "data" / "samp24-utm.pcd")).points.shape == (7492, 3)
-    assert read(source(SHARED / "data" / "lamppost.pcd")).points.shape == (1771, 3)
+    assert read_scan(source(SHARED / "data" / "samp24-utm.pcd")).points.shape == (7492, 3)
+    assert read_scan(source(SHARED / "data" / "lamppost.pcd")).points.shape == (1771, 3)
     with pytest.raises(InputError, match="has 5 usable points"):
-        read(source(SHARED / "trimesh" / "points_ascii_with_lists.ply"))
+        read_scan(source(SHARED / "trimesh" / "points_ascii_with_lists.ply"))

@@ -13,8 +13,8 @@ import trimesh
 from camgen import cli
 from camgen.localize import localize
 from camgen.localize.fine import refine
-from camgen.localize.model import Cloud, model_part
-from camgen.localize.rims import find_rims, run_on
+from camgen.localize.model import make_model
+from camgen.localize.rims import find_rims, measure_run_on
 from camgen.model.errors import InputError, NoSafeProgram
 from camgen.model.pose import IDENTITY, Pose
 from tests.support import shells
@@ -34,7 +34,7 @@ def shape(mesh):
 
 
 def test_of_a_box_every_edge_is_a_rim_of_two_faces():
-    rims = find_rims(model_part(*shape(BLOCK)))
+    rims = find_rims(make_model(*shape(BLOCK)))
     at_end = np.isclose(np.abs(rims.places), [60, 40, 20])
     assert (at_end.sum(axis=1) >= 2).all()
     # Outward of the one face is the normal of the other.
@@ -49,7 +49,7 @@ def test_of_a_box_every_edge_is_a_rim_of_two_faces():
 
 def test_a_cylinder_has_rims_at_its_ends_alone():
     rims = find_rims(
-        model_part(*shape(trimesh.creation.cylinder(radius=30, height=80, sections=64)))
+        make_model(*shape(trimesh.creation.cylinder(radius=30, height=80, sections=64)))
     )
     assert np.allclose(np.abs(rims.places[:, 2]), 40)
 
@@ -57,7 +57,7 @@ def test_a_cylinder_has_rims_at_its_ends_alone():
 def test_where_a_wall_rises_from_a_floor_is_no_rim():
     """The inner edges of a tray: the floor would run on into the wall."""
     mesh = shells.tray()
-    rims = find_rims(model_part(*shape(mesh)))
+    rims = find_rims(make_model(*shape(mesh)))
     beyond = rims.places + 1e-3 * rims.out
     corners = mesh.triangles
     inside = [
@@ -84,7 +84,7 @@ def _winds_about(corners, place):
 def test_triangles_that_share_no_corners_have_no_rims():
     faces = np.arange(36).reshape(12, 3)
     apart = BLOCK.triangles + 0.5 * BLOCK.face_normals[:, None]
-    assert len(find_rims(model_part(apart.reshape(-1, 3), faces)).places) == 0
+    assert len(find_rims(make_model(apart.reshape(-1, 3), faces)).places) == 0
 
 
 # -- parts that are not there
@@ -161,11 +161,8 @@ def test_a_start_says_that_it_is_the_part(tmp_path, capsys):
 def test_a_thin_sheet_on_a_bench_ends_at_its_rims(views):
     """The bench is 1.6 mm below the face that was seen, in the plane of the one that was not."""
     mesh = shells.sheet()
-    model = model_part(*shape(mesh))
-    samples, points = Cloud(model.samples), scan(mesh, 10_000, 2, views, 0.1, 0.4)
+    model = make_model(*shape(mesh))
+    points = scan(mesh, 10_000, 2, views, 0.1, 0.4)
     assert (
-        run_on(
-            model, samples, points, refine(model, samples, points, (np.eye(3), np.zeros(3)), 0.5)
-        )
-        < 0.02
+        measure_run_on(model, points, refine(model, points, (np.eye(3), np.zeros(3)), 0.5)) < 0.02
     )

@@ -12,7 +12,7 @@ import pytest
 from camgen import cli
 from camgen.localize.clouds.e57 import read_e57
 from camgen.localize.clouds.ptx import read_ptx
-from camgen.localize.scans import read
+from camgen.localize.scans import read_scan
 from camgen.model.errors import InputError, JobError
 from camgen.model.files import Source
 from camgen.model.pose import FloatArray
@@ -25,7 +25,7 @@ TURNED = [(10 - y, 20 + x, 30 + z) for x, y, z in POINTS]
 
 
 def open_scan(name: str, data: bytes, unit: str = "") -> Any:
-    return read(Source(Path(name), data), unit)
+    return read_scan(Source(Path(name), data), unit)
 
 
 def insist_on_one_line(

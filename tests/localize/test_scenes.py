@@ -12,8 +12,8 @@ from shapely.geometry import Point, box
 
 from camgen import cli
 from camgen.localize import localize
-from camgen.localize.clutter import find_benches, isolated, measure_noise
-from camgen.localize.model import model_part
+from camgen.localize.clutter import find_benches, find_isolated, measure_noise
+from camgen.localize.model import make_model
 from camgen.model.errors import NoSafeProgram
 from tests.support import scenes
 
@@ -93,7 +93,7 @@ def test_a_bench_far_larger_than_the_part_is_left_out():
 def test_the_bench_is_the_plane_with_the_scene_on_one_side():
     mesh = plate(thickness=20.0)
     scan = cast(mesh, margin=60.0)
-    bench = find_benches(model_part(*shape(mesh)), scan)[0]
+    bench = find_benches(make_model(*shape(mesh)), scan)[0]
     assert bench.normal @ [0, 0, 1] == pytest.approx(1, abs=1e-4)
     assert bench.height == pytest.approx(0, abs=0.02)
     assert bench.certain  # 220 x 180 mm of bench, 100 x 60 mm of plate
@@ -113,7 +113,7 @@ def test_a_sparse_surface_is_not_stray():
     part = np.column_stack([rng.uniform(0, 50, (10_000, 2)), rng.normal(20, 0.02, 10_000)])
     bench = np.column_stack([rng.uniform(-100, 200, (2_500, 2)), rng.normal(0, 0.02, 2_500)])
     strays = rng.uniform([-100, -100, 30], [200, 200, 200], (200, 3))
-    alone = isolated(np.vstack([part, bench, strays]))
+    alone = find_isolated(np.vstack([part, bench, strays]))
     assert alone[:10_000].mean() < 0.001
     assert alone[10_000:12_500].mean() < 0.01
     assert alone[12_500:].mean() > 0.95

@@ -13,7 +13,7 @@ import trimesh
 
 from camgen import cli
 from camgen.localize import localize, sight
-from camgen.localize.model import model_part
+from camgen.localize.model import make_model
 from camgen.model.errors import InputError, NoSafeProgram
 from camgen.model.pose import IDENTITY, Pose
 from tests.support import shells
@@ -41,27 +41,27 @@ def worst(mesh, found, truth=None):
 
 def test_of_a_ball_the_half_is_hidden_that_faces_away():
     ball = trimesh.creation.icosphere(3, 40)
-    model = model_part(*shape(ball))
+    model = make_model(*shape(ball))
     eye = np.array([100.0, 200.0, -150.0])
     facing = ((eye - model.samples) * model.sample_normals).sum(axis=1) > 0
-    assert np.array_equal(sight.hidden(model, model.samples, eye, 1e-3), ~facing)
+    assert np.array_equal(sight.find_hidden(model, model.samples, eye, 1e-3), ~facing)
 
 
 def test_a_wall_hides_the_floor_behind_it_and_only_from_the_side():
-    model = model_part(*shape(shells.tray()))
+    model = make_model(*shape(shells.tray()))
     places = np.array([[10.0, 60.0, 3.0], [60.0, 60.0, 3.0], [60.0, 75.0, 20.0]])
     hidden = [
-        sight.hidden(model, places, np.array(eye), 0.01).tolist()
+        sight.find_hidden(model, places, np.array(eye), 0.01).tolist()
         for eye in ((55, 37, 900), (55, 900, 20.0))
     ]
     assert hidden == [[False, False, True], [True, True, False]]
 
 
 def test_the_place_of_the_scanner_is_estimated_from_what_was_seen():
-    model = model_part(*shape(shells.housing()))
+    model = make_model(*shape(shells.housing()))
     places, normals = model.samples[::25], model.sample_normals[::25]
     way = np.array([0.5, -0.4, 0.77]) / np.linalg.norm([0.5, -0.4, 0.77])
-    hit = sight.look(model, places, normals, sight.far_eyes(model, way[None]), 0.15)[0]
+    hit = sight.find_seen(model, places, normals, sight.make_far_eyes(model, way[None]), 0.15)[0]
     estimate = sight.estimate_eye(model, sight.SeenPlaces(places, normals, hit), 0.15)
     found = estimate.eye - (model.low + model.high) / 2
     assert estimate.share > 0.9

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from camgen.localize.scans import Scan, read
+from camgen.localize.scans import Scan, read_scan
 from camgen.model.errors import CamgenError, InputError, JobError
 from camgen.model.files import Source
 
@@ -14,7 +14,7 @@ POINTS = [(0.25 * k, 100.0 - k, 3.5) for k in range(120)]
 
 
 def scan_of(text: str, unit: str = "", name: str = "scan.csv") -> Scan:
-    return read(Source(Path(name), text.encode()), unit)
+    return read_scan(Source(Path(name), text.encode()), unit)
 
 
 def rows(form: str) -> str:
@@ -219,5 +219,5 @@ def test_every_error_is_one_line(tmp_path: Path) -> None:
         path = tmp_path / "scan.txt"
         path.write_text(text)
         with pytest.raises(CamgenError) as error:
-            read(Source(path, path.read_bytes()))
+            read_scan(Source(path, path.read_bytes()))
         assert "\n" not in str(error.value)

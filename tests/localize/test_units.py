@@ -12,7 +12,7 @@ import trimesh
 from camgen import cli
 from camgen.localize import Location, localize
 from camgen.localize.advice import ModelPart, localize_or_advise
-from camgen.localize.scans import Scan, read
+from camgen.localize.scans import Scan, read_scan
 from camgen.model.errors import InputError, NoSafeProgram
 from camgen.model.files import Source
 from camgen.model.pose import FloatArray
@@ -138,14 +138,14 @@ def test_points_that_are_not_used_are_counted(
 
 def test_points_beyond_all_measure_are_named() -> None:
     good = "".join(f"{k}.5 {k % 7}.5 {k % 3}\n" for k in range(120))
-    seen = read(Source(Path("a.xyz"), (good + "2e11 1 1\n1e308 1 1\nnan 1 1\n").encode()))
+    seen = read_scan(Source(Path("a.xyz"), (good + "2e11 1 1\n1e308 1 1\nnan 1 1\n").encode()))
     assert len(seen.points) == 120
     assert [str(note) for note in seen.notes] == [
         "repaired: 1 point with coordinates that are not numbers was left out",
         "repaired: 2 points beyond 1e+11 mm were left out (no scan is so far from its origin)",
     ]
     with pytest.raises(InputError) as error:
-        read(Source(Path("a.xyz"), b"2e11 1 1\n" * 120))
+        read_scan(Source(Path("a.xyz"), b"2e11 1 1\n" * 120))
     says = "a.xyz: has 0 usable points (120 more are beyond 1e+11 mm); a scan needs 100 or more"
     assert str(error.value) == says
 

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from camgen.model import body as packed_body
-from camgen.model.body import Body, Packing, Targets, join, merge, pack, plain_motions
+from camgen.model.body import Body, BodyBuilder, Targets, join, merge, pack, plain_motions
 from camgen.model.errors import Refused
 from camgen.model.pose import IDENTITY, TOOL_DOWN, Pose
 from camgen.model.program import (
@@ -113,7 +113,7 @@ def test_a_plain_motion_is_no_object_and_any_other_one_is_kept() -> None:
 
 @pytest.mark.usefixtures("block")
 def test_a_body_in_the_making_is_like_a_list() -> None:
-    made = Packing()
+    made = BodyBuilder()
     for k, item in enumerate(ITEMS):
         assert len(made) == k
         made.append(item)
@@ -122,7 +122,7 @@ def test_a_body_in_the_making_is_like_a_list() -> None:
     made.append(ITEMS[6])
     assert same(made.body(), (*ITEMS, *ITEMS, ITEMS[6]))
     assert same(made[-2:], (ITEMS[-1], ITEMS[6]))
-    assert len(Packing().body()) == 0
+    assert len(BodyBuilder().body()) == 0
 
 
 def test_bodies_that_share_no_rotations_are_joined() -> None:
@@ -217,7 +217,7 @@ def test_rotations_that_are_one_object_are_one_in_the_table() -> None:
 def test_a_body_is_added_to_one_in_the_making() -> None:
     shared = Pose(TOOL_DOWN, (1.0, 2.0, 3.0))
     more = pack([MoveL(shared, 5.0), Output("process", 0.0)])
-    made = Packing([MoveJ(shared, 10.0)])
+    made = BodyBuilder([MoveJ(shared, 10.0)])
     made.extend_body(more)
     made.append(MoveL(shared, 7.0))
     body = made.body()
@@ -229,7 +229,7 @@ def test_a_body_is_added_to_one_in_the_making() -> None:
 
 
 def test_what_is_added_later_leaves_what_was_made_before() -> None:
-    packing = Packing(ITEMS[:8])
+    packing = BodyBuilder(ITEMS[:8])
     before = packing.body()
     packing.extend(ITEMS[8:])
     packing.extend_body(pack(ITEMS))

@@ -17,7 +17,7 @@ from camgen.model.part import Contour, Note, Part
 from camgen.model.pose import frozen
 from camgen.model.toml import toml
 from camgen.pipeline.inputs import join_parts
-from camgen.read.job_file import beside, from_mapping, load
+from camgen.read.job_file import find_job_file, from_mapping, load_job
 
 ROOT = Path(__file__).parents[2]
 PLATE = (
@@ -49,7 +49,7 @@ def message(error: pytest.ExceptionInfo[JobError]) -> str:
 def test_a_job_file_sets_what_it_names_and_keeps_the_rest(tmp_path: Path) -> None:
     file = tmp_path / "a.toml"
     file.write_text("[tool]\ndiameter = 8\n[post]\nwork = 'G55'\n")
-    job = load(file)
+    job = load_job(file)
     assert job.tool.diameter == 8.0
     assert job.tool.length == Job().tool.length
     assert job.post == {"work": "G55"}
@@ -58,13 +58,13 @@ def test_a_job_file_sets_what_it_names_and_keeps_the_rest(tmp_path: Path) -> Non
 def test_an_empty_job_is_the_default_job(tmp_path: Path) -> None:
     file = tmp_path / "a.toml"
     file.write_text("")
-    assert load(file) == load(None) == from_mapping({}) == Job()
+    assert load_job(file) == load_job(None) == from_mapping({}) == Job()
 
 
 def test_a_byte_order_mark_is_no_fault(tmp_path: Path) -> None:
     file = tmp_path / "a.toml"
     file.write_bytes(b"\xef\xbb\xbf[tool]\r\ndiameter = 8\r\n")
-    assert load(file).tool.diameter == 8.0
+    assert load_job(file).tool.diameter == 8.0
 
 
 BAD_FILES = {
@@ -97,7 +97,7 @@ def test_what_is_wrong_in_a_job_file_is_named_with_its_place(text: str, tmp_path
     file = tmp_path / "a.toml"
     file.write_text(text)
     with pytest.raises(JobError) as error:
-        load(file)
+        load_job(file)
     assert message(error) == f"{file}: {BAD_FILES[text]}"
 
 
@@ -112,13 +112,13 @@ def test_a_file_that_is_no_toml_text(data: bytes, what: str, tmp_path: Path) -> 
     file = tmp_path / "a.toml"
     file.write_bytes(data)
     with pytest.raises(JobError) as error:
-        load(file)
+        load_job(file)
     assert message(error) == f"{file}: {what}"
 
 
 def test_a_job_file_that_does_not_exist(tmp_path: Path) -> None:
     with pytest.raises(JobError, match=r"none\.toml: cannot be read: No such file"):
-        load(tmp_path / "none.toml")
+        load_job(tmp_path / "none.toml")
 
 
 # -- --set
@@ -127,7 +127,7 @@ def test_a_job_file_that_does_not_exist(tmp_path: Path) -> None:
 def test_set_wins_over_the_file_and_the_last_one_wins(tmp_path: Path) -> None:
     file = tmp_path / "a.toml"
     file.write_text("[tool]\ndiameter = 8\nlength = 50\n")
-    job = load(file, ["tool.diameter=3", "tool.diameter=4", "tour.method=nearest"])
+    job = load_job(file, ["tool.diameter=3", "tool.diameter=4", "tour.method=nearest"])
     assert (job.tool.diameter, job.tool.length, job.tour.method) == (4.0, 50.0, "nearest")
 
 
@@ -149,7 +149,7 @@ def test_set_wins_over_the_file_and_the_last_one_wins(tmp_path: Path) -> None:
     ],
 )
 def test_a_set_value_is_toml_or_else_text(raw: str, value: object) -> None:
-    assert load(None, [f"post.x={raw}"]).post == {"x": value}
+    assert load_job(None, [f"post.x={raw}"]).post == {"x": value}
 
 
 @pytest.mark.parametrize(
@@ -175,7 +175,7 @@ def test_a_set_value_is_toml_or_else_text(raw: str, value: object) -> None:
 )
 def test_a_wrong_set_is_named(text: str, what: str) -> None:
     with pytest.raises(JobError) as error:
-        load(None, [text])
+        load_job(None, [text])
     assert message(error).startswith(f"--set {text}: {what}")
 
 
@@ -190,12 +190,12 @@ def test_a_wrong_set_is_named(text: str, what: str) -> None:
     ],
 )
 def test_a_speed_may_have_its_unit(text: str, mm_s: float, tmp_path: Path) -> None:
-    assert load(None, [f"process.feed={text}"]).process.feed == pytest.approx(mm_s, rel=1e-12)
+    assert load_job(None, [f"process.feed={text}"]).process.feed == pytest.approx(mm_s, rel=1e-12)
     file = tmp_path / "a.toml"
     file.write_text(
         f'[[tools]]\nname = "a"\nfeed = "{text}"\n[[operations]]\ntool = "a"\ntravel = "{text}"\n'
     )
-    process = load(file).operations[0].process
+    process = load_job(file).operations[0].process
     assert (process.feed, process.travel) == pytest.approx((mm_s, mm_s), rel=1e-12)
 
 
@@ -203,7 +203,7 @@ def test_a_wrong_set_is_named_even_beside_a_job_file(tmp_path: Path) -> None:
     file = tmp_path / "a.toml"
     file.write_text("[tool]\nlength = 8\n")
     with pytest.raises(JobError, match=r"^--set tool\.length=x: length must be"):
-        load(file, ["tool.length=x"])
+        load_job(file, ["tool.length=x"])
 
 
 # -- the written job file and the page of the documents
@@ -212,7 +212,7 @@ def test_a_wrong_set_is_named_even_beside_a_job_file(tmp_path: Path) -> None:
 def test_the_template_is_the_default_job(tmp_path: Path) -> None:
     file = tmp_path / "a.toml"
     file.write_text(template("plate.dxf", "inch"), encoding="utf-8")
-    assert load(file) == Job()
+    assert load_job(file) == Job()
     text = file.read_text(encoding="utf-8")
     assert "This file: inch." in text
     for setting in settings():
@@ -248,14 +248,14 @@ def test_the_page_of_the_documents_is_current() -> None:
 
 def test_the_job_file_beside_the_input(tmp_path: Path) -> None:
     drawing, job = tmp_path / "a b.dxf", tmp_path / "a b.toml"
-    assert beside(None, drawing) is None
+    assert find_job_file(None, drawing) is None
     job.write_text("")
-    assert beside(None, drawing) == job
-    assert beside("other.toml", drawing) == Path("other.toml")
-    assert beside(None, None) is None
-    assert beside(None, job) is None  # never the input itself
-    assert beside(None, Path("x" * 5000)) is None
-    assert beside(None, Path("a\0b")) is None
+    assert find_job_file(None, drawing) == job
+    assert find_job_file("other.toml", drawing) == Path("other.toml")
+    assert find_job_file(None, None) is None
+    assert find_job_file(None, job) is None  # never the input itself
+    assert find_job_file(None, Path("x" * 5000)) is None
+    assert find_job_file(None, Path("a\0b")) is None
 
 
 # -- build

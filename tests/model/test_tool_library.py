@@ -11,7 +11,7 @@ from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.pipeline.inputs import digest_of
 from camgen.read.files import Files
-from camgen.read.job_file import from_mapping, load
+from camgen.read.job_file import from_mapping, load_job
 from camgen.read.made import make_part
 
 LIBRARY = """\
@@ -72,7 +72,7 @@ def library_of(job_file: Path) -> Path:
 
 
 def test_the_library_comes_first_and_the_job_lies_over_it_key_by_key(job_file: Path) -> None:
-    job = load(job_file)
+    job = load_job(job_file)
     assert [(tool.name, tool.number) for tool in job.tools] == [
         ("drill 8", 1),
         ("mill 6", 2),
@@ -93,16 +93,16 @@ def test_the_library_comes_first_and_the_job_lies_over_it_key_by_key(job_file: P
 
 
 def test_set_counts_the_rows_of_the_job(job_file: Path) -> None:
-    assert load(job_file, ["tools.0.feed=5"]).tools[1].feed == 5.0
+    assert load_job(job_file, ["tools.0.feed=5"]).tools[1].feed == 5.0
     with pytest.raises(
         JobError, match=r"there is no tools\.2: the job has 2 rows of \[\[tools\]\]"
     ):
-        load(job_file, ["tools.2.feed=5"])
+        load_job(job_file, ["tools.2.feed=5"])
 
 
 def test_a_library_may_be_named_by_set_and_in_python(job_file: Path) -> None:
     library = library_of(job_file)
-    named = load(None, [f"tool.file={library}"])
+    named = load_job(None, [f"tool.file={library}"])
     assert [tool.name for tool in named.tools] == ["drill 8", "mill 6", "mill 3"]
     mapping = {"tool": {"file": str(library)}, "tools": [{"name": "mill 3", "number": 9}]}
     job = from_mapping(mapping)
@@ -111,7 +111,7 @@ def test_a_library_may_be_named_by_set_and_in_python(job_file: Path) -> None:
 
 def test_the_library_is_read_once_and_known_to_those_that_watch_files(job_file: Path) -> None:
     files = Files()
-    load(job_file, (), files)
+    load_job(job_file, (), files)
     assert library_of(job_file).resolve() in [path.resolve() for path in files.opened.values()]
 
 
@@ -121,11 +121,11 @@ def test_the_digest_covers_the_library(job_file: Path, operation: str) -> None:
     rows = f"[[operations]]\n{operation}\n" if operation else ""
     job_file.write_text(f'[tool]\nfile = "lib/shop.toml"\n{rows}', encoding="utf-8")
     part = make_part([[(0, 0), (10, 0), (10, 10), (0, 0)]])
-    before = digest_of(load(job_file), [part], Files())
-    assert before == digest_of(load(job_file), [part], Files())
+    before = digest_of(load_job(job_file), [part], Files())
+    assert before == digest_of(load_job(job_file), [part], Files())
     changed = LIBRARY.replace("diameter = 6.0", "diameter = 6.1")
     library_of(job_file).write_text(changed, encoding="utf-8")
-    assert before != digest_of(load(job_file), [part], Files())
+    assert before != digest_of(load_job(job_file), [part], Files())
 
 
 def test_tools_of_a_library_without_operations_are_refused(job_file: Path) -> None:
@@ -159,14 +159,14 @@ def test_a_fault_of_the_library_names_its_file_and_row(job_file: Path, line: str
     two_tools = LIBRARY.partition('name = "mill 3"')[0]
     library.write_text(f"{two_tools}{line}\n", encoding="utf-8")
     with pytest.raises(JobError) as error:
-        load(job_file)
+        load_job(job_file)
     assert str(error.value).startswith(f"{library}: {FAULTS[line]}")
 
 
 def test_a_library_without_tools_is_refused(job_file: Path) -> None:
     library_of(job_file).write_text("", encoding="utf-8")
     with pytest.raises(JobError) as error:
-        load(job_file)
+        load_job(job_file)
     remedy = "add one, or leave tool.file out"
     assert str(error.value) == f"{library_of(job_file)}: holds no [[tools]] (tool.file); {remedy}"
 
@@ -186,7 +186,7 @@ def test_a_fault_of_the_job_names_the_row_of_the_job(
     job_file: Path, setting: str, message: str
 ) -> None:
     with pytest.raises(JobError) as error:
-        load(job_file, [setting])
+        load_job(job_file, [setting])
     assert str(error.value) == f"--set {setting}: {message}"
 
 
@@ -195,15 +195,15 @@ def test_a_library_that_is_not_there_is_named_with_its_setting(job_file: Path) -
     with pytest.raises(
         JobError, match=r"shop\.toml: cannot be read: .* \(tool\.file\); give a file"
     ):
-        load(job_file)
+        load_job(job_file)
 
 
 def test_limits_of_the_job_hold_for_its_library(job_file: Path) -> None:
     library = library_of(job_file)
     library.write_text(LIBRARY.replace("diameter = 3.0", "length = 20000.0"), encoding="utf-8")
-    assert load(job_file).tools[2].length == 20000.0
+    assert load_job(job_file).tools[2].length == 20000.0
     with pytest.raises(JobError) as error:
-        load(job_file, ["limits.number=18000"])
+        load_job(job_file, ["limits.number=18000"])
     assert str(error.value).startswith(f"{library}: length cannot be beyond 18,000: 20000.0")
 
 

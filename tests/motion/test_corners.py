@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import camgen
 from camgen.geometry.arcs import spans
 from camgen.model.cell import Dynamics
-from camgen.motion.corners import blend_corners, corner_tolerance
+from camgen.motion.corners import blend_corners, compute_corner_tolerance
 from camgen.pipeline import build
 from camgen.read.job_file import from_mapping
 
@@ -125,7 +125,7 @@ def test_the_tolerance_is_a_share_of_the_pen(
     operation: str, diameter: float, tolerance, expected: float
 ) -> None:
     job = from_mapping({"tool": {"diameter": diameter}, "tolerance": tolerance})
-    assert corner_tolerance(job, operation) == pytest.approx(expected)
+    assert compute_corner_tolerance(job, operation) == pytest.approx(expected)
 
 
 def test_zones_do_not_hang_on_the_speed() -> None:

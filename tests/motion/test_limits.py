@@ -5,9 +5,9 @@ import pytest
 from msgspec.structs import replace
 
 from camgen.model.cell import Dynamics
-from camgen.motion.limits import MotionLimits, from_rest, limits_of
+from camgen.motion.limits import MotionLimits, make_limits, time_from_rest
 from camgen.robots.catalogue import robot
-from camgen.robots.kinematics.rates import held_share
+from camgen.robots.kinematics.rates import find_held_fraction
 
 LIMITS = MotionLimits(np.array([1.0, 2.0]), np.array([4.0, 5.0]), 100.0, 1000.0)
 
@@ -26,7 +26,7 @@ def driven(way: float, speed: float, gain: float) -> float:
     ("way", "speed", "gain"), [(2.0, 1.0, 4.0), (0.1, 1.0, 4.0), (0.25, 1.0, 4.0)]
 )
 def test_from_rest_to_rest(way: float, speed: float, gain: float) -> None:
-    assert float(from_rest(np.array(way), speed, gain)) == pytest.approx(
+    assert float(time_from_rest(np.array(way), speed, gain)) == pytest.approx(
         driven(way, speed, gain), rel=0.01
     )
 
@@ -58,7 +58,7 @@ def test_a_table_of_times_is_each_of_them() -> None:
 
 def test_without_accelerations_full_speed_takes_the_ramp_of_the_controller() -> None:
     arm = robot("VS-060")
-    limits = limits_of(arm, Dynamics(ramp=0.5), 100.0)
+    limits = make_limits(arm, Dynamics(ramp=0.5), 100.0)
     np.testing.assert_allclose(limits.joint_accelerations * 0.5, arm.speeds)
 
 
@@ -67,7 +67,7 @@ def test_joints_that_a_job_holds_back_are_held_back_in_free_space_too() -> None:
     held = replace(arm, held=arm.speeds * np.array([0.25, 1, 1, 1, 1, 1]))
     a, b = np.zeros(6), np.array([1.0, 0.2, 0, 0, 0, 0.1])
     # The first joint is the slowest for its way, and may run at a quarter of its speed.
-    assert held_share(arm, b - a) == 1.0
-    assert held_share(held, b - a) == pytest.approx(0.25)
+    assert find_held_fraction(arm, b - a) == 1.0
+    assert find_held_fraction(held, b - a) == pytest.approx(0.25)
     # Another joint sets the time: the first one needs no more than its quarter.
-    assert held_share(held, np.array([0.01, 1.0, 0, 0, 0, 0])) == 1.0
+    assert find_held_fraction(held, np.array([0.01, 1.0, 0, 0, 0, 0])) == 1.0

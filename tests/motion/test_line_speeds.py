@@ -5,10 +5,11 @@ import math
 import numpy as np
 import pytest
 
+from camgen.geometry.ragged import offsets
 from camgen.model.pose import FloatArray, frozen
-from camgen.motion.limits import LinkSpeeds, line_speeds
-from camgen.motion.pose_paths import PosePath, divide, rows
-from camgen.motion.setup import JUMP, dense_parts, flange_poses
+from camgen.motion.limits import LinkSpeeds, compute_line_speeds
+from camgen.motion.pose_paths import PosePath, divide
+from camgen.motion.setup import JUMP, compute_flange_poses, count_samples
 from camgen.robots.kinematics.continuity import Choice, follow
 from tests.motion.test_reach import CELL
 
@@ -18,7 +19,7 @@ FAST = LinkSpeeds(part=1e6, free=1e6, share=1.0, acceleration=1e9)
 
 def run(path: PosePath) -> FloatArray:
     """The joint values at the rows of a path."""
-    poses = flange_poses(CELL, path.position, path.rotation)
+    poses = compute_flange_poses(CELL, path.position, path.rotation)
     followed = follow(CELL.robot, *poses, CELL.robot.home, 0.0, JUMP)
     assert isinstance(followed, Choice)
     return followed.joints
@@ -53,9 +54,9 @@ def test_no_joint_is_too_fast_between_two_samples(
     down = np.array([[cos, 0, sin], [0, -1, 0], [sin, 0, -cos]])
     rotation = frozen(np.stack([down, down]))
     path = PosePath(np.array([start, end], dtype=float), np.full((2, 3), np.nan), rotation)
-    parts = dense_parts(path)
+    parts = count_samples(path)
     looks = divide(path, parts)
-    (speed,) = line_speeds(CELL, FAST, looks, run(looks), rows(parts))
+    (speed,) = compute_line_speeds(CELL, FAST, looks, run(looks), offsets(parts))
     fine = divide(path, np.array([math.ceil(2 * float(path.length.sum()))]))
     rates = np.abs(np.diff(run(fine), axis=0)) / fine.length[:, None]
     share = float((rates * speed / CELL.robot.fastest).max())
@@ -67,14 +68,14 @@ def test_a_corner_of_a_link_slows_neither_of_its_segments() -> None:
     corners = np.array([(100.0, -150.0, 60.0), (-40.0, 60.0, 200.0), (80.0, 180.0, 60.0)])
     down = frozen(np.stack([np.diag([1.0, -1.0, -1.0])] * 3))
     path = PosePath(corners, np.full((3, 3), np.nan), down)
-    parts = dense_parts(path)
-    samples, at = divide(path, parts), rows(parts)
+    parts = count_samples(path)
+    samples, at = divide(path, parts), offsets(parts)
     joints = run(samples)
-    together = line_speeds(CELL, FAST, samples, joints, at)
+    together = compute_line_speeds(CELL, FAST, samples, joints, at)
     for k in range(2):
         low, high = int(at[k]), int(at[k + 1])
         alone = PosePath(corners[k : k + 2], path.via[k : k + 2], down[:2])
-        (speed,) = line_speeds(
+        (speed,) = compute_line_speeds(
             CELL,
             FAST,
             divide(alone, parts[k : k + 1]),

@@ -18,7 +18,7 @@ from camgen.plan.edges.poses import poses, reach
 from camgen.read.solid import mesh
 from camgen.robots.catalogue import robot
 from camgen.robots.kinematics.forward import flange
-from camgen.robots.kinematics.joint_limits import within
+from camgen.robots.kinematics.joint_limits import are_within_limits
 from tests.support.arm_models import by_hand
 from tests.support.edge_shapes import rim, straight
 from tests.support.files import source
@@ -63,7 +63,7 @@ def judged(cell: Setup, found: EdgeMotion) -> FloatArray:
         assert np.allclose(frame[:3, 3], position, atol=1e-6)
         assert np.allclose(frame[:3, :3], rotation, atol=1e-9)
     assert np.array_equal(found.dense[found.at], found.joints)
-    assert within(cell.robot, found.dense).all()
+    assert are_within_limits(cell.robot, found.dense).all()
     assert np.abs(np.diff(found.dense, axis=0)).max() <= math.radians(15) + 1e-9
     dense = tcp(cell, found.dense)
     assert np.linalg.norm(np.diff(dense[:, :3, 3], axis=0), axis=1).max() <= 5 + 1e-6

@@ -9,14 +9,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from camgen.model.pose import rotation_about, rotation_about_axis
-from camgen.motion.pose_chains import CHANGE, States, cheapest, steps
-from camgen.motion.search import grid, lean
+from camgen.motion.pose_chains import CHANGE, States, find_cheapest_chain, find_steps
+from camgen.motion.search import make_grid, measure_lean
 from camgen.motion.setup import OrientationFreedom
 from camgen.robots.catalogue import robot
-from camgen.robots.kinematics.joint_limits import turns
+from camgen.robots.kinematics.joint_limits import list_turn_counts
 
 SCARA = robot("Cobra s600")
-TABLE = turns(SCARA)
+TABLE = list_turn_counts(SCARA)
 JUMP = math.radians(120)
 START = np.array([0.1, -0.2, 50.0, 0.3])
 #: Three orientations in a row.
@@ -68,7 +68,7 @@ def by_trying_all(states: States) -> float:
 @given(st.integers(0, 10**6))
 def test_no_chain_is_cheaper(seed: int) -> None:
     states = drawn(seed)
-    found = cheapest(SCARA, states, steps(SCARA, states, JUMP), START)
+    found = find_cheapest_chain(SCARA, states, find_steps(SCARA, states, JUMP), START)
     least = by_trying_all(states)
     assert (found is None) == math.isinf(least)
     if found is None:
@@ -93,13 +93,15 @@ def test_the_trials_meet_both_cases() -> None:
 
 def test_a_grid_is_the_cone_and_the_turn_and_starts_nominal() -> None:
     tilt = math.radians(20)
-    full = grid(OrientationFreedom(tilt, roll=True))
+    full = make_grid(OrientationFreedom(tilt, roll=True))
     assert (
         len(full.nominal_from_tool) == 13 * 12
     )  # 13 points of a 5 x 5 square lie in its inner circle
     assert np.array_equal(full.nominal_from_tool[0], np.eye(3))
     assert full.cost[0] == 0 < full.cost[1:].min()
-    lent, _ = lean(np.broadcast_to(np.eye(3), full.nominal_from_tool.shape), full.nominal_from_tool)
+    lent, _ = measure_lean(
+        np.broadcast_to(np.eye(3), full.nominal_from_tool.shape), full.nominal_from_tool
+    )
     assert lent.max() == pytest.approx(tilt)
     assert len(np.unique(full.nominal_from_tool.round(9), axis=0)) == 13 * 12
     # Neighbours are one step apart: half the tilt, or a twelfth of a turn.
@@ -119,7 +121,7 @@ def test_a_grid_is_the_cone_and_the_turn_and_starts_nominal() -> None:
     ],
 )
 def test_a_grid_has_only_what_is_free(freedom: OrientationFreedom, size: int, moves: int) -> None:
-    found = grid(freedom)
+    found = make_grid(freedom)
     assert (len(found.cost), len(found.moves)) == (size, moves)
 
 
@@ -128,6 +130,6 @@ def test_lean_takes_tilt_and_roll_apart(tilt: float, around: float, roll: float)
     axis = np.array([math.cos(around), math.sin(around), 0.0])
     nominal = rotation_about(0, 0.7)
     actual = nominal @ rotation_about_axis(axis, tilt) @ rotation_about(2, roll)
-    found = lean(nominal[None], actual[None])
+    found = measure_lean(nominal[None], actual[None])
     assert found[0][0] == pytest.approx(tilt, abs=1e-9)
     assert found[1][0] == pytest.approx(roll, abs=1e-9)

@@ -10,20 +10,20 @@ import trimesh
 from msgspec.structs import replace
 
 import camgen
-from camgen.collision.cell import around
-from camgen.collision.hits import hits
+from camgen.collision.cell import make_surroundings
+from camgen.collision.hits import find_collisions
 from camgen.model.cell import Cell
 from camgen.model.errors import NoSafeProgram
 from camgen.model.job import CellTable, Job
 from camgen.model.pose import FloatArray, translation
 from camgen.model.program import Joints, MoveJ
-from camgen.motion.cell import room_of, setup_of
+from camgen.motion.cell import make_free_space, make_setup
 from camgen.motion.setup import Blockage, FreeSpace, SampledMotion, Setup
 from camgen.order.edges import detour
 from camgen.order.edges.detour import find_detour
 from camgen.pipeline import Result
 from camgen.robots.catalogue import robot
-from camgen.robots.kinematics.joint_limits import within
+from camgen.robots.kinematics.joint_limits import are_within_limits
 from camgen.robots.workcell import equip
 
 ARM = robot("IRB 120")
@@ -38,9 +38,9 @@ def scene(fixtures: list[list[float]], margin: float = 2.0) -> tuple[Setup, Free
     job = Job(cell=CellTable(robot="IRB 120", fixtures=fixtures, margin=margin))
     home = Joints(tuple(ARM.home.tolist()))
     cell = equip(Cell("arm", translation(0, 0, 0), translation(0, 0, 100), home), job, ARM)
-    where = around(job, cell, None)
-    setup = setup_of(ARM, cell, where)
-    return setup, room_of(where, setup)
+    where = make_surroundings(job, cell, None)
+    setup = make_setup(ARM, cell, where)
+    return setup, make_free_space(where, setup)
 
 
 def even(way: FloatArray, parts: int = 400) -> FloatArray:
@@ -58,7 +58,7 @@ def test_a_wall_is_gone_round_with_the_margin(margin: float) -> None:
     assert way is not None
     assert np.array_equal(way[[0, -1]], [LEFT, RIGHT])
     rows = even(way)
-    assert within(ARM, rows).all()
+    assert are_within_limits(ARM, rows).all()
     assert setup.clear(rows).all()
     # Between two looks a way may come nearer by a little.
     where = scene(WALL, 0.8 * margin)[0]
@@ -136,7 +136,7 @@ def test_edges_under_a_roof_are_left_by_ways_that_are_searched_for(
     assert any("found by search" in note.what for note in result.notes)
     assert result.reach is not None
     assert result.where is not None
-    assert (hits(result.where.scene, result.reach.joints) < 0).all()
+    assert (find_collisions(result.where.scene, result.reach.joints) < 0).all()
     # From edge to home and back by way of joint values that are neither.
     swings = [one for one in result.program.body if isinstance(one, MoveJ)]
     assert len(swings) > 2 * len(result.tour.paths) + 2

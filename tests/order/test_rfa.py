@@ -12,15 +12,15 @@ import pytest
 from camgen_posts.rapid import Rapid
 from msgspec.structs import replace
 
-from camgen.collision.cell import around
-from camgen.collision.hits import hits
+from camgen.collision.cell import make_surroundings
+from camgen.collision.hits import find_collisions
 from camgen.collision.scene import Scene
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray, Pose
-from camgen.motion.cell import room_of, setup_of
+from camgen.motion.cell import make_free_space, make_setup
 from camgen.motion.limits import LinkSpeeds
 from camgen.motion.pose_paths import PosePath
-from camgen.motion.reach import reach_ways
+from camgen.motion.reach import reach_paths
 from camgen.motion.setup import (
     Blockage,
     EdgeMotion,
@@ -35,7 +35,7 @@ from camgen.order.edges.route import Route, RouteCell, RouteOptions, route
 from camgen.order.edges.turns import list_turns
 from camgen.plan.edges.poses import poses, reach
 from camgen.plan.edges.select import select
-from camgen.read.job_file import load
+from camgen.read.job_file import load_job
 from camgen.read.solid import mesh
 from camgen.robots.catalogue import robot
 from camgen.robots.workcell import equip
@@ -50,13 +50,17 @@ WALL = Blockage("collision", "link 5 against wall", 0.0)
 
 @cache
 def cell(part: str) -> tuple[Setup, FreeSpace, tuple[EdgeMotion, ...]]:
-    solid, job = mesh.read(source(PARTS / f"{part}.stl")), load(PARTS / f"{part}.toml")
-    where = around(job, equip(Rapid.cell(), job, ARM), solid)
-    setup = setup_of(ARM, equip(Rapid.cell(), job), where)
+    solid, job = mesh.read(source(PARTS / f"{part}.stl")), load_job(PARTS / f"{part}.toml")
+    where = make_surroundings(job, equip(Rapid.cell(), job, ARM), solid)
+    setup = make_setup(ARM, equip(Rapid.cell(), job), where)
     chosen = select(solid, [job.input.select])
     edges = [edge for edge in solid.edges if edge.id in chosen]
     found = reach(edges, setup, 2.0, "mean", OrientationFreedom(math.radians(15), roll=True))
-    return setup, room_of(where, setup), tuple(one for one in found if isinstance(one, EdgeMotion))
+    return (
+        setup,
+        make_free_space(where, setup),
+        tuple(one for one in found if isinstance(one, EdgeMotion)),
+    )
 
 
 def no_turns(*_: object) -> IntArray:
@@ -119,18 +123,18 @@ def test_a_way_out_ends_above_the_level_and_the_joints_follow_it(part: str) -> N
         assert np.allclose(one.joints[0], end[1], atol=1e-9)
         assert frames[-1, 2, 3] >= room.level - 1e-6
         assert np.abs(np.diff(one.dense, axis=0)).max() <= math.radians(15) + 1e-9
-        assert (hits(scene_of(part), one.dense) < 0).all()
+        assert (find_collisions(scene_of(part), one.dense) < 0).all()
 
 
 @cache
 def scene_of(part: str) -> Scene:
-    solid, job = mesh.read(source(PARTS / f"{part}.stl")), load(PARTS / f"{part}.toml")
-    return around(job, equip(Rapid.cell(), job, ARM), solid).scene
+    solid, job = mesh.read(source(PARTS / f"{part}.stl")), load_job(PARTS / f"{part}.toml")
+    return make_surroundings(job, equip(Rapid.cell(), job, ARM), solid).scene
 
 
 def test_the_level_is_half_the_holder_and_the_safety_above_the_part() -> None:
-    solid, job = mesh.read(source(PARTS / "rfa1.stl")), load(PARTS / "rfa1.toml")
-    where = around(job, equip(Rapid.cell(), job, ARM), solid)
+    solid, job = mesh.read(source(PARTS / "rfa1.stl")), load_job(PARTS / "rfa1.toml")
+    where = make_surroundings(job, equip(Rapid.cell(), job, ARM), solid)
     top = 640.0 + 70.0  # the part stands at 640 mm and is 70 mm high
     assert where.level == pytest.approx(top + math.hypot(70, 70) / 2 + 10.0)
 
@@ -422,7 +426,7 @@ def test_reaching_tells_how_far_it_is() -> None:
     known = {edge.id: edge for edge in mesh.read(source(PARTS / "rfa1.stl")).edges}
     told: list[int] = []
     edges = [known[one.id] for one in motions[:2]]
-    reach_ways([(edge, poses(edge, 2.0)) for edge in edges], setup, tell=told.append)
+    reach_paths([(edge, poses(edge, 2.0)) for edge in edges], setup, on_progress=told.append)
     assert told == [0, 1]
 
 

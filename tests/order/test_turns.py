@@ -12,7 +12,7 @@ from camgen.motion.setup import EdgeMotion
 from camgen.order.edges.route import Route, RouteCell, RouteOptions, route
 from camgen.order.edges.turns import MOST_TURNS, find_cheapest, list_turns, turn_motion
 from camgen.read.solid import mesh
-from camgen.robots.kinematics.joint_limits import within
+from camgen.robots.kinematics.joint_limits import are_within_limits
 from tests.order.test_rfa import ARM, PARTS, cell, no_turns
 from tests.support.files import source
 
@@ -27,7 +27,7 @@ def turned() -> list[EdgeMotion]:
     motions = []
     for motion in cell("rfa1")[2]:
         lower = turn_motion(motion, -LAST)
-        motions.append(lower if within(ARM, lower.dense).all() else motion)
+        motions.append(lower if are_within_limits(ARM, lower.dense).all() else motion)
     return motions
 
 
@@ -59,7 +59,7 @@ def test_turns_stay_within_the_limits_and_begin_with_none() -> None:
     assert 2 <= len(table) <= MOST_TURNS
     assert not table[0].any()
     assert len(np.unique(table, axis=0)) == len(table)
-    assert within(ARM, lowest.dense + math.tau * table[:, None]).all()
+    assert are_within_limits(ARM, lowest.dense + math.tau * table[:, None]).all()
     # The nearest turn to home is the first that is tried.
     assert np.abs(lowest.dense[:, 5] + math.tau * table[1, 5]).max() < math.pi * 1.5
 
@@ -78,4 +78,4 @@ def test_motions_are_run_in_the_turns_that_take_least_time(monkeypatch: pytest.M
         run = leg.motion.joints[::-1] if leg.motion.backwards else leg.motion.joints
         whole = (run - motion.joints) / math.tau
         assert whole == pytest.approx(np.rint(whole[:1]) * np.ones((len(run), 1)), abs=1e-9)
-        assert within(ARM, leg.motion.dense).all()
+        assert are_within_limits(ARM, leg.motion.dense).all()

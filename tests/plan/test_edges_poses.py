@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
+from camgen.geometry.ragged import offsets
 from camgen.model.pose import FloatArray, rotation_about
-from camgen.motion.pose_paths import PosePath, counts, divide, rows
+from camgen.motion.pose_paths import PosePath, count_parts, divide
 from camgen.motion.setup import FoldedEdge, UnreachableEdge
 from camgen.plan.edges.last_face import TOP
 from camgen.plan.edges.poses import poses
@@ -174,17 +175,17 @@ def test_a_divided_rim_is_the_circle_with_its_frame_turning_evenly(first: int, o
         )
         assert np.allclose(rotation, rotation_about(2, angle) @ found.rotation[0])
     assert dense.length.sum() == pytest.approx(math.tau * radius)
-    assert np.array_equal(dense.position[rows(parts)], found.position)
+    assert np.array_equal(dense.position[offsets(parts)], found.position)
     middles = (angles[1:] + angles[:-1]) / 2
     assert np.allclose(dense.via[1:, 0], 5 + radius * np.cos(middles))
 
 
 def test_parts_are_no_longer_and_turn_no_further_than_asked() -> None:
     line = way(poses(FRONT, 0))
-    assert counts(line, 30, 1).tolist() == [4]
-    assert counts(line, 25, 1).tolist() == [4]
+    assert count_parts(line, 30, 1).tolist() == [4]
+    assert count_parts(line, 25, 1).tolist() == [4]
     # A frame at 45 deg that goes round an upright axis by 90 deg turns by 90 deg.
     assert (
-        counts(way(poses(rim((0, 0, 0), 20, outer=True), 4)), 1e3, math.radians(20)).tolist()
+        count_parts(way(poses(rim((0, 0, 0), 20, outer=True), 4)), 1e3, math.radians(20)).tolist()
         == [5] * 4
     )

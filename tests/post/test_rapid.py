@@ -837,7 +837,7 @@ ITSELF = "the ERROR handler of main switches an output itself, not in a routine"
             "IF is read as IF FCIsForceMode() FCDeact; alone",
         ),
         ("camSafe;\n        TRYNEXT;", "TRYNEXT is a statement that is not read"),
-        ("nowhere;\n        RAISE;", "the statement nowhere is not read"),
+        ("nowhere;\n        RAISE;", "nowhere is a statement that is not read"),
     ],
 )
 def test_what_a_handler_leaves_on_is_a_fault(handler: str, fault: str) -> None:
@@ -1157,7 +1157,7 @@ def test_reads_what_people_write() -> None:
          [(6, "external axes are not read")]),
         (f"MoveC {POINT},{POINT},v5,fine,t1;\nMoveC {POINT},{POINT},v5,fine,t1;",
          [(7, "the points of an arc are on one line")]),
-        ('TPWrite "MoveL";\nStop 1;', [(6, "the statement tpwrite is not read"),
+        ('TPWrite "MoveL";\nStop 1;', [(6, "tpwrite is a statement that is not read"),
                                      (7, "stop is read without arguments")]),
         ("FOR i FROM 1 TO 2 DO\nSetDO do1,1;\nENDFOR", [(6, "FOR is a statement that is not read")]),
         ("x:=5;", [(6, "x:= is a statement that is not read")]),

@@ -186,7 +186,7 @@ NINES = f"0,{'9' * 50},0,0]"
          [(7, "a statement expected, found '%'")]),
         (f'MoveL {POINT},v5,fine,{TAIL}TPWrite "a;MoveL {POINT[:9]},v5,fine,{TAIL[:-1]}";\n',
          [(7, "a backslash in a string is written twice, or before two hexadecimal digits")]),
-        ('TPWrite "a;b";\n', [(6, "the statement tpwrite is not read")]),
+        ('TPWrite "a;b";\n', [(6, "tpwrite is a statement that is not read")]),
         (f"MoveL {POINT},v5,fine,t1 ! ; \\WObj:=w1;\n\\WObj:=w1;\n", []),
         (f"MoveL Offs(p1,1,\n2),v5,fine,{TAIL}" * 2,
          [(6, "offs has 4 arguments, not 3"), (8, "offs has 4 arguments, not 3")]),
@@ -212,7 +212,7 @@ NINES = f"0,{'9' * 50},0,0]"
          [(9, "fcpressl does not press in the direction of FCPress1LStart"),
           (10, "movel while pressing, before FCPressEnd"), (12, "fcpressend without FCPress1LStart")]),
         (f"SetDO do1,1;SetDO do1,1;SetDO {POINT},1;\nsub {POINT};\n", [(6, "setdo needs the name of a signal"),
-                                                                      (7, "the statement sub is not read")]),
+                                                                      (7, "sub is a statement that is not read")]),
     ],
 )  # fmt: skip
 def test_what_is_not_usual_is_read_by_the_general_rules(

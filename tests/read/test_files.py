@@ -44,7 +44,7 @@ def test_what_was_read_is_let_go_of_but_not_its_name() -> None:
     Path("a.nc").write_bytes(b"first")
     files = Files()
     assert files.read("a.nc").data == b"first"
-    files.let_go()
+    files.release()
     assert [path.name for path in files.opened.values()] == ["a.nc"]
     Path("a.nc").write_bytes(b"second")
     assert files.read("a.nc").data == b"second"

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from camgen.model.part import Contour, Note
-from camgen.read.join import contours
+from camgen.read.join import make_contours
 from camgen.read.pieces import Soup, are_first
 from tests.support.examples import fewer
 
@@ -39,7 +39,7 @@ def soup(pieces: list[Piece], kind: str = "LINE") -> Soup:
 
 
 def joined(pieces: list[Piece], tolerance: float = 0.05) -> tuple[tuple[Contour, ...], list[str]]:
-    made, notes = contours(soup(pieces), tolerance)
+    made, notes = make_contours(soup(pieces), tolerance)
     return made, [str(n) for n in notes]
 
 
@@ -324,5 +324,5 @@ def test_nothing() -> None:
 
 
 def test_notes_stay_on_one_line() -> None:
-    _, notes = contours(soup([line((1, 1), (1, 1), "a\nb)")]), 0.05)
+    _, notes = make_contours(soup([line((1, 1), (1, 1), "a\nb)")]), 0.05)
     assert notes == (Note("repaired", "dropped: 1 LINE on layer a_b_", "without length"),)

@@ -83,7 +83,7 @@ def test_units_are_those_of_the_job_and_else_assumed() -> None:
     ("1,2,1e400\n", "1e400 is beyond all proportion (line 1)"),
     ("1,2,\u0663\n", r"'\u0663' is no number (line 1)"),
     ("G21 G90 G0\n", "'G21' is no number (line 1)"),
-    (b"1,2,3\n\xff\xfe\n", "is not text (byte 6)"),
+    (b"1,2,3\n\xff\xfe\n", "is not a text (byte 6)"),
 ])  # fmt: skip
 def test_what_is_no_point_is_refused_with_its_line(text: str | bytes, line: str) -> None:
     with pytest.raises(InputError) as caught:

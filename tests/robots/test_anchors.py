@@ -14,7 +14,7 @@ from camgen.robots.catalogue import robot
 from camgen.robots.kinematics import continuity
 from camgen.robots.kinematics.forward import flange
 from camgen.robots.kinematics.inverse import inverse
-from camgen.robots.kinematics.joint_limits import within
+from camgen.robots.kinematics.joint_limits import are_within_limits
 
 ARM = robot("IRB 1200")
 HOME = Joints((0.0, 0.0, 0.0, 0.0, math.radians(30), 0.0))
@@ -38,7 +38,7 @@ def solution(pose: Pose, flip: bool, near: float = 0.0) -> Joints:
     at = BASE @ pose @ TOOL.inverse()
     values = inverse(ARM, at.rotation[None], np.array([at.origin]))[0][1 if flip else 0]
     values[5] += math.tau * round((near - values[5]) / math.tau)
-    assert within(ARM, values)
+    assert are_within_limits(ARM, values)
     return Joints(tuple(values.tolist()))
 
 
@@ -58,7 +58,7 @@ def sound(found: Reach) -> Reach:
             tip = origins[0] + rotations[0] @ np.array(TOOL.origin) - np.array(BASE.origin)
             assert tip == pytest.approx(np.array(item.target.origin), abs=1e-6)
             assert rotations[0] == pytest.approx(np.array(item.target.rotation), abs=1e-9)
-    assert within(ARM, found.joints).all()
+    assert are_within_limits(ARM, found.joints).all()
     assert found.joints[0].tolist() == list(HOME.values)
     assert found.joints[-1].tolist() == list(HOME.values)
     assert (np.diff(found.owner) >= 0).all()
@@ -247,6 +247,6 @@ def test_costs_that_add_up_are_those_that_are_chosen(monkeypatch: pytest.MonkeyP
         return np.array(costs)
 
     short = check_reach(plan, ARM, "part")
-    monkeypatch.setattr(continuity, "_along", stepwise)
+    monkeypatch.setattr(continuity, "_add_rows", stepwise)
     assert check_reach(plan, ARM, "part").joints.tolist() == short.joints.tolist()
     assert np.degrees(np.ptp(short.joints[:, 5])) > 360

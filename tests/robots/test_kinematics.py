@@ -12,14 +12,15 @@ from camgen.robots.catalogue import robot, robots
 from camgen.robots.chain import Joint
 from camgen.robots.kinematics.arms import Spherical, recognise
 from camgen.robots.kinematics.continuity import Choice, Stuck, follow
-from camgen.robots.kinematics.forward import flange, frames, set_out
-from camgen.robots.kinematics.inverse import inverse, nearest
-from camgen.robots.kinematics.joint_limits import copies, theta_of, turns, within
-from camgen.robots.kinematics.reasons import Reason, why
-from camgen.robots.kinematics.singular import from_singular
-from camgen.robots.kinematics.spherical import branch, shortfall
+from camgen.robots.kinematics.forward import compute_velocities, flange, frames
+from camgen.robots.kinematics.inverse import find_nearest, inverse
+from camgen.robots.kinematics.joint_limits import are_within_limits, compute_theta, list_turn_counts
+from camgen.robots.kinematics.reasons import Reason, explain_stuck
+from camgen.robots.kinematics.singular import measure_singularity_distance
+from camgen.robots.kinematics.spherical import find_branch, measure_shortfall
 from camgen.robots.models import Robot
 from tests.support.arm_models import ARMS, by_hand
+from tests.support.turned import add_turns
 
 DOWN = frozen(np.diag([1.0, -1.0, -1.0]))
 CLOSED = [of for of in robots() if of.arm]
@@ -72,8 +73,11 @@ def test_joints_are_found_again(of: Robot, data: st.DataObject) -> None:
     mm, rad = errors(of, solutions, rotations, origins)
     assert mm < 1e-6
     assert rad < 1e-9
-    if within(of, joints) and from_singular(of, joints).min(initial=1.0) > 1e-4:
-        every = copies(of, solutions).reshape(-1, len(joints))
+    if (
+        are_within_limits(of, joints)
+        and measure_singularity_distance(of, joints).min(initial=1.0) > 1e-4
+    ):
+        every = add_turns(of, solutions).reshape(-1, len(joints))
         assert np.nanmin(np.abs(every - joints).max(axis=1)) < 1e-6
 
 
@@ -86,11 +90,11 @@ def test_eight_ways_or_four_and_each_on_its_own_branch(of: Robot) -> None:
     found = np.isfinite(solutions[:, :, 0])
     assert set(found.sum(axis=1).tolist()) <= {4, 8}
     assert isinstance(of.arm, Spherical)
-    flags = branch(of.arm, theta_of(of, of.arm, solutions))
+    flags = find_branch(of.arm, compute_theta(of, of.arm, solutions))
     assert (flags[found] == np.broadcast_to(np.arange(8), flags.shape)[found]).all()
     # What makes them different branches makes them different joints.
     apart = same(solutions[:, :, None], solutions[:, None]) + 10 * np.eye(8)
-    regular = np.nanmin(from_singular(of, solutions), axis=(1, 2)) > 0.01
+    regular = np.nanmin(measure_singularity_distance(of, solutions), axis=(1, 2)) > 0.01
     assert regular.sum() > 300
     assert np.nanmin(apart[regular]) > 1e-3
 
@@ -176,18 +180,18 @@ def test_out_of_reach_is_said_in_millimetres() -> None:
     solutions = inverse(of, turned, at)
     assert np.isfinite(solutions[0]).all()
     assert np.isnan(solutions[1]).all()
-    assert shortfall(of.arm, turned, at) == pytest.approx([0, 0.25], abs=1e-9)
+    assert measure_shortfall(of.arm, turned, at) == pytest.approx([0, 0.25], abs=1e-9)
 
 
 def test_copies_are_whole_turns_within_the_limits() -> None:
     of = robot("IRB 2400")  # axis 1 +-180, axis 4 +-200, axis 6 +-400
-    rows = copies(of, np.radians([[10, 0, 0, 170, 30, 20]]))[0]
+    rows = add_turns(of, np.radians([[10, 0, 0, 170, 30, 20]]))[0]
     found = np.degrees(rows[np.isfinite(rows[:, 0])])
     assert sorted(np.round(found[:, [0, 3, 5]]).tolist()) == [
         [10, -190, -340], [10, -190, 20], [10, -190, 380], [10, 170, -340], [10, 170, 20], [10, 170, 380],
     ]  # fmt: skip
-    assert len(turns(robot("IRB 120"))) == 3
-    assert len(turns(robot("3-axis mill"))) == 1
+    assert len(list_turn_counts(robot("IRB 120"))) == 3
+    assert len(list_turn_counts(robot("3-axis mill"))) == 1
 
 
 def test_an_arm_is_recognised_by_its_axes_alone() -> None:
@@ -319,9 +323,9 @@ def along(
 ) -> Choice:
     """The joints of a path, checked: on the path, within the limits, no jump."""
     choice = follow(of, rotations, origins, **options)
-    assert isinstance(choice, Choice), why(of, rotations, origins, choice).text
+    assert isinstance(choice, Choice), explain_stuck(of, rotations, origins, choice).text
     assert max(errors(of, choice.joints[:, None], rotations, origins)) < 1e-6
-    assert within(of, choice.joints).all()
+    assert are_within_limits(of, choice.joints).all()
     turning = [not joint.sliding for joint in of.joints]
     assert np.abs(np.diff(choice.joints, axis=0))[:, turning].max(initial=0.0) < math.radians(bound)
     return choice
@@ -330,7 +334,7 @@ def along(
 def reason(of: Robot, origins: np.ndarray, rotations: np.ndarray, **options: Any) -> Reason:
     stuck = follow(of, rotations, origins, **options)
     assert isinstance(stuck, Stuck)
-    return why(of, rotations, origins, stuck, **options)
+    return explain_stuck(of, rotations, origins, stuck, **options)
 
 
 def ring(
@@ -509,9 +513,9 @@ def test_the_whole_path_decides_and_not_its_first_row() -> None:
     start = inverse(of, rotations[:1], origins[:1])[
         0, 1
     ]  # stands exactly where the lefty solution begins
-    assert within(of, start)
+    assert are_within_limits(of, start)
     left = inverse(of, rotations, origins)[:, 1]
-    assert not within(of, left).all()
+    assert not are_within_limits(of, left).all()
     choice = along(of, origins, rotations, start=start)
     assert (choice.joints[:, 1] > 0).all()
 
@@ -532,7 +536,7 @@ def test_links_set_out_as_differences_tell(name: str) -> None:
         rng.normal(0.0, 1.0, (20, 3, len(of.joints))),
     )
     links = frames(of, joints)
-    found = set_out(of, links, moved @ of.coupling.T)
+    found = compute_velocities(of, links, moved @ of.coupling.T)
     point = rng.normal(0.0, 300.0, 3)
     for way in range(3):
         ends = [frames(of, joints + side * little * moved[:, way]) for side in (1, -1)]
@@ -554,6 +558,6 @@ def test_the_nearest_values_leave_sliding_joints_where_the_pose_has_them(name: s
     sliding = np.array([joint.sliding for joint in of.joints])
     # 10 mm away, more than a whole turn would be if millimetres were radians.
     guess = np.where(sliding, values + 10.0, values)
-    solution = nearest(of, rotations, origins, guess[None])
+    solution = find_nearest(of, rotations, origins, guess[None])
     assert solution[0][sliding] == pytest.approx(values[sliding], abs=1e-9)
     assert flange(of, solution)[1] == pytest.approx(origins, abs=1e-9)

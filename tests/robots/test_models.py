@@ -11,7 +11,7 @@ from camgen.model.pose import rotation_from_fixed_xyz
 from camgen.robots.catalogue import robot, robots
 from camgen.robots.kinematics.forward import flange, frames, jacobian
 from camgen.robots.kinematics.inverse import inverse
-from camgen.robots.kinematics.joint_limits import excess, within
+from camgen.robots.kinematics.joint_limits import are_within_limits, measure_excess
 from camgen.robots.models import Robot
 from camgen.robots.posture import ANY_FIGURE, abb_confdata, denso_figure, vplus_switches
 from tests.support.arm_models import ARMS, SHARED, by_hand, shared_frames, shared_robot
@@ -26,7 +26,7 @@ def some(of: Robot, count: int, seed: int = 0) -> np.ndarray:
     """Joint values (count, J) within all limits."""
     rng = np.random.default_rng(seed)
     values = rng.uniform(of.limits[:, 0], of.limits[:, 1], (8 * count, len(of.joints)))
-    return values[within(of, values)][:count]
+    return values[are_within_limits(of, values)][:count]
 
 
 def units(of: Robot) -> np.ndarray:
@@ -178,7 +178,7 @@ def test_the_jacobian_is_the_slope_of_the_flange(of: Robot) -> None:
 
 def test_home_keeps_all_limits() -> None:
     for of in robots():
-        assert within(of, of.home)
+        assert are_within_limits(of, of.home)
 
 
 def test_the_rod_limits_two_axes_together() -> None:
@@ -191,9 +191,9 @@ def test_the_rod_limits_two_axes_together() -> None:
         [181, 0, 0, 0, 0, 0],
     ]
     joints = np.radians(rows)
-    assert within(of, joints).tolist() == [True, False, False, False, False]
+    assert are_within_limits(of, joints).tolist() == [True, False, False, False, False]
     # -5 - 60 is 5 beyond -60; 66 is 1 beyond the 65 of axis 3 itself; 27 + 40 is 2 beyond 65; 181 is 1 beyond 180.
-    assert np.degrees(excess(of, joints).max(axis=1)[1:]) == pytest.approx([5, 1, 2, 1])
+    assert np.degrees(measure_excess(of, joints).max(axis=1)[1:]) == pytest.approx([5, 1, 2, 1])
 
 
 def test_the_rods_limit_gives_the_reach_of_the_data_sheet() -> None:
@@ -213,7 +213,7 @@ def test_denso_figure_of_a_listing() -> None:
         down = rotation_from_fixed_xyz(math.pi, 0, math.pi)
         solutions = inverse(of, down[None], np.array([[350.0, 0, 450]]))[0]
         figures = denso_figure(of, solutions)
-        own = solutions[(figures.values == 5) & within(of, solutions)]
+        own = solutions[(figures.values == 5) & are_within_limits(of, solutions)]
         assert len(own) == 1
         assert np.degrees(own[0])[[0, 3, 5]] == pytest.approx([0, 0, 0], abs=1e-6)
         assert own[0][4] > 0

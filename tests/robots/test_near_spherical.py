@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from camgen.robots.kinematics.near_spherical import _near
+from camgen.robots.kinematics.near_spherical import _are_near
 
 
 @pytest.mark.parametrize(
@@ -24,4 +24,4 @@ def test_the_angle_nearer_to_a_change_of_sign_is_marked(
     values: list[float], near: list[bool]
 ) -> None:
     column = np.array(values)[None, :, None]
-    assert _near(column)[0, :, 0].tolist() == near
+    assert _are_near(column)[0, :, 0].tolist() == near

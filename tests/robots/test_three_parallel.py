@@ -19,10 +19,10 @@ from camgen.robots.chain import Joint
 from camgen.robots.kinematics.arms import recognise
 from camgen.robots.kinematics.continuity import Stuck, follow
 from camgen.robots.kinematics.inverse import inverse
-from camgen.robots.kinematics.joint_limits import theta_of
-from camgen.robots.kinematics.reasons import Reason, why
-from camgen.robots.kinematics.singular import from_singular
-from camgen.robots.kinematics.three_parallel import ThreeParallel, branch
+from camgen.robots.kinematics.joint_limits import compute_theta
+from camgen.robots.kinematics.reasons import Reason, explain_stuck
+from camgen.robots.kinematics.singular import measure_singularity_distance
+from camgen.robots.kinematics.three_parallel import ThreeParallel, _measure_ahead
 from camgen.robots.models import Robot
 
 #: d, a, mm, of the joints of two arms as the maker publishes them, and alpha, rad, of both.
@@ -94,7 +94,9 @@ def test_the_place_of_a_solution_is_its_branch() -> None:
     assert isinstance(cobot.arm, ThreeParallel)
     poses = np.array([place(UR5E, row) for row in joints])
     solutions = inverse(cobot, poses[:, :3, :3], poses[:, :3, 3])
-    flags = branch(cobot.arm, theta_of(cobot, cobot.arm, solutions))
+    theta = compute_theta(cobot, cobot.arm, solutions)
+    flags = 4 * (_measure_ahead(cobot.arm, theta) < 0)
+    flags = flags + 2 * (np.sin(theta[..., 2]) < 0) + (np.sin(theta[..., 4]) < 0)
     reached = np.isfinite(solutions[..., 0])
     assert (flags == np.arange(8))[reached].all()
 
@@ -125,7 +127,7 @@ def test_where_axes_4_and_6_are_parallel_axis_6_is_kept() -> None:
     pose = place(UR5E, joints[0])
     solutions = inverse(cobot, pose[None, :3, :3], pose[None, :3, 3], joints[0])
     assert np.nanmin(far(solutions, joints[:, None])) < 1e-6
-    assert np.nanmin(from_singular(cobot, joints)[:, 2]) < 1e-9
+    assert np.nanmin(measure_singularity_distance(cobot, joints)[:, 2]) < 1e-9
 
 
 def test_singularities_are_where_the_arm_loses_a_direction() -> None:
@@ -141,10 +143,10 @@ def test_singularities_are_where_the_arm_loses_a_direction() -> None:
         else:
             above = middle
     for k, joints in ((2, straight), (1, elbow), (0, above)):
-        assert from_singular(cobot, joints[None])[0, k] < 1e-6
+        assert measure_singularity_distance(cobot, joints[None])[0, k] < 1e-6
         assert _least_singular_value(joints) < 1e-3
     free = np.radians([10.0, -60, 90, -50, 60, 20])
-    assert from_singular(cobot, free[None]).min() > math.radians(10)
+    assert measure_singularity_distance(cobot, free[None]).min() > math.radians(10)
     assert _least_singular_value(free) > 0.05
 
 
@@ -175,7 +177,7 @@ def test_a_pose_out_of_reach_is_told_by_its_distance() -> None:
     origins = pose[:3, 3] + np.array([[0, 0, -100.0], [0, 0, 500.0]])
     stuck = follow(cobot, rotations, origins, joints, 0.0)
     assert isinstance(stuck, Stuck)
-    reason = why(cobot, rotations, origins, stuck)
+    reason = explain_stuck(cobot, rotations, origins, stuck)
     assert isinstance(reason, Reason)
     assert reason.kind == "reach"
     assert 300 < reason.amount <= 500

@@ -16,10 +16,10 @@ from camgen.robots.kinematics import iterative as damped
 from camgen.robots.kinematics.arms import recognise
 from camgen.robots.kinematics.forward import flange, frames, jacobian
 from camgen.robots.kinematics.inverse import inverse
-from camgen.robots.kinematics.joint_limits import within
+from camgen.robots.kinematics.joint_limits import are_within_limits
 from camgen.robots.models import Robot
 from camgen.robots.posture import postures
-from camgen.robots.urdf.xml import urdf_files
+from camgen.robots.urdf.xml import list_urdf_files
 from tests.support.rounding import rounding_bound
 from tests.support.urdf_arms import Arm, built_in, disguised, rpy, step, tip, turn, urdf
 
@@ -299,7 +299,7 @@ def test_fixed_joints_are_folded_in_and_keep_their_boxes() -> None:
 def test_home_is_not_singular() -> None:
     for name in (SIX, COBOT):
         of = robot(str(name))
-        assert within(of, of.home)
+        assert are_within_limits(of, of.home)
         moved = jacobian(of, of.home[None])[0][0]
         moved[:3] /= of.lever
         assert np.linalg.svd(moved, compute_uv=False)[-1] > 0.05
@@ -340,7 +340,7 @@ def test_a_program_for_an_arm_of_a_urdf(name: Path, home: list[float]) -> None:
     assert made.reach is not None
     assert made.reach.robot == name.stem
     of = robot(str(name))
-    assert np.all(within(of, made.reach.joints))
+    assert np.all(are_within_limits(of, made.reach.joints))
     said = [str(note) for note in made.notes if name.name in note.what]
     assert said[1:] == [f"assumed: {name.name}: {note}" for note in of.notes]
     assert said[0] == (
@@ -414,7 +414,7 @@ def test_the_job_hash_covers_the_urdf_and_its_meshes_wherever_they_lie(tmp_path:
     assert hashed(tmp_path / "b", text, mesh) == first
     assert hashed(tmp_path / "c", text.replace('velocity="3', 'velocity="4', 1), mesh) != first
     assert hashed(tmp_path / "d", text, b"other".ljust(80) + mesh[80:]) != first
-    assert [path.name for path in urdf_files(str(SIX), Files())] == [
+    assert [path.name for path in list_urdf_files(str(SIX), Files())] == [
         "six.urdf",
         "turn.stl",
         "upper.stl",

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from camgen.collision.scene import scene
+from camgen.collision.scene import make_scene
 from camgen.robots.catalogue import robot
 from camgen.robots.models import Box, Surface
-from camgen.robots.urdf.boxes import around, is_own_hull
-from camgen.robots.urdf.xml import mesh_path
+from camgen.robots.urdf.boxes import enclose_mesh, is_own_hull
+from camgen.robots.urdf.xml import find_mesh
 from tests.support.rounding import rounding_bound
 from tests.support.urdf_arms import rpy
 
@@ -139,14 +139,14 @@ def test_meshes_are_found_where_packages_have_them(tmp_path: Path) -> None:
         "package://arm_description/meshes/hit/body.stl", "../meshes/hit/body.stl", f"file://{body}", str(body),
         "model://arm_description/meshes/hit/body.stl", "meshes/hit/body.stl", "package://other_name/meshes/hit/body.stl",
     ):  # fmt: skip
-        found = mesh_path(name, urdf)
+        found = find_mesh(name, urdf)
         assert found is not None, name
         assert found.resolve() == body
-    assert mesh_path("package://arm_description/meshes/hit/none.stl", urdf) is None
-    assert mesh_path("body.stl", urdf) is None  # a bare name is looked for beside the URDF only
+    assert find_mesh("package://arm_description/meshes/hit/none.stl", urdf) is None
+    assert find_mesh("body.stl", urdf) is None  # a bare name is looked for beside the URDF only
     (urdf / "body.stl").write_bytes(stl(CORNERS))
-    assert mesh_path("package://elsewhere/body.stl", urdf) == urdf / "body.stl"
-    assert mesh_path("\0.stl", urdf) is None
+    assert find_mesh("package://elsewhere/body.stl", urdf) == urdf / "body.stl"
+    assert find_mesh("\0.stl", urdf) is None
 
 
 def test_a_mesh_that_is_missing_or_damaged_is_said(tmp_path: Path) -> None:
@@ -176,7 +176,7 @@ def test_boxes_hold_the_whole_surface(seed: int) -> None:
     ]
     vertices = np.concatenate(parts)
     faces = np.concatenate([FACES + 8 * k for k in range(3)])
-    found = around(vertices, faces)
+    found = enclose_mesh(vertices, faces)
     points = sampled(vertices, faces, 20_000, rng)
     assert inside(points, found).all()
     assert inside(vertices, found).all()
@@ -190,7 +190,7 @@ def test_two_boxes_for_a_foot_with_a_column() -> None:
     """
     foot, column = CORNERS * [100, 100, 25], CORNERS * [20, 20, 175] + [0, 0, 200]
     vertices, faces = np.concatenate([foot, column]), np.concatenate([FACES, FACES + 8])
-    found = around(vertices, faces)
+    found = enclose_mesh(vertices, faces)
     assert inside(sampled(vertices, faces, 5000, np.random.default_rng(0)), found).all()
     assert volume(found) < 2.56e6 + 200 * 200 * 400 / 16
     assert len(found) <= 3
@@ -199,7 +199,7 @@ def test_two_boxes_for_a_foot_with_a_column() -> None:
 def test_a_turned_bar_gets_a_turned_box() -> None:
     turned = rpy(0.5, 0.6, 0.7)
     vertices = CORNERS * [200, 20, 10] @ turned.T + [5, 6, 7]
-    (box,) = around(vertices, FACES)
+    (box,) = enclose_mesh(vertices, FACES)
     assert sorted(box.half) == pytest.approx([10, 20, 200], abs=1e-6)
     assert box.link_from_box.origin == pytest.approx((5, 6, 7))
     assert np.linalg.det(box.link_from_box.rotation) == pytest.approx(1)
@@ -207,14 +207,14 @@ def test_a_turned_bar_gets_a_turned_box() -> None:
 
 def test_a_flat_mesh_has_a_thin_box() -> None:
     corners = np.array([[0.0, 0, 0], [10, 0, 0], [10, 10, 0], [0, 10, 0]])
-    (box,) = around(corners, np.array([[0, 1, 2], [0, 2, 3]]))
+    (box,) = enclose_mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]))
     assert box.half == pytest.approx((5, 5, 0.01))
 
 
 def test_neighbours_alone_touch() -> None:
     of = robot(str(ROBOTS / "cobot.urdf"))
     assert of.touching == tuple((k, k + 1) for k in range(6))
-    made = scene(of)
+    made = make_scene(of)
     assert ("world", "forearm") in made.pairs
     assert ("wrist_1", "wrist_3") in made.pairs
 

@@ -27,6 +27,8 @@ RULES = ROOT / "tests" / "texture" / "rules.tsv"
 TABLE = ROOT / "tests" / "texture" / "counts.tsv"
 #: Folders and files that are counted, relative to the root of the repository.
 COUNTED = ("camgen", "postprocessors", "fixtures", "bench", "tests", "docs", "README.md")
+#: Pages that are made from the code, whose texts are counted there.
+GENERATED = ("api.md", "messages.md")
 #: What is counted, in the order of the columns of the table.
 KINDS = ("wide", "nested", "conditional", "parameters", "prose")
 #: Characters of a line, and parameters of a function, that are not counted.
@@ -78,7 +80,7 @@ def list_files() -> tuple[Path, ...]:
         path = ROOT / name
         files += [path] if path.is_file() else path.rglob("*.py")
         files += [] if path.is_file() else path.rglob("*.md")
-    return tuple(sorted(file for file in files if file.name != "api.md"))
+    return tuple(sorted(file for file in files if file.name not in GENERATED))
 
 
 def list_places(file: Path) -> list[Place]:

@@ -19,7 +19,7 @@ CAMERA = Camera(
     size=(640, 480),
     name="rendered",
 )
-CHESS = boards.chessboard(9, 6, 25)
+CHESS = boards.make_chessboard(9, 6, 25)
 DICTIONARY = cv2.aruco.DICT_4X4_50
 KINDS: dict[str, dict[str, float]] = {
     "sharp": {},
@@ -52,7 +52,7 @@ def test_corners_are_exact_and_better_than_opencv(kind: str, fill: float, limit:
         view = chess_photo(kind, index, fill)
         found = find_board(view.pixels, CHESS)
         assert found is not None
-        assert (len(found.corners), found.of) == (54, 54)
+        assert (len(found.corners), found.corner_count) == (54, 54)
         own.append(off(found, view, 9))
         _, rough = cv2.findChessboardCorners(view.pixels, (9, 6))
         until = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 100, 1e-4)
@@ -70,7 +70,7 @@ def test_corners_are_exact_and_better_than_opencv(kind: str, fill: float, limit:
 
 @pytest.mark.parametrize(("columns", "rows"), [(9, 6), (6, 9)])
 def test_a_corner_has_the_same_number_however_the_camera_is_held(columns: int, rows: int) -> None:
-    target = boards.chessboard(columns, rows, 25)
+    target = boards.make_chessboard(columns, rows, 25)
     view = chess_photo("sharp", 1, 0.6, columns, rows)
     upright = find_board(view.pixels, target)
     turned = find_board(np.ascontiguousarray(view.pixels[::-1, ::-1]), target)
@@ -97,7 +97,7 @@ def test_colour_and_size_make_no_difference() -> None:
 
 def test_what_is_no_such_board() -> None:
     view = chess_photo("sharp", 0)
-    assert find_board(view.pixels, boards.chessboard(10, 7, 25)) is None
+    assert find_board(view.pixels, boards.make_chessboard(10, 7, 25)) is None
     assert find_board(np.full((480, 640), BENCH, np.uint8), CHESS) is None
     half = view.pixels.copy()
     half[:, 300:] = int(BENCH)
@@ -128,10 +128,10 @@ def test_charuco_boards_may_be_partly_covered(
     pixels = view.pixels.copy()
     if covered:
         pixels[:, : int(np.median(view.corners[:, 0]))] = int(BENCH)
-    found = find_board(pixels, boards.charuco(columns, rows, 25, marker))
+    found = find_board(pixels, boards.make_charuco(columns, rows, 25, marker))
     assert found is not None
     corners = (columns - 1) * (rows - 1)
-    assert found.of == corners
+    assert found.corner_count == corners
     assert len(found.corners) == corners if not covered else 6 <= len(found.corners) < corners
     column, row = (np.rint(found.places / 25).astype(int)).T
     truth = view.corners[row * (columns - 1) + column]
@@ -145,7 +145,7 @@ def test_charuco_boards_as_opencv_drew_them_before() -> None:
     picture = cv2.copyMakeBorder(
         drawn.generateImage((400, 480)), 40, 40, 40, 40, cv2.BORDER_CONSTANT, value=255
     )
-    found = find_board(cv2.GaussianBlur(picture, (0, 0), 0.8), boards.charuco(5, 6, 25, 20))
+    found = find_board(cv2.GaussianBlur(picture, (0, 0), 0.8), boards.make_charuco(5, 6, 25, 20))
     assert found is not None
     # Squares of 80 px from (40, 40) on; the border of a pixel is half a pixel before its centre.
     assert np.abs(found.corners - (found.places / 25 * 80 + 120 - 0.5)).max() < 0.02
@@ -155,23 +155,23 @@ def test_charuco_boards_as_opencv_drew_them_before() -> None:
 @pytest.mark.parametrize(
     ("make", "says"),
     [
-        (lambda: boards.chessboard(2, 6, 25), "--board: 2x6 inner corners cannot be found"),
-        (lambda: boards.chessboard(9, 6, 0), "--square: 0 is no length in mm"),
-        (lambda: boards.chessboard(9, 6, float("nan")), "--square: nan is no length"),
+        (lambda: boards.make_chessboard(2, 6, 25), "--board: 2x6 inner corners cannot be found"),
+        (lambda: boards.make_chessboard(9, 6, 0), "--square: 0 is no length in mm"),
+        (lambda: boards.make_chessboard(9, 6, float("nan")), "--square: nan is no length"),
         (
-            lambda: boards.charuco(7, 5, 25, 25),
+            lambda: boards.make_charuco(7, 5, 25, 25),
             "--marker: markers of 25 mm do not fit into squares of 25 mm",
         ),
-        (lambda: boards.charuco(7, 5, 25, -3), "--marker: -3 is no length"),
+        (lambda: boards.make_charuco(7, 5, 25, -3), "--marker: -3 is no length"),
         (
-            lambda: boards.charuco(7, 5, 25, 18, "9X9"),
+            lambda: boards.make_charuco(7, 5, 25, 18, "9X9"),
             "--dictionary: there is no '9X9'; give one of 4X4_100,",
         ),
         (
-            lambda: boards.charuco(20, 20, 25, 18),
+            lambda: boards.make_charuco(20, 20, 25, 18),
             "4X4_50 has 50 markers, a board of 20x20 needs 200",
         ),
-        (lambda: boards.charuco(2, 5, 25, 18), "--board: 2x5 squares cannot be used"),
+        (lambda: boards.make_charuco(2, 5, 25, 18), "--board: 2x5 squares cannot be used"),
     ],
 )
 def test_boards_that_cannot_be(make: object, says: str) -> None:

@@ -13,7 +13,7 @@ from camgen.cli import calibrate as cli_calibrate
 from camgen.cli.say import voice
 from camgen.model.errors import InputError, JobError
 from camgen.model.pose import frozen
-from camgen.vision.boards.corners import SeenBoard, chessboard
+from camgen.vision.boards.corners import SeenBoard, make_chessboard
 from camgen.vision.camera.calibrate import Calibration, Photo, calibrate, fit_camera, photograph
 from camgen.vision.camera.camera import Camera, read_camera
 from camgen.vision.camera.residuals import svg
@@ -29,7 +29,7 @@ CAMERA = Camera(
 )
 #: The same with a quarter of the pixels, for photos that are rendered.
 HALF = Camera(frozen(CAMERA.matrix * [[0.5], [0.5], [1]]), CAMERA.distortion, (320, 240), "half")
-BOARD = chessboard(9, 6, 25)
+BOARD = make_chessboard(9, 6, 25)
 SIZE = (200.0, 125.0)
 _, MM = chess(9, 6, 25)
 NOISE = 0.05
@@ -282,7 +282,7 @@ def test_from_charuco_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
 def test_a_board_given_by_its_squares_is_recognised(tmp_path: Path) -> None:
     paths = [Path(name) for name in written(tmp_path, rendered()[:3])]
     with pytest.raises(InputError, match="they show a chessboard 9x6: give --board 9x6"):
-        calibrate([source(path) for path in paths], chessboard(10, 7, 25), "x", lambda _: None)
+        calibrate([source(path) for path in paths], make_chessboard(10, 7, 25), "x", lambda _: None)
     cv2.imwrite(str(tmp_path / "bench.png"), np.full((480, 640), 120, np.uint8))
     with pytest.raises(
         InputError,

@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from camgen.model.errors import JobError
 from camgen.model.pose import Pose, frozen
-from camgen.vision.boards.corners import chessboard
+from camgen.vision.boards.corners import make_chessboard
 from camgen.vision.boards.lens import chance_of, lens_of_sheet
 from camgen.vision.boards.sheet import sheet
 from camgen.vision.camera.calibrate import photograph
@@ -223,7 +223,7 @@ def test_real_photos_of_a_cheap_camera() -> None:
     Half of each board is fitted, and the other half predicted: without the lens 6 mm off or more.
     """
     for file in sorted(REAL.glob("*.jpg")):
-        board = photograph(source(file), chessboard(9, 6, 25.0))
+        board = photograph(source(file), make_chessboard(9, 6, 25.0))
         assert board.seen is not None
         px, mm = board.seen.corners, board.seen.places
         lens = lens_of_sheet(px, mm, board.size, needs_focal=True)

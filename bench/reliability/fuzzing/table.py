@@ -33,7 +33,7 @@ from camgen.model.program import Columns
 from camgen.post.plugins import fill_tables, find_post, find_readback, make_post
 from camgen.read import find_reader
 from camgen.read.files import Files
-from camgen.read.job_file import load as load_job
+from camgen.read.job_file import load_job
 from camgen.robots.urdf import read_urdf
 from camgen.robots.workcell import equip
 from camgen.vision.camera.camera import read_camera
@@ -203,7 +203,7 @@ def _read_urdf(data: bytes) -> object:
 
 
 def _read_cloud(suffix: str, data: bytes) -> object:
-    return scans.read(Source(Path(f"scan{suffix}"), data))
+    return scans.read_scan(Source(Path(f"scan{suffix}"), data))
 
 
 def _read_plan(data: bytes) -> object:

@@ -28,7 +28,7 @@ from camgen.lang.run import Stopped
 from camgen.model.limits import Limits as Bounds
 from camgen.model.limits import tell
 from camgen.model.pose import TOOL_DOWN, Pose, Vec3
-from camgen.model.program import Instruction, MoveC, MoveJ, MoveL, Output, Packing, Stop
+from camgen.model.program import BodyBuilder, Instruction, MoveC, MoveJ, MoveL, Output, Stop
 
 #: Feed, mm/min, of a machine with a default feed, before the first F.
 FEED = 600.0
@@ -199,7 +199,7 @@ class Machine:
 
     line: int = 0
     raw: str = ""
-    body: Packing = field(default_factory=Packing)
+    body: BodyBuilder = field(default_factory=BodyBuilder)
     lines: array[int] = field(default_factory=partial(array, "q"))
     log: Log = field(init=False)
     chunk: Chunk | None = None

@@ -19,7 +19,7 @@ from camgen.lang.gcode.drilling import speed_of
 from camgen.lang.gcode.machine import Machine
 from camgen.lang.gcode.words import LineError
 from camgen.model.pose import Vec3
-from camgen.model.program import MoveC, MoveJ, MoveL, Packing
+from camgen.model.program import BodyBuilder, MoveC, MoveJ, MoveL
 
 #: rad: arcs of a profile are looked at in steps, to find where a pass meets them.
 _STEP = math.radians(0.5)
@@ -125,7 +125,7 @@ def _words_of(m: Machine, code: str, words: dict[str, float], fanuc: bool) -> _R
 def _record(m: Machine, steps: range) -> list[Item]:
     """The motions of the steps of a profile, which are not run now."""
     kept = m.body, m.lines, list(m.at), m.motion, m.feed, m.line, m.incremental, m.side
-    m.body, m.lines = Packing(), array("q")
+    m.body, m.lines = BodyBuilder(), array("q")
     try:
         m.run_lines(steps)
         _flush(m)

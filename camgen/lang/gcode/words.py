@@ -106,7 +106,7 @@ def value_at(text: str, at: int, known: Parameters, depth: int = 0) -> tuple[flo
     text: a line in lower case without blanks.
     """
     if depth > _DEEP:
-        raise LineError("an expression that is nested too deeply")
+        raise LineError("an expression nested too deeply")
     number = _NUMBER.match(text, at)
     if number:
         return float(number[0]), number.end()

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+import numpy as np
 from msgspec import Struct
 
 from camgen.model.part import Note
 from camgen.model.pose import FloatArray
+from camgen.model.text import counted
 
 #: What to do about a damaged file.
 AGAIN = "export it again from the scanner's program"
@@ -31,3 +35,44 @@ class FileCloud(Struct, frozen=True, eq=False):
     unit: str = ""
     usual: str = ""
     source: str = ""
+
+
+class StationScan(Struct, frozen=True, eq=False):
+    """A scan from one place of the scanner.
+
+    points: (N, 3), in the frame of the file.
+    missing: number of points that the scanner did not measure.
+    place: (3,) of the scanner in the frame of the file; None if it is not known.
+    """
+
+    points: FloatArray
+    missing: int
+    place: FloatArray | None
+
+
+def join_scans(
+    scans: Sequence[StationScan], missing: tuple[str, str], whys: tuple[str, str], source: str
+) -> FileCloud:
+    """The points of one or more scans, usually in m.
+
+    missing: words for one and for many points that were not measured, with their verb.
+    whys: reasons for the notes on missing points and on several scans.
+    source: reason for the usual unit.
+    """
+    count, notes = sum(scan.missing for scan in scans), []
+    if count:
+        notes.append(Note("repaired", f"{counted(count, *missing)} left out", whys[0]))
+    if len(scans) > 1:
+        notes.append(Note("joined", f"{len(scans)} scans were joined", whys[1]))
+    points = np.concatenate([scan.points for scan in scans])
+    place = scans[0].place if len(scans) == 1 else None
+    return FileCloud(points, tuple(notes), place, "", "m", source)
+
+
+def parse_numbers(words: Sequence[str | bytes]) -> list[float]:
+    """The numbers in `words`; none if one word is not a number below `FARTHEST`."""
+    try:
+        values = [float(word) for word in words]
+    except ValueError:
+        return []
+    return values if all(abs(value) < FARTHEST for value in values) else []

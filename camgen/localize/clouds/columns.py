@@ -63,8 +63,11 @@ def find_columns(names: Sequence[str]) -> Columns | None:
 
     Raises ValueError if a name is there twice or the three units differ.
     """
-    plain = [_plain(name) for name in names]
-    units = [_unit(name) for name in names]
+    plain, units = [], []
+    for name in names:
+        words, unit = _split_unit(name)
+        plain.append(_BETWEEN.sub("", words).lower())
+        units.append(unit)
     for family in _FAMILIES:
         places = [_indices(plain, axis) for axis in family]
         if not all(places):
@@ -106,11 +109,3 @@ def _split_unit(name: str) -> tuple[str, str]:
     if match is None:
         return name, ""
     return match["name"], (match["braced"] or match["plain"]).lower()
-
-
-def _plain(name: str) -> str:
-    return _BETWEEN.sub("", _split_unit(name)[0]).lower()
-
-
-def _unit(name: str) -> str:
-    return _split_unit(name)[1]

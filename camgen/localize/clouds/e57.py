@@ -7,13 +7,10 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from msgspec import Struct
 
-from camgen.localize.clouds.cloud import AGAIN, FileCloud
+from camgen.localize.clouds.cloud import AGAIN, FileCloud, StationScan, join_scans
 from camgen.model.errors import InputError, one_line
-from camgen.model.part import Note
 from camgen.model.pose import FloatArray
-from camgen.model.text import counted
 
 _PLACES = ("cartesianX", "cartesianY", "cartesianZ")
 #: 0 for a point that was measured, 1 for a direction only, 2 for nothing (E2807, table 11).
@@ -25,55 +22,33 @@ _UNIT_LENGTH = 1e-3
 _METRES = "E57 is in m by its standard (ASTM E2807)"
 
 
-class _Scan(Struct, frozen=True, eq=False):
-    """One scan.
-
-    points: (N, 3) in the frame of the file.
-    invalid: the number of points that the scanner did not measure.
-    place: (3,) of the scanner in the frame of the file; None without a pose.
-    """
-
-    points: FloatArray
-    invalid: int
-    place: FloatArray | None
-
-
 def read_e57(name: str, data: bytes) -> FileCloud:
     """The points of all scans in the frame of the file. Raises InputError if it cannot be read."""
     try:
         import pye57  # noqa: PLC0415 (an extra)
     except ImportError as error:
-        remedy = "pip install '.[scan]' in the folder of camgen, or export it as PLY or PTX"
-        raise InputError(name, "E57 needs the package pye57", "", remedy) from error
+        raise InputError(
+            name,
+            "E57 needs the package pye57",
+            remedy="pip install '.[scan]' in the folder of camgen, or export it as PLY or PTX",
+        ) from error
     with TemporaryDirectory() as folder:
         path = Path(folder) / "scan.e57"
         path.write_bytes(data)
         try:
-            scans = _read_scans(pye57, str(path), 8 * len(data) // _LEAST_BITS)
+            with pye57.E57(str(path)) as file:
+                limit = 8 * len(data) // _LEAST_BITS
+                scans = [_read_scan(file, index, limit) for index in range(file.scan_count)]
         except (pye57.libe57.E57Exception, ValueError, OSError) as error:
             why = one_line(str(error).partition("\n")[0])[:100].strip()
-            raise InputError(name, f"is damaged or not an E57 file: {why}", "", AGAIN) from error
+            raise InputError(name, f"is damaged or not an E57 file: {why}", remedy=AGAIN) from error
     if not scans:
-        raise InputError(name, "has no scan", "", AGAIN)
-    invalid = sum(scan.invalid for scan in scans)
-    notes = []
-    if invalid:
-        what = counted(invalid, "point was", "points were")
-        notes.append(Note("repaired", f"{what} left out", "the scanner marks them as invalid"))
-    if len(scans) > 1:
-        notes.append(Note("joined", f"{len(scans)} scans were joined", "each by its own pose"))
-    points = np.concatenate([scan.points for scan in scans])
-    place = scans[0].place if len(scans) == 1 else None
-    return FileCloud(points, tuple(notes), place, "", "m", _METRES)
+        raise InputError(name, "has no scan", remedy=AGAIN)
+    whys = ("the scanner marks them as invalid", "each by its own pose")
+    return join_scans(scans, ("point was", "points were"), whys, _METRES)
 
 
-def _read_scans(pye57: Any, path: str, limit: int) -> list[_Scan]:
-    """Every scan of a file. Raises ValueError for one that cannot be used."""
-    with pye57.E57(path) as file:
-        return [_read_scan(file, index, limit) for index in range(file.scan_count)]
-
-
-def _read_scan(file: Any, index: int, limit: int) -> _Scan:
+def _read_scan(file: Any, index: int, limit: int) -> StationScan:
     header = file.get_header(index)
     missing = [field for field in _PLACES if field not in header.point_fields]
     if missing:
@@ -89,10 +64,10 @@ def _read_scan(file: Any, index: int, limit: int) -> _Scan:
     points = np.column_stack([columns[place][valid] for place in _PLACES]).astype(np.float64)
     invalid = int(np.count_nonzero(~valid))
     if not header.has_pose():
-        return _Scan(points, invalid, None)
+        return StationScan(points, invalid, None)
     turn, place = _read_pose(header.node["pose"], index)
     moved = not np.array_equal(turn, np.eye(3)) or place.any()
-    return _Scan(points @ turn.T + place, invalid, place if moved else None)
+    return StationScan(points @ turn.T + place, invalid, place if moved else None)
 
 
 def _read_pose(pose: Any, index: int) -> tuple[FloatArray, FloatArray]:

@@ -38,21 +38,24 @@ def read_las(name: str, data: bytes) -> FileCloud:
     try:
         import laspy  # noqa: PLC0415 (an extra)
     except ImportError as error:
-        remedy = "pip install '.[scan]' in the folder of camgen, or export it as PLY"
-        raise InputError(name, "LAS needs the package laspy", "", remedy) from error
+        raise InputError(
+            name,
+            "LAS needs the package laspy",
+            remedy="pip install '.[scan]' in the folder of camgen, or export it as PLY",
+        ) from error
     try:
         with np.errstate(all="ignore"):
-            _insist_on_records(data)
+            _check_records(data)
             header = laspy.LasHeader.read_from(BytesIO(data))
             if header.are_points_compressed:
-                raise InputError(name, "is packed (LAZ)", "", "export it as LAS")
-            _insist_on_points(header, len(data))
+                raise InputError(name, "is packed (LAZ)", remedy="export it as LAS")
+            _check_points(header, len(data))
             cloud = laspy.read(BytesIO(data))
             points = np.column_stack([cloud.x, cloud.y, cloud.z]).astype(np.float64)
             withheld = np.asarray(cloud.withheld, bool)
     except (laspy.LaspyException, struct.error, *_STUMBLES) as error:
         why = one_line(str(error))[:100].strip() or type(error).__name__
-        raise InputError(name, f"is damaged or not a LAS file: {why}", "", AGAIN) from error
+        raise InputError(name, f"is damaged or not a LAS file: {why}", remedy=AGAIN) from error
     notes = []
     if withheld.any():
         what = counted(int(np.count_nonzero(withheld)), "point was", "points were")
@@ -62,7 +65,7 @@ def read_las(name: str, data: bytes) -> FileCloud:
     return FileCloud(points[~withheld], tuple(notes), None, unit, "" if unit else "m", source)
 
 
-def _insist_on_records(data: bytes) -> None:
+def _check_records(data: bytes) -> None:
     """Raises ValueError if the file is too short for its records: laspy makes up the rest."""
     minor, records = data[25:26], struct.unpack_from("<I", data, 100)[0]
     extended = struct.unpack_from("<I", data, 243)[0] if minor == b"\x04" else 0
@@ -70,7 +73,7 @@ def _insist_on_records(data: bytes) -> None:
         raise ValueError(f"it claims {records + extended:,} records before and after its points")
 
 
-def _insist_on_points(header: Any, size: int) -> None:
+def _check_points(header: Any, size: int) -> None:
     """Raises ValueError if the file is too short for its points: laspy allocates them first."""
     wanted = header.offset_to_point_data + header.point_count * header.point_format.size
     if wanted > size:
@@ -89,14 +92,20 @@ def _find_unit(name: str, records: list[Any]) -> str:
             keys[key.id] = key.value_offset
         texts += [record.string] if hasattr(record, "string") else []
     if keys.get(_MODEL_KEY) == _GEOGRAPHIC or any(map(_WKT_DEGREES.match, texts)):
-        what = "its coordinates are longitude and latitude"
-        raise InputError(name, what, "", "export it in a projected coordinate system")
+        raise InputError(
+            name,
+            "its coordinates are longitude and latitude",
+            remedy="export it in a projected coordinate system",
+        )
     units = {_CODES[keys[key]] for key in _LENGTH_KEYS if keys.get(key) in _CODES}
     for text in texts:
         units |= {_name_factor(factor) for factor in _WKT_UNIT.findall(text)} - {""}
     if len(units) > 1:
-        what = f"its coordinates are in different units: {' and '.join(sorted(units))}"
-        raise InputError(name, what, "", "export it with heights in the unit of x and y")
+        raise InputError(
+            name,
+            f"its coordinates are in different units: {' and '.join(sorted(units))}",
+            remedy="export it with heights in the unit of x and y",
+        )
     return units.pop() if units else ""
 
 
@@ -106,5 +115,4 @@ def _name_factor(text: str) -> str:
         mm = 1000 * float(text)
     except ValueError:
         return ""
-    matches = (unit for unit in _CODES.values() if abs(mm / MM[unit] - 1) < _SAME_FACTOR)
-    return next(matches, "")
+    return next((unit for unit in _CODES.values() if abs(mm / MM[unit] - 1) < _SAME_FACTOR), "")

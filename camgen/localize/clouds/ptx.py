@@ -13,11 +13,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from msgspec import Struct
 
-from camgen.localize.clouds.cloud import AGAIN, FARTHEST, FileCloud
+from camgen.localize.clouds.cloud import (
+    AGAIN,
+    FileCloud,
+    StationScan,
+    join_scans,
+    parse_numbers,
+)
 from camgen.model.errors import InputError, one_line
-from camgen.model.part import Note
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted
 
@@ -27,19 +31,6 @@ _HEAD = (1, 1, 3, 3, 3, 3, 4, 4, 4, 4)
 _RIGID = 1e-3
 #: The scanner's two places in the head are one if they differ by less, in units of the file.
 _SAME_PLACE = 1e-3
-
-
-class _Scan(Struct, frozen=True, eq=False):
-    """One scan.
-
-    points: (N, 3) in the common frame.
-    missing: the number of rows without a point.
-    place: (3,) of the scanner in the common frame; None if it is not known.
-    """
-
-    points: FloatArray
-    missing: int
-    place: FloatArray | None
 
 
 def read_ptx(name: str, data: bytes) -> FileCloud:
@@ -52,39 +43,36 @@ def read_ptx(name: str, data: bytes) -> FileCloud:
             continue
         scan, begin = _read_scan(name, lines, begin)
         scans.append(scan)
-    missing = sum(scan.missing for scan in scans)
-    notes = []
-    if missing:
-        what = counted(missing, "row without a point was", "rows without a point were")
-        notes.append(Note("repaired", f"{what} left out", "the scanner saw nothing there"))
-    if len(scans) > 1:
-        why = "each by its own matrix"
-        notes.append(Note("joined", f"{len(scans)} scans were joined", why))
-    points = np.concatenate([scan.points for scan in scans])
-    place = scans[0].place if len(scans) == 1 else None
-    return FileCloud(points, tuple(notes), place, "", "m", "Leica Cyclone writes PTX in m")
+    missing = ("row without a point was", "rows without a point were")
+    whys = ("the scanner saw nothing there", "each by its own matrix")
+    return join_scans(scans, missing, whys, "Leica Cyclone writes PTX in m")
 
 
-def _read_scan(name: str, lines: Sequence[str], begin: int) -> tuple[_Scan, int]:
+def _read_scan(name: str, lines: Sequence[str], begin: int) -> tuple[StationScan, int]:
     """The scan that begins in a line, from 0, and the index of the line after it."""
     columns, rows, place, *axes = _read_head(name, lines, begin)
     count = _count(name, columns, rows, begin)
     first = begin + len(_HEAD)
     if len(lines) < first + count:
         left = counted(len(lines) - first, f"of {count} points is", f"of {count} points are")
-        where = f"the scan from line {begin + 1} on"
-        raise InputError(name, f"the file is cut off, {left} there", where, AGAIN)
+        raise InputError(
+            name, f"the file is cut off, {left} there", f"the scan from line {begin + 1} on", AGAIN
+        )
     points = _read_points(name, lines[first : first + count], first + 1)
     matrix = np.array(axes[3:])
     turn = matrix[:3, :3]
     rigid = np.allclose(turn @ turn.T, np.eye(3), atol=_RIGID)
     if not rigid or matrix[:, 3].tolist() != [0, 0, 0, 1]:
-        where = f"lines {begin + 7} to {begin + 10}"
-        raise InputError(name, "its matrix does more than turn and move", where, AGAIN)
+        raise InputError(
+            name,
+            "its matrix does more than turn and move",
+            f"lines {begin + 7} to {begin + 10}",
+            AGAIN,
+        )
     seen = points.any(axis=1)
     moved = points[seen] @ turn + matrix[3, :3]
     scanner = _find_scanner(np.array(place), np.array(axes[:3]), matrix)
-    return _Scan(moved, int(np.count_nonzero(~seen)), scanner), first + count
+    return StationScan(moved, int(np.count_nonzero(~seen)), scanner), first + count
 
 
 def _find_scanner(place: FloatArray, axes: FloatArray, matrix: FloatArray) -> FloatArray | None:
@@ -101,33 +89,31 @@ def _find_scanner(place: FloatArray, axes: FloatArray, matrix: FloatArray) -> Fl
 
 
 def _read_head(name: str, lines: Sequence[str], begin: int) -> list[list[float]]:
-    """The numbers of each line of a head."""
     rows = []
     for k, wanted in enumerate(_HEAD):
         line = lines[begin + k] if begin + k < len(lines) else ""
-        numbers = _numbers(line)
+        numbers = parse_numbers(line.split())
         if len(numbers) != wanted:
             numbers_there = counted(wanted, "number")
-            what = f"{one_line(line[:40])!r} is not in the head of a scan: that has {numbers_there}"
-            raise InputError(name, what, f"line {begin + k + 1}", AGAIN)
+            raise InputError(
+                name,
+                f"{one_line(line[:40])!r} is not in the head of a scan: that has {numbers_there}",
+                f"line {begin + k + 1}",
+                AGAIN,
+            )
         rows.append(numbers)
     return rows
-
-
-def _numbers(line: str) -> list[float]:
-    """The numbers of a line; none if one word is something else or beyond all measure."""
-    try:
-        values = [float(word) for word in line.split()]
-    except ValueError:
-        return []
-    return values if all(abs(value) < FARTHEST for value in values) else []
 
 
 def _count(name: str, columns: Sequence[float], rows: Sequence[float], begin: int) -> int:
     count = columns[0] * rows[0]
     if count != int(count) or count <= 0 or columns[0] != int(columns[0]):
-        where = f"lines {begin + 1} and {begin + 2}"
-        raise InputError(name, "its columns and rows are not whole numbers", where, AGAIN)
+        raise InputError(
+            name,
+            "its columns and rows are not whole numbers",
+            f"lines {begin + 1} and {begin + 2}",
+            AGAIN,
+        )
     return int(count)
 
 
@@ -138,7 +124,11 @@ def _read_points(name: str, lines: Sequence[str], first: int) -> FloatArray:
         try:
             x, y, z = (float(word) for word in line.split(None, 3)[:3])
         except ValueError as error:
-            what = f"{one_line(line[:40])!r} is not a point"
-            raise InputError(name, what, f"line {number}", "a line is x y z intensity") from error
+            raise InputError(
+                name,
+                f"{one_line(line[:40])!r} is not a point",
+                f"line {number}",
+                "a line is x y z intensity",
+            ) from error
         values.append((x, y, z))
     return np.array(values)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from msgspec import Struct
 
-from camgen.localize.clouds.cloud import AGAIN, FARTHEST, FileCloud
+from camgen.localize.clouds.cloud import AGAIN, FileCloud, parse_numbers
 from camgen.model.errors import InputError
 from camgen.model.part import Note
 from camgen.model.pose import FloatArray
@@ -84,12 +84,11 @@ def _points(name: str, kind: str, data: bytes, parse: Callable[[bytes], _Head]) 
         return _LAYOUTS[head.layout](head, body, places)
     except (ValueError, LookupError, OverflowError) as error:
         raise InputError(
-            name, f"is damaged or no {kind} point cloud: {error}", "", AGAIN
+            name, f"is damaged or no {kind} point cloud: {error}", remedy=AGAIN
         ) from error
 
 
 def _find_axes(names: Sequence[str]) -> list[int]:
-    """The columns of x, y and z, in small or capital letters."""
     plain = [name.lower() for name in names]
     for axis in "xyz":
         if plain.count(axis) != 1:
@@ -136,8 +135,7 @@ def _pcd_head(data: bytes) -> _Head:
     return _Head(tuple(columns), int(keys["POINTS"][0]), _DATA[keys["DATA"][0]], body)
 
 
-def _insist_on_count(present: int, head: _Head) -> None:
-    """Raises ValueError if fewer points are present than the head says."""
+def _check_count(present: int, head: _Head) -> None:
     if present < head.count:
         verbs = (f"of {head.count} points is there", f"of {head.count} points are there")
         raise ValueError(counted(present, *verbs))
@@ -145,7 +143,7 @@ def _insist_on_count(present: int, head: _Head) -> None:
 
 def _parse_text(head: _Head, body: bytes, places: list[int]) -> FloatArray:
     rows = [line.split() for line in body.splitlines() if line.strip()][: head.count]
-    _insist_on_count(len(rows), head)
+    _check_count(len(rows), head)
     points = np.zeros((len(rows), 3))
     for axis, place in enumerate(places):
         points[:, axis] = [float(words[place]) for words in rows]
@@ -158,7 +156,7 @@ def _record(head: _Head) -> np.dtype[np.void]:
 
 def _unpack_columns(head: _Head, body: bytes, places: list[int]) -> FloatArray:
     record = _record(head)
-    _insist_on_count(len(body) // record.itemsize, head)
+    _check_count(len(body) // record.itemsize, head)
     rows = np.frombuffer(body, record, head.count)
     return np.column_stack([rows[f"{k}"].astype(np.float64) for k in places])
 
@@ -218,13 +216,11 @@ def _viewpoint(name: str, data: bytes) -> FloatArray | None:
     words = next(lines, None)
     if words is None:
         return None
-    try:
-        values = np.array([float(word) for word in words])
-    except ValueError:
-        values = np.zeros(0)
-    if len(values) != 7 or not (np.abs(values) < FARTHEST).all():
-        what = "is damaged or no PCD point cloud: its VIEWPOINT is not seven numbers"
-        raise InputError(name, what, "", AGAIN)
-    if values.tolist() == [0, 0, 0, 1, 0, 0, 0]:
-        return None
-    return values[:3]
+    values = parse_numbers(words)
+    if len(values) != 7:
+        raise InputError(
+            name,
+            "is damaged or no PCD point cloud: its VIEWPOINT is not seven numbers",
+            remedy=AGAIN,
+        )
+    return None if values == [0, 0, 0, 1, 0, 0, 0] else np.array(values[:3])

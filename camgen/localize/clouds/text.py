@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from itertools import chain
+from itertools import chain, compress
 from operator import itemgetter
 
 import numpy as np
 from msgspec import Struct
+from msgspec.structs import replace
 
 from camgen.localize.clouds.cloud import AGAIN, FileCloud
 from camgen.localize.clouds.columns import Columns, find_columns, find_unit
@@ -51,30 +52,37 @@ class _Rows(Struct, frozen=True):
     @property
     def width(self) -> int:
         """Words of the first line, without empty ones at its end."""
-        return _width(_split(self.lines[0], self.mark))
+        return _count_words(_split(self.lines[0], self.mark))
 
 
 def read_text(name: str, data: bytes) -> FileCloud:
     """The points of a text. Raises InputError for a line that is not a point."""
     if b"\x00" in data[:4096]:
-        raise InputError(name, "is not text", "", AGAIN)
+        raise InputError(name, "is not a text", remedy=AGAIN)
     lines = _LINE_END.split(data.decode("utf-8-sig", "replace"))
-    begin = next((k for k, line in enumerate(lines) if _mark(line) is not None), None)
+    begin = next((k for k, line in enumerate(lines) if _find_mark(line) is not None), None)
     if begin is None:
         raise InputError(
-            name, "has no line of three numbers", "", "a line is x y z, in mm; --units for others"
+            name,
+            "has no line of three numbers",
+            remedy="a line is x y z, in mm; --units for others",
         )
-    rows = _collect(name, lines, begin)
+    rows = _collect_rows(name, lines, begin)
     columns, notes = _read_head(name, lines[:begin], rows)
     places = columns.places if columns else (0, 1, 2)
-    _insist_on_width(name, rows, places)
+    _check_width(name, rows, places)
     points, commas = _read_points(name, rows, places)
     if columns is None:
-        _refuse_paired(name, rows, points)
-        _refuse_numbered(name, rows, points)
+        _check_commas(name, rows, points)
+        _check_first_column(name, rows, points)
     if commas:
-        what = f"decimal commas in {counted(commas, 'number')}"
-        notes.append(Note("assumed", what, "no number of the coordinates has a point"))
+        notes.append(
+            Note(
+                "assumed",
+                f"decimal commas in {counted(commas, 'number')}",
+                "no number of the coordinates has a point",
+            )
+        )
     unit = columns.unit if columns else ""
     return FileCloud(points, tuple(notes), None, unit, "", "its head" if unit else "")
 
@@ -84,7 +92,7 @@ def read_vertices(name: str, data: bytes) -> FileCloud:
     lines = _LINE_END.split(data.decode("utf-8-sig", "replace"))
     numbers = [k for k, line in enumerate(lines, 1) if line.split(None, 1)[:1] == ["v"]]
     if not numbers:
-        raise InputError(name, "has no vertices", "", AGAIN)
+        raise InputError(name, "has no vertices", remedy=AGAIN)
     rows = _Rows([lines[k - 1].strip()[1:].strip() for k in numbers], numbers, "")
     return FileCloud(_read_points(name, rows, (0, 1, 2))[0])
 
@@ -96,7 +104,7 @@ def _split(line: str, mark: str) -> list[str]:
     return line.split(mark) if mark else line.split()
 
 
-def _width(words: Sequence[str]) -> int:
+def _count_words(words: Sequence[str]) -> int:
     """The number of words, without empty ones at the end."""
     count = len(words)
     while count and not words[count - 1].strip():
@@ -104,17 +112,17 @@ def _width(words: Sequence[str]) -> int:
     return count
 
 
-def _mark(line: str) -> str | None:
+def _find_mark(line: str) -> str | None:
     """The separator of a line of points; None for any other line.
 
-    Of a point three words are numbers, and more than half of all words.
+    A line is a point if three of its words are numbers, and more than half of all its words.
     """
     text = _strip_comment(line)
     for mark in _MARKS:
         if mark in text:
             words = _split(text, mark)
             numbers = sum(_NUMBER.fullmatch(word.strip()) is not None for word in words)
-            if numbers >= 3 and 2 * numbers > _width(words):
+            if numbers >= 3 and 2 * numbers > _count_words(words):
                 return mark
     return None
 
@@ -125,16 +133,16 @@ def _strip_comment(line: str) -> str:
     return line.strip()
 
 
-def _collect(name: str, lines: Sequence[str], begin: int) -> _Rows:
+def _collect_rows(name: str, lines: Sequence[str], begin: int) -> _Rows:
     """The lines of points from `begin` on, without those that say how many there are."""
     texts = [_strip_comment(line) for line in lines[begin:]]
     numbers = [number for number, text in enumerate(texts, begin + 1) if text]
     texts = list(filter(None, texts))
     counts = _find_counts(name, lines[:begin], texts, numbers)
-    mark = _mark(texts[0]) or ""
+    mark = _find_mark(texts[0]) or ""
     if counts:
-        left = [k for k in range(len(texts)) if k not in counts]
-        texts, numbers = [texts[k] for k in left], [numbers[k] for k in left]
+        is_point = [k not in counts for k in range(len(texts))]
+        texts, numbers = list(compress(texts, is_point)), list(compress(numbers, is_point))
     return _Rows(texts, numbers, mark)
 
 
@@ -145,8 +153,11 @@ def _find_counts(
 
     Raises InputError if as many do not follow.
     """
-    indices = [k for k, line in enumerate(lines) if line.isdecimal()]
-    blocks = [(k + 1, numbers[k], lines[k]) for k in indices]
+    indices, blocks = set(), []
+    for k, line in enumerate(lines):
+        if line.isdecimal():
+            indices.add(k)
+            blocks.append((k + 1, numbers[k], line))
     above = [(k, line.strip()) for k, line in enumerate(head, 1) if line.strip()]
     counts = [(k, line) for k, line in (above[:1] + above[-1:]) if line.isdecimal()]
     if counts:
@@ -154,9 +165,13 @@ def _find_counts(
     ends = [begin - 1 for begin, _, _ in blocks[1:]] + [len(lines)]
     for (begin, number, count), end in zip(blocks, ends, strict=False):
         if count.lstrip("0") != str(end - begin).lstrip("0"):
-            what = f"says that {count[:20]} points follow, and {end - begin} do"
-            raise InputError(name, what, f"line {number}", AGAIN)
-    return set(indices)
+            raise InputError(
+                name,
+                f"says that {count[:20]} points follow, and {end - begin} do",
+                f"line {number}",
+                AGAIN,
+            )
+    return indices
 
 
 # The head.
@@ -175,18 +190,24 @@ def _read_head(name: str, head: Sequence[str], rows: _Rows) -> tuple[Columns | N
         where = f"line {number}, {one_line(text[:40])!r}"
         columns = _name_columns(name, text, where, rows)
         if columns is not None:
-            return _state_unit(name, columns, head[number:], rows), _tell_names(columns)
+            return _state_unit(name, columns, head[number:], rows), _note_names(columns)
         if not _COMMENT.match(line):
             others.append((text, where))
     for text, where in others:
-        if _width(_split_names(text, rows.mark)) == rows.width:
-            what = "its head names no columns x, y and z"
-            remedy = "name them x, y, z, or begin a comment with #"
-            raise InputError(name, what, where, remedy)
+        if _count_words(_split_names(text, rows.mark)) == rows.width:
+            raise InputError(
+                name,
+                "its head names no columns x, y and z",
+                where,
+                "name them x, y, z, or begin a comment with #",
+            )
     if not others:
         return None, []
-    why = f"{others[-1][1]} names no columns"
-    return None, [Note("assumed", "the first three columns are x, y and z", why)]
+    return None, [
+        Note(
+            "assumed", "the first three columns are x, y and z", f"{others[-1][1]} names no columns"
+        )
+    ]
 
 
 def _split_names(line: str, mark: str) -> list[str]:
@@ -203,34 +224,41 @@ def _name_columns(name: str, line: str, where: str, rows: _Rows) -> Columns | No
             raise AmbiguousInput(name, str(error), where, "leave one of them") from error
         if columns is None:
             continue
-        wide = _width(names)
+        wide = _count_words(names)
         leading = sorted(columns.places) == [0, 1, 2] and rows.mark != ","
         if wide != rows.width and not leading:
             below = f"the line below it has {counted(rows.width, 'word')}"
-            what = f"its head names {counted(wide, 'column')}, and {below}"
-            raise InputError(name, what, where, "name each column once, without blanks")
+            raise InputError(
+                name,
+                f"its head names {counted(wide, 'column')}, and {below}",
+                where,
+                "name each column once, without blanks",
+            )
         return columns
     return None
 
 
 def _state_unit(name: str, columns: Columns, below: Sequence[str], rows: _Rows) -> Columns:
-    """The columns with the unit of a line below their names, if there is one."""
     for number, line in enumerate(below):
         words = _split(line, rows.mark)
         try:
             unit = find_unit(words, columns.places)
         except ValueError as error:
-            where = f"line {number + 1} below the head"
-            raise AmbiguousInput(name, str(error), where, "give one unit") from error
+            raise AmbiguousInput(
+                name, str(error), f"line {number + 1} below the head", "give one unit"
+            ) from error
         if unit and columns.unit not in ("", unit):
-            what = f"its columns are in {columns.unit}, and in {unit} by the line below"
-            raise AmbiguousInput(name, what, "", "leave one of them")
+            raise AmbiguousInput(
+                name,
+                f"its columns are in {columns.unit}, and in {unit} by the line below",
+                remedy="leave one of them",
+            )
         if unit:
-            return Columns(columns.places, unit, columns.names, columns.compass)
+            return replace(columns, unit=unit)
     return columns
 
 
-def _tell_names(columns: Columns) -> list[Note]:
+def _note_names(columns: Columns) -> list[Note]:
     if not columns.compass:
         return []
     names = ", ".join(one_line(word.strip(" \"'")) for word in columns.names)
@@ -240,15 +268,19 @@ def _tell_names(columns: Columns) -> list[Note]:
 # The points.
 
 
-def _insist_on_width(name: str, rows: _Rows, places: Sequence[int]) -> None:
+def _check_width(name: str, rows: _Rows, places: Sequence[int]) -> None:
     """Raises InputError for a line with blanks that has more or fewer words than the first."""
     if rows.mark or max(places) == 2:
         return
     for line, number in zip(rows.lines, rows.numbers, strict=True):
         words = len(line.split())
         if words != rows.width:
-            what = f"has {counted(words, 'word')}, the first line of points {rows.width}"
-            raise InputError(name, what, f"line {number}", AGAIN)
+            raise InputError(
+                name,
+                f"has {counted(words, 'word')}, the first line of points {rows.width}",
+                f"line {number}",
+                AGAIN,
+            )
 
 
 def _read_points(name: str, rows: _Rows, places: tuple[int, int, int]) -> tuple[FloatArray, int]:
@@ -264,26 +296,19 @@ def _read_points(name: str, rows: _Rows, places: tuple[int, int, int]) -> tuple[
 
 
 def _read_words(name: str, rows: _Rows, places: tuple[int, int, int]) -> tuple[FloatArray, int]:
-    """As `_read_points`, word by word."""
     try:
         words = [_split(line, rows.mark) for line in rows.lines]
         texts = list(chain.from_iterable(map(itemgetter(*places), words)))
-        commas = sum("," in text for text in texts)
-        return _convert(texts, commas).reshape(-1, 3), commas
+        whole, commas = "\n".join(texts), sum("," in text for text in texts)
+        if "_" in whole or (commas and "." in whole):
+            raise ValueError("no number")
+        values = np.array([float(text) for text in whole.replace(",", ".").split("\n")])
     except (ValueError, IndexError) as error:
-        raise _explain(name, rows, places) from error
+        raise _explain_fault(name, rows, places) from error
+    return values.reshape(-1, 3), commas
 
 
-def _convert(texts: Sequence[str], commas: int) -> FloatArray:
-    """The numbers in texts. Raises ValueError for other texts, and for both points and commas."""
-    whole = "\n".join(texts)
-    if "_" in whole or (commas and "." in whole):
-        raise ValueError("no number")
-    return np.array([float(text) for text in whole.replace(",", ".").split("\n")])
-
-
-def _explain(name: str, rows: _Rows, places: Sequence[int]) -> InputError:
-    """The fault of the first line that cannot be read."""
+def _explain_fault(name: str, rows: _Rows, places: Sequence[int]) -> InputError:
     first: dict[str, int] = {}
     for line, number in zip(rows.lines, rows.numbers, strict=True):
         where, words = f"line {number}", _split(line, rows.mark)
@@ -296,15 +321,18 @@ def _explain(name: str, rows: _Rows, places: Sequence[int]) -> InputError:
             if any(mark in text for text in plain):
                 first.setdefault(mark, number)
         if len(first) == 2:
-            what = f"has decimal points (line {first['.']}) and decimal commas (line {first[',']})"
-            return InputError(name, what, "", "write all numbers with a point")
-    return InputError(name, "has numbers that cannot be read", "", AGAIN)
+            return InputError(
+                name,
+                f"has decimal points (line {first['.']}) and decimal commas (line {first[',']})",
+                remedy="write all numbers with a point",
+            )
+    return InputError(name, "has numbers that cannot be read", remedy=AGAIN)
 
 
-def _refuse_numbered(name: str, rows: _Rows, points: FloatArray) -> None:
+def _check_first_column(name: str, rows: _Rows, points: FloatArray) -> None:
     """Raises AmbiguousInput if the first of four and more columns may number the points.
 
-    It counts up, or holds whole numbers only, as of a row of a scan, while those beside it do not.
+    It does if it counts up, or if it holds whole numbers and not all columns beside it do.
     """
     if rows.width < 4:
         return
@@ -312,18 +340,24 @@ def _refuse_numbered(name: str, rows: _Rows, points: FloatArray) -> None:
     whole = (points == np.round(points)).all(axis=0)
     counts = len(points) > 1 and bool((np.diff(points[:, 0]) == 1).all())
     if counts or (whole[0] and not whole.all()):
-        what = "the first column may be a number of the point, and not x"
-        where = f"line {rows.numbers[0]}, {one_line(rows.lines[0][:40])!r}"
-        raise AmbiguousInput(name, what, where, _NAMING)
+        raise AmbiguousInput(
+            name,
+            "the first column may be a number of the point, and not x",
+            f"line {rows.numbers[0]}, {one_line(rows.lines[0][:40])!r}",
+            _NAMING,
+        )
 
 
-def _refuse_paired(name: str, rows: _Rows, points: FloatArray) -> None:
+def _check_commas(name: str, rows: _Rows, points: FloatArray) -> None:
     """Raises AmbiguousInput if whole numbers between commas may be numbers with decimal commas."""
     if rows.mark != "," or not (points == np.round(points)).all():
         return
     widths = {line.count(",") + 1 for line in rows.lines}
     if len(widths) == 1 and max(widths) < _LEAST_PAIRED:
         return
-    what = f"the commas of {one_line(rows.lines[0][:40])!r} may be decimal ones"
-    remedy = "put semicolons between the columns, or name them in a first line"
-    raise AmbiguousInput(name, what, f"line {rows.numbers[0]}", remedy)
+    raise AmbiguousInput(
+        name,
+        f"the commas of {one_line(rows.lines[0][:40])!r} may be decimal ones",
+        f"line {rows.numbers[0]}",
+        "put semicolons between the columns, or name them in a first line",
+    )

@@ -9,17 +9,17 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.collision.cell import around
+from camgen.collision.cell import make_surroundings
 from camgen.model.job import Job
 from camgen.model.part import Note
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
-from camgen.motion.cell import home_of, room_of, setup_of
-from camgen.motion.limits import LinkSpeeds, limits_of, link_speeds, turn_speed
+from camgen.motion.cell import find_home, make_free_space, make_setup
+from camgen.motion.limits import LinkSpeeds, choose_link_speeds, compute_joint_speed, make_limits
 from camgen.motion.pose_paths import PosePath
 from camgen.motion.reach import reach_along
-from camgen.motion.rolls import freedom_of, rolls_of
+from camgen.motion.rolls import find_freedom, list_rolls
 from camgen.motion.setup import EdgeMotion, OrientationFreedom, Setup, UnreachableEdge
 from camgen.order.arm.items import (
     Item,
@@ -148,8 +148,8 @@ def order_with_turns(
     """
     assert cell.arm is not None
     tour = request.tour
-    freedom = replace(freedom_of(job), tilt=0.0)
-    rolls = rolls_of(freedom, _TURNS if cell.arm.arm is not None else _FEW_TURNS)
+    freedom = replace(find_freedom(job), tilt=0.0)
+    rolls = list_rolls(freedom, _TURNS if cell.arm.arm is not None else _FEW_TURNS)
     prepared = _prepare(request, job, cell, _Rolls(rolls.angles, freedom), lines=False)
     problem, lost = prepared.problem, prepared.lost
     kept = [k for k in range(len(tour.paths)) if k not in lost]
@@ -166,7 +166,7 @@ def order_with_turns(
         lost[k] = "it collides in every posture and with every turn that is tried"
     prepared = replace(prepared, problem=problem, lost=lost | linked.lost)
     what = "turns of the tool" if freedom.roll else "ways between the paths"
-    speeds = link_speeds(job.process, cell.pace)
+    speeds = choose_link_speeds(job.process, cell.pace)
     return _make_tour(tour, prepared, linked, f"{what} chosen by joint time", speeds)
 
 
@@ -266,9 +266,9 @@ def _prepare(
     arm = cell.arm
     assert arm is not None
     # The search tests for collisions without the margin, which ``roomy`` tests beside it.
-    wide = around(job, cell, None)
+    wide = make_surroundings(job, cell, None)
     scene = replace(wide, margin=0.0)
-    setup = replace(setup_of(arm, cell, scene), clear=clear_of(scene.scene))
+    setup = replace(make_setup(arm, cell, scene), clear=clear_of(scene.scene))
     seams = job.tour.seam == "any" and not request.fixed and arm.arm is not None
     paths = request.tour.paths
     items = [lay_out(path, job.process.clearance, seams and not path.pinned) for path in paths]
@@ -280,14 +280,14 @@ def _prepare(
     lost: dict[int, str] = {}
     if rolls.free is not None:
         profiles, lost = _find_others(setup, paths, items, states, rolls, job)
-    limits = limits_of(arm, cell.pace, job.process.travel_speed)
-    cost_model = CostModel(tuple(items), limits, home_of(arm, cell, scene.scene), lines)
+    limits = make_limits(arm, cell.pace, job.process.travel_speed)
+    cost_model = CostModel(tuple(items), limits, find_home(arm, cell, scene.scene), lines)
     options = SearchOptions(
         may_reorder=not request.fixed and job.tour.method == "best",
         any_roll=job.tool.symmetric and arm.arm is not None,
         least_height=job.process.least_height,
     )
-    free_space = room_of(replace(scene, margin=GRAZE), setup)
+    free_space = make_free_space(replace(scene, margin=GRAZE), setup)
     problem = TourProblem(setup, free_space, cost_model, states, request.rules, options)
     roomy = None
     if rolls.free is not None and wide.margin != 0:
@@ -432,7 +432,9 @@ def _choose_speeds(
     start, chosen = problem.cost_model.home, []
     for k in [*linked.solution.order, -1]:
         rows = [start, *(linked.back if k < 0 else linked.to.get(k, ()))]
-        chosen.append(tuple(turn_speed(problem.setup, a, b, speeds) for a, b in pairwise(rows)))
+        chosen.append(
+            tuple(compute_joint_speed(problem.setup, a, b, speeds) for a, b in pairwise(rows))
+        )
         start = start if k < 0 else linked.solution.states.leave[k]
     return chosen
 

@@ -19,12 +19,16 @@ from camgen.geometry.rotations import from_axes, sideways, turned_about_z
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
-from camgen.motion.search import solutions
-from camgen.motion.setup import MARGIN, Setup, flange_poses
+from camgen.motion.search import find_solutions
+from camgen.motion.setup import MARGIN, Setup, compute_flange_poses
 from camgen.plan.pieces import lengths_along
-from camgen.robots.kinematics.inverse import inverse, nearest
-from camgen.robots.kinematics.joint_limits import turns, within, within_turned
-from camgen.robots.kinematics.singular import from_singular
+from camgen.robots.kinematics.inverse import find_nearest, inverse
+from camgen.robots.kinematics.joint_limits import (
+    are_turned_within_limits,
+    are_within_limits,
+    list_turn_counts,
+)
+from camgen.robots.kinematics.singular import measure_singularity_distance
 from camgen.robots.models import Robot
 
 #: mm between two looks along a path, and the most looks at one.
@@ -166,20 +170,20 @@ def find_states(
     its first gate to its last, or, of a closed one, from its first: joints keep their limits, 2 deg from singularities
     and go on without a jump. around: (M, C) as ``Grid.moves``, for arms whose joints are followed.
     """
-    robot, table = setup.robot, turns(setup.robot)
+    robot, table = setup.robot, list_turn_counts(setup.robot)
     spin = turned_about_z(angles)
     found: list[States] = []
     for group in _groups(items, len(angles)):
         position = np.concatenate([item.position for item in group])
         rotation = np.concatenate([item.rotation for item in group])[:, None] @ spin
-        goal = flange_poses(setup, position[:, None], rotation)
+        goal = compute_flange_poses(setup, position[:, None], rotation)
         ends = offsets([len(item) for item in group])
         # Without a closed form the joints of a row depend on those before it along its path.
         if robot.arm:
-            joints = np.split(solutions(robot, *goal, around), ends[1:-1])
+            joints = np.split(find_solutions(robot, *goal, around), ends[1:-1])
         else:
             rows = [slice(*pair) for pair in pairwise(ends.tolist())]
-            joints = [solutions(robot, goal[0][own], goal[1][own], around) for own in rows]
+            joints = [find_solutions(robot, goal[0][own], goal[1][own], around) for own in rows]
         found += [
             _states(robot, item, own, table, angles)
             for item, own in zip(group, joints, strict=True)
@@ -206,12 +210,12 @@ def _states(
     unwound, all_steady = _unwind(robot, [item], found, np.array([0, len(item)]))
     steady = all_steady[0]
     there = np.isfinite(found).all(axis=(0, 3))
-    away = from_singular(robot, np.where(np.isfinite(found), found, 0.0)).min(
+    away = measure_singularity_distance(robot, np.where(np.isfinite(found), found, 0.0)).min(
         axis=(0, -1), initial=math.inf
     )
     sound: BoolArray = np.logical_and.reduce([steady, there, away >= item.off])
     good = sound.reshape(*sound.shape, 1) & np.logical_and.reduce(
-        within_turned(robot, unwound, table), axis=0
+        are_turned_within_limits(robot, unwound, table), axis=0
     )
     turn, branch, copy = np.nonzero(good)
     shift = math.tau * table[copy]
@@ -261,13 +265,12 @@ def compute_state_joints(
     first = offsets([len(item) for item in items])
     owner = owners(np.diff(first))
     rotation = np.concatenate([item.rotation for item in items]) @ turned_about_z(turn)[owner]
-    goal = flange_poses(setup, np.concatenate([item.position for item in items]), rotation)
+    goal = compute_flange_poses(setup, np.concatenate([item.position for item in items]), rotation)
     if robot.arm is None:
         found = _follow(robot, goal, items, first, near)
     else:
         found = inverse(robot, *goal, robot.home)[np.arange(len(owner)), branch[owner]]
     unwound, steady = _unwind(robot, items, found, first)
-    turning = np.array([not joint.sliding for joint in robot.joints])
     off = (
         near
         - unwound[
@@ -275,14 +278,14 @@ def compute_state_joints(
         ]
     )
     off = np.where(
-        turning & np.isfinite(off),
+        robot.revolute & np.isfinite(off),
         np.rint(np.where(np.isfinite(off), off, 0.0) / math.tau) * math.tau,
         0.0,
     )
     joints = unwound + off[owner]
     off = np.array([item.off for item in items])[owner]
-    sound = within(robot, joints) & (
-        from_singular(robot, joints).min(axis=-1, initial=math.inf) >= off
+    sound = are_within_limits(robot, joints) & (
+        measure_singularity_distance(robot, joints).min(axis=-1, initial=math.inf) >= off
     )
     return StateJoints(joints, first, steady & np.logical_and.reduceat(sound, first[:-1]))
 
@@ -295,17 +298,16 @@ def _unwind(
     joints: (S, ..., J) at the samples of E items, one item after the other.
     first: (E + 1,) the first row of each item.
     """
-    turning = np.array([not joint.sliding for joint in robot.joints])
     owner = owners(np.diff(first))
     before = np.concatenate([item.before for item in items]) + first[owner]
     before[first[:-1]] = first[:-1]
     moved = np.nan_to_num(joints - joints[before], nan=math.inf)
     whole = np.where(
-        turning & np.isfinite(moved),
+        robot.revolute & np.isfinite(moved),
         np.rint(np.where(np.isfinite(moved), moved, 0.0) / math.tau),
         0.0,
     )
-    jumps = (np.abs(moved - math.tau * whole) > _JUMP)[..., turning].any(axis=-1)
+    jumps = (np.abs(moved - math.tau * whole) > _JUMP)[..., robot.revolute].any(axis=-1)
     steady = ~np.logical_or.reduceat(jumps, first[:-1], axis=0)
     sums = np.cumsum(whole, axis=0)
     sums -= sums[first[:-1]][owner]
@@ -336,5 +338,5 @@ def _follow(
         at = first[some] + look
         guess = found[first[some] + [items[k].before[look] for k in some]] if look else near[some]
         known = np.flatnonzero(np.isfinite(guess).all(axis=1))
-        found[at[known]] = nearest(robot, goal[0][at[known]], goal[1][at[known]], guess[known])
+        found[at[known]] = find_nearest(robot, goal[0][at[known]], goal[1][at[known]], guess[known])
     return found

@@ -9,7 +9,7 @@ from camgen.geometry.rotations import turned_about_z
 from camgen.model.advice import ANOTHER_PLACE
 from camgen.model.pose import FloatArray, frozen
 from camgen.motion.pose_paths import PosePath, divide
-from camgen.motion.setup import JUMP, Blockage, SampledMotion, dense_parts, flange_poses
+from camgen.motion.setup import JUMP, Blockage, SampledMotion, compute_flange_poses, count_samples
 from camgen.order.arm.layers import SAME
 from camgen.order.arm.search import (
     Solution,
@@ -104,8 +104,8 @@ def _goes_straight(problem: TourProblem, solution: Solution, one: int, other: in
         frozen(np.full((2, 3), np.nan)),
         frozen(np.stack([items[one].rotation[at[0]], items[other].rotation[at[1]]]) @ turned),
     )
-    dense = divide(way, dense_parts(way))
-    goal = flange_poses(problem.setup, dense.position, dense.rotation)
+    dense = divide(way, count_samples(way))
+    goal = compute_flange_poses(problem.setup, dense.position, dense.rotation)
     made = follow(
         problem.setup.robot, *goal, current.leave[one], min(items[one].off, items[other].off), JUMP
     )

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from camgen.collision.cell import Surroundings
-from camgen.collision.hits import clearance, hits
+from camgen.collision.hits import find_collisions, measure_clearance
 from camgen.collision.scene import Scene, narrow
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray
@@ -29,9 +29,9 @@ def clear_of(scene: Scene, near: float = 0.0) -> Clear:
     at_mesh = narrow(scene, meshed)
 
     def clear(joints: FloatArray) -> BoolArray:
-        good: BoolArray = np.asarray(hits(boxed, joints, near=near) < 0)
+        good: BoolArray = np.asarray(find_collisions(boxed, joints, near=near) < 0)
         if meshed and good.any():
-            good[good] = hits(at_mesh, joints[good], near=near) < 0
+            good[good] = find_collisions(at_mesh, joints[good], near=near) < 0
         return good
 
     return clear
@@ -59,14 +59,15 @@ def roomy_of(where: Surroundings, home: FloatArray, worked: FloatArray) -> Clear
 
 def _is_close(scene: Scene, home: FloatArray, worked: FloatArray, near: float) -> bool:
     """Whether the one pair of ``scene`` is nearer at home, or at most of the contacts."""
-    if clearance(scene, home[None], near)[0] < near:
+    if measure_clearance(scene, home[None], near)[0] < near:
         return True
     if "tool" not in scene.pairs[0] or {link.name for link in scene.robot.links} & set(
         scene.pairs[0]
     ):
         return False
     return bool(
-        len(worked) and np.count_nonzero(hits(scene, worked, near=near) >= 0) > len(worked) / 2
+        len(worked)
+        and np.count_nonzero(find_collisions(scene, worked, near=near) >= 0) > len(worked) / 2
     )
 
 

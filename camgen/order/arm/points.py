@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.motion.limits import from_rest
+from camgen.motion.limits import time_from_rest
 from camgen.order.arm.blocks import find_blocks, leave_clear, narrow_states
 from camgen.order.arm.items import States, join_states
 from camgen.order.arm.lattice import (
@@ -235,7 +235,7 @@ def _reorder(
     at = np.array([cost_model.items[k].position[cost_model.items[k].gates[0]] for k in order])
     way = np.sqrt(((at[:, None] - at[None]) ** 2).sum(axis=-1))
     table[1:, 1:] = np.maximum(
-        table[1:, 1:], from_rest(way, cost_model.limits.speed, cost_model.limits.acceleration)
+        table[1:, 1:], time_from_rest(way, cost_model.limits.speed, cost_model.limits.acceleration)
     )
     table[1:, 1:] += change_cost(
         cost_model, solution.states.branch[order], solution.states.branch[order]

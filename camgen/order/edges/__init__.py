@@ -14,10 +14,10 @@ from camgen.model.job import Job
 from camgen.model.part import Note
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted, short
-from camgen.motion.cell import home_of, room_of, setup_of
-from camgen.motion.edge_paths import edge_path, left_out, list_pieces, none_left
-from camgen.motion.limits import link_speeds
-from camgen.motion.setup import EdgeMotion, Setup, feed_factor
+from camgen.motion.cell import find_home, make_free_space, make_setup
+from camgen.motion.edge_paths import list_pieces, make_no_edge_error, make_tool_path, note_left_out
+from camgen.motion.limits import choose_link_speeds
+from camgen.motion.setup import EdgeMotion, Setup, compute_feed_factor
 from camgen.order.edges.links import JointLink, PathLink
 from camgen.order.edges.route import Route, RouteCell, RouteOptions, route
 from camgen.order.tours import EdgeTour
@@ -37,15 +37,17 @@ def order_edges(plan: EdgePlan, job: Job, cell: Cell | None, watch: Watch) -> Ed
             "job", "edges of 3-D parts need an arm", "--post", "give rapid, pacscript or vplus"
         )
     edges = {edge.id: edge for edge in plan.edges}
-    setup = setup_of(cell.arm, cell, plan.where)
-    home = home_of(cell.arm, cell, plan.where.scene)
+    setup = make_setup(cell.arm, cell, plan.where)
+    home = find_home(cell.arm, cell, plan.where.scene)
     watch("linking")
     best, lifted = job.tour.method == "best", job.process.force > 0
     process, where = job.process, plan.where
-    strict = None if where.strict is None else room_of(replace(where, work=where.strict), setup)
-    place = RouteCell(setup, room_of(where, setup), home, where.rims, strict)
+    strict = (
+        None if where.strict is None else make_free_space(replace(where, work=where.strict), setup)
+    )
+    place = RouteCell(setup, make_free_space(where, setup), home, where.rims, strict)
     options = RouteOptions(
-        link_speeds(process, cell.pace, pressed=lifted), best, lifted, plan.barred
+        choose_link_speeds(process, cell.pace, pressed=lifted), best, lifted, plan.barred
     )
 
     def tell(far: str) -> None:
@@ -60,12 +62,12 @@ def order_edges(plan: EdgePlan, job: Job, cell: Cell | None, watch: Watch) -> Ed
         made = again if len(again.legs) > len(made.legs) else made
     lost = [*plan.unreached, *made.dropped]
     if not made.legs:
-        raise none_left(plan.part, len(edges), lost[0], plan.noun)
+        raise make_no_edge_error(plan.part, len(edges), lost[0], plan.noun)
     lengths = tuple(edges[leg.motion.line].length - sum(leg.motion.trimmed) for leg in made.legs)
-    paths = tuple(edge_path(leg.motion, edges[leg.motion.line], job) for leg in made.legs)
+    paths = tuple(make_tool_path(leg.motion, edges[leg.motion.line], job) for leg in made.legs)
     method = "best found" if best else "nearest neighbour"
     notes = (
-        *left_out(made.dropped, edges, list_pieces(plan.motions, edges)),
+        *note_left_out(made.dropped, edges, list_pieces(plan.motions, edges)),
         *_note_freed(made, plan.noun),
         *_note_feeds(made, lengths, job, plan.noun),
         *_note_links(made, plan.noun),
@@ -99,7 +101,9 @@ def _note_freed(made: Route, noun: str) -> list[Note]:
 def _note_feeds(tour: Route, lengths: Sequence[float], job: Job, noun: str) -> Iterator[Note]:
     """The edges along which the tool runs slower than the feed of the job, by its factor."""
     process = job.process
-    factors = [feed_factor(leg.motion, n) for leg, n in zip(tour.legs, lengths, strict=True)]
+    factors = [
+        compute_feed_factor(leg.motion, n) for leg, n in zip(tour.legs, lengths, strict=True)
+    ]
     slow = [k for k, factor in enumerate(factors) if factor > process.max_feed_factor * CAPPED]
     if not slow:
         return

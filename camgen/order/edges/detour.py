@@ -18,7 +18,7 @@ from camgen.geometry.ragged import owners, ramp
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray, frozen
 from camgen.motion.setup import Blockage, FreeSpace, SampledMotion, Setup
-from camgen.robots.kinematics.joint_limits import within
+from camgen.robots.kinematics.joint_limits import are_within_limits
 
 #: Configurations that are looked at for one way at most, with the margin and without it.
 LOOKS = 40_000
@@ -45,7 +45,7 @@ class _Space(Struct, eq=False):
     def are_free(self, joints: FloatArray) -> BoolArray:
         """Which of (N, J) are within the limits and clear."""
         self.looks -= len(joints)
-        good = within(self.setup.robot, joints)
+        good = are_within_limits(self.setup.robot, joints)
         good[good] = self.setup.clear(joints[good])
         return good
 
@@ -97,7 +97,7 @@ def find_detour(setup: Setup, room: FreeSpace, a: FloatArray, b: FloatArray) -> 
         setups.insert(0, replace(setup, clear=setup.roomy))
     sliding = np.array([joint.sliding for joint in setup.robot.joints])
     scale = np.where(sliding, 1.0 / setup.robot.lever, 1.0)
-    if not (within(setup.robot, both) & setup.clear(both)).all():
+    if not (are_within_limits(setup.robot, both) & setup.clear(both)).all():
         return None
     for each in setups:
         for step in _STEPS:

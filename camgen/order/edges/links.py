@@ -17,7 +17,7 @@ from msgspec.structs import replace
 
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
-from camgen.motion.limits import LinkSpeeds, turn_speed
+from camgen.motion.limits import LinkSpeeds, compute_joint_speed
 from camgen.motion.pose_paths import PosePath, join
 from camgen.motion.setup import EdgeMotion, Setup
 from camgen.order.edges.retract import Retraction
@@ -177,7 +177,7 @@ def paced(
 def _pace_turn(setup: Setup, link: JointLink, start: FloatArray, speeds: LinkSpeeds) -> JointLink:
     """A joint motion as fast as the joints and ``speeds`` allow."""
     speed, share = (
-        turn_speed(setup, start, link.joints, speeds) if link.free else (speeds.part, 0.0)
+        compute_joint_speed(setup, start, link.joints, speeds) if link.free else (speeds.part, 0.0)
     )
     return replace(link, speed=speed, share=share)
 

@@ -13,9 +13,10 @@ from itertools import islice
 import numpy as np
 from msgspec import Struct
 
+from camgen.geometry.ragged import offsets
 from camgen.model.pose import FloatArray, frozen
-from camgen.motion.limits import LinkSpeeds, line_speeds
-from camgen.motion.pose_paths import PosePath, divide, rows
+from camgen.motion.limits import LinkSpeeds, compute_line_speeds
+from camgen.motion.pose_paths import PosePath, divide
 from camgen.motion.setup import (
     JUMP,
     MARGIN,
@@ -23,8 +24,8 @@ from camgen.motion.setup import (
     FreeSpace,
     SampledMotion,
     Setup,
-    dense_parts,
-    flange_poses,
+    compute_flange_poses,
+    count_samples,
 )
 from camgen.robots.kinematics.continuity import Choice, follow_each
 from camgen.robots.kinematics.forward import flange, frames
@@ -127,17 +128,17 @@ def _run(
     speeds: LinkSpeeds,
 ) -> list[Retraction | str]:
     """``ways`` out of where the joints are (J,), each with its name, as the arm runs them; or why it cannot."""
-    parts = [dense_parts(way) for _, way in ways]
+    parts = [count_samples(way) for _, way in ways]
     dense = [divide(way, own) for (_, way), own in zip(ways, parts, strict=True)]
-    goals = [flange_poses(setup, one.position, one.rotation) for one in dense]
+    goals = [compute_flange_poses(setup, one.position, one.rotation) for one in dense]
     made: list[Retraction | str] = []
     followed = follow_each(setup.robot, goals, starts, MARGIN, JUMP)
     for (name, way), own, looks, joints, found in zip(
         ways, parts, dense, starts, followed, strict=True
     ):
         if isinstance(found, Choice) and np.abs(found.joints[0] - joints).max() < 1e-6:
-            at = rows(own)
-            speed = line_speeds(setup, speeds, looks, found.joints, at)
+            at = offsets(own)
+            speed = compute_line_speeds(setup, speeds, looks, found.joints, at)
             none = frozen(joints[None][:0])
             made.append(
                 Retraction(

@@ -17,7 +17,7 @@ from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray, frozen
 from camgen.motion.setup import EdgeMotion
 from camgen.order.edges.retract import Retraction
-from camgen.robots.kinematics.joint_limits import turns, within
+from camgen.robots.kinematics.joint_limits import are_within_limits, list_turn_counts
 from camgen.robots.models import Robot
 
 #: Turns of a motion that are tried.
@@ -34,7 +34,7 @@ def list_turns(robot: Robot, joints: FloatArray, home: FloatArray) -> IntArray:
     """
     numbers = []
     for values, (low, high), turning in zip(
-        joints.T, robot.limits, (turns(robot) != 0).any(axis=0).tolist(), strict=True
+        joints.T, robot.limits, (list_turn_counts(robot) != 0).any(axis=0).tolist(), strict=True
     ):
         least = math.ceil((low - values.min()) / math.tau) if turning else 0
         greatest = math.floor((high - values.max()) / math.tau) if turning else 0
@@ -43,7 +43,7 @@ def list_turns(robot: Robot, joints: FloatArray, home: FloatArray) -> IntArray:
     table = table.reshape(-1, joints.shape[1])
     table = table[table.any(axis=1)]
     moved = joints + math.tau * table[:, None]
-    table, moved = (rows[within(robot, moved).all(axis=1)] for rows in (table, moved))
+    table, moved = (rows[are_within_limits(robot, moved).all(axis=1)] for rows in (table, moved))
     time = (np.abs(moved - home) / robot.fastest).max(axis=(1, 2))
     order = np.lexsort((*table.T[::-1], np.abs(table).sum(axis=1), np.round(time, 9)))
     none = np.zeros((1, joints.shape[1]), dtype=np.int64)

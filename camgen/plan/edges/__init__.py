@@ -10,7 +10,7 @@ from typing import Literal
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.collision.cell import Surroundings, around
+from camgen.collision.cell import Surroundings, make_surroundings
 from camgen.model.cell import Cell
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job
@@ -18,12 +18,18 @@ from camgen.model.limits import tell
 from camgen.model.part import Edge, Line, Note, Part, Solid
 from camgen.model.program import Joints
 from camgen.model.text import counted, short
-from camgen.motion.cell import home_of, room_of, setup_of
+from camgen.motion.cell import find_home, make_free_space, make_setup
 from camgen.motion.coverage import Coverage
-from camgen.motion.edge_paths import edge_path, left_out, list_pieces, none_left, note_gaps
+from camgen.motion.edge_paths import (
+    list_pieces,
+    make_no_edge_error,
+    make_tool_path,
+    note_gaps,
+    note_left_out,
+)
 from camgen.motion.pose_paths import PosePath, measure_to
-from camgen.motion.reach import can_end, reach_ways
-from camgen.motion.rolls import freedom_of
+from camgen.motion.reach import can_end, reach_paths
+from camgen.motion.rolls import find_freedom
 from camgen.motion.setup import (
     Blockage,
     EdgeMotion,
@@ -64,7 +70,7 @@ def plan_edges(part: Part, job: Job, cell: Cell | None, watch: Watch) -> EdgePla
     contacts = find_contacts(edges.values(), job, direction)
 
     def surround(other: Job, tip: float) -> Surroundings:
-        return around(other, cell, solid, tip)
+        return make_surroundings(other, cell, solid, tip)
 
     ways = ((edge, poses(edge, job.operation.offset, direction)) for edge in edges.values())
     task = LineTask(ways, surround, _note_contacts(contacts), "edge", contacts)
@@ -98,9 +104,9 @@ class LineTask(Struct, frozen=True, eq=False):
 def plan_ways(part: Part, job: Job, cell: Workcell, watch: Watch, task: LineTask) -> EdgePlan:
     """The motions along the lines of a task. Raises NoSafeProgram if the arm reaches none."""
     assert cell.arm is not None
-    noun, freedom = task.noun, freedom_of(job)
+    noun, freedom = task.noun, find_freedom(job)
     where = task.surround(job, 0.0)
-    home_of(cell.arm, cell, where.scene)
+    find_home(cell.arm, cell, where.scene)
     watch("reaching")
     listed = list(task.ways)
     lines = {line.id: line for line, _ in listed}
@@ -115,9 +121,9 @@ def plan_ways(part: Part, job: Job, cell: Workcell, watch: Watch, task: LineTask
         if tip:
             at_rims = task.surround(job, tip)
             where = replace(at_rims, rims=frozenset(task.contacts), strict=where.work)
-        setup = setup_of(cell.arm, cell, where)
-        space = room_of(where, setup)
-        results = _clear_between(reach_ways(group, setup, freedom, tell), space)
+        setup = make_setup(cell.arm, cell, where)
+        space = make_free_space(where, setup)
+        results = _clear_between(reach_paths(group, setup, freedom, tell), space)
         coverage = Coverage(setup, space, freedom, job.process)
         pieces |= search.find(group, results, coverage)
         reached |= {line.id: result for (line, _), result in zip(group, results, strict=True)}
@@ -132,17 +138,17 @@ def plan_ways(part: Part, job: Job, cell: Workcell, watch: Watch, task: LineTask
     for result in whole:
         motions += [result] if isinstance(result, EdgeMotion) else pieces.get(result.id, ())
     if not motions:
-        raise none_left(part, len(lines), lost[0], noun)
+        raise make_no_edge_error(part, len(lines), lost[0], noun)
     notes = search.notes()
     for edge in explained:
         if edge.id in pieces:
             line, reason = lines[edge.id], edge.reason
             notes += note_gaps(line, pieces[edge.id], reason, job.operation.trim)
-    paths = tuple(edge_path(motion, lines[motion.line], job) for motion in motions)
+    paths = tuple(make_tool_path(motion, lines[motion.line], job) for motion in motions)
     return EdgePlan(
         part,
         paths,
-        (*part.notes, *where.notes, *task.notes, *left_out(lost, lines), *notes, *more),
+        (*part.notes, *where.notes, *task.notes, *note_left_out(lost, lines), *notes, *more),
         edges=tuple(lines.values()),
         motions=tuple(motions),
         unreached=tuple(lost),
@@ -167,17 +173,17 @@ def _attempt(
         bare = replace(job.cell, margin=0.0)
         other = replace(job, tool=replace(job.tool, axis_tilt=tilt), cell=bare)
         where = task.surround(other, tip)
-        setup = setup_of(arm, cell, where)
-        return setup, room_of(where, setup)
+        setup = make_setup(arm, cell, where)
+        return setup, make_free_space(where, setup)
 
     def attempt(other: Job, names: Sequence[str]) -> list[EdgeMotion | UnreachableEdge]:
-        freedom = freedom_of(other)
+        freedom = find_freedom(other)
         results: list[EdgeMotion | UnreachableEdge] = []
         for group, tip in task.by_contact([ways[name] for name in names]):
             setup, space = place(other.tool.axis_tilt, tip)
             shaped = [(line, way) for line, way in group if isinstance(way, PosePath)]
             able = list(compress(shaped, can_end(setup, [way for _, way in shaped], freedom)))
-            results += _clear_between(reach_ways(able, setup, freedom), space)
+            results += _clear_between(reach_paths(able, setup, freedom), space)
         return results
 
     return attempt
@@ -266,12 +272,12 @@ def leave_out(
     edges = {edge.id: edge for edge in plan.edges}
     pieces = list_pieces(plan.motions, edges)
     if not paths:
-        raise none_left(plan.part, len(edges), more[0], plan.noun)
+        raise make_no_edge_error(plan.part, len(edges), more[0], plan.noun)
     return replace(
         plan,
         paths=paths,
         made=paths,
         motions=tuple(motion for motion in plan.motions if motion.id not in gone),
         unreached=(*plan.unreached, *more),
-        notes=(*plan.notes, *left_out(more, edges, pieces)),
+        notes=(*plan.notes, *note_left_out(more, edges, pieces)),
     )

@@ -9,8 +9,8 @@ import numpy as np
 from camgen.model.job import Job
 from camgen.model.part import Edge
 from camgen.model.pose import FloatArray
-from camgen.motion.pose_paths import PosePath, counts, divide
-from camgen.motion.setup import dense_parts
+from camgen.motion.pose_paths import PosePath, count_parts, divide
+from camgen.motion.setup import count_samples
 from camgen.plan.edges.last_face import Offset
 from camgen.plan.edges.poses import poses
 
@@ -39,8 +39,8 @@ def _depth(edge: Edge, job: Job, radius: float, direction: Offset) -> float:
     tool, drawn = (poses(edge, offset, direction) for offset in (job.operation.offset, 0.0))
     if not isinstance(tool, PosePath) or not isinstance(drawn, PosePath):
         return 0.0
-    points = divide(drawn, counts(drawn, _LOOK_MM, _LOOK_TURN)).position
-    looks = divide(tool, dense_parts(tool))
+    points = divide(drawn, count_parts(drawn, _LOOK_MM, _LOOK_TURN)).position
+    looks = divide(tool, count_samples(tool))
     return max(
         (
             _enter(points, *pose, radius)

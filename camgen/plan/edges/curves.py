@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from camgen.collision.cell import Surroundings, around
+from camgen.collision.cell import Surroundings, make_surroundings
 from camgen.geometry.surface import nearest
 from camgen.model.cell import Cell
 from camgen.model.errors import InputError, JobError
@@ -50,7 +50,7 @@ def plan_curves(part: Part, job: Job, cell: Cell, watch: Watch) -> EdgePlan:
     )
 
     def surround(other: Job, tip: float) -> Surroundings:
-        return around(other, cell, part.solid, tip, beside=points)
+        return make_surroundings(other, cell, part.solid, tip, worked=points)
 
     task = LineTask(lines, surround, _note_faces(part, job), "curve")
     return plan_ways(part, job, cell, watch, task)

@@ -14,7 +14,7 @@ from camgen.model.part import BoolArray, Edge, Line
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import short
 from camgen.motion.pose_paths import PosePath, divide
-from camgen.motion.reach import reach_ways
+from camgen.motion.reach import reach_paths
 from camgen.motion.setup import (
     EdgeMotion,
     FoldedEdge,
@@ -152,6 +152,6 @@ def reach(
     direction: Offset = "mean",
     freedom: OrientationFreedom = _NOMINAL,
 ) -> tuple[EdgeMotion | UnreachableEdge, ...]:
-    """Run the arm along ``edges``, ``offset`` mm away from them, as ``reach_ways`` says."""
+    """Run the arm along ``edges``, ``offset`` mm away from them, as ``reach_paths`` says."""
     pose_paths = [(edge, poses(edge, offset, direction)) for edge in edges]
-    return reach_ways(pose_paths, setup, freedom)
+    return reach_paths(pose_paths, setup, freedom)

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from camgen.geometry.arcs import chain
-from camgen.geometry.ragged import each_once
+from camgen.geometry.ragged import each_once, offsets
 from camgen.geometry.rotations import SURE_TURN, angles_between, turn_vectors
 from camgen.geometry.surface import nearest
 from camgen.geometry.vectors import angles, cross, unit
@@ -17,7 +17,7 @@ from camgen.model.job import Job
 from camgen.model.part import FEATURE_ANGLE, Curve, IntArray, Solid
 from camgen.model.pose import TOOL_DOWN, FloatArray, frozen, rotation_from_fixed_xyz
 from camgen.model.text import counted, short
-from camgen.motion.pose_paths import PosePath, counts, divide, rows
+from camgen.motion.pose_paths import PosePath, count_parts, divide
 from camgen.motion.setup import UnreachableEdge
 
 #: mm: a face is looked at so often along a curve; of the looks the rows stay that the axis needs to be so near, rad.
@@ -94,7 +94,7 @@ def _as_given(curve: Curve) -> PosePath | UnreachableEdge:
 
 def _square_to_faces(way: PosePath, name: str, solid: Solid) -> PosePath | UnreachableEdge:
     """The way with tool z against the normal of the nearest face, turned about it as little as it goes along."""
-    parts = counts(way, _LOOK_MM, math.tau)
+    parts = count_parts(way, _LOOK_MM, math.tau)
     looks = divide(way, parts)
     axis = -nearest(solid, looks.position).normal
     jump = angles(axis[:-1], axis[1:])
@@ -106,7 +106,7 @@ def _square_to_faces(way: PosePath, name: str, solid: Solid) -> PosePath | Unrea
         return UnreachableEdge(
             name, "shape", f"{what}: end the curve there, or fix the tool: tool.axis, tool.angles"
         )
-    at = rows(parts)
+    at = offsets(parts)
     kept = each_once(np.concatenate([at, *(_needed(axis, a, b) for a, b in pairwise(at.tolist()))]))
     return _keep(way, parts, looks, kept, _carry(axis[kept]))
 
@@ -159,7 +159,7 @@ def _keep(
     way: PosePath, parts: IntArray, looks: PosePath, kept: IntArray, rotations: FloatArray
 ) -> PosePath:
     """The rows ``kept`` of the looks as a way of their own, arcs as arcs."""
-    at = rows(parts)
+    at = offsets(parts)
     segment = np.searchsorted(at, kept[1:], side="left") - 1
     middle = ((kept[:-1] + kept[1:]) / 2 - at[segment]) / parts[segment]
     via = chain(way.position, way.via[1:]).point(middle, segment)

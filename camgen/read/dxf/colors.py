@@ -1,25 +1,27 @@
-"""What color an entity has: its own, that of its layer, or that of the reference to the block that it stands in."""
+"""Colors of entities, which may be those of their layer or of the block reference around them."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from ezdxf.document import Drawing
 from msgspec import Struct, field
 
 from camgen.read.colors import ACI, resolve_aci
 
-if TYPE_CHECKING:
-    from ezdxf.document import Drawing
-
-#: Numbers that stand for another color (group 62): that of the layer, that of the reference to the block.
-_BYLAYER, _BYBLOCK = 256, 0
+#: Color number (group 62) of an entity that has the color of its layer.
+_BYLAYER = 256
+#: Color number of an entity that has the color of the block reference around it.
+_BYBLOCK = 0
 
 
 class Colors(Struct):
-    """The different colors of a drawing, the first one that of what says nothing.
+    """The different colors of a drawing, "#rrggbb".
 
-    of_layer: by folded name. known: what entities say, true color, number and layer, and the index of it in ``names``;
-    -1 is that of the block.
+    of_layer: color by folded name of the layer.
+    names: the colors. The first one is that of an entity without any other.
+    known: cache: index in `names` by true color, color number and layer; -1 for the color of the
+        block reference.
     """
 
     of_layer: dict[str, str]
@@ -27,18 +29,22 @@ class Colors(Struct):
     known: dict[tuple[int | None, int | None, str], int] = field(default_factory=dict)
 
     def find(self, attributes: dict[str, Any], layer: str, block: int) -> int:
-        """The index of the color of an entity on ``layer``. block: what BYBLOCK stands for."""
+        """Index in `names` of the color of an entity on `layer`.
+
+        block: index of the color of the block reference around the entity.
+        """
         key = (attributes.get("true_color"), attributes.get("color"), layer)
         index = self.known.get(key)
         if index is None:
             index = self.known[key] = self._add(*key)
         return block if index < 0 else index
 
-    def _add(self, true: int | None, number: int | None, layer: str) -> int:
-        if true is None and number == _BYBLOCK:
+    def _add(self, true_color: int | None, number: int | None, layer: str) -> int:
+        """Index in `names` of a color, which is added if it is new; -1 for `_BYBLOCK`."""
+        if true_color is not None:
+            color = _format_true_color(true_color)
+        elif number == _BYBLOCK:
             return -1
-        if true is not None:
-            color = _hex(true)
         elif number is None or number == _BYLAYER:
             color = self.of_layer.get(layer.casefold(), ACI[7])
         else:
@@ -48,16 +54,15 @@ class Colors(Struct):
         return self.names.index(color)
 
 
-def colors_of(document: Drawing) -> Colors:
-    """The colors of the document's layers."""
-    found = {}
+def read_colors(document: Drawing) -> Colors:
+    """The colors of the layers of a document."""
+    of_layer = {}
     for layer in document.layers:
-        true = layer.dxf.get("true_color")
-        found[str(layer.dxf.name).casefold()] = (
-            resolve_aci(layer.color) if true is None else _hex(true)
-        )
-    return Colors(found)
+        true_color = layer.dxf.get("true_color")
+        color = resolve_aci(layer.color) if true_color is None else _format_true_color(true_color)
+        of_layer[str(layer.dxf.name).casefold()] = color
+    return Colors(of_layer)
 
 
-def _hex(true: int) -> str:
-    return f"#{true & 0xFFFFFF:06x}"
+def _format_true_color(true_color: int) -> str:
+    return f"#{true_color & 0xFFFFFF:06x}"

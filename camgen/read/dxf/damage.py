@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from itertools import pairwise
 from typing import Final
 
@@ -46,9 +46,10 @@ for _bits, _ranges in (
 ):
     for _first, _after in _ranges:
         _LIMITS[_first:_after] = 2.0**_bits
-_IS_FLOAT = np.zeros(_CODES + 1, np.bool_)
-for _first, _after in ((10, 60), (110, 150), (210, 240), (460, 470), (1010, 1060)):
-    _IS_FLOAT[_first:_after] = True
+_FLOATS = (
+    *range(10, 60), *range(110, 150), *range(210, 240), *range(460, 470), *range(1010, 1060)
+)  # fmt: skip
+_IS_FLOAT = np.isin(np.arange(_CODES + 1), _FLOATS)
 #: The first group of extended data, which belongs to an application.
 _EXTENDED = 1000
 _NAME, _HANDLE, _LAYER, _VARIABLE = 2, 5, 8, 9
@@ -145,7 +146,7 @@ def repair(name: str, data: bytes) -> Repaired | None:
         damaged = np.setdiff1d(damaged, commas)
         notes.append(_note_commas(lines, commas))
         edits += [
-            _replace(tags, tag, tags.value(tag).replace(b",", b".")) for tag in commas.tolist()
+            _make_edit(tags, tag, tags.value(tag).replace(b",", b".")) for tag in commas.tolist()
         ]
     zeros: list[tuple[int, str]] = []
     sections = _list_sections(tags)
@@ -155,10 +156,10 @@ def repair(name: str, data: bytes) -> Repaired | None:
         if _holds_entity(tags, sections, entity) and tags.code[tag] < _EXTENDED:
             causes.setdefault(entity, f"line {lines.line[tag]}: {cause}")
         else:
-            _check_meaning(name, lines, tag, entity)
+            _check_units_and_states(name, lines, tag, entity)
             zeros.append((tag, _describe(tags, max(entity, 0), tag)))
     left_out, removed = _remove_entities(lines, sections, causes)
-    edits += [_replace(tags, tag, b"0") for tag, _ in zeros] + removed
+    edits += [_make_edit(tags, tag, b"0") for tag, _ in zeros] + removed
     notes += _limit(left_out, "entities")
     notes += _limit([_note_zero(lines, tag, record) for tag, record in zeros], "numbers")
     return Repaired(_apply(tags.text, edits), tuple(notes))
@@ -172,13 +173,13 @@ def _read_lines(name: str, data: bytes) -> _Lines:
     if not data.endswith(b"\n"):
         data += b"\n"
     tags = tabulate(data)
-    if tags is not None and not _find_odd_kinds(tags):
+    if tags is not None and not _has_odd_kinds(tags):
         return _Lines(tags, 2 + 2 * np.arange(len(tags.code)), {})
     return _match_lines(name, data.split(b"\n")[:-1])
 
 
-def _find_odd_kinds(tags: Tags) -> bool:
-    """Whether a tag with the group code 0 names no kind, as after a lost line."""
+def _has_odd_kinds(tags: Tags) -> bool:
+    # After a lost line, a tag with the group code 0 does not name a kind.
     kinds = np.unique(tags.values(tags.head, LONGEST_NUMBER))
     return any(_KIND_LINE.fullmatch(kind) is None for kind in kinds.tolist())
 
@@ -272,7 +273,7 @@ def _find_commas(tags: Tags, damaged: Index) -> Index:
     thousands.
     """
     texts = tags.values(damaged, LONGEST_NUMBER)
-    has_comma = _are_decimal(texts)
+    has_comma = _have_decimal_commas(texts)
     commas = damaged[has_comma]
     if not len(commas):
         return commas
@@ -287,7 +288,6 @@ def _find_commas(tags: Tags, damaged: Index) -> Index:
 
 
 def _are_numbers(texts: Texts) -> Mask:
-    """(N,) whether each text is the spelling of a finite number."""
     are_numbers = _are_plain(texts)
     for k in np.flatnonzero(~are_numbers).tolist():
         are_numbers[k] = _read_number(texts[k]) is not None
@@ -329,8 +329,7 @@ def _are_plain(texts: Texts) -> Mask:
     return np.asarray(plain & (digits > 0))
 
 
-def _are_decimal(texts: Texts) -> Mask:
-    """(N,) whether each text is a number with a decimal comma."""
+def _have_decimal_commas(texts: Texts) -> Mask:
     return np.array([_COMMA.fullmatch(text) is not None for text in texts.tolist()], np.bool_)
 
 
@@ -415,19 +414,16 @@ def _holds_entity(tags: Tags, sections: dict[str, tuple[int, int]], entity: int)
     for section in ("BLOCKS", "ENTITIES"):
         first, after = sections.get(section, (0, 0))
         if first < entity < after:
-            kind = tags.value(int(tags.head[entity])).strip()
-            return kind not in (b"ENDBLK", b"ENDSEC") and not _is_layout(tags, entity, kind)
+            kind = _read_kind(tags, entity)
+            if kind == "BLOCK":
+                return _LAYOUTS.fullmatch(_text(tags, entity, _NAME)) is None
+            return kind not in ("ENDBLK", "ENDSEC")
     return False
-
-
-def _is_layout(tags: Tags, entity: int, kind: bytes) -> bool:
-    return kind == b"BLOCK" and _LAYOUTS.fullmatch(_text(tags, entity, _NAME)) is not None
 
 
 def _remove_entities(
     lines: _Lines, sections: dict[str, tuple[int, int]], causes: dict[int, str]
 ) -> tuple[list[Note], list[tuple[int, int, bytes]]]:
-    """Notes on damaged entities, and the edits of the text that leave them out."""
     tags = lines.tags
     notes, edits = [], []
     end = len(tags.text)
@@ -448,39 +444,31 @@ def _find_extent(tags: Tags, entity: int) -> tuple[int, int]:
     A polyline goes with its vertices, a reference with its attributes. The frame of a block stays,
     so that references to it draw nothing.
     """
-    kinds = _Kinds(tags)
-    kind = kinds[entity]
+    kind = _read_kind(tags, entity)
     if kind == "BLOCK":
         after = entity + 1
-        while after < len(tags.head) and kinds[after] != "ENDBLK":
+        while after < len(tags.head) and _read_kind(tags, after) != "ENDBLK":
             after += 1
         return entity + 1, after
     first = entity
-    while kind in ("VERTEX", "SEQEND") and first > 0 and kinds[first] in _PARTS:
+    while kind in ("VERTEX", "SEQEND") and first > 0 and _read_kind(tags, first) in _PARTS:
         first -= 1
     after = entity + 1
-    if kinds[first] in ("POLYLINE", "INSERT"):
+    if _read_kind(tags, first) in ("POLYLINE", "INSERT"):
         after = first + 1
-        while after < len(tags.head) and kinds[after] in _PARTS:
+        while after < len(tags.head) and _read_kind(tags, after) in _PARTS:
             after += 1
     return first, after
 
 
-class _Kinds:
-    """Kinds of entities, read on access."""
-
-    def __init__(self, tags: Tags) -> None:
-        self.tags = tags
-
-    def __getitem__(self, entity: int) -> str:
-        return self.tags.value(int(self.tags.head[entity])).strip().decode("ascii", "replace")
+def _read_kind(tags: Tags, entity: int) -> str:
+    return tags.value(int(tags.head[entity])).strip().decode("ascii", "replace")
 
 
-def _check_meaning(name: str, lines: _Lines, tag: int, entity: int) -> None:
-    """Raises InputError for a damaged number that decides how the drawing is read."""
+def _check_units_and_states(name: str, lines: _Lines, tag: int, entity: int) -> None:
     tags = lines.tags
     variable = _variable(tags, tag)
-    record = _Kinds(tags)[entity] if entity >= 0 else ""
+    record = _read_kind(tags, entity) if entity >= 0 else ""
     value = f"is damaged: {_show(tags.value(tag))} is not a number"
     place = ""
     if variable in _UNITS:
@@ -515,7 +503,7 @@ def _text(tags: Tags, entity: int, code: int) -> str:
 
 def _describe(tags: Tags, entity: int, tag: int = 0) -> str:
     """Kind, name, handle and layer of an entity, or the variable of a tag of the header."""
-    kind = _Kinds(tags)[entity]
+    kind = _read_kind(tags, entity)
     if kind == "SECTION":
         return _variable(tags, tag) or "the header"
     handle, layer, label = (_text(tags, entity, code) for code in (_HANDLE, _LAYER, _NAME))
@@ -559,24 +547,18 @@ def _show(value: bytes) -> str:
     return "'" + ",".join(map(harmless, text.split(","))) + "'"
 
 
-def _replace(tags: Tags, tag: int, value: bytes) -> tuple[int, int, bytes]:
-    """The edit that replaces the value of a tag."""
+def _make_edit(tags: Tags, tag: int, value: bytes) -> tuple[int, int, bytes]:
     begin = int(tags.begin[tag])
     return begin, begin + int(tags.length[tag]), value
 
 
 def _apply(text: Bytes, edits: list[tuple[int, int, bytes]]) -> bytes:
     """The bytes of a text after its edits; an edit within another one has no effect."""
-    data = text.tobytes()
-    return b"".join(_list_pieces(data, sorted(edits, key=lambda edit: (edit[0], -edit[1]))))
-
-
-def _list_pieces(data: bytes, edits: list[tuple[int, int, bytes]]) -> Iterator[bytes]:
-    done = 0
-    for begin, end, value in edits:
-        if begin < done:
-            continue
-        yield data[done:begin]
-        yield value
-        done = end
-    yield data[done:].rstrip(b"\0")
+    data = text.tobytes().rstrip(b"\0")
+    pieces: list[bytes] = []
+    position = 0
+    for begin, end, value in sorted(edits, key=lambda edit: (edit[0], -edit[1])):
+        if begin >= position:
+            pieces += [data[position:begin], value]
+            position = end
+    return b"".join([*pieces, data[position:]])

@@ -5,8 +5,12 @@ from __future__ import annotations
 import re
 import struct
 from io import BytesIO, TextIOWrapper
-from typing import TYPE_CHECKING
 
+from ezdxf import recover
+from ezdxf.document import Drawing
+from ezdxf.filemanagement import dxf_stream_info, read
+from ezdxf.lldxf.const import DXFError
+from ezdxf.lldxf.tagger import binary_tags_loader
 from msgspec import Struct
 
 from camgen.model.errors import InputError, one_line
@@ -15,9 +19,6 @@ from camgen.model.text import counted, harmless
 from camgen.read.dxf.damage import SAVE_AGAIN, repair
 from camgen.read.dxf.plain import Split, split
 from camgen.read.quiet import silence
-
-if TYPE_CHECKING:
-    from ezdxf.document import Drawing
 
 _BINARY = b"AutoCAD Binary DXF\r\n\x1a\x00"
 _END = re.compile(rb"(?:^|\n)[ \t]*0[ \t]*\r?\n[ \t]*EOF\b[^\n]*\n?")
@@ -31,9 +32,9 @@ _REMOVED = re.compile(r"(?:removed|deleted) (?:entity )?(\w+\(#?\w+\))", re.IGNO
 #: Faults that a note lists.
 _LISTED = 5
 
-#: Exceptions of ezdxf at a damaged file besides its own, which are not all ValueErrors.
-_STUMBLES = (
-    ValueError, TypeError, LookupError, StopIteration, AttributeError, ArithmeticError,
+#: Exceptions of ezdxf at a damaged file. Some of its own are not DXFErrors.
+_LOAD_ERRORS = (
+    DXFError, ValueError, TypeError, LookupError, StopIteration, AttributeError, ArithmeticError,
     AssertionError, RecursionError, struct.error, EOFError,
 )  # fmt: skip
 
@@ -56,7 +57,9 @@ def load_document(name: str, data: bytes) -> Loaded:
 
     Raises InputError for other formats, and for damage beyond repair.
     """
-    data = _with_line_feeds(data)
+    if not data.startswith(_BINARY) and b"\n" not in data:
+        # Old Macintoshs end lines in carriage returns alone.
+        data = data.replace(b"\r", b"\n")
     _check_format(name, data)
     silence("ezdxf")
     if data.startswith(_BINARY):
@@ -77,17 +80,12 @@ def load_document(name: str, data: bytes) -> Loaded:
 
 
 def _load_binary(name: str, data: bytes) -> Loaded:
-    # ezdxf is slow to import, and not needed unless a DXF is read.
-    from ezdxf.document import Drawing  # noqa: PLC0415
-    from ezdxf.lldxf.const import DXFError  # noqa: PLC0415
-    from ezdxf.lldxf.tagger import binary_tags_loader  # noqa: PLC0415
-
     notes = () if b"\x00EOF\x00" in data else (_CUT,)
     try:
         document = Drawing.load(binary_tags_loader(data))
         # Damaged objects cost a document its model space, which shows only on access.
         document.modelspace()
-    except (DXFError, *_STUMBLES) as error:
+    except _LOAD_ERRORS as error:
         # The tolerant reader of ezdxf takes text only.
         what = f"damaged beyond repair: {_format(error)}"
         raise InputError(name, what, "binary DXF", SAVE_AGAIN) from error
@@ -95,21 +93,17 @@ def _load_binary(name: str, data: bytes) -> Loaded:
 
 
 def _load_text(name: str, data: bytes, notes: tuple[Note, ...]) -> Loaded:
-    """The document in a text: read strictly, or else tolerantly with a note."""
-    from ezdxf import recover  # noqa: PLC0415
-    from ezdxf.filemanagement import read  # noqa: PLC0415
-    from ezdxf.lldxf.const import DXFError  # noqa: PLC0415
 
     try:
         document = read(_decode(data))
         document.modelspace()
         return Loaded(document, None, notes)
-    except (DXFError, *_STUMBLES) as error:
+    except _LOAD_ERRORS as error:
         cause = _format(error)
     try:
         document, auditor = recover.read(BytesIO(data))
         document.modelspace()
-    except (DXFError, *_STUMBLES) as error:
+    except _LOAD_ERRORS as error:
         what = f"damaged beyond repair: {_format(error)}"
         raise InputError(name, what, "", SAVE_AGAIN) from error
     faults = [fault.message for fault in (*auditor.fixes, *auditor.errors)]
@@ -117,7 +111,6 @@ def _load_text(name: str, data: bytes, notes: tuple[Note, ...]) -> Loaded:
 
 
 def _note_faults(cause: str, faults: list[str]) -> list[Note]:
-    """Notes on a text that was read tolerantly: on all faults, and on each entity left out."""
     notes = [
         Note("skipped", match[1].replace("(#", " #").rstrip(")"), harmless(fault, 120))
         for fault in faults
@@ -137,13 +130,10 @@ def _load_rest(plain: Split) -> Drawing | None:
     names a line; because the plain entities are on paper, which depends on their owner; or because
     a stand-in is not where it was put, as where a second section replaces the first.
     """
-    from ezdxf.filemanagement import read  # noqa: PLC0415
-    from ezdxf.lldxf.const import DXFError  # noqa: PLC0415
-
     try:
         document = read(_decode(plain.text))
         layers = [point.dxf.layer for point in document.modelspace().query("POINT")]
-    except (DXFError, *_STUMBLES):
+    except _LOAD_ERRORS:
         return None
     if [layer for layer in layers if layer in plain.runs] != list(plain.runs):
         return None
@@ -151,13 +141,6 @@ def _load_rest(plain: Split) -> Drawing | None:
     if paper is not None and paper.dxf.handle in plain.plain.owners:
         return None
     return document
-
-
-def _with_line_feeds(data: bytes) -> bytes:
-    """The text with line feeds if its lines end in carriage returns alone, as on old Macintoshs."""
-    if data.startswith(_BINARY) or b"\n" in data:
-        return data
-    return data.replace(b"\r", b"\n")
 
 
 def _check_format(name: str, data: bytes) -> None:
@@ -178,7 +161,7 @@ def _cut_end(data: bytes) -> tuple[bytes, tuple[Note, ...]]:
     end = _END.search(data, max(0, len(data) - _TAIL)) or _END.search(data)
     if end is None:
         return _close_ends(data), (_CUT,)
-    return (data if end.end() == len(data) else data[: end.end()]), ()
+    return data[: end.end()], ()
 
 
 def _close_ends(data: bytes) -> bytes:
@@ -188,13 +171,11 @@ def _close_ends(data: bytes) -> bytes:
     # A polyline of which vertices are lost is not whole.
     while len(starts) > 1 and lines[starts[-1] + 1].strip() in _PARTS:
         starts.pop()
-    last = starts[-1] if starts else 0
+    last = max(starts, default=0)
     return b"\n".join([*lines[:last], b"0", b"ENDSEC", b"0", b"EOF", b""])
 
 
 def _decode(data: bytes) -> TextIOWrapper:
-    """The text in the encoding that its header names."""
-    from ezdxf.filemanagement import dxf_stream_info  # noqa: PLC0415
 
     info = dxf_stream_info(TextIOWrapper(BytesIO(data), "utf-8", errors="ignore"))
     return TextIOWrapper(BytesIO(data), info.encoding, errors="surrogateescape")

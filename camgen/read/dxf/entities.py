@@ -1,8 +1,8 @@
-"""The walk through a drawing: which entities are drawn where, as plain numbers in columns.
+"""Lists all entities of a drawing, with blocks expanded, as plain numbers in columns.
 
-Blocks are expanded here and not by ezdxf: every entity keeps its own numbers and gets the index of the matrix that
-takes them into the work plane (block references, arrays and extrusion vectors multiplied out, mm). The arithmetic is
-then done once for all entities in ``flatten``.
+Blocks are expanded here and not by ezdxf. Each entity keeps its own numbers and gets the index of a
+matrix that maps them to the work frame: the product of block references, arrays and extrusions.
+`flatten` then computes all entities at once.
 """
 
 from __future__ import annotations
@@ -12,117 +12,169 @@ from array import array
 from collections import Counter
 from collections.abc import Callable, Iterable
 from itertools import groupby
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
+from ezdxf.document import Drawing
+from ezdxf.xclip import XClip
 from msgspec import Struct, field
 
 from camgen.model.errors import InputError
 from camgen.model.limits import Limits, tell
 from camgen.model.pose import FloatArray
 from camgen.model.text import harmless
-from camgen.read.dxf.colors import Colors, colors_of
-from camgen.read.dxf.layers import FROZEN, Layers
+from camgen.read.dxf.colors import Colors, read_colors
 from camgen.read.dxf.plain import CIRCLE, KINDS, LINE, PlainEntities, Split
+from camgen.read.layers import FROZEN, Layers
 
-if TYPE_CHECKING:
-    from ezdxf.document import Drawing
-
-
-# Where a block reference puts its block: object coordinates, scales, arrays; and when it cannot be used.
+Attributes = dict[str, Any]
 
 
-def ocs_matrix(extrusion: tuple[float, float, float]) -> FloatArray:
-    """4 x 4 from the object to the world coordinate system, by the arbitrary axis algorithm of the DXF reference."""
+# Block references: object coordinates, scales, arrays, and reasons not to use one.
+
+
+def _make_ocs_matrix(extrusion: tuple[float, float, float]) -> FloatArray:
+    """4 x 4 matrix from object to world coordinates.
+
+    It is made by the arbitrary axis algorithm of the DXF reference. An extrusion that is zero or
+    not finite gives the identity.
+    """
     z = np.array(extrusion)
     size = float(np.linalg.norm(z))
     if not 0 < size < math.inf:
         return np.eye(4)
     z /= size
-    x = np.cross(
-        (0.0, 1.0, 0.0) if abs(z[0]) < 1 / 64 and abs(z[1]) < 1 / 64 else (0.0, 0.0, 1.0), z
-    )
+    is_near_z = abs(z[0]) < 1 / 64 and abs(z[1]) < 1 / 64
+    x = np.cross((0.0, 1.0, 0.0) if is_near_z else (0.0, 0.0, 1.0), z)
     x /= np.linalg.norm(x)
     matrix = np.eye(4)
-    matrix[:3, 0], matrix[:3, 1], matrix[:3, 2] = x, np.cross(z, x), z
+    matrix[:3, :3] = np.column_stack([x, np.cross(z, x), z])
     return matrix
 
 
-def unusable(entity: Any, block: Any, a: dict[str, Any], around: tuple[str, ...]) -> str:
-    """Why the reference ``entity`` to ``block`` cannot be used, "" if it can. around: blocks it stands in."""
+def _find_fault(entity: Any, block: Any, attributes: Attributes, enclosing: tuple[str, ...]) -> str:
+    """The reason why a reference to `block` cannot be used, "" if it can.
+
+    enclosing: folded names of the blocks around the reference.
+    """
     if block is None:
-        return f"its block {harmless(str(a.get('name', '')))!r} is missing"
+        return f"its block {harmless(str(attributes.get('name', '')))!r} is missing"
     if block.block_record.is_xref:
         return "an external reference, not in this file"
-    if str(a.get("name")).casefold() in around:
+    if str(attributes.get("name")).casefold() in enclosing:
         return "its block contains itself"
-    if not (a.get("xscale", 1.0) and a.get("yscale", 1.0)):
+    if not (attributes.get("xscale", 1.0) and attributes.get("yscale", 1.0)):
         return "scaled to nothing"
-    if entity.has_extension_dict and _clip(entity):
+    if entity.has_extension_dict and _is_clipped(entity):
         return "clipped (XCLIP), which cannot be honoured; explode it"
     return ""
 
 
-def _clip(entity: Any) -> bool:
-    from ezdxf.xclip import XClip  # noqa: PLC0415 - rare
-
+def _is_clipped(entity: Any) -> bool:
     clip = XClip(entity)
     return bool(clip.has_clipping_path and clip.is_clipping_enabled)
 
 
-def array_of(a: dict[str, Any]) -> tuple[int, int]:
-    """Columns and rows of a reference with attributes ``a``. Those without a distance lie on each other and are one."""
-    columns, rows = max(1, a.get("column_count", 1)), max(1, a.get("row_count", 1))
-    return columns if a.get("column_spacing", 0.0) else 1, rows if a.get("row_spacing", 0.0) else 1
+def _read_array(attributes: Attributes) -> tuple[int, int]:
+    """Columns and rows of the array of a reference.
 
-
-def cells(a: dict[str, Any], base: tuple[float, float, float]) -> Iterable[FloatArray]:
-    """World from block (4 x 4) for each cell of the array of a reference with attributes ``a``.
-
-    base: base point of the block. The array is turned with the reference but not scaled.
+    Columns without a spacing lie on each other and count as one, and so do rows.
     """
-    ocs = ocs_matrix(a["extrusion"].xyz) if "extrusion" in a else np.eye(4)
-    turn = math.radians(a.get("rotation", 0.0))
+    columns = max(1, attributes.get("column_count", 1))
+    rows = max(1, attributes.get("row_count", 1))
+    has_columns = attributes.get("column_spacing", 0.0)
+    has_rows = attributes.get("row_spacing", 0.0)
+    return columns if has_columns else 1, rows if has_rows else 1
+
+
+def _list_cells(attributes: Attributes, base: tuple[float, float, float]) -> Iterable[FloatArray]:
+    """Matrix (4, 4) from the block to its surroundings for each cell of the array of a reference.
+
+    The array is rotated with the reference but not scaled.
+
+    base: base point of the block.
+    """
+    get = attributes.get
+    ocs = np.eye(4)
+    if "extrusion" in attributes:
+        ocs = _make_ocs_matrix(attributes["extrusion"].xyz)
+    angle = math.radians(get("rotation", 0.0))
     rotation = np.eye(4)
-    rotation[:2, :2] = [[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]]
-    # Some writers leave 0 for z in a flat drawing; heights are judged later and must not be hidden by it.
-    scale = np.diag([a.get("xscale", 1.0), a.get("yscale", 1.0), a.get("zscale", 1.0) or 1.0, 1.0])
+    rotation[:2, :2] = [[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]]
+    # Some programs write 0 for z in a flat drawing. It would hide heights, which are checked later.
+    scale = np.diag([get("xscale", 1.0), get("yscale", 1.0), get("zscale", 1.0) or 1.0, 1.0])
     scale[:3, 3] = scale[:3, :3] @ -np.array(base)
-    columns, rows = array_of(a)
-    dx, dy = a.get("column_spacing", 0.0), a.get("row_spacing", 0.0)
-    at = a["insert"].xyz if "insert" in a else (0.0, 0.0, 0.0)
+    columns, rows = _read_array(attributes)
+    dx, dy = get("column_spacing", 0.0), get("row_spacing", 0.0)
+    insertion = attributes["insert"].xyz if "insert" in attributes else (0.0, 0.0, 0.0)
     for row in range(rows):
         for column in range(columns):
+            translation = np.eye(4)
             step = rotation[:3, :3] @ (column * dx, row * dy, 0.0)
-            place = np.eye(4)
-            place[:3, 3] = step + at
-            yield ocs @ place @ rotation @ scale
+            translation[:3, 3] = step + insertion
+            yield ocs @ translation @ rotation @ scale
 
 
-_NO_CURVE = "not a kind of curve that is machined"
+# Columns of entities.
+
+_NOT_MACHINED = "not a kind of curve that is machined"
 _DAMAGED = "damaged numbers"
 _NO_RADIUS = "radius not positive"
-#: Reasons for which nothing is lost that could have been machined.
+#: Reasons of entities that could not have been machined, so that nothing is lost.
 REPAIRED: Final = frozenset({_NO_RADIUS})
 
+#: Kinds whose numbers are object coordinates.
+_OCS_KINDS: Final = ("ARC", "CIRCLE", "LWPOLYLINE", "POLYLINE")
+#: Extrusion of an entity whose object coordinates are world coordinates.
 _UP = (0.0, 0.0, 1.0)
-Attributes = dict[str, Any]
 
 
 class Smooth(Struct, frozen=True):
-    """An ellipse (center, two half axes as control rows; start and end parameter) or a spline, in its own frame."""
+    """An ellipse or a spline in its own frame.
+
+    control: (N, 3) control points of a spline; center and half axes of an ellipse.
+    knots: knots of a spline; start and end parameter of an ellipse, rad.
+    degree: degree of a spline, 0 for an ellipse.
+    weights: weights of the control points, None if they are all 1.
+    """
 
     control: FloatArray
     knots: FloatArray
     degree: int
     weights: FloatArray | None
 
+    def transform(self, matrix: FloatArray) -> FloatArray:
+        """(N, 3) `control` under a (4, 4) matrix. Half axes are not moved by its translation."""
+        control = self.control @ matrix[:3, :3].T
+        control[: len(control) if self.degree else 1] += matrix[:3, 3]
+        return np.asarray(control)
+
 
 class DrawnEntities(Struct, eq=False):
-    """Columns, filled by the walk. Owner numbers count the pieces in drawing order and index ``matrix`` etc.
+    """Columns of the entities of a drawing.
 
-    lines: x, y, z of start and end. arcs: center x, y, z, radius, start and sweep in degrees. outlines: rows x, y, z,
-    bulge. matrices: 4 x 4, from the numbers of an entity to mm in the work frame. left: why -> (kind, layer) -> count.
+    An entity that is used is a piece. Its number, in drawing order, is the owner of its numbers.
+
+    matrices: (4, 4) each, from the numbers of an entity to mm in the work frame.
+    layers: layers of the drawing.
+    colors: colors of the drawing.
+    matrix: index in `matrices`, by owner.
+    layer: name of the layer, by owner.
+    color: index in `colors.names`, by owner.
+    kind: kind, by owner.
+    closed: whether the piece is marked closed, by owner.
+    handle: handle, by owner; "" if the entity has none.
+    lines: x, y, z of the start and the end of each line.
+    arcs: x, y, z of the center, radius, start angle and sweep in degrees of each arc.
+    points: x, y, z of each point.
+    outlines: rows x, y, z, bulge of each polyline.
+    smooth: ellipses and splines.
+    line_owner, arc_owner, point_owner, outline_owner, smooth_owner: owner of each element.
+    unused: number of unused entities by reason, and by kind and layer.
+    handles: handles of unused entities that a note names, by reason.
+    with_thickness, with_width: number of pieces by kind and layer.
+    met: number of all entities of model space by kind and layer, with blocks expanded.
+    marked_closed: owners of the splines that are marked closed.
     """
 
     matrices: list[FloatArray]
@@ -144,56 +196,69 @@ class DrawnEntities(Struct, eq=False):
     outline_owner: list[int] = field(default_factory=list)
     smooth: list[Smooth] = field(default_factory=list)
     smooth_owner: list[int] = field(default_factory=list)
-    left: dict[str, Counter[tuple[str, str]]] = field(default_factory=dict)
-    flattened: Counter[tuple[str, str]] = field(default_factory=Counter)
-    widths: Counter[tuple[str, str]] = field(default_factory=Counter)
-    met: Counter[tuple[str, str]] = field(default_factory=Counter)
+    unused: dict[str, Counter[tuple[str, str]]] = field(default_factory=dict)
     handles: dict[str, list[str]] = field(default_factory=dict)
+    with_thickness: Counter[tuple[str, str]] = field(default_factory=Counter)
+    with_width: Counter[tuple[str, str]] = field(default_factory=Counter)
+    met: Counter[tuple[str, str]] = field(default_factory=Counter)
     marked_closed: set[int] = field(default_factory=set)
 
-    def leave(self, why: str, kind: str, layer: str, count: int = 1) -> None:
+    def count_unused(self, why: str, kind: str, layer: str, count: int = 1) -> None:
         """Count entities that are not used."""
-        self.left.setdefault(why, Counter())[kind, layer] += count
+        self.unused.setdefault(why, Counter())[kind, layer] += count
 
-    def name(self, why: str, attributes: Attributes) -> None:
-        """Keep the handle of an entity that is not used, for its note."""
+    def name_unused(self, why: str, kind: str, layer: str, attributes: Attributes) -> None:
+        """Count an entity that is not used, and keep its handle for the note."""
+        self.count_unused(why, kind, layer)
         handle = attributes.get("handle")
         if handle:
             self.handles.setdefault(why, []).append(handle)
 
-    def own(
-        self, place: _Place, kind: str, layer: str, closed: bool, attributes: Attributes, ocs: bool
-    ) -> int:
-        """A new piece; returns its owner number."""
-        self.matrix.append(place.in_ocs(self, attributes.get("extrusion")) if ocs else place.index)
+    def add_piece(
+        self,
+        reference: _Reference,
+        kind: str,
+        layer: str,
+        closed: bool,
+        attributes: Attributes,
+        owners: list[int],
+    ) -> None:
+        """Add a piece to the columns by owner, and its number to `owners`."""
+        owners.append(len(self.matrix))
+        extrusion = attributes.get("extrusion") if kind in _OCS_KINDS else None
+        self.matrix.append(reference.find_matrix(self, extrusion))
         self.layer.append(layer)
-        self.color.append(self.colors.find(attributes, layer, place.color))
+        self.color.append(self.colors.find(attributes, layer, reference.color))
         self.kind.append(kind)
         self.closed.append(closed)
         self.handle.append(attributes.get("handle") or "")
         if attributes.get("thickness"):
-            self.flattened[kind, layer] += 1
-        return len(self.matrix) - 1
+            self.with_thickness[kind, layer] += 1
 
 
-class _Place(Struct, eq=False):
-    """Where a block is put: its matrix, what its layer 0 and its color BYBLOCK stand for, and the blocks around it."""
+class _Reference(Struct, eq=False):
+    """A block reference in which entities are drawn, or model space itself.
 
-    index: int
+    matrix: index in `DrawnEntities.matrices`.
+    layer: name of its layer, which layer 0 of the block stands for; "" for model space.
+    color: index of its color, which the color BYBLOCK stands for.
+    blocks: folded names of its block and of all blocks around it.
+    by_extrusion: cache: index of the matrix for an extrusion.
+    """
+
+    matrix: int
     layer: str
     color: int
     blocks: tuple[str, ...] = ()
     by_extrusion: dict[tuple[float, float, float], int] = field(default_factory=dict)
 
-    def in_ocs(self, drawn: DrawnEntities, extrusion: Any) -> int:
-        """Index of the matrix for numbers in the object coordinate system of ``extrusion``."""
-        if extrusion is None:
-            return self.index
+    def find_matrix(self, drawn: DrawnEntities, extrusion: Any) -> int:
+        """Index of the matrix for numbers in the object coordinates of `extrusion`."""
+        if extrusion is None or extrusion.xyz == _UP:
+            return self.matrix
         key = extrusion.xyz
-        if key == _UP:
-            return self.index
         if key not in self.by_extrusion:
-            drawn.matrices.append(drawn.matrices[self.index] @ ocs_matrix(key))
+            drawn.matrices.append(drawn.matrices[self.matrix] @ _make_ocs_matrix(key))
             self.by_extrusion[key] = len(drawn.matrices) - 1
         return self.by_extrusion[key]
 
@@ -201,302 +266,312 @@ class _Place(Struct, eq=False):
 def walk(
     name: str, document: Drawing, plain: Split | None, scale: float, layers: Layers, limits: Limits
 ) -> DrawnEntities:
-    """All entities of model space with blocks expanded, and what was taken out of them in its place.
+    """All entities of model space, with blocks expanded, in drawing order.
 
-    scale: mm per drawing unit. ``InputError`` if too many.
+    plain: entities that were taken out of the document, with their stand-ins.
+    scale: mm per drawing unit.
+
+    Raises InputError if there are more entities than `limits` allow.
     """
-    drawn = DrawnEntities([np.diag([scale, scale, scale, 1.0])], layers, colors_of(document))
-    place, space = _Place(0, "", 0), document.modelspace()
-    _Sizes(name, document, limits).insist(space, len(plain.plain.kind) if plain else 0)
+    drawn = DrawnEntities([np.diag([scale, scale, scale, 1.0])], layers, read_colors(document))
+    model_space = _Reference(0, "", 0)
+    entities = document.modelspace()
+    _EntityCount(name, document, limits).count(entities, (), len(plain.plain.kind) if plain else 0)
     if plain is None:
-        _entities(name, drawn, space, place)
+        _add_entities(drawn, entities, model_space)
     else:
-        for run, entities in groupby(space, lambda entity: _stands_for(entity, plain)):
+        for run, group in groupby(entities, lambda entity: _find_run(entity, plain)):
             if run is None:
-                _entities(name, drawn, entities, place)
+                _add_entities(drawn, group, model_space)
             else:
-                _run(drawn, plain.plain, run, place)
+                _add_run(drawn, plain.plain, run, model_space)
     for layout in document.layouts:
         if layout.is_any_paperspace:
             for entity in layout:
-                if entity.dxftype() != "VIEWPORT":
-                    drawn.leave(
-                        "in paper space", entity.dxftype(), entity.dxfattribs().get("layer", "0")
-                    )
+                kind = entity.dxftype()
+                if kind != "VIEWPORT":
+                    layer = entity.dxfattribs().get("layer", "0")
+                    drawn.count_unused("in paper space", kind, layer)
     return drawn
 
 
-def _stands_for(entity: Any, plain: Split) -> slice | None:
-    """The run of plain entities in whose place ``entity`` stands, None if it is one of the drawing."""
+def _find_run(entity: Any, plain: Split) -> slice | None:
+    """The run of plain entities that `entity` is a stand-in for; None for any other entity."""
     return plain.runs.get(entity.dxf.layer) if entity.dxftype() == "POINT" else None
 
 
-class _Sizes:
-    """How many entities a drawing expands to, counted once for each block and before any of them is drawn: blocks in
-    blocks and arrays multiply, so that a few lines of text may stand for more than any memory holds.
+class _EntityCount:
+    """Number of entities to which a drawing expands, computed before any of them is drawn.
+
+    Blocks in blocks and arrays multiply, so that a few lines of text may stand for more entities
+    than any memory holds. Each block is counted once.
     """
 
     def __init__(self, name: str, document: Drawing, limits: Limits) -> None:
         self.name = name
         self.limits = limits
         self.blocks = document.blocks
-        self.known: dict[str, int] = {}
+        self.cache: dict[str, int] = {}
 
-    def insist(self, entities: Iterable[Any], beside: int) -> None:
-        """InputError where ``entities`` of model space and so many ``beside`` them expand to too much."""
-        self._count(entities, (), beside)
+    def count(self, entities: Iterable[Any], enclosing: tuple[str, ...], total: int = 0) -> int:
+        """`total` and the number of entities to which `entities` expand.
 
-    def _count(self, entities: Iterable[Any], around: tuple[str, ...], total: int = 0) -> int:
+        enclosing: folded names of the blocks around them.
+
+        Raises InputError if it is above the limit, or if blocks are nested too deeply.
+        """
         for entity in entities:
             total += 1
             if entity.dxftype() == "INSERT":
-                a = entity.dxfattribs()
-                block = str(a.get("name"))
-                columns, rows = array_of(a)
-                total += columns * rows * (1 + self._of(block, around))
+                attributes = entity.dxfattribs()
+                columns, rows = _read_array(attributes)
+                total += columns * rows * (1 + self._count_block(attributes, enclosing))
             if total > self.limits.dxf_entities:
                 what = f"blocks expand to more than {tell(self.limits.dxf_entities)} entities"
                 remedy = "explode or thin them, or raise limits.dxf_entities"
-                raise InputError(self.name, what, around[-1] if around else "", remedy)
+                raise InputError(self.name, what, enclosing[-1] if enclosing else "", remedy)
         return total
 
-    def _of(self, block: str, around: tuple[str, ...]) -> int:
+    def _count_block(self, attributes: Attributes, enclosing: tuple[str, ...]) -> int:
+        block = str(attributes.get("name"))
         key = block.casefold()
-        if key in around or key not in self.blocks:
-            return 0  # the walk says so
-        if len(around) >= self.limits.dxf_depth:
+        if key in enclosing or key not in self.blocks:
+            return 0  # `_find_fault` reports it
+        if len(enclosing) >= self.limits.dxf_depth:
             what = f"blocks stand more than {tell(self.limits.dxf_depth)} deep within each other"
-            raise InputError(
-                self.name, what, harmless(block), "explode them, or raise limits.dxf_depth"
-            )
-        if key not in self.known:
-            self.known[key] = self._count(self.blocks.get(block), (*around, key))
-        return self.known[key]
+            remedy = "explode them, or raise limits.dxf_depth"
+            raise InputError(self.name, what, harmless(block), remedy)
+        if key not in self.cache:
+            self.cache[key] = self.count(self.blocks.get(block), (*enclosing, key))
+        return self.cache[key]
 
 
-def _entities(name: str, drawn: DrawnEntities, entities: Iterable[Any], place: _Place) -> None:
+def _add_entities(drawn: DrawnEntities, entities: Iterable[Any], reference: _Reference) -> None:
     for entity in entities:
         kind = entity.dxftype()
         attributes = entity.dxfattribs()
         layer = attributes.get("layer", "0")
-        if place.layer and layer == "0":
-            layer = place.layer
+        if reference.layer and layer == "0":
+            layer = reference.layer
         drawn.met[kind, layer] += 1
         why = drawn.layers.why_not(layer)
         if attributes.get("invisible"):
-            drawn.leave("invisible", kind, layer)
-        elif kind == "INSERT":
-            # An off layer hides only what lies on it, a frozen one the whole reference.
-            if why == FROZEN:
-                drawn.leave(why, kind, layer)
-            else:
-                _insert(name, drawn, entity, attributes, layer, place)
-        elif kind not in _KINDS:
-            drawn.leave(why or _NO_CURVE, kind, layer)
+            drawn.count_unused("invisible", kind, layer)
+        elif kind == "INSERT" and why != FROZEN:
+            # A layer that is off hides its own entities only, a frozen one the whole reference.
+            _add_block(drawn, entity, attributes, layer, reference)
         elif why:
-            drawn.leave(why, kind, layer)
+            drawn.count_unused(why, kind, layer)
+        elif kind not in _ADDERS:
+            drawn.count_unused(_NOT_MACHINED, kind, layer)
         else:
-            why = _KINDS[kind](drawn, entity, attributes, layer, place)
+            why = _ADDERS[kind](drawn, entity, attributes, layer, reference)
             if why:
-                drawn.leave(why, kind, layer)
-                drawn.name(why, attributes)
+                drawn.name_unused(why, kind, layer, attributes)
 
 
-def _run(drawn: DrawnEntities, plain: PlainEntities, run: slice, place: _Place) -> None:
-    """The entities of ``run`` as ``_entities`` would draw them, by column."""
-    kind, numbers = plain.kind[run], plain.numbers[run]
-    # What is the same of many is looked at once, where it first comes.
-    said = (plain.color[run] * len(plain.layers) + plain.layer[run]) * len(KINDS) + kind
-    different, first, which, counts = np.unique(
-        said, return_index=True, return_inverse=True, return_counts=True
+def _add_run(drawn: DrawnEntities, plain: PlainEntities, run: slice, reference: _Reference) -> None:
+    """Add plain entities by column, with the same result as by `_add_entities`."""
+    kind, numbers, layer = plain.kind[run], plain.numbers[run], plain.layer[run]
+    # Entities with the same kind, layer and color are decided together, in order of their firsts.
+    key = (plain.color[run] * len(plain.layers) + layer) * len(KINDS) + kind
+    keys, first, which, counts = np.unique(
+        key, return_index=True, return_inverse=True, return_counts=True
     )
-    color = np.full(len(different), -1)
+    color_of_key = np.full(len(keys), -1)
     for k in np.argsort(first).tolist():
-        name, layer = (
-            KINDS[different[k] % len(KINDS)],
-            plain.layers[different[k] // len(KINDS) % len(plain.layers)],
-        )
-        drawn.met[name, layer] += int(counts[k])
-        why = drawn.layers.why_not(layer)
+        row = first[k]
+        kind_name, layer_name = KINDS[kind[row]], plain.layers[layer[row]]
+        drawn.met[kind_name, layer_name] += int(counts[k])
+        why = drawn.layers.why_not(layer_name)
         if why:
-            drawn.leave(why, name, layer, int(counts[k]))
+            drawn.count_unused(why, kind_name, layer_name, int(counts[k]))
         else:
-            true, number = plain.colors[different[k] // len(KINDS) // len(plain.layers)]
-            color[k] = drawn.colors.find({"true_color": true, "color": number}, layer, place.color)
-    color = color[which]
-    used = color >= 0
-    kind, numbers = kind[used], numbers[used]
+            true_color, number = plain.colors[plain.color[run][row]]
+            attributes = {"true_color": true_color, "color": number}
+            color_of_key[k] = drawn.colors.find(attributes, layer_name, reference.color)
+    color = color_of_key[which]
+    is_used = color >= 0
+    kind, numbers = kind[is_used], numbers[is_used]
     owner = len(drawn.matrix) + np.arange(len(kind))
-    lines = kind == LINE
-    drawn.matrix += [place.index] * len(kind)
-    drawn.layer += [plain.layers[k] for k in plain.layer[run][used].tolist()]
-    drawn.color += color[used].tolist()
-    drawn.kind += [KINDS[k] for k in kind.tolist()]
+    is_line = kind == LINE
+    drawn.matrix += [reference.matrix] * len(kind)
+    drawn.layer += [plain.layers[index] for index in layer[is_used].tolist()]
+    drawn.color += color[is_used].tolist()
+    drawn.kind += [KINDS[index] for index in kind.tolist()]
     drawn.closed += (kind == CIRCLE).tolist()
-    drawn.handle += [handle.decode() for handle in plain.handles[run][used].tolist()]
-    drawn.line_owner += owner[lines].tolist()
-    drawn.lines.frombytes(numbers[lines].tobytes())
-    drawn.arc_owner += owner[~lines].tolist()
-    arcs = numbers[~lines]
+    drawn.handle += [handle.decode() for handle in plain.handles[run][is_used].tolist()]
+    drawn.line_owner += owner[is_line].tolist()
+    drawn.lines.frombytes(numbers[is_line].tobytes())
+    drawn.arc_owner += owner[~is_line].tolist()
+    arcs = numbers[~is_line]
     start, end = arcs[:, 4], arcs[:, 5]
-    turn = (end - start) % 360.0
-    arcs[:, 5] = np.where(start == end, 0.0, np.where(turn == 0, 360.0, turn))
+    sweep = (end - start) % 360.0
+    arcs[:, 5] = np.where(start == end, 0.0, np.where(sweep == 0, 360.0, sweep))
     drawn.arcs.frombytes(arcs.tobytes())
 
 
-def _line(drawn: DrawnEntities, _: Any, a: Attributes, layer: str, place: _Place) -> str:
-    start, end = a.get("start"), a.get("end")
+# Functions that add an entity, by kind. Each returns the reason why it cannot be used, or "".
+
+
+def _add_line(
+    drawn: DrawnEntities, _: Any, attributes: Attributes, layer: str, reference: _Reference
+) -> str:
+    start, end = attributes.get("start"), attributes.get("end")
     if start is None or end is None:
         return _DAMAGED
-    drawn.line_owner.append(drawn.own(place, "LINE", layer, False, a, ocs=False))
-    drawn.lines.extend(start.xyz)
-    drawn.lines.extend(end.xyz)
+    drawn.add_piece(reference, "LINE", layer, False, attributes, drawn.line_owner)
+    drawn.lines.extend((*start.xyz, *end.xyz))
     return ""
 
 
-def _arc(drawn: DrawnEntities, _: Any, a: Attributes, layer: str, place: _Place) -> str:
-    if "start_angle" not in a or "end_angle" not in a:
-        return _DAMAGED
-    return _round(drawn, "ARC", a, layer, place, (a["start_angle"], a["end_angle"]))
-
-
-def _circle(drawn: DrawnEntities, _: Any, a: Attributes, layer: str, place: _Place) -> str:
-    return _round(drawn, "CIRCLE", a, layer, place, (0.0, 360.0))
-
-
-def _round(
-    drawn: DrawnEntities,
-    kind: str,
-    a: Attributes,
-    layer: str,
-    place: _Place,
-    angles: tuple[float, float],
+def _add_arc(
+    drawn: DrawnEntities, entity: Any, attributes: Attributes, layer: str, reference: _Reference
 ) -> str:
-    center, radius = a.get("center"), a.get("radius")
-    if center is None or radius is None or not all(map(math.isfinite, (radius, *angles))):
+    kind = entity.dxftype()
+    if kind == "CIRCLE":
+        start, end = 0.0, 360.0
+    elif "start_angle" in attributes and "end_angle" in attributes:
+        start, end = attributes["start_angle"], attributes["end_angle"]
+    else:
+        return _DAMAGED
+    center, radius = attributes.get("center"), attributes.get("radius")
+    if center is None or radius is None or not all(map(math.isfinite, (radius, start, end))):
         return _DAMAGED
     if radius <= 0:
         return _NO_RADIUS
-    drawn.arc_owner.append(drawn.own(place, kind, layer, kind == "CIRCLE", a, ocs=True))
-    drawn.arcs.extend(center.xyz)
-    drawn.arcs.extend((radius, angles[0], sweep(*angles, 360.0)))
+    drawn.add_piece(reference, kind, layer, kind == "CIRCLE", attributes, drawn.arc_owner)
+    drawn.arcs.extend((*center.xyz, radius, start, _compute_sweep(start, end, 360.0)))
     return ""
 
 
-def sweep(start: float, end: float, turn: float) -> float:
-    """Counter-clockwise from ``start`` to ``end``: a full turn if they differ by whole turns, 0 only if equal."""
+def _compute_sweep(start: float, end: float, turn: float) -> float:
+    """Counter-clockwise angle from `start` to `end`, in the unit of `turn`, which is a full turn.
+
+    It is a full turn if they differ by whole turns, and 0 only if they are equal.
+    """
     if start == end:
         return 0.0
     return (end - start) % turn or turn
 
 
-def _lwpolyline(drawn: DrawnEntities, entity: Any, a: Attributes, layer: str, place: _Place) -> str:
+def _add_lwpolyline(
+    drawn: DrawnEntities, entity: Any, attributes: Attributes, layer: str, reference: _Reference
+) -> str:
     rows = entity.lwpoints.values
     if not len(rows):
         return _DAMAGED
-    flags = a.get("flags", 0)
-    owner = drawn.own(place, "LWPOLYLINE", layer, bool(flags & 1), a, ocs=True)
-    outline = np.empty((len(rows), 4))
-    outline[:, :2], outline[:, 2], outline[:, 3] = rows[:, :2], a.get("elevation", 0.0), rows[:, 4]
-    drawn.outlines.append(outline)
-    drawn.outline_owner.append(owner)
-    if a.get("const_width") or rows[:, 2:4].any():
-        drawn.widths["LWPOLYLINE", layer] += 1
+    closed = bool(attributes.get("flags", 0) & 1)
+    drawn.add_piece(reference, "LWPOLYLINE", layer, closed, attributes, drawn.outline_owner)
+    elevation = np.full(len(rows), attributes.get("elevation", 0.0))
+    drawn.outlines.append(np.column_stack([rows[:, :2], elevation, rows[:, 4]]))
+    if attributes.get("const_width") or rows[:, 2:4].any():
+        drawn.with_width["LWPOLYLINE", layer] += 1
     return ""
 
 
-def _polyline(drawn: DrawnEntities, entity: Any, a: Attributes, layer: str, place: _Place) -> str:
-    flags = a.get("flags", 0)
+def _add_polyline(
+    drawn: DrawnEntities, entity: Any, attributes: Attributes, layer: str, reference: _Reference
+) -> str:
+    flags = attributes.get("flags", 0)
     if flags & 0x50:
         return "a mesh"
-    # Vertices of a spline's frame (16) are there to edit it; what is drawn are the others.
-    rows = [v.dxfattribs() for v in entity.vertices]
-    rows = [v for v in rows if not v.get("flags", 0) & 16 and v.get("location") is not None]
+    # Vertices with flag 16 are the control points of a spline, of which the others are points.
+    rows = []
+    for vertex in entity.vertices:
+        row = vertex.dxfattribs()
+        if not row.get("flags", 0) & 16 and row.get("location") is not None:
+            rows.append((*row["location"].xyz, row.get("bulge", 0.0)))
     if not rows:
         return _DAMAGED
-    outline = np.array([(*v["location"].xyz, v.get("bulge", 0.0)) for v in rows], dtype=np.float64)
-    flat = not flags & 8
-    if flat:
-        elevation = a.get("elevation")
+    outline = np.array(rows, np.float64)
+    is_flat = not flags & 8
+    if is_flat:
+        elevation = attributes.get("elevation")
         outline[:, 2] = elevation.z if elevation is not None else outline[0, 2]
     else:
         outline[:, 3] = 0.0
-    kind = "POLYLINE" if flat else "3-D POLYLINE"
-    drawn.outline_owner.append(drawn.own(place, kind, layer, bool(flags & 1), a, ocs=flat))
+    kind = "POLYLINE" if is_flat else "3-D POLYLINE"
+    drawn.add_piece(reference, kind, layer, bool(flags & 1), attributes, drawn.outline_owner)
     drawn.outlines.append(outline)
-    if flat and (a.get("default_start_width") or a.get("default_end_width")):
-        drawn.widths[kind, layer] += 1
+    has_width = attributes.get("default_start_width") or attributes.get("default_end_width")
+    if is_flat and has_width:
+        drawn.with_width[kind, layer] += 1
     return ""
 
 
-def _ellipse(drawn: DrawnEntities, entity: Any, a: Attributes, layer: str, place: _Place) -> str:
-    if not {"center", "major_axis", "ratio"} <= a.keys():
+def _add_ellipse(
+    drawn: DrawnEntities, entity: Any, attributes: Attributes, layer: str, reference: _Reference
+) -> str:
+    if not {"center", "major_axis", "ratio"} <= attributes.keys():
         return _DAMAGED
     major, ratio = entity.dxf.major_axis, entity.dxf.ratio
-    start, end = a.get("start_param", 0.0), a.get("end_param", math.tau)
+    start, end = attributes.get("start_param", 0.0), attributes.get("end_param", math.tau)
     if not all(map(math.isfinite, (*major.xyz, ratio, start, end))) or not major or not ratio:
         return _DAMAGED
     axes = np.array([entity.dxf.center.xyz, major.xyz, entity.minor_axis.xyz])
-    params = np.array([start, start + sweep(start, end, math.tau)])
-    drawn.smooth_owner.append(drawn.own(place, "ELLIPSE", layer, False, a, ocs=False))
-    drawn.smooth.append(Smooth(axes, params, 0, None))
+    parameters = np.array([start, start + _compute_sweep(start, end, math.tau)])
+    drawn.add_piece(reference, "ELLIPSE", layer, False, attributes, drawn.smooth_owner)
+    drawn.smooth.append(Smooth(axes, parameters, 0, None))
     return ""
 
 
-def _spline(drawn: DrawnEntities, entity: Any, a: Attributes, layer: str, place: _Place) -> str:
-    # ezdxf raises ValueError for counts that do not fit and for too few points, ZeroDivisionError for equal ones.
+def _add_spline(
+    drawn: DrawnEntities, entity: Any, attributes: Attributes, layer: str, reference: _Reference
+) -> str:
+    # ezdxf raises ValueError for too few points or knots, ZeroDivisionError for equal ones.
     try:
-        tool = entity.construction_tool()
+        spline = entity.construction_tool()
     except (ValueError, ArithmeticError, IndexError):
         return "no spline can be made of its points and knots"
-    control = np.array([p.xyz for p in tool.control_points])
-    weights = np.array(tool.weights()) if tool.is_rational else None
-    owner = drawn.own(place, entity.dxftype(), layer, False, a, ocs=False)
-    if a.get("flags", 0) & 1:
-        drawn.marked_closed.add(owner)
-    drawn.smooth_owner.append(owner)
-    drawn.smooth.append(Smooth(control, np.array(tool.knots()), tool.degree, weights))
+    control = np.array([point.xyz for point in spline.control_points])
+    weights = np.array(spline.weights()) if spline.is_rational else None
+    kind = entity.dxftype()
+    drawn.add_piece(reference, kind, layer, False, attributes, drawn.smooth_owner)
+    if attributes.get("flags", 0) & 1:
+        drawn.marked_closed.add(drawn.smooth_owner[-1])
+    drawn.smooth.append(Smooth(control, np.array(spline.knots()), spline.degree, weights))
     return ""
 
 
-def _point(drawn: DrawnEntities, _: Any, a: Attributes, layer: str, place: _Place) -> str:
-    location = a.get("location")
+def _add_point(
+    drawn: DrawnEntities, _: Any, attributes: Attributes, layer: str, reference: _Reference
+) -> str:
+    location = attributes.get("location")
     if location is None:
         return _DAMAGED
-    drawn.point_owner.append(drawn.own(place, "POINT", layer, False, a, ocs=False))
+    drawn.add_piece(reference, "POINT", layer, False, attributes, drawn.point_owner)
     drawn.points.extend(location.xyz)
     return ""
 
 
-_KINDS: dict[str, Callable[[DrawnEntities, Any, Attributes, str, _Place], str]] = {
-    "LINE": _line,
-    "ARC": _arc,
-    "CIRCLE": _circle,
-    "LWPOLYLINE": _lwpolyline,
-    "POLYLINE": _polyline,
-    "ELLIPSE": _ellipse,
-    "SPLINE": _spline,
-    # A HELIX holds the spline that is drawn beside the numbers that it was made of.
-    "HELIX": _spline,
-    "POINT": _point,
+_ADDERS: dict[str, Callable[[DrawnEntities, Any, Attributes, str, _Reference], str]] = {
+    "LINE": _add_line,
+    "ARC": _add_arc,
+    "CIRCLE": _add_arc,
+    "LWPOLYLINE": _add_lwpolyline,
+    "POLYLINE": _add_polyline,
+    "ELLIPSE": _add_ellipse,
+    "SPLINE": _add_spline,
+    # A HELIX has the spline that is drawn besides the numbers of the helix.
+    "HELIX": _add_spline,
+    "POINT": _add_point,
 }
 
 
-def _insert(
-    name: str, drawn: DrawnEntities, entity: Any, a: Attributes, layer: str, place: _Place
+def _add_block(
+    drawn: DrawnEntities, entity: Any, attributes: Attributes, layer: str, reference: _Reference
 ) -> None:
-    """The block's entities, once per cell of the array."""
-    for attrib in entity.attribs:
-        drawn.leave(_NO_CURVE, "ATTRIB", attrib.dxfattribs().get("layer", "0"))
-    block: Any = entity.block() if "name" in a else None
-    why = unusable(entity, block, a, place.blocks)
+    for attribute in entity.attribs:
+        drawn.count_unused(_NOT_MACHINED, "ATTRIB", attribute.dxfattribs().get("layer", "0"))
+    block: Any = entity.block() if "name" in attributes else None
+    why = _find_fault(entity, block, attributes, reference.blocks)
     if why:
-        drawn.leave(why, "INSERT", layer)
-        drawn.name(why, a)
+        drawn.name_unused(why, "INSERT", layer, attributes)
         return
-    base = block.block.dxf.base_point.xyz
-    blocks = (*place.blocks, str(a.get("name")).casefold())
-    color = drawn.colors.find(a, layer, place.color)
-    for matrix in cells(a, base):
-        drawn.matrices.append(drawn.matrices[place.index] @ matrix)
-        _entities(name, drawn, block, _Place(len(drawn.matrices) - 1, layer, color, blocks))
+    blocks = (*reference.blocks, str(attributes.get("name")).casefold())
+    color = drawn.colors.find(attributes, layer, reference.color)
+    for matrix in _list_cells(attributes, block.block.dxf.base_point.xyz):
+        drawn.matrices.append(drawn.matrices[reference.matrix] @ matrix)
+        cell = _Reference(len(drawn.matrices) - 1, layer, color, blocks)
+        _add_entities(drawn, block, cell)

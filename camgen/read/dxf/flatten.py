@@ -1,8 +1,8 @@
-"""From the columns of the walk to flat pieces in the work plane, mm: one pass of numpy for all entities.
+"""Maps the entities of a drawing to flat pieces in the work frame, mm, all at once by numpy.
 
-A curve is used if it lies flat in a plane parallel to the work plane, at whatever height. A curve that leaves its
-plane is never projected but reported. Under a matrix that keeps angles arcs stay arcs; under any other they become
-elliptical ones, which are fitted by arcs and lines.
+A curve is used if it is flat and parallel to the work plane, at any height. A curve that leaves its
+plane is never projected, it is reported. Under a matrix that keeps angles arcs stay arcs. Under
+another one they become elliptical and are approximated by arcs and lines.
 """
 
 from __future__ import annotations
@@ -14,21 +14,27 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.geometry import curves
-from camgen.geometry.ragged import offsets, owners, ramp
+from camgen.geometry.ragged import begins, following, offsets, owners, ramp
 from camgen.model.pose import FloatArray
 from camgen.read.dxf.entities import DrawnEntities, Smooth
-from camgen.read.pieces import FARTHEST, BoolArray, IntArray, Soup, are_credible, find_next_rows
+from camgen.read.pieces import FARTHEST, BoolArray, IntArray, Soup, are_credible
 
-#: A curve may leave its plane by this much (mm), or by this part of its size.
-FLAT_MM, FLAT_SHARE = 1e-3, 1e-6
-#: How far the axes of a matrix may be from equal and square to count as keeping angles.
+#: mm: rounding of coordinates. A flat curve may leave its plane by this,
+FLAT_MM = 1e-3
+#: or by this fraction of its size.
+_FLAT_FRACTION = 1e-6
+#: Two axes are equally long and perpendicular if their squared lengths differ by at most this
+#: fraction, and if their scalar product is at most this fraction of the longer one.
 _SIMILAR = 1e-9
 
 
 class Flat(Struct, frozen=True, eq=False):
-    """The pieces in drawing order and what was left out, by owner number.
+    """A drawing as flat pieces. An owner is the number of an entity in the drawing.
 
-    tilted: owner -> mm by which the curve leaves its plane. damaged: owners. heights: (P,) mm, one per piece.
+    soup: the P pieces in drawing order.
+    tilted: distance by which a curve leaves its plane, mm, by owner. It is not used.
+    damaged: owners of curves whose numbers are invalid. They are not used.
+    heights: (P,) heights of the pieces above the work plane, mm, in another order.
     gaps: distance between the ends of each spline that is marked closed, mm, by owner.
     """
 
@@ -40,7 +46,12 @@ class Flat(Struct, frozen=True, eq=False):
 
 
 class EntityRows(Struct, frozen=True, eq=False):
-    """Pieces of lines and arcs: owner (P,), counts (P,), rows of x, y, z, bulge (V, 4)."""
+    """P pieces of lines and arcs.
+
+    owner: (P,) number of the entity of each piece.
+    counts: (P,) number of rows of each piece.
+    rows: (V, 4) x, y, z and bulge of the points of all pieces.
+    """
 
     owner: IntArray
     counts: IntArray
@@ -48,7 +59,12 @@ class EntityRows(Struct, frozen=True, eq=False):
 
 
 class _Chain(Struct, frozen=True, eq=False):
-    """One piece made of runs: a run of Bezier segments to fit, or points and bulges as they are."""
+    """A piece with curves that arcs approximate.
+
+    owner: number of its entity.
+    runs: its parts, end to end. A part is an array of Bezier segments, or points with bulges.
+    height: its height above the work plane, mm.
+    """
 
     owner: int
     runs: tuple[FloatArray | curves.Outline, ...]
@@ -56,197 +72,206 @@ class _Chain(Struct, frozen=True, eq=False):
 
 
 def flatten(drawn: DrawnEntities, chord: float) -> Flat:
-    """Pieces of all that was drawn. chord: mm, the deviation allowed for ellipses and splines."""
+    """The flat pieces of a drawing, and the owners of curves that are not used.
+
+    chord: largest deviation of ellipses and splines, mm.
+    """
     matrices = np.array(drawn.matrices)
     matrix = np.array(drawn.matrix, dtype=np.intp)
-    similar, mirrored = _similar(matrices)
-    given = gather(drawn)
-    which = matrix[given.owner]
-    named = _name(drawn)
-    world, low, high = _place(named, given, matrices, which)
-    level = ~(high - low > _allow(world))
-    oval = _has_arcs(given) & ~similar[which]
-    world.bulges[:] *= np.repeat(np.where(mirrored[which], -1.0, 1.0), given.counts)
-    sound = are_credible(world)
-    level |= ~sound
-    ovals = np.flatnonzero(level & oval & sound)
-    chains = [_oval(drawn, given, int(i), matrices[which[i]], float(low[i])) for i in ovals]
-    tilted = dict(zip(given.owner[~level].tolist(), (high - low)[~level].tolist(), strict=True))
-    damaged: list[int] = given.owner[~sound].tolist()
+    entities = gather(drawn)
+    which = matrix[entities.owner]
+    keeps_angles = _keep_angles(matrices)[which]
+    empty = _list_empty_pieces(drawn)
+    world, low, high = _place(entities, matrices, which)
+    soup = _make_soup(empty, world)
+    is_valid = are_credible(soup)
+    is_flat = ~(high - low > _compute_tolerances(soup)) | ~is_valid
+    arc_count = np.bincount(
+        owners(entities.counts), entities.rows[:, 3] != 0, minlength=len(entities.counts)
+    )
+    becomes_elliptical = (arc_count > 0) & ~keeps_angles
+    chains: list[_Chain] = []
+    for piece in np.flatnonzero(is_flat & is_valid & becomes_elliptical).tolist():
+        chains.append(
+            _make_chain(drawn, entities, piece, matrices[which[piece]], float(low[piece]))
+        )
+    height = (high - low)[~is_flat].tolist()
+    tilted = dict(zip(entities.owner[~is_flat].tolist(), height, strict=True))
+    damaged: list[int] = entities.owner[~is_valid].tolist()
     gaps: dict[int, float] = {}
-    for number, curve in zip(drawn.smooth_owner, drawn.smooth, strict=True):
-        made = _smooth(number, curve, matrices[matrix[number]])
-        if isinstance(made, _Chain):
-            chains.append(made)
-            if number in drawn.marked_closed:
-                gaps[number] = _measure_gap(made)
-        elif made is None:
-            damaged.append(number)
+    for owner, curve in zip(drawn.smooth_owner, drawn.smooth, strict=True):
+        result = _make_smooth(owner, curve, matrices[matrix[owner]])
+        if isinstance(result, _Chain):
+            chains.append(result)
+            if owner in drawn.marked_closed:
+                gaps[owner] = _measure_gap(result)
+        elif result is None:
+            damaged.append(owner)
         else:
-            tilted[number] = made
-    fitted = _soup(named, _stitch(chains, chord))
-    plain = level & sound & ~oval
-    owner = np.concatenate([given.owner[plain], np.array([c.owner for c in chains], dtype=np.intp)])
-    heights = np.concatenate([low[plain], [c.height for c in chains]])
-    soup = _together(world.take(plain), fitted).take(np.argsort(owner, kind="stable"))
+            tilted[owner] = result
+    is_used = is_flat & is_valid & ~becomes_elliptical
+    used = EntityRows(
+        world.owner[is_used], world.counts[is_used], world.rows[np.repeat(is_used, world.counts)]
+    )
+    pieces = _concatenate([used, _fit(chains, chord)])
+    soup = _make_soup(empty, pieces).take(np.argsort(pieces.owner, kind="stable"))
+    heights = np.concatenate([low[is_used], [chain.height for chain in chains]])
     return Flat(soup, tilted, tuple(sorted(damaged)), heights, gaps)
 
 
 def _measure_gap(chain: _Chain) -> float:
-    """Distance between the ends of a spline of Bezier segments, mm."""
-    (curve,) = chain.runs
-    if not isinstance(curve, np.ndarray):
+    (segments,) = chain.runs
+    if not isinstance(segments, np.ndarray):
         return 0.0
-    start, end = curve[0, 0], curve[-1, -1]
+    start, end = segments[0, 0], segments[-1, -1]
     return float(np.hypot(*(end[:2] / end[2] - start[:2] / start[2])))
 
 
-# --- lines and arcs --------------------------------------------------------------------------------------------------
+# Lines and arcs.
 
 
 def gather(drawn: DrawnEntities) -> EntityRows:
-    """Lines, arcs and outlines, each in its own frame, arcs in parts of at most a half circle."""
-    return _concatenate([_lines(drawn), _arcs(drawn), _outlines(drawn)])
+    """Lines, arcs and polylines in the coordinates of each entity, arcs as half circles at most."""
+    return _concatenate([_list_lines(drawn), _list_arcs(drawn), _list_outlines(drawn)])
 
 
-def _lines(drawn: DrawnEntities) -> EntityRows:
+def _list_lines(drawn: DrawnEntities) -> EntityRows:
     ends = np.array(drawn.lines).reshape(-1, 3)
     owner = np.array(drawn.line_owner, dtype=np.intp)
     return EntityRows(owner, np.full(len(owner), 2), np.column_stack([ends, np.zeros(len(ends))]))
 
 
-def _arcs(drawn: DrawnEntities) -> EntityRows:
-    """Arcs and circles as polylines with a bulge, in parts of at most a half circle."""
+def _list_arcs(drawn: DrawnEntities) -> EntityRows:
     x, y, z, radius, start, sweep = np.array(drawn.arcs).reshape(-1, 6).T
     owner = np.array(drawn.arc_owner, dtype=np.intp)
     parts = np.maximum(np.ceil(sweep / 180 - 1e-12), 1).astype(np.intp)
-    closed = np.array(drawn.closed, dtype=np.bool_)[owner]
-    counts = parts + ~closed
-    of = owners(counts)
-    angle = np.radians(start[of] + (sweep / parts)[of] * ramp(counts))
+    is_closed = np.array(drawn.closed, dtype=np.bool_)[owner]
+    counts = parts + ~is_closed
+    arc = owners(counts)
+    angle = np.radians(start[arc] + (sweep / parts)[arc] * ramp(counts))
     bulge = np.tan(np.radians(sweep / parts) / 4)
-    points = [
-        x[of] + radius[of] * np.cos(angle),
-        y[of] + radius[of] * np.sin(angle),
-        z[of],
-        bulge[of],
-    ]
-    rows = np.column_stack(points)
-    rows[(np.cumsum(counts) - 1)[~closed], 3] = 0.0
-    # Half circles exactly, so that circles are known again.
+    points = (x[arc] + radius[arc] * np.cos(angle), y[arc] + radius[arc] * np.sin(angle), z[arc])
+    rows = np.column_stack([*points, bulge[arc]])
+    _clear_last_bulges(rows, counts, is_closed)
+    # Half circles have a bulge of exactly 1, by which circles are recognised later.
     rows[np.abs(rows[:, 3] - 1) < 1e-12, 3] = 1.0
     return EntityRows(owner, counts, rows)
 
 
-def _outlines(drawn: DrawnEntities) -> EntityRows:
+def _list_outlines(drawn: DrawnEntities) -> EntityRows:
     owner = np.array(drawn.outline_owner, dtype=np.intp)
-    counts = np.array([len(o) for o in drawn.outlines], dtype=np.intp)
-    rows = np.concatenate(drawn.outlines) if drawn.outlines else np.zeros((0, 4))
-    closed = np.array(drawn.closed, dtype=np.bool_)[owner]
-    rows[(np.cumsum(counts) - 1)[~closed], 3] = 0.0
+    counts = np.array([len(outline) for outline in drawn.outlines], dtype=np.intp)
+    rows = np.concatenate([np.zeros((0, 4)), *drawn.outlines])
+    _clear_last_bulges(rows, counts, np.array(drawn.closed, dtype=np.bool_)[owner])
     return EntityRows(owner, counts, rows)
 
 
+def _clear_last_bulges(rows: FloatArray, counts: IntArray, is_closed: BoolArray) -> None:
+    rows[(np.cumsum(counts) - 1)[~is_closed], 3] = 0.0
+
+
 def _concatenate(parts: list[EntityRows]) -> EntityRows:
-    return EntityRows(
-        *(np.concatenate([getattr(p, name) for p in parts]) for name in ("owner", "counts", "rows"))
-    )
+    owner = np.concatenate([part.owner for part in parts])
+    counts = np.concatenate([part.counts for part in parts])
+    return EntityRows(owner, counts, np.concatenate([part.rows for part in parts]))
 
 
-def _has_arcs(given: EntityRows) -> BoolArray:
-    of = np.repeat(np.arange(len(given.counts)), given.counts)
-    return np.asarray(np.bincount(of, given.rows[:, 3] != 0, minlength=len(given.counts)) > 0)
-
-
-def _similar(matrices: FloatArray) -> tuple[BoolArray, BoolArray]:
-    """Which matrices keep angles in the plane, and which mirror it (M,)."""
+def _keep_angles(matrices: FloatArray) -> BoolArray:
     u, v = matrices[:, :2, 0], matrices[:, :2, 1]
     uu, vv, uv = (np.einsum("md,md->m", a, b) for a, b in ((u, u), (v, v), (u, v)))
     size = np.maximum(uu, vv)
-    similar = (np.abs(uu - vv) <= _SIMILAR * size) & (np.abs(uv) <= _SIMILAR * size)
-    return similar, np.linalg.det(matrices[:, :2, :2]) < 0
+    return np.asarray((np.abs(uu - vv) <= _SIMILAR * size) & (np.abs(uv) <= _SIMILAR * size))
 
 
 def _place(
-    named: _Named, given: EntityRows, matrices: FloatArray, which: IntArray
-) -> tuple[Soup, FloatArray, FloatArray]:
-    """The pieces in the work frame and the least and greatest height (P,) of each, arcs included."""
-    rows = given.rows
-    local = _soup(named, (given.owner, given.counts, rows[:, :2], rows[:, 3]))
-    of_row = np.repeat(which, given.counts)
-    world = _map(matrices, of_row, rows[:, :3])
-    # The middle of an arc may be the only point of it that is out of the plane.
-    chord = local.points[find_next_rows(local)] - local.points
+    entities: EntityRows, matrices: FloatArray, which: IntArray
+) -> tuple[EntityRows, FloatArray, FloatArray]:
+    """The pieces in the work frame, and (P,) the lowest and the highest z of each, mm.
+
+    Arcs count with their middles.
+
+    which: (P,) index of the matrix of each piece.
+    """
+    rows = entities.rows
+    matrix_of_row = np.repeat(which, entities.counts)
+    world = rows.copy()
+    world[:, :3] = _transform(matrices, matrix_of_row, rows[:, :3])
+    # The middle of an arc may be its only point out of the plane.
+    chord = rows[following(entities.counts), :2] - rows[:, :2]
     right = np.column_stack([chord[:, 1], -chord[:, 0]])
     middle = np.column_stack([rows[:, :2] + chord / 2 + right * rows[:, 3:] / 2, rows[:, 2]])
-    z = np.stack(
-        [world[:, 2], np.where(rows[:, 3] != 0, _map(matrices, of_row, middle)[:, 2], world[:, 2])]
-    )
-    starts = local.first[:-1]
-    low, high = (
-        np.minimum.reduceat(z.min(axis=0), starts),
-        np.maximum.reduceat(z.max(axis=0), starts),
-    )
-    # A height that is no number must not pass as flat: it is told as damage together with x and y.
+    middle_z = _transform(matrices, matrix_of_row, middle)[:, 2]
+    z = np.stack([world[:, 2], np.where(rows[:, 3] != 0, middle_z, world[:, 2])])
+    first = begins(entities.counts)
+    low = np.minimum.reduceat(z.min(axis=0), first)
+    high = np.maximum.reduceat(z.max(axis=0), first)
+    # A piece with an invalid height is not flat but damaged, so its x is made invalid, too.
     world[~np.isfinite(world[:, 2]), 0] = np.nan
-    return replace(local, points=world[:, :2].copy(), bulges=rows[:, 3].copy()), low, high
+    is_mirrored = np.linalg.det(matrices[:, :2, :2]) < 0
+    world[:, 3] *= np.where(is_mirrored[matrix_of_row], -1.0, 1.0)
+    return EntityRows(entities.owner, entities.counts, world), low, high
 
 
-def _map(matrices: FloatArray, which: IntArray, points: FloatArray) -> FloatArray:
-    """Points (V, 3) under their matrices."""
+def _transform(matrices: FloatArray, which: IntArray, points: FloatArray) -> FloatArray:
     if len(which) and (which == which[0]).all():
         matrix = matrices[which[0]]
         return np.asarray(points @ matrix[:3, :3].T + matrix[:3, 3])
-    return np.asarray(
-        np.einsum("vij,vj->vi", matrices[which, :3, :3], points) + matrices[which, :3, 3]
-    )
+    rotated = np.einsum("vij,vj->vi", matrices[which, :3, :3], points)
+    return np.asarray(rotated + matrices[which, :3, 3])
 
 
-def _allow(soup: Soup) -> FloatArray:
-    """How far (P,) each piece may leave its plane, mm."""
-    starts = soup.first[:-1]
-    size = np.maximum.reduceat(soup.points, starts) - np.minimum.reduceat(soup.points, starts)
-    return np.asarray(np.maximum(FLAT_MM, FLAT_SHARE * size.max(axis=1)))
+def _compute_tolerances(soup: Soup) -> FloatArray:
+    """(P,) distance by which each piece may leave its plane, mm."""
+    first = soup.first[:-1]
+    size = np.maximum.reduceat(soup.points, first) - np.minimum.reduceat(soup.points, first)
+    return np.asarray(np.maximum(FLAT_MM, _FLAT_FRACTION * size.max(axis=1)))
 
 
-# --- ellipses and splines --------------------------------------------------------------------------------------------
+# Ellipses and splines.
 
 
-def _oval(
-    drawn: DrawnEntities, given: EntityRows, piece: int, matrix: FloatArray, height: float
+def find_arc_center(start: FloatArray, end: FloatArray, bulge: float) -> FloatArray:
+    """(2,) centre of an arc from `start` to `end`, which differ, with a bulge that is not 0."""
+    chord = end - start
+    left = np.array([-chord[1], chord[0]])
+    return np.asarray(start + chord / 2 + left * (1 - bulge * bulge) / (4 * bulge))
+
+
+def _make_chain(
+    drawn: DrawnEntities, entities: EntityRows, piece: int, matrix: FloatArray, height: float
 ) -> _Chain:
     """A piece with arcs under a matrix that makes them elliptical."""
-    first = int(given.counts[:piece].sum())
-    rows = given.rows[first : first + given.counts[piece]]
-    owner = int(given.owner[piece])
-    ends = np.concatenate([rows[1:], rows[:1]])
+    first = int(entities.counts[:piece].sum())
+    starts = entities.rows[first : first + entities.counts[piece]]
+    owner = int(entities.owner[piece])
+    ends = np.concatenate([starts[1:], starts[:1]])
     if not drawn.closed[owner]:
-        rows, ends = rows[:-1], ends[:-1]
-    b = matrix[:2, :2]
+        starts, ends = starts[:-1], ends[:-1]
+    axes = matrix[:2, :2]
     runs: list[FloatArray | curves.Outline] = []
-    for a, e in zip(rows, ends, strict=True):
-        chord, bulge = e[:2] - a[:2], a[3]
-        if bulge == 0 or not chord.any():
-            runs.append((_flat_points(matrix, np.array([a[:3], e[:3]])), np.zeros(2)))
+    for start, end in zip(starts, ends, strict=True):
+        bulge = start[3]
+        if bulge == 0 or not (end[:2] - start[:2]).any():
+            runs.append((_transform_to_plane(matrix, np.array([start[:3], end[:3]])), np.zeros(2)))
             continue
-        center = (
-            a[:2] + chord / 2 + np.array([-chord[1], chord[0]]) * (1 - bulge * bulge) / (4 * bulge)
-        )
-        out = a[:2] - center
-        middle = _flat_points(matrix, np.array([[*center, a[2]]]))[0]
-        turned = np.array([-out[1], out[0]])
-        runs.append(curves.ellipse(middle, b @ out, b @ turned, 0.0, 4 * math.atan(bulge)))
+        center = find_arc_center(start[:2], end[:2], bulge)
+        radius = start[:2] - center
+        middle = _transform_to_plane(matrix, np.array([[*center, start[2]]]))[0]
+        turned = np.array([-radius[1], radius[0]])
+        runs.append(curves.ellipse(middle, axes @ radius, axes @ turned, 0.0, 4 * math.atan(bulge)))
     return _Chain(owner, tuple(runs), height)
 
 
-def _flat_points(matrix: FloatArray, points: FloatArray) -> FloatArray:
+def _transform_to_plane(matrix: FloatArray, points: FloatArray) -> FloatArray:
     return np.asarray(points @ matrix[:2, :3].T + matrix[:2, 3])
 
 
-def _smooth(owner: int, curve: Smooth, matrix: FloatArray) -> _Chain | float | None:
-    """An ellipse or a spline in the work frame; the height by which it leaves its plane; or None if damaged."""
-    world = curve.control @ matrix[:3, :3].T
-    world[: len(world) if curve.degree else 1] += matrix[:3, 3]
+def _make_smooth(owner: int, curve: Smooth, matrix: FloatArray) -> _Chain | float | None:
+    """An ellipse or a spline in the work frame.
+
+    Returns the distance by which it leaves its plane, mm, if it is not flat; None if it is damaged.
+    """
+    world = curve.transform(matrix)
     if not (np.isfinite(curve.knots).all() and (np.abs(world) <= FARTHEST).all()):
         return None
     if curve.degree:
@@ -255,113 +280,92 @@ def _smooth(owner: int, curve: Smooth, matrix: FloatArray) -> _Chain | float | N
     else:
         height = 2 * math.hypot(world[1, 2], world[2, 2])
         size = 2 * float(np.abs(world[1:, :2]).max())
-    if height > max(FLAT_MM, FLAT_SHARE * size):
+    if height > max(FLAT_MM, _FLAT_FRACTION * size):
         return height
-    flat = world[:, :2]
     if not curve.degree:
-        return _Chain(owner, (_ellipse(flat, *curve.knots.tolist()),), float(world[0, 2]))
+        return _Chain(owner, (_make_ellipse(world, *curve.knots.tolist()),), float(world[0, 2]))
     try:
-        run = curves.bspline(flat, curve.knots, curve.degree, curve.weights)
+        run = curves.bspline(world[:, :2], curve.knots, curve.degree, curve.weights)
     except ValueError:
         return None
     return _Chain(owner, (run,), float(world[0, 2]))
 
 
-def _ellipse(flat: FloatArray, start: float, end: float) -> FloatArray | curves.Outline:
-    """The arc of an ellipse given by center and half axes; of a circle if they are equal and square."""
-    center, u, v = flat
+def _make_ellipse(axes: FloatArray, start: float, end: float) -> FloatArray | curves.Outline:
+    """Bezier segments of an arc of an ellipse; points with bulges if it is a circle.
+
+    axes: (3, 3) center and half axes, mm.
+    start, end: parameters, rad.
+    """
+    center, u, v = axes[:, :2]
     size = max(float(u @ u), float(v @ v))
     if abs(float(u @ u - v @ v)) > _SIMILAR * size or abs(float(u @ v)) > _SIMILAR * size:
         return curves.ellipse(center, u, v, start, end)
     count = max(1, math.ceil(abs(end - start) / math.pi - 1e-12))
-    t = np.linspace(start, end, count + 1)
-    bulges = np.full(
-        count + 1,
-        math.tan((end - start) / count / 4) * math.copysign(1.0, u[0] * v[1] - u[1] * v[0]),
-    )
-    return center + np.cos(t)[:, None] * u + np.sin(t)[:, None] * v, bulges
+    angle = np.linspace(start, end, count + 1)
+    bulge = math.tan((end - start) / count / 4) * math.copysign(1.0, u[0] * v[1] - u[1] * v[0])
+    points = center + np.cos(angle)[:, None] * u + np.sin(angle)[:, None] * v
+    return points, np.full(count + 1, bulge)
 
 
-def _stitch(
-    chains: list[_Chain], chord: float
-) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
-    """Owner and counts (P,), points and bulges of the chains, their runs fitted and put end to end."""
-    fitted = iter(
-        curves.fit([run for c in chains for run in c.runs if isinstance(run, np.ndarray)], chord)
-    )
-    points, bulges, counts = [np.zeros((0, 2))], [np.zeros(0)], []
+def _fit(chains: list[_Chain], chord: float) -> EntityRows:
+    """The chains as lines and arcs that deviate by `chord` mm at most."""
+    segments: list[FloatArray] = []
     for chain in chains:
-        runs = [next(fitted) if isinstance(run, np.ndarray) else run for run in chain.runs]
-        p = (
-            np.concatenate([*(run[0][:-1] for run in runs), runs[-1][0][-1:]])
-            if runs
-            else np.zeros((1, 2))
-        )
-        b = np.concatenate([*(run[1][:-1] for run in runs), [0.0]])
-        points.append(p)
-        bulges.append(b)
-        counts.append(len(p))
-    owner = np.array([c.owner for c in chains], dtype=np.intp)
-    return owner, np.array(counts, dtype=np.intp), np.concatenate(points), np.concatenate(bulges)
+        segments += [run for run in chain.runs if isinstance(run, np.ndarray)]
+    fitted = iter(curves.fit(segments, chord))
+    rows, counts = [np.zeros((0, 4))], []
+    for chain in chains:
+        parts = []
+        for run in chain.runs:
+            points, bulges = next(fitted) if isinstance(run, np.ndarray) else run
+            part = np.column_stack([points, np.full(len(points), chain.height), bulges])
+            # The last point of a part is the first one of the next.
+            parts.append(part[:-1])
+        part[-1, 3] = 0.0
+        rows.append(np.concatenate([*parts, part[-1:]]))
+        counts.append(len(rows[-1]))
+    owner = np.array([chain.owner for chain in chains], dtype=np.intp)
+    return EntityRows(owner, np.array(counts, dtype=np.intp), np.concatenate(rows))
 
 
-# --- soup ------------------------------------------------------------------------------------------------------------
+# The soup.
 
 
-class _Named(Struct, frozen=True, eq=False):
-    """What a soup says of its pieces, by owner number."""
-
-    closed: BoolArray
-    layer: IntArray
-    kind: IntArray
-    color: IntArray
-    layers: tuple[str, ...]
-    kinds: tuple[str, ...]
-    colors: tuple[str, ...]
-
-
-def _name(drawn: DrawnEntities) -> _Named:
-    layers, kinds = sorted(set(drawn.layer)), sorted(set(drawn.kind))
-    layer_index, kind_index = ({n: i for i, n in enumerate(names)} for names in (layers, kinds))
-    return _Named(
+def _list_empty_pieces(drawn: DrawnEntities) -> Soup:
+    """A piece without points for each entity, with its layer and so on."""
+    layers, layer = _index_names(drawn.layer)
+    kinds, kind = _index_names(drawn.kind)
+    return Soup(
+        points=np.zeros((0, 2)),
+        bulges=np.zeros(0),
+        first=np.zeros(len(layer) + 1, dtype=np.intp),
         closed=np.array(drawn.closed, dtype=np.bool_),
-        layer=np.array([layer_index[n] for n in drawn.layer], dtype=np.intp),
-        kind=np.array([kind_index[n] for n in drawn.kind], dtype=np.intp),
+        layer=layer,
+        kind=kind,
         color=np.array(drawn.color, dtype=np.intp),
-        layers=tuple(layers),
-        kinds=tuple(kinds),
+        layers=layers,
+        kinds=kinds,
         colors=tuple(drawn.colors.names),
     )
 
 
-def _soup(named: _Named, pieces: tuple[IntArray, IntArray, FloatArray, FloatArray]) -> Soup:
-    """A soup of owner and counts (P,), points and bulges."""
-    owner, counts, points, bulges = pieces
-    return Soup(
-        points=points,
-        bulges=bulges,
-        first=offsets(counts),
-        closed=named.closed[owner],
-        layer=named.layer[owner],
-        kind=named.kind[owner],
-        color=named.color[owner],
-        layers=named.layers,
-        kinds=named.kinds,
-        colors=named.colors,
-    )
+def _index_names(names: list[str]) -> tuple[tuple[str, ...], IntArray]:
+    """The different names, sorted, and the index of each name among them."""
+    different = sorted(set(names))
+    index_of = {name: index for index, name in enumerate(different)}
+    return tuple(different), np.array([index_of[name] for name in names], dtype=np.intp)
 
 
-def _together(a: Soup, b: Soup) -> Soup:
-    """Both soups (of the same names) end to end."""
-    return Soup(
-        points=np.concatenate([a.points, b.points]),
-        bulges=np.concatenate([a.bulges, b.bulges]),
-        first=np.concatenate([a.first, b.first[1:] + a.first[-1]]),
-        closed=np.concatenate([a.closed, b.closed]),
-        layer=np.concatenate([a.layer, b.layer]),
-        kind=np.concatenate([a.kind, b.kind]),
-        color=np.concatenate([a.color, b.color]),
-        layers=a.layers,
-        kinds=a.kinds,
-        colors=a.colors,
+def _make_soup(empty: Soup, pieces: EntityRows) -> Soup:
+    """The soup of `pieces`. empty: the pieces of all entities, without points."""
+    return replace(
+        empty,
+        points=pieces.rows[:, :2],
+        bulges=pieces.rows[:, 3],
+        first=offsets(pieces.counts),
+        closed=empty.closed[pieces.owner],
+        layer=empty.layer[pieces.owner],
+        kind=empty.kind[pieces.owner],
+        color=empty.color[pieces.owner],
     )

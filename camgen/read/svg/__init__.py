@@ -21,8 +21,8 @@ from camgen.model.pose import FloatArray
 from camgen.model.text import harmless, short
 from camgen.read import join
 from camgen.read.colors import count_colors
-from camgen.read.dxf.layers import NOT_ASKED, Layers
 from camgen.read.files import Files
+from camgen.read.layers import NOT_ASKED, Layers
 from camgen.read.open_outlines import find_open_outlines
 from camgen.read.pieces import describe_counts
 from camgen.read.svg.background import remove_background
@@ -162,7 +162,7 @@ def _read(source: Source, job: Job) -> _Contents:
         layers.check(source.name)
         notes = [*page.notes, *remove_background(drawing, page.frames)]
         flat = flatten(drawing, job.tolerance.chord)
-        contours, joints = join.contours_of(flat, job)
+        contours, joints = join.make_job_contours(flat, job)
     if page.is_open:
         contours, moved = _from_corner(contours)
         notes += moved

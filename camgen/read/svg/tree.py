@@ -14,7 +14,7 @@ from camgen.model.errors import InputError
 from camgen.model.limits import Limits, tell
 from camgen.model.pose import FloatArray
 from camgen.model.text import harmless
-from camgen.read.dxf.layers import Layers
+from camgen.read.layers import Layers
 from camgen.read.svg.clip import HalfPlanes, join_half_planes, make_half_planes
 from camgen.read.svg.path import KINDS, Subpath, list_corners, measure_bounds, shape
 from camgen.read.svg.style import (
@@ -366,8 +366,8 @@ class _Walker(Struct):
     def _choose(self, element: Element, tag: str, place: _Place) -> Iterable[Element]:
         """The children of a group that are drawn.
 
-        Of a switch that is the first one whose conditions hold; a link in a link is not drawn. The
-        others are reported.
+        A switch draws its first child whose conditions hold. A link in a link is not drawn. The
+        other children are reported.
         """
         if tag == "a":
             for child in element.iterfind(SVG + "a"):

@@ -1,1 +1,1 @@
-"""From joints to frames and back: closed forms where there are any, and the joints along a whole path."""
+"""Kinematics of arms: forward and inverse, limits, singularities, and joint values along paths."""

@@ -1,7 +1,9 @@
-"""Chains with joints in closed form: six axes with a spherical wrist or three parallel ones, a SCARA, three slides.
+"""Chains of joints with an inverse in closed form, recognised by their geometry.
 
-An arm is recognised by where its axes are, not by its name: the shape's parameters are worked out from the chain, so
-that there is one set of numbers per robot, and an arm that a user describes gets its closed form as well.
+They are six axes with a spherical wrist or with three parallel axes, a SCARA, and three slides. An
+arm is recognised by the lines of its axes, not by its name, and the parameters of its shape are
+computed from the chain. So each robot has one set of numbers, and an arm that a user describes gets
+its closed form as well.
 """
 
 from __future__ import annotations
@@ -12,22 +14,28 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.model.pose import FloatArray, Pose, frozen, to_vec3
-from camgen.robots.chain import AtZero, Joint, at_zero
+from camgen.robots.chain import AtZero, Joint, make_zero_chain
 from camgen.robots.kinematics.three_parallel import ThreeParallel, measure
 
-#: Axes are parallel, square or meet to within this much: mm, and sines of angles.
+#: Tolerance within which axes are parallel or square or meet: mm, and sine of an angle.
 _LENGTH, _ANGLE = 1e-6, 1e-9
-#: The same for an arm that is only like one with a spherical wrist.
+#: Sine of the angle for an arm that only resembles one with a spherical wrist.
 _ROUNDED = 1e-3
 
 
 class Spherical(Struct, frozen=True, eq=False):
-    """Six axes: upright, two parallel ones square to it, and three that meet in the wrist centre (ortho-parallel arm
-    with spherical wrist; Brandstoetter, Angerer, Hofbaur, 2014).
+    """Six axes: an upright one, two parallel ones square to it, and three through the wrist centre.
 
-    base_from_arm: z along axis 1, y along axis 2. Where the angles theta are 0, upper arm and forearm point along z.
-    a1, c1: x and z of axis 2, mm. c2: upper arm. a2, c3: from axis 3 to the wrist centre along x and z. b: its y.
-    theta = signs * serial angle + offsets, (6,). flange_from_wrist: a frame whose z is axis 6, in the wrist centre.
+    This is the ortho-parallel arm with spherical wrist (Brandstoetter, Angerer, Hofbaur, 2014).
+    Upper arm and forearm point along z if the angles theta are 0.
+
+    base_from_arm: frame with z along axis 1 and y along axis 2.
+    a1, c1: x and z of axis 2, mm.
+    c2: length of the upper arm, mm.
+    a2, c3: x and z from axis 3 to the wrist centre, mm.
+    b: y of the wrist centre, mm.
+    signs, offsets: (6,) theta = signs * serial angle + offsets, rad.
+    flange_from_wrist: frame in the wrist centre with z along axis 6.
     """
 
     base_from_arm: Pose
@@ -43,11 +51,15 @@ class Spherical(Struct, frozen=True, eq=False):
 
 
 class Scara(Struct, frozen=True, eq=False):
-    """Upright axes 1, 2 and 4 and slide 3.
+    """Upright axes 1, 2 and 4, and slide 3.
 
-    base_from_arm: z along axis 1, origin on it. l1, l2: lengths of the arms, mm. theta = signs * joint + offsets, (4,),
-    where theta 3 is the height of the flange and theta 4 is not yet turned by theta 1 and 2. arm_from_flange: with
-    axis 4 as z, its turn and the height left out.
+    Theta 3 is the height of the flange. Theta 4 is the angle of axis 4 before it is turned by theta
+    1 and 2.
+
+    base_from_arm: frame with z along axis 1 and the origin on it.
+    l1, l2: lengths of the arms, mm.
+    signs, offsets: (4,) theta = signs * joint value + offsets, rad or mm.
+    arm_from_flange: frame of the flange with axis 4 as z, without its turn and its height.
     """
 
     base_from_arm: Pose
@@ -59,7 +71,11 @@ class Scara(Struct, frozen=True, eq=False):
 
 
 class Gantry(Struct, frozen=True, eq=False):
-    """Three slides. directions: (3, 3), one per column, base frame. base_from_flange: with all at 0."""
+    """Three slides.
+
+    directions: (3, 3) directions of the slides in the base frame, one per column.
+    base_from_flange: pose of the flange with all slides at 0.
+    """
 
     directions: FloatArray
     base_from_flange: Pose
@@ -69,8 +85,8 @@ Arm = Spherical | ThreeParallel | Scara | Gantry
 
 
 def recognise(joints: tuple[Joint, ...], flange: Pose) -> Arm | None:
-    """The closed form of a chain, None if there is none here. flange: last_joint_from_flange."""
-    zero = at_zero(joints, flange)
+    """The closed form of a chain, None if it has none. flange: last_joint_from_flange."""
+    zero = make_zero_chain(joints, flange)
     slides = "".join("-|"[joint.sliding] for joint in joints)
     if slides == "------":
         return _spherical(zero, _LENGTH, _ANGLE) or _three_parallel(zero)
@@ -81,13 +97,15 @@ def recognise(joints: tuple[Joint, ...], flange: Pose) -> Arm | None:
     return None
 
 
-def resembling(joints: tuple[Joint, ...], flange: Pose) -> Spherical | None:
-    """An arm with a spherical wrist that six turning axes are not far from: a source of first guesses. Axes 5 and 6 may
-    pass axis 4 at any distance, and directions are as in a description whose angles are rounded.
+def find_resembling_arm(joints: tuple[Joint, ...], flange: Pose) -> Spherical | None:
+    """The arm with a spherical wrist that six revolute axes resemble, None if they do not.
+
+    It gives first guesses. Axes 5 and 6 may pass axis 4 at any distance, and directions may be from
+    a description whose angles are rounded.
     """
     if len(joints) != 6 or any(joint.sliding for joint in joints):
         return None
-    return _spherical(at_zero(joints, flange), math.inf, _ROUNDED)
+    return _spherical(make_zero_chain(joints, flange), math.inf, _ROUNDED)
 
 
 def _square(a: FloatArray, b: FloatArray, slack: float = _ANGLE) -> bool:
@@ -99,19 +117,19 @@ def _parallel(a: FloatArray, b: FloatArray, slack: float = _ANGLE) -> bool:
 
 
 def _upright(direction: FloatArray) -> FloatArray:
-    """``direction`` or its opposite, whichever points up in the base frame, or ahead where neither does."""
-    lead = next(v for v in direction[::-1].tolist() if abs(v) > _ANGLE)
-    return direction if lead > 0 else -direction
+    """`direction` or its opposite: the one that points up in the base frame, or ahead if level."""
+    last = np.flatnonzero(np.abs(direction) > _ANGLE)[-1]
+    return direction if direction[last] > 0 else -direction
 
 
 def _frame(z: FloatArray, y: FloatArray, on_axis: FloatArray) -> Pose:
-    """The frame with these axes on axis 1, as high as the base frame's origin."""
+    """The frame with these axes on axis 1, at the height of the origin of the base frame."""
     x, y0, z0 = (on_axis - z * float(on_axis @ z)).tolist()
     return Pose(frozen(np.column_stack([np.cross(y, z), y, z])), (x, y0, z0))
 
 
 def _wrist(zero: AtZero, slack: float) -> FloatArray | None:
-    """Where axes 4, 5 and 6 meet (3,), if they do within ``slack`` mm."""
+    """The point (3,) where axes 4, 5 and 6 meet within `slack` mm, None if they do not."""
     p4, p5, p6 = zero.points[3:]
     d4, d5, d6 = zero.directions[3:]
     centre = p4 + d4 * float((p5 - p4) @ d4)
@@ -123,15 +141,14 @@ def _wrist(zero: AtZero, slack: float) -> FloatArray | None:
 
 def _spherical(zero: AtZero, length: float, angle: float) -> Spherical | None:
     d = zero.directions
-    square = all(_square(d[i], d[i + 1], angle) for i in (0, 2, 3, 4))
-    wrist = _wrist(zero, length) if square and _parallel(d[1], d[2], angle) else None
+    is_square = all(_square(d[i], d[i + 1], angle) for i in (0, 2, 3, 4))
+    wrist = _wrist(zero, length) if is_square and _parallel(d[1], d[2], angle) else None
     if wrist is None:
         return None
     z = _upright(d[0])
     ahead = float((zero.points[1] - zero.points[0]) @ np.cross(d[1], z))
-    y = (
-        d[1] if ahead > -_LENGTH else -d[1]
-    )  # axis 2 lies in front of axis 1 where it is not above it
+    # Axis 2 is in front of axis 1, or above it.
+    y = d[1] if ahead > -_LENGTH else -d[1]
     base_from_arm = _frame(z, y, zero.points[0])
     points = (np.vstack([zero.points, wrist]) - base_from_arm.origin) @ base_from_arm.rotation
     flange = base_from_arm.inverse() @ zero.base_from_flange
@@ -148,9 +165,14 @@ def _three_parallel(zero: AtZero) -> ThreeParallel | None:
 
 
 def _measure(base_from_arm: Pose, points: FloatArray, d: FloatArray, flange: Pose) -> Spherical:
-    """The arm whose axes have these ``points``, the wrist centre last (7, 3), and directions ``d`` (6, 3) at 0."""
+    """The arm whose axes have these points and directions at 0.
+
+    points: (7, 3) a point on each axis, and the wrist centre.
+    d: (6, 3) directions.
+    flange: pose of the flange.
+    """
     upper, fore = points[2] - points[1], points[6] - points[2]
-    # The signs of axes 4 to 6 are those that make the forearm, the turn of axis 5 and the flange point forward.
+    # Axes 4 to 6 get the signs with which forearm, rotation of axis 5 and flange point forward.
     d4 = -d[3] if fore @ d[3] < 0 else d[3]
     d5 = -d[4] if d[4][1] < -_ANGLE else d[4]
     out = flange.rotation[:, 2] + (np.asarray(flange.origin) - points[6])

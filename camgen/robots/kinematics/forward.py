@@ -1,4 +1,4 @@
-"""From joints to frames, many configurations at once."""
+"""Forward kinematics: frames of the links and the flange, for many joint values at once."""
 
 from __future__ import annotations
 
@@ -14,20 +14,23 @@ from camgen.robots.models import Robot
 
 
 def frames(robot: Robot, joints: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """base_from_link of every link for N configurations (N, J): rotations (N, J + 1, 3, 3), origins (N, J + 1, 3), mm.
+    """base_from_link of all links: rotations (N, J + 1, 3, 3) and origins (N, J + 1, 3), mm.
 
-    Link 0 is the base, link k moves with joint k. Joint values are the controller's, rad or mm.
+    Link 0 is the base, link k moves with joint k.
+
+    joints: (N, J) joint values of the controller, rad or mm.
     """
     joints = np.asarray(joints, dtype=np.float64)
     serial = (joints @ robot.coupling.T).T
-    count, many = len(joints), len(robot.joints)
-    # All joints at once turn in a third of the time; link by link in memory, as they are worked out.
-    shares = np.empty((many, count, 3))
-    shares[..., 0] = 1.0
-    np.cos(serial, out=shares[..., 1])
-    np.sin(serial, out=shares[..., 2])
-    turns = (shares @ _parts(robot.joints)).reshape(many, count, 3, 3)
-    rotations, origins = np.empty((many + 1, count, 3, 3)), np.empty((many + 1, count, 3))
+    count, joint_count = len(joints), len(robot.joints)
+    # The rotations of all joints together take a third of the time. They are stored link by link.
+    factors = np.empty((joint_count, count, 3))
+    factors[..., 0] = 1.0
+    np.cos(serial, out=factors[..., 1])
+    np.sin(serial, out=factors[..., 2])
+    turns = (factors @ _split_rotations(robot.joints)).reshape(joint_count, count, 3, 3)
+    rotations = np.empty((joint_count + 1, count, 3, 3))
+    origins = np.empty((joint_count + 1, count, 3))
     rotations[0], origins[0] = np.eye(3), 0.0
     for k, joint in enumerate(robot.joints):
         place = np.asarray(joint.previous_from_joint.origin)
@@ -42,15 +45,21 @@ def frames(robot: Robot, joints: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def flange(robot: Robot, joints: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """base_from_flange for N configurations (N, J): rotations (N, 3, 3) and origins (N, 3), mm."""
+    """base_from_flange at joint values (N, J): rotations (N, 3, 3) and origins (N, 3), mm."""
     rotations, origins = frames(robot, joints)
     last = rotations[:, -1]
     return last @ robot.flange.rotation, origins[:, -1] + last @ np.asarray(robot.flange.origin)
 
 
-def set_out(robot: Robot, links: tuple[FloatArray, FloatArray], moved: FloatArray) -> FloatArray:
-    """How links at ``links``, as of ``frames``, set out where the joints of the chain (N, C, J) move, rad or mm, C ways
-    at each: (J + 1, N, C, 6), rad about the axes of the base, and mm of what is at its origin.
+def compute_velocities(
+    robot: Robot, links: tuple[FloatArray, FloatArray], moved: FloatArray
+) -> FloatArray:
+    """The velocities of links for changes of the joint values, (J + 1, N, C, 6).
+
+    Columns: rad about the axes of the base, and mm of the point of the link at its origin.
+
+    links: frames of the links, see `frames`.
+    moved: (N, C, J) changes of the values of the serial chain, C at each frame, rad or mm.
     """
     rotations, origins = links
     axes = np.stack(
@@ -60,18 +69,17 @@ def set_out(robot: Robot, links: tuple[FloatArray, FloatArray], moved: FloatArra
     sliding = np.array([joint.sliding for joint in robot.joints])[:, None]
     along = np.where(sliding, axes, cross(origins[:, 1:], axes))
     screws = np.concatenate([np.where(sliding, 0.0, axes), along], axis=2)
-    found = np.zeros((len(robot.joints) + 1, *moved.shape[:2], 6))
-    np.cumsum(
-        moved.transpose(2, 0, 1)[..., None] * screws.swapaxes(0, 1)[:, :, None],
-        axis=0,
-        out=found[1:],
-    )
-    return found
+    velocities = np.zeros((len(robot.joints) + 1, *moved.shape[:2], 6))
+    by_joint = moved.transpose(2, 0, 1)[..., None] * screws.swapaxes(0, 1)[:, :, None]
+    np.cumsum(by_joint, axis=0, out=velocities[1:])
+    return velocities
 
 
 def jacobian(robot: Robot, joints: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """How the flange moves with the controller's joint values: (N, 6, J), rows are mm and rad of the base frame; and
-    base_from_flange as ``flange`` gives it, which falls out.
+    """The Jacobian of the flange (N, 6, J), and base_from_flange, see `flange`.
+
+    The rows of the Jacobian are mm and rad of the base frame, its columns are joint values of the
+    controller.
     """
     rotations, origins = frames(robot, joints)
     last = rotations[:, -1]
@@ -86,12 +94,12 @@ def jacobian(robot: Robot, joints: FloatArray) -> tuple[FloatArray, FloatArray, 
 
 
 @lru_cache(maxsize=256)
-def _parts(joints: tuple[Joint, ...]) -> FloatArray:
-    """What of each joint's rotation stays, goes with the cosine of its angle and with the sine: (J, 3, 9)."""
-    return np.stack([_part(joint) for joint in joints])
-
-
-def _part(joint: Joint) -> FloatArray:
-    turn = joint.previous_from_joint.rotation
-    turned = turn @ about(np.asarray(joint.axis))
-    return (np.stack([turn, 0 * turn, 0 * turn]) if joint.sliding else turned).reshape(3, 9)
+def _split_rotations(joints: tuple[Joint, ...]) -> FloatArray:
+    """The parts of joint rotations that are constant and that go with cosine and sine (J, 3, 9)."""
+    parts = []
+    for joint in joints:
+        turn = joint.previous_from_joint.rotation
+        constant = np.stack([turn, 0 * turn, 0 * turn])
+        split = constant if joint.sliding else turn @ about(np.asarray(joint.axis))
+        parts.append(split.reshape(3, 9))
+    return np.stack(parts)

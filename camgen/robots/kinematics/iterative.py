@@ -1,4 +1,7 @@
-"""Joints of an arm without a closed form: damped least squares (Levenberg, Marquardt) from several seeds at once."""
+"""Inverse kinematics without a closed form: damped least squares from several seeds at once.
+
+The method is that of Levenberg and Marquardt.
+"""
 
 from __future__ import annotations
 
@@ -9,50 +12,56 @@ from numpy.typing import NDArray
 
 from camgen.geometry.rotations import vectors_of
 from camgen.model.pose import FloatArray
-from camgen.robots.kinematics.arms import resembling
+from camgen.robots.kinematics.arms import find_resembling_arm
 from camgen.robots.kinematics.forward import jacobian
-from camgen.robots.kinematics.near_spherical import guesses
+from camgen.robots.kinematics.near_spherical import find_guesses
 from camgen.robots.models import Robot
 
-#: So many solutions per pose at most, and as many seeds for arms whose ``guesses`` are near them.
+#: Maximum number of solutions per pose, and number of seeds for arms with good `find_guesses`.
 SEEDS = 16
-#: Seeds per pose for other arms: 16 missed one in ten solutions of a cobot with three parallel axes, 48 none of 200.
+#: Seeds per pose for other arms: 16 missed one in ten solutions of a cobot with three parallel
+#: axes, 48 none of 200.
 _TRIES = 48
-#: The iteration ends at so many mm and rad: far below the 1e-6 mm that is promised.
+#: mm and rad at which the iteration ends, far below the 1e-6 mm that is promised.
 MM, RAD = 1e-8, 1e-11
-#: Poses solved at once: bounds the memory.
+#: Poses solved together: bounds the memory.
 _CHUNK = 256
+#: Maximum number of steps, and the largest change of a joint in one, rad.
 _STEPS, _STRIDE = 40, 0.5
-#: Keeps the equations solvable where the arm is singular.
-_LEAST_DAMPING = 1e-14
-#: rad, mm: two solutions as near as this are one.
+#: Smallest damping: keeps the equations solvable at singularities.
+_MIN_DAMPING = 1e-14
+#: rad or mm: solutions that differ by less are equal.
 _SAME_SOLUTION = 1e-5
 
 
 def solve(robot: Robot, rotations: FloatArray, origins: FloatArray) -> FloatArray:
-    """Joint values (N, SEEDS, J) for base_from_flange (N, 3, 3), (N, 3), mm: each solution once, in the order of the
-    seeds that found it, limits aside; nan where no more was found.
+    """Joint values (N, SEEDS, J) for poses of the flange; nan after the last solution.
 
-    The seeds: ``guesses``, and an even spread over the limits for the rest.
+    Each solution is listed once, in the order of the seeds that lead to it. Limits are ignored. The
+    seeds are `find_guesses`, and an even spread over the limits for the rest.
+
+    rotations, origins: base_from_flange, (N, 3, 3) and (N, 3), mm.
     """
-    parts = range(0, len(origins), _CHUNK)
-    found = [_solve(robot, rotations[i : i + _CHUNK], origins[i : i + _CHUNK]) for i in parts]
-    return np.concatenate([np.empty((0, SEEDS, len(robot.joints))), *found])
+    solutions = [np.empty((0, SEEDS, len(robot.joints)))]
+    for begin in range(0, len(origins), _CHUNK):
+        rows = slice(begin, begin + _CHUNK)
+        solutions.append(_solve(robot, rotations[rows], origins[rows]))
+    return np.concatenate(solutions)
 
 
 def _solve(robot: Robot, rotations: FloatArray, origins: FloatArray) -> FloatArray:
-    tries = _TRIES if resembling(robot.joints, robot.flange) is None else SEEDS
-    near = guesses(robot, rotations, origins, tries)
+    tries = _TRIES if find_resembling_arm(robot.joints, robot.flange) is None else SEEDS
+    near = find_guesses(robot, rotations, origins, tries)
     start = np.where(np.isnan(near), _spread(robot, tries), near).reshape(len(origins) * tries, -1)
-    found = refine(
-        robot, np.repeat(rotations, tries, axis=0), np.repeat(origins, tries, axis=0), start
-    )
-    return _distinct(robot, found.reshape(len(origins), tries, -1))[:, :SEEDS]
+    goal = np.repeat(rotations, tries, axis=0), np.repeat(origins, tries, axis=0)
+    solutions = refine(robot, *goal, start).reshape(len(origins), tries, -1)
+    return _remove_repeated(robot, solutions)[:, :SEEDS]
 
 
 def _spread(robot: Robot, tries: int) -> FloatArray:
-    """Configurations (tries, J) spread evenly over the limits: home, then multiples of roots of a polynomial, the
-    generalised golden ratio, modulo 1.
+    """Joint values (tries, J) spread evenly over the limits.
+
+    Home is the first. Then come multiples of the powers of the generalised golden ratio, modulo 1.
     """
     count = len(robot.joints)
     ratio = 2.0
@@ -67,18 +76,17 @@ def _spread(robot: Robot, tries: int) -> FloatArray:
 def refine(
     robot: Robot, rotations: FloatArray, origins: FloatArray, start: FloatArray
 ) -> FloatArray:
-    """Joint values (M, J) for M poses, each from its own start (M, J); nan where the iteration does not arrive."""
+    """Joint values (M, J) for M poses, each from its own start (M, J); nan without convergence."""
     joints = np.array(start, dtype=np.float64)
-    units = np.array(
-        [robot.lever if joint.sliding else 1.0 for joint in robot.joints]
-    )  # a slide moves in levers
+    # A slide moves in units of the lever.
+    units = np.array([robot.lever if joint.sliding else 1.0 for joint in robot.joints])
     done = np.zeros(len(joints), dtype=bool)
     active = np.flatnonzero(np.isfinite(joints).all(axis=1))
     for _ in range(_STEPS):
         moved, error, mm, rad = _errors(robot, rotations[active], origins[active], joints[active])
-        arrived = (mm <= MM) & (rad <= RAD)
-        done[active[arrived]] = True
-        active, moved, error = active[~arrived], moved[~arrived], error[~arrived]
+        is_done = (mm <= MM) & (rad <= RAD)
+        done[active[is_done]] = True
+        active, moved, error = active[~is_done], moved[~is_done], error[~is_done]
         if not len(active):
             break
         joints[active] += _step(moved * units, error) * units
@@ -89,39 +97,40 @@ def refine(
 def _errors(
     robot: Robot, rotations: FloatArray, origins: FloatArray, joints: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Jacobian (M, 6, J) and what is missing to the pose (M, 6), lengths divided by the lever; both errors (M,)."""
-    moved, now, tip = jacobian(robot, joints)
-    away = origins - tip
-    turn = vectors_of(rotations @ now.transpose(0, 2, 1))
+    """The Jacobian (M, 6, J), the error of the pose (M, 6), and its length and its angle (M,).
+
+    Lengths in the first two are divided by the lever.
+    """
+    moved, rotation, origin = jacobian(robot, joints)
+    offset = origins - origin
+    turn = vectors_of(rotations @ rotation.transpose(0, 2, 1))
     moved[:, :3] /= robot.lever
-    return (
-        moved,
-        np.hstack([away / robot.lever, turn]),
-        np.linalg.norm(away, axis=1),
-        np.linalg.norm(turn, axis=1),
-    )
+    error = np.hstack([offset / robot.lever, turn])
+    return moved, error, np.linalg.norm(offset, axis=1), np.linalg.norm(turn, axis=1)
 
 
 def _step(moved: FloatArray, error: FloatArray) -> FloatArray:
-    """The damped step (M, J), not longer than ``_STRIDE`` in any joint. The damping falls with the square of the error,
-    so that the last steps are Newton's.
+    """The damped step (M, J), at most `_STRIDE` in any joint.
+
+    The damping is proportional to the square of the error, so the last steps are those of Newton's
+    method.
     """
     back = moved.transpose(0, 2, 1)
-    damping = np.minimum(0.1 * (error**2).sum(axis=1), 0.1) + _LEAST_DAMPING
+    damping = np.minimum(0.1 * (error**2).sum(axis=1), 0.1) + _MIN_DAMPING
     square = back @ moved + damping[:, None, None] * np.eye(moved.shape[2])
     step = np.linalg.solve(square, back @ error[..., None])[..., 0]
-    most = np.abs(step).max(axis=1, keepdims=True)
-    return np.asarray(step * np.minimum(1.0, _STRIDE / np.maximum(most, _STRIDE)))
+    largest = np.abs(step).max(axis=1, keepdims=True)
+    return np.asarray(step * np.minimum(1.0, _STRIDE / np.maximum(largest, _STRIDE)))
 
 
-def _distinct(robot: Robot, found: FloatArray) -> FloatArray:
-    """``found`` (N, S, J) with repeated solutions, whole turns apart too, moved out: nan at the end of each row."""
-    turning = np.array([not joint.sliding for joint in robot.joints])
-    apart = found[:, :, None] - found[:, None]
-    apart = np.where(turning, np.remainder(apart + math.pi, math.tau) - math.pi, apart)
-    same: NDArray[np.bool_] = np.abs(apart).max(axis=3) < _SAME_SOLUTION
-    repeated = (same & np.tri(found.shape[1], k=-1, dtype=bool)).any(axis=2)
-    lost = repeated | np.isnan(found[:, :, 0])
-    order = np.argsort(lost, axis=1, kind="stable")
-    kept = np.where(lost[..., None], np.nan, found)
+def _remove_repeated(robot: Robot, solutions: FloatArray) -> FloatArray:
+    """`solutions` (N, S, J) without repeated ones, up to whole turns; nan at the end of a row."""
+    change = solutions[:, :, None] - solutions[:, None]
+    turned = np.remainder(change + math.pi, math.tau) - math.pi
+    change = np.where(robot.revolute, turned, change)
+    is_same: NDArray[np.bool_] = np.abs(change).max(axis=3) < _SAME_SOLUTION
+    is_repeated = (is_same & np.tri(solutions.shape[1], k=-1, dtype=bool)).any(axis=2)
+    is_lost = is_repeated | np.isnan(solutions[:, :, 0])
+    order = np.argsort(is_lost, axis=1, kind="stable")
+    kept = np.where(is_lost[..., None], np.nan, solutions)
     return np.take_along_axis(kept, order[..., None], axis=1)

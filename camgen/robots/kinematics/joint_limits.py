@@ -1,4 +1,4 @@
-"""Joint values: the controller's and those of the closed form, limits, and the copies a turn away."""
+"""Joint limits and turn counts, and conversions between joint values and angles of closed forms."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from camgen.robots.kinematics.arms import Scara, Spherical
 from camgen.robots.kinematics.three_parallel import ThreeParallel
 from camgen.robots.models import Robot
 
-#: rad or mm: a joint so far beyond its limit stands on it.
+#: rad or mm: a joint that is beyond its limit by less is at the limit.
 _ON_LIMIT = 1e-9
 
 
-def theta_of(
+def compute_theta(
     robot: Robot, arm: Spherical | ThreeParallel | Scara, joints: FloatArray
 ) -> FloatArray:
     """The angles of the closed form (..., J) for joint values (..., J)."""
     return np.asarray(joints @ robot.coupling.T * arm.signs + arm.offsets)
 
 
-def joints_of(
+def compute_joints(
     robot: Robot, arm: Spherical | ThreeParallel | Scara, theta: FloatArray
 ) -> FloatArray:
     """The joint values (..., J), wrapped, for angles of the closed form (..., J)."""
@@ -33,108 +33,92 @@ def joints_of(
 
 
 def wrap(robot: Robot, joints: FloatArray) -> FloatArray:
-    """``joints`` (..., J) with every turning joint within half a turn of the middle of its limits: those of the serial
-    chain where a rod sets them.
+    """Joint values (..., J) with revolute joints within half a turn of the middle of their limits.
+
+    The limits are those of the serial chain if a rod sets them.
     """
     return _unwind(robot, joints @ robot.coupling.T)
 
 
 def _unwind(robot: Robot, serial: FloatArray) -> FloatArray:
-    """``wrap`` for the values of the serial chain (..., J)."""
+    """`wrap` for values of the serial chain (..., J)."""
     middle, turn = _middles(robot)
     whole = np.rint((serial - middle) / math.tau)
     whole *= turn
-    # Where one value is none all are.
-    return np.asarray((serial - whole) @ uncoupling(robot).T)
+    # If one value is nan, all are.
+    return np.asarray((serial - whole) @ invert_coupling(robot).T)
 
 
 @lru_cache(maxsize=16)
 def _middles(robot: Robot) -> tuple[FloatArray, FloatArray]:
-    """Of each joint of the serial chain (J,) the middle of its limits, and a whole turn, 0 of one that slides."""
+    """Middles of the limits of the serial chain, and whole turns, 0 for slides (J,), rad or mm."""
     rod = np.isfinite(robot.serial_limits[:, 0])
     middle = np.where(rod[:, None], robot.serial_limits, robot.limits).mean(axis=1)
-    return frozen(middle), frozen(math.tau * ~np.array([joint.sliding for joint in robot.joints]))
+    return frozen(middle), frozen(math.tau * robot.revolute)
 
 
 @lru_cache(maxsize=16)
-def uncoupling(robot: Robot) -> FloatArray:
-    """(J, J), takes turns of the serial chain to the controller's values."""
+def invert_coupling(robot: Robot) -> FloatArray:
+    """(J, J) matrix from values of the serial chain to joint values."""
     return frozen(np.linalg.inv(robot.coupling))
 
 
-def within(robot: Robot, joints: FloatArray) -> NDArray[np.bool_]:
-    """Which joint values (..., J) keep all limits, the rod's too; nan does not."""
-    return np.asarray(excess(robot, joints).max(axis=-1) <= _ON_LIMIT)
+def are_within_limits(robot: Robot, joints: FloatArray) -> NDArray[np.bool_]:
+    """Whether joint values (..., J) keep all limits, also those of a rod; False for nan."""
+    return np.asarray(measure_excess(robot, joints).max(axis=-1) <= _ON_LIMIT)
 
 
-def excess(robot: Robot, joints: FloatArray) -> FloatArray:
-    """Rad or mm by which each joint is beyond its limits or the rod's (..., J), 0 or less: within; nan: infinite."""
-    serial = joints @ robot.coupling.T
-    beyond = np.maximum.reduce(
-        [
-            robot.limits[:, 0] - joints,
-            joints - robot.limits[:, 1],
-            robot.serial_limits[:, 0] - serial,
-            serial - robot.serial_limits[:, 1],
-        ]
-    )
+def measure_excess(robot: Robot, joints: FloatArray) -> FloatArray:
+    """Distance by which each joint is beyond its limits or those of a rod (..., J), rad or mm.
+
+    It is at most 0 within the limits, and infinite for nan.
+    """
+    serial, low, high = joints @ robot.coupling.T, robot.limits[:, 0], robot.limits[:, 1]
+    beyond = np.maximum(low - joints, joints - high)
+    beyond = np.maximum(beyond, robot.serial_limits[:, 0] - serial)
+    beyond = np.maximum(beyond, serial - robot.serial_limits[:, 1])
     return np.where(np.isnan(beyond), math.inf, beyond)
 
 
 @lru_cache(maxsize=16)
-def turns(robot: Robot) -> NDArray[np.int64]:
-    """Whole turns (T, J) by which a solution of ``inverse`` can be moved with hope of staying within the limits, from
-    the most negative to the most positive, joint 1 slowest; joints at a rod stay.
+def list_turn_counts(robot: Robot) -> NDArray[np.int64]:
+    """The turn counts (T, J) that may bring a solution of `inverse` within the limits.
+
+    They are sorted from the most negative one, and joint 1 changes slowest. Joints at a rod do not
+    turn.
     """
-    plain = (robot.coupling == np.eye(len(robot.joints))).all(axis=0) & np.isinf(
-        robot.serial_limits[:, 0]
-    )
-    ranges = []
-    for joint, (low, high), alone in zip(
-        robot.joints, robot.limits.tolist(), plain.tolist(), strict=True
-    ):
-        most = (
-            int(((high - low) / 2 + math.pi + _ON_LIMIT) // math.tau)
-            if alone and not joint.sliding
-            else 0
-        )
-        ranges.append(range(-most, most + 1))
+    is_alone = (robot.coupling == np.eye(len(robot.joints))).all(axis=0)
+    is_alone &= np.isinf(robot.serial_limits[:, 0])
+    low, high = robot.limits.T
+    limit = ((high - low) / 2 + math.pi + _ON_LIMIT) // math.tau
+    limit *= is_alone & robot.revolute
+    ranges = [range(-count, count + 1) for count in limit.astype(np.int64).tolist()]
     table = np.array(list(itertools.product(*ranges)), dtype=np.int64)
     table.setflags(write=False)
     return table
 
 
-def within_turned(
+def are_turned_within_limits(
     robot: Robot, solutions: FloatArray, table: NDArray[np.int64]
 ) -> NDArray[np.bool_]:
-    """Which of ``solutions`` (..., J), moved by each row of ``table`` (T, J), keep the limits (..., T)."""
-    turning = table.any(axis=0)
+    """Whether solutions (..., J), turned by rows of `table` (T, J), keep the limits (..., T)."""
+    turns_joint = table.any(axis=0)
     stays = np.ones(solutions.shape[:-1], dtype=np.bool_)
-    for k in np.flatnonzero(~turning).tolist():
-        stays &= _lies(solutions[..., k], robot.limits[k])
+    for k in np.flatnonzero(~turns_joint).tolist():
+        stays &= _keep_limits(solutions[..., k], robot.limits[k])
     for k in np.flatnonzero(np.isfinite(robot.serial_limits).any(axis=1)).tolist():
-        stays &= _lies(solutions @ robot.coupling[k], robot.serial_limits[k])
-    good = np.repeat(stays[..., None], len(table), axis=-1)
-    for k in np.flatnonzero(turning).tolist():
-        # Rows of the table share their turns of one joint: each number of turns is tested once.
-        own = table[:, k]
-        numbers = np.arange(own.min(), own.max() + 1)
-        good &= _lies(solutions[..., k, None] + math.tau * numbers, robot.limits[k]).take(
-            own - numbers[0], axis=-1
-        )
-    return good
+        stays &= _keep_limits(solutions @ robot.coupling[k], robot.serial_limits[k])
+    is_within = np.repeat(stays[..., None], len(table), axis=-1)
+    for k in np.flatnonzero(turns_joint).tolist():
+        # Rows of the table share turn counts of a joint. Each count is tested once.
+        turn_counts = table[:, k]
+        distinct = np.arange(turn_counts.min(), turn_counts.max() + 1)
+        kept = _keep_limits(solutions[..., k, None] + math.tau * distinct, robot.limits[k])
+        is_within &= kept.take(turn_counts - distinct[0], axis=-1)
+    return is_within
 
 
-def _lies(values: FloatArray, limits: FloatArray) -> NDArray[np.bool_]:
-    """Which values of a joint are within its limits (2,); nan is not."""
+def _keep_limits(values: FloatArray, limits: FloatArray) -> NDArray[np.bool_]:
+    """Whether values of a joint are within its limits (2,); False for nan."""
     low, high = limits.tolist()
     return np.asarray((values >= low - _ON_LIMIT) & (values <= high + _ON_LIMIT))
-
-
-def copies(robot: Robot, solutions: FloatArray) -> FloatArray:
-    """All joint values within the limits that put the flange where ``solutions`` (..., J) do: (..., T, J), nan for a
-    copy beyond a limit. T as in ``turns``.
-    """
-    table = turns(robot)
-    every = np.asarray(solutions)[..., None, :] + math.tau * table
-    return np.where(within_turned(robot, solutions, table)[..., None], every, np.nan)

@@ -1,4 +1,7 @@
-"""How fast a tool and a joint are where all joints run evenly, the slowest for its way at its greatest speed."""
+"""Speeds of the tool and the joints in a joint motion at maximum speed.
+
+All joints start and end together, so the slowest one for its angle runs at its maximum speed.
+"""
 
 from __future__ import annotations
 
@@ -10,27 +13,31 @@ from camgen.robots.kinematics.forward import jacobian
 from camgen.robots.models import Robot
 
 
-def fastest(robot: Robot, joints: FloatArray, tip: Vec3) -> tuple[float, float]:
-    """The greatest speed, mm/s, of the point ``tip`` (mm, from the flange) at the values (R, J) on the way of an even
-    motion of the joints from the first row to the last, and rad/s of the fastest joint that turns; 0 where it stands.
+def measure_fastest(robot: Robot, joints: FloatArray, tip: Vec3) -> tuple[float, float]:
+    """The largest speeds of a point of the tool and of a revolute joint, mm/s and rad/s.
+
+    They are those of a joint motion at maximum speed, and 0 without a motion.
+
+    joints: (R, J) joint values along the motion, from its start to its end.
+    tip: the point in the frame of the flange, mm.
     """
-    way = joints[-1] - joints[0]
-    seconds = float((np.abs(way) / robot.speeds).max())
+    change = joints[-1] - joints[0]
+    seconds = float((np.abs(change) / robot.speeds).max())
     if seconds == 0.0:
         return 0.0, 0.0
-    rate = way / seconds
+    rate = change / seconds
     moves, rotation, _ = jacobian(robot, joints)
     flange = moves @ rate
-    moved = np.linalg.norm(
-        flange[:, :3] + np.cross(flange[:, 3:], rotation @ np.asarray(tip)), axis=1
-    ).max()
-    turning = np.abs(rate[[not joint.sliding for joint in robot.joints]]).max(initial=0.0)
-    return float(moved), float(turning)
+    velocity = flange[:, :3] + np.cross(flange[:, 3:], rotation @ np.asarray(tip))
+    turning = np.abs(rate[robot.revolute]).max(initial=0.0)
+    return float(np.linalg.norm(velocity, axis=1).max()), float(turning)
 
 
-def held_share(robot: Robot, way: FloatArray) -> float:
-    """The share of the joints' own speeds at which an even motion by ``way`` (J,), not all 0, keeps to those to which
-    the job holds them: the joint that is slowest for its way at its own speed sets the time of all.
+def find_held_fraction(robot: Robot, change: FloatArray) -> float:
+    """The fraction of the maximum speeds at which a joint motion keeps the speeds of the job.
+
+    change: (J,) change of the joint values, not all 0. The slowest joint for its change at its
+        maximum speed determines the time.
     """
-    moved = np.maximum(np.abs(way), NONZERO)
+    moved = np.maximum(np.abs(change), NONZERO)
     return min(1.0, float((robot.fastest / moved).min() / (robot.speeds / moved).min()))

@@ -1,4 +1,4 @@
-"""How far configurations are from where an arm loses a direction of motion."""
+"""Distances of joint values from singularities, where an arm loses a direction of motion."""
 
 from __future__ import annotations
 
@@ -8,43 +8,46 @@ from camgen.model.pose import FloatArray
 from camgen.robots.kinematics import spherical, three_parallel
 from camgen.robots.kinematics.arms import Gantry, Scara
 from camgen.robots.kinematics.forward import jacobian
-from camgen.robots.kinematics.joint_limits import theta_of
+from camgen.robots.kinematics.joint_limits import compute_theta
 from camgen.robots.kinematics.three_parallel import ThreeParallel
-from camgen.robots.models import Robot
+from camgen.robots.models import Kind, Robot
 
-_SPHERICAL = ("wrist above axis 1", "elbow straight", "wrist straight")
-_THREE_PARALLEL = ("wrist beside axis 1", "elbow straight", "axes 4 and 6 parallel")
-
-
-def singularities(robot: Robot) -> tuple[str, ...]:
-    """The names of the columns of ``from_singular``."""
-    if isinstance(robot.arm, Gantry):
-        return ()
-    if isinstance(robot.arm, Scara):
-        return ("elbow straight",)
-    if isinstance(robot.arm, ThreeParallel):
-        return _THREE_PARALLEL
-    return _SPHERICAL if robot.arm else ("arm stretched or axes in line",)
+#: Names of the columns of `measure_singularity_distance`, by the kind of the robot.
+_NAMES: dict[Kind, tuple[str, ...]] = {
+    "spherical-wrist": ("wrist above axis 1", "elbow straight", "wrist straight"),
+    "three-parallel": ("wrist beside axis 1", "elbow straight", "axes 4 and 6 parallel"),
+    "scara": ("elbow straight",),
+    "cartesian": (),
+    "serial": ("arm stretched or axes in line",),
+}
 
 
-def from_singular(robot: Robot, joints: FloatArray) -> FloatArray:
-    """How far configurations (..., J) are from each kind of singularity, rad (..., K); nan stays nan.
+def list_singularities(robot: Robot) -> tuple[str, ...]:
+    """The names of the columns of `measure_singularity_distance`."""
+    return _NAMES[robot.kind]
 
-    For an arm without a closed form it is the least singular value of its Jacobian, lengths divided by the mean lever.
+
+def measure_singularity_distance(robot: Robot, joints: FloatArray) -> FloatArray:
+    """Distances of joint values (..., J) from each kind of singularity, rad (..., K); nan for nan.
+
+    For an arm without a closed form it is the smallest singular value of its Jacobian, with lengths
+    divided by the mean lever.
     """
     if isinstance(robot.arm, Gantry):
         return np.empty((*joints.shape[:-1], 0))
     if isinstance(robot.arm, Scara):
-        return np.asarray(np.arcsin(np.abs(np.sin(theta_of(robot, robot.arm, joints)[..., 1:2]))))
+        return np.asarray(
+            np.arcsin(np.abs(np.sin(compute_theta(robot, robot.arm, joints)[..., 1:2])))
+        )
     if isinstance(robot.arm, ThreeParallel):
-        theta = theta_of(robot, robot.arm, joints)
-        return three_parallel.singularities(robot.arm, theta)
+        theta = compute_theta(robot, robot.arm, joints)
+        return three_parallel.measure_singularities(robot.arm, theta)
     if robot.arm:
-        return spherical.singularities(robot.arm, theta_of(robot, robot.arm, joints))
+        return spherical.measure_singularities(robot.arm, compute_theta(robot, robot.arm, joints))
     flat = joints.reshape(-1, joints.shape[-1])
-    good = np.isfinite(flat).all(axis=1)
-    least = np.full(len(flat), np.nan)
-    moved, _, _ = jacobian(robot, flat[good])
+    is_finite = np.isfinite(flat).all(axis=1)
+    smallest = np.full(len(flat), np.nan)
+    moved, _, _ = jacobian(robot, flat[is_finite])
     moved[:, :3] /= robot.lever
-    least[good] = np.linalg.svd(moved, compute_uv=False)[:, -1]
-    return least.reshape(*joints.shape[:-1], 1)
+    smallest[is_finite] = np.linalg.svd(moved, compute_uv=False)[:, -1]
+    return smallest.reshape(*joints.shape[:-1], 1)

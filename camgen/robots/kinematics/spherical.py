@@ -1,7 +1,8 @@
-"""Joints of an arm with a spherical wrist in closed form, all eight branches.
+"""Inverse kinematics of an arm with a spherical wrist in closed form, all eight branches.
 
-The wrist centre fixes axes 1 to 3: two ways to face it (shoulder), two to bend (elbow). What is left of the orientation
-is axes 4 to 6, in two ways (wrist). Derived anew from the geometry in ``Spherical``.
+The wrist centre fixes axes 1 to 3: it can be faced in two ways (shoulder), and the arm can bend in
+two ways (elbow). The rest of the orientation is axes 4 to 6, in two ways (wrist). The formulas were
+derived from the geometry in `Spherical`.
 """
 
 from __future__ import annotations
@@ -15,28 +16,35 @@ from numpy.typing import NDArray
 from camgen.model.pose import FloatArray
 from camgen.robots.kinematics.arms import Spherical
 
-#: Branch index: 4 with the wrist centre behind axis 1, + 2 with the elbow bent back (towards -x), + 1 with axis 5 < 0.
+#: Branch: 4 with the wrist centre behind axis 1, + 2 with the elbow bent back (towards -x), + 1
+#: with axis 5 < 0.
 BRANCHES = 8
-#: mm: so much beyond its reach the arm counts as straight. Sine of axis 5, and mm of the wrist centre beside axis 1,
-#: below which axes 4 and 1 are free.
-_REACH, _STRAIGHT_SINE, _OVER = 1e-9, 1e-9, 1e-9
+#: mm: an arm that is beyond its reach by less counts as stretched.
+_REACH = 1e-9
+#: Sine of axis 5 below which axis 4 is free.
+_STRAIGHT_SINE = 1e-9
+#: mm from axis 1 to the wrist centre below which axis 1 is free.
+_OVER = 1e-9
 
 
 class Wrists(Struct, frozen=True, eq=False):
-    """N wrist centres seen from the arm. x, z: from axis 2, (N, 2) for facing it and for the back to it. theta1: (N,
-    2). beside: mm by which it is too near axis 1 for the arm's side offset (N,). over: where it is on axis 1 and theta1
-    is free (N,).
+    """N wrist centres in the frame of the arm.
+
+    x, z: (N, 2) their coordinates from axis 2, mm, for facing the wrist and for the back to it.
+    theta1: (N, 2) angle of axis 1 for both, rad.
+    too_near: (N,) mm by which the centre is too near to axis 1 for the side offset of the arm.
+    over: (N,) whether the centre is on axis 1, so that theta 1 is free.
     """
 
     x: FloatArray
     z: FloatArray
     theta1: FloatArray
-    beside: FloatArray
+    too_near: FloatArray
     over: NDArray[np.bool_]
 
 
-def wrists(arm: Spherical, rotations: FloatArray, origins: FloatArray) -> Wrists:
-    """The wrist centres of base_from_flange (N, 3, 3), (N, 3)."""
+def find_wrists(arm: Spherical, rotations: FloatArray, origins: FloatArray) -> Wrists:
+    """The wrist centres for poses of the flange (N, 3, 3), (N, 3)."""
     place = np.asarray(arm.flange_from_wrist.origin)
     centre = (origins + rotations @ place - arm.base_from_arm.origin) @ arm.base_from_arm.rotation
     x, y, z = centre.T
@@ -47,41 +55,44 @@ def wrists(arm: Spherical, rotations: FloatArray, origins: FloatArray) -> Wrists
         x=np.stack([ahead - arm.a1, -ahead - arm.a1], axis=1),
         z=np.stack([z - arm.c1] * 2, axis=1),
         theta1=np.stack([towards - lead, towards + lead - math.pi], axis=1),
-        beside=np.maximum(abs(arm.b) - distance, 0.0),
+        too_near=np.maximum(abs(arm.b) - distance, 0.0),
         over=distance < _OVER,
     )
 
 
-def shortfall(arm: Spherical, rotations: FloatArray, origins: FloatArray) -> FloatArray:
-    """Mm by which N poses are out of reach (N,), joint limits aside; 0 or less: within reach."""
-    seen = wrists(arm, rotations, origins)
-    return np.asarray(np.maximum(_beyond(arm, seen).min(axis=1).clip(0.0), seen.beside))
+def measure_shortfall(arm: Spherical, rotations: FloatArray, origins: FloatArray) -> FloatArray:
+    """Distance (N,) by which poses are out of reach, mm, at most 0 within; limits are ignored."""
+    seen = find_wrists(arm, rotations, origins)
+    return np.asarray(np.maximum(_beyond(arm, seen).min(axis=1).clip(0.0), seen.too_near))
 
 
 def _beyond(arm: Spherical, seen: Wrists) -> FloatArray:
-    """Mm by which the wrist centre is too far or too near for the elbow, (N, 2) as in ``Wrists``."""
+    """Distance by which the wrist centre is too far or too near for the elbow, mm (N, 2).
+
+    Its columns are those of `Wrists`.
+    """
     distance, fore = np.hypot(seen.x, seen.z), math.hypot(arm.a2, arm.c3)
     return np.asarray(np.maximum(distance - (arm.c2 + fore), abs(arm.c2 - fore) - distance))
 
 
-def angles(
+def compute_angles(
     arm: Spherical, rotations: FloatArray, origins: FloatArray, near: FloatArray
 ) -> FloatArray:
-    """Theta (N, 8, 6) of base_from_flange (N, 3, 3), (N, 3); nan where out of reach.
+    """Theta (N, 8, 6) for poses of the flange (N, 3, 3), (N, 3), rad; nan out of reach.
 
-    near: theta (N, 8, 6) or broadcastable to it; axis 1 is kept from it where the wrist centre is above axis 1, and
-    axis 4 where axis 5 is straight.
+    near: theta (N, 8, 6), or broadcastable to it, from which axis 1 is kept if the wrist centre is
+        above it, and axis 4 if axis 5 is straight.
     """
     count = len(origins)
     near = np.broadcast_to(near, (count, BRANCHES, 6))
-    seen = wrists(arm, rotations, origins)
+    seen = find_wrists(arm, rotations, origins)
     theta = np.empty((count, 2, 2, 2, 6))  # shoulder, elbow, wrist
     free = np.where(np.isfinite(near[:, ::4, 0]), near[:, ::4, 0], [0.0, math.pi])
     theta1 = np.where(seen.over[:, None], free, seen.theta1)
     psi, fore = math.atan2(arm.a2, arm.c3), math.hypot(arm.a2, arm.c3)
     square = seen.x**2 + seen.z**2
     bend = np.arccos(np.clip((square - arm.c2**2 - fore**2) / (2 * arm.c2 * fore), -1.0, 1.0))
-    bend = np.where((_beyond(arm, seen) > _REACH) | (seen.beside > _REACH)[:, None], np.nan, bend)
+    bend = np.where((_beyond(arm, seen) > _REACH) | (seen.too_near > _REACH)[:, None], np.nan, bend)
     elbow = np.stack([bend, -bend], axis=2)
     tilt = np.arctan2(seen.x, seen.z)[:, :, None]
     theta2 = tilt - np.arctan2(fore * np.sin(elbow), arm.c2 + fore * np.cos(elbow))
@@ -94,34 +105,35 @@ def angles(
 
 
 def _wrist(theta: FloatArray, turn: FloatArray, keep: FloatArray) -> None:
-    """Fills in axes 4 to 6. theta: (N, 2, 2, 2, 6). turn: arm_from_wrist (N, 3, 3). keep: theta 4 (N, 2, 2)."""
-    (ux, uy, uz), (vx, vy, vz), (wx, wy, wz) = turn.transpose(2, 1, 0)[
-        ..., None, None
-    ]  # the columns: x, y and z of it
+    """Set axes 4 to 6 in `theta` (N, 2, 2, 2, 6).
+
+    turn: arm_from_wrist (N, 3, 3).
+    keep: (N, 2, 2) theta 4 for a straight axis 5.
+    """
+    # The columns are x, y and z of the wrist.
+    columns = turn.transpose(2, 1, 0)[..., None, None]
+    (ux, uy, uz), (vx, vy, vz), (wx, wy, wz) = columns
     c1, s1 = np.cos(theta[:, :, :, 0, 0]), np.sin(theta[:, :, :, 0, 0])
     at23 = theta[:, :, :, 0, 1] + theta[:, :, :, 0, 2]
     c, s = np.cos(at23), np.sin(at23)
-    # z of the wrist in the forearm's frame, whose x is (c1 c, s1 c, -s), y (-s1, c1, 0) and z (c1 s, s1 s, c).
+    # z of the wrist in the frame of the forearm, whose axes are x (c1 c, s1 c, -s), y (-s1, c1, 0)
+    # and z (c1 s, s1 s, c).
     ahead, side = c1 * wx + s1 * wy, c1 * wy - s1 * wx
     x, z = c * ahead - s * wz, s * ahead + c * wz
     straight = np.hypot(x, side) < _STRAIGHT_SINE
     theta4 = np.where(straight, np.where(np.isfinite(keep), keep, 0.0), np.arctan2(side, x))
     c4, s4 = np.cos(theta4), np.sin(theta4)
-    # Axis 6 is read beside axis 4, not on its own: their sum stays exact where axis 5 is all but straight.
+    # Axis 6 is computed together with axis 4, so that their sum is exact for a nearly straight axis
+    # 5.
     across_u = c4 * (c1 * uy - s1 * ux) - s4 * (c * (c1 * ux + s1 * uy) - s * uz)
     across_v = c4 * (c1 * vy - s1 * vx) - s4 * (c * (c1 * vx + s1 * vy) - s * vz)
     theta5, theta6 = np.arctan2(c4 * x + s4 * side, z), np.arctan2(across_u, across_v)
-    for k, values in ((3, theta4), (4, theta5), (5, theta6)):
-        theta[:, :, :, 0, k] = values
-    theta[:, :, :, 1, 3], theta[:, :, :, 1, 4], theta[:, :, :, 1, 5] = (
-        theta4 + math.pi,
-        -theta5,
-        theta6 + math.pi,
-    )
+    theta[:, :, :, 0, 3:] = np.stack([theta4, theta5, theta6], axis=-1)
+    theta[:, :, :, 1, 3:] = np.stack([theta4 + math.pi, -theta5, theta6 + math.pi], axis=-1)
 
 
-def branch(arm: Spherical, theta: FloatArray) -> NDArray[np.int64]:
-    """The branch index of theta (..., 6)."""
+def find_branch(arm: Spherical, theta: FloatArray) -> NDArray[np.int64]:
+    """The branch of theta (..., 6), see `BRANCHES`."""
     fore, psi = math.hypot(arm.a2, arm.c3), math.atan2(arm.a2, arm.c3)
     elbow = theta[..., 2] + psi
     ahead = arm.a1 + arm.c2 * np.sin(theta[..., 1]) + fore * np.sin(theta[..., 1] + elbow)
@@ -129,13 +141,15 @@ def branch(arm: Spherical, theta: FloatArray) -> NDArray[np.int64]:
     return np.asarray(flags, dtype=np.int64)
 
 
-def singularities(arm: Spherical, theta: FloatArray) -> FloatArray:
-    """How far theta (..., 6) is from the three singularities, rad (..., 3): shoulder (wrist centre above axis 1, as the
-    angle under which the straight arm would see it), elbow (straight or folded) and wrist (axis 5 straight).
+def measure_singularities(arm: Spherical, theta: FloatArray) -> FloatArray:
+    """Distances of theta (..., 6) from the three singularities, rad (..., 3).
+
+    Shoulder: wrist centre above axis 1, as the angle under which the straight arm would see it.
+    Elbow: straight or folded. Wrist: axis 5 straight.
     """
     fore, psi = math.hypot(arm.a2, arm.c3), math.atan2(arm.a2, arm.c3)
     elbow = theta[..., 2] + psi
     ahead = arm.a1 + arm.c2 * np.sin(theta[..., 1]) + fore * np.sin(theta[..., 1] + elbow)
-    # One after the other in memory: the least of the three is found in a fraction of the time.
+    # Stored one after the other, the smallest of the three is found in a fraction of the time.
     sines = np.stack([ahead / (arm.c2 + fore), np.sin(elbow), np.sin(theta[..., 4])])
     return np.moveaxis(np.arcsin(np.clip(np.abs(sines), 0.0, 1.0)), 0, -1)

@@ -13,7 +13,6 @@ import math
 
 import numpy as np
 from msgspec import Struct
-from numpy.typing import NDArray
 
 from camgen.model.pose import FloatArray, Pose, frozen
 from camgen.robots.chain import AtZero
@@ -140,7 +139,7 @@ def _see(arm: ThreeParallel, rotations: FloatArray, origins: FloatArray) -> _Sig
     )
 
 
-def angles(
+def compute_angles(
     arm: ThreeParallel, rotations: FloatArray, origins: FloatArray, near: FloatArray
 ) -> FloatArray:
     """Theta (N, 8, 6) of flange poses (N, 3, 3), (N, 3); nan for a pose out of reach.
@@ -200,7 +199,7 @@ def _beyond(arm: ThreeParallel, distance: FloatArray) -> FloatArray:
     return np.asarray(np.maximum(distance - (arm.c2 + arm.c3), abs(arm.c2 - arm.c3) - distance))
 
 
-def shortfall(arm: ThreeParallel, rotations: FloatArray, origins: FloatArray) -> FloatArray:
+def measure_shortfall(arm: ThreeParallel, rotations: FloatArray, origins: FloatArray) -> FloatArray:
     """The distance by which N poses are out of reach at least (N,), mm; 0 or less within reach.
 
     Joint limits are left aside. The hand may stand anywhere around the wrist.
@@ -211,14 +210,7 @@ def shortfall(arm: ThreeParallel, rotations: FloatArray, origins: FloatArray) ->
     return np.asarray(np.maximum(least, sight.lacking))
 
 
-def branch(arm: ThreeParallel, theta: FloatArray) -> NDArray[np.int64]:
-    """The branch of theta (..., 6)."""
-    flags = 4 * (_measure_ahead(arm, theta) < 0)
-    flags = flags + 2 * (np.sin(theta[..., 2]) < 0) + (np.sin(theta[..., 4]) < 0)
-    return np.asarray(flags, dtype=np.int64)
-
-
-def singularities(arm: ThreeParallel, theta: FloatArray) -> FloatArray:
+def measure_singularities(arm: ThreeParallel, theta: FloatArray) -> FloatArray:
     """Distances of theta (..., 6) from the three singularities, rad (..., 3).
 
     They are the wrist beside axis 1, the elbow straight or folded, and axes 4 and 6 parallel.

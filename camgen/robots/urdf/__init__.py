@@ -1,4 +1,4 @@
-"""An arm from a URDF file: ``cell.robot = "arm.urdf"``."""
+"""Makes a robot from a URDF file: `cell.robot = "arm.urdf"`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 from msgspec.structs import replace
-from numpy.typing import NDArray
 
 from camgen.model.errors import InputError
 from camgen.model.limits import tell
@@ -20,64 +19,66 @@ from camgen.model.tolerance import PARALLEL_EDGES
 from camgen.read.files import Files
 from camgen.robots.kinematics.arms import recognise
 from camgen.robots.kinematics.forward import frames, jacobian
-from camgen.robots.kinematics.joint_limits import turns
+from camgen.robots.kinematics.joint_limits import list_turn_counts
 from camgen.robots.models import Box, Link, Robot, Surface, Trust
-from camgen.robots.urdf.boxes import Shapes, is_own_hull, place_points, shapes_of
-from camgen.robots.urdf.chain import JointChain, chain_of, limits_of
+from camgen.robots.urdf.boxes import Shapes, is_own_hull, place_points, read_shapes
+from camgen.robots.urdf.chain import JointChain, find_limits, make_chain
 from camgen.robots.urdf.xml import Description, read_description
 
-#: mm by which boxes are grown, as those of the built-in robots.
+#: mm by which boxes are grown, the same as for built-in robots.
 _PAD = 5.0
-#: Sum of the lengths of all links, mm. The longest industrial arms reach 5 m.
+#: Maximum sum of the lengths of all links, mm. The longest industrial arms reach 5 m.
 _LONGEST_MM = 20_000.0
 #: mm: an upper arm that leans by no more is upright.
 _STRAIGHT_MM = 1e-3
-#: Whole turns of all joints together that are looked at: seven joints of +-360 deg have 3 to the power of 7.
+#: Maximum number of combinations of turn counts. Seven joints of +-360 deg have 3 ** 7.
 _TURNS = 2187
-#: rad: joints are bent by so much for a home where the arm is not stretched. Least singular value that is enough there.
-_BEND, _CLEAR_OF_SINGULAR = math.radians(30), 0.05
+#: rad by which joints are bent for a home in which the arm is not stretched.
+_BEND = math.radians(30)
+#: Smallest singular value of the Jacobian that is enough at home.
+_MIN_SINGULAR_VALUE = 0.05
 
 
 def read_urdf(file: str, tip: str, files: Files) -> Robot:
-    """The arm that the URDF ``file`` describes, from its base to the link ``tip``, "": to its flange.
+    """The arm that a URDF file describes, from its base to a tip.
 
-    InputError with the link or joint that is wrong, or that camgen cannot move.
+    tip: name of the link at the tip; empty for the flange.
+
+    Raises InputError with the link or joint that is wrong, or that camgen cannot move.
     """
     described = read_description(Path(file), files)
-    chain = chain_of(described, tip)
-    most = files.limits.urdf_joints
-    if len(chain.joints) > most:
-        what = f"has {len(chain.joints)} joints between {chain.base} and {chain.tip}, {tell(most)} at most"
+    chain = make_chain(described, tip)
+    count, limit = len(chain.joints), files.limits.urdf_joints
+    if count > limit:
+        what = f"has {count} joints between {chain.base} and {chain.tip}, {tell(limit)} at most"
         raise InputError(
             file, what, remedy="name a nearer tip, FILE.urdf#LINK, or raise limits.urdf_joints"
         )
-    _insist_on_metres(file, chain)
-    links, notes = _links(described, chain, files)
-    arm = _bare(described, chain, links, notes)
-    if len(turns(arm)) > _TURNS:
+    _check_metres(file, chain)
+    links, notes = _make_links(described, chain, files)
+    arm = _make_robot(described, chain, links, notes)
+    if len(list_turn_counts(arm)) > _TURNS:
         remedy = "narrow the limits of some: half of what is stated is enough for most paths"
         raise InputError(file, "its joints can make too many whole turns", "limits", remedy)
-    arm = replace(arm, home=_home(arm))
-    return (
-        replace(arm, maker=_ABB, controller=_RAPID, notes=(*arm.notes, _ABB_NOTE))
-        if _is_abb(arm)
-        else arm
-    )
+    arm = replace(arm, home=_find_home(arm))
+    if _is_abb(arm):
+        return replace(arm, maker=_ABB, controller=_RAPID, notes=(*arm.notes, _ABB_NOTE))
+    return arm
 
 
 _ABB, _RAPID = "ABB", "IRC5 (RAPID)"
 _ABB_NOTE = "its name and axes are those of an ABB arm: confdata count by its joint values"
-#: The names of ABB's arms at ROS-Industrial and elsewhere. Arms with a parallel rod are left out:
-#: their controller has another joint 3.
+#: Names of arms of ABB at ROS-Industrial and elsewhere. Arms with a parallel rod are left out,
+#: because their controller has another joint 3.
 _ABB_NAME = re.compile(
     r"(?:abb[ _-]?)?irb[ _-]?(?!1400|1410|2400|4400|640|660|760)\d", re.IGNORECASE
 )
-#: The axes of ABB's serial arms at zero, upper arm upright, in the frame of the base.
+#: Axes of serial arms of ABB at zero, with the upper arm upright, in the frame of the base.
 _ABB_AXES = ((0, 0, 1), (0, 1, 0), (0, 1, 0), (1, 0, 0), (0, 1, 0), (1, 0, 0))
 
 
 def _is_abb(robot: Robot) -> bool:
-    """Whether the name is an ABB arm's, and zeros and signs of its joints are the controller's."""
+    """Whether the name is that of an ABB arm, with the zeros and signs of its controller."""
     if len(robot.joints) != len(_ABB_AXES) or not _ABB_NAME.match(robot.name):
         return False
     rotations, origins = (table[0] for table in frames(robot, np.zeros((1, len(_ABB_AXES)))))
@@ -91,8 +92,8 @@ def _is_abb(robot: Robot) -> bool:
     return bool(np.hypot(*upright[:2]) < _STRAIGHT_MM and upright[2] > 0 and ahead[0] > 0)
 
 
-def _insist_on_metres(file: str, chain: JointChain) -> None:
-    """InputError for an arm whose links are longer than those of any arm: URDF has metres."""
+def _check_metres(file: str, chain: JointChain) -> None:
+    """Raise InputError if links are longer than those of any arm: lengths in URDF are in m."""
     shifts = [*(joint.previous_from_joint for joint in chain.joints), chain.flange]
     length = sum(math.hypot(*shift.origin) for shift in shifts)
     if length > _LONGEST_MM:
@@ -100,10 +101,10 @@ def _insist_on_metres(file: str, chain: JointChain) -> None:
         raise InputError(file, what, "origin", "divide its lengths by 1000")
 
 
-def _links(
+def _make_links(
     described: Description, chain: JointChain, files: Files
 ) -> tuple[tuple[Link, ...], list[str]]:
-    """What moves together, with its boxes, and notes on what has none."""
+    """The links of the chain with their shapes, and notes on missing shapes."""
     links: list[Link] = []
     notes: list[str] = []
     names = [chain.base, *(joint.child for joint in chain.raw)]
@@ -111,9 +112,9 @@ def _links(
         boxes: list[Box] = []
         surfaces: list[Surface] = []
         unread: list[str] = []
-        whole = True
+        is_whole = True
         for part, body_from_part in body.items():
-            shapes = _shapes(described, part, files)
+            shapes = _choose_shapes(described, part, files)
             boxes += [Box(body_from_part @ box.link_from_box, box.half) for box in shapes.boxes()]
             surfaces += [
                 Surface(place_points(body_from_part, surface.vertices), surface.faces)
@@ -121,39 +122,39 @@ def _links(
             ]
             unread += shapes.unread
             notes += shapes.notes
-            whole = whole and shapes.whole
-        # Meshes that leave a shape out would be a link with a gap.
-        links.append(Link(name, tuple(boxes), tuple(surfaces) if whole else (), tuple(unread)))
+            is_whole = is_whole and shapes.whole
+        # Without one of its shapes the meshes of a link would have a gap.
+        links.append(Link(name, tuple(boxes), tuple(surfaces) if is_whole else (), tuple(unread)))
     return tuple(links), notes
 
 
-def _shapes(described: Description, part: str, files: Files) -> Shapes:
-    """The shapes of a link for collisions.
+def _choose_shapes(described: Description, part: str, files: Files) -> Shapes:
+    """The shapes of a link for collision tests.
 
-    A convex one is often the hull of its link, which fills the fork of a wrist. Then the visible
-    shapes count, if all of them can be read.
+    A convex shape is often the hull of its link, which fills the fork of a wrist. Then the visible
+    shapes are used, if all of them can be read.
     """
     folder = Path(described.file).parent
-    shapes = shapes_of(part, described.links[part], folder, files)
+    shapes = read_shapes(part, described.links[part], folder, files)
     visible = described.visible[part]
     if visible and visible != described.links[part] and any(map(is_own_hull, shapes.surfaces)):
-        visible_shapes = shapes_of(part, visible, folder, files)
+        visible_shapes = read_shapes(part, visible, folder, files)
         if not visible_shapes.notes:
             return visible_shapes
     return shapes
 
 
-def _bare(
+def _make_robot(
     described: Description, chain: JointChain, links: tuple[Link, ...], notes: list[str]
 ) -> Robot:
     """The robot, its home at the middle of the limits."""
-    limits = frozen([limits_of(joint) for joint in chain.raw])
+    limits = frozen([find_limits(joint) for joint in chain.raw])
     count = len(chain.joints)
-    said = [*chain.notes, *notes]
+    all_notes = [*chain.notes, *notes]
     if described.rounded:
-        one = "angle was taken as the multiple of 90 deg that it is rounded from"
-        many = "angles were taken as the multiples of 90 deg that they are rounded from"
-        said.append(counted(described.rounded, one, many))
+        singular = "angle was taken as the multiple of 90 deg that it is rounded from"
+        plural = "angles were taken as the multiples of 90 deg that they are rounded from"
+        all_notes.append(counted(described.rounded, singular, plural))
     return Robot(
         name=described.name,
         maker="",
@@ -170,37 +171,36 @@ def _bare(
         pad=_PAD,
         home=frozen(limits.mean(axis=1)),
         trust=Trust("uncertain", "uncertain", "uncertain", "uncertain"),
-        notes=tuple(said),
+        notes=tuple(all_notes),
         sources=(Path(described.file).name,),
         arm=recognise(chain.joints, chain.flange),
     )
 
 
-def _home(robot: Robot) -> FloatArray:
-    """Where the arm is not stretched: joints at 0, or amid limits that 0 is not within, if that will do; else with the
-    fewest joints bent by 30 deg.
+def _find_home(robot: Robot) -> FloatArray:
+    """Joint values (J,) at which the arm is not stretched.
+
+    They are 0, or the middle of limits that do not contain 0, if that is far enough from
+    singularities. Otherwise as few joints as possible are bent by 30 deg.
     """
     low, high = robot.limits.T
-    turning = np.array([not joint.sliding for joint in robot.joints])
-    rest = np.where((low < 0) & (high > 0) & turning, 0.0, (low + high) / 2)
-    best, clear = rest, -1.0
-    for bent in range(min(int(turning.sum()), 2) + 1):
-        every = np.array(
-            [_bend(rest, joints) for joints in _sign(np.flatnonzero(turning).tolist(), bent)]
-        )
-        every = every[((low <= every) & (every <= high)).all(axis=1)]
-        clears = _clearness(robot, every, turning).round(
-            9
-        )  # of two bends that do as well, the first
-        if clears.max(initial=-1.0) > clear:
-            best, clear = every[clears.argmax()], float(clears.max())
-        if clear >= _CLEAR_OF_SINGULAR:
+    rest = np.where((low < 0) & (high > 0) & robot.revolute, 0.0, (low + high) / 2)
+    best, best_value = rest, -1.0
+    for count in range(min(int(robot.revolute.sum()), 2) + 1):
+        bends = _list_bends(np.flatnonzero(robot.revolute).tolist(), count)
+        homes = np.array([_bend(rest, joints) for joints in bends])
+        homes = homes[((low <= homes) & (homes <= high)).all(axis=1)]
+        # The first of equal values is chosen.
+        values = _measure_singular_values(robot, homes).round(9)
+        if values.max(initial=-1.0) > best_value:
+            best, best_value = homes[values.argmax()], float(values.max())
+        if best_value >= _MIN_SINGULAR_VALUE:
             break
     return frozen(best)
 
 
-def _sign(joints: list[int], count: int) -> Iterator[tuple[tuple[int, int], ...]]:
-    """Each choice of ``count`` joints, each with a sign."""
+def _list_bends(joints: list[int], count: int) -> Iterator[tuple[tuple[int, int], ...]]:
+    """Each choice of `count` joints with each combination of signs."""
     for chosen in itertools.combinations(joints, count):
         for signs in itertools.product((1, -1), repeat=count):
             yield tuple(zip(chosen, signs, strict=True))
@@ -213,9 +213,12 @@ def _bend(rest: FloatArray, joints: tuple[tuple[int, int], ...]) -> FloatArray:
     return values
 
 
-def _clearness(robot: Robot, joints: FloatArray, turning: NDArray[np.bool_]) -> FloatArray:
-    """The least singular values (N,) of the Jacobian; a slide counts as a joint at the arm's mean lever."""
+def _measure_singular_values(robot: Robot, joints: FloatArray) -> FloatArray:
+    """The smallest singular value of the Jacobian at joint values (N, J), (N,).
+
+    Lengths are divided by the mean lever of the arm, also those of slides.
+    """
     moved, _, _ = jacobian(robot, joints)
     moved[:, :3] /= robot.lever
-    moved[:, :, ~turning] *= robot.lever
+    moved[:, :, ~robot.revolute] *= robot.lever
     return np.asarray(np.linalg.svd(moved, compute_uv=False)[:, -1])

@@ -17,22 +17,21 @@ from camgen.read.files import Files
 from camgen.read.solid.mesh_file import read_mesh
 from camgen.robots.models import Box, Surface
 from camgen.robots.urdf.dae import read_dae
-from camgen.robots.urdf.xml import UrdfShape, mesh_path
+from camgen.robots.urdf.xml import UrdfShape, find_mesh
 
-#: A mesh is looked at in so many slices along each axis, and becomes so many cuboids at most.
-_SLICES, _MOST_CUBOIDS = 16, 3
-#: More cuboids, or turned ones, have to be smaller than the upright one by at least this factor.
+#: Slices of a mesh along each axis, and maximum number of cuboids around it.
+_SLICES, _MAX_CUBOIDS = 16, 3
+#: Further cuboids, and turned ones, must be smaller than the upright one by at least this factor.
 _WORTH_FACTOR = 0.85
-#: mm: no vertex of a convex mesh is farther on the outer side of a face. Files round.
+#: mm: rounding of files. A vertex of a convex mesh is beyond a face by at most this.
 _HULL_MM = 0.5
-#: Planes that are compared with all vertices together, and how many are first.
+#: Planes that are compared with all vertices together, and number of planes that are tested first.
 _PLANES, _FIRST_PLANES = 256, 16
-#: mm: the least half edge of a cuboid, for meshes that are flat.
+#: mm: smallest half edge of a cuboid, for flat meshes.
 _THIN = 0.01
-#: Of the radius: two cuboids, one as wide as a circle and this high, the other the other way round, hold the circle.
+#: Two crossed cuboids that are as wide as a circle, and this fraction of it high, together hold the
+#: circle.
 _CROSS = math.sqrt(0.5)
-
-
 #: Vertices (V, 3), mm, and faces (F, 3).
 _Triangles = tuple[FloatArray, IntArray]
 
@@ -54,7 +53,7 @@ class Shapes(Struct, frozen=True):
 
     @property
     def whole(self) -> bool:
-        """Whether the meshes are all of the link."""
+        """Whether the meshes are all shapes of the link."""
         return not self.unread and len(self.surfaces) == len(self.parts)
 
     def boxes(self) -> list[Box]:
@@ -62,27 +61,28 @@ class Shapes(Struct, frozen=True):
         boxes: list[Box] = []
         for shape, triangles in self.parts:
             if triangles is None:
-                boxes += _simple(shape)
+                boxes += _enclose_shape(shape)
             else:
                 place = shape.link_from_shape
-                boxes += [Box(place @ box.link_from_box, box.half) for box in around(*triangles)]
+                boxes += [
+                    Box(place @ box.link_from_box, box.half) for box in enclose_mesh(*triangles)
+                ]
         return boxes
 
 
-def shapes_of(link: str, shapes: tuple[UrdfShape, ...], folder: Path, files: Files) -> Shapes:
-    """What the URDF in ``folder`` says of the shapes of a link."""
+def read_shapes(link: str, shapes: tuple[UrdfShape, ...], folder: Path, files: Files) -> Shapes:
+    """The shapes of a link. folder: folder of the URDF."""
     parts: list[tuple[UrdfShape, _Triangles | None]] = []
     surfaces, unread, notes = [], [], []
     for shape in shapes:
         if shape.kind != "mesh":
             parts.append((shape, None))
             continue
-        path = mesh_path(shape.mesh, folder)
+        path = find_mesh(shape.mesh, folder)
         if path is None:
             unread.append(shape.mesh)
-            notes.append(
-                f"link {link} has no boxes of its mesh {shape.mesh}: there is no such file near the URDF"
-            )
+            what = f"link {link} has no boxes of its mesh {shape.mesh}"
+            notes.append(f"{what}: there is no such file near the URDF")
             continue
         try:
             vertices, faces = _read_mesh(path, files)
@@ -97,7 +97,7 @@ def shapes_of(link: str, shapes: tuple[UrdfShape, ...], folder: Path, files: Fil
 
 
 def place_points(pose: Pose, points: FloatArray) -> FloatArray:
-    """Points (N, 3) of a frame in that from which ``pose`` leads to it."""
+    """Points (N, 3) of a frame in the frame in which `pose` is its pose."""
     if not np.any(pose.origin) and np.array_equal(pose.rotation, IDENTITY):
         return frozen(points)
     return frozen(points @ pose.rotation.T + pose.origin)
@@ -120,28 +120,34 @@ def is_own_hull(surface: Surface) -> bool:
     length = np.linalg.norm(normals, axis=1)
     normals = normals[length > 0] / length[length > 0, None]
     level = (normals * corners[length > 0, 0]).sum(axis=1)
-    # If a mesh is not convex, a few faces here and there are mostly enough to know it.
+    # A few faces are mostly enough to find that a mesh is not convex.
     first = np.arange(0, len(normals), max(len(normals) // _FIRST_PLANES, 1))
-    if _part_vertices(surface.vertices, normals[first], level[first]):
+    if _separate_vertices(surface.vertices, normals[first], level[first]):
         return False
     vertices = np.unique(surface.vertices, axis=0)
-    begins = range(0, len(normals), _PLANES)
-    planes = [slice(begin, begin + _PLANES) for begin in begins]
-    return not any(_part_vertices(vertices, normals[rows], level[rows]) for rows in planes)
+    for begin in range(0, len(normals), _PLANES):
+        rows = slice(begin, begin + _PLANES)
+        if _separate_vertices(vertices, normals[rows], level[rows]):
+            return False
+    return True
 
 
-def _part_vertices(vertices: FloatArray, normals: FloatArray, level: FloatArray) -> bool:
-    """Whether any of the planes has some of the vertices (V, 3) on either side.
+def _separate_vertices(vertices: FloatArray, normals: FloatArray, level: FloatArray) -> bool:
+    """Whether vertices (V, 3) are on both sides of any of F planes.
 
-    normals, level: unit vectors (F, 3), and how far the planes are along them, mm (F,).
+    normals: (F, 3) unit vectors.
+    level: (F,) distances of the planes along these, mm.
     """
     height = normals @ vertices.T
     is_above = height.max(axis=1) - level > _HULL_MM
     return bool((is_above & (height.min(axis=1) - level < -_HULL_MM)).any())
 
 
-def _simple(shape: UrdfShape) -> list[Box]:
-    """The cuboid around a box or a sphere; two around a cylinder, crosswise, which leaves its corners out."""
+def _enclose_shape(shape: UrdfShape) -> list[Box]:
+    """The cuboid around a box or a sphere, or two crossed ones around a cylinder.
+
+    The corners of the square around the cylinder are in neither of these.
+    """
     a, b, c = (size / 2 for size in shape.size)
     if shape.kind != "cylinder":
         return [Box(shape.link_from_shape, (a, b, c))]
@@ -151,8 +157,11 @@ def _simple(shape: UrdfShape) -> list[Box]:
     ]
 
 
-def around(vertices: FloatArray, faces: IntArray) -> list[Box]:
-    """Cuboids that together hold a mesh of ``vertices`` (V, 3), mm: one, upright or turned, or up to three upright."""
+def enclose_mesh(vertices: FloatArray, faces: IntArray) -> list[Box]:
+    """Cuboids that together hold a mesh of `vertices` (V, 3), mm, and `faces` (F, 3).
+
+    It is one cuboid, upright or turned, or up to three upright ones.
+    """
     used = np.zeros(len(vertices), dtype=np.bool_)
     used[faces] = True
     points, sides = vertices[used], faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
@@ -170,7 +179,7 @@ def _volume(boxes: list[Box]) -> float:
 
 
 def _upright(low: FloatArray, high: FloatArray, rotation: FloatArray = IDENTITY) -> Box:
-    """The cuboid from ``low`` to ``high``, both in a frame with this rotation."""
+    """The cuboid from `low` to `high`, in a frame with this rotation."""
     centre = to_vec3(rotation @ ((low + high) / 2))
     return Box(Pose(rotation, centre), to_vec3(np.maximum((high - low) / 2, _THIN)))
 
@@ -179,32 +188,34 @@ def _box_along_axes(points: FloatArray) -> Box:
     """The cuboid along the principal axes of the points."""
     _, _, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
     rotation = frozen(np.column_stack([axes[0], axes[1], np.cross(axes[0], axes[1])]))
-    own = points @ rotation
-    return _upright(own.min(axis=0), own.max(axis=0), rotation)
+    turned = points @ rotation
+    return _upright(turned.min(axis=0), turned.max(axis=0), rotation)
 
 
 def _slice(points: FloatArray, vertices: FloatArray, sides: IntArray, axis: int) -> list[Box]:
-    """Up to three cuboids, one behind the other along ``axis``, around triangles.
+    """Up to three cuboids around triangles, one after the other along `axis`.
 
-    points: (P, 3) their corners.
-    sides: (S, 2) numbers of ``vertices`` (V, 3) at the ends of their sides.
+    points: (P, 3) corners of the triangles.
+    vertices: (V, 3) vertices of the mesh.
+    sides: (S, 2) indices of vertices at the ends of the sides of the triangles.
     """
     low, high = _slices(points, vertices, sides, axis)
     kept = np.isfinite(low[:, 0])
     low, high = low[kept], high[kept]
     count = len(low)
-    sizes = np.full((count, count + 1), np.inf)  # of the cuboid around slices from a to below b
+    # sizes[a, b] is the volume of the cuboid around the slices from a up to b - 1.
+    sizes = np.full((count, count + 1), np.inf)
     for a in range(count):
         edges = np.maximum.accumulate(high[a:], axis=0) - np.minimum.accumulate(low[a:], axis=0)
         sizes[a, a + 1 :] = np.maximum(edges, 2 * _THIN).prod(axis=1)
-    best, least = [0, count], float(sizes[0, count])
-    for more in range(1, min(_MOST_CUBOIDS, count)):
-        least *= _WORTH_FACTOR
-        for cuts in itertools.combinations(range(1, count), more):
+    best, smallest = [0, count], float(sizes[0, count])
+    for cut_count in range(1, min(_MAX_CUBOIDS, count)):
+        smallest *= _WORTH_FACTOR
+        for cuts in itertools.combinations(range(1, count), cut_count):
             ends = [0, *cuts, count]
             size = sum(float(sizes[a, b]) for a, b in itertools.pairwise(ends))
-            if size < least:
-                best, least = ends, size
+            if size < smallest:
+                best, smallest = ends, size
     return [
         _upright(low[a:b].min(axis=0), high[a:b].max(axis=0)) for a, b in itertools.pairwise(best)
     ]
@@ -213,10 +224,10 @@ def _slice(points: FloatArray, vertices: FloatArray, sides: IntArray, axis: int)
 def _slices(
     points: FloatArray, vertices: FloatArray, sides: IntArray, axis: int
 ) -> tuple[FloatArray, FloatArray]:
-    """The least and the greatest coordinates (S, 3) of triangles in each slice across ``axis``.
+    """The smallest and largest coordinates (S, 3) of triangles in each slice across `axis`.
 
     They are infinite in an empty slice. A side that passes a plane between two slices touches both
-    there. The arguments are those of ``_slice``.
+    there. The arguments are those of `_slice`.
     """
     along = vertices[:, axis]
     planes = np.linspace(points[:, axis].min(), points[:, axis].max(), _SLICES + 1)
@@ -233,17 +244,17 @@ def _slices(
     owner = owners(counts)
     number = first[begin[side]][owner] + ramp(counts)
     start, end, plane = vertices[a[side]][owner], vertices[b[side]][owner], planes[1 + number]
-    share = (plane - start[:, axis]) / (end[:, axis] - start[:, axis])
-    crossing = start + (end - start) * share[:, None]
+    fraction = (plane - start[:, axis]) / (end[:, axis] - start[:, axis])
+    crossing = start + (end - start) * fraction[:, None]
     crossing[:, axis] = plane
     slices = np.concatenate([np.clip(inside, 0, _SLICES - 1), number, number + 1])
     return _measure_extents(np.concatenate([points, crossing, crossing]), slices)
 
 
 def _measure_extents(points: FloatArray, slices: IntArray) -> tuple[FloatArray, FloatArray]:
-    """The least and the greatest coordinates (S, 3) of points (N, 3) in each slice."""
+    """The smallest and largest coordinates (S, 3) of points (N, 3) in each slice."""
     low, high = np.full((_SLICES, 3), np.inf), np.full((_SLICES, 3), -np.inf)
-    # Numbers of one byte are sorted by counting.
+    # NumPy sorts numbers of one byte by counting, which is faster.
     order = np.argsort(slices.astype(np.int8), kind="stable")
     points, slices = points[order], slices[order]
     firsts = run_starts(slices)

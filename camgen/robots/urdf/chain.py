@@ -1,4 +1,7 @@
-"""From the tree of a URDF to the chain that camgen moves: from the robot's base to one tip, fixed joints folded in."""
+"""Makes the chain that camgen moves from the tree of a URDF.
+
+It leads from the base of the robot to one tip. Fixed joints become part of the links.
+"""
 
 from __future__ import annotations
 
@@ -12,20 +15,27 @@ from camgen.model.text import short
 from camgen.robots.chain import Joint
 from camgen.robots.urdf.xml import Description, RawJoint
 
-#: Names of the frame at the flange, as ROS-Industrial and others have them, the best first: by their last words.
+#: Last words of names of the frame at the flange in files of ROS-Industrial and others, best first.
 _TIPS = (("tool0",), ("flange",), ("ee", "link"), ("ee",), ("end", "effector"))
-#: ROS's REP 199: a link of this name is the frame that the controller calls its base.
+#: Name of the link that is the base frame of the controller (ROS, REP 199).
 _BASE = "base"
-#: rad: a joint without limits is taken to turn so far to either side.
+#: rad: limit that is assumed on either side for a joint without limits.
 _CONTINUOUS = math.tau
-#: rad: limits beyond this are no limits.
+#: rad: limits beyond this are invalid.
 _NO_LIMIT_RAD = 4 * math.tau
-_HERE = translation(0.0, 0.0, 0.0)
+_NO_SHIFT = translation(0.0, 0.0, 0.0)
 
 
 class JointChain(Struct, frozen=True, eq=False):
-    """joints: of the chain. raw: the same as described. flange: last_joint_from_flange. base, tip: names of links.
-    bodies: for the base and each joint the links that move with it, and where: body_from_link. notes: what was assumed.
+    """The chain from the base to the tip.
+
+    joints: joints that move, in order.
+    raw: these joints as described.
+    flange: last_joint_from_flange.
+    base, tip: names of links.
+    bodies: body_from_link by the name of the link: first links that move with the base, then links
+        that move with each joint.
+    notes: assumptions, as texts.
     """
 
     joints: tuple[Joint, ...]
@@ -37,139 +47,145 @@ class JointChain(Struct, frozen=True, eq=False):
     notes: tuple[str, ...]
 
 
-def chain_of(of: Description, tip: str) -> JointChain:
-    """The chain to the link ``tip``, or to the flange where it is "". InputError for what is no single tree of links,
-    and for a chain with joints that an arm does not have.
+def make_chain(description: Description, tip: str) -> JointChain:
+    """The chain to the link `tip`, or to the flange if it is empty.
+
+    Raises InputError if the links are not a single tree, or if the chain has joints that an arm
+    does not have.
     """
-    above = _above(of)
-    root = _root(of, above)
-    tip, notes = (_name_tip(of, tip), []) if tip else _find(of, _depths(of, root), root)
-    way = _way(above, tip)
-    moving = [joint for joint in way if joint.type != "fixed"]
+    joint_above = _find_joints_above(description)
+    root = _find_root(description, joint_above)
+    notes: list[str] = []
+    if tip:
+        _check_tip(description, tip)
+    else:
+        tip, notes = _find_tip(description, _count_joints(description, root), root)
+    moving = [joint for joint in _list_joints(joint_above, tip) if joint.type != "fixed"]
     if not moving:
         raise InputError(
-            of.file,
+            description.file,
             f"nothing moves between {root} and {tip}",
             remedy="name another tip: FILE.urdf#LINK",
         )
     for joint in moving:
-        _check(of, joint)
-    bodies, left = _bodies(of, root, moving)
+        _check_joint(description.file, joint)
+    bodies, loose = _find_bodies(description, root, moving)
     base = _BASE if _BASE in bodies[0] else root
     base_from_root = bodies[0][base].inverse()
-    bodies = (_rebase(bodies[0], base_from_root), *bodies[1:])
+    rebased = {name: base_from_root @ place for name, place in bodies[0].items()}
+    bodies = (rebased, *bodies[1:])
     joints = _fold(moving, bodies)
-    notes += [
-        f"{joint.name} has no limits: -360 to 360 deg are taken"
-        for joint in moving
-        if joint.type == "continuous"
-    ]
-    notes += [f"{name} moves by itself: it is left out" for name in left]
+    for joint in moving:
+        if joint.type == "continuous":
+            notes.append(f"{joint.name} has no limits: -360 to 360 deg are taken")
+    notes += [f"{name} moves by itself: it is left out" for name in loose]
     return JointChain(joints, tuple(moving), bodies[-1][tip], base, tip, bodies, tuple(notes))
 
 
-def limits_of(joint: RawJoint) -> tuple[float, float]:
-    """Rad or mm."""
+def find_limits(joint: RawJoint) -> tuple[float, float]:
+    """The limits of a joint, rad or mm."""
     if joint.type == "continuous":
         return -_CONTINUOUS, _CONTINUOUS
     return joint.limit.lower or 0.0, joint.limit.upper or 0.0
 
 
-def _above(of: Description) -> dict[str, RawJoint]:
-    """For each link the joint that carries it."""
-    above: dict[str, RawJoint] = {}
-    for joint in of.joints:
-        if joint.child in above:
-            where = f"joints {above[joint.child].name} and {joint.name}"
+def _find_joints_above(description: Description) -> dict[str, RawJoint]:
+    """The joint that carries each link, by the name of the link."""
+    joint_above: dict[str, RawJoint] = {}
+    for joint in description.joints:
+        if joint.child in joint_above:
             raise InputError(
-                of.file,
+                description.file,
                 f"link {joint.child} hangs on two joints",
-                where,
+                f"joints {joint_above[joint.child].name} and {joint.name}",
                 "camgen moves chains, no loops",
             )
-        above[joint.child] = joint
-    return above
+        joint_above[joint.child] = joint
+    return joint_above
 
 
-def _root(of: Description, above: dict[str, RawJoint]) -> str:
+def _find_root(description: Description, joint_above: dict[str, RawJoint]) -> str:
     """The one link that no joint carries, from which all others are reached."""
-    roots = [name for name in of.links if name not in above]
-    if not of.links:
-        raise InputError(of.file, "has no links")
+    roots = [name for name in description.links if name not in joint_above]
+    if not description.links:
+        raise InputError(description.file, "has no links")
     if len(roots) > 1:
         raise InputError(
-            of.file,
+            description.file,
             f"has {len(roots)} roots: {_list(roots)}",
             remedy="join them, or remove what is loose",
         )
     root = roots[0] if roots else ""
-    depths = _depths(of, root)
-    rest = [name for name in of.links if name not in depths]
+    reached = _count_joints(description, root)
+    rest = [name for name in description.links if name not in reached]
     if rest:
         raise InputError(
-            of.file,
+            description.file,
             f"links hang on each other in a loop: {_list(rest)}",
             remedy="camgen moves chains",
         )
     return root
 
 
-def _depths(of: Description, root: str) -> dict[str, int]:
-    """For each link the number of joints that move it; root: where to begin."""
-    below = _below(of)
-    depths, todo = {root: 0}, [root] if root else []
-    while todo:
-        for joint in below.get(name := todo.pop(), []):
-            depths[joint.child] = depths[name] + (joint.type != "fixed")
-            todo.append(joint.child)
-    return depths
+def _count_joints(description: Description, root: str) -> dict[str, int]:
+    """The number of joints that move each link that is reached from `root`, by its name."""
+    below = _find_joints_below(description)
+    counts, pending = {root: 0}, [root] if root else []
+    while pending:
+        for joint in below.get(name := pending.pop(), []):
+            counts[joint.child] = counts[name] + (joint.type != "fixed")
+            pending.append(joint.child)
+    return counts
 
 
-def _below(of: Description) -> dict[str, list[RawJoint]]:
-    """For each link the joints that it carries."""
+def _find_joints_below(description: Description) -> dict[str, list[RawJoint]]:
+    """The joints that each link carries, by the name of the link."""
     below: dict[str, list[RawJoint]] = {}
-    for joint in of.joints:
+    for joint in description.joints:
         below.setdefault(joint.parent, []).append(joint)
     return below
 
 
-def _way(above: dict[str, RawJoint], tip: str) -> list[RawJoint]:
-    """The joints from the root to ``tip``."""
-    way: list[RawJoint] = []
-    while tip in above:
-        way.append(above[tip])
-        tip = above[tip].parent
-    return way[::-1]
+def _list_joints(joint_above: dict[str, RawJoint], tip: str) -> list[RawJoint]:
+    joints: list[RawJoint] = []
+    while tip in joint_above:
+        joints.append(joint_above[tip])
+        tip = joint_above[tip].parent
+    return joints[::-1]
 
 
-def _name_tip(of: Description, tip: str) -> str:
-    if tip not in of.links:
+def _check_tip(description: Description, tip: str) -> None:
+    if tip not in description.links:
         raise InputError(
-            of.file, f"there is no link {tip}", remedy=f"there are {_list(list(of.links))}"
+            description.file,
+            f"there is no link {tip}",
+            remedy=f"there are {_list(list(description.links))}",
         )
-    return tip
 
 
-def _find(of: Description, depths: dict[str, int], root: str) -> tuple[str, list[str]]:
-    """The link at the end of the chain, and what has to be said about the choice."""
+def _find_tip(description: Description, counts: dict[str, int], root: str) -> tuple[str, list[str]]:
+    """The link at the flange, and notes on the choice. counts: joints that move each link."""
     for words in _TIPS:
-        named = [name for name in of.links if _words(name)[-len(words) :] == words]
+        named = [name for name in description.links if _words(name)[-len(words) :] == words]
         if named:
-            return _only(of, named), []
-    carrying = {joint.parent for joint in of.joints}
-    ends = [name for name in of.links if name not in carrying]
-    most = max(depths[name] for name in ends)
-    tip = _only(of, [name for name in ends if depths[name] == most])
+            return _check_single(description, named), []
+    carrying = {joint.parent for joint in description.joints}
+    ends = [name for name in description.links if name not in carrying]
+    largest = max(counts[name] for name in ends)
+    tip = _check_single(description, [name for name in ends if counts[name] == largest])
     others = [name for name in ends if name != tip]
-    return tip, [
-        f"the tip is {tip}, farthest from {root}" + (f", not {_list(others)}" if others else "")
-    ]
+    note = f"the tip is {tip}, farthest from {root}"
+    return tip, [f"{note}, not {_list(others)}" if others else note]
 
 
-def _only(of: Description, names: list[str]) -> str:
+def _check_single(description: Description, names: list[str]) -> str:
     if len(names) > 1:
-        what = f"it is not clear which link is the flange: {_list(names)}"
-        raise InputError(of.file, what, "cell.robot", "name it after the file: FILE.urdf#LINK")
+        raise InputError(
+            description.file,
+            f"it is not clear which link is the flange: {_list(names)}",
+            "cell.robot",
+            "name it after the file: FILE.urdf#LINK",
+        )
     return names[0]
 
 
@@ -177,69 +193,56 @@ def _words(name: str) -> tuple[str, ...]:
     return tuple(name.casefold().replace("-", "_").replace("/", "_").split("_"))
 
 
-def _check(of: Description, joint: RawJoint) -> None:
-    """InputError for a joint of the chain that cannot be moved or checked."""
-    where = f"joint {joint.name}"
+def _check_joint(file: str, joint: RawJoint) -> None:
+    """Raise InputError for a joint of the chain that cannot be moved or tested."""
+    where, lower, upper = f"joint {joint.name}", joint.limit.lower, joint.limit.upper
+    unit, limit_unit = ("m", "mm") if joint.sliding else ("rad", "rad")
     if joint.type in ("floating", "planar"):
-        raise InputError(
-            of.file,
-            f"a {joint.type} joint is none of an arm",
-            where,
-            "make it fixed, or name another tip",
-        )
+        remedy = "make it fixed, or name another tip"
+        raise InputError(file, f"a {joint.type} joint is none of an arm", where, remedy)
     if joint.follows:
-        what = f"it follows joint {joint.follows} (mimic)"
-        raise InputError(
-            of.file, what, where, "camgen moves each joint by itself: use a built-in robot"
-        )
+        remedy = "camgen moves each joint by itself: use a built-in robot"
+        raise InputError(file, f"it follows joint {joint.follows} (mimic)", where, remedy)
     if not (joint.limit.velocity or 0.0) > 0:
-        unit = "m/s" if joint.sliding else "rad/s"
-        raise InputError(
-            of.file, "it states no speed", where, f'give <limit velocity="..."/>, {unit}'
-        )
+        remedy = f'give <limit velocity="..."/>, {unit}/s'
+        raise InputError(file, "it states no speed", where, remedy)
     if joint.type == "continuous":
         return
-    lower, upper = joint.limit.lower, joint.limit.upper
-    unit = "m" if joint.sliding else "rad"
     if lower is None or upper is None:
-        raise InputError(
-            of.file, "it states no limits", where, f'give <limit lower="..." upper="..."/>, {unit}'
-        )
+        remedy = f'give <limit lower="..." upper="..."/>, {unit}'
+        raise InputError(file, "it states no limits", where, remedy)
     if not lower < upper:
-        what = f"its limits leave it no room: {short(lower, 4)} to {short(upper, 4)} {'mm' if joint.sliding else unit}"
-        raise InputError(of.file, what, where, 'mend them, or make it type="fixed"')
+        what = f"its limits leave it no room: {short(lower, 4)} to {short(upper, 4)} {limit_unit}"
+        raise InputError(file, what, where, 'mend them, or make it type="fixed"')
     if not joint.sliding and max(-lower, upper) > _NO_LIMIT_RAD:
-        raise InputError(
-            of.file, "its limits are more than four turns away", where, 'make it type="continuous"'
-        )
+        remedy = 'make it type="continuous"'
+        raise InputError(file, "its limits are more than four turns away", where, remedy)
 
 
-def _bodies(
-    of: Description, root: str, moving: list[RawJoint]
+def _find_bodies(
+    description: Description, root: str, moving: list[RawJoint]
 ) -> tuple[tuple[dict[str, Pose], ...], list[str]]:
-    """The links that stand, and those that move with each of the joints ``moving``: body_from_link by name; and the
-    links below other joints.
+    """The links of each body: body_from_link by the name of the link; and links of no body.
+
+    The first body stands, the others move with each of the joints `moving`. Links below other
+    joints are in no body.
     """
-    below = _below(of)
-    own = {joint.name for joint in moving}
-    bodies, left = [], []
+    below = _find_joints_below(description)
+    moving_names = {joint.name for joint in moving}
+    bodies, loose = [], []
     for start in (root, *(joint.child for joint in moving)):
-        body = {start: _HERE}
-        todo = [start]
-        while todo:
-            name = todo.pop()
+        body = {start: _NO_SHIFT}
+        pending = [start]
+        while pending:
+            name = pending.pop()
             for joint in below.get(name, []):
                 if joint.type == "fixed":
                     body[joint.child] = body[name] @ joint.parent_from_child
-                    todo.append(joint.child)
-                elif joint.name not in own:
-                    left.append(joint.child)
+                    pending.append(joint.child)
+                elif joint.name not in moving_names:
+                    loose.append(joint.child)
         bodies.append(body)
-    return tuple(bodies), left
-
-
-def _rebase(body: dict[str, Pose], new_from_old: Pose) -> dict[str, Pose]:
-    return {name: new_from_old @ place for name, place in body.items()}
+    return tuple(bodies), loose
 
 
 def _fold(moving: list[RawJoint], bodies: tuple[dict[str, Pose], ...]) -> tuple[Joint, ...]:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from xml.etree.ElementTree import Element, ParseError, XMLParser, fromstring
 
 import numpy as np
@@ -64,7 +64,7 @@ class _Document:
         self.by_id = {key: element for element in root.iter() if (key := element.get("id"))}
 
     def read(self) -> tuple[FloatArray, Triangles]:
-        """All that the scene shows."""
+        """Everything that the scene shows."""
         unit = self.root.find("asset/unit")
         metres = 1.0 if unit is None else float(unit.get("meter", "1"))
         scene = self.root.find("scene/instance_visual_scene")
@@ -82,7 +82,7 @@ class _Document:
         return corners, triangulate_polygons(corners, polygons)
 
     def named(self, element: Element, key: str) -> Element:
-        """The element that the attribute ``key`` of another names: "#id"."""
+        """The element that the attribute `key` of another names: "#id"."""
         return self.by_id[element.attrib[key].removeprefix("#")]
 
     def placed(
@@ -117,7 +117,7 @@ class _Document:
                 yield points, list(_by_corners(kind, polygons, rows))
 
     def points(self, vertices: Element) -> FloatArray:
-        """The positions (V, 3) of ``vertices``."""
+        """The positions (V, 3) of `vertices`."""
         position = _find_input(vertices.findall("input"), "POSITION")
         source = self.named(position, "source")
         accessor = source.find("technique_common/accessor")
@@ -171,10 +171,6 @@ def _integers(element: Element) -> IntArray:
             raise ValueError(str(error)) from error
 
 
-def _matrix(numbers: FloatArray) -> FloatArray:
-    return numbers.reshape(4, 4)
-
-
 def _translation(numbers: FloatArray) -> FloatArray:
     matrix = np.eye(4)
     matrix[:3, 3] = numbers
@@ -182,20 +178,17 @@ def _translation(numbers: FloatArray) -> FloatArray:
 
 
 def _rotation(numbers: FloatArray) -> FloatArray:
-    """About an axis x, y, z by an angle, deg."""
+    """The rotation about an axis x, y, z by an angle, deg: four numbers."""
     matrix = np.eye(4)
     axis = numbers[:3] / np.linalg.norm(numbers[:3])
     matrix[:3, :3] = rotation_about_axis(axis, math.radians(numbers[3]))
     return matrix
 
 
-def _scaling(numbers: FloatArray) -> FloatArray:
-    return np.diag([*numbers, 1.0])
-
-
-_TRANSFORMS = {
-    "matrix": _matrix,
+#: Matrices (4, 4) of the elements that transform a node.
+_TRANSFORMS: dict[str, Callable[[FloatArray], FloatArray]] = {
+    "matrix": lambda numbers: numbers.reshape(4, 4),
     "translate": _translation,
     "rotate": _rotation,
-    "scale": _scaling,
+    "scale": lambda numbers: np.diag([*numbers, 1.0]),
 }

@@ -1,7 +1,8 @@
-"""What a URDF file says: links, joints and shapes, in mm and rad, each checked by itself.
+"""Reads links, joints and shapes from a URDF file, in mm and rad, and checks each by itself.
 
-Source: the ROS wiki's pages urdf/XML/joint and urdf/XML/link. Materials, inertia, transmissions, dynamics, calibration
-and safety controllers do not say where an arm can go, and are not looked at.
+Source: the pages urdf/XML/joint and urdf/XML/link of the ROS wiki. Materials, inertia,
+transmissions, dynamics, calibration and safety controllers are not read, since they do not change
+the positions that an arm can reach.
 """
 
 from __future__ import annotations
@@ -21,29 +22,31 @@ from camgen.model.limits import tell
 from camgen.model.pose import Pose, Vec3, rotation_from_fixed_xyz
 from camgen.read.files import Files, reason
 
-# Numbers, places and names in the elements of a URDF, in mm and rad.
+# Numbers, poses and names in the elements of a URDF, in mm and rad.
 
 #: Lengths in m and angles in rad beyond this are damage.
 _DAMAGED_BEYOND = 1e4
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?", re.ASCII)
-#: rad: an angle no farther from a multiple of 90 deg than this, and than one of its last digit, is that multiple.
+#: rad: an angle that differs from a multiple of 90 deg by at most this, and by at most one unit of
+#: its last digit, is read as that multiple.
 _ROUNDED = 1e-3
+#: rad: change of an angle from which on it counts as replaced.
 _EXACT = 1e-9
-#: Letters of a name.
+#: Maximum number of letters of a name.
 _LONGEST = 500
 ZERO: Vec3 = (0.0, 0.0, 0.0)
 
 
 class UrdfError(Exception):
-    """An element that cannot be meant; whoever knows the file's name makes an InputError of it."""
+    """An invalid element. Functions that know the file raise it as InputError."""
 
     def __init__(self, what: str, where: str = "", remedy: str = "") -> None:
         super().__init__(what, where, remedy)
         self.what, self.where, self.remedy = what, where, remedy
 
 
-def name_of(element: Element, key: str, where: str = "") -> str:
-    """The attribute ``key``, which has to be there."""
+def read_name(element: Element, key: str, where: str = "") -> str:
+    """The attribute `key`, which must be stated."""
     value = element.get(key, "").strip()
     if not value:
         raise UrdfError(f"{element.tag} has no {key}", where, f'give it {key}="..."')
@@ -58,8 +61,8 @@ def name_of(element: Element, key: str, where: str = "") -> str:
     return value
 
 
-def number(text: str, where: str) -> float:
-    """A finite number of a size that lengths in m and angles in rad have."""
+def read_number(text: str, where: str) -> float:
+    """A finite number, not larger than lengths in m and angles in rad can be."""
     text = text.strip()
     if not _NUMBER.fullmatch(text):
         raise UrdfError(f'"{text[:40]}" is not a number', where)
@@ -69,46 +72,47 @@ def number(text: str, where: str) -> float:
     return value
 
 
-def optional(element: Element, key: str, where: str) -> float | None:
-    """The number ``key`` of an element, None where it is not stated."""
+def read_optional(element: Element, key: str, where: str) -> float | None:
+    """The number `key` of an element, None if it is not stated."""
     text = element.get(key)
-    return None if text is None else number(text, f"{where}, {key}")
+    return None if text is None else read_number(text, f"{where}, {key}")
 
 
-def three(element: Element | None, key: str, default: Vec3, where: str) -> Vec3:
-    """Three numbers ``key`` of an element, ``default`` where they are not stated."""
+def read_three(element: Element | None, key: str, default: Vec3, where: str) -> Vec3:
+    """Three numbers `key` of an element, `default` if they are not stated."""
     text = None if element is None else element.get(key)
     if text is None:
         return default
     words = text.split()
     if len(words) != 3:
         raise UrdfError(f"three numbers are needed, not {len(words)}", f"{where}, {key}")
-    x, y, z = (number(word, f"{where}, {key}") for word in words)
+    x, y, z = (read_number(word, f"{where}, {key}") for word in words)
     return (x, y, z)
 
 
-def place(element: Element, where: str) -> Pose:
-    """Where the ``origin`` in an element is, mm; the parent's frame where it has none."""
+def read_pose(element: Element, where: str) -> Pose:
+    """The pose `origin` of an element in the frame of its parent, mm; identity without it."""
     origin = element.find("origin")
-    x, y, z = three(origin, "xyz", ZERO, where)
-    three(origin, "rpy", ZERO, where)
-    roll, pitch, yaw = (_angle(word) for word in _angles(origin))
+    x, y, z = read_three(origin, "xyz", ZERO, where)
+    read_three(origin, "rpy", ZERO, where)
+    roll, pitch, yaw = map(_read_angle, _list_angles(origin))
     return Pose(rotation_from_fixed_xyz(roll, pitch, yaw), (1000 * x, 1000 * y, 1000 * z))
 
 
-def round_angles(element: Element) -> int:
-    """How many angles of its ``origin`` were taken as the multiples of 90 deg that they are rounded from."""
-    words = _angles(element.find("origin"))
-    return sum(abs(_angle(word) - float(word)) > _EXACT for word in words)
+def count_rounded_angles(element: Element) -> int:
+    """The number of angles of its `origin` that are read as multiples of 90 deg."""
+    words = _list_angles(element.find("origin"))
+    return sum(abs(_read_angle(word) - float(word)) > _EXACT for word in words)
 
 
-def _angles(origin: Element | None) -> list[str]:
+def _list_angles(origin: Element | None) -> list[str]:
     return ("0 0 0" if origin is None else origin.get("rpy", "0 0 0")).split()
 
 
-def _angle(text: str) -> float:
-    """The angle that ``text`` stands for: 1.5708 and 1.57 are 90 deg, 1.58 and 0.001 are what they are. With 0.0002 deg
-    between axes that are meant to be square no arm would be one that has a closed form.
+def _read_angle(text: str) -> float:
+    """The angle of a text, rad: 1.5708 and 1.57 are 90 deg, 1.58 and 0.001 are not changed.
+
+    With 0.0002 deg between axes that should be square, no arm would have a closed form.
     """
     value = float(text)
     quarters = round(value / (math.pi / 2))
@@ -120,9 +124,9 @@ def _angle(text: str) -> float:
     return whole if abs(value - whole) <= min(last, _ROUNDED) else value
 
 
-def direction(element: Element, where: str) -> Vec3:
-    """The ``axis`` in an element, of length 1; x where it has none."""
-    stated = three(element.find("axis"), "xyz", (1.0, 0.0, 0.0), f"{where}, axis")
+def read_direction(element: Element, where: str) -> Vec3:
+    """The `axis` of an element, of length 1; x without it."""
+    stated = read_three(element.find("axis"), "xyz", (1.0, 0.0, 0.0), f"{where}, axis")
     length = math.hypot(*stated)
     if length < 1e-6:
         raise UrdfError("the axis has no direction", where, "give axis xyz, of length 1")
@@ -135,7 +139,11 @@ _SHAPES = ("box", "cylinder", "sphere", "mesh")
 
 
 class Limit(Struct, frozen=True):
-    """As stated: lower and upper in rad or mm, velocity in rad/s or mm/s; None: not stated."""
+    """Limits of a joint; None for those that are not stated.
+
+    lower, upper: rad or mm.
+    velocity: rad/s or mm/s.
+    """
 
     lower: float | None = None
     upper: float | None = None
@@ -143,7 +151,14 @@ class Limit(Struct, frozen=True):
 
 
 class RawJoint(Struct, frozen=True, eq=False):
-    """A joint as described. parent_from_child: at 0. axis: of length 1. follows: the joint that it mimics, or ""."""
+    """A joint as described.
+
+    type: an element of `TYPES`.
+    parent, child: names of links.
+    parent_from_child: pose at value 0.
+    axis: direction of length 1.
+    follows: name of the joint that it mimics, or empty.
+    """
 
     name: str
     type: str
@@ -156,13 +171,16 @@ class RawJoint(Struct, frozen=True, eq=False):
 
     @property
     def sliding(self) -> bool:
-        """Whether it moves along its axis."""
+        """Whether the joint moves along its axis."""
         return self.type == "prismatic"
 
 
 class UrdfShape(Struct, frozen=True, eq=False):
-    """A solid of a link. kind: box, cylinder, sphere or mesh. size: edge lengths of the cuboid around it, mm; of a mesh
-    the scale that takes its numbers to m. mesh: the name of its file.
+    """A solid of a link.
+
+    kind: box, cylinder, sphere or mesh.
+    size: edge lengths of the cuboid around it, mm; for a mesh the factors from its numbers to m.
+    mesh: name of the file of a mesh.
     """
 
     kind: str
@@ -172,9 +190,14 @@ class UrdfShape(Struct, frozen=True, eq=False):
 
 
 class Description(Struct, frozen=True, eq=False):
-    """A whole file. links: their shapes by name, those for collisions, or those to be seen where there are no others.
-    visible: the visual shapes of each link.
-    rounded: number of angles that were replaced by the multiples of 90 deg they are rounded from.
+    """The content of a file.
+
+    file: path of the file.
+    name: name of the robot.
+    links: shapes for collisions of each link, or its visual shapes if it has no others.
+    visible: visual shapes of each link.
+    joints: joints in the order of the file.
+    rounded: number of angles that are read as multiples of 90 deg.
     """
 
     file: str
@@ -186,8 +209,8 @@ class Description(Struct, frozen=True, eq=False):
 
 
 def read_description(path: Path, files: Files) -> Description:
-    """The links and joints in the file ``path``. InputError with the element that is wrong."""
-    root = _parse(str(path), _content(path, files))
+    """The links and joints of a file. Raises InputError with the element that is wrong."""
+    root = _parse(str(path), _read_content(path, files))
     try:
         return _describe(path, root)
     except UrdfError as wrong:
@@ -198,30 +221,32 @@ def _describe(path: Path, root: Element) -> Description:
     links: dict[str, tuple[UrdfShape, ...]] = {}
     visible: dict[str, tuple[UrdfShape, ...]] = {}
     for element in root.findall("link"):
-        name = name_of(element, "name")
+        name = read_name(element, "name")
         if name in links:
             raise UrdfError(f"there are two links {name}", remedy="rename one")
-        visible[name] = tuple(_shape(body, f"link {name}") for body in element.findall("visual"))
+        visible[name] = tuple(
+            _read_shape(body, f"link {name}") for body in element.findall("visual")
+        )
         bodies = element.findall("collision")
-        links[name] = tuple(_shape(body, f"link {name}") for body in bodies) or visible[name]
+        links[name] = tuple(_read_shape(body, f"link {name}") for body in bodies) or visible[name]
     joints: dict[str, RawJoint] = {}
     for element in root.findall("joint"):
-        joint = _joint(element)
+        joint = _read_joint(element)
         if joint.name in joints:
             raise UrdfError(f"there are two joints {joint.name}", remedy="rename one")
         for end in (joint.parent, joint.child):
             if end not in links:
                 raise UrdfError(f"there is no link {end}", f"joint {joint.name}")
         joints[joint.name] = joint
-    rounded = sum(round_angles(element) for element in root.findall("joint"))
+    rounded = sum(count_rounded_angles(element) for element in root.findall("joint"))
     name = one_line(root.get("name", "").strip()[:60]) or path.stem
     return Description(str(path), name, links, visible, tuple(joints.values()), rounded)
 
 
-def _joint(element: Element) -> RawJoint:
-    name = name_of(element, "name")
+def _read_joint(element: Element) -> RawJoint:
+    name = read_name(element, "name")
     where = f"joint {name}"
-    kind = name_of(element, "type", where)
+    kind = read_name(element, "type", where)
     if kind not in TYPES:
         raise UrdfError(
             f'"{kind[:40]}" is not a type of joint', where, f"known are {', '.join(TYPES)}"
@@ -230,48 +255,54 @@ def _joint(element: Element) -> RawJoint:
     return RawJoint(
         name=name,
         type=kind,
-        parent=_end(element, "parent", where),
-        child=_end(element, "child", where),
-        parent_from_child=place(element, where),
-        axis=(1.0, 0.0, 0.0) if kind == "fixed" else direction(element, where),
-        limit=_limit(element, 1000.0 if kind == "prismatic" else 1.0, where),
-        follows="" if mimic is None else name_of(mimic, "joint", where),
+        parent=_read_end(element, "parent", where),
+        child=_read_end(element, "child", where),
+        parent_from_child=read_pose(element, where),
+        axis=(1.0, 0.0, 0.0) if kind == "fixed" else read_direction(element, where),
+        limit=_read_limit(element, 1000.0 if kind == "prismatic" else 1.0, where),
+        follows="" if mimic is None else read_name(mimic, "joint", where),
     )
 
 
-def _end(element: Element, tag: str, where: str) -> str:
+def _read_end(element: Element, tag: str, where: str) -> str:
     end = element.find(tag)
     if end is None:
         raise UrdfError(f"it has no {tag}", where, f'give it <{tag} link="..."/>')
-    return name_of(end, "link", where)
+    return read_name(end, "link", where)
 
 
-def _limit(element: Element, unit: float, where: str) -> Limit:
-    found = element.find("limit")
-    if found is None:
+def _read_limit(element: Element, unit: float, where: str) -> Limit:
+    limit = element.find("limit")
+    if limit is None:
         return Limit()
-    values = [optional(found, key, f"{where}, limit") for key in ("lower", "upper", "velocity")]
+    values = [
+        read_optional(limit, key, f"{where}, limit") for key in ("lower", "upper", "velocity")
+    ]
     return Limit(*(None if value is None else value * unit for value in values))
 
 
-def _shape(element: Element, where: str) -> UrdfShape:
+def _read_shape(element: Element, where: str) -> UrdfShape:
     geometry = element.find("geometry")
     kinds = [] if geometry is None else [child for child in geometry if child.tag in _SHAPES]
     if len(kinds) != 1:
         raise UrdfError(f"{element.tag} needs one shape, {', '.join(_SHAPES)}", where)
-    own = kinds[0]
-    link_from_shape = place(element, f"{where}, {element.tag}")
-    if own.tag == "mesh":
-        scale = three(own, "scale", (1.0, 1.0, 1.0), f"{where}, mesh")
-        return UrdfShape("mesh", link_from_shape, scale, name_of(own, "filename", where))
-    if own.tag == "box":
-        x, y, z = three(own, "size", ZERO, f"{where}, box")
+    shape = kinds[0]
+    link_from_shape = read_pose(element, f"{where}, {element.tag}")
+    if shape.tag == "mesh":
+        scale = read_three(shape, "scale", (1.0, 1.0, 1.0), f"{where}, mesh")
+        return UrdfShape("mesh", link_from_shape, scale, read_name(shape, "filename", where))
+    if shape.tag == "box":
+        x, y, z = read_three(shape, "size", ZERO, f"{where}, box")
     else:
-        x = y = 2 * (optional(own, "radius", f"{where}, {own.tag}") or 0.0)
-        z = x if own.tag == "sphere" else optional(own, "length", f"{where}, {own.tag}") or 0.0
+        x = y = 2 * (read_optional(shape, "radius", f"{where}, {shape.tag}") or 0.0)
+        z = (
+            x
+            if shape.tag == "sphere"
+            else read_optional(shape, "length", f"{where}, {shape.tag}") or 0.0
+        )
     if min(x, y, z) <= 0:
-        raise UrdfError(f"a {own.tag} has no size", where, "give lengths above 0, m")
-    return UrdfShape(own.tag, link_from_shape, (1000 * x, 1000 * y, 1000 * z))
+        raise UrdfError(f"a {shape.tag} has no size", where, "give lengths above 0, m")
+    return UrdfShape(shape.tag, link_from_shape, (1000 * x, 1000 * y, 1000 * z))
 
 
 class DeclaredError(Exception):
@@ -279,22 +310,25 @@ class DeclaredError(Exception):
 
 
 class UndeclaredBuilder(TreeBuilder):
-    """Ends at a DOCTYPE, the place where entities are declared: none is ever expanded, and no other file opened."""
+    """Stops at a DOCTYPE, in which entities are declared.
+
+    So no entity is ever expanded, and no other file is opened.
+    """
 
     def doctype(self, _name: str, _public: str | None, _system: str | None) -> NoReturn:
         """Called at a DOCTYPE."""
         raise DeclaredError
 
 
-def _content(path: Path, files: Files) -> bytes:
+def _read_content(path: Path, files: Files) -> bytes:
     file = str(path)
     try:
         state = path.stat()
         if not stat.S_ISREG(state.st_mode):
             raise InputError(file, "is not a file", "cell.robot", "name the URDF file of the arm")
-        most = files.limits.urdf_bytes
-        if state.st_size > most:
-            what = f"has more than {tell(most)} bytes: no description of a robot"
+        limit = files.limits.urdf_bytes
+        if state.st_size > limit:
+            what = f"has more than {tell(limit)} bytes: no description of a robot"
             raise InputError(
                 file, what, remedy="name the URDF of the arm, or raise limits.urdf_bytes"
             )
@@ -303,7 +337,7 @@ def _content(path: Path, files: Files) -> bytes:
         raise InputError(
             file, "no such file", "cell.robot", "a job file names it from its own folder"
         ) from error
-    except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
+    except (OSError, ValueError) as error:  # ValueError for a zero byte in the name
         raise InputError(file, f"cannot be read: {reason(error)}") from error
 
 
@@ -322,10 +356,8 @@ def _parse(file: str, data: bytes) -> Element:
     except ParseError as error:
         what, _, where = str(error).partition(": ")
         raise InputError(file, f"is not XML: {what}", where) from error
-    except (
-        LookupError,
-        ValueError,
-    ) as error:  # an encoding that Python does not have, or that is none of text
+    except (LookupError, ValueError) as error:
+        # An encoding that Python does not have, or that is not one of text.
         raise InputError(file, f"is not XML: {error}", remedy="save it as UTF-8") from error
     if any("xacro}" in str(element.tag) for element in root.iter()):
         raise xacro
@@ -334,42 +366,50 @@ def _parse(file: str, data: bytes) -> Element:
     return root
 
 
-# The files that an arm in a URDF is made of: the URDF and its meshes.
+# The files of an arm: the URDF and its meshes.
 
-#: Folders above the URDF in which a mesh is looked for.
+#: Number of folders above the URDF in which a mesh is searched.
 _FAR_UP = 6
 
 
-def urdf_files(file: str, files: Files) -> tuple[Path, ...]:
-    """The URDF and the meshes that it names and that are there. InputError for a URDF that cannot be read."""
+def list_urdf_files(file: str, files: Files) -> tuple[Path, ...]:
+    """The URDF, and the meshes that it names and that exist.
+
+    Raises InputError if the URDF cannot be read.
+    """
     described = read_description(Path(file), files)
     tables = *described.links.values(), *described.visible.values()
     names = dict.fromkeys(shape.mesh for shape in itertools.chain(*tables) if shape.mesh)
-    found = [mesh_path(name, Path(file).parent) for name in names]
-    return (Path(file), *(path for path in found if path))
+    meshes = [find_mesh(name, Path(file).parent) for name in names]
+    return (Path(file), *filter(None, meshes))
 
 
-def mesh_path(name: str, folder: Path) -> Path | None:
-    """The file of a mesh, None if there is none. folder: of the URDF. A path is taken from there. Of
-    ``package://arm/meshes/base.stl``, whose package can lie anywhere, as much of the end as there is: beside the URDF,
-    or, with the folder it is in, above it.
+def find_mesh(name: str, folder: Path) -> Path | None:
+    """The file of a mesh, None if it does not exist.
+
+    A path is relative to the folder of the URDF. In `package://arm/meshes/base.stl` the package can
+    be anywhere. The longest end of the name that exists is chosen: next to the URDF, or, together
+    with its folder, above it.
+
+    folder: folder of the URDF.
     """
     scheme, mark, rest = name.partition("://")
+    path = rest if mark else name
     if not mark or scheme == "file":
-        found = _file(folder / (rest if mark else name))
-        if found or mark:
-            return found
-    parts = [part for part in Path(rest if mark else name).parts if part not in ("..", "/")]
+        file = _find_file(folder / path)
+        if file or mark:
+            return file
+    parts = [part for part in Path(path).parts if part not in ("..", "/")]
     homes = [folder, *folder.resolve().parents][: _FAR_UP + 1]
     for count in range(len(parts), 0, -1):
         for home in homes if count > 1 else homes[:1]:
-            if found := _file(home.joinpath(*parts[-count:])):
-                return found
+            if file := _find_file(home.joinpath(*parts[-count:])):
+                return file
     return None
 
 
-def _file(path: Path) -> Path | None:
+def _find_file(path: Path) -> Path | None:
     try:
         return path if path.is_file() else None
-    except (OSError, ValueError):  # a name that no file can have
+    except (OSError, ValueError):  # An invalid name of a file.
         return None

@@ -1,11 +1,12 @@
-"""Calibration boards and their corners in a photo: chessboards, and ChArUco boards of which a part may be hidden.
+"""Calibration boards and their corners in a photo: chessboards, and ChArUco boards partly in view.
 
-OpenCV finds the board in a reduced picture; the corners are then fitted in the full one (``fit_saddles``). A corner
-counts when it is as black and white as the others, and dark in those quadrants in which its place on the board says
-so; a grid that OpenCV has laid wrongly does not pass.
+OpenCV finds the board in a reduced picture. The corners are then fitted in the full one by
+`fit_saddles`. A corner counts if its contrast is like that of the others, and if it is dark in the
+quadrants that are black on the board. So a grid that OpenCV has placed wrongly is rejected.
 
-The first corner of a chessboard is, where its colours tell one end from the other (one of columns and rows odd, the
-other even), the one whose inner square is black. So a corner has the same number in all photos.
+A chessboard with one odd and one even number of corners looks different from its two ends. Its
+first corner is the one whose inner square is black, so that a corner has the same number in all
+photos.
 """
 
 from __future__ import annotations
@@ -13,37 +14,43 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
 from msgspec import Struct
-from numpy.typing import NDArray
 
 from camgen.model.errors import JobError
+from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import short
 from camgen.vision.boards.sheet import DICTIONARY, Board
-from camgen.vision.image import Pixels
+from camgen.vision.image import Pixels, convert_to_grey
 from camgen.vision.plane import depth, fit_homography, in_line, scales
 
-if TYPE_CHECKING:
-    import cv2
+# Corners of a chessboard to a hundredth of a pixel: a saddle is fitted to the grey values.
 
-
-# Corners of a chessboard to a hundredth of a pixel: a saddle fitted to the grey values around each.
-
-#: Rounds of the fit, and twice over: the second time the window lies around what the first one found.
-_ROUNDS, _PASSES = 30, 2
-_SETTLED = 1e-4
-#: Radius of the window, px: as small as can hold nine unknowns, and where more pixels gain nothing.
-_LEAST_SADDLE, _MOST_WINDOW = 2.5, 12.0
+#: Maximum number of iterations of a fit, and number of fits. The window of the second fit is around
+#: the corner of the first one.
+_ITERATIONS, _PASSES = 30, 2
+#: px: a fit ends if no corner moves by this.
+_SETTLED_PX = 1e-4
+#: Limits of the radius of the window, px. A smaller window does not hold the nine unknowns, and the
+#: pixels of a larger one add nothing.
+_MIN_RADIUS_PX, _MAX_RADIUS_PX = 2.5, 12.0
+#: Damping with which each fit starts, as a share of the diagonal.
 _DAMPING = 1e-3
-_U, _V, _FIRST, _SECOND, _CONTRAST, _MEAN, _SLOPE_U, _SLOPE_V, _BLUR_SADDLE = range(9)
+#: Columns of the nine unknowns: the corner, px; the angles of the normals of its two edges, rad;
+#: contrast, mean, and the slopes of the light, 1/px; logarithm of the blur.
+_U, _V, _FIRST, _SECOND, _CONTRAST, _MEAN, _SLOPE_U, _SLOPE_V, _BLUR = range(9)
 
 
 class Saddles(Struct, frozen=True, eq=False):
-    """corners (N, 2) px; contrast (N,): the grey value's a, its sign says which quadrants are dark; misfit (N,): rms of
-    what the fit leaves, grey values. A corner that ran away, or lies at the photo's border, has contrast 0.
+    """Corners that were fitted.
+
+    corners: (N, 2) px.
+    contrast: (N,) grey values; the sign says which quadrants are dark. It is 0 for a corner that
+        left its window, or is at the border of the photo.
+    misfit: (N,) rms residual of the fit, grey values.
     """
 
     corners: FloatArray
@@ -52,7 +59,12 @@ class Saddles(Struct, frozen=True, eq=False):
 
 
 class _Windows(Struct, frozen=True, eq=False):
-    """Places (N, P) px from each start, grey values and weights there."""
+    """The pixels around N corners.
+
+    x, y: (N, P) distances from the corner, px.
+    grey: (N, P) grey values.
+    weight: (N, P) 0 outside the round window or the photo, 1 inside.
+    """
 
     x: FloatArray
     y: FloatArray
@@ -61,104 +73,96 @@ class _Windows(Struct, frozen=True, eq=False):
 
 
 def fit_saddles(grey: Pixels, near: FloatArray, axes: FloatArray, radius: FloatArray) -> Saddles:
-    """The corners next to ``near`` (N, 2) px, at most their radius (N,) px away.
+    """Fits the corners next to `near` (N, 2) px, at most their radius away.
 
-    axes: (N, 2, 2), the columns are the directions of the two edges in the photo. radius: of the round window in which
-    no other edge may be.
+    axes: (N, 2, 2), the columns are the directions of the two edges in the photo.
+    radius: (N,) px, of a round window that no other edge crosses.
     """
-    radius = radius.clip(_LEAST_SADDLE, _MOST_WINDOW)
+    radius = radius.clip(_MIN_RADIUS_PX, _MAX_RADIUS_PX)
     start = np.zeros((len(near), 9))
-    # The normals of the two edges.
     start[:, _FIRST] = np.arctan2(axes[:, 0, 0], -axes[:, 1, 0])
     start[:, _SECOND] = np.arctan2(axes[:, 0, 1], -axes[:, 1, 1])
-    start[:, _BLUR_SADDLE] = np.log(radius / 4)
-    corners, found = near, start
+    start[:, _BLUR] = np.log(radius / 4)
+    corners, numbers = near, start
     kept, misfit = np.ones(len(near), dtype=np.bool_), np.zeros(len(near))
     for _ in range(_PASSES):
         windows = _cut_out(grey, corners, radius)
-        found = _with_contrast(windows, found)
-        found, misfit = _fit(windows, found)
-        kept = (
-            kept
-            & np.isfinite(found).all(axis=1)
-            & (np.hypot(*(corners + found[:, :2] - near).T) < radius)
-        )
-        found = np.where(kept[:, None], found, start)
-        corners = np.where(kept[:, None], corners + found[:, :2], near)
-        found[:, :2] = 0
+        numbers, misfit = _fit(windows, _fit_contrast(windows, numbers))
+        distance = np.hypot(*(corners + numbers[:, :2] - near).T)
+        kept = kept & np.isfinite(numbers).all(axis=1) & (distance < radius)
+        numbers = np.where(kept[:, None], numbers, start)
+        corners = np.where(kept[:, None], corners + numbers[:, :2], near)
+        numbers[:, :2] = 0
     margin = np.minimum(corners, np.array(grey.shape[::-1]) - 1 - corners).min(axis=1)
-    usable = kept & (margin >= _LEAST_SADDLE)
-    contrast = np.where(usable, found[:, _CONTRAST], 0)
+    contrast = np.where(kept & (margin >= _MIN_RADIUS_PX), numbers[:, _CONTRAST], 0)
     return Saddles(frozen(corners), frozen(contrast), frozen(misfit))
 
 
 def _cut_out(grey: Pixels, corners: FloatArray, radius: FloatArray) -> _Windows:
     reach = int(np.ceil(radius.max()))
-    down, right = (o.ravel() for o in np.mgrid[-reach : reach + 1, -reach : reach + 1])
-    whole = np.rint(corners).astype(np.int64)
-    u, v = whole[:, :1] + right, whole[:, 1:] + down
+    down, right = (each.ravel() for each in np.mgrid[-reach : reach + 1, -reach : reach + 1])
+    middle = np.rint(corners).astype(np.int64)
+    u, v = middle[:, :1] + right, middle[:, 1:] + down
     height, width = grey.shape
     inside = (u >= 0) & (v >= 0) & (u < width) & (v < height)
     x, y = u - corners[:, :1], v - corners[:, 1:]
     weight = inside * (radius[:, None] + 0.5 - np.hypot(x, y)).clip(0, 1)
-    return _Windows(
-        x, y, grey[v.clip(0, height - 1), u.clip(0, width - 1)].astype(np.float64), weight
-    )
+    values = grey[v.clip(0, height - 1), u.clip(0, width - 1)]
+    return _Windows(x, y, values.astype(np.float64), weight)
 
 
-def _with_contrast(windows: _Windows, found: FloatArray) -> FloatArray:
-    """Contrast and mean that fit the rest of ``found`` best: a line through grey values over tanh tanh."""
-    unit = found.copy()
-    unit[:, _CONTRAST], unit[:, _MEAN], unit[:, _SLOPE_U : _SLOPE_V + 1] = 1, 0, 0
-    shape = _model(windows, unit)[0]
+def _fit_contrast(windows: _Windows, numbers: FloatArray) -> FloatArray:
+    """The unknowns with the contrast and the mean that fit the others best, and an even light.
+
+    For a given corner, edges and blur the grey values depend on these two linearly.
+    """
+    fitted = numbers.copy()
+    fitted[:, _CONTRAST], fitted[:, _MEAN], fitted[:, _SLOPE_U : _SLOPE_V + 1] = 1, 0, 0
+    shape = _model_saddles(windows, fitted)[0]
     total = windows.weight.sum(axis=1)
-
-    def mean(values: FloatArray) -> FloatArray:
-        found: FloatArray = (windows.weight * values).sum(axis=1) / total
-        return found
-
-    s, g = mean(shape), mean(windows.grey)
-    spread = mean((shape - s[:, None]) ** 2)
-    unit[:, _CONTRAST] = mean((shape - s[:, None]) * windows.grey) / np.maximum(spread, 1e-12)
-    unit[:, _MEAN] = g - unit[:, _CONTRAST] * s
-    return unit
+    shape_mean = (windows.weight * shape).sum(axis=1) / total
+    grey_mean = (windows.weight * windows.grey).sum(axis=1) / total
+    offset = shape - shape_mean[:, None]
+    variance = (windows.weight * offset**2).sum(axis=1) / total
+    covariance = (windows.weight * (offset * windows.grey)).sum(axis=1) / total
+    fitted[:, _CONTRAST] = covariance / np.maximum(variance, 1e-12)
+    fitted[:, _MEAN] = grey_mean - fitted[:, _CONTRAST] * shape_mean
+    return fitted
 
 
-def _fit(windows: _Windows, found: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Levenberg-Marquardt, for each corner its own damping; the numbers (N, 9) and the rms misfit (N,)."""
-    damping = np.full(len(found), _DAMPING)
-    values, slopes = _model(windows, found)
+def _fit(windows: _Windows, numbers: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The unknowns (N, 9) that fit the windows, and the rms residual (N,).
+
+    The method is Levenberg-Marquardt, with a damping for each corner.
+    """
+    damping = np.full(len(numbers), _DAMPING)
+    values, slopes = _model_saddles(windows, numbers)
     error = windows.grey - values
     cost = (windows.weight * error**2).sum(axis=1)
-    for _ in range(_ROUNDS):
-        weighted = slopes * windows.weight[..., None]
-        normal = np.swapaxes(weighted, 1, 2) @ slopes
-        right = (np.swapaxes(weighted, 1, 2) @ error[..., None])[..., 0]
+    for _ in range(_ITERATIONS):
+        weighted = np.swapaxes(slopes * windows.weight[..., None], 1, 2)
+        normal = weighted @ slopes
+        right = (weighted @ error[..., None])[..., 0]
         size = np.diagonal(normal, axis1=1, axis2=2)
         normal = normal + (damping[:, None] * size + 1e-9)[..., None] * np.eye(9)
-        tried = found + np.linalg.solve(normal, right[..., None])[..., 0]
-        tried_values, tried_slopes = _model(windows, tried)
+        tried = numbers + np.linalg.solve(normal, right[..., None])[..., 0]
+        tried_values, tried_slopes = _model_saddles(windows, tried)
         tried_error = windows.grey - tried_values
         tried_cost = (windows.weight * tried_error**2).sum(axis=1)
         better = tried_cost <= cost
-        step = np.abs(tried - found)[better][:, :2].max(initial=0.0)
-        found, cost = _model_saddle(better, tried, found), _model_saddle(better, tried_cost, cost)
-        error, slopes = (
-            _model_saddle(better, tried_error, error),
-            _model_saddle(better, tried_slopes, slopes),
-        )
+        step = np.abs(tried - numbers)[better][:, :2].max(initial=0.0)
+        numbers = np.where(better[:, None], tried, numbers)
+        cost = np.where(better, tried_cost, cost)
+        error = np.where(better[:, None], tried_error, error)
+        slopes = np.where(better[:, None, None], tried_slopes, slopes)
         damping = np.where(better, damping / 5, damping * 8)
-        if step < _SETTLED and (better | (damping > 1e3)).all():
+        if step < _SETTLED_PX and (better | (damping > 1e3)).all():
             break
-    return found, np.sqrt(cost / windows.weight.sum(axis=1))
+    return numbers, np.sqrt(cost / windows.weight.sum(axis=1))
 
 
-def _model_saddle(which: NDArray[np.bool_], yes: FloatArray, no: FloatArray) -> FloatArray:
-    return np.where(which.reshape(-1, *[1] * (yes.ndim - 1)), yes, no)
-
-
-def _model(windows: _Windows, numbers: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Grey values (N, P) and their derivatives by the nine numbers (N, P, 9)."""
+def _model_saddles(windows: _Windows, numbers: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Grey values (N, P) of corners with the unknowns (N, 9), and their derivatives (N, P, 9)."""
     u, v, first, second, contrast, mean, slope_u, slope_v, blur = numbers.T[..., None]
     x, y = windows.x - u, windows.y - v
     c1, s1, c2, s2 = np.cos(first), np.sin(first), np.cos(second), np.sin(second)
@@ -185,20 +189,26 @@ def _model(windows: _Windows, numbers: FloatArray) -> tuple[FloatArray, FloatArr
     return light * board, slopes
 
 
-#: Boards are sought in a picture of at most so many pixels, then in the full one.
-_SOUGHT = 2_500_000
-#: The window of a corner reaches so far to the next edge; near the markers of ChArUco so many px less, for blur.
-_ROOM_SHARE, _BLUR = 0.5, 1.0
-#: A corner counts with this part of the middle contrast or more. Its misfit as a part of its contrast may be so many
-#: times the middle one, between the two limits: something lies on a corner that fits much worse than the others.
-_FAINT, _WORSE, _ALWAYS, _NEVER = 0.3, 3.0, 0.1, 0.4
-#: The grid is right if this part of its corners counts. So many are needed where a board may be partly hidden.
-_RIGHT_SHARE, _LEAST_CORNERS = 0.75, 6
-_MOST_CORNERS = 100
+# Boards.
+
+#: Boards are searched in a picture of at most this number of pixels, and then in the full one.
+_SEARCHED_PIXELS = 2_500_000
+#: The window of a corner extends to this part of a square. Near the markers of a ChArUco board it
+#: is smaller by this, px, because they are blurred.
+_WINDOW_SHARE, _BLUR_PX = 0.5, 1.0
+#: A corner counts if it has this part of the median contrast or more.
+_FAINT = 0.3
+#: Something lies on a corner if its misfit, as a part of its contrast, is larger than this many
+#: times the median one. That limit is at least the second value, and at most the third.
+_WORSE, _ALWAYS, _NEVER = 3.0, 0.1, 0.4
+#: The grid is right if this part of its corners counts, and at least this number of them.
+_RIGHT_SHARE, _MIN_CORNERS = 0.75, 6
+#: Maximum number of inner corners, or of squares, along a side.
+_MAX_SIDE = 100
 
 
 class Chessboard(Struct, frozen=True):
-    """A chessboard of ``columns`` x ``rows`` inner corners and squares of ``square`` mm."""
+    """A chessboard of `columns` x `rows` inner corners and squares of `square` mm."""
 
     columns: int
     rows: int
@@ -206,7 +216,7 @@ class Chessboard(Struct, frozen=True):
 
     @property
     def label(self) -> str:
-        """How messages call it."""
+        """The name of the board in messages."""
         return f"chessboard {self.columns}x{self.rows}"
 
 
@@ -214,112 +224,138 @@ Target = Chessboard | Board
 
 
 class SeenBoard(Struct, frozen=True, eq=False):
-    """A board in a photo. corners: (N, 2) px; places: (N, 2) mm on the board; of: how many corners the board has."""
+    """A board in a photo.
+
+    corners: (N, 2) px, the inner corners.
+    places: (N, 2) mm, their places on the board.
+    corner_count: number of inner corners of the whole board.
+    """
 
     corners: FloatArray
     places: FloatArray
-    of: int
+    corner_count: int
 
 
 class _Rough(Struct, frozen=True, eq=False):
-    """What OpenCV found: corners (N, 2) px and their numbers (N,), row by row."""
+    """The inner corners as OpenCV finds them.
+
+    corners: (N, 2) px.
+    numbers: (N,), their numbers on the board, row by row.
+    """
 
     corners: FloatArray
-    numbers: NDArray[np.int64]
+    numbers: IntArray
 
 
-def chessboard(columns: int, rows: int, square: float) -> Chessboard:
-    """The chessboard with so many inner corners. JobError for fewer than 3 x 3, or a square that is no length."""
-    if not (3 <= columns <= _MOST_CORNERS and 3 <= rows <= _MOST_CORNERS):
-        remedy = "give the inner corners, one fewer than squares each way; 3x3 at least"
-        raise JobError("--board", f"{columns}x{rows} inner corners cannot be found", remedy=remedy)
-    _is_length("--square", square)
+def make_chessboard(columns: int, rows: int, square: float) -> Chessboard:
+    """The chessboard of `columns` x `rows` inner corners and squares of `square` mm.
+
+    Raises JobError for fewer than 3 x 3 corners or more than 100 in a row, and for an invalid
+    square.
+    """
+    _check_sides(
+        columns,
+        rows,
+        "inner corners cannot be found",
+        "give the inner corners, one fewer than squares each way; 3x3 at least",
+    )
+    _check_length("--square", square)
     return Chessboard(columns, rows, float(square))
 
 
-def charuco(
+def make_charuco(
     columns: int, rows: int, square: float, marker: float, dictionary: str = DICTIONARY
 ) -> Board:
-    """The ChArUco board of ``columns`` x ``rows`` squares. JobError for what cannot be, with the names that can."""
-    if not (3 <= columns <= _MOST_CORNERS and 3 <= rows <= _MOST_CORNERS):
-        remedy = "give the number of squares each way; 3x3 at least"
-        raise JobError("--board", f"{columns}x{rows} squares cannot be used", remedy=remedy)
-    _is_length("--square", square)
-    _is_length("--marker", marker)
+    """The ChArUco board of `columns` x `rows` squares of `square` mm with markers of `marker` mm.
+
+    Raises JobError for a board that is not possible, and for an unknown dictionary. The message
+    then names all dictionaries.
+    """
+    _check_sides(
+        columns, rows, "squares cannot be used", "give the number of squares each way; 3x3 at least"
+    )
+    _check_length("--square", square)
+    _check_length("--marker", marker)
     if marker >= square:
-        what = f"markers of {short(marker, 3)} mm do not fit into squares of {short(square, 3)} mm"
-        raise JobError("--marker", what, remedy="measure both on the board, in mm")
+        raise JobError(
+            "--marker",
+            f"markers of {short(marker, 3)} mm do not fit into squares of {short(square, 3)} mm",
+            remedy="measure both on the board, in mm",
+        )
     board = Board(columns, rows, float(square), float(marker), dictionary)
-    held = len(_dictionary(board).bytesList)
-    if held < columns * rows // 2:
-        what = f"{dictionary} has {held} markers, a board of {columns}x{rows} needs {columns * rows // 2}"
-        raise JobError("--dictionary", what, remedy="give the one that the board was made with")
+    held, needed = len(_load_dictionary(board).bytesList), columns * rows // 2
+    if held < needed:
+        raise JobError(
+            "--dictionary",
+            f"{dictionary} has {held} markers, a board of {columns}x{rows} needs {needed}",
+            remedy="give the one that the board was made with",
+        )
     return board
 
 
-def find_board(pixels: Pixels, target: Target) -> SeenBoard | None:
-    """The board in a photo, (H, W) grey or (H, W, 3) blue, green, red; None if it is not there."""
-    import cv2  # noqa: PLC0415 (loaded only by what needs it)
-
-    grey = (
-        pixels
-        if pixels.ndim == 2
-        else cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY).astype(np.uint8, copy=False)
-    )
-    reduction = math.ceil(math.sqrt(grey.size / _SOUGHT))
-    for factor in (reduction, 1)[: 1 + (reduction > 1)]:
-        for rough in _seek(grey, factor, target):
-            found = _measure(grey, rough, target)
-            if found is not None:
-                return found
-    return None
+def _check_sides(columns: int, rows: int, what: str, remedy: str) -> None:
+    if not (3 <= columns <= _MAX_SIDE and 3 <= rows <= _MAX_SIDE):
+        raise JobError("--board", f"{columns}x{rows} {what}", remedy=remedy)
 
 
-def _seek(grey: Pixels, factor: int, target: Target) -> Iterator[_Rough]:
-    """What may be the board in the picture reduced by ``factor``; px of the full one."""
-    import cv2  # noqa: PLC0415 (loaded only by what needs it)
-
-    height, width = grey.shape
-    size = (width // factor, height // factor)
-    small = (
-        grey
-        if factor == 1
-        else cv2.resize(grey, size, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
-    )
-    found = (
-        _chess(small, target, factor > 1)
-        if isinstance(target, Chessboard)
-        else _charuco(small, target)
-    )
-    for rough in found:
-        yield _Rough(
-            (rough.corners + 0.5) * (np.array([width, height]) / size) - 0.5, rough.numbers
+def _check_length(option: str, value: float) -> None:
+    if not (math.isfinite(value) and value > 0):
+        raise JobError(
+            option, f"{value} is no length in mm", remedy="measure it on the printed board"
         )
 
 
-def _chess(grey: Pixels, target: Chessboard, reduced: bool) -> Iterator[_Rough]:
-    """The older detector finds boards that lie flat in the photo, the newer one blurred ones: one misses what the other
-    finds. The older one may take seconds on large pictures without a board, so there only the newer one is asked.
-    """
-    import cv2  # noqa: PLC0415 (loaded only by what needs it)
+def find_board(pixels: Pixels, target: Target) -> SeenBoard | None:
+    """Finds a board in a photo, (H, W) or (H, W, 3) blue, green, red; None if it is not there."""
+    grey = convert_to_grey(pixels)
+    reduction = math.ceil(math.sqrt(grey.size / _SEARCHED_PIXELS))
+    for factor in dict.fromkeys((reduction, 1)):
+        for rough in _search_reduced(grey, factor, target):
+            board = _measure_board(grey, rough, target)
+            if board is not None:
+                return board
+    return None
 
+
+def _search_reduced(grey: Pixels, factor: int, target: Target) -> Iterator[_Rough]:
+    """Candidates for the board in the picture reduced by `factor`, in px of the full one."""
+    height, width = grey.shape
+    size, small = (width // factor, height // factor), grey
+    if factor > 1:
+        small = cv2.resize(grey, size, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
+    if isinstance(target, Chessboard):
+        candidates = _search_chessboard(small, target, factor > 1)
+    else:
+        candidates = _search_charuco(small, target)
+    for rough in candidates:
+        corners = (rough.corners + 0.5) * (np.array([width, height]) / size) - 0.5
+        yield _Rough(corners, rough.numbers)
+
+
+def _search_chessboard(grey: Pixels, target: Chessboard, reduced: bool) -> Iterator[_Rough]:
+    """Candidates by two detectors.
+
+    The older one finds boards that lie flat in the photo, the newer one blurred ones, and each
+    misses some that the other finds. The older one may take seconds on a large picture without a
+    board, so it is not used there.
+    """
     size = (target.columns, target.rows)
     numbers = np.arange(target.columns * target.rows)
-    if reduced or grey.size <= _SOUGHT:
+    if reduced or grey.size <= _SEARCHED_PIXELS:
         flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
-        found, corners = cv2.findChessboardCorners(grey, size, flags=flags)
-        if found:
+        is_found, corners = cv2.findChessboardCorners(grey, size, flags=flags)
+        if is_found:
             yield _Rough(np.asarray(corners, dtype=np.float64).reshape(-1, 2), numbers)
     cv2.setRNGSeed(0)  # its search of neighbours is a random one
     flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE
-    found, corners = cv2.findChessboardCornersSB(grey, size, flags=flags)
-    if found:
+    is_found, corners = cv2.findChessboardCornersSB(grey, size, flags=flags)
+    if is_found:
         yield _Rough(np.asarray(corners, dtype=np.float64).reshape(-1, 2), numbers)
 
 
-def _charuco(grey: Pixels, target: Board) -> Iterator[_Rough]:
-    for pattern in patterns(grey, target):
-        if len(pattern.numbers) >= _LEAST_CORNERS:
+def _search_charuco(grey: Pixels, target: Board) -> Iterator[_Rough]:
+    for pattern in find_patterns(grey, target):
+        if len(pattern.numbers) >= _MIN_CORNERS:
             yield _Rough(pattern.corners, pattern.numbers)
 
 
@@ -334,8 +370,8 @@ class Pattern(Struct, frozen=True, eq=False):
     """
 
     corners: FloatArray
-    numbers: NDArray[np.int64]
-    markers: NDArray[np.int64]
+    numbers: IntArray
+    markers: IntArray
     marker_corners: FloatArray
     legacy: bool
 
@@ -345,15 +381,13 @@ def has_two_patterns(board: Board) -> bool:
     return board.rows % 2 == 0
 
 
-def patterns(grey: Pixels, board: Board) -> Iterator[Pattern]:
-    """The board in each of its patterns, the newer one first.
+def find_patterns(grey: Pixels, board: Board) -> Iterator[Pattern]:
+    """Finds the board in each of its patterns, the newer one first.
 
     A pattern that is not in the picture has few corners.
     """
-    import cv2  # noqa: PLC0415 (loaded only by what needs it)
-
     drawn = cv2.aruco.CharucoBoard(
-        (board.columns, board.rows), board.square, board.marker, _dictionary(board)
+        (board.columns, board.rows), board.square, board.marker, _load_dictionary(board)
     )
     for legacy in (False, True)[: 1 + has_two_patterns(board)]:
         drawn.setLegacyPattern(legacy)
@@ -375,24 +409,25 @@ def place_markers(board: Board, legacy: bool) -> dict[int, FloatArray]:
     return dict(enumerate(board.square * middles))
 
 
-def refine_corners(
-    grey: Pixels, pattern: Pattern, board: Board
-) -> tuple[FloatArray, NDArray[np.int64]]:
+def refine_corners(grey: Pixels, pattern: Pattern, board: Board) -> tuple[FloatArray, IntArray]:
     """The inner corners (N, 2) of a board as fitted, px, and their numbers (N,).
 
-    Those of OpenCV if too few of them are corners of such a board.
+    If too few of them are corners of such a board, those of OpenCV are returned.
     """
-    rough = _Rough(pattern.corners, pattern.numbers)
-    fitted = _measure(grey, rough, board) if len(rough.numbers) >= _LEAST_CORNERS else None
+    fitted = None
+    if len(pattern.numbers) >= _MIN_CORNERS:
+        fitted = _measure_board(grey, _Rough(pattern.corners, pattern.numbers), board)
     if fitted is None:
         return pattern.corners, pattern.numbers
     column, row = np.rint(fitted.places / board.square).astype(np.int64).T
     return fitted.corners, row * (board.columns - 1) + column
 
 
-def _measure(grey: Pixels, rough: _Rough, target: Target) -> SeenBoard | None:
-    """The corners as fitted; None if too few of them are corners of such a board."""
-    columns, rows = _corners_of(target)
+def _measure_board(grey: Pixels, rough: _Rough, target: Target) -> SeenBoard | None:
+    """The board with fitted corners; None if too few of them are corners of such a board."""
+    is_chessboard = isinstance(target, Chessboard)
+    inner = 0 if is_chessboard else 1
+    columns, rows = target.columns - inner, target.rows - inner
     row, column = np.divmod(rough.numbers, columns)
     places = np.column_stack([column, row]) * target.square
     if in_line(places) is not None or in_line(rough.corners) is not None:
@@ -400,10 +435,9 @@ def _measure(grey: Pixels, rough: _Rough, target: Target) -> SeenBoard | None:
     homography = fit_homography(places, rough.corners)
     if depth(homography, places).min() <= 0:
         return None
-    radius = _free(target) * scales(homography, places)[:, 0] - (
-        0 if isinstance(target, Chessboard) else _BLUR
-    )
-    saddles = fit_saddles(grey, rough.corners, _axes(homography, places), radius)
+    window = _measure_window(target) * scales(homography, places)[:, 0]
+    axes = _find_axes(homography, places)
+    saddles = fit_saddles(grey, rough.corners, axes, window - (0 if is_chessboard else _BLUR_PX))
     contrast = saddles.contrast * np.where((row + column) % 2, -1, 1)
     sign = np.sign(np.median(contrast))
     contrast = contrast * sign
@@ -412,56 +446,44 @@ def _measure(grey: Pixels, rough: _Rough, target: Target) -> SeenBoard | None:
         return None
     limit = float(np.median(saddles.misfit[clear] / contrast[clear]) * _WORSE)
     good = clear & (saddles.misfit < min(max(limit, _ALWAYS), _NEVER) * contrast)
-    if (
-        good.sum() < max(_LEAST_CORNERS, _RIGHT_SHARE * len(good))
-        or in_line(places[good]) is not None
-    ):
+    is_short = good.sum() < max(_MIN_CORNERS, _RIGHT_SHARE * len(good))
+    if is_short or in_line(places[good]) is not None:
         return None
     corners, places = saddles.corners[good], places[good]
-    if isinstance(target, Chessboard) and (columns + rows) % 2 and sign < 0:
-        corners, places = (
-            corners[::-1],
-            (np.array([columns - 1, rows - 1]) * target.square - places)[::-1],
-        )
+    if is_chessboard and (columns + rows) % 2 and sign < 0:
+        last = np.array([columns - 1, rows - 1]) * target.square
+        corners, places = corners[::-1], (last - places)[::-1]
     return SeenBoard(frozen(corners), frozen(places), columns * rows)
 
 
-def _corners_of(target: Target) -> tuple[int, int]:
-    """Inner corners in a row, and rows of them."""
-    inner = 0 if isinstance(target, Chessboard) else 1
-    return target.columns - inner, target.rows - inner
+def _measure_window(target: Target) -> float:
+    """The distance around a corner in which there are only its two edges, mm.
 
-
-def _free(target: Target) -> float:
-    """How far around a corner there is nothing but its two edges, mm: markers of ChArUco lie diagonally from it."""
+    The markers of a ChArUco board lie diagonally from the corner.
+    """
     if isinstance(target, Chessboard):
-        return _ROOM_SHARE * target.square
-    return min(_ROOM_SHARE * target.square, (target.square - target.marker) / math.sqrt(2))
+        return _WINDOW_SHARE * target.square
+    return min(_WINDOW_SHARE * target.square, (target.square - target.marker) / math.sqrt(2))
 
 
-def _axes(homography: FloatArray, places: FloatArray) -> FloatArray:
-    """Directions of the board's x and y in the photo at each place, (N, 2, 2), as columns; of any length."""
+def _find_axes(homography: FloatArray, places: FloatArray) -> FloatArray:
+    """The directions of the board's x and y in the photo at N places, of any length.
+
+    Returns (N, 2, 2), with the directions as columns.
+    """
     divisor = depth(homography, places)[:, None, None]
     at = places @ homography[:2, :2].T + homography[:2, 2]
-    axes: FloatArray = (
-        homography[None, :2, :2] - at[:, :, None] * homography[None, 2:, :2] / divisor
-    )
-    return axes
+    perspective = at[:, :, None] * homography[None, 2:, :2] / divisor
+    return np.asarray(homography[None, :2, :2] - perspective)
 
 
-def _dictionary(board: Board) -> cv2.aruco.Dictionary:
-    import cv2  # noqa: PLC0415 (loaded only by what needs it)
-
+def _load_dictionary(board: Board) -> cv2.aruco.Dictionary:
     number = getattr(cv2.aruco, f"DICT_{board.dictionary.upper()}", None)
     if number is None:
         names = [name.removeprefix("DICT_") for name in dir(cv2.aruco) if name.startswith("DICT_")]
-        remedy = f"give one of {', '.join(names)}"
-        raise JobError("--dictionary", f"there is no {board.dictionary!r}", remedy=remedy)
-    return cv2.aruco.getPredefinedDictionary(number)
-
-
-def _is_length(option: str, value: float) -> None:
-    if not (math.isfinite(value) and value > 0):
         raise JobError(
-            option, f"{value} is no length in mm", remedy="measure it on the printed board"
+            "--dictionary",
+            f"there is no {board.dictionary!r}",
+            remedy=f"give one of {', '.join(names)}",
         )
+    return cv2.aruco.getPredefinedDictionary(number)

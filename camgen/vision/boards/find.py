@@ -27,8 +27,8 @@ from camgen.model.pose import FloatArray
 from camgen.model.text import counted, short
 from camgen.vision.boards.corners import (
     Pattern,
+    find_patterns,
     has_two_patterns,
-    patterns,
     place_markers,
     refine_corners,
 )
@@ -36,7 +36,7 @@ from camgen.vision.boards.lens import check_focal_length, lens_of_sheet
 from camgen.vision.boards.sheet import DICTIONARY, Board, Sheet
 from camgen.vision.camera.camera import Camera, distort, undistort
 from camgen.vision.camera.sheet_lens import SheetLens
-from camgen.vision.image import Picture, Pixels
+from camgen.vision.image import Picture, Pixels, convert_to_grey
 from camgen.vision.plane import (
     Plane,
     fit_homography,
@@ -140,8 +140,14 @@ def find(
     )
     notes = marks.notes if lens is None else (*marks.notes, lens.note)
     if dropped:
-        why = "they are not where the others put them: covered, bent, or from another sheet?"
-        notes = (*notes, Note("warning", f"{', '.join(dropped)} left out", why))
+        notes = (
+            *notes,
+            Note(
+                "warning",
+                f"{', '.join(dropped)} left out",
+                "they are not where the others put them: covered, bent, or from another sheet?",
+            ),
+        )
     return replace(plane, notes=(*notes, *plane.notes), lens=lens)
 
 
@@ -166,7 +172,7 @@ def _fit_lens(
         count = marks.markers
         if count and camera is not None:
             corners = _measure(
-                _convert_to_grey(picture.pixels), marks.px[:count].reshape(-1, 4, 2), camera
+                convert_to_grey(picture.pixels), marks.px[:count].reshape(-1, 4, 2), camera
             )
             again = np.concatenate([corners.reshape(-1, 2), marks.px[count:]])
             moved = float(np.abs(again - marks.px).max())
@@ -184,7 +190,7 @@ def list_marks(pixels: Pixels, target: Sheet | Board) -> tuple[list[int], list[i
     Returns the numbers of those that it shows, and of those that are missing.
     """
     if isinstance(target, Sheet):
-        shown = {number for number, _ in _detect(_convert_to_grey(pixels), len(target.ids))}
+        shown = {number for number, _ in _detect(convert_to_grey(pixels), len(target.ids))}
         numbers = list(target.ids)
     else:
         shown = set(_choose_pattern(pixels, target).numbers.tolist())
@@ -194,8 +200,7 @@ def list_marks(pixels: Pixels, target: Sheet | Board) -> tuple[list[int], list[i
 
 
 def _find_sheet(picture: Picture, camera: Camera | None, sheet: Sheet) -> _MarkCorners:
-    """The markers of a sheet in a photo. Raises InputError for fewer than two."""
-    grey = _convert_to_grey(picture.pixels)
+    grey = convert_to_grey(picture.pixels)
     seen = _detect(grey, len(sheet.ids))
     times = Counter(number for number, _ in seen)
     strange = sorted(set(times) - set(sheet.ids))
@@ -208,17 +213,24 @@ def _find_sheet(picture: Picture, camera: Camera | None, sheet: Sheet) -> _MarkC
     if strange:
         notes.append(Note("warning", f"marker {_list(strange)} ignored", "not on this sheet"))
     if double:
-        why = "in the photo more than once"
-        notes.append(Note("warning", f"marker {_list(double)} ignored", why))
+        notes.append(
+            Note("warning", f"marker {_list(double)} ignored", "in the photo more than once")
+        )
     if len(usable) < 2:
         extra = "".join(f"; {note.what}: {note.why}" for note in notes)
-        what = f"shows {len(usable)} of the {len(sheet.ids)} markers of the {sheet.label}{extra}"
-        remedy = "two are needed, four or more are better: see that they are in view"
-        raise InputError(picture.name, what, remedy=remedy)
+        raise InputError(
+            picture.name,
+            f"shows {len(usable)} of the {len(sheet.ids)} markers of the {sheet.label}{extra}",
+            remedy="two are needed, four or more are better: see that they are in view",
+        )
     if len(usable) < 4:
-        what = f"only {len(usable)} of {len(sheet.ids)} markers found"
-        why = "the plane is less exact than with four or more around the part"
-        notes.append(Note("warning", what, why))
+        notes.append(
+            Note(
+                "warning",
+                f"only {len(usable)} of {len(sheet.ids)} markers found",
+                "the plane is less exact than with four or more around the part",
+            )
+        )
     marks = [number for number, _ in usable]
     corners = _measure(grey, np.array([place for _, place in usable]), camera)
     marker_names = [f"marker {number}" for number in marks]
@@ -235,13 +247,14 @@ def _find_sheet(picture: Picture, camera: Camera | None, sheet: Sheet) -> _MarkC
 
 
 def _find_board(picture: Picture, camera: Camera | None, board: Board) -> _MarkCorners:
-    """The corners and markers of a board in a photo. Raises InputError for under four corners."""
     pattern = _choose_pattern(picture.pixels, board)
     if len(pattern.numbers) < 4:
-        what = f"shows {counted(len(pattern.numbers), 'corner')} of the {board.label}"
-        remedy = "four are needed; check its squares, its dictionary and the light"
-        raise InputError(picture.name, what, remedy=remedy)
-    grey = _convert_to_grey(picture.pixels)
+        raise InputError(
+            picture.name,
+            f"shows {counted(len(pattern.numbers), 'corner')} of the {board.label}",
+            remedy="four are needed; check its squares, its dictionary and the light",
+        )
+    grey = convert_to_grey(picture.pixels)
     inner_px, inner = refine_corners(grey, pattern, board)
     row, column = np.divmod(inner, board.columns - 1)
     inner_mm = np.column_stack([column + 1, board.rows - 1 - row]) * board.square
@@ -269,7 +282,6 @@ def _find_board(picture: Picture, camera: Camera | None, board: Board) -> _MarkC
 
 
 def _name_corners(markers: Sequence[str]) -> list[str]:
-    """The names of the corners of markers."""
     names: list[str] = []
     for marker in markers:
         names += [f"{marker} corner {corner}" for corner in (1, 2, 3, 4)]
@@ -296,7 +308,9 @@ def _fit_marker_size(marks: _MarkCorners, camera: Camera | None) -> _MarkCorners
 
 def _choose_pattern(pixels: Pixels, board: Board) -> Pattern:
     """The board in the pattern with more corners, the newer one if both have as many."""
-    return max(patterns(_convert_to_grey(pixels), board), key=lambda pattern: len(pattern.numbers))
+    return max(
+        find_patterns(convert_to_grey(pixels), board), key=lambda pattern: len(pattern.numbers)
+    )
 
 
 def _note_pattern(pattern: Pattern, board: Board) -> tuple[Note, ...]:
@@ -304,8 +318,13 @@ def _note_pattern(pattern: Pattern, board: Board) -> tuple[Note, ...]:
     if not has_two_patterns(board):
         return ()
     which = "before OpenCV 4.6" if pattern.legacy else "of OpenCV 4.6 and later"
-    what = f"{board.label} read in the pattern {which}"
-    return (Note("assumed", what, "with an even number of rows there are two; it fits"),)
+    return (
+        Note(
+            "assumed",
+            f"{board.label} read in the pattern {which}",
+            "with an even number of rows there are two; it fits",
+        ),
+    )
 
 
 class _Side(NamedTuple):
@@ -348,14 +367,16 @@ def _missing_lines(pattern: Pattern, board: Board) -> tuple[Note, ...]:
     last = board.columns * board.rows // 2 - 1
     beyond = np.unique(pattern.markers[pattern.markers > last])
     if len(beyond):
-        what = (
-            f"marker {_list(beyond.tolist())} is not on the {board.label}, its last one is {last}"
+        notes.append(
+            Note(
+                "warning",
+                f"marker {_list(beyond.tolist())} is not on the {board.label}, "
+                f"its last one is {last}",
+                "with more rows than camera.markers says, the origin, its lower left corner, is "
+                "too high: count its squares",
+                strict=True,
+            )
         )
-        why = (
-            "with more rows than camera.markers says, the origin, its lower left corner, is too "
-            "high: count its squares"
-        )
-        notes.append(Note("warning", what, why, strict=True))
     return tuple(notes)
 
 
@@ -365,15 +386,18 @@ def _note_missing(missing: int, side: _Side, board: Board) -> Note:
         lines = f"the {missing} {side.name} {side.line}s"
     what = f"no corner of {lines} of the {board.label} is found"
     if side.name != "lower":
-        why = "covered, or out of the picture: the origin does not depend on it"
-        return Note("assumed", what, why)
+        return Note(
+            "assumed", what, "covered, or out of the picture: the origin does not depend on it"
+        )
     shift = short(missing * board.square, 3)
-    why = (
+    return Note(
+        "warning",
+        what,
         "the origin is its lower left corner: if the board has "
         f"{counted(board.rows - missing, 'row')} of squares, all is {shift} mm too far up; "
-        "count its squares, or uncover them"
+        "count its squares, or uncover them",
+        strict=True,
     )
-    return Note("warning", what, why, strict=True)
 
 
 def _select_agreeing(
@@ -401,14 +425,6 @@ def _select_agreeing(
 
 
 # Markers in the picture.
-
-
-def _convert_to_grey(pixels: Pixels) -> Pixels:
-    import cv2  # noqa: PLC0415 (loaded only by what needs it)
-
-    if pixels.ndim == 2:
-        return pixels
-    return cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY).astype(np.uint8, copy=False)
 
 
 def _detect(grey: Pixels, expected: int) -> list[tuple[int, FloatArray]]:
@@ -485,8 +501,7 @@ def _locate_sides(grey: Pixels, corners: FloatArray, max_half: float) -> FloatAr
     centre = (_ACROSS[:-1] + _ACROSS[1:]) / 2
     # A side without any rise is covered. Its middle is taken; the marker contradicts the others.
     offset = np.where(total > 0, rise @ centre / np.where(total > 0, total, 1), 0).clip(-1, 1)
-    edge: FloatArray = middles + offset.reshape(middles.shape[:3])[..., None] * across
-    return edge
+    return np.asarray(middles + offset.reshape(middles.shape[:3])[..., None] * across)
 
 
 def _intersect_sides(edge: FloatArray) -> FloatArray:
@@ -502,8 +517,7 @@ def _intersect_sides(edge: FloatArray) -> FloatArray:
     normals = np.stack([before, normal], axis=2)
     offset_before = (before * np.roll(middle, 1, axis=1)).sum(axis=2)
     offsets = np.stack([offset_before, (normal * middle).sum(axis=2)], axis=2)
-    corners: FloatArray = np.linalg.solve(normals, offsets[..., None])[..., 0]
-    return corners
+    return np.asarray(np.linalg.solve(normals, offsets[..., None])[..., 0])
 
 
 def _list(numbers: Sequence[int]) -> str:

@@ -110,17 +110,22 @@ def sheet(size: str = "A4", marker: float = 20.0, printed: float = RULER) -> She
     """
     page = SIZES.get(size.upper())
     if page is None:
-        remedy = f"give one of {', '.join(SIZES)}"
-        raise JobError("marker sheet", f"no size {size!r}", remedy=remedy)
+        raise JobError(
+            "marker sheet", f"no size {size!r}", remedy=f"give one of {', '.join(SIZES)}"
+        )
     if not (math.isfinite(printed) and RULER * _PRINTED[0] <= printed <= RULER * _PRINTED[1]):
-        what = f"the ruler of {short(RULER, 0)} mm cannot have printed as {short(printed, 3)} mm"
-        remedy = "measure the printed ruler from its first to its last mark, in mm"
-        raise JobError("marker sheet", what, remedy=remedy)
+        raise JobError(
+            "marker sheet",
+            f"the ruler of {short(RULER, 0)} mm cannot have printed as {short(printed, 3)} mm",
+            remedy="measure the printed ruler from its first to its last mark, in mm",
+        )
     max_marker = (page[1] - _MARGIN - _FOOT - _MIN_FREE) / (2 + 2 * _GAP)
     if not _MIN_MARKER <= marker <= max_marker:
-        what = f"markers of {short(marker, 2)} mm do not fit on {size.upper()}"
-        remedy = f"give {short(_MIN_MARKER, 0)} to {short(max_marker - 0.05, 1)} mm"
-        raise JobError("marker sheet", what, remedy=remedy)
+        raise JobError(
+            "marker sheet",
+            f"markers of {short(marker, 2)} mm do not fit on {size.upper()}",
+            remedy=f"give {short(_MIN_MARKER, 0)} to {short(max_marker - 0.05, 1)} mm",
+        )
     left, low = _place_markers(page, marker)
     corner = (_MARGIN + marker * (1 + _GAP), _FOOT + marker * (1 + _GAP))
     free = (page[0] - 2 * corner[0], page[1] - _MARGIN - marker * (1 + _GAP) - corner[1])

@@ -145,9 +145,17 @@ def best_fit(
     agreed = [
         f"{len(fit.used)} photos agree within {short(rms(fit.used), 2)} px" for fit in (usual, wide)
     ]
-    what = f"a wide-angle lens of {_WIDE_ANGLE} coefficients"
-    why = f"with {_USUAL_LENS} of them {agreed[0]}, with all {_WIDE_ANGLE} {agreed[1]}"
-    return wide, odd_wide, [Note("assumed", what, why)]
+    return (
+        wide,
+        odd_wide,
+        [
+            Note(
+                "assumed",
+                f"a wide-angle lens of {_WIDE_ANGLE} coefficients",
+                f"with {_USUAL_LENS} of them {agreed[0]}, with all {_WIDE_ANGLE} {agreed[1]}",
+            )
+        ],
+    )
 
 
 @contextmanager
@@ -203,13 +211,18 @@ def _fit(boards: _NamedBoards, size: tuple[int, int], count: int) -> LensFit:
     try:
         result = cv2.calibrateCamera(places, corners, size, None, None, flags=flags, criteria=until)
     except cv2.error as error:
-        what = "OpenCV cannot calibrate from this photo and the others"
-        raise InputError(boards[0][0], what, " ".join(error.err.split()), TILT) from error
+        raise InputError(
+            boards[0][0],
+            "OpenCV cannot calibrate from this photo and the others",
+            " ".join(error.err.split()),
+            TILT,
+        ) from error
     _, _, _, rotations, translations = result
     matrix, lens = (np.asarray(values, dtype=np.float64) for values in result[1:3])
     if not (np.isfinite(matrix).all() and np.isfinite(lens).all()):
-        what = "OpenCV finds no camera that took this photo and the others"
-        raise InputError(boards[0][0], what, remedy=TILT)
+        raise InputError(
+            boards[0][0], "OpenCV finds no camera that took this photo and the others", remedy=TILT
+        )
     lens = lens.ravel()[:count]
     used: list[UsedPhoto] = []
     normal_matrix = np.zeros((4 + count, 4 + count))
@@ -264,17 +277,18 @@ def _leave_out_odd(
         ratio, error, i, without = max(tests, key=lambda test: test[0])
         if ratio < _MAX_F_RATIO or error < _MAX_ERROR_PX:
             break
-        why = (
-            f"contradicts the others: {short(error, 2)} px off, "
-            f"they agree within {short(rms(without.used), 2)} px"
+        odd.append(
+            LeftOut(
+                remaining.pop(i)[0],
+                f"contradicts the others: {short(error, 2)} px off, "
+                f"they agree within {short(rms(without.used), 2)} px",
+            )
         )
-        odd.append(LeftOut(remaining.pop(i)[0], why))
         fit = without
     return fit, odd
 
 
 def _sum_squares(photo: UsedPhoto) -> float:
-    """Sum of the squared distances of a photo, px2."""
     return float(np.vdot(photo.errors, photo.errors))
 
 
@@ -344,8 +358,11 @@ def calibrate(
         photos.append(photograph(source, target))
     stage("calibrating")
     if not any(photo.seen for photo in photos):
-        what = f"no photo shows the {target.label}"
-        raise InputError(_name_all(photos), what, remedy=_suggest_board(sources, target))
+        raise InputError(
+            _name_all(photos),
+            f"no photo shows the {target.label}",
+            remedy=_suggest_board(sources, target),
+        )
     return fit_camera(photos, target, name)
 
 
@@ -356,12 +373,12 @@ def photograph(source: Source, target: Target) -> Photo:
     """
     picture = load(source, sensor=True)
     if picture.turned:
-        what = (
+        raise InputError(
+            picture.name,
             "is a TIFF turned by its Exif orientation, "
-            "a lens calibration belongs to the pixels of the sensor"
+            "a lens calibration belongs to the pixels of the sensor",
+            remedy="save the photos without the orientation, or leave this one out",
         )
-        remedy = "save the photos without the orientation, or leave this one out"
-        raise InputError(picture.name, what, remedy=remedy)
     height, width = picture.pixels.shape[:2]
     return Photo(picture.name, (width, height), find_board(picture.pixels, target))
 
@@ -378,10 +395,12 @@ def fit_camera(photos: Sequence[Photo], target: Target, name: str) -> Calibratio
         usable = f"{len(good)} of {counted(len(photos), 'photo')}"
         what = f"{usable} can be used with the {target.label}, {LEAST_PHOTOS} are needed"
         why = f" ({left_out[0].name}: {left_out[0].why})" if left_out else ""
-        remedy = (
-            "take 10 to 20 different ones: the whole board, sharp, tilted, in all parts of the view"
+        raise InputError(
+            _name_all(photos),
+            what + why,
+            remedy="take 10 to 20 different ones: the whole board, sharp, tilted, "
+            "in all parts of the view",
         )
-        raise InputError(_name_all(photos), what + why, remedy=remedy)
     fit, odd, notes = best_fit(good, size)
     if not fit.deviations[:2].max() < _UNKNOWN * fit.matrix[:2, :2].max():
         raise InputError(_name_all(photos), "the photos do not tell the focal length", remedy=TILT)
@@ -404,11 +423,13 @@ def _select_size(photos: Sequence[Photo]) -> tuple[tuple[int, int], list[Photo],
         if photo.size == size:
             selected.append(photo)
             continue
-        why = (
-            f"is {photo.size[0]} x {photo.size[1]} px, not {size[0]} x {size[1]}: "
-            "a calibration is for one size"
+        left_out.append(
+            LeftOut(
+                photo.name,
+                f"is {photo.size[0]} x {photo.size[1]} px, not {size[0]} x {size[1]}: "
+                "a calibration is for one size",
+            )
         )
-        left_out.append(LeftOut(photo.name, why))
     return size, selected, left_out
 
 
@@ -420,8 +441,11 @@ def _select_distinct(
     left_out: list[LeftOut] = []
     for photo in photos:
         if photo.seen is None:
-            why = f"{target.label} not found: covered, cut off, blurred or not there"
-            left_out.append(LeftOut(photo.name, why))
+            left_out.append(
+                LeftOut(
+                    photo.name, f"{target.label} not found: covered, cut off, blurred or not there"
+                )
+            )
             continue
         corners = photo.seen.corners
         twins = [name for name, board in good if np.array_equal(board.corners, corners)]
@@ -466,20 +490,33 @@ def _note_weaknesses(camera: Camera, fit: LensFit) -> list[Note]:
     if vague > _VAGUE:
         notes.append(Note("warning", f"focal length known to {short(100 * vague, 1)} % only", TILT))
     if rms(fit.used) > _LARGE_ERROR_PX:
-        why = "is the board flat, are all photos of one camera with one zoom, and sharp?"
-        notes.append(Note("warning", f"errors of {short(rms(fit.used), 2)} px are large", why))
+        notes.append(
+            Note(
+                "warning",
+                f"errors of {short(rms(fit.used), 2)} px are large",
+                "is the board flat, are all photos of one camera with one zoom, and sharp?",
+            )
+        )
     middle = camera.matrix[:2, 2]
     reach = max(
         float(np.linalg.norm(photo.seen.corners - middle, axis=1).max()) for photo in fit.used
     )
     fraction = reach / float(np.linalg.norm(_sample_border(camera.size) - middle, axis=1).max())
     if not can_undistort_border(camera):
-        what = "the lens model shows nothing in the corners of the photo"
-        why = "no board was seen there: take photos with the board in the corners"
-        notes.append(Note("warning", what, why))
+        notes.append(
+            Note(
+                "warning",
+                "the lens model shows nothing in the corners of the photo",
+                "no board was seen there: take photos with the board in the corners",
+            )
+        )
     elif fraction < _MIN_REACH:
         percent = short(100 * fraction, 0)
-        what = f"no corner seen beyond {percent} % of the way to the photo's corners"
-        why = "the lens is a guess further out: take photos with the board there"
-        notes.append(Note("warning", what, why))
+        notes.append(
+            Note(
+                "warning",
+                f"no corner seen beyond {percent} % of the way to the photo's corners",
+                "the lens is a guess further out: take photos with the board there",
+            )
+        )
     return notes

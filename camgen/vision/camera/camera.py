@@ -101,8 +101,11 @@ def _check_whole_frame(file: str, root: Mapping[str, object]) -> None:
     )
     is_binned = any(str(root.get(key, "0")) not in ("0", "1") for key in ("binning_x", "binning_y"))
     if is_cut or is_binned:
-        what = "is for photos that are binned or cut out (binning_x, binning_y, roi)"
-        raise InputError(file, what, remedy="calibrate with the photos as they are used")
+        raise InputError(
+            file,
+            "is for photos that are binned or cut out (binning_x, binning_y, roi)",
+            remedy="calibrate with the photos as they are used",
+        )
 
 
 def _find_value(file: str, root: Mapping[str, object], key: str) -> object:
@@ -134,8 +137,11 @@ def _read_matrix(file: str, root: Mapping[str, object], key: str) -> FloatArray:
     if not isinstance(data, list):
         raise InputError(file, f"{key} has no list of data", remedy=AGAIN)
     if len(data) != rows * columns:
-        what = f"{key} says {rows} x {columns} and holds {counted(len(data), 'number')}"
-        raise InputError(file, what, remedy=AGAIN)
+        raise InputError(
+            file,
+            f"{key} says {rows} x {columns} and holds {counted(len(data), 'number')}",
+            remedy=AGAIN,
+        )
     return find_numbers(file, key, value)
 
 
@@ -168,12 +174,13 @@ def from_storage(file: str, text: str) -> CameraData:
 
 
 def _check_single_camera(file: str, keys: Sequence[str]) -> None:
-    """Raises InputError for a file with the matrices of two cameras."""
     for first, second in (("M1", "M2"), ("K1", "K2")):
         if first in keys and second in keys:
-            what = f"holds two cameras, {first} and {second}"
-            remedy = "keep the matrix and the distortion of the one that takes the photos"
-            raise InputError(file, what, remedy=remedy)
+            raise InputError(
+                file,
+                f"holds two cameras, {first} and {second}",
+                remedy="keep the matrix and the distortion of the one that takes the photos",
+            )
 
 
 def _find_key(file: str, keys: Sequence[str], names: Sequence[str], what: str) -> str:
@@ -183,8 +190,9 @@ def _find_key(file: str, keys: Sequence[str], names: Sequence[str], what: str) -
         contents = f"it holds {cut(', '.join(keys))}" if keys else "it holds no named values"
         raise InputError(file, f"has no {what}, {contents}", remedy=f"name it {names[0]}")
     if len(present) > 1:
-        reason = f"has its {what} twice, {present[0]} and {present[1]}"
-        raise InputError(file, reason, remedy="keep one of them")
+        raise InputError(
+            file, f"has its {what} twice, {present[0]} and {present[1]}", remedy="keep one of them"
+        )
     return present[0]
 
 
@@ -224,8 +232,9 @@ def _read_size(file: str, root: Mapping[str, Stored]) -> tuple[int, int]:
             sides.append(number.item() if number.ndim == 0 else np.nan)
         pair = np.array(sides)
     if pair.size != 2 or not np.isfinite(pair).all() or (pair % 1).any():
-        what = "has a size of the photos that is not two whole numbers"
-        raise InputError(file, what, remedy=_SIZE_REMEDY)
+        raise InputError(
+            file, "has a size of the photos that is not two whole numbers", remedy=_SIZE_REMEDY
+        )
     width, height = (int(value) for value in pair.ravel().tolist())
     return width, height
 
@@ -288,8 +297,7 @@ def _convert_to_rays(camera: Camera, points: FloatArray) -> FloatArray:
 
 def _convert_to_pixels(camera: Camera, points: FloatArray) -> FloatArray:
     """Convert points (N, 2) at distance 1 in front of the camera to pixels (N, 2)."""
-    pixels: FloatArray = points @ camera.matrix[:2, :2].T + camera.matrix[:2, 2]
-    return pixels
+    return np.asarray(points @ camera.matrix[:2, :2].T + camera.matrix[:2, 2])
 
 
 def read_camera(source: Source) -> Camera:
@@ -299,15 +307,19 @@ def read_camera(source: Source) -> Camera:
     """
     name = source.name
     if len(source.data) > source.limits.camera_bytes:
-        what = f"has more than {tell(source.limits.camera_bytes)} bytes: no camera file"
-        remedy = "give the file of a calibration, or raise limits.camera_bytes"
-        raise InputError(name, what, remedy=remedy)
+        raise InputError(
+            name,
+            f"has more than {tell(source.limits.camera_bytes)} bytes: no camera file",
+            remedy="give the file of a calibration, or raise limits.camera_bytes",
+        )
     try:
         text = source.data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        what = "cannot be read as a camera: not a text file"
-        remedy = "give camera_info YAML or OpenCV YAML, XML or JSON"
-        raise InputError(name, what, remedy=remedy) from error
+        raise InputError(
+            name,
+            "cannot be read as a camera: not a text file",
+            remedy="give camera_info YAML or OpenCV YAML, XML or JSON",
+        ) from error
     if not text.strip():
         raise InputError(name, "is empty", remedy=AGAIN)
     is_stored = text.lstrip().startswith(("%YAML:", "<", "{")) or "!!opencv-matrix" in text
@@ -349,12 +361,14 @@ def _quote(name: str) -> str:
 
 
 def _make_camera(data: CameraData, source: Source) -> Camera:
-    """Make the camera of a file. Raises InputError for values that no camera has."""
     file = source.name
     model = data.model or _RATIONAL
     if model not in _MODELS:
-        what = f"has the lens model {model!r}, camgen knows {' and '.join(_MODELS)}"
-        raise InputError(file, what, remedy="calibrate again with one of these")
+        raise InputError(
+            file,
+            f"has the lens model {model!r}, camgen knows {' and '.join(_MODELS)}",
+            remedy="calibrate again with one of these",
+        )
     _check_finite(file, data.matrix_key, data.matrix)
     _check_finite(file, data.lens_key, data.lens)
     matrix, lens = data.matrix, data.lens.ravel()
@@ -364,19 +378,26 @@ def _make_camera(data: CameraData, source: Source) -> Camera:
         )
     counts = _MODELS[model]
     if len(lens) not in counts:
-        what = (
+        raise InputError(
+            file,
             f"{data.lens_key} holds {counted(len(lens), 'number')}, "
-            f"{model} has {', '.join(map(str, counts))}"
+            f"{model} has {', '.join(map(str, counts))}",
+            remedy=AGAIN,
         )
-        raise InputError(file, what, remedy=AGAIN)
     if np.abs(lens).max(initial=0) > _MAX_COEFFICIENT:
-        what = f"{data.lens_key} holds {float(np.abs(lens).max()):g}, no lens bends so much"
-        raise InputError(file, what, remedy=AGAIN)
+        raise InputError(
+            file,
+            f"{data.lens_key} holds {float(np.abs(lens).max()):g}, no lens bends so much",
+            remedy=AGAIN,
+        )
     _check_matrix(file, data.matrix_key, matrix)
     width, height = data.size
     if not (0 < width <= _MAX_SIDE and 0 < height <= _MAX_SIDE):
-        remedy = "give the width and height of the calibrated photos in pixels"
-        raise InputError(file, f"image size {width} x {height} cannot be", remedy=remedy)
+        raise InputError(
+            file,
+            f"image size {width} x {height} cannot be",
+            remedy="give the width and height of the calibrated photos in pixels",
+        )
     return Camera(
         matrix=frozen(matrix),
         distortion=frozen(lens),
@@ -386,21 +407,23 @@ def _make_camera(data: CameraData, source: Source) -> Camera:
 
 
 def _check_finite(file: str, key: str, values: FloatArray) -> None:
-    """Raises InputError for a number that is not finite."""
     if not np.isfinite(values).all():
         raise InputError(file, f"{key} holds a number that is not finite", remedy=AGAIN)
 
 
 def _check_matrix(file: str, key: str, matrix: FloatArray) -> None:
-    """Raises InputError for a matrix (3, 3) that is not that of a camera."""
     for name, focal in zip(("fx", "fy"), np.diag(matrix)[:2].tolist(), strict=True):
         if focal <= 0:
             zero = " (all 0: the camera was never calibrated)" if not matrix.any() else ""
-            what = f"{key}: focal length {name} is {focal:g}{zero}, not positive"
-            raise InputError(file, what, remedy=AGAIN)
+            raise InputError(
+                file, f"{key}: focal length {name} is {focal:g}{zero}, not positive", remedy=AGAIN
+            )
     if matrix[2].tolist() != [0, 0, 1] or matrix[1, 0] != 0:
-        remedy = "its rows are fx 0 cx, 0 fy cy, 0 0 1; look whether it is transposed"
-        raise InputError(file, f"{key} is no camera matrix", remedy=remedy)
+        raise InputError(
+            file,
+            f"{key} is no camera matrix",
+            remedy="its rows are fx 0 cx, 0 fy cy, 0 0 1; look whether it is transposed",
+        )
 
 
 def _format_shape(values: FloatArray) -> str:

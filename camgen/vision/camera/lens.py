@@ -166,8 +166,7 @@ def _limit_radius(ideal: FloatArray, max_radius: float) -> FloatArray:
         return ideal
     radius = np.hypot(*ideal.T)
     factor = np.minimum(1, max_radius * (1 - 1e-9) / np.maximum(radius, NONZERO))
-    limited: FloatArray = ideal * factor[:, None]
-    return limited
+    return np.asarray(ideal * factor[:, None])
 
 
 def _solve_radial(c: FloatArray, target: FloatArray, max_radius: float) -> FloatArray:
@@ -177,8 +176,7 @@ def _solve_radial(c: FloatArray, target: FloatArray, max_radius: float) -> Float
 
     def distort_radius(r: FloatArray) -> FloatArray:
         radial = np.where(np.isin(np.arange(len(c)), (0, 1, 4, 5, 6, 7)), c, 0)
-        seen: FloatArray = _evaluate_model(radial, np.column_stack([r, np.zeros_like(r)]))[0][:, 0]
-        return seen
+        return np.asarray(_evaluate_model(radial, np.column_stack([r, np.zeros_like(r)]))[0][:, 0])
 
     top = min(reach, max_radius)
     limit = min(max_radius, _MAX_RADIUS_RATIO * reach)
@@ -196,5 +194,4 @@ def _make_tilt(c: FloatArray) -> FloatArray:
     cx, sx, cy, sy = np.cos(c[12]), np.sin(c[12]), np.cos(c[13]), np.sin(c[13])
     rotation = np.array([[cy, sy * sx, -sy * cx], [0, cx, sx], [sy, -cy * sx, cy * cx]])
     x, y, z = rotation[:, 2]
-    tilt: FloatArray = np.array([[z, 0, -x], [0, z, -y], [0, 0, 1]]) @ rotation
-    return tilt
+    return np.asarray(np.array([[z, 0, -x], [0, z, -y], [0, 0, 1]]) @ rotation)

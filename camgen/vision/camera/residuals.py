@@ -184,7 +184,6 @@ def _round_up(value: float) -> float:
 
 
 def _shorten_name(text: str) -> str:
-    """The name of a photo for the page; only the end of a long one."""
     return _escape(text if len(text) <= _MAX_LETTERS else "..." + text[3 - _MAX_LETTERS :])
 
 

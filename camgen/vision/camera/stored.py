@@ -59,8 +59,9 @@ def parse_yaml(file: str, text: str) -> Stored:
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
         where = f"line {mark.line + 1}" if mark else ""
-        what = f"is no YAML: {error.problem or error.context}"
-        raise InputError(file, what, where, AGAIN) from error
+        raise InputError(
+            file, f"is no YAML: {error.problem or error.context}", where, AGAIN
+        ) from error
     except (yaml.YAMLError, RecursionError) as error:
         reason = "nested too deep" if isinstance(error, RecursionError) else str(error)
         raise InputError(file, f"is no YAML: {reason}", remedy=AGAIN) from error
@@ -92,14 +93,16 @@ def _parse_xml(file: str, text: str) -> Stored:
     A document type or an entity is refused: entities could make a short text very long.
     """
     if "<!" in text.replace("<!--", ""):
-        what = "holds a document type or an entity, which no camera file needs"
-        raise InputError(file, what, remedy=AGAIN)
+        raise InputError(
+            file, "holds a document type or an entity, which no camera file needs", remedy=AGAIN
+        )
     try:
         root = ElementTree.fromstring(text.lstrip())
     except ElementTree.ParseError as error:
         line = error.position[0]
-        what = f"is no XML: {str(error).partition(':')[0]}"
-        raise InputError(file, what, f"line {line}", AGAIN) from error
+        raise InputError(
+            file, f"is no XML: {str(error).partition(':')[0]}", f"line {line}", AGAIN
+        ) from error
     return _convert_element(root)
 
 
@@ -148,8 +151,11 @@ def _convert_matrix(file: str, key: str, value: dict[str, Stored]) -> FloatArray
         # XML has a single number as text, without a list.
         numbers = find_numbers(file, key, [data] if isinstance(data, str) else data)
     if numbers.size != rows * columns:
-        what = f"{key} says {rows} x {columns} and holds {counted(numbers.size, 'number')}"
-        raise InputError(file, what, remedy=AGAIN)
+        raise InputError(
+            file,
+            f"{key} says {rows} x {columns} and holds {counted(numbers.size, 'number')}",
+            remedy=AGAIN,
+        )
     return numbers.reshape(rows, columns)
 
 
@@ -168,7 +174,6 @@ def _convert_list(file: str, key: str, value: list[Stored]) -> FloatArray:
 
 
 def _convert_count(file: str, key: str, value: Stored) -> int:
-    """A number of rows or columns. Raises InputError for anything else."""
     number = find_numbers(file, key, value) if isinstance(value, str) else np.array(-1.0)
     if not (0 <= number <= _MAX_NUMBERS) or number % 1:
         raise InputError(file, f"{key} is no number of rows or columns", remedy=AGAIN)

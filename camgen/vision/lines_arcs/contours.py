@@ -244,8 +244,9 @@ def primitives(
         stop = begin[runs[-1]] + parts.runs.count[runs[-1]]
         shape = _make_contour(parts, runs, rows[begin[runs[0]] : stop], outline.blur, matrix)
         if shape is None:
-            what = f"outline {k + 1} crosses itself"
-            notes.append(Note("skipped", what, "the mask is too ragged there"))
+            notes.append(
+                Note("skipped", f"outline {k + 1} crosses itself", "the mask is too ragged there")
+            )
             continue
         (points, bulges), fit = shape
         contours.append(Contour(points, bulges, True, layer, f"c{len(contours) + 1}"))
@@ -268,14 +269,21 @@ def _note_lines(contours: Sequence[Contour], fits: Sequence[OutlineFit]) -> tupl
         places: list[tuple[float, float]] = []
         for k in doubtful:
             places += fits[k].places
-        why = "no lines and arcs follow them soundly"
-        notes.append(Note("warning", what, why, ids, tuple(places)))
+        notes.append(
+            Note("warning", what, "no lines and arcs follow them soundly", ids, tuple(places))
+        )
     cut = [k for k, fit in enumerate(fits) if fit.cut]
     if cut:
         area = sum(fits[k].cut for k in cut)
         what = f"{short(area, 1)} px2 of {counted(len(cut), 'outline')} cut off"
-        why = "small loops where they cross themselves"
-        notes.append(Note("warning", what, why, tuple(contours[k].id for k in cut)))
+        notes.append(
+            Note(
+                "warning",
+                what,
+                "small loops where they cross themselves",
+                tuple(contours[k].id for k in cut),
+            )
+        )
     return tuple(notes)
 
 

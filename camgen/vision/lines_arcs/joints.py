@@ -215,8 +215,7 @@ def valley(x: FloatArray, y: FloatArray) -> FloatArray:
         minimum = y[1] - slope * slope / (4 * bend)
     lowest_point = y.min(axis=0)
     is_usable = np.isfinite(minimum) & (bend > 0) & (minimum > lowest_point - 0.5)
-    result: FloatArray = np.where(is_usable, minimum, lowest_point)
-    return result
+    return np.asarray(np.where(is_usable, minimum, lowest_point))
 
 
 def clear(

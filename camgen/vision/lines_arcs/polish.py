@@ -88,7 +88,6 @@ def _move(chain: FittedChain, step: FloatArray) -> FittedChain:
 def _sum_squares(
     chain: FittedChain, points: ComplexArray, piece: IntArray, weight: FloatArray
 ) -> float:
-    """The sum of squares that the fit minimises, px2."""
     tangents = _TANGENT_WEIGHT * _measure_kinks(chain)[chain.smooth]
     return float(weight @ errors(chain, points, piece) ** 2 + tangents @ tangents)
 
@@ -482,5 +481,4 @@ def _find_fractions(chain: FittedChain, points: ComplexArray) -> FloatArray:
     middle = np.where(np.abs(middle) > 1e-9, middle, 1.0)
     on_arc = 0.5 + np.angle((points - centre) / middle) / (4 * np.arctan(safe))
     on_line = ((points - a) * (b - a).conj()).real / np.maximum(np.abs(b - a) ** 2, 1e-18)
-    fractions: FloatArray = np.where(is_arc, on_arc, on_line)
-    return fractions
+    return np.asarray(np.where(is_arc, on_arc, on_line))

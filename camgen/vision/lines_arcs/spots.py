@@ -194,8 +194,7 @@ def _measure_distances(ring: Ring, points: ComplexArray) -> FloatArray:
     plane, _ = _flatten(ring)
     line = shapely.linestrings(np.append(plane, plane[:1], axis=0))
     shapely.prepare(line)
-    distances: FloatArray = shapely.distance(shapely.points(points.real, points.imag), line)
-    return distances
+    return np.asarray(shapely.distance(shapely.points(points.real, points.imag), line))
 
 
 def _find_places(ring: Ring, owner: IntArray, fraction: FloatArray) -> ComplexArray:

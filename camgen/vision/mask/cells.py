@@ -38,7 +38,6 @@ Powers = tuple[tuple[int, int], ...]
 
 
 def _list_powers(degree: int) -> Powers:
-    """Exponents of all products of x and y up to the power `degree`."""
     powers: list[tuple[int, int]] = []
     for n in range(degree + 1):
         powers += [(m, n) for m in range(degree + 1 - n)]

@@ -443,9 +443,11 @@ def _fit_channel_light(
     fits = [_fit_agreeing(before, now, start, valid) for start in starts]
     gain, offset, sigma, _ = max(fits, key=lambda fit: fit[3])
     if sigma > _MAX_FIT_SIGMA:
-        what = f"the photo {which} shows another place, or the camera was moved"
-        remedy = "take both with the camera fixed, or choose another [image] mask"
-        raise InputError(name, what, remedy=remedy)
+        raise InputError(
+            name,
+            f"the photo {which} shows another place, or the camera was moved",
+            remedy="take both with the camera fixed, or choose another [image] mask",
+        )
     return gain, offset
 
 

@@ -136,11 +136,12 @@ def _check_dominance(
     what = f"no part dominates the mask: {counted(count, 'piece')} of {short(area, 0)} mm2"
     if small:
         what += f" and {counted(small, 'smaller one')} of {short(rest, 0)} mm2"
-    remedy = (
-        "clean the bench, light it evenly, or choose another image.mask; "
-        'image.accept = ["specks"] takes all of them for parts'
+    raise NoSafeProgram(
+        name,
+        what,
+        remedy="clean the bench, light it evenly, or choose another image.mask; "
+        'image.accept = ["specks"] takes all of them for parts',
     )
-    raise NoSafeProgram(name, what, remedy=remedy)
 
 
 def _note_loose(
@@ -164,7 +165,6 @@ def _note_loose(
 
 
 def _erase(mask: Bytes, piece: MaskPiece) -> None:
-    """Remove a piece from `mask` (H, W), in place."""
     if piece.filled - piece.pixels < _MIN_PIXELS:
         cv2.drawContours(mask, [piece.ring], -1, 0, cv2.FILLED)
         return
@@ -184,8 +184,11 @@ def _describe_empty_mask(
     if len(pixels):
         size = short(float(pixels.sum()) * view.mm_per_px**2, 3)
         what += f", only {counted(len(pixels), 'speck')} of {size} mm2 in all"
-    remedy = "check its scale, set [image] min_area lower, or choose another [image] mask"
-    return InputError(name, what, remedy=remedy)
+    return InputError(
+        name,
+        what,
+        remedy="check its scale, set [image] min_area lower, or choose another [image] mask",
+    )
 
 
 def _check_whole(rings: list[Ring], view: ScaledView, name: str) -> None:
@@ -201,15 +204,19 @@ def _check_whole(rings: list[Ring], view: ScaledView, name: str) -> None:
         if not touching.any():
             continue
         if sides.any(axis=1).all():
-            what = "the part fills the picture, or a frame runs round it"
-            remedy = "leave bench all round the part, crop what is no bench"
-            raise InputError(name, what, remedy=remedy)
+            raise InputError(
+                name,
+                "the part fills the picture, or a frame runs round it",
+                remedy="leave bench all round the part, crop what is no bench",
+            )
         first = int(np.argmax(touching))
         x, y = (view.work_from_view @ (u[first], v[first], 1)).tolist()
-        where = f"near x {short(x, 1)}, y {short(y, 1)} mm"
-        what = "the part, or something as dark or bright, touches the border of the picture"
-        remedy = "leave bench all round the part, crop or cover what is no part"
-        raise InputError(name, what, where, remedy)
+        raise InputError(
+            name,
+            "the part, or something as dark or bright, touches the border of the picture",
+            f"near x {short(x, 1)}, y {short(y, 1)} mm",
+            "leave bench all round the part, crop or cover what is no part",
+        )
 
 
 def _select_near_unseen(valid: Bools | None) -> Bools | None:

@@ -146,10 +146,12 @@ def choose_mask(
     what = "shows no part: nothing in it stands out from the bench along its border"
     if options.method != "auto":
         what = f'shows no part that [image] mask = "{options.method}" tells from the bench'
-    remedy = (
-        "put the part on a bench of another colour, in even light, or choose another [image] mask"
+    raise InputError(
+        options.name,
+        what,
+        remedy="put the part on a bench of another colour, in even light, "
+        "or choose another [image] mask",
     )
-    raise InputError(options.name, what, remedy=remedy)
 
 
 def _make_grey_channel(pixels: Bytes, cells: Cells) -> Channel:
@@ -169,8 +171,7 @@ def _segment_by_otsu(pixels: Bytes, cells: Cells, options: MaskOptions) -> MaskC
     segmentation = redraw_part(channel, part, cells)
     if segmentation is None:
         return None
-    why = f"Otsu's threshold, {short(level, 1)}, finds the part"
-    return MaskChoice("otsu", why, segmentation)
+    return MaskChoice("otsu", f"Otsu's threshold, {short(level, 1)}, finds the part", segmentation)
 
 
 def _segment_by_threshold(pixels: Bytes, cells: Cells, options: MaskOptions) -> MaskChoice | None:
@@ -189,13 +190,17 @@ def _segment_by_threshold(pixels: Bytes, cells: Cells, options: MaskOptions) -> 
     notes: tuple[Note, ...] = ()
     middle = segmentation.thresholds.middle
     if abs(level - middle) > _MAX_OFF_MIDDLE * abs(segmentation.thresholds.contrast):
-        what = (
-            f"the threshold {short(level, 1)} is not halfway between part and bench "
-            f"({short(middle, 1)})"
+        notes = (
+            Note(
+                "warning",
+                f"the threshold {short(level, 1)} is not halfway between part and bench "
+                f"({short(middle, 1)})",
+                "the outline lies beside the edge, by a part of its blur",
+            ),
         )
-        notes = (Note("warning", what, "the outline lies beside the edge, by a part of its blur"),)
-    why = f"the threshold {short(level, 1)} is given"
-    return MaskChoice("threshold", why, segmentation, level, notes)
+    return MaskChoice(
+        "threshold", f"the threshold {short(level, 1)} is given", segmentation, level, notes
+    )
 
 
 def _segment_adaptively(pixels: Bytes, cells: Cells, options: MaskOptions) -> MaskChoice | None:
@@ -224,19 +229,21 @@ def _note_other_side(segmentation: Segmentation, cells: Cells) -> tuple[Note, ..
     if fraction < _MIN_OTHER_SIDE:
         return ()
     tone = "lighter" if is_dark else "darker"
-    what = f"what is {tone} than the bench is not taken for the part"
-    why = (
-        f"it is {100 * fraction:.0f} % as large; set [image] invert to take it instead, "
-        "or give background for both"
+    return (
+        Note(
+            "warning",
+            f"what is {tone} than the bench is not taken for the part",
+            f"it is {100 * fraction:.0f} % as large; set [image] invert to take it instead, "
+            "or give background for both",
+        ),
     )
-    return (Note("warning", what, why),)
 
 
 def _segment_by_colour(pixels: Bytes, cells: Cells, options: MaskOptions) -> MaskChoice | None:
-    """The part by its colour. Raises InputError for a grey picture."""
     if pixels.ndim == 2:
-        remedy = '[image] mask = "color" needs a picture in colour'
-        raise InputError(options.name, "is grey", remedy=remedy)
+        raise InputError(
+            options.name, "is grey", remedy='[image] mask = "color" needs a picture in colour'
+        )
     segmentation = find_by_colour(pixels, cells, options.color)
     if segmentation is None:
         return None
@@ -305,9 +312,12 @@ def _leave_out_moved_outline(choice: MaskChoice, cells: Cells) -> MaskChoice:
     bare = find_part_beside_shadow(choice.segmentation, cells)
     if bare is None:
         return choice
-    what = "a shadow or a wall is left out: it is the outline of the part, moved"
     why = f"by {bare.shift * cells.size:.0f} px of the view; if it is part, give image.threshold"
-    note = Note("warning", what, f"{why}; look at the preview")
+    note = Note(
+        "warning",
+        "a shadow or a wall is left out: it is the outline of the part, moved",
+        f"{why}; look at the preview",
+    )
     others = {"with its shadow": choice.segmentation.part}
     notes = (*choice.notes, note)
     return replace(choice, segmentation=bare.segmentation, notes=notes, others=others)
@@ -326,11 +336,17 @@ def _leave_out_shadow(pixels: Bytes, cells: Cells, choice: MaskChoice) -> MaskCh
         return choice
     notes: tuple[Note, ...] = ()
     if shadow_area > _MIN_SHADOW * area:
-        what = "a shadow beside the part is left out: it has the colour of the bench in less light"
-        why = "if it is part, choose another image.mask; look at the preview"
-        notes = (Note("warning", what, why),)
-    why = f"a shadow does not show in it; {_describe_contrast(bare)}"
-    return MaskChoice("color", why, bare, notes=notes)
+        notes = (
+            Note(
+                "warning",
+                "a shadow beside the part is left out: "
+                "it has the colour of the bench in less light",
+                "if it is part, choose another image.mask; look at the preview",
+            ),
+        )
+    return MaskChoice(
+        "color", f"a shadow does not show in it; {_describe_contrast(bare)}", bare, notes=notes
+    )
 
 
 def _find_uncertain(choice: MaskChoice, cells: Cells, min_area: float) -> UncertainRegions | None:
@@ -369,8 +385,9 @@ def _choose_grey_or_colour(
         return None
     if grey.segmentation.clarity >= _MIN_CLARITY:
         return _choose_by_light(cells, options, grey)
-    remedy = "look at the mask, or give [image] background"
-    note = Note("warning", "part and bench hardly differ", remedy)
+    note = Note(
+        "warning", "part and bench hardly differ", "look at the mask, or give [image] background"
+    )
     choice = _with_reason(grey, grey.why)
     return replace(choice, notes=(*grey.notes, note))
 
@@ -394,8 +411,12 @@ def _segment_by_alpha(pixels: Bytes, cells: Cells, options: MaskOptions) -> Mask
     segmentation = measure_part(channel, np.asarray(part, np.bool_), cells)
     if segmentation is None:
         return None
-    why = "the picture is transparent around it; image.mask chooses by grey or color"
-    return MaskChoice("alpha", why, segmentation, HALF_OPAQUE)
+    return MaskChoice(
+        "alpha",
+        "the picture is transparent around it; image.mask chooses by grey or color",
+        segmentation,
+        HALF_OPAQUE,
+    )
 
 
 def _sample_by_colour(pixels: Bytes, cells: Cells, options: MaskOptions) -> MaskChoice | None:
@@ -449,10 +470,10 @@ def _choose_by_light(cells: Cells, options: MaskOptions, grey: MaskChoice) -> Ma
     threshold = compute_otsu_threshold(values, cells)
     part = split_at_threshold(values, cells, threshold, options.invert)
     if not is_same_part(part, grey.segmentation.part):
-        reason = (
-            "one threshold for the whole picture finds something else than the bench's rim says"
+        return _with_reason(
+            grey,
+            "one threshold for the whole picture finds something else than the bench's rim says",
         )
-        return _with_reason(grey, reason)
     otsu = MaskChoice("otsu", "", grey.segmentation, notes=grey.notes)
     return _with_reason(otsu, "the light is even")
 
@@ -466,8 +487,12 @@ def _measure_light_variation(segmentation: Segmentation, cells: Cells) -> float:
 
 def _with_reason(choice: MaskChoice, reason: str) -> MaskChoice:
     """The choice with a reason and its contrast as `why`, and with the measured thresholds."""
-    why = f"{reason}; {_describe_contrast(choice.segmentation)}"
-    return MaskChoice(choice.method, why, choice.segmentation, notes=choice.notes)
+    return MaskChoice(
+        choice.method,
+        f"{reason}; {_describe_contrast(choice.segmentation)}",
+        choice.segmentation,
+        notes=choice.notes,
+    )
 
 
 def _describe_contrast(segmentation: Segmentation) -> str:
@@ -480,7 +505,6 @@ def _describe_contrast(segmentation: Segmentation) -> str:
 
 
 def _has_colour(cells: Cells) -> bool:
-    """Whether a picture is in colour, judged by every second cell."""
     if cells.values.ndim == 2:
         return False
     blue, green, red = (cells.values[::2, ::2, k] for k in range(3))
@@ -554,8 +578,9 @@ def part_mask(
     options = MaskOptions(method, settings.threshold, colour, settings.invert, name)
     cells = make_cells(view.pixels, view.valid)
     if not cells.valid.any():
-        remedy = "check the work plane and the region"
-        raise InputError(name, "shows nothing of the work plane", remedy=remedy)
+        raise InputError(
+            name, "shows nothing of the work plane", remedy="check the work plane and the region"
+        )
     empty = None if background is None else background.pixels
     choice = choose_mask(view.pixels, empty, cells, options)
     segmentation, thresholds = choice.segmentation, choice.segmentation.thresholds
@@ -606,7 +631,6 @@ def _restore_segmentation(pixels: Bytes, segmentation: Segmentation, cells: Cell
 
 
 def _note_uncertain(uncertain: UncertainRegions, cells: Cells, view: ScaledView) -> Note:
-    """The note on uncertain regions, with the methods that differ and the largest places."""
     mm2 = (cells.size * view.mm_per_px) ** 2
     count = len(uncertain.places)
     what = (
@@ -628,7 +652,6 @@ def _note_uncertain(uncertain: UncertainRegions, cells: Cells, view: ScaledView)
 def _note_touching(
     touching: list[TouchingPlace], cells: Cells, view: ScaledView
 ) -> tuple[Note, ...]:
-    """The note on parts that touch or overlap, with the first places; none without a place."""
     if not touching:
         return ()
     listed = touching[:_MAX_PLACES]
@@ -668,8 +691,11 @@ def _choose_method(settings: ImageTable, background: ScaledView | None) -> Metho
     }
     method = settings.mask
     if method in ("background", "threshold") and not given[method]:
-        what = f'"{method}" needs [image] {method}'
-        raise JobError("[image] mask", what, remedy="give it, or choose another")
+        raise JobError(
+            "[image] mask",
+            f'"{method}" needs [image] {method}',
+            remedy="give it, or choose another",
+        )
     if method != "auto":
         return method
     for candidate, is_given in given.items():
@@ -679,26 +705,27 @@ def _choose_method(settings: ImageTable, background: ScaledView | None) -> Metho
 
 
 def _check_colour(settings: ImageTable) -> Colour | None:
-    """The colour of the settings, None for none. Raises JobError for an invalid one."""
     if settings.color is None:
         return None
     if len(settings.color) != 3 or not all(0 <= value <= 255 for value in settings.color):
-        what = f"{settings.color} is no colour"
-        raise JobError("[image] color", what, remedy="give [red, green, blue], each 0 to 255")
+        raise JobError(
+            "[image] color",
+            f"{settings.color} is no colour",
+            remedy="give [red, green, blue], each 0 to 255",
+        )
     red, green, blue = settings.color
     return red, green, blue
 
 
 def _check_background(view: ScaledView, background: ScaledView | None) -> None:
-    """Raises JobError if the view of the empty bench has another size or number of channels."""
     if background is None or background.pixels.shape == view.pixels.shape:
         return
-    what = (
+    raise JobError(
+        "[image] background",
         f"its picture and the photo differ: {_describe_picture(background)} "
-        f"and {_describe_picture(view)}"
+        f"and {_describe_picture(view)}",
+        remedy="take both with the same camera and settings, and treat both alike",
     )
-    remedy = "take both with the same camera and settings, and treat both alike"
-    raise JobError("[image] background", what, remedy=remedy)
 
 
 def _describe_picture(view: ScaledView) -> str:

@@ -124,7 +124,6 @@ def _opened(area: Bools) -> Bools:
 
 
 def _largest(area: Bools) -> Bools:
-    """The largest piece of `area`; none of an empty one."""
     if not area.any():
         return area
     _, owners, stats, _ = cv2.connectedComponentsWithStats(area.view(np.uint8), connectivity=4)

@@ -134,7 +134,7 @@ def _find_called(state: State, routine: Routine, call: Calling, depth: int) -> R
     """The PROC that a statement calls. Raises Wrong if it cannot be called."""
     called = state.find_routine(state.homes[routine], call.name)
     if called is None:
-        raise Wrong(call.line, f"the statement {call.name[:40]} is not read")
+        raise Wrong(call.line, f"{call.name[:40]} is a statement that is not read")
     if call.args or call.options:
         raise Wrong(call.line, f"{call.name[:40]} is called with arguments")
     if depth >= _DEEPEST_CALL:

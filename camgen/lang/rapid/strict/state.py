@@ -24,7 +24,7 @@ from camgen.lang.rapid.tree import Calling, Expr, Module, Point, Ref, Routine, R
 from camgen.lang.rapid.types import LITERAL, PREDEFINED, TYPES, Value
 from camgen.lang.rapid.values import Variable
 from camgen.model.pose import FloatArray, Pose
-from camgen.model.program import Instruction, Joints, Packing, Posture
+from camgen.model.program import BodyBuilder, Instruction, Joints, Posture
 from camgen.model.text import counted
 
 from .data import numbers, orient_fault, posture_fault, record_fault
@@ -118,7 +118,7 @@ class State(Machine):
     used: set[str] = field(default_factory=set)
     ran: dict[Routine, None] = field(default_factory=dict)
     handling: set[Routine] = field(default_factory=set)
-    packing: Packing = field(default_factory=Packing)
+    packing: BodyBuilder = field(default_factory=BodyBuilder)
     lines: array[int] = field(default_factory=partial(array, "q"))
     set_up: dict[str, tuple[str, Pose | None]] = field(default_factory=dict)
     checked: dict[str, tuple[str, Frame]] = field(default_factory=dict)
