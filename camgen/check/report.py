@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from itertools import chain
 from typing import TYPE_CHECKING, Any
@@ -16,7 +17,18 @@ from camgen.geometry.vectors import in_blocks, lengths
 from camgen.model.part import Note, Part
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import FloatArray, Vec3, frozen, to_vec3
-from camgen.model.program import Columns, Force, MoveC, MoveJ, MoveL, Output, Stop, ToolChange, Wait
+from camgen.model.program import (
+    Columns,
+    Force,
+    Indices,
+    MoveC,
+    MoveJ,
+    MoveL,
+    Output,
+    Stop,
+    ToolChange,
+    Wait,
+)
 from camgen.plan import Coverage
 
 if TYPE_CHECKING:
@@ -30,13 +42,18 @@ PARTLY_CHECKED = "partly checked"
 
 
 class Motions(Struct, frozen=True):
-    """What a program does, summed up.
+    """The sums of a program.
 
-    counts: instructions by kind. straight, arc, joint: mm of the TCP; a joint motion is counted as the straight line
-    between its ends, 0 where one end is given in joints. seconds: those lengths at their speeds, and the waits; what
-    the controller spends on acceleration and signals is not in it. speeds: least and greatest, mm/s. extents: least
-    and greatest corner of all targets and via points, None without Cartesian targets. outputs: by name, the values
-    set, in order of first use. force: the greatest, N.
+    counts: number of instructions by kind.
+    straight, arc, joint: lengths of the path of the TCP, mm. A joint motion counts as the straight
+        line between its ends, and has no length if one of them is given in joints.
+    seconds: time of these lengths at their speeds, and of the waits, without accelerations, s.
+    speeds: minimum and maximum, mm/s.
+    extents: minimum and maximum of all targets and via points, mm, in the work object of most
+        motions. None without Cartesian targets.
+    outputs: values of each output, in order of first use.
+    force: maximum, N.
+    extents_by_work: extents in each work object by its number, if there are several; else empty.
     """
 
     counts: dict[str, int]
@@ -48,6 +65,7 @@ class Motions(Struct, frozen=True):
     extents: tuple[Vec3, Vec3] | None
     outputs: dict[str, tuple[float, ...]]
     force: float
+    extents_by_work: dict[int, tuple[Vec3, Vec3]] = {}
 
 
 class Cycle(Struct, frozen=True, eq=False):
@@ -67,11 +85,18 @@ _SOME = 4096
 _COUNTED = (MoveJ, MoveL, MoveC, Output, Wait, Force, ToolChange, Stop)
 
 
-def sum_up(columns: Columns) -> Motions:
-    """The sums of a body of instructions."""
-    end, via, speed = columns.ends, columns.via, columns.speed
+def sum_up(columns: Columns, works: Sequence[int] = ()) -> Motions:
+    """The sums of a body of instructions.
+
+    works: number of the work object of each instruction, empty for one. Poses in different work
+        objects are not comparable: a motion from one into another has no length.
+    """
+    speed = columns.speed
     line, arc, joint = (columns.moves_are(kind) for kind in (MoveL, MoveC, MoveJ))
+    work = np.asarray(works, np.intp)[columns.at] if works else np.zeros(len(speed), np.intp)
+    extents = _find_extents(columns, work)
     length = motion_lengths(columns)
+    length[1:][work[1:] != work[:-1]] = 0.0
     seconds = exact_sum(np.maximum(length / speed, _turn_seconds(columns)))
     waits = math.fsum(item.seconds for item in columns.of(Wait))
     outputs: dict[str, dict[float, None]] = {}
@@ -84,12 +109,25 @@ def sum_up(columns: Columns) -> Motions:
         joint=exact_sum(length[joint]),
         seconds=seconds + waits,
         speeds=(float(speed.min()), float(speed.max())) if len(speed) else (0.0, 0.0),
-        extents=(_corner(np.fmin, end, via), _corner(np.fmax, end, via))
-        if columns.posed.any()
-        else None,
+        extents=next(iter(extents.values()), None),
         outputs={name: tuple(values) for name, values in outputs.items()},
         force=max((item.newtons for item in columns.of(Force)), default=0.0),
+        extents_by_work=extents if len(extents) > 1 else {},
     )
+
+
+def _find_extents(columns: Columns, work: Indices) -> dict[int, tuple[Vec3, Vec3]]:
+    """The extents of each work object by its number, that of most motions first.
+
+    work: (M,) number of the work object of each motion.
+    """
+    counts = Counter(work[columns.posed].tolist())
+    extents = {}
+    for number, _ in counts.most_common():
+        via = columns.via[work[columns.arcs] == number]
+        points = columns.ends[work == number], via
+        extents[number] = _corner(np.fmin, *points), _corner(np.fmax, *points)
+    return extents
 
 
 def _turn_seconds(columns: Columns) -> FloatArray:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 from argparse import Namespace
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 
 from msgspec.structs import replace
@@ -77,12 +78,26 @@ def ask_of(language: Language, arguments: Namespace, job: Job, files: Files) -> 
         flange = find_flange(job.operation.taught_on)
     return Ask(
         dialect,
-        dict(map(_assumed, arguments.assume)),
+        dict(chain.from_iterable(map(_read_assumed, arguments.assume))),
         points,
         arguments.entry or "",
         job.limits,
         flange,
     )
+
+
+def _read_assumed(given: str) -> Iterator[tuple[str, float]]:
+    """The values of `name=value`, by name in small letters: `name=[a,b]` has name[1] and name[2].
+
+    JobError for anything else.
+    """
+    name, _, value = given.partition("=")
+    values = value.strip()
+    if not (values.startswith("[") and values.endswith("]")):
+        yield _assumed(given)
+        return
+    for number, item in enumerate(values[1:-1].split(","), 1):
+        yield _assumed(f"{name.strip()}[{number}]={item}")
 
 
 def _assumed(given: str) -> tuple[str, float]:

@@ -31,14 +31,14 @@ from camgen.cli.proven import Proven
 from camgen.cli.rebuild import Origin, Text, compare_rebuilt, pick_program, read_state, tell_state
 from camgen.cli.say import Voice, length, table
 from camgen.lang.alternatives import format_alternatives, run_alternatives
-from camgen.lang.programs import CERTAIN, LANGUAGES, Executed, Finding, Places
+from camgen.lang.programs import CERTAIN, LANGUAGES, Executed, Finding, Frames, Places
 from camgen.lang.taught import Carried, as_far_as_known
 from camgen.lower.steps import split_tools
 from camgen.model.cell import Dynamics
 from camgen.model.errors import CamgenError, InputError, JobError
 from camgen.model.job import Job
 from camgen.model.plugins import entries
-from camgen.model.pose import Pose
+from camgen.model.pose import Pose, Vec3
 from camgen.model.program import Columns, ToolChange
 from camgen.model.text import counted, short
 from camgen.post import Post
@@ -61,6 +61,8 @@ from camgen.read.job_file import find_job_file, load_job
 if TYPE_CHECKING:
     from camgen.geometry.fixtures import Fixtures
 
+#: Number of work objects whose extents are listed.
+_MOST_WORKS = 8
 _NAMES = {
     "MoveJ": "joint motion",
     "MoveL": "straight motion",
@@ -161,10 +163,11 @@ def _judge(asked: _Asked, says: Voice) -> int:
     if len(texts) > 1:
         executed = name_files(executed, place)
     told = as_far_as_known(executed)
-    motions = sum_up(Columns(told.body))
+    motions = sum_up(Columns(told.body), told.works)
     if told.body is not executed.body:
         motions = replace(motions, counts=sum_up(Columns(executed.body)).counts)
     rows = [("language", language.about), *_rows(motions, _lines(texts), executed.untimed)]
+    rows += _list_extents(motions, executed.frames)
     rows += [*rows_of(executed, place), *format_alternatives(alternatives)]
     rows += [("told", f"{note.what} ({note.why})") for note in told.notes]
     error = verdict(executed, paths[0], place)
@@ -420,19 +423,29 @@ def _rows(motions: Motions, lines: int, untimed: int = 0) -> list[tuple[str, str
         rows.append(
             ("speed", " to ".join(dict.fromkeys(short(v, 3) for v in motions.speeds)) + " mm/s")
         )
-    if motions.extents:
-        pairs = zip("xyz", *motions.extents, strict=True)
-        rows.append(
-            (
-                "extents",
-                ", ".join(f"{axis} {short(a, 3)} to {short(b, 3)}" for axis, a, b in pairs) + " mm",
-            )
-        )
+    if motions.extents and not motions.extents_by_work:
+        rows.append(("extents", _format_extents(*motions.extents)))
     for name, values in motions.outputs.items():
         rows.append(("output", f"{name}: {', '.join(short(v, 3) for v in values)}"))
     if motions.force:
         rows.append(("force", f"up to {short(motions.force, 3)} N"))
     return rows
+
+
+def _format_extents(least: Vec3, greatest: Vec3) -> str:
+    spans = zip("xyz", least, greatest, strict=True)
+    return ", ".join(f"{axis} {short(a, 3)} to {short(b, 3)}" for axis, a, b in spans) + " mm"
+
+
+def _list_extents(motions: Motions, frames: Sequence[Frames]) -> list[Row]:
+    """The extents in each of several work objects whose poses are unknown."""
+    rows = []
+    for number, extents in motions.extents_by_work.items():
+        frame = frames[number].work or "of the base"
+        rows.append(("extents", f"{_format_extents(*extents)}, in the frame {frame}"))
+    left = len(rows) - _MOST_WORKS
+    more = [("extents", f"and in {counted(left, 'more work object')}")] if left > 0 else []
+    return [*rows[:_MOST_WORKS], *more]
 
 
 def _format_findings(findings: Sequence[Finding], place: Callable[[int], str]) -> str:

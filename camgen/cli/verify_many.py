@@ -209,7 +209,8 @@ def _verify_group(
     refusal = verdict(executed, group[0], place)
     code = 0 if refusal is None else refusal.exit_code
     findings = (*executed.findings, *_stop(executed))
-    seconds = sum_up(Columns(as_far_as_known(executed).body)).seconds
+    carried = as_far_as_known(executed)
+    seconds = sum_up(Columns(carried.body), carried.works).seconds
     untimed = executed.untimed
     return Judged(names, language.name, findings, place, seconds, untimed, code, "")
 

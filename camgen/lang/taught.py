@@ -209,12 +209,16 @@ def text_of(source: Source) -> str:
 
 
 class Carried(Struct, frozen=True, eq=False):
-    """A body in one work object and with one tool, and what is to be said of that."""
+    """A body in one work object and with one tool, and what is to be said of that.
+
+    works: number of the work object of each instruction in the frames of the run, empty for one.
+    """
 
     body: Sequence[Instruction]
     lines: Sequence[int]
     frames: Frames
     notes: tuple[Note, ...]
+    works: tuple[int, ...] = ()
 
 
 class _Change(Struct, frozen=True, eq=False):
@@ -246,7 +250,18 @@ def as_far_as_known(executed: Executed) -> Carried:
         return in_one_frame(executed, "", _CHORD)
     except InputError as error:
         note = Note("assumed", "each motion is told in its own frame", f"the program {error.what}")
-        return Carried(whole.body, whole.lines, whole.frames, (note,))
+        return Carried(whole.body, whole.lines, whole.frames, (note,), _list_works(executed))
+
+
+def _list_works(executed: Executed) -> tuple[int, ...]:
+    """The number of the first frames with the work object of each instruction."""
+    numbers: dict[tuple[object, ...], int] = {}
+    of_frames = []
+    for number, frames in enumerate(executed.frames):
+        base = frames.base_from_work
+        pose = None if base is None else (base.origin, base.rotation.tobytes())
+        of_frames.append(numbers.setdefault((frames.work, pose), number))
+    return tuple(of_frames[place] for place in executed.frame)
 
 
 def in_one_frame(executed: Executed, file: str, chord: float) -> Carried:

@@ -72,9 +72,11 @@ def test_the_arm_that_a_program_is_for_tells_where_joint_values_lead(capsys):
     seen = "MoveL Offs(CRobT(\\Tool:=tGun\\WObj:=wobj0),0,0,50),v100,fine,tGun;"
     program = write("shop.mod", RAPID.replace("MoveJ p1,v500,fine,tGun;", f"{joints}\n{seen}", 1))
     main(["verify", program])
-    assert "motions there are left out" in capsys.readouterr().out
+    assert "motions from there are shown in a frame of that name" in capsys.readouterr().out
     assert main(["verify", program, "--set", "operation.taught_on=abb_irb120"]) == 0
-    assert "left out" not in capsys.readouterr().out
+    shown = capsys.readouterr().out
+    assert "left out" not in shown
+    assert "in a frame of that name" not in shown
     code, _, _, error = judged(capsys, program, "--set", "operation.taught_on=nobody")
     assert code == 2
     assert "operation.taught_on" in error
@@ -86,6 +88,14 @@ def test_an_output_in_a_corner_is_dangerous(capsys):
     assert code == 3
     assert [line.split(": ")[:2] for line in told] == [["shop.mod line 7", "dangerous"]]
     assert "1 line is dangerous, first: doGun" in error
+
+
+def test_a_subroutine_runs_with_the_arguments_of_the_user(capsys):
+    text = "G21 G90\no<hole> sub\nG0 X#1 Y#2\nG0 Z5\nG1 Z[-#3] F100\no<hole> endsub\n"
+    words = ("--entry", "hole", "--assume", "args=[10, 20,3]")
+    code, page, findings, error = judged(capsys, write("hole.ngc", text), *words)
+    assert (code, findings, error) == (0, [], "")
+    assert page["extents"] == "x 10 to 10, y 20 to 20, z -3 to 5 mm"
 
 
 def test_what_the_controller_refuses_comes_first(capsys):
@@ -156,6 +166,7 @@ def test_a_program_without_a_motion_has_a_page_too(capsys):
     [
         (["--assume", "di1"], "'di1' is no name with its value"),
         (["--assume", "=1"], "'=1' is no name with its value"),
+        (["--assume", "args=[1,]"], "'args[2]='"),
         (["--dialect", "fanuc"], "rapid has no dialect fanuc"),
         (["--report", "out.pdf"], "the report of a program is a page"),
         (["--report", "shop.mod.html/x.html"], "shop.mod.html"),

@@ -244,7 +244,7 @@ def test_a_cloud_that_breaks_off_is_damaged(kind, tmp_path):
         ("a.xyz", b"1 2 3\n" * 99, "has 99 usable points; a scan needs 100 or more"),
         ("a.xyz", b"nan nan nan\n" * 500, "has 0 usable points"),
         ("a.txt", b"Dear all,\nthe scan follows.\n", "has no line of three numbers"),
-        ("a.txt", b"\x00\x01\x02" * 50, "is not text"),
+        ("a.txt", b"\x00\x01\x02" * 50, "is not a text"),
         ("a.xyz", b"1 2 3\n" * 99 + b"1 2\n", "'1 2' is not a point (line 100)"),
         (
             "a.ply",

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from camgen.lang.gcode.machine import AXES, COOLANTS, Handler, Machine, take_axes
 from camgen.lang.gcode.milling import MILLING
 from camgen.lang.gcode.motion import target
+from camgen.lang.gcode.predefined import find_feed, set_override
 from camgen.lang.gcode.tool_radius import compensate
 from camgen.lang.gcode.traced import TRACED
 from camgen.lang.gcode.turning import turn
@@ -58,6 +59,7 @@ def feed(m: Machine, words: dict[str, float], codes: Mapping[str, str]) -> None:
         elif unit != m.unit:
             m.log.find("unusual", f"F{value:g} counts in the unit before {change}", once="unit")
     m.feed = value * scale / (1.0 if mode == "G95" else 60.0)
+    m.named.pop("_feed", None)
 
 
 def speed_and_tool(m: Machine, words: dict[str, float], codes: Mapping[str, str]) -> None:
@@ -71,7 +73,7 @@ def speed_and_tool(m: Machine, words: dict[str, float], codes: Mapping[str, str]
         value = words.pop("S")
         if value < 0:
             raise LineError(f"spindle speed S{value:g} is negative")
-        m.speed = value
+        m.speed = m.named["_rpm"] = value
         if m.spindle != "M5" and "spindle" not in codes:
             m.turn()
 
@@ -92,6 +94,7 @@ def turn_spindle(m: Machine, code: str, words: dict[str, float]) -> None:
 
 def _surface(m: Machine, code: str, words: dict[str, float]) -> None:
     """G96: S is the speed of the surface, m/min or feet/min, at the diameter where the tool is."""
+    m.named["_spindle_css_mode"] = float(code == "G96")
     if code == "G97":
         return
     limit = words.pop("D", m.most_turns) or _MOST_TURNS
@@ -204,7 +207,7 @@ def _dwell(m: Machine, _code: str, words: dict[str, float]) -> None:
 
 
 def _override(m: Machine, code: str, words: dict[str, float]) -> None:
-    words.pop("P", None)
+    set_override(m, code, words.pop("P", 1.0))
     if code == "M49":
         m.log.fact("left out", "M49 locks the overrides")
     m.log.fact("overrides", code)
@@ -230,7 +233,11 @@ def _plane(m: Machine, code: str, _words: dict[str, float]) -> None:
 
 
 def _units(m: Machine, code: str, _words: dict[str, float]) -> None:
-    m.unit = _INCH if code == "G20" else 1.0
+    unit = _INCH if code == "G20" else 1.0
+    if m.feed > 0 and m.unit not in (None, unit):
+        # The feed keeps its speed, and F its number.
+        m.named.setdefault("_feed", find_feed(m))
+    m.unit = unit
 
 
 def _diameter(m: Machine, code: str, _words: dict[str, float]) -> None:
@@ -242,6 +249,9 @@ def _path(m: Machine, code: str, words: dict[str, float]) -> None:
     if code == "G64":
         words.pop("P", None)
         words.pop("Q", None)
+        if m.dialect.flow and words.pop("R", None) is not None:
+            what = "R of G64 chooses the planner of a newer LinuxCNC; version 2.9 refuses it"
+            m.log.find("unusual", what, once="G64 R")
 
 
 def _distance(m: Machine, code: str, _words: dict[str, float]) -> None:

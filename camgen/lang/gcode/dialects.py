@@ -187,6 +187,7 @@ MARLIN = Dialect(
         r"^;[ \t]*flavor:",
         r"^[ \t]*(?:n\d+[ \t]*)?m(?:10[4-9]|140|190|82|83|84|20[1-9]|300|117|907)\b",
         r"\bg92[ \t]*e",
+        r"^[ \t]*n\d+[^;(#\[=\n]*\*\d+[ \t]*$",
         r"^[ \t]*g[01][^(;\n]*\be-?\d",
     ),
     codes={k: v for k, v in GROUP.items() if k not in [*_PRINTER.split(), "G5"]},

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from functools import lru_cache
+from functools import lru_cache, partial
 
 from msgspec import Struct
 
@@ -15,6 +15,7 @@ from camgen.lang.gcode.codes import ORDER, feed, speed_and_tool
 from camgen.lang.gcode.machine import Leap, Machine
 from camgen.lang.gcode.macros import read_goto, set_then, test_branch, test_loop
 from camgen.lang.gcode.motion import move, run_usual
+from camgen.lang.gcode.predefined import find_value
 from camgen.lang.gcode.third_party import begin, end
 from camgen.lang.gcode.words import COMMENT, Line, LineError, Parameters, value_at
 from camgen.lang.run import Budget, Ended, Stopped
@@ -80,7 +81,7 @@ class Interpreter:
         self.log = machine.log
         self.depth = 0
         self._lines, self._code = lines, code
-        self._known = Parameters(machine.value)
+        self._known = Parameters(partial(find_value, machine))
         self._remembered: dict[str, Line] = {}
         self._budget = Budget(len(lines), machine.bounds.gcode_steps, "gcode_steps")
         # No condition is unknown, so that no number of rounds is guessed.
@@ -90,17 +91,46 @@ class Interpreter:
         #: Numbers of the loops of Fanuc that were entered.
         self._entered: set[str] = set()
         self._is_profile = False
+        #: First steps of the subroutines that were called.
+        self._called: set[int] = set()
         machine.most = len(lines) + machine.bounds.gcode_motions
         machine.inside = lambda: self.depth
         machine.find_lines, machine.run_lines = self._find_profile, self._run_profile
 
-    def run(self) -> None:
-        """Runs the program to its end.
+    def run(self, entry: str = "") -> None:
+        """Runs the program to its end, or a subroutine with the arguments that the user gives.
 
+        entry: number or name of the subroutine, empty for the program.
         Raises LineError for a wrong line, unless the machine goes on after it (`Machine.refuse`).
         """
         with suppress(Ended):
-            self._flow.run(self._code)
+            if entry:
+                self._run_entry(entry.lower().removeprefix("o").strip("<>"))
+            else:
+                self._flow.run(self._code)
+        line = self.machine.line
+        for label, start in self._code.labels.items():
+            if label.startswith("sub ") and start not in self._called:
+                self.machine.line = self._code.steps[start - 1].line
+                self.log.fact("not called", f"o{label[4:]}")
+        self.machine.line = line
+
+    def _run_entry(self, name: str) -> None:
+        """Runs a subroutine: of O-words by number or name, of another controller by number."""
+        m, labels = self.machine, self._code.labels
+        keys = (f"sub <{name}>", f"sub {name}", f"o{name}")
+        start = next((labels[key] for key in keys if key in labels), None)
+        if start is None:
+            known = ", ".join(key[4:] for key in labels if key.startswith("sub ")) or "none"
+            what = f"there is no subroutine {name[:40]}, which is asked for; the text has {known}"
+            m.log.find("refused", what, line=1)
+            return
+        m.line = self._code.steps[start - 1].line
+        arguments = {k: m.given[f"args[{k}]"] for k in range(1, 31) if f"args[{k}]" in m.given}
+        if not arguments:
+            m.assume(f"{name} has no arguments: #1 to #30 are 0", "args")
+        self._enter(start, 1, arguments)
+        m.ended = True
 
     # -- lines ---------------------------------------------------------------------------------
 
@@ -239,6 +269,7 @@ class Interpreter:
         if arguments is not None:
             known.arguments, known.named = dict(arguments), {}
         self.depth += 1
+        self._called.add(start)
         try:
             for _ in range(times):
                 self._flow.run(self._code, start)

@@ -38,7 +38,6 @@ GCODE = Language(
     recognise=is_gcode,
     run=run_gcode,
     dialects=tuple(DIALECTS),
-    takes=(),
 )
 GRBL_LANGUAGE = Language(
     name="grbl",

@@ -7,7 +7,7 @@ post's is a `Profile`: tables and a few functions.
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -29,6 +29,7 @@ from camgen.model.limits import Limits as Bounds
 from camgen.model.limits import tell
 from camgen.model.pose import TOOL_DOWN, Pose, Vec3
 from camgen.model.program import BodyBuilder, Instruction, MoveC, MoveJ, MoveL, Output, Stop
+from camgen.model.text import short
 
 #: Feed, mm/min, of a machine with a default feed, before the first F.
 FEED = 600.0
@@ -104,7 +105,7 @@ class Machine:
     on_off: whether the program switches the spindle and never states a speed.
     others: letters of axes that must not move.
     most: maximum number of instructions.
-    has_heights: whether the program states any height.
+    unnamed: numbers of the axes that no line of the program names.
     pause: seconds in a dwell of P1.
     long_wait: s. A longer wait is probably a number of ms.
     fewest_holes: number of holes of a line without L.
@@ -175,6 +176,7 @@ class Machine:
     path: path of the tool beside the programmed one, None without compensation.
     left_path: whether no motion has run since G40.
     height: height of the tool beside the path, along the normal, mm.
+    named: values of predefined names that lines set, and that no other field has.
     most_turns: maximum spindle speed at constant surface speed, rpm.
     halted: line of the M6 that stopped the spindle, 0 after its next start.
     beam: beam of a laser that its dialect switches off in rapid motions.
@@ -192,7 +194,7 @@ class Machine:
     on_off: bool = False
     others: str = "ABCUVW"
     most: float = _BOUNDS.gcode_motions
-    has_heights: bool = True
+    unnamed: Collection[int] = ()
     pause: float = 1.0
     long_wait: float = 100.0
     fewest_holes: int = 1
@@ -267,6 +269,7 @@ class Machine:
     path: OffsetPath | None = None
     left_path: bool = False
     height: float = 0.0
+    named: dict[str, float] = field(default_factory=dict)
     speed: float | None = None
     spindle: str = "M5"
     most_turns: float = 0.0
@@ -302,26 +305,6 @@ class Machine:
                 raise error
             self.unknown_line = self.unknown_line or self.line
         self.log.find("refused", str(error))
-
-    def value(self, name: str) -> float | None:
-        """The value of a parameter of the machine, by number or name. None if it has none.
-
-        A value that the program does not determine is assumed.
-        """
-        axis = _POSITIONS.get(name)
-        if axis is not None and self.known[axis]:
-            return (self.at[axis] - self.shift[axis]) / self.scale
-        if name in _VALUES:
-            return _VALUES[name](self)
-        if name in self.homes:
-            return self.homes[name]
-        if name == "5400":
-            return float(self.changed_to or 0)
-        if name.isdigit():
-            return self.guess(f"#{name} is a value of the machine", f"#{name}", 0.0)
-        if name.startswith(("_hal[", "_ini[")):
-            return self.guess(f"#<{name}> is a value of the machine", f"#<{name}>", 0.0)
-        return None
 
     def insist_on_feed(self, code: str) -> None:
         """Sets the default feed of the machine before the first F, or adds a refusal."""
@@ -447,10 +430,11 @@ class Machine:
             self.add(MoveL(Pose(TOOL_DOWN, self.here()), self.feed))
             return
         self._insist_on_dark_rapids()
-        if not (self.has_heights or self.has_position or self.known[2]):
-            # The whole program runs at one height.
-            self.known[2], self.entry = True, RAPID
-            self.assume("the program begins at Z0", why="it does not say where")
+        for axis in () if self.has_position else self.unnamed:
+            # The whole program runs at one place of this axis.
+            self._begin_at_zero(axis)
+        if not self.has_position:
+            self._find_unshown(end)
         self.at[:] = end
         for axis in axes:
             self.known[axis] = True
@@ -459,6 +443,36 @@ class Machine:
             self.add(MoveJ(Pose(TOOL_DOWN, self.here()), RAPID))
         else:
             self.held += 1
+
+    def _begin_at_zero(self, axis: int) -> None:
+        """Takes 0 for the position of an axis that no line names."""
+        if self.known[axis]:
+            return
+        self.known[axis] = True
+        self.assume(f"the program begins at {AXES[axis]}0", why="it does not say where")
+        if axis == 2:
+            self.entry = RAPID
+
+    def _find_unshown(self, end: Sequence[float]) -> None:
+        """Adds a finding for a rapid motion from a place that is not known in all axes.
+
+        The program shows the first place that is known in all axes, so that the start of this
+        motion is in no motion and in no extents.
+        """
+        known = [k for k in range(3) if self.known[k]]
+        if len(known) == 3 or all(end[k] == self.at[k] for k in known):
+            return
+        start, stop = self._format_place(self.at, known), self._format_place(end, known)
+        unknown = " and ".join(AXES[k] for k in range(3) if k not in known)
+        is_or_are = "is" if len(known) == 2 else "are"
+        what = f"a rapid motion from {start} to {stop} while {unknown} {is_or_are} not known"
+        self.log.find("unusual", f"{what}: motions and extents do not show {start}")
+
+    def _format_place(self, place: Sequence[float], axes: Sequence[int]) -> str:
+        """Some coordinates of a place in those of the program, such as "X5 Y0"."""
+        values = [(place[k] - self.shift[k]) / self.scale for k in axes]
+        words = zip(axes, values, strict=True)
+        return " ".join(f"{AXES[k]}{short(value, 4)}" for k, value in words)
 
     def _insist_on_dark_rapids(self) -> None:
         """Adds a finding for a rapid motion with the beam of a laser on."""
@@ -559,21 +573,6 @@ class Machine:
 
 
 COOLANTS = {"M7": "mist", "M8": "flood"}
-_POSITIONS = {"5420": 0, "5421": 1, "5422": 2, "_x": 0, "_y": 1, "_z": 2}
-_VALUES: dict[str, Callable[[Machine], float]] = {
-    "_metric": lambda m: float(m.scale == 1.0),
-    "_imperial": lambda m: float(m.scale != 1.0),
-    "_absolute": lambda m: float(not m.incremental),
-    "_incremental": lambda m: float(m.incremental),
-    "_inverse_time": lambda m: float(m.feed_mode == "G93"),
-    "_units_per_minute": lambda m: float(m.feed_mode == "G94"),
-    "_units_per_rev": lambda m: float(m.feed_mode == "G95"),
-    "_feed": lambda m: m.feed * 60.0 / m.scale,
-    "_rpm": lambda m: m.speed or 0.0,
-    "_line": lambda m: float(m.line),
-    "_spindle_on": lambda m: float(m.spindle != "M5"),
-    "_spindle_cw": lambda m: float(m.spindle == "M3"),
-}
 
 
 def take_axes(m: Machine, words: dict[str, float]) -> dict[int, float]:

@@ -215,6 +215,8 @@ def run_usual(m: Machine, lines: Sequence[str], at: int, bound: int) -> int:
             else:
                 m.body.extend_body(effect.body)
             m.lines.frombytes(effect.lines.tobytes())
+            if effect.feed != m.feed:
+                m.named.pop("_feed", None)
             m.at[:], at = effect.at, effect.line
             m.feed, m.motion, m.cut = effect.feed, effect.motion, m.cut or effect.cut
         if effect is None or at < stop:

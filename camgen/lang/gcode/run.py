@@ -20,8 +20,12 @@ from camgen.lang.programs import Ask, Executed, Frames
 from camgen.lang.run import Stopped
 from camgen.model.program import Output
 
-#: Words that lead to a height: Z, W as an increment of it, and places that the machine stores.
-_HEIGHT = re.compile(r"[zZwW]|\bG[ \t]*0*(?:28|30|53)\b", re.IGNORECASE)
+#: Words that lead to a place of X, Y and Z: the axis, its increment, polar words, and places that
+#: the machine stores.
+_LEADS = tuple(
+    re.compile(rf"[{letters}]|\bG[ \t]*0*(?:28|30|53)\b", re.IGNORECASE)
+    for letters in (r"xu@\^", r"yv@\^", "zw")
+)
 
 
 #: The profile of third-party programs.
@@ -66,7 +70,8 @@ def play(
         fewest_holes=0 if dialect.increments else 1,
     )
     _set_beam(m, text)
-    m.has_heights = any(_HEIGHT.search(COMMENT.sub("", text)) for text in files.values())
+    words = COMMENT.sub("", "\n".join(files.values()))
+    m.unnamed = [axis for axis, leads in enumerate(_LEADS) if not leads.search(words)]
     m.log.fact("dialect", f"{dialect.name} ({sign[:30]})" if sign else dialect.name)
     other = find_other(text)
     if other is not None and not ask.dialect:
@@ -76,8 +81,9 @@ def play(
     except LineError as error:
         what, line = error.args
         return m, (line, what)
+    third_party.judge_blanks(m, lines)
     try:
-        Interpreter(m, lines, code).run()
+        Interpreter(m, lines, code).run(ask.entry)
         m.finish()
     except (LineError, Stopped) as error:
         return m, (m.line, str(error))

@@ -19,6 +19,7 @@ import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 from msgspec.structs import replace
 
@@ -33,6 +34,7 @@ from camgen.lang.gcode.codes import (
 )
 from camgen.lang.gcode.interpreter import Interpreter
 from camgen.lang.gcode.machine import ARCS, AXES, COOLANTS, Machine, Profile
+from camgen.lang.gcode.predefined import find_value
 from camgen.lang.gcode.third_party import stand
 from camgen.lang.gcode.words import (
     COMMENT,
@@ -736,7 +738,7 @@ def run(lines: Sequence[str], rules: Controller, expect: Expect) -> Machine:
 
 def _read_rest(m: Machine, lines: Sequence[str]) -> None:
     """Adds findings for lines with words after the end of the program."""
-    parameters = Parameters(m.value)
+    parameters = Parameters(partial(find_value, m))
     for index in range(m.line, len(lines)):
         m.line = index + 1
         try:

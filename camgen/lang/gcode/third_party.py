@@ -7,7 +7,9 @@ no other machine has is a loss. The run goes on after both.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from functools import reduce
+from operator import xor
 
 from camgen.lang.gcode.dialects import LOSSES
 from camgen.lang.gcode.machine import ARCS, AXES, Grammar, Machine
@@ -40,6 +42,15 @@ _EXPONENT = re.compile(
 _HAS_E = re.compile(r"g76|m6[78]")
 _LOGS = re.compile(r"[ \t]*\([ \t]*(?:probeopen|probeclose)\b", re.IGNORECASE)
 _PLAIN = re.compile(r"(?:[a-z][+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))*")
+#: A line as a host sends it to a printer: its text, and the exclusive or of its bytes.
+_CHECKED = re.compile(r"([ \t]*[nN][0-9]+[^*;]*)\*([0-9]{1,3})[ \t]*")
+#: Blanks between two digits, such as "Y5 600".
+_SPLIT = re.compile(r"[ \t](?<=[0-9.][ \t])[ \t]*[0-9.]")
+_SPLIT_NUMBER = re.compile(r"(?:[A-Za-z][ \t]*)?(?:[-+][ \t]*)?[0-9.]+(?:[ \t]+[0-9.]+)+")
+#: All behind the first blank of such a number.
+_SPLIT_END = re.compile(r"(?<=[0-9.])[ \t]+[0-9.][0-9. \t]*")
+#: Names of parameters and of files, which may have blanks.
+_NAMED = re.compile(r'<[^<>]*>|"[^"]*"?')
 _PARTS = dict(zip("UVW", AXES, strict=True))
 _WORKING = ("G1", *ARCS)
 _PLANES = {"G17": ("X", "Y"), "G18": ("Z", "X"), "G19": ("Y", "Z")}
@@ -105,7 +116,7 @@ def clean(m: Machine, raw: str) -> str:
         return ""
     if dialect.nested or dialect.name == "grbl":
         text = drop_comments(raw, dialect.nested)
-        text = _as_printers_read(text) if dialect.extruder else text
+        text = _as_printers_read(m, text) if dialect.extruder else text
         return without_number(text.translate(BLANKS).lower().lstrip("/").removesuffix("%"))
     if _LOGS.match(raw):
         m.log.fact("left out", shown)
@@ -113,10 +124,41 @@ def clean(m: Machine, raw: str) -> str:
     return bare(raw)
 
 
-def _as_printers_read(text: str) -> str:
-    """A line without its checksum and texts in quotes; a letter without a number is a flag."""
-    text = _QUOTED.sub("0", text.partition("*")[0])
+def _check_sum(m: Machine) -> None:
+    """Adds a finding for a line whose checksum is that of another text."""
+    line = _CHECKED.fullmatch(m.raw)
+    if line is None:
+        return
+    checksum = reduce(xor, line[1].encode("latin-1", "replace"))
+    if checksum != int(line[2]):
+        what = f"checksum {line[2]}, and that of the line is {checksum}: the line was changed"
+        m.log.find("unusual", f"{what}; a printer asks the host for it again")
+
+
+def _as_printers_read(m: Machine, text: str) -> str:
+    """A line without its checksum, texts in quotes and all behind a blank in a number.
+
+    A letter without a number is a flag.
+    """
+    _check_sum(m)
+    text = _SPLIT_END.sub("", _QUOTED.sub("0", text.partition("*")[0]))
     return _FLAG.sub(r"\1 0", _TEXTS.sub(r"\1", text))
+
+
+def judge_blanks(m: Machine, lines: Sequence[str]) -> None:
+    """Adds a finding for each number with blanks in it."""
+    is_printer = m.dialect.extruder
+    for line, raw in enumerate(lines, 1):
+        if not _SPLIT.search(raw) or raw.lstrip().startswith("["):
+            continue
+        if is_printer and (_TEXT.match(raw) or _MACRO.match(raw)):
+            continue
+        split = _SPLIT_NUMBER.search(_NAMED.sub("", drop_comments(raw, m.dialect.nested)))
+        if split:
+            number = _SPLIT_END.sub("", split[0]) if is_printer else split[0]
+            rule = "a printer ends a number at a blank" if is_printer else "blanks are ignored"
+            what = f"{split[0]} is read as {number.translate(BLANKS)}: {rule}"
+            m.log.find("dangerous", what, line=line)
 
 
 def parse(m: Machine, text: str, known: Parameters) -> Line:

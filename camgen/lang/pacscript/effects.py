@@ -30,7 +30,7 @@ OMITTED = by_word({
     "the speed of joint motions": "jspeed speedmode",
     "the load": "aspacle payload st_aspchange",
     "the path between the points": """
-        addpathpoint clrpathpoint cpmode highpathaccuracy loadpathpoint singularavoid""",
+        cpmode highpathaccuracy loadpathpoint singularavoid""",
     "the servo: gravity, currents and allowed deviations": """
         eralw grvctrl grvoffset st_gravity st_grvoffset st_resetcurlimit st_resetcurlmt
         st_reseteralw st_seteralw""",

@@ -99,6 +99,8 @@ def evaluate(run: State, node: Node) -> Value:
         return values[0] if len(values) == 1 else values
     if kind in ("member", "element"):
         return _of_object(run, node)
+    if kind == "range":
+        raise Unreadable("a range of positions stands where one value is expected")
     return _operate(run, node) if kind != "left out" else 0.0
 
 

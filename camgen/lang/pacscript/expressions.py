@@ -29,7 +29,7 @@ _SAME = {"==": "=", "><": "<>", "=<": "<=", "=>": ">="}
 
 
 class Node(NamedTuple):
-    """A part of an expression. kind: number, text, name, call, index, member, tuple, left out, sign, not, or an
+    """A part of an expression. kind: number, text, name, call, index, range, member, tuple, left out, sign, not, or an
     operator. said: the value or the lower-case name. parts: what it is made of.
     """
 
@@ -132,6 +132,12 @@ class _Parser:
         self.at += taken
         return taken
 
+    def take_to(self) -> bool:
+        """Take the word of a range, `P[1 TO 3]`, if it comes next."""
+        is_next = self.at < len(self.tokens) and self.tokens[self.at][1].lower() == "to"
+        self.at += is_next
+        return is_next
+
     def prefixed(self) -> Node:
         """A value with its signs."""
         self.depth += 1
@@ -195,6 +201,8 @@ class _Parser:
                     ("sign", closing),
                 )
                 values.append(LEFT_OUT if empty else self.expression(0))
+                if closing == "]" and self.take_to():
+                    values[-1] = Node("range", 0.0, (values[-1], self.expression(0)))
                 if self.take(closing):
                     return tuple(values)
                 if not self.take(","):

@@ -397,6 +397,8 @@ def _arithmetic(sign: str, a: float, b: float) -> float:
 
 def _with_places(sign: str, a: Value, b: Value) -> Value:
     """Vectors, joints and, in the older dialect, positions with an operator."""
+    if isinstance(a, tuple) and isinstance(b, (Pose, tuple)):
+        a = place(a)
     if isinstance(a, Pose) and sign in ("+", "-") and isinstance(b, (Pose, tuple, Vector)):
         by = place(b)
         return _shift([a, by if sign == "+" else by.inverse()])

@@ -80,6 +80,10 @@ class Machine:
         self.outputs: dict[str, Value] = {}
         self.current_pose: Pose = name_place("where the arm stands at the start")
         self.joints: Joints | None = None
+        #: Values of the axes beyond the sixth, deg, NaN if they are not known.
+        self.others: dict[int, float] = {}
+        #: Points of the free curves, by the number of their path.
+        self.paths: dict[int, list[Value]] = {}
         self.figure: int | None = None
         self.internal: Speed = 100.0
         self.external: float = 100.0
@@ -237,12 +241,23 @@ class Machine:
     def go_joints(self, target: Joints, speed: Speed, blend: float, at_once: bool = False) -> None:
         """Moves the axes to values of their own."""
         if len(target.values) > 6:
-            if any(target.values[6:]):
-                self.log.lose_axes("joint values beyond the sixth are not shown")
+            values = dict(enumerate(map(math.degrees, target.values[6:]), 7))
+            self.move_others(values, "joint values beyond the sixth are not shown")
             target = Joints(target.values[:6])
         mm_s, share = self.speed(speed)
         self.move(MoveJ(target, mm_s, blend, share=share), blend > 0 and not at_once)
         self.figure = None
+
+    def move_others(self, values: dict[int, float], what: str) -> None:
+        """Adds a loss for axes beyond the sixth.
+
+        values: new values by axis, deg, NaN if they are not known.
+        what: text of the loss.
+        """
+        is_moving = any(value != self.others.get(axis, value) for axis, value in values.items())
+        if is_moving or any(values.values()):
+            self.log.lose_axes(what, is_moving)
+        self.others |= values
 
     def go(
         self, linear: bool, target: Pose, speed: Speed, blend: float, at_once: bool = False

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 from camgen.geometry.arcs import circle, turn_about
 from camgen.lang.pacscript.effects import OMITTED_OPTIONS
@@ -121,8 +121,7 @@ def move(run: State, motion: Motion) -> None:
     """``Move``."""
     speed = run.read_speed(motion)
     if motion.kind == "s":
-        place = name_place(f"the end of the free curve of line {run.machine.line}")
-        run.machine.go(True, place, speed, 0.0, motion.at_once)
+        _follow_path(run, motion, speed)
         return
     if motion.kind == "c":
         if len(motion.goals) != 2:
@@ -133,10 +132,53 @@ def move(run: State, motion: Motion) -> None:
     if not motion.goals:
         raise Wrong("a motion without a target")
     for goal in motion.goals:
-        target = run.place_of(goal.value)
         if goal.extended is not None:
             run.machine.log.lose_axes("extended axes move too and are not shown")
-        run.go(LINEAR[motion.kind], target, speed, run.blend_of(goal.mark), motion.at_once)
+        for node in _list_places(run, goal.value):
+            target = run.place_of(node)
+            run.go(LINEAR[motion.kind], target, speed, run.blend_of(goal.mark), motion.at_once)
+
+
+def _list_places(run: State, node: Node) -> Iterator[Node]:
+    """The places of a goal: one, or each of a range such as `P[1 TO 3]`."""
+    if node.kind != "index" or not node.parts or node.parts[0].kind != "range":
+        yield node
+        return
+    first, last = (index(number(run.evaluate(bound))) for bound in node.parts[0].parts)
+    if last < first:
+        raise Unreadable(f"the range from {first} to {last} runs backwards")
+    run.log.assume("the pass mark of a range of positions holds for each of them")
+    for place in range(first, last + 1):
+        run.budget.spend()
+        yield Node("index", node.said, (Node("number", float(place)),))
+
+
+def add_path_point(run: State, parts: Sequence[Node]) -> None:
+    """``AddPathPoint path, position``, in the older dialect ``SetSplinePoint``."""
+    if len(parts) < 2:
+        raise Wrong("a point of a path needs its path and its position")
+    path = index(number(run.evaluate(parts[0])))
+    run.machine.paths.setdefault(path, []).append(run.place_of(parts[1]))
+
+
+def clear_path(run: State, parts: Sequence[Node]) -> None:
+    """``ClrPathPoint path``, in the older dialect ``ClrSplinePoint``."""
+    for part in parts[:1]:
+        run.machine.paths.pop(index(number(run.evaluate(part))), None)
+
+
+def _follow_path(run: State, motion: Motion, speed: Speed) -> None:
+    """``Move S, path``: a free curve through the points of a path."""
+    machine = run.machine
+    curve = f"the free curve of line {machine.line}"
+    path = run.evaluate(motion.goals[0].value) if motion.goals else 0.0
+    points = [] if isinstance(path, Unknown) else machine.paths.get(index(number(path)), [])
+    if not points:
+        machine.go(True, name_place(f"the end of {curve}"), speed, 0.0, motion.at_once)
+        return
+    machine.log.leave_out(f"{curve} is shown as lines through its points")
+    for point in points:
+        run.go(True, point, speed, 0.0, motion.at_once)
 
 
 def place_of(run: State, node: Node) -> Value:
@@ -459,7 +501,14 @@ def _drive(
 ) -> None:
     machine = run.machine
     if any(axis > 6 for axis in said):
-        machine.log.lose_axes(", ".join(f"axis {axis} moves" for axis in sorted(said) if axis > 6))
+        others = {axis: said[axis] for axis in sorted(said) if axis > 6}
+        values = {}
+        for axis, value in others.items():
+            start = machine.others.setdefault(axis, 0.0 if relative else math.nan)
+            amount = math.nan if isinstance(value, Unknown) else number(value)
+            if amount or not relative:
+                values[axis] = start + amount if relative else amount
+        machine.move_others(values, ", ".join(f"axis {axis} moves" for axis in others))
         said = {axis: value for axis, value in said.items() if axis <= 6}
         if not said:
             return

@@ -251,6 +251,8 @@ ORDERS: dict[str, Order] = {
     "drive": Order(_read_drive, _DRIVE, Effect.MOVES),
     "drivea": Order(_read_drive, _DRIVE_TO, Effect.MOVES),
     "gohome": Order(read_list, motions.go_home, Effect.MOVES),
+    **dict.fromkeys(("addpathpoint", "setsplinepoint"), Order(read_list, motions.add_path_point)),
+    **dict.fromkeys(("clrpathpoint", "clrsplinepoint"), Order(read_list, motions.clear_path)),
     "home": Order(read_list, settings.set_home),
     "takearm": Order(_read_take, settings.take_arm),
     "givearm": Order(read_list, settings.give_arm, Effect.LEAVES),

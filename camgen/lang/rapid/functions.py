@@ -12,6 +12,7 @@ import numpy as np
 
 from camgen.lang.values import Unknown
 from camgen.model.pose import (
+    IDENTITY,
     Pose,
     fixed_xyz,
     frozen,
@@ -19,14 +20,13 @@ from camgen.model.pose import (
     rotation_about,
     rotation_from_quaternion,
     to_vec3,
-    translation,
 )
 
 from .machine import Machine
-from .places import pose_of, say_pose, see_here, see_joints
+from .places import pose_of, say_pose, see_here, see_joints, shift_placed, turn_placed
 from .tokens import Wrong
 from .tree import Calling, Element, Expr, Maybe, Ref
-from .values import NOTHING, Value, find_unknown, operate, tell_type
+from .values import NOTHING, RelativeTarget, Value, find_unknown, operate, tell_type
 
 
 def call_function(machine: Machine, call: Calling) -> Value:
@@ -82,7 +82,11 @@ def _offs(machine: Machine, call: Calling) -> Value:
         raise machine.wrong("Offs has a robtarget and three numbers")
     point, *shift = values
     machine.fit("robtarget", point)
-    if isinstance(point, Unknown) or isinstance(point[0], Unknown):
+    if isinstance(point, RelativeTarget) and all(type(v) is float for v in shift):
+        return shift_placed(point, shift)
+    if isinstance(point, Unknown):
+        return find_unknown(point)
+    if isinstance(point[0], Unknown):
         return point
     moved = tuple(a if isinstance(a, Unknown) else b if isinstance(b, Unknown) else _add(machine, a, b)
                   for a, b in zip(point[0], shift, strict=True))  # fmt: skip
@@ -103,20 +107,24 @@ def _reltool(machine: Machine, call: Calling) -> Value:
         name: machine.value(value) for name, value in call.options if _is_given(machine, value)
     }
     machine.fit("robtarget", values[0])
-    unknown = (
-        find_unknown(values[:1]) or find_unknown(values[1:]) or find_unknown(list(turns.values()))
-    )
+    point, x, y, z = values
+    unknown = find_unknown([x, y, z, *turns.values()])
+    if not isinstance(point, RelativeTarget):
+        unknown = find_unknown(point) or unknown
     if unknown is not None:
         return unknown
-    point, x, y, z = values
-    if not isinstance(point, tuple) or not all(type(v) is float for v in (x, y, z)):
+    if not isinstance(point, (tuple, RelativeTarget)) or not all(
+        type(v) is float for v in (x, y, z)
+    ):
         raise machine.wrong("RelTool has a robtarget and three numbers")
-    moved = pose_of(machine, point) @ translation(x, y, z)
-    rotation = moved.rotation
+    rotation = IDENTITY
     for axis, name in enumerate(("rx", "ry", "rz")):
         if type(turns.get(name)) is float:
             rotation = frozen(rotation @ rotation_about(axis, math.radians(turns[name])))
-    return (tuple(map(float, moved.origin)), quaternion(rotation), *point[2:])
+    displacement = Pose(rotation, (x, y, z))
+    if isinstance(point, RelativeTarget):
+        return turn_placed(point, displacement)
+    return (*say_pose(pose_of(machine, point) @ displacement), *point[2:])
 
 
 def _is_given(machine: Machine, value: Expr | None) -> bool:

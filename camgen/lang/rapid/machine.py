@@ -15,7 +15,7 @@ from camgen.model.instructions import Instruction
 from camgen.model.pose import FloatArray, Pose, rotation_from_quaternion
 from camgen.model.text import counted
 
-from .tokens import Wrong
+from .tokens import Failed, Wrong
 from .tree import (
     Calling,
     Component,
@@ -131,6 +131,10 @@ class Machine:
     line: int = 0
     position: RobotPosition = field(default_factory=RobotPosition)
     external: Value | None = None  # values of the external axes in the last target
+    placed: dict[str, str] = field(
+        default_factory=dict
+    )  # work objects of frames that no text states
+    placed_here: tuple[RobotPosition, str] | None = None  # the last position with such a frame
     displaced: Pose | None = None
     speed_override: float = 1.0
     speed_most: float = 0.0
@@ -138,6 +142,7 @@ class Machine:
     blending: int = 0  # line of the last motion, where it blends and nothing was switched since
     changes: int = 0  # how often data have been given another value
     version: int = 0  # how often records have
+    has_resting: bool = False  # whether the value of any data rests on a branch that was assumed
     pressing: tuple[int, int] | None = None
     welding: bool = False
     errors: int = 0  # numbers of errors that were given
@@ -248,7 +253,7 @@ class Machine:
 
     def fit(self, kind: str, value: Value, within: str = "") -> None:
         """Raises Wrong for a value that is no data of the type ``kind``. within: the record that it is part of."""
-        if type(value) is Unknown or type(value) is Given:
+        if isinstance(value, Unknown) or type(value) is Given:
             return
         kind = self.kind(kind)
         parts = self.types.get(kind)
@@ -385,7 +390,8 @@ class Machine:
         if kind not in self.types or not path:
             return old
         parts = [part for part, _ in self._parts(kind)]
-        whole = tuple(old for _ in parts) if isinstance(old, Unknown) else old
+        unknown = find_unknown(old) if isinstance(old, Unknown) else None
+        whole = old if unknown is None else tuple(unknown for _ in parts)
         place = path[0]
         if not isinstance(whole, tuple) or place >= min(len(parts), len(whole)):
             return whole
@@ -461,7 +467,9 @@ class Machine:
             if isinstance(at, Unknown) or not isinstance(value, list):
                 return None
             if not 1 <= at <= len(value):
-                raise self.wrong(f"element {at:g} of {variable.name}, which has {len(value)}")
+                raise Failed(
+                    self.line, f"element {at:g} of {variable.name}, which has {len(value)}"
+                )
             places.append(int(at) - 1)
             value = value[int(at) - 1]
         return variable, (*path, *places), kind, max(dims - len(places), 0)

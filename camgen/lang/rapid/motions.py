@@ -20,9 +20,10 @@ from camgen.model.pose import Pose, Vec3, frozen, rotation_between, to_vec3
 from .effects import LOST_OPTIONS, OMITTED_OPTIONS, READ_OPTIONS, SILENT_OPTIONS
 from .functions import name_of
 from .machine import Machine, RobotPosition
-from .places import WORST_NORM, choose_frame, pose_of, see_pose
+from .places import WORST_NORM, choose_frame, enter_placed, pose_of, see_pose
+from .tokens import Failed
 from .tree import Calling, Expr, Inline
-from .values import Value, find_unknown
+from .values import RelativeTarget, Value, find_unknown
 from .ways import is_half_turn, judge_arc, split_arc, split_at_circle_point
 
 #: mm/s where the text gives no speed that is one.
@@ -350,6 +351,8 @@ def _can_go(machine: Machine, point: Value) -> bool:
 def _move_pose(
     machine: Machine, form: Form, call: Calling, points: list[Value], bound: Bound
 ) -> None:
+    if any(isinstance(point, RelativeTarget) for point in points):
+        points = enter_placed(machine, points)
     if not all(_can_go(machine, point) for point in points):
         return
     poses = [pose_of(machine, point) for point in points]
@@ -393,7 +396,8 @@ def _check_turn(machine: Machine, turn: tuple[float, ...]) -> None:
     norm = sum(v * v for v in turn)
     off = abs(norm - 1)
     if off > WORST_NORM:
-        raise machine.wrong(f"an orientation that is none (the sum of its squares is {norm:.3g})")
+        what = f"an orientation that is none (the sum of its squares is {norm:.3g})"
+        raise Failed(machine.line, what)
     if off > _LOOSE_NORM:
         what = f"an orientation that is not normalised (the sum of its squares is off by {off:.2g})"
         machine.log.find("unusual", what, once="norm")

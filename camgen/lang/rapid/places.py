@@ -5,16 +5,25 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from msgspec.structs import replace
+
 from camgen.lang.programs import Frames, carry_pose
 from camgen.lang.values import Unknown
-from camgen.model.pose import Pose, quaternion, translation
+from camgen.model.pose import Pose, quaternion, rotation_from_quaternion, translation
 
 from .machine import Machine
+from .tokens import Failed
 from .tree import Calling, Expr, Ref
-from .values import Value, find_unknown
+from .values import RelativeTarget, Value, find_unknown
 
 #: Largest difference from 1 of the sum of squares of an orientation (manual, NOrient).
 WORST_NORM = 0.1
+#: Configuration and external axes of a robtarget that states none.
+_NO_REST = ((0.0,) * 4, (9e9,) * 6)
+#: A position and an orientation at the origin of a frame.
+_ORIGIN = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
+#: End of the name of a frame with the axes of the tool.
+_BY_TOOL = ", along the tool"
 #: kg: what tool0 weighs, which says nothing.
 _NO_MASS = 0.0011
 
@@ -24,7 +33,8 @@ def pose_of(machine: Machine, value: Value) -> Pose:
     (x, y, z), turn = value[0], value[1]
     norm = sum(v * v for v in turn)
     if abs(norm - 1) > WORST_NORM:
-        raise machine.wrong(f"an orientation that is none (the sum of its squares is {norm:.3g})")
+        what = f"an orientation that is none (the sum of its squares is {norm:.3g})"
+        raise Failed(machine.line, what)
     return Pose(machine.rotation(turn), (x, y, z))
 
 
@@ -179,17 +189,92 @@ def see_here(machine: Machine, call: Calling) -> Value:
     kept = machine.frame
     if machine.frames and ("tool" in options or "wobj" in options):
         tool = options.get("tool") or Ref(machine.frames[kept].tool or "tool0")
-        work = options.get("wobj") or (
-            Ref(machine.frames[kept].work) if machine.frames[kept].work else None
-        )
+        before = machine.frames[kept].work
+        before = machine.placed.get(before, before)
+        work = options.get("wobj") or (Ref(before) if before else None)
         machine.frame = choose_frame(machine, tool, work, False)
     pose, rest = see_pose(machine) if machine.frames else None, machine.position.rest
+    work_name = machine.frames[machine.frame].work if machine.frames else ""
     machine.frame = kept
-    if pose is None:
+    if pose is None or _find_placed(machine):
         machine.log.assume(f"{call.name}: where the arm is is not known")
-        return Unknown("where the arm is")
+        if call.name == "cpos" or machine.displaced is not None:
+            return Unknown("where the arm is")
+        return _place_here(machine, machine.placed.get(work_name, work_name))
     if machine.displaced is not None:
         pose = machine.displaced.inverse() @ pose
     position, turn = say_pose(pose)
-    rest = rest if len(rest) == 2 else ((0.0,) * 4, (9e9,) * 6)
+    rest = rest if len(rest) == 2 else _NO_REST
     return position if call.name == "cpos" else (position, turn, *rest)
+
+
+# Places relative to a pose that no text holds ------------------------------------------------
+
+
+def _find_placed(machine: Machine) -> str:
+    """The frame without a pose in which the arm is, empty without one."""
+    arm = machine.position
+    name = machine.frames[arm.frame].work if machine.frames and arm.pose is not None else ""
+    return name if name in machine.placed else ""
+
+
+def _place_here(machine: Machine, work: str) -> RelativeTarget:
+    """The robtarget where the arm is, in a frame that no text states.
+
+    work: work object in force.
+    """
+    arm, point, name = machine.position, _ORIGIN, _find_placed(machine)
+    if name and arm.pose is not None:
+        point = say_pose(arm.pose)
+    else:
+        if machine.placed_here is None or machine.placed_here[0] is not arm:
+            machine.placed_here = arm, f"where the arm is in line {machine.line}"
+        name = machine.placed_here[1]
+    return RelativeTarget("where the arm is", point=point, frame=name, work=_name_work(work))
+
+
+def _name_work(name: str) -> str:
+    return "" if name.lower() == "wobj0" else name
+
+
+def shift_placed(placed: RelativeTarget, shift: Sequence[float]) -> Value:
+    """Offs of a place: along the axes of its frame, unless they are those of the tool."""
+    if placed.frame.endswith(_BY_TOOL):
+        return find_unknown(placed)
+    position, turn = placed.point
+    x, y, z = (a + b for a, b in zip(position, shift, strict=True))
+    return replace(placed, point=((x, y, z), turn))
+
+
+def turn_placed(placed: RelativeTarget, displacement: Pose) -> Value:
+    """RelTool of a place, in a frame with the axes of the tool."""
+    if not placed.frame.endswith(_BY_TOOL):
+        if placed.point != _ORIGIN:
+            return find_unknown(placed)
+        placed = replace(placed, frame=placed.frame + _BY_TOOL)
+    (x, y, z), turn = placed.point
+    pose = Pose(rotation_from_quaternion(turn), (x, y, z))
+    return replace(placed, point=say_pose(pose @ displacement))
+
+
+def enter_placed(machine: Machine, points: list[Value]) -> list[Value]:
+    """The points of a motion in their frame, which becomes the one in force.
+
+    Points in different frames stay as they are.
+    """
+    first, tool = points[0], machine.frames[machine.frame]
+    if not all(
+        isinstance(point, RelativeTarget) and point.frame == first.frame for point in points
+    ):
+        return points
+    if first.work != _name_work(tool.work) or machine.displaced is not None:
+        return points
+    what = f"{first.frame} is not in the text: motions from there are shown in a frame of that name"
+    machine.log.leave_out(what)
+    key = (tool.tool, first.frame)
+    if key not in machine.frame_keys:
+        machine.frame_keys[key] = len(machine.frames)
+        machine.frames.append(Frames(tool.tool, first.frame, tool.flange_from_tool))
+        machine.placed[first.frame] = first.work
+    machine.frame = machine.frame_keys[key]
+    return [(*point.point, *_NO_REST) for point in points]

@@ -173,7 +173,8 @@ def test_where_the_arm_is_is_known_after_a_motion_to_a_pose() -> None:
         )
     )[1] == (1100, 0, 50)
     unknown = done(f"MoveAbsJ [[0,0,0,0,9,0],{E9}],{TAIL}\nMoveL Offs(CRobT(),0,0,9),{TAIL}")
-    assert len(unknown.body) == 1
+    assert places(unknown) == [(0, 0, 9)]
+    assert unknown.frames[unknown.frame[1]].work == "where the arm is in line 14"
     assert "where the arm is is not known" in unknown.assumed[0].what
 
 
@@ -709,7 +710,8 @@ def test_a_motion_that_no_text_tells_is_said() -> None:
     executed = done(
         f"MoveL p1,{TAIL}\nEGMRunPose id,EGM_STOP_HOLD\\X;\nMoveL Offs(CRobT(),0,0,9),{TAIL}"
     )
-    assert places(executed) == [(100, 0, 0)]
+    assert places(executed) == [(100, 0, 0), (0, 0, 9)]
+    assert executed.frames[executed.frame[1]].base_from_work is None
     assert executed.assumed[0].what == "egmrunpose moves the arm as no text says: it is not shown"
 
 
