@@ -14,7 +14,7 @@ from camgen.model.pose import FloatArray, Pose
 from camgen.model.program import Force, MoveC, MoveJ, MoveL, Output, Program
 from camgen.model.text import short
 from camgen.plan.unused import is_idle
-from camgen.read.units import LARGEST, remedy_for
+from camgen.read.units import LARGEST, choose_remedy
 
 #: Remedy for a drawing that is far from the origin.
 _MOVE = 'set input.origin = "lower-left", which moves it to x 0, y 0'
@@ -102,7 +102,7 @@ def _doubt_unit(part: Part) -> str:
     low, high = points.min(axis=0).tolist(), points.max(axis=0).tolist()
     spans = zip("xyz", low, high, strict=False)
     reach = ", ".join(f"{axis} {short(a, 0)} to {short(b, 0)}" for axis, a, b in spans)
-    remedies = [remedy_for(part.source)]
+    remedies = [choose_remedy(part.source)]
     if np.ptp(points, axis=0).max() <= LARGEST:
         is_flat = part.solid is None and not part.curves
         remedies.append(_MOVE if is_flat else "move it to the origin")

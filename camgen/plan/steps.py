@@ -15,9 +15,9 @@ from camgen.model.part import Contour, Note, Part
 from camgen.model.tolerance import SAME_POINT_MM
 from camgen.plan.open_outlines import check_outlines
 from camgen.plan.unused import drop_inherited
-from camgen.read.chosen import takes_layer
+from camgen.read.chosen import is_chosen_layer
 from camgen.read.colors import format_color, resolve_named
-from camgen.read.marks import drills_marks
+from camgen.read.marks import can_drill_marks
 
 #: What is done first: holes, pockets, what is drawn on the part and at its edges, and last what cuts it out.
 _RANKS = {"drill": 0, "bore": 0, "pocket": 1, "fill": 2, "trace": 2, "chamfer": 3, "follow": 4}
@@ -128,9 +128,9 @@ def _choose(part: Part, step: Step, number: int) -> frozenset[str]:
     found = [
         c
         for c in part.contours
-        if takes_layer(c.layer, choice.layers) and (not choice.ids or c.id in choice.ids)
+        if is_chosen_layer(c.layer, choice.layers) and (not choice.ids or c.id in choice.ids)
     ]
-    if not drills_marks(step.operation):
+    if not can_drill_marks(step.operation):
         found = [c for c in found if not c.is_mark]
     found = [c for c in found if not choice.colors or c.color in colors]
     if choice.nesting != "any":

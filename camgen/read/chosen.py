@@ -8,7 +8,7 @@ from fnmatch import fnmatchcase
 from camgen.read.colors import resolve_named
 
 
-def takes_layer(layer: str, globs: Sequence[str]) -> bool:
+def is_chosen_layer(layer: str, globs: Sequence[str]) -> bool:
     """Whether a layer is chosen. Upper and lower case are the same, as in CAD.
 
     globs: a layer has to match one of them, and none that starts with "!". Globs with "!" alone
@@ -25,6 +25,6 @@ def takes_layer(layer: str, globs: Sequence[str]) -> bool:
     return is_chosen or not has_choice
 
 
-def takes_color(color: str, names: Sequence[str]) -> bool:
+def is_chosen_color(color: str, names: Sequence[str]) -> bool:
     """Whether a color ("#ff0000") has one of the names. Without names every color is chosen."""
     return not names or any(color in resolve_named(name) for name in names)

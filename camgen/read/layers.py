@@ -8,7 +8,7 @@ from msgspec import Struct, field
 
 from camgen.model.errors import JobError
 from camgen.model.text import harmless, suggest
-from camgen.read.chosen import takes_layer
+from camgen.read.chosen import is_chosen_layer
 
 OFF, FROZEN, NOT_ASKED = "the layer is off", "the layer is frozen", "left out by input.layers"
 
@@ -36,7 +36,7 @@ class Layers(Struct):
             folded = layer.casefold()
             self.names.setdefault(folded, layer)
             verdict = self.states.get(folded, "")
-            is_chosen = folded in self.clamps or takes_layer(layer, self.globs)
+            is_chosen = folded in self.clamps or is_chosen_layer(layer, self.globs)
             if not verdict and not is_chosen:
                 verdict = NOT_ASKED
             self.verdicts[layer] = verdict

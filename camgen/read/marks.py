@@ -14,7 +14,7 @@ from camgen.model.job import Job, OperationTable
 from camgen.model.part import Contour, Note
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
-from camgen.read.chosen import takes_color, takes_layer
+from camgen.read.chosen import is_chosen_color, is_chosen_layer
 from camgen.read.join import find_close_pairs
 from camgen.read.pieces import BoolArray, describe_elements
 
@@ -43,16 +43,16 @@ def find_diameter(mark: Mark, job: Job) -> float:
     An operation that chooses holes by their diameters does not drill at marks, which have none.
     """
     for step in job.operations:
-        takes = takes_layer(mark.layer, step.choice.layers)
-        takes &= takes_color(mark.color, step.choice.colors)
-        if takes and drills_marks(step.operation):
+        takes = is_chosen_layer(mark.layer, step.choice.layers)
+        takes &= is_chosen_color(mark.color, step.choice.colors)
+        if takes and can_drill_marks(step.operation):
             return step.tool.diameter
-    if not job.operations and drills_marks(job.operation):
+    if not job.operations and can_drill_marks(job.operation):
         return job.tool.diameter
     return 0.0
 
 
-def drills_marks(operation: OperationTable) -> bool:
+def can_drill_marks(operation: OperationTable) -> bool:
     """Whether an operation drills at points of a drawing."""
     return operation.kind == "drill" and operation.holes is None
 

@@ -90,7 +90,7 @@ def read(source: Source, job: Job, _files: Files) -> Part:
             source.name, "nothing to machine", remedy=f"{_REMEDY}, two or more of them"
         )
     if job.input.units.strip().lower() == "auto":
-        notes += units.doubts(_measure_size(curves), unit, source.name)
+        notes += units.note_doubtful_size(_measure_size(curves), unit, source.name)
     return Part(source.stem, source.name, unit, (), tuple(notes), curves=tuple(curves))
 
 

@@ -48,7 +48,9 @@ class Piece(Struct, frozen=True, eq=False):
     via: FloatArray
 
 
-def curves(pieces: Sequence[Piece], tolerance: float) -> tuple[tuple[Curve, ...], tuple[Note, ...]]:
+def join_pieces(
+    pieces: Sequence[Piece], tolerance: float
+) -> tuple[tuple[Curve, ...], tuple[Note, ...]]:
     """The curves that the pieces make, in the order of their first pieces, and notes.
 
     tolerance: largest gap between ends that are joined, mm.
@@ -95,7 +97,7 @@ def make_curve(
     return Curve(name, layer, frozen(points), frozen(middles), curved, closed, length, rotations)
 
 
-def tell_which(drawn: Sequence[Curve]) -> Note:
+def note_heights(drawn: Sequence[Curve]) -> Note:
     """The note that lists the curves in space, and the flat ones with their heights."""
     level = {curve.id: curve.level for curve in drawn}
     in_space = [name for name, height in level.items() if height is None]

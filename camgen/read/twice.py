@@ -23,7 +23,7 @@ from camgen.model.job import Step
 from camgen.model.part import Note
 from camgen.model.text import short
 from camgen.model.tolerance import SAME_POINT_MM
-from camgen.read.chosen import takes_color, takes_layer
+from camgen.read.chosen import is_chosen_color, is_chosen_layer
 from camgen.read.pieces import BoolArray, IntArray, Soup, describe_elements, find_next_rows
 
 #: Maximum number of places of a note that the preview shows.
@@ -60,8 +60,8 @@ def label_selections(soup: Soup, operations: Sequence[Step]) -> IntArray:
         layer, color = divmod(pair, len(soup.colors))
         selection = []
         for step in operations:
-            takes = takes_layer(soup.layers[layer], step.choice.layers)
-            selection.append(takes and takes_color(soup.colors[color], step.choice.colors))
+            takes = is_chosen_layer(soup.layers[layer], step.choice.layers)
+            selection.append(takes and is_chosen_color(soup.colors[color], step.choice.colors))
         label[pairs == pair] = numbers.setdefault(tuple(selection), len(numbers))
     return label
 

@@ -73,14 +73,14 @@ def resolve(
     return "mm", 1.0, (Note("assumed", "1 drawing unit = 1 mm", why),)
 
 
-def remedy_for(source: str) -> str:
+def choose_remedy(source: str) -> str:
     """The remedy for a file, by its name, that was read in a wrong unit."""
     if source.lower().endswith(_OWN_UNIT):
         return "export it again in another one if that is not meant"
     return _OVERRIDE
 
 
-def doubts(size: Sequence[float], unit: str, source: str) -> tuple[Note, ...]:
+def note_doubtful_size(size: Sequence[float], unit: str, source: str) -> tuple[Note, ...]:
     """A warning if the size of a part contradicts its unit, otherwise nothing.
 
     size: extent along the axes, mm.
@@ -92,7 +92,7 @@ def doubts(size: Sequence[float], unit: str, source: str) -> tuple[Note, ...]:
         return ()
     size_text = " x ".join(short(length, 3) for length in size)
     what = f"the part is {size_text} mm, which is {'large' if largest > LARGEST else 'small'}"
-    why = f"drawn in {unit}, likely in {_guess_unit(largest, unit)}; {remedy_for(source)}"
+    why = f"drawn in {unit}, likely in {_guess_unit(largest, unit)}; {choose_remedy(source)}"
     return (Note("warning", what, why),)
 
 

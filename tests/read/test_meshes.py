@@ -12,7 +12,7 @@ from camgen.cli import main
 from camgen.model.errors import InputError
 from camgen.model.part import describe_bodies
 from camgen.read.solid import glb
-from camgen.read.solid.polygons import cut_polygons
+from camgen.read.solid.polygons import triangulate_polygons
 
 BODIES = meshes.make_bodies(1)
 
@@ -47,7 +47,7 @@ def test_a_concave_polygon_keeps_its_area():
     outline = [(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)]
     for first in range(6):
         points = np.array([(x, y, 0.0) for x, y in outline[first:] + outline[:first]])
-        faces = cut_polygons(points, [np.arange(6)[None]]).faces
+        faces = triangulate_polygons(points, [np.arange(6)[None]]).faces
         normals = area(points, faces)
         assert len(faces) == 4
         assert (normals[:, 2] > 0).all()
@@ -58,13 +58,13 @@ def test_a_hole_behind_a_bridge_stays_open():
     """A square of 4 with a hole of 2: the outline goes in along a bridge, round, and back."""
     outline = [(0, 0), (4, 0), (4, 4), (0, 4), (0, 0), (1, 1), (1, 3), (3, 3), (3, 1), (1, 1)]
     points = np.array([(x, y, 0.0) for x, y in outline])
-    faces = cut_polygons(points, [np.arange(10)[None]]).faces
+    faces = triangulate_polygons(points, [np.arange(10)[None]]).faces
     assert area(points, faces)[:, 2].sum() == pytest.approx(16.0 - 4.0)
 
 
 def test_a_polygon_that_crosses_itself_is_left_out_by_name():
     points = np.array([(0, 0, 0), (2, 2, 0), (2, 0, 0), (0, 1, 0)], dtype=float)
-    triangles = cut_polygons(points, [np.arange(4)[None]])
+    triangles = triangulate_polygons(points, [np.arange(4)[None]])
     assert len(triangles.faces) == 0
     assert str(triangles.notes[0]) == "skipped: 1 face left out (the outline crosses itself)"
 

@@ -13,7 +13,7 @@ from camgen.cli import main
 from camgen.model.errors import InputError
 from camgen.model.part import Curve, Part
 from camgen.model.pose import FloatArray
-from camgen.read.space import Piece, curves
+from camgen.read.space import Piece, join_pieces
 
 FIXTURE = Path(__file__).parents[2] / "fixtures" / "parts" / "space.dxf"
 TRACE = {"operation": {"kind": "trace"}, "tolerance": {"chord": 0.01}}
@@ -153,7 +153,7 @@ def test_a_bulge_of_more_than_half_a_circle_is_cut(tmp_path: Path, sheet: Models
 
 
 def test_ends_meet_in_space_and_not_above_each_other() -> None:
-    found, notes = curves(
+    found, notes = join_pieces(
         [line((0, 0, 0), (9, 0, 0)), line((9, 0, 5), (9, 9, 5)), line((9, 0, 0.02), (0, 5, 5))],
         0.05,
     )
@@ -167,7 +167,7 @@ def test_ends_meet_in_space_and_not_above_each_other() -> None:
 def test_a_chain_goes_straight_on_where_four_ends_meet() -> None:
     cross = [line((0, 0, 0), (5, 5, 5)), line((10, 0, 0), (5, 5, 5)), line((5, 5, 5), (10, 10, 10)),
              line((5, 5, 5), (0, 10, 10))]  # fmt: skip
-    found, _ = curves(cross, 0.05)
+    found, _ = join_pieces(cross, 0.05)
     assert [curve.points.tolist() for curve in found] == [
         [[0, 0, 0], [5, 5, 5], [10, 10, 10]],
         [[10, 0, 0], [5, 5, 5], [0, 10, 10]],
@@ -175,15 +175,19 @@ def test_a_chain_goes_straight_on_where_four_ends_meet() -> None:
 
 
 def test_one_layer_comes_before_another() -> None:
-    found, _ = curves([line((0, 0, 0), (5, 0, 0), layer="A"), line((5, 0, 0), (9, 0, 0), layer="B"),
-                       line((5, 0, 0), (5, 9, 9), layer="A")], 0.05)  # fmt: skip
+    pieces = [
+        line((0, 0, 0), (5, 0, 0), layer="A"),
+        line((5, 0, 0), (9, 0, 0), layer="B"),
+        line((5, 0, 0), (5, 9, 9), layer="A"),
+    ]
+    found, _ = join_pieces(pieces, 0.05)
     assert [(curve.layer, len(curve.points)) for curve in found] == [("A", 3), ("B", 2)]
 
 
 def test_a_loop_closes_and_what_is_drawn_twice_is_kept_once() -> None:
     sides = [line((0, 0, 0), (9, 0, 0)), line((9, 9, 9), (9, 0, 0)), line((9, 9, 9), (0, 0, 0)),
              line((9, 0, 0), (0, 0, 0)), line((1, 1, 1), (1, 1, 1))]  # fmt: skip
-    (found,), notes = curves(sides, 0.05)
+    (found,), notes = join_pieces(sides, 0.05)
     assert found.closed
     assert found.points.tolist() == [[0, 0, 0], [9, 0, 0], [9, 9, 9], [0, 0, 0]]
     assert [str(note) for note in notes] == [
@@ -194,7 +198,7 @@ def test_a_loop_closes_and_what_is_drawn_twice_is_kept_once() -> None:
 
 def test_a_crowd_of_ends_is_no_quadratic_affair() -> None:
     rays = [line((0, 0, 0), (k * math.cos(k), k * math.sin(k), k)) for k in range(1, 3001)]
-    found, _ = curves(rays, 0.05)
+    found, _ = join_pieces(rays, 0.05)
     assert sum(len(curve.points) - 1 for curve in found) == 3000
 
 

@@ -220,7 +220,7 @@ def _read(source: Source, job: Job) -> _Drawing:
     size = _measure_size(contours, curves)
     file_notes = (*notes, *unit_notes)
     if size and settings.units.strip().lower() == "auto":
-        file_notes += units.doubts(size, unit, name)
+        file_notes += units.note_doubtful_size(size, unit, name)
     return _Drawing(
         version,
         unit,
@@ -240,9 +240,9 @@ def _make_curves(
 ) -> tuple[tuple[Curve, ...], tuple[Note, ...]]:
     _add_marks(drawn, (), job)
     pieces = place_in_space(source.name, drawn, job.tolerance.chord, source.limits)
-    curves, joint_notes = space.curves(pieces, job.input.join)
+    curves, joint_notes = space.join_pieces(pieces, job.input.join)
     notes = (*_note_unused(drawn), *_note_simplified(drawn), *joint_notes)
-    return curves, (*notes, space.tell_which(curves)) if curves else notes
+    return curves, (*notes, space.note_heights(curves)) if curves else notes
 
 
 def _make_contours(

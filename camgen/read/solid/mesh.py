@@ -34,7 +34,7 @@ from camgen.read.solid.topology import (
     pair_half_edges,
     weld_rims,
 )
-from camgen.read.units import doubts
+from camgen.read.units import note_doubtful_size
 
 # Winding: faces are turned so that their normals point out of the part, whatever the file states.
 
@@ -135,7 +135,7 @@ def read(
     if mm is not None:
         return solid
     size = np.ptp(solid.vertices, axis=0).tolist()
-    return replace(solid, notes=(*solid.notes, *doubts(size, solid.units, source.name)))
+    return replace(solid, notes=(*solid.notes, *note_doubtful_size(size, solid.units, source.name)))
 
 
 def make_solid(

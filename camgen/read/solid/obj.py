@@ -13,9 +13,9 @@ from camgen.model.text import counted
 from camgen.read.solid.polygons import (
     TRIANGLE,
     check_numbers,
-    cut_polygons,
     read_equal_rows,
     read_table,
+    triangulate_polygons,
 )
 from camgen.read.solid.soup import MeshSoup, NamedVertices
 
@@ -38,7 +38,7 @@ def read_obj(data: bytes) -> MeshSoup:
     groups = _read_faces(rows, words)
     polygons = [group.corners for group in groups]
     check_numbers(polygons, len(vertices))
-    triangles = cut_polygons(vertices, polygons)
+    triangles = triangulate_polygons(vertices, polygons)
     notes = (*triangles.notes, *_note_free_forms(rows))
     named = _read_names(rows, words, groups, len(vertices))
     return MeshSoup(vertices, triangles.faces, notes=notes, named=named)

@@ -10,9 +10,9 @@ from camgen.model.part import IntArray
 from camgen.read.solid.polygons import (
     TRIANGLE,
     check_numbers,
-    cut_polygons,
     read_equal_rows,
     read_table,
+    triangulate_polygons,
 )
 from camgen.read.solid.soup import MeshSoup, UnreadShape
 
@@ -45,7 +45,7 @@ def read_off(data: bytes) -> MeshSoup:
     vertices = read_table(rows[1 : 1 + count], 3)
     polygons = _read_faces(rows[1 + count : 1 + count + faces])
     check_numbers(polygons, len(vertices))
-    triangles = cut_polygons(vertices, polygons)
+    triangles = triangulate_polygons(vertices, polygons)
     return MeshSoup(vertices, triangles.faces, notes=triangles.notes)
 
 

@@ -13,7 +13,7 @@ from msgspec import Struct, field
 
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
-from camgen.read.solid.polygons import check_numbers, cut_polygons
+from camgen.read.solid.polygons import check_numbers, triangulate_polygons
 from camgen.read.solid.soup import MeshSoup
 
 _END = re.compile(rb"^end_header[ \t]*\r?\n", re.MULTILINE)
@@ -162,7 +162,7 @@ def read_ply(data: bytes) -> MeshSoup:
                 for table in tables:
                     strips += map(unroll, table)
     check_numbers(polygons, len(vertices))
-    triangles = cut_polygons(vertices, polygons)
+    triangles = triangulate_polygons(vertices, polygons)
     faces = np.concatenate([triangles.faces, *strips])
     return MeshSoup(vertices, faces, notes=triangles.notes)
 

@@ -54,7 +54,7 @@ def check_numbers(polygons: Sequence[IntArray], count: int) -> None:
             raise ValueError("a face names a vertex that is not there")
 
 
-def cut_polygons(vertices: FloatArray, polygons: Sequence[IntArray]) -> Triangles:
+def triangulate_polygons(vertices: FloatArray, polygons: Sequence[IntArray]) -> Triangles:
     """Cut polygons into triangles: convex ones as fans, others by constrained triangulation.
 
     vertices: (V, 3).

@@ -24,7 +24,7 @@ from camgen.read.solid.part21 import list_other_files
 from camgen.read.solid.sharp import compute_normals
 from camgen.read.solid.step_file import StepBodies, read_bodies
 from camgen.read.solid.step_units import read_units
-from camgen.read.units import doubts
+from camgen.read.units import note_doubtful_size
 
 # Joining: CAD programs halve circles and cut lines. Edges that continue each other smoothly as the
 # same line or circle become one.
@@ -354,7 +354,7 @@ def read(source: Source, tolerance: float = 0.01, feature_angle: float = FEATURE
     vertices, faces = topology.drop_unused(vertices, faces)
     normals, _ = compute_normals(vertices, faces, topology.pair_half_edges(faces))
     faces.flags.writeable = False
-    notes += doubts(np.ptp(vertices, axis=0).tolist(), units, source.name)
+    notes += note_doubtful_size(np.ptp(vertices, axis=0).tolist(), units, source.name)
     return Solid(
         source.stem,
         source.name,
