@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from camgen.geometry.ragged import begins, each_once, ramp, run_lengths, run_starts, starts_run
 from camgen.model.pose import FloatArray
 
-__all__ = ["Discs", "Near", "nearest_items"]
+__all__ = ["Discs", "NearestItems", "find_nearest_items"]
 
 IntArray = NDArray[np.int64]
 
@@ -47,7 +47,7 @@ class Discs(Struct, frozen=True, eq=False):
     radius: FloatArray
 
 
-class Near(Struct, frozen=True, eq=False):
+class NearestItems(Struct, frozen=True, eq=False):
     """Pairs of near items, sorted by item and distance.
 
     item: (E,) an item.
@@ -89,7 +89,7 @@ class _Leaves(Struct, frozen=True, eq=False):
     radius: FloatArray
 
 
-def nearest_items(discs: Discs, count: int, wanted: int) -> Near:
+def find_nearest_items(discs: Discs, count: int, wanted: int) -> NearestItems:
     """About `wanted` nearest items of each of `count` items; see `Near.sure` for missing ones.
 
     The distance of two items is that of their nearest discs, 0 if these overlap. If more than
@@ -113,7 +113,7 @@ def nearest_items(discs: Discs, count: int, wanted: int) -> Near:
     sure = np.full(count, np.inf)
     is_disc = leaves.owner >= 0
     np.minimum.at(sure, leaves.owner[is_disc], np.repeat(reach[:, None], _LEAF, axis=1)[is_disc])
-    return Near(item, other[order], np.maximum(distance[order], 0.0), np.maximum(sure, 0.0))
+    return NearestItems(item, other[order], np.maximum(distance[order], 0.0), np.maximum(sure, 0.0))
 
 
 def _sort_by_distance(item: IntArray, distance: FloatArray) -> IntArray:

@@ -30,7 +30,7 @@ class Nearest(Struct, frozen=True, eq=False):
     normal: FloatArray
 
 
-def nearest(solid: Solid, points: FloatArray) -> Nearest:
+def find_nearest(solid: Solid, points: FloatArray) -> Nearest:
     """The point on the surface of `solid` that is nearest to each of `points` (M, 3), mm.
 
     The normal is interpolated over the corners of the face, where faces that meet smoothly share

@@ -35,7 +35,7 @@ from camgen.model.errors import Blocked, InputError, JobError, NoSafeProgram
 from camgen.model.job import Job
 from camgen.model.part import IntArray, Note, Part, sort_notes
 from camgen.model.path import ToolPath, Tour
-from camgen.model.pose import tell_frame
+from camgen.model.pose import format_frame
 from camgen.model.program import MoveJ, Program
 from camgen.model.text import counted, harmless, short
 from camgen.model.version import __version__
@@ -528,7 +528,7 @@ def _header(
             else []
         ),
         *_tool_lines(job, cell),
-        f"work frame: {tell_frame(cell.base_from_work)}",
+        f"work frame: {format_frame(cell.base_from_work)}",
     )
 
 

@@ -18,7 +18,7 @@ from camgen.model.errors import InputError, JobError
 from camgen.model.files import SCAN, Source
 from camgen.model.job import CameraTable, Job
 from camgen.model.part import Part
-from camgen.model.plugins import ask, entries, load, origin
+from camgen.model.plugins import find_origin, list_entries, load, run_plugin
 from camgen.read.clamps import set_clamps_aside
 from camgen.read.files import Files
 from camgen.read.move import move_part
@@ -81,13 +81,13 @@ class InstalledReader(Struct, frozen=True):
     @property
     def origin(self) -> str:
         """Name of its package. It is found on access, because metadata are slow to read."""
-        return origin(self.entry)
+        return find_origin(self.entry)
 
 
 def list_installed() -> list[InstalledReader]:
     """All readers by name, and for each one that cannot be used the reason."""
     rows = []
-    for entry in entries(READERS):
+    for entry in list_entries(READERS):
         try:
             reader = load(entry)
         except JobError as error:
@@ -121,7 +121,7 @@ def find_reader(source: Source) -> Reader:
             continue
         recognise = partial(reader.recognise, source.data[:HEAD])
         try:
-            is_recognised = ask(installed.entry, "look at a file", recognise)
+            is_recognised = run_plugin(installed.entry, "look at a file", recognise)
         except JobError as error:
             broken += f"; {error}"
             continue

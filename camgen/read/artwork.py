@@ -15,10 +15,10 @@ from camgen.model.part import Contour, Note, Part, Raster
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
 from camgen.read.files import Files
-from camgen.vision.centre import middles_of, piece_of, pieces_of
-from camgen.vision.image import Picture, load
-from camgen.vision.ink import Ink, borders, ink_of
-from camgen.vision.to_scale import ScaledView, already_to_scale
+from camgen.vision.centre import divide_ink, find_centre_lines, find_piece
+from camgen.vision.image import Picture, read_picture
+from camgen.vision.ink import Ink, find_ink, trace_borders
+from camgen.vision.to_scale import ScaledView, make_scaled_view
 
 
 def read(source: Source, job: Job, _files: Files) -> Part:
@@ -28,16 +28,16 @@ def read(source: Source, job: Job, _files: Files) -> Part:
     effect on a drawing.
     """
     _check_no_photo_settings(job)
-    picture = load(source)
+    picture = read_picture(source)
     view = _scale(picture, job)
     threshold = job.image.threshold
-    ink = ink_of(picture.pixels, threshold, job.image.invert)
+    ink = find_ink(picture.pixels, threshold, job.image.invert)
     if ink is None:
         what = "has no ink: it is of one grey value"
         if threshold is not None:
             what += f" beside {short(threshold, 1)}"
         raise InputError(source.name, what, remedy="draw dark on light, or set [image] threshold")
-    ink_borders = borders(ink)
+    ink_borders = trace_borders(ink)
     # The borders count pixels with a frame of paper around the picture, which is pixel (0, 0).
     matrix = np.column_stack([view.work_from_view[:, :2], view.work_from_view @ (-1.0, -1.0, 1.0)])
     contours, line_notes = _make_contours(ink, ink_borders, matrix, job)
@@ -71,9 +71,9 @@ def _make_contours(
     lines = [(border, True) for border in ink_borders]
     notes: tuple[Note, ...] = ()
     if job.operation.kind == "trace" and job.image.lines != "border":
-        pieces = pieces_of(ink, job.image.lines == "centre")
-        middles, is_thin = middles_of(pieces)
-        lines = [line for line in lines if not is_thin[piece_of(line[0], pieces)]]
+        pieces = divide_ink(ink, job.image.lines == "centre")
+        middles, is_thin = find_centre_lines(pieces)
+        lines = [line for line in lines if not is_thin[find_piece(line[0], pieces)]]
         lines += [(middle.points, middle.closed) for middle in middles]
         if is_thin.any():
             count = int(is_thin.sum())
@@ -97,13 +97,13 @@ def _scale(picture: Picture, job: Job) -> ScaledView:
     """
     image = job.image
     if not job.page.size or job.page.scale == "true":
-        return already_to_scale(picture, image.mm_per_px, image.width_mm)
+        return make_scaled_view(picture, image.mm_per_px, image.width_mm)
     if image.mm_per_px is not None or image.width_mm is not None:
         what = (
             f"mm_per_px and width_mm have no effect: page.scale = {job.page.scale} gives the scale"
         )
         raise JobError("[image]", what, remedy='use page.scale = "true"')
-    return ScaledView(picture.pixels, already_to_scale(picture, 1.0).work_from_view, 1.0)
+    return ScaledView(picture.pixels, make_scaled_view(picture, 1.0).work_from_view, 1.0)
 
 
 def _check_no_photo_settings(job: Job) -> None:

@@ -22,7 +22,7 @@ from camgen.read.files import reason
 from camgen.read.image import find_target
 from camgen.vision.boards.find import list_marks
 from camgen.vision.frames import Shot, Sum, note_faults
-from camgen.vision.image import header
+from camgen.vision.image import read_header
 
 #: Prefix of an input that is a camera: camera:0, camera:clip.avi, camera:rtsp://host/stream.
 PREFIX = "camera:"
@@ -103,7 +103,7 @@ def _check_video(name: str, path: Path) -> None:
         raise InputError(name, f"cannot be read: {reason(error)}") from error
     if not head:
         raise InputError(name, "is empty")
-    if header(head) is not None:
+    if read_header(head) is not None:
         raise InputError(name, "is a picture, no video", remedy="build or inspect it as it is")
 
 

@@ -11,7 +11,7 @@ from typing import BinaryIO
 
 from camgen.model.errors import InputError
 from camgen.model.files import Source
-from camgen.model.limits import Limits, tell
+from camgen.model.limits import Limits, format_limit
 
 _DEFAULTS = Limits()
 #: Smallest number of bytes to read at a time.
@@ -126,7 +126,7 @@ def _read_bounded(name: str, stream: BinaryIO, limit: float, size: int = 0) -> b
         blocks.append(block)
         count += len(block)
     if count > limit:
-        what = f"has more than {tell(limit)} bytes"
+        what = f"has more than {format_limit(limit)} bytes"
         raise InputError(name, what, remedy="split it, or raise limits.file_bytes")
     return b"".join(blocks)
 

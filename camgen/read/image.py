@@ -22,24 +22,24 @@ from camgen.model.pose import FloatArray, pose_from_values
 from camgen.model.text import counted, short
 from camgen.read.files import Files
 from camgen.vision.boards.find import find
-from camgen.vision.boards.lens import LEAST_CORNERS, check_focal_length, lens_of_sheet
-from camgen.vision.boards.sheet import RULER, STROKE, Board, Sheet, sheet
+from camgen.vision.boards.lens import LEAST_CORNERS, check_focal_length, fit_sheet_lens
+from camgen.vision.boards.sheet import RULER, STROKE, Board, Sheet, make_sheet
 from camgen.vision.camera.camera import Camera, read_camera
-from camgen.vision.error_bound import ErrorBound, error_bound
-from camgen.vision.image import Picture, is_of_sensor, load
-from camgen.vision.lines_arcs.contours import OutlineFit, primitives
+from camgen.vision.error_bound import ErrorBound, compute_error_bound
+from camgen.vision.image import Picture, is_of_sensor, read_picture
+from camgen.vision.lines_arcs.contours import OutlineFit, make_contours
 from camgen.vision.mask.channel import remove_shadows
-from camgen.vision.mask.part_mask import Mask, is_cut_out, part_mask
-from camgen.vision.outline import Outline, outlines
-from camgen.vision.plane import Plane, map_points, plane_from_points, plane_from_pose
-from camgen.vision.side_wall import cameras_of, find_side_wall
+from camgen.vision.mask.part_mask import Mask, is_cut_out, make_mask
+from camgen.vision.outline import Outline, find_outlines
+from camgen.vision.plane import Plane, fit_plane, make_plane, map_points
+from camgen.vision.side_wall import find_side_wall, list_cameras
 from camgen.vision.to_scale import (
     Region,
     ScaledView,
-    already_to_scale,
     cut_out,
-    frame_view,
+    make_scaled_view,
     rectify,
+    sample_border,
 )
 
 #: Name of a ChArUco board, by its squares.
@@ -125,7 +125,7 @@ def read(source: Source, job: Job, files: Files) -> Part:
     """
     part, borders = _outline(source, job, files)
     assert part.raster is not None
-    contours, fits, fit_notes = primitives(borders, part.raster.work_from_view)
+    contours, fits, fit_notes = make_contours(borders, part.raster.work_from_view)
     return replace(part, contours=contours, notes=(*part.notes, *fit_notes, *_note_fit(fits)))
 
 
@@ -141,7 +141,7 @@ def read_outlines(source: Source, job: Job, files: Files) -> Part:
 def _outline(source: Source, job: Job, files: Files) -> tuple[Part, Sequence[Outline]]:
     """The part without contours, and the outlines of which the contours are made."""
     seen = _segment(source, job, files)
-    borders, notes = outlines(seen.mask.grey, seen.mask.pixels)
+    borders, notes = find_outlines(seen.mask.grey, seen.mask.pixels)
     _check_edges(source.name, borders, job)
     points = tuple(border.points for border in borders)
     blur = float(np.median([border.blur for border in borders])) if borders else 0.0
@@ -214,7 +214,7 @@ def _note_fit(fits: Sequence[OutlineFit]) -> tuple[Note, ...]:
 
 def inspect(source: Source, job: Job, files: Files) -> PictureFacts:
     """The content of a picture. Raises InputError if it cannot be read."""
-    picture = load(source)
+    picture = read_picture(source)
     height, width = picture.pixels.shape[:2]
     colour = picture.pixels.ndim == 3
     try:
@@ -232,7 +232,7 @@ def inspect(source: Source, job: Job, files: Files) -> PictureFacts:
 
 def _segment(source: Source, job: Job, files: Files) -> _Segmented:
     _check_settings(job)
-    picture = _linearize(load(source, sensor=is_of_sensor(job.camera)), job)
+    picture = _linearize(read_picture(source, sensor=is_of_sensor(job.camera)), job)
     camera = read_camera(files.read(job.camera.file)) if job.camera.file else None
     plane = _find_plane(picture, camera, job.camera)
     # A lens that was estimated from a sheet makes the view, but it does not count as calibrated.
@@ -261,7 +261,7 @@ def _read_second(picture: Picture, job: Job, files: Files, key: str) -> Picture:
     Raises InputError if its size or its colours differ.
     """
     file = files.read(getattr(job.image, key))
-    second = _linearize(load(file, sensor=is_of_sensor(job.camera)), job)
+    second = _linearize(read_picture(file, sensor=is_of_sensor(job.camera)), job)
     if second.pixels.shape == picture.pixels.shape:
         return second
     differ = "size" if second.pixels.shape[:2] != picture.pixels.shape[:2] else "colors"
@@ -374,13 +374,13 @@ def _make_mask(
     view = _make_view(method, picture, region, coarser)
     if method.by_alpha and picture.alpha is not None:
         opaque = _make_view(method, replace(picture, pixels=picture.alpha), region, coarser)
-        return view, part_mask(opaque, replace(method.job.image, mask="alpha"), None, picture.name)
+        return view, make_mask(opaque, replace(method.job.image, mask="alpha"), None, picture.name)
     background = None if empty is None else _make_view(method, empty, region, coarser)
     table = method.job.image
     kinds = {method.job.operation.kind, *(step.operation.kind for step in method.job.operations)}
     if not kinds.isdisjoint(_PATTERN_KINDS):
         table = replace(table, accept=[*table.accept, "specks"])
-    return view, part_mask(view, table, background, picture.name)
+    return view, make_mask(view, table, background, picture.name)
 
 
 def _measure_area_mm2(view: ScaledView, mask: Mask) -> float:
@@ -444,7 +444,7 @@ def _find_plane(picture: Picture, camera: Camera | None, table: CameraTable) -> 
         if len(table.plane_from) != 6:
             what = f"has {counted(len(table.plane_from), 'value')}"
             raise JobError("[camera] plane_from", what, remedy="give 6")
-        return plane_from_pose(camera, pose_from_values(table.plane_from))
+        return make_plane(camera, pose_from_values(table.plane_from))
     if table.markers:
         return find(picture, camera, find_target(table), height=table.height)
     return None
@@ -455,17 +455,17 @@ def _find_plane_by_points(picture: Picture, camera: Camera | None, table: Camera
     if table.points_px is None or table.points_mm is None:
         what = "points_px and points_mm belong together"
         raise JobError("[camera]", what, remedy="give both, in one order")
-    plane = plane_from_points(camera, table.points_px, table.points_mm)
+    plane = fit_plane(camera, table.points_px, table.points_mm)
     if not table.height:
         return plane
     lens = None
     if camera is None:
         height, width = picture.pixels.shape[:2]
         px, mm, size = plane.pairs_px, plane.pairs_mm, (width, height)
-        lens = lens_of_sheet(px, mm, size, needs_focal=True, focal_px=picture.focal_px)
+        lens = fit_sheet_lens(px, mm, size, needs_focal=True, focal_px=picture.focal_px)
         check_focal_length(lens)
     used = camera if lens is None else lens.camera
-    plane = plane_from_points(used, table.points_px, table.points_mm, height=table.height)
+    plane = fit_plane(used, table.points_px, table.points_mm, height=table.height)
     return plane if lens is None else replace(plane, lens=lens, notes=(lens.note, *plane.notes))
 
 
@@ -478,7 +478,7 @@ def _make_view(
         remedy = "give [camera] points_px and points_mm, plane_from, or markers"
         raise JobError("[camera]", "a lens without a work plane", remedy=remedy)
     table = method.job.image
-    return cut_out(already_to_scale(picture, table.mm_per_px, table.width_mm), region, coarser)
+    return cut_out(make_scaled_view(picture, table.mm_per_px, table.width_mm), region, coarser)
 
 
 def _find_region(job: Job, plane: Plane | None) -> Region | None:
@@ -530,7 +530,7 @@ def find_target(table: CameraTable) -> Sheet | Board:
     """The sheet or the board on the bench."""
     squares = _BOARD.fullmatch(table.markers)
     if squares is None:
-        return sheet(table.markers, table.marker, table.printed_length)
+        return make_sheet(table.markers, table.marker, table.printed_length)
     return Board(int(squares[1]), int(squares[2]), table.square, table.marker)
 
 
@@ -540,7 +540,7 @@ def _find_frame(seen: _Segmented) -> FloatArray:
     if seen.plane is None:
         right, bottom = width - 1.0, height - 1.0
         return np.array([[0.0, 0.0], [right, 0.0], [right, bottom], [0.0, bottom]])
-    return frame_view(seen.view, seen.camera, seen.plane, (width, height))
+    return sample_border(seen.view, seen.camera, seen.plane, (width, height))
 
 
 def _note_placement(
@@ -558,7 +558,7 @@ def _note_placement(
     outline = np.concatenate(outlines_px) @ matrix[:, :2].T + matrix[:, 2]
     height, width = seen.picture.pixels.shape[:2]
     step = max(1, len(outline) // _BOUND_POINTS)
-    bound = error_bound(plane, seen.camera, (width, height), outline[::step])
+    bound = compute_error_bound(plane, seen.camera, (width, height), outline[::step])
     distance = f"up to {short(bound.outside, 1)} mm outside of the points that gave the work plane"
     is_calibrated = seen.camera is not None and plane.lens is None
     is_outside = not is_calibrated and bound.outside > _OUTSIDE_MM
@@ -629,7 +629,7 @@ def _note_wall(seen: _Segmented, borders: Sequence[FloatArray], job: Job) -> tup
     """
     if seen.plane is None or not job.camera.markers or not borders:
         return ()
-    cameras = cameras_of(seen.picture, seen.plane, seen.camera)
+    cameras = list_cameras(seen.picture, seen.plane, seen.camera)
     matrix = seen.view.work_from_view
     pixels = seen.view.pixels, seen.mask.pixels
     wall = find_side_wall(*pixels, matrix, borders, seen.plane, cameras)

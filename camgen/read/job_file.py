@@ -31,14 +31,14 @@ from camgen.model.job_tables import (
     Setting,
     defaults_beside,
     has_speed,
-    keys_of,
-    row_settings,
-    settings,
+    list_keys,
+    list_row_settings,
+    list_settings,
+    list_tables,
     split_name,
-    tables,
 )
-from camgen.model.limits import Limits, tell
-from camgen.model.plugins import OPERATIONS, entries
+from camgen.model.limits import Limits, format_limit
+from camgen.model.plugins import OPERATIONS, list_entries
 from camgen.model.text import counted, suggest
 from camgen.read.colors import BASIC, resolve_named
 from camgen.read.files import Files
@@ -258,7 +258,7 @@ def _check_tables(tree: Mapping[str, object], origin: str) -> Tree:
                 what = f"{name} must be tables, not {_quote_short(content)}"
                 raise JobError(origin, what, remedy=f"write [[{name}]]")
             result |= {f"{name}.{index}": dict(row) for index, row in enumerate(content)}
-        elif name not in tables():
+        elif name not in list_tables():
             raise _report_unknown_table(name, origin, content)
         elif not isinstance(content, Mapping):
             what = f"{name} must be a table, not {_quote_short(content)}"
@@ -269,11 +269,11 @@ def _check_tables(tree: Mapping[str, object], origin: str) -> Tree:
 
 
 def _report_unknown_table(name: str, origin: str, content: object) -> JobError:
-    homes = [setting.table for setting in settings() if setting.key == name]
+    homes = [setting.table for setting in list_settings() if setting.key == name]
     if homes and not isinstance(content, Mapping):
         what = f'"{_shorten(name)}" stands outside its table'
         return JobError(origin, what, remedy=f"it belongs to [{homes[0]}]")
-    known = [f"[{table}]" for table in tables()] + [f"[[{table}]]" for table in ROWS]
+    known = [f"[{table}]" for table in list_tables()] + [f"[[{table}]]" for table in ROWS]
     return JobError(origin, f"unknown table [{_shorten(name)}]", remedy=suggest(str(name), known))
 
 
@@ -290,11 +290,11 @@ def parse_assignment(text: str) -> tuple[str, str, object]:
         row, dot, key = (part.strip() for part in key.partition("."))
         table = f"{table}.{row}"
     if not (equals and dot and table and key):
-        names = [f"{setting.table}.{setting.key}" for setting in settings()]
+        names = [f"{setting.table}.{setting.key}" for setting in list_settings()]
         homes = [name for name in names if name.endswith(f".{table}")]
         remedy = suggest(name, homes or names) if name else "write tool.diameter=5"
         raise JobError(origin, "is not table.key=value", remedy=remedy)
-    if table not in tables() and table.partition(".")[0] not in ROWS:
+    if table not in list_tables() and table.partition(".")[0] not in ROWS:
         raise _report_unknown_table(table, origin, {})
     return table, key, parse_value(raw)
 
@@ -359,7 +359,7 @@ class _Place(Struct, frozen=True):
 
 def _check_keys(keys: dict[str, object], place: _Place) -> None:
     """Raises JobError for an unknown key and an infinite number. Texts of speeds become numbers."""
-    known = keys_of(place.table) if place.table != "post" else keys
+    known = list_keys(place.table) if place.table != "post" else keys
     for key, value in keys.items():
         if key not in known:
             raise _report_unknown_key(key, place)
@@ -379,7 +379,7 @@ def _format_table(table: str) -> str:
 
 def _find_settings(table: str) -> dict[str, Setting]:
     name, dot, _ = table.partition(".")
-    known = row_settings() if dot else settings()
+    known = list_row_settings() if dot else list_settings()
     return {setting.key: setting for setting in known if setting.table == name}
 
 
@@ -417,7 +417,7 @@ def _convert_operation(keys: Mapping[str, object], place: _Place) -> OperationTa
     kind = keys.get("kind")
     known = get_args(get_args(get_type_hints(OperationTable, include_extras=True)["kind"])[0])
     # `kind` may have any type here, also one that cannot be hashed.
-    if kind in known or kind not in [entry.name for entry in entries(OPERATIONS)]:
+    if kind in known or kind not in [entry.name for entry in list_entries(OPERATIONS)]:
         return _convert_table(OperationTable, keys, place)
     return replace(_convert_table(OperationTable, {**keys, "kind": "auto"}, place), kind=kind)
 
@@ -510,7 +510,7 @@ def _check_numbers(tree: Tree, origins: Origins, source: str, limit: float) -> N
         for key, value in keys.items():
             if key == "seed" or all(abs(number) <= limit for number in _list_numbers(value)):
                 continue
-            what = f"{key} cannot be beyond {tell(limit)}: {_quote_short(value)}"
+            what = f"{key} cannot be beyond {format_limit(limit)}: {_quote_short(value)}"
             remedy = "give a value that can be meant, or raise limits.number"
             raise JobError(origins.get((table, key), source), what, _format_table(table), remedy)
 
@@ -525,13 +525,13 @@ def _check_limits(job: Job, place: _Place) -> None:
         limit = getattr(job.limits, key)
         is_beyond = value > limit if side == "most" else value < limit
         if is_beyond:
-            what = f"{key} must be {tell(limit)} at {side}, not {value:g}"
+            what = f"{key} must be {format_limit(limit)} at {side}, not {value:g}"
             remedy = f"give a value that can be meant, or {change} limits.{key}"
             raise table_place.make_job_error(key, what, remedy)
 
 
 def _report_unknown_key(key: str, place: _Place) -> JobError:
-    homes = [setting.table for setting in settings() if setting.key == key]
+    homes = [setting.table for setting in list_settings() if setting.key == key]
     homes.sort(key=lambda home: not place.table.startswith(home))
     remedy = suggest(str(key), _find_settings(place.table))
     if homes:

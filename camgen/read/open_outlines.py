@@ -148,7 +148,7 @@ def _select_outlines(
         return []
     import shapely  # noqa: PLC0415 (only drawings with such loops)
 
-    from camgen.geometry.nesting import nest  # noqa: PLC0415 (loads shapely)
+    from camgen.geometry.nesting import find_nesting  # noqa: PLC0415 (loads shapely)
 
     points, owner = flatten(from_contours([loop.outline for loop in loops]), _CHORD_MM)
     rings = np.split(points, np.flatnonzero(np.diff(owner)) + 1)
@@ -160,7 +160,10 @@ def _select_outlines(
     which, candidates = shapely.STRtree(starts).query(wide, predicate="contains")
     outlines = []
     for k in np.unique(which).tolist():
-        if not polygons[k].is_valid and nest(from_contours([loops[k].outline]), 1).crossed[0] >= 0:
+        if (
+            not polygons[k].is_valid
+            and find_nesting(from_contours([loops[k].outline]), 1).crossed[0] >= 0
+        ):
             continue
         near = [closed[j] for j in np.sort(candidates[which == k]).tolist()]
         inside = [contour for contour in near if _lies_in(contour, wide[k], narrow[k])]

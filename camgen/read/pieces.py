@@ -13,7 +13,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from camgen.geometry.arcs import bulge_middles
+from camgen.geometry.arcs import find_bulge_middles
 from camgen.geometry.ragged import following, offsets, owners, run_starts, stretches
 from camgen.model.pose import FloatArray
 from camgen.model.text import harmless
@@ -169,7 +169,7 @@ def _halve_wide_arcs(soup: Soup) -> Soup:
     if not len(wide):
         return soup
     bulge = soup.bulges[wide]
-    middle = bulge_middles(soup.points[wide], bulge, soup.points[find_next_rows(soup)[wide]])
+    middle = find_bulge_middles(soup.points[wide], bulge, soup.points[find_next_rows(soup)[wide]])
     half = np.tan(np.arctan(bulge) / 2)
     bulges = soup.bulges.copy()
     bulges[wide] = half

@@ -15,7 +15,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.arcs import chain as chain_spans
-from camgen.geometry.arcs import span_lengths
+from camgen.geometry.arcs import measure_spans
 from camgen.model.part import Curve, Note
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
@@ -93,7 +93,7 @@ def make_curve(
     """
     curved = ~np.isnan(via[:, 0])
     middles = np.where(curved[:, None], via, (points[:-1] + points[1:]) / 2)
-    length = float(span_lengths(points, via).sum())
+    length = float(measure_spans(points, via).sum())
     return Curve(name, layer, frozen(points), frozen(middles), curved, closed, length, rotations)
 
 
@@ -143,7 +143,7 @@ def _is_credible(piece: Piece) -> bool:
 
 def _drop_repeats(piece: Piece) -> Piece:
     """The piece without lines and arcs that have no length."""
-    spans = np.flatnonzero(span_lengths(piece.points, piece.via) > SAME_POINT_MM)
+    spans = np.flatnonzero(measure_spans(piece.points, piece.via) > SAME_POINT_MM)
     kept = np.concatenate([[0], spans + 1]) if len(spans) else np.zeros(0, dtype=np.int64)
     return Piece(piece.kind, piece.layer, piece.points[kept], piece.via[spans])
 
@@ -178,7 +178,7 @@ def _find_partners(pieces: Sequence[Piece], closed: list[bool], tolerance: float
         starts, ends = chain_spans(piece.points, piece.via).tangents()
         places.append(piece.points[[0, -1]])
         directions.append(np.stack([-starts[0], ends[-1]]))
-        lengths.append(float(span_lengths(piece.points, piece.via).sum()))
+        lengths.append(float(measure_spans(piece.points, piece.via).sum()))
     place, outward = np.concatenate(places), np.concatenate(directions)
     free = [end for end in range(2 * len(pieces)) if not closed[end >> 1]]
     options = []

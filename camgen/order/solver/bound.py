@@ -11,7 +11,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.geometry.nearest import IntArray, nearest_items
+from camgen.geometry.nearest import IntArray, find_nearest_items
 from camgen.geometry.ragged import begins, first_of_each, owners, ramp
 from camgen.model.pose import FloatArray
 from camgen.order.solver.kernel import CLOSED
@@ -85,7 +85,7 @@ def at_least(
 def _graph(items: Items, home: FloatArray | None, dense: Dense | None) -> _Graph:
     nodes, first = ends_apart(items, discs_of(items))
     count = int(nodes.owner.max()) + 1
-    near = nearest_items(nodes, count, _NEAR_ENDS)
+    near = find_nearest_items(nodes, count, _NEAR_ENDS)
     closed = items.kind == CLOSED
     forced = np.stack([first[~closed], first[~closed] + 1], axis=1)
     partner = np.arange(count)

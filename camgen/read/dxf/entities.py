@@ -20,7 +20,7 @@ from ezdxf.xclip import XClip
 from msgspec import Struct, field
 
 from camgen.model.errors import InputError
-from camgen.model.limits import Limits, tell
+from camgen.model.limits import Limits, format_limit
 from camgen.model.pose import FloatArray
 from camgen.model.text import harmless
 from camgen.read.dxf.colors import Colors, read_colors
@@ -327,7 +327,9 @@ class _EntityCount:
                 columns, rows = _read_array(attributes)
                 total += columns * rows * (1 + self._count_block(attributes, enclosing))
             if total > self.limits.dxf_entities:
-                what = f"blocks expand to more than {tell(self.limits.dxf_entities)} entities"
+                what = (
+                    f"blocks expand to more than {format_limit(self.limits.dxf_entities)} entities"
+                )
                 remedy = "explode or thin them, or raise limits.dxf_entities"
                 raise InputError(self.name, what, enclosing[-1] if enclosing else "", remedy)
         return total
@@ -338,7 +340,8 @@ class _EntityCount:
         if key in enclosing or key not in self.blocks:
             return 0  # `_find_fault` reports it
         if len(enclosing) >= self.limits.dxf_depth:
-            what = f"blocks stand more than {tell(self.limits.dxf_depth)} deep within each other"
+            depth = format_limit(self.limits.dxf_depth)
+            what = f"blocks stand more than {depth} deep within each other"
             remedy = "explode them, or raise limits.dxf_depth"
             raise InputError(self.name, what, harmless(block), remedy)
         if key not in self.cache:

@@ -258,7 +258,9 @@ def _make_chain(
         radius = start[:2] - center
         middle = _transform_to_plane(matrix, np.array([[*center, start[2]]]))[0]
         turned = np.array([-radius[1], radius[0]])
-        runs.append(curves.ellipse(middle, axes @ radius, axes @ turned, 0.0, 4 * math.atan(bulge)))
+        runs.append(
+            curves.make_ellipse(middle, axes @ radius, axes @ turned, 0.0, 4 * math.atan(bulge))
+        )
     return _Chain(owner, tuple(runs), height)
 
 
@@ -285,7 +287,7 @@ def _make_smooth(owner: int, curve: Smooth, matrix: FloatArray) -> _Chain | floa
     if not curve.degree:
         return _Chain(owner, (_make_ellipse(world, *curve.knots.tolist()),), float(world[0, 2]))
     try:
-        run = curves.bspline(world[:, :2], curve.knots, curve.degree, curve.weights)
+        run = curves.make_bspline(world[:, :2], curve.knots, curve.degree, curve.weights)
     except ValueError:
         return None
     return _Chain(owner, (run,), float(world[0, 2]))
@@ -300,7 +302,7 @@ def _make_ellipse(axes: FloatArray, start: float, end: float) -> FloatArray | cu
     center, u, v = axes[:, :2]
     size = max(float(u @ u), float(v @ v))
     if abs(float(u @ u - v @ v)) > _SIMILAR * size or abs(float(u @ v)) > _SIMILAR * size:
-        return curves.ellipse(center, u, v, start, end)
+        return curves.make_ellipse(center, u, v, start, end)
     count = max(1, math.ceil(abs(end - start) / math.pi - 1e-12))
     angle = np.linspace(start, end, count + 1)
     bulge = math.tan((end - start) / count / 4) * math.copysign(1.0, u[0] * v[1] - u[1] * v[0])

@@ -14,16 +14,16 @@ from operator import itemgetter
 import numpy as np
 
 from camgen.geometry import curves
-from camgen.geometry.space_curves import Chain, chords, lines, turn
+from camgen.geometry.space_curves import Chain, make_chords, make_lines, make_turn
 from camgen.model.errors import InputError
-from camgen.model.limits import Limits, tell
+from camgen.model.limits import Limits, format_limit
 from camgen.model.pose import FloatArray
 from camgen.read.dxf.entities import DrawnEntities, Smooth
 from camgen.read.dxf.flatten import find_arc_center, gather
 from camgen.read.space import Piece
 
 #: A curve whose numbers are invalid.
-_INVALID = lines(np.full((2, 3), np.nan))
+_INVALID = make_lines(np.full((2, 3), np.nan))
 
 
 def place_in_space(name: str, drawn: DrawnEntities, chord: float, limits: Limits) -> list[Piece]:
@@ -38,7 +38,7 @@ def place_in_space(name: str, drawn: DrawnEntities, chord: float, limits: Limits
     for owner, chain in _list_chains(drawn, chord):
         count += len(chain[1])
         if count > limits.motions:
-            what = f"its curves come to more than {tell(limits.motions)} lines and arcs"
+            what = f"its curves come to more than {format_limit(limits.motions)} lines and arcs"
             remedy = "raise tolerance.chord, check input.units, or raise limits.motions"
             raise InputError(name, what, "", remedy)
         chains.append((owner, chain))
@@ -62,7 +62,7 @@ def _list_chains(drawn: DrawnEntities, chord: float) -> Iterator[tuple[int, Chai
 def _make_chain(rows: FloatArray, matrix: FloatArray, chord: float) -> Chain:
     """The points (K, 3) and bulges in rows of x, y, z, bulge (K, 4), under a matrix."""
     if not rows[:-1, 3].any():
-        return lines(_transform(matrix, rows[:, :3]))
+        return make_lines(_transform(matrix, rows[:, :3]))
     chains = [_make_segment(start, end, matrix, chord) for start, end in pairwise(rows)]
     points = [chains[0][0][:1], *(points[1:] for points, _ in chains)]
     return np.concatenate(points), np.concatenate([via for _, via in chains])
@@ -73,7 +73,7 @@ def _make_segment(start: FloatArray, end: FloatArray, matrix: FloatArray, chord:
     bulge = float(start[3])
     ends = _transform(matrix, np.stack([start[:3], end[:3]]))
     if bulge == 0 or not (end[:2] - start[:2]).any():
-        return lines(ends)
+        return make_lines(ends)
     if not np.isfinite([*start, *end]).all():
         return _INVALID
     center = find_arc_center(start[:2], end[:2], bulge)
@@ -81,7 +81,7 @@ def _make_segment(start: FloatArray, end: FloatArray, matrix: FloatArray, chord:
     axes = matrix[:3, :2]
     u, v = axes @ radius, axes @ np.array([-radius[1], radius[0]])
     middle = _transform(matrix, np.array([[*center, start[2]]]))[0]
-    points, via = turn(middle, u, v, 0.0, 4 * math.atan(bulge), chord)
+    points, via = make_turn(middle, u, v, 0.0, 4 * math.atan(bulge), chord)
     points[[0, -1]] = ends
     return points, via
 
@@ -93,12 +93,12 @@ def _make_smooth(curve: Smooth, matrix: FloatArray, chord: float) -> Chain:
         return _INVALID
     if not curve.degree:
         start, end = curve.knots.tolist()
-        return turn(world[0], world[1], world[2], start, end, chord)
+        return make_turn(world[0], world[1], world[2], start, end, chord)
     try:
-        run = curves.bspline(world, curve.knots, curve.degree, curve.weights)
+        run = curves.make_bspline(world, curve.knots, curve.degree, curve.weights)
     except ValueError:
         return _INVALID
-    return lines(chords(run, chord))
+    return make_lines(make_chords(run, chord))
 
 
 def _transform(matrix: FloatArray, points: FloatArray) -> FloatArray:

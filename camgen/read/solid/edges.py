@@ -9,7 +9,7 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.geometry.arcs import Circle, fit_circle, span_lengths, through
+from camgen.geometry.arcs import Circle, find_circle, fit_circle, measure_spans
 from camgen.geometry.vectors import cross, unit
 from camgen.model.part import Edge, EdgeKind, IntArray
 from camgen.model.pose import FloatArray, frozen
@@ -191,7 +191,7 @@ def _is_arc(points: FloatArray, tolerance: float) -> bool:
     ends, half = points[last] - points[0], points[last // 2] - points[0]
     # The ends of an arc that is nearly a circle are too close together to define it.
     b, c = (last // 2, last) if ends @ ends > 0.25 * (half @ half) else (last // 3, 2 * last // 3)
-    circle = through(points[0], points[b], points[c])
+    circle = find_circle(points[0], points[b], points[c])
     if circle is None or (circle.distances(points) > tolerance).any():
         return False
     steps = np.diff(circle.angles(points))
@@ -362,7 +362,7 @@ def _make_edge(run: SideRun, sides: SharpSides, vertices: FloatArray) -> Edge:
         bool(sides.convex[0]),
         bool((corners[0] == corners[-1]).all()),
         circle.radius if circle else 0.0,
-        float(span_lengths(spans.points, spans.via).sum()),
+        float(measure_spans(spans.points, spans.via).sum()),
     )
 
 

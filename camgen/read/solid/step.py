@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.geometry.arcs import Circle, fit_circle, span_lengths, spans_through, through
+from camgen.geometry.arcs import Circle, find_circle, fit_circle, make_spans_through, measure_spans
 from camgen.geometry.vectors import angles, cross
 from camgen.model.errors import InputError
 from camgen.model.files import Source
@@ -133,13 +133,13 @@ def _is_smooth(a: Edge, b: Edge) -> bool:
 
 def _compute_tangent(p: FloatArray, via: FloatArray, q: FloatArray) -> FloatArray:
     """(3,) unit vector in which the span from `p` over `via` to `q` leaves `p`."""
-    return np.asarray(spans_through(p[None], via[None], q[None]).tangents()[0][0])
+    return np.asarray(make_spans_through(p[None], via[None], q[None]).tangents()[0][0])
 
 
 def _measure_offset(a: Edge, b: Edge) -> float:
     """The distance between the centres of two arcs, mm; infinite if one of them is straight."""
-    first = through(a.points[0], a.via[0], a.points[1])
-    second = through(b.points[0], b.via[0], b.points[1])
+    first = find_circle(a.points[0], a.via[0], a.points[1])
+    second = find_circle(b.points[0], b.via[0], b.points[1])
     if first is None or second is None:
         return np.inf
     return float(np.linalg.norm(first.center - second.center))
@@ -199,7 +199,7 @@ def make_edge(
         convex,
         closed,
         circle.radius if circle else 0.0,
-        float(span_lengths(places, via).sum()),
+        float(measure_spans(places, via).sum()),
     )
 
 
@@ -281,7 +281,7 @@ def _fits_arc(points: FloatArray, tolerance: float) -> bool:
 
     An arc may turn by at most a quarter circle. Three points on a line make a line.
     """
-    circle = through(points[0], points[_HALF_INTERVALS], points[-1])
+    circle = find_circle(points[0], points[_HALF_INTERVALS], points[-1])
     if circle is None:
         chord = points[-1] - points[0]
         length = float(np.linalg.norm(chord))
@@ -299,7 +299,7 @@ def _find_arc_middles(ends: FloatArray, middles: FloatArray) -> FloatArray:
     """
     via = (ends[1:] + ends[:-1]) / 2
     for k, middle in enumerate(middles):
-        circle = through(ends[k], middle, ends[k + 1])
+        circle = find_circle(ends[k], middle, ends[k + 1])
         if circle is not None:
             via[k] = circle.at(circle.angles(ends[k + 1][None]) / 2)[0]
     return via
