@@ -17,7 +17,7 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.geometry.arcs import circle, spans_through
+from camgen.geometry.arcs import circle, make_spans_through
 from camgen.geometry.vectors import angles, dots, lengths
 from camgen.model.pose import FloatArray, Pose
 from camgen.model.program import (
@@ -145,7 +145,7 @@ def find_ends(columns: Columns, decimals: int) -> Indices:
     if not len(arcs):
         return arcs
     start, end = columns.ends[arcs - 1], columns.ends[arcs]
-    shapes = spans_through(start, columns.vias_of(arcs), end)
+    shapes = make_spans_through(start, columns.vias_of(arcs), end)
     printed = print_arcs(start, columns.vias_of(arcs), end, decimals)
     spoke = printed_ends[arcs] - printed_ends[arcs - 1]
     spoke[:, :2] -= printed.centre

@@ -14,7 +14,7 @@ from msgspec.structs import replace
 import camgen
 from camgen.check.stock import Cut
 from camgen.check.time import cycle
-from camgen.geometry.nesting import nest
+from camgen.geometry.nesting import find_nesting
 from camgen.geometry.segments import from_contours
 from camgen.lang.gcode.replayed import interpret
 from camgen.lang.recorded import ProgramRun
@@ -115,7 +115,7 @@ def _seconds(body: Sequence[Instruction], result: camgen.Result) -> float:
 def describe(result: camgen.Result, tour: JobTour) -> dict[str, object]:
     """Tools and operations as plain data: mm, mm/s, rpm."""
     contours = [contour for contour in result.part.contours if contour.closed]
-    inside = nest(from_contours(contours), len(contours)).depth % 2 == 1
+    inside = find_nesting(from_contours(contours), len(contours)).depth % 2 == 1
     hole = {contour.id: bool(one) for contour, one in zip(contours, inside.tolist(), strict=True)}
     place = {one.id: (one.x, one.y) for one in find_circles(result.part)}
     steps = list(zip(tour.steps, tour.tours, strict=True))

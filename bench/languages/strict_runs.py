@@ -18,7 +18,7 @@ from pathlib import Path
 
 from bench.support.runner import Table, machine
 from camgen.model.pose import TOOL_DOWN, Pose
-from camgen.model.program import Instruction, MoveJ, MoveL, Output, Program, put_off_first
+from camgen.model.program import Instruction, MoveJ, MoveL, Output, Program, switch_off_first
 from camgen.post.plugins import find_post, find_readback, make_post
 
 #: The folder of the language of each post.
@@ -82,7 +82,7 @@ def make_body(home: MoveJ, count: int) -> tuple[Instruction, ...]:
             body.append(Output("process", float(number // _STRETCH % 2 == 0)))
     stop = MoveL(place, 20.0)
     body += [stop, MoveL(above, 20.0), Output("process", 0.0), home]
-    return tuple(put_off_first(tuple(body)))
+    return tuple(switch_off_first(tuple(body)))
 
 
 def measure_size(files: list[Path]) -> tuple[int, int]:

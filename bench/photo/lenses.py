@@ -42,10 +42,10 @@ from bench.render.shapes import Loop, pieces, to_loops
 from bench.support.runner import Cells, Scenario, read_words, run, verdict
 from camgen.model.job import CameraTable, Job
 from camgen.read import read
-from camgen.vision.boards.sheet import DICTIONARY, sheet
+from camgen.vision.boards.sheet import DICTIONARY, make_sheet
 
 SIZE = (2400, 1718)
-PAPER = sheet("A4")
+PAPER = make_sheet("A4")
 COLUMNS = (
     "set | photos | refused | lens found | corners, rms mm {:.4f} | outline off: max mm {:.3f} "
     "| rms mm {:.3f} | beyond the bound | goal, mm {:.2f} | reached"

@@ -19,9 +19,9 @@ from bench.support.runner import SHARED, Cells, Missed, Scenario, find_files, re
 from bench.support.timing import best_seconds
 from camgen.model.errors import CamgenError
 from camgen.read.files import Files
-from camgen.vision.image import load
-from camgen.vision.mask.part_mask import part_mask
-from camgen.vision.to_scale import ScaledView, already_to_scale
+from camgen.vision.image import read_picture
+from camgen.vision.mask.part_mask import make_mask
+from camgen.vision.to_scale import ScaledView, make_scaled_view
 
 ENDS = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp"}
 GOAL = 1.3
@@ -46,13 +46,13 @@ def judge(name: str, make: Callable[[], ScaledView], runs: int) -> Iterator[Cell
     try:
         view = make()
         size = f"{view.pixels.shape[1]} x {view.pixels.shape[0]}"
-        mask = part_mask(view, name=name)
+        mask = make_mask(view, name=name)
     except CamgenError as error:
         yield name, size, "refused", None, None, None, None, str(error)
         return
     bare(view.pixels)  # the first run of each is slower
     plain = best_seconds(lambda: bare(view.pixels), runs)
-    taken = best_seconds(lambda: part_mask(view, name=name), runs)
+    taken = best_seconds(lambda: make_mask(view, name=name), runs)
     count, _, stats, _ = cv2.connectedComponentsWithStats(mask.pixels)
     holes = cv2.connectedComponents(cv2.bitwise_not(mask.pixels), connectivity=4)[0] - 2
     level = mask.level
@@ -66,7 +66,7 @@ def judge(name: str, make: Callable[[], ScaledView], runs: int) -> Iterator[Cell
 
 
 def load_view(path: Path) -> ScaledView:
-    return already_to_scale(load(Files().read(path)), mm_per_px=0.1)
+    return make_scaled_view(read_picture(Files().read(path)), mm_per_px=0.1)
 
 
 def drawn(part: float, bench: float, slope: float, noise: float, width: int) -> ScaledView:

@@ -16,10 +16,10 @@ from camgen.plan.image_space import image_space
 from camgen.read.files import Files
 from camgen.read.job_file import load as load_job
 from camgen.vision.boards.find import find
-from camgen.vision.boards.sheet import sheet
+from camgen.vision.boards.sheet import make_sheet
 from camgen.vision.camera.camera import Camera, read_camera
-from camgen.vision.image import Picture, load
-from camgen.vision.plane import Plane, plane_from_points, plane_from_pose
+from camgen.vision.image import Picture, read_picture
+from camgen.vision.plane import Plane, fit_plane, make_plane
 from camgen.vision.to_scale import rectify
 
 #: mm around the tool's path that the view shows.
@@ -33,7 +33,7 @@ def paper_route(folder: Path, name: str, photo: str, truth: Truth) -> np.ndarray
     the paper's background model would do no better.
     """
     job = load_job(folder / f"{name}.toml")
-    picture = load(Files().read(folder / photo))
+    picture = read_picture(Files().read(folder / photo))
     camera = read_camera(Files().read(folder / f"{name}.yaml"))
     plane = _plane(job, picture, camera)
     x, y = truth.points.real, truth.points.imag
@@ -57,10 +57,10 @@ def paper_route(folder: Path, name: str, photo: str, truth: Truth) -> np.ndarray
 def _plane(job: Job, picture: Picture, camera: Camera) -> Plane:
     asked = job.camera
     if asked.markers:
-        return find(picture, camera, sheet(asked.markers), height=asked.height)
+        return find(picture, camera, make_sheet(asked.markers), height=asked.height)
     if asked.plane_from:
-        return plane_from_pose(camera, pose_from_values(asked.plane_from))
-    return plane_from_points(camera, asked.points_px, asked.points_mm)
+        return make_plane(camera, pose_from_values(asked.plane_from))
+    return fit_plane(camera, asked.points_px, asked.points_mm)
 
 
 def _dense(corners: np.ndarray) -> np.ndarray:

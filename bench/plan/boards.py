@@ -29,7 +29,7 @@ from camgen.plan.image_space.border import between_pixels
 from camgen.plan.image_space.field import chains
 from camgen.read import read
 from camgen.read.job_file import from_mapping
-from camgen.vision.crosses import crosses
+from camgen.vision.crosses import find_crosses
 
 FILL_COLUMNS = (
     "board | marker, mm {:g} | covered {:.2f} % | outside {:.2f} % | beside thin {:.2f} % "
@@ -225,7 +225,7 @@ def _other_shapes(r: float, w: float) -> list[list[list[tuple[float, float]]]]:
 
 def mark_errors(board: Marks) -> tuple[int, int, np.ndarray]:
     """Marks missed, marks invented, and how far (px) the found ones are off."""
-    found = np.array([(c.u, c.v) for c in crosses(board.ink, board.picture)]).reshape(-1, 2)
+    found = np.array([(c.u, c.v) for c in find_crosses(board.ink, board.picture)]).reshape(-1, 2)
     far = np.hypot(*(board.centres[:, None] - found[None]).transpose(2, 0, 1))
     nearest = far.min(axis=1, initial=np.inf)
     return (

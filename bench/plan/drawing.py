@@ -24,7 +24,7 @@ from camgen.plan.simplify import simplify
 from camgen.plan.trace import trace
 from camgen.read import read
 from camgen.read.job_file import from_mapping
-from camgen.vision.similarity import scale_of
+from camgen.vision.similarity import measure_scale
 
 COLUMNS = (
     "picture | strokes | points | drawn | arcs | off (px) {:.2f} | travel as drawn (m) {:.2f} "
@@ -55,7 +55,7 @@ def judge(path: Path) -> Iterator[Cells]:
     """The row of a picture."""
     (raw, drawn), seconds = timed(lambda: simplified(path))
     assert raw.raster is not None
-    px = scale_of(raw.raster.work_from_view)
+    px = measure_scale(raw.raster.work_from_view)
     before, after = (sum(len(c.points) for c in part.contours) for part in (raw, drawn))
     arcs = sum(int((c.bulges != 0).sum()) for c in drawn.contours)
     paths = trace(drawn, JOB)

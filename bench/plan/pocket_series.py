@@ -30,7 +30,7 @@ from msgspec.structs import replace
 import camgen
 from bench.support.runner import SHARED, Missed, Table, open_table
 from bench.support.swept_text import cleared, read_cut
-from camgen.geometry.nesting import nest
+from camgen.geometry.nesting import find_nesting
 from camgen.geometry.segments import from_contours
 from tests.support.swept import enclosed
 
@@ -71,7 +71,7 @@ def candidates(folder: Path, left_out: Counter[str]) -> list[Candidate]:
             left_out["drawing not read"] += 1
             continue
         closed = [contour for contour in part.contours if contour.closed]
-        nesting = nest(from_contours(closed), len(closed))
+        nesting = find_nesting(from_contours(closed), len(closed))
         for number, contour in enumerate(closed):
             inner = np.flatnonzero(nesting.parent == number).tolist()
             key = hashlib.sha256(f"{name}:{number}".encode()).hexdigest()

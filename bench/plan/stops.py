@@ -17,7 +17,7 @@ import numpy as np
 
 from bench.plan.boards import board, part_of
 from bench.support.runner import PARTS, Cells, Missed, Scenario, run
-from camgen.geometry.rings import rings
+from camgen.geometry.rings import make_rings
 from camgen.pipeline import Result, build
 from camgen.plan.fill.cover import measure
 from camgen.plan.fill.ground import outlines
@@ -85,7 +85,7 @@ def covered(result: Result) -> float | str:
     strokes += [
         path.position[:1, :2] @ [1, 1j] for path in result.tour.paths if len(path.position) == 1
     ]
-    found = measure(rings(counts), border, strokes, [], radius)
+    found = measure(make_rings(counts), border, strokes, [], radius)
     return 100 * found.covered / found.copper
 
 

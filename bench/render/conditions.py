@@ -19,7 +19,7 @@ from bench.render.parts import Part, bracket, gear, plate, random_part
 from bench.render.photos import camera_info
 from bench.render.scene import Layer, Scene, render
 from bench.render.shapes import Loop, box, flatten
-from camgen.vision.boards.sheet import DICTIONARY, sheet
+from camgen.vision.boards.sheet import DICTIONARY, make_sheet
 
 #: Pixels of the photo, the focal length in pixels, and mm of a pixel.
 SIZE, FOCAL, PIXEL = (2400, 1700), 2600.0, 0.13
@@ -139,7 +139,7 @@ def draw_photo(
 def _places(plane_by: str) -> tuple[complex, complex]:
     """The middle of the part and that of the photo, mm."""
     if plane_by == "sheet":
-        middle = complex(*sheet("A4").free) / 2
+        middle = complex(*make_sheet("A4").free) / 2
         return middle, middle
     if plane_by == "board":
         half = complex(BOARD[0], BOARD[1]) * SQUARE / 2
@@ -166,7 +166,7 @@ def _make_scene(
     ground = 0.72 if plane_by == "sheet" else float(rng.uniform(0.55, 0.7))
     layers: list[Layer] = []
     if plane_by == "sheet":
-        paper = sheet("A4")
+        paper = make_sheet("A4")
         x, y = paper.origin
         page = (-x, -y, paper.page[0] - x, paper.page[1] - y)
         page_layer, ink = markers(page, paper.ids, paper.corners, DICTIONARY)
@@ -208,7 +208,7 @@ def _chips(part: Part, plane_by: str, count: int, rng: np.random.Generator) -> t
     """Strips of 1 to 8 mm by 0.4 to 2 mm, 1 mm or more from the part and from each other."""
     if not count:
         return ()
-    low, high = np.zeros(2), np.array(sheet("A4").free)
+    low, high = np.zeros(2), np.array(make_sheet("A4").free)
     if plane_by != "sheet":
         points = part[0].points
         low = np.array([points.real.min(), points.imag.min()]) - 14

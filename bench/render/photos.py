@@ -13,7 +13,7 @@ from bench.render.optics import Lens, Shot, looking, mm_per_px, photo_from_work
 from bench.render.parts import NAMED, random_part
 from bench.render.scene import Layer, Scene, render, written
 from bench.render.shapes import Loop
-from camgen.vision.boards.sheet import DICTIONARY, Sheet, sheet
+from camgen.vision.boards.sheet import DICTIONARY, Sheet, make_sheet
 
 #: The camera of the paper: 3840 x 2748 px of 1.67 um behind 8.5 mm; and the same view with a tenth of the pixels.
 SIZES = {10: (3840, 2748), 1: (1200, 859)}
@@ -78,7 +78,7 @@ def _photo(k: int, megapixels: int, part: str = "") -> Photo:
     way = WAYS[k % len(WAYS)]
     lens = _lens(megapixels, rng)
     height = float(rng.choice([0.0, 1.5])) if way == "markers" else 0.0
-    paper = sheet("A4")
+    paper = make_sheet("A4")
     middle = complex(*paper.free) / 2 if way == "markers" else complex(*rng.uniform(20, 200, 2))
     turn = rng.uniform(0, 2 * np.pi)
     placed = tuple(loop.moved(turn, middle) for loop in loops)

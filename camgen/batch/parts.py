@@ -11,7 +11,7 @@ from msgspec import Struct
 from camgen.batch.inputs import BatchInput
 from camgen.batch.state import NAME, Outcome, Record, Task, is_unchanged
 from camgen.model.errors import CamgenError, InputError, JobError
-from camgen.model.plugins import entries
+from camgen.model.plugins import list_entries
 from camgen.model.version import __version__
 from camgen.pipeline.inputs import digest_of
 from camgen.post.plugins import POSTS, find_post
@@ -122,7 +122,7 @@ def _maker(post: str) -> str:
     """What the text depends on beside the job: camgen's version, and that of the post."""
     if post.endswith(".py"):
         return f"{__version__} {hashlib.sha256(Files().read(post).data).hexdigest()}"
-    (entry,) = (one for one in entries(POSTS) if one.name == post)
+    (entry,) = (one for one in list_entries(POSTS) if one.name == post)
     return (
         f"{__version__} {post} {entry.dist.name} {entry.dist.version}"
         if entry.dist

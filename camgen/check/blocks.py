@@ -15,7 +15,7 @@ from msgspec import Struct
 
 from camgen.check.axis_limits import limit_along
 from camgen.check.profile import durations, squares
-from camgen.geometry.arcs import spans_through
+from camgen.geometry.arcs import make_spans_through
 from camgen.geometry.vectors import dots, lengths
 from camgen.model.cell import Axes, Dynamics
 from camgen.model.part import BoolArray, IntArray
@@ -95,7 +95,7 @@ def _count_chords(motions: Motions, chord: float) -> IntArray:
     """
     count = np.ones(len(motions.speed), np.intp)
     arcs = np.flatnonzero(~np.isnan(motions.via[:, 0]))
-    spans = spans_through(motions.start[arcs], motions.via[arcs], motions.end[arcs])
+    spans = make_spans_through(motions.start[arcs], motions.via[arcs], motions.end[arcs])
     # Half of a chord that leaves the arc by its tolerance.
     half = np.sqrt(chord * np.maximum(2 * spans.radius - chord, chord))
     count[arcs] = np.maximum(np.floor(spans.length / (2 * half)), 1)
@@ -127,7 +127,7 @@ def _cut(motions: Motions, chords: IntArray, axes: Axes | None) -> _Blocks:
     motion = np.repeat(np.arange(len(chords)), chords)
     first = np.cumsum(chords) - chords
     share = (np.arange(len(motion)) - first[motion] + 1) / chords[motion]
-    spans = spans_through(motions.start, motions.via, motions.end)
+    spans = make_spans_through(motions.start, motions.via, motions.end)
     end = spans.point(share, motion)
     # Both motions beside a joint have the same point.
     end[first + chords - 1] = motions.end

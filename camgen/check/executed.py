@@ -8,7 +8,7 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.geometry.arcs import Spans, spans_through
+from camgen.geometry.arcs import Spans, make_spans_through
 from camgen.geometry.vectors import angles
 from camgen.model.cell import Dynamics
 from camgen.model.part import BoolArray, IntArray
@@ -138,4 +138,4 @@ def pick_shapes(columns: Columns, rows: IntArray) -> Spans:
     via = np.full((len(rows), 3), np.nan)
     arcs = columns.moves_are(MoveC)[rows]
     via[arcs] = columns.vias_of(rows[arcs])
-    return spans_through(columns.ends[rows - 1], via, columns.ends[rows])
+    return make_spans_through(columns.ends[rows - 1], via, columns.ends[rows])

@@ -111,6 +111,6 @@ def join_losses(losses: list[BlockedPath]) -> tuple[BlockedPath, ...]:
     """One for each path: what stops the path itself before what stops the way to it."""
     kept: dict[int, BlockedPath] = {}
     for one in losses:
-        if one.path not in kept or (kept[one.path].way and not one.way):
+        if one.path not in kept or (kept[one.path].on_link and not one.on_link):
             kept[one.path] = one
     return tuple(kept.values())

@@ -19,12 +19,12 @@ from camgen.check.collide import Clear, Near, check_clear
 from camgen.check.reach import MotionRows, Reach, ends, interpolate_joints, sample_motions, trace
 from camgen.collision.cell import Surroundings, make_surroundings
 from camgen.collision.motion import measure_apart
-from camgen.geometry.arcs import arc_middles
+from camgen.geometry.arcs import find_arc_middles
 from camgen.model.errors import NoSafeProgram
 from camgen.model.job import Job, ToolTable
 from camgen.model.part import IntArray, Note
 from camgen.model.pose import FloatArray
-from camgen.model.program import MoveC, Program, ToolChange, put_off_first
+from camgen.model.program import MoveC, Program, ToolChange, switch_off_first
 from camgen.model.text import short
 from camgen.motion.pose_paths import PosePath
 from camgen.motion.setup import Setup, compute_flange_poses
@@ -104,7 +104,7 @@ def _split(program: Program, job: Job) -> list[_Section]:
         assert isinstance(change, ToolChange)
         body = program.body[start + 1 : end]
         # A program switches its outputs off first.
-        whole = put_off_first(body)
+        whole = switch_off_first(body)
         frame = change.flange_from_tool or program.flange_from_tool
         part = replace(program, body=whole, flange_from_tool=frame)
         shift = start + 1 - (len(whole) - len(body))
@@ -136,7 +136,7 @@ def check_travel(program: Program, machine: Robot, file: str) -> Reach:
     position, rotation = ends(program, machine, np.empty((0, len(machine.home))))
     middles = columns.vias.copy()
     arcs = np.flatnonzero(columns.moves_are(MoveC))
-    middles[arcs] = arc_middles(position[arcs - 1], middles[arcs], position[arcs])
+    middles[arcs] = find_arc_middles(position[arcs - 1], middles[arcs], position[arcs])
     rows = sample_motions(program, PosePath(position, middles, rotation))
     setup = Setup(machine, program.base_from_work, program.flange_from_tool)
 

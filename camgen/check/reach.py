@@ -16,7 +16,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from camgen.check.lost import Lost, Stretch, find_lost, join_losses
-from camgen.geometry.arcs import arc_middles
+from camgen.geometry.arcs import find_arc_middles
 from camgen.geometry.ragged import ends_run, offsets, owners, ramp
 from camgen.model.errors import Blocked, BlockedPath, JobError
 from camgen.model.pose import FloatArray
@@ -237,7 +237,7 @@ def _way(program: Program, robot: Robot, anchors: FloatArray) -> PosePath:
     position, rotation = ends(program, robot, anchors)
     middles = program.columns.vias.copy()
     arc = np.flatnonzero(program.columns.moves_are(MoveC))
-    middles[arc] = arc_middles(position[arc - 1], middles[arc], position[arc])
+    middles[arc] = find_arc_middles(position[arc - 1], middles[arc], position[arc])
     return PosePath(position, middles, rotation)
 
 

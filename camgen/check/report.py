@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.arcs import arc_lengths, span_lengths
+from camgen.geometry.arcs import measure_arcs, measure_spans
 from camgen.geometry.rotations import angles_between
 from camgen.geometry.vectors import in_blocks, lengths
 from camgen.model.part import Note, Part
@@ -110,7 +110,7 @@ def motion_lengths(columns: Columns) -> FloatArray:
     end, arcs = columns.ends, columns.arcs
     start = np.concatenate([np.full((min(1, len(end)), 3), np.nan), end[:-1]])
     length = in_blocks(lambda a, b: lengths(b - a), start, end)
-    length[arcs] = in_blocks(arc_lengths, start[arcs], columns.via, end[arcs])
+    length[arcs] = in_blocks(measure_arcs, start[arcs], columns.via, end[arcs])
     return np.asarray(np.nan_to_num(length))
 
 
@@ -132,7 +132,7 @@ def path_sums(paths: Sequence[ToolPath]) -> tuple[FloatArray, FloatArray]:
         return frozen([]), frozen([])
     counts = [len(path.position) for path in paths]
     first = np.cumsum([0, *counts[:-1]])
-    inner = span_lengths(
+    inner = measure_spans(
         np.concatenate([p.position for p in paths]), np.concatenate([p.via for p in paths])[1:]
     )
     steps = np.concatenate([[0.0], inner])

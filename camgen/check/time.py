@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 from camgen.check.profile import durations, squares
 from camgen.check.report import Cycle, exact_sum
-from camgen.geometry.arcs import arc_lengths, spans_through
+from camgen.geometry.arcs import make_spans_through, measure_arcs
 from camgen.geometry.ragged import each_once, ends_run
 from camgen.geometry.rotations import angles_between
 from camgen.geometry.vectors import cross, in_blocks, lengths, unit
 from camgen.model.cell import Dynamics
 from camgen.model.pose import FloatArray, frozen
-from camgen.model.program import Comment, Mask, MoveJ, Program, Wait, column, take
+from camgen.model.program import Comment, Mask, MoveJ, Program, Wait, read_column, select_items
 from camgen.model.tolerance import SAME_POINT_MM
 from camgen.motion.limits import time_from_rest
 
@@ -134,10 +134,10 @@ def shape_motions(program: Program, arm: Robot | None) -> MotionShapes:
 
 def _shape_arcs(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArray:
     """(K, 8) of arcs: length and radius, mm, and the unit vectors of travel at both ends."""
-    found = spans_through(start, via, end)
+    found = make_spans_through(start, via, end)
     tangents = (unit(np.nan_to_num(one)) for one in found.tangents())
     radius = np.where(found.curved, found.radius, np.inf)
-    return np.column_stack([arc_lengths(start, via, end), radius, *tangents])
+    return np.column_stack([measure_arcs(start, via, end), radius, *tangents])
 
 
 def _place(program: Program, arm: Robot | None) -> tuple[FloatArray, FloatArray]:
@@ -146,7 +146,7 @@ def _place(program: Program, arm: Robot | None) -> tuple[FloatArray, FloatArray]
     if arm is not None:
         from camgen.check.reach import ends  # noqa: PLC0415 (kinematics, only for what needs them)
 
-        fixed = take(columns.moves, columns.moves_are(MoveJ) & ~columns.posed)
+        fixed = select_items(columns.moves, columns.moves_are(MoveJ) & ~columns.posed)
         anchors = np.array([move.target.values for move in fixed]).reshape(
             len(fixed), len(arm.home)
         )
@@ -449,7 +449,7 @@ def cycle(
     path = assign_paths(program)
     # A wait belongs to what comes after it: the one after the signal is switched on to the path, as the pauses in it.
     waits = np.searchsorted(columns.at, np.flatnonzero(columns.are(Wait)))
-    every = np.concatenate([seconds, column(columns.of(Wait), "seconds")])
+    every = np.concatenate([seconds, read_column(columns.of(Wait), "seconds")])
     owner = np.append(path, np.append(path, -1)[waits])
     count = len(program.paths)
     # Travel leads to the next path that is worked on.

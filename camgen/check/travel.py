@@ -7,7 +7,7 @@ import math
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.arcs import spans_through
+from camgen.geometry.arcs import make_spans_through
 from camgen.model.machine import Machine
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray, Vec3
@@ -63,7 +63,7 @@ def _find_extremes(
     """The motions (K,) and places (K, 3), mm, at which an axis turns around on an arc."""
     arcs = np.flatnonzero(columns.moves_are(MoveC))
     arcs = arcs[arcs > 0]
-    spans = spans_through(ends[arcs - 1], columns.vias_of(arcs) + shift[arcs], ends[arcs])
+    spans = make_spans_through(ends[arcs - 1], columns.vias_of(arcs) + shift[arcs], ends[arcs])
     # A position on an arc is a constant and a sine of the angle from its middle.
     turning = np.arctan2(spans.along, spans.towards)
     angles = np.stack([turning, turning - math.pi, turning + math.pi], axis=2)

@@ -15,8 +15,8 @@ from camgen.read.files import Files
 from camgen.vision.boards.corners import Target, make_charuco, make_chessboard
 from camgen.vision.boards.sheet import DICTIONARY
 from camgen.vision.camera.calibrate import Calibration, calibrate
-from camgen.vision.camera.camera import camera_info
-from camgen.vision.camera.residuals import svg
+from camgen.vision.camera.camera import format_camera_info
+from camgen.vision.camera.residuals import draw_residuals
 
 _COUNTS = re.compile(r"([0-9]{1,4})x([0-9]{1,4})")
 
@@ -37,9 +37,11 @@ def run(arguments: Namespace, says: Voice) -> int:
     files = Files()
     found = calibrate([files.read(path) for path in paths], target, camera_file.stem, says.stage)
     says.clear()
-    written = [(camera_file, camera_info(found.camera).encode())]
+    written = [(camera_file, format_camera_info(found.camera).encode())]
     if preview is not None:
-        written.append((preview, svg(found, f"{target.label}: {camera_file.name}").encode()))
+        written.append(
+            (preview, draw_residuals(found, f"{target.label}: {camera_file.name}").encode())
+        )
     write_all(written, files.opened)
     if not says.quiet:
         says.out(_errors(found))

@@ -12,8 +12,8 @@ from msgspec import Struct
 from camgen.lang.programs import Finding, Frames
 from camgen.model.errors import JobError
 from camgen.model.job import Job
-from camgen.model.plugins import entries
-from camgen.model.pose import tell_frame
+from camgen.model.plugins import list_entries
+from camgen.model.pose import format_frame
 from camgen.post.plugins import POSTS
 from camgen.read.files import Files
 
@@ -74,7 +74,7 @@ def find_stale_frames(texts: Mapping[str, str], frames: Sequence[Frames]) -> lis
     head = next(iter(texts.values()), "").split("\n", _LINES)[:_LINES]
     findings = []
     for pattern, kind, poses in kinds:
-        stated = {tell_frame(pose) for pose in poses if pose is not None}
+        stated = {format_frame(pose) for pose in poses if pose is not None}
         if not stated or None in poses:
             continue
         others = " or ".join(sorted(stated))
@@ -109,7 +109,7 @@ def find_part(header: Header, source: Path, job: Job, files: Files) -> Path:
     if header.is_located:
         what = "is not given, and the place of the part comes from a photo"
         raise JobError("--post", what, remedy=remedy)
-    if not any(entry.name == header.post for entry in entries(POSTS)):
+    if not any(entry.name == header.post for entry in list_entries(POSTS)):
         what = f"is not given, and the header names {header.post}, which is not installed"
         raise JobError("--post", what, remedy=remedy)
     settings = limit_path_tolerance(job, header.post)

@@ -17,7 +17,13 @@ from camgen.cli.proposal import describe, list_proposed, tabulate
 from camgen.cli.say import Voice
 from camgen.model.errors import AmbiguousInput, CamgenError, InputError, JobError, NoSafeProgram
 from camgen.model.job import Job, OperationTable
-from camgen.model.job_tables import Setting, row_settings, row_tables, settings, tables
+from camgen.model.job_tables import (
+    Setting,
+    list_row_settings,
+    list_row_tables,
+    list_settings,
+    list_tables,
+)
 from camgen.model.part import Part
 from camgen.model.text import counted, name_first
 from camgen.model.toml import toml
@@ -196,12 +202,12 @@ def template(source: str, units: str, chosen: Chosen | None = None) -> str:
         f"# camgen job for {_comment(source)}",
         "# Lengths mm, angles deg, speeds mm/s, forces N, times s. Every line holds its default: delete what you keep.",
     ]
-    for table, about in tables().items():
+    for table, about in list_tables().items():
         if table == "post":
             lines += _row_lines()
             lines += list_proposed(chosen.proposal, chosen.active) if chosen.proposal else []
         lines += ["", f"[{table}]  # {about}"]
-        for setting in settings():
+        for setting in list_settings():
             if setting.table == table:
                 found = (
                     f" This file: {_comment(units)}." if units and setting.key == "units" else ""
@@ -220,9 +226,9 @@ def template(source: str, units: str, chosen: Chosen | None = None) -> str:
 def _row_lines() -> list[str]:
     """What several tools and operations look like, as comments: by themselves they have no default."""
     lines: list[str] = []
-    for table, about in row_tables().items():
-        shared = [s.key for s in settings() if s.table in _SHARED]
-        own = [s for s in row_settings() if s.table == table and s.key not in shared]
+    for table, about in list_row_tables().items():
+        shared = [s.key for s in list_settings() if s.table in _SHARED]
+        own = [s for s in list_row_settings() if s.table == table and s.key not in shared]
         lines += ["", *(f"# {line}" for line in textwrap.wrap(about, 116)), f"# [[{table}]]"]
         lines += [f"# {s.key} =  # {s.about}" for s in own]
     return lines
@@ -265,16 +271,16 @@ def _comment(text: str) -> str:
 def reference() -> str:
     """The tables of a job file as Markdown. ``python -m camgen.cli.init > docs/job.md`` renews the page."""
     lines = [_INTRODUCTION]
-    for table, about in tables().items():
+    for table, about in list_tables().items():
         lines += [f"\n## `[{table}]`\n", about[0].upper() + about[1:]]
         if table == "post":
             lines.append(_POST)
             continue
-        lines += _keys([s for s in settings() if s.table == table])
-    for table, about in row_tables().items():
+        lines += _keys([s for s in list_settings() if s.table == table])
+    for table, about in list_row_tables().items():
         lines += [f"\n## `[[{table}]]`\n", about[0].upper() + about[1:]]
-        shared = [s.key for s in settings() if s.table in _SHARED]
-        lines += _keys([s for s in row_settings() if s.table == table and s.key not in shared])
+        shared = [s.key for s in list_settings() if s.table in _SHARED]
+        lines += _keys([s for s in list_row_settings() if s.table == table and s.key not in shared])
     return "\n".join(lines) + "\n"
 
 

@@ -25,7 +25,7 @@ from camgen.lang.programs import (
 )
 from camgen.model.errors import CamgenError, InputError, JobError, NoSafeProgram, one_line
 from camgen.model.job import Job
-from camgen.model.pose import tell_frame
+from camgen.model.pose import format_frame
 from camgen.model.text import counted, duration
 from camgen.read.files import Files
 
@@ -181,7 +181,7 @@ def _frames(frames: Sequence[Frames]) -> list[Row]:
     found = [("tool", name, pose) for name, pose in tools.items()]
     found += [("frame", name, pose) for name, pose in works.items()]
     rows = [
-        (label, f"{name}: {tell_frame(pose) if pose else 'not in the text'}")
+        (label, f"{name}: {format_frame(pose) if pose else 'not in the text'}")
         for label, name, pose in found
     ]
     more = (

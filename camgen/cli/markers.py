@@ -9,7 +9,7 @@ from camgen.batch.writing import check_targets, write_all
 from camgen.cli.say import Voice
 from camgen.model.errors import JobError
 from camgen.model.text import counted, short
-from camgen.vision.boards.sheet import draw_pdf, draw_svg, sheet
+from camgen.vision.boards.sheet import draw_pdf, draw_svg, make_sheet
 
 _DRAWN = {".pdf": draw_pdf, ".svg": draw_svg}
 
@@ -24,7 +24,7 @@ def run(arguments: Namespace, says: Voice) -> int:
             "is no kind of drawing that camgen writes",
             remedy="end the name in .pdf or .svg",
         )
-    what = sheet(arguments.size, arguments.marker)
+    what = make_sheet(arguments.size, arguments.marker)
     check_targets([target], [])
     write_all([(target, drawn(what))], {})
     side, free = short(what.marker, 2), " x ".join(short(v, 0) for v in what.free)

@@ -37,7 +37,7 @@ from camgen.lower.steps import split_tools
 from camgen.model.cell import Dynamics
 from camgen.model.errors import CamgenError, InputError, JobError
 from camgen.model.job import Job
-from camgen.model.plugins import entries
+from camgen.model.plugins import list_entries
 from camgen.model.pose import Pose
 from camgen.model.program import Columns, ToolChange
 from camgen.model.text import counted, short
@@ -140,7 +140,9 @@ def run(arguments: Namespace, says: Voice) -> int:
     if ours and header and not arguments.post and not arguments.plan:
         origin = Origin(header, find_part(header, source, job, files), source.stem)
         arguments.post = header.post
-    spoken = not arguments.post or any(entry.name == arguments.post for entry in entries(LANGUAGES))
+    spoken = not arguments.post or any(
+        entry.name == arguments.post for entry in list_entries(LANGUAGES)
+    )
     asked = _Asked(arguments, paths, texts, job, drawing, files, origin, header is not None)
     return (_compare if ours or not spoken else _judge)(asked, says)
 

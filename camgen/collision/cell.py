@@ -12,7 +12,7 @@ from msgspec import Struct
 from camgen.collision.hits import find_collisions, measure_clearance
 from camgen.collision.mesh import make_mesh
 from camgen.collision.scene import Allowed, Scene, Wall, make_scene, narrow
-from camgen.geometry.corners import Corners, corners_of
+from camgen.geometry.corners import Corners, check_corners
 from camgen.geometry.resting import turn_down
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError
@@ -107,7 +107,7 @@ def make_surroundings(
     assert robot is not None
     standing, notes = _make_standing(job, base_from_work, solid)
     walls = tuple(Wall(name, make_mesh(shape), base_from_work) for name, shape in cell.meshes)
-    holder = [corners_of("tool.holder", box) for box in job.tool.holder or ()]
+    holder = [check_corners("tool.holder", box) for box in job.tool.holder or ()]
     contact = job.tool.radius * math.sin(math.radians(job.tool.axis_tilt)) + _TOUCH
     contact = min(contact, job.tool.radius * 0.99)
     shaft = _make_shaft(job, cell, holder)
@@ -245,7 +245,7 @@ def _make_standing(
         fixtures = []
         for number, shape in enumerate(table.fixtures or (), 1):
             if isinstance(shape, list):
-                box = make_box(base_from_work, *corners_of("cell.fixtures", shape))
+                box = make_box(base_from_work, *check_corners("cell.fixtures", shape))
                 fixtures.append(Link(f"fixture {number}", (box,)))
         return tuple(fixtures), ()
     upright = Pose(turn_upright(table.rests_on), (0.0, 0.0, 0.0))

@@ -12,9 +12,9 @@ from collections.abc import Iterator
 import numpy as np
 import shapely
 
-from camgen.geometry.intersect import FEW, box, boxes_meet
+from camgen.geometry.intersect import FEW, boxes_meet, make_boxes
 from camgen.geometry.ragged import PAIRS, begins, each_once, stretches
-from camgen.geometry.segments import IntArray, Segments, bounds
+from camgen.geometry.segments import IntArray, Segments, compute_bounds
 from camgen.model.pose import FloatArray
 
 #: mm: margin around boxes. The steps aside, tolerances of ends and checks of an offset reach no
@@ -26,7 +26,7 @@ _FIRST_BATCH = 256
 _OUTWARD = np.array([-1, -1, 1, 1])
 
 
-def box_pairs(
+def find_box_pairs(
     queries: FloatArray, boxes: FloatArray, owner: IntArray
 ) -> Iterator[tuple[IntArray, IntArray]]:
     """Yield pairs of rows of `queries` (M, 4) and `boxes` (N, 4) that have a point in common.
@@ -43,11 +43,11 @@ def box_pairs(
     # A small loop is one box of the tree. Its segments are compared only if that box is met.
     first = np.concatenate([begins(sizes)[loops], single])
     counts = np.concatenate([sizes[loops], np.ones(len(single), dtype=np.int64)])
-    loop_boxes = around(boxes, owner, len(sizes))[loops]
-    tree = shapely.STRtree(box(np.concatenate([loop_boxes, boxes[order[single]]])))
+    loop_boxes = merge_boxes(boxes, owner, len(sizes))[loops]
+    tree = shapely.STRtree(make_boxes(np.concatenate([loop_boxes, boxes[order[single]]])))
     step, done = _FIRST_BATCH, 0
     while done < len(queries):
-        which, item = tree.query(box(queries[done : done + step]))
+        which, item = tree.query(make_boxes(queries[done : done + step]))
         row = order[stretches(first[item], counts[item])]
         which = np.repeat(which + done, counts[item])
         done += step
@@ -57,7 +57,7 @@ def box_pairs(
         yield which[meets], row[meets]
 
 
-def around(boxes: FloatArray, owner: IntArray, count: int) -> FloatArray:
+def merge_boxes(boxes: FloatArray, owner: IntArray, count: int) -> FloatArray:
     """(count, 4) the box around all `boxes` (N, 4) of each `owner` (N,).
 
     An owner without boxes gets a box from inf to -inf, which meets no other.
@@ -93,8 +93,8 @@ def set_apart(
         return group
     label = np.zeros(len(sizes), dtype=np.int64)
     label[owner] = group
-    drawn = bounds(source)
-    offset_boxes = around(bounds(candidates), origin, len(source))
+    drawn = compute_bounds(source)
+    offset_boxes = merge_boxes(compute_bounds(candidates), origin, len(source))
     both = np.column_stack(
         [
             np.minimum(drawn[:, :2], offset_boxes[:, :2]),
@@ -103,11 +103,11 @@ def set_apart(
     )
     reach = _OUTWARD * (distance + _MARGIN_MM)
     margin = _OUTWARD * _MARGIN_MM
-    loop_drawn = around(drawn, owner, len(sizes))
-    loop_offset = around(offset_boxes, owner, len(sizes))
-    loop_both = around(both, owner, len(sizes)) + reach
+    loop_drawn = merge_boxes(drawn, owner, len(sizes))
+    loop_offset = merge_boxes(offset_boxes, owner, len(sizes))
+    loop_both = merge_boxes(both, owner, len(sizes)) + reach
     met = [np.zeros(0, dtype=np.int64)]
-    for which, segment in box_pairs(loop_both[loops], both, owner):
+    for which, segment in find_box_pairs(loop_both[loops], both, owner):
         is_other = (owner[segment] != loops[which]) & (group[segment] == label[loops[which]])
         loop, row = loops[which[is_other]], segment[is_other]
         near = boxes_meet(loop_offset + reach, loop, drawn, row)

@@ -128,7 +128,7 @@ class Spans(Struct, frozen=True, eq=False):
         return Spans(*(getattr(self, name)[index] for name in Spans.__struct_fields__))
 
 
-def spans(start: FloatArray, via: FloatArray, end: FloatArray) -> Spans:
+def make_spans(start: FloatArray, via: FloatArray, end: FloatArray) -> Spans:
     """Lines and arcs from `start` to `end`, each (K, 3), mm.
 
     via: (K, 3) middle of the arc, mm, NaN for a line.
@@ -153,8 +153,8 @@ def spans(start: FloatArray, via: FloatArray, end: FloatArray) -> Spans:
     return Spans(start, end, via, curved, towards, along, radius, sweep, length)
 
 
-def spans_through(start: FloatArray, via: FloatArray, end: FloatArray) -> Spans:
-    """`spans` with `via` anywhere on the arcs, which may have any sweep.
+def make_spans_through(start: FloatArray, via: FloatArray, end: FloatArray) -> Spans:
+    """`make_spans` with `via` anywhere on the arcs, which may have any sweep.
 
     Three points on one line make a line.
     """
@@ -162,8 +162,8 @@ def spans_through(start: FloatArray, via: FloatArray, end: FloatArray) -> Spans:
     normal = cross(a, b)
     arc = np.flatnonzero(dots(normal, normal) > FLAT**2 * dots(a, a) * dots(b, b))
     middle = np.full_like(via, np.nan)
-    middle[arc] = arc_middles(start[arc], via[arc], end[arc])
-    return spans(start, middle, end)
+    middle[arc] = find_arc_middles(start[arc], via[arc], end[arc])
+    return make_spans(start, middle, end)
 
 
 def chain(points: FloatArray, via: FloatArray) -> Spans:
@@ -171,10 +171,10 @@ def chain(points: FloatArray, via: FloatArray) -> Spans:
 
     via: (N - 1, 3) middles of the arcs, NaN for a line.
     """
-    return spans(points[:-1], via, points[1:])
+    return make_spans(points[:-1], via, points[1:])
 
 
-def span_lengths(points: FloatArray, via: FloatArray) -> FloatArray:
+def measure_spans(points: FloatArray, via: FloatArray) -> FloatArray:
     """(N - 1,) lengths of the lines and arcs from each of `points` (N, 3) to the next, mm.
 
     via: (N - 1, 3) middles of the arcs, NaN for a line.
@@ -182,13 +182,13 @@ def span_lengths(points: FloatArray, via: FloatArray) -> FloatArray:
     chord = np.linalg.norm(np.diff(points, axis=0), axis=1)
     arc = np.flatnonzero(~np.isnan(via[:, 0]))
     if len(arc):
-        chord[arc] = spans(points[arc], via[arc], points[arc + 1]).length
+        chord[arc] = make_spans(points[arc], via[arc], points[arc + 1]).length
     return np.asarray(chord, dtype=np.float64)
 
 
-def path_length(path: ToolPath) -> float:
+def measure_path(path: ToolPath) -> float:
     """Length of one pass along `path`, mm."""
-    return float(span_lengths(path.position, path.via[1:]).sum())
+    return float(measure_spans(path.position, path.via[1:]).sum())
 
 
 def are_bent(start: FloatArray, via: FloatArray, end: FloatArray) -> BoolArray:
@@ -197,7 +197,7 @@ def are_bent(start: FloatArray, via: FloatArray, end: FloatArray) -> BoolArray:
     return np.asarray(height > FLAT * np.linalg.norm(end - start, axis=1))
 
 
-def bulges(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArray:
+def compute_bulges(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArray:
     """(N,) bulges of arcs seen from above: tan(sweep / 4), counter-clockwise positive.
 
     via: middle of the arc. NaN, or a chord of no length, gives 0.
@@ -212,7 +212,7 @@ def bulges(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArray:
         return np.nan_to_num(np.where(square > 0, -2 * height / square, 0.0))
 
 
-def bulge_middles(start: FloatArray, bulge: FloatArray, end: FloatArray) -> FloatArray:
+def find_bulge_middles(start: FloatArray, bulge: FloatArray, end: FloatArray) -> FloatArray:
     """(N, 2 or 3) middles of arcs in the plane with bulges (N,).
 
     The middle is on the right of the middle of the chord, by bulge times half the chord.
@@ -227,7 +227,7 @@ def bulge_middles(start: FloatArray, bulge: FloatArray, end: FloatArray) -> Floa
 # Many arcs, with via anywhere on them.
 
 
-def arc_middles(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArray:
+def find_arc_middles(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArray:
     """(N, 3) middles of the arcs from `start` through `via` to `end`, each (N, 3), mm.
 
     In the plane of the arc, with the middle of the chord as origin, via is (u, h) and half the
@@ -256,7 +256,7 @@ def arc_middles(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArr
     return np.where(keep_via[:, None], via, middle)
 
 
-def arc_lengths(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArray:
+def measure_arcs(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArray:
     """(N,) lengths of the arcs from start through via to end, each (N, 3), mm.
 
     With the angle at via between the directions to the two ends, the sweep is 2 (pi - angle), and
@@ -302,7 +302,7 @@ def circle(start: Vec3, via: Vec3, end: Vec3) -> tuple[Vec3, float, Vec3, float]
     """
     if start[2] == via[2] == end[2]:
         return _flat_circle(start, via, end)
-    (x0, y0, z0), (ux, uy, uz), (wx, wy, wz) = start, minus(via, start), minus(end, start)
+    (x0, y0, z0), (ux, uy, uz), (wx, wy, wz) = start, subtract(via, start), subtract(end, start)
     ax, ay, az = uy * wz - uz * wy, uz * wx - ux * wz, ux * wy - uy * wx
     uu, ww = ux * ux + uy * uy + uz * uz, wx * wx + wy * wy + wz * wz
     area2 = ax * ax + ay * ay + az * az
@@ -337,14 +337,14 @@ def _flat_circle(start: Vec3, via: Vec3, end: Vec3) -> tuple[Vec3, float, Vec3, 
 
 def is_arc(start: Vec3, via: Vec3, end: Vec3) -> bool:
     """Whether three points make an arc: no two of them are equal and they are not on one line."""
-    (ux, uy, uz), (wx, wy, wz) = minus(via, start), minus(end, start)
+    (ux, uy, uz), (wx, wy, wz) = subtract(via, start), subtract(end, start)
     ax, ay, az = uy * wz - uz * wy, uz * wx - ux * wz, ux * wy - uy * wx
     area2 = ax * ax + ay * ay + az * az
     uu, ww = ux * ux + uy * uy + uz * uz, wx * wx + wy * wy + wz * wz
     return area2 > 0.0 and area2 >= _LINE_SINE_SQUARED * uu * ww
 
 
-def sweep_and_height(start: Vec3, via: Vec3, end: Vec3) -> tuple[float, float]:
+def measure_sweep(start: Vec3, via: Vec3, end: Vec3) -> tuple[float, float]:
     """Sweep of the arc through three points, rad, and the distance of `via` from its chord, mm.
 
     The rest of the circle, 2 pi - sweep, is twice the angle at `via` between the two ends.
@@ -372,7 +372,7 @@ def turn_about(v: Vec3, axis: Vec3, angle: float) -> Vec3:
     )
 
 
-def minus(a: Vec3, b: Vec3) -> Vec3:
+def subtract(a: Vec3, b: Vec3) -> Vec3:
     """The difference a - b."""
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
@@ -417,7 +417,7 @@ class Circle(Struct, frozen=True, eq=False):
         return np.asarray(np.hypot(in_plane - self.radius, height))
 
 
-def through(p: FloatArray, q: FloatArray, r: FloatArray) -> Circle | None:
+def find_circle(p: FloatArray, q: FloatArray, r: FloatArray) -> Circle | None:
     """The circle through three points (3,), in the order p, q, r; None if they are on one line."""
     u, w = q - p, r - p
     normal = cross(u, w)

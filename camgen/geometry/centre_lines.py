@@ -14,7 +14,7 @@ from collections.abc import Callable
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.intersect import Obstacles, fractions, gaps, nearest_distances
+from camgen.geometry.intersect import Obstacles, find_fractions, measure_gaps, measure_nearest
 from camgen.geometry.ragged import Runs, divide, owners, ramp, run_starts, stretches
 from camgen.geometry.segments import (
     BoolArray,
@@ -189,7 +189,7 @@ class _Walls:
         bulge = np.tan(np.arctan(walls.bulge) * (high - low))
         beyond = make(ends[0], ends[1], bulge, np.arange(len(rows)))
         reach = (2 - _BEYOND) * self.distance + 2 * _WIDER_MM
-        near = np.isfinite(gaps(beyond, self.source, reach))
+        near = np.isfinite(measure_gaps(beyond, self.source, reach))
         # The parallel arc is a point if the centre of the wall lies on it.
         is_point = np.abs(walls.radius - _BEYOND * self.distance) <= _WIDER_MM
         return near | (walls.is_arc & is_point)
@@ -218,7 +218,7 @@ class _Walls:
         """(K,) wall segment on the other side of each of `middles` (K, 2)."""
         if not len(rows):
             return rows
-        fraction = np.clip(fractions(self.source.take(rows), middles), 0.0, 1.0)
+        fraction = np.clip(find_fractions(self.source.take(rows), middles), 0.0, 1.0)
         arm = middles - points_at(self.source.take(rows), fraction)
         length = np.maximum(np.hypot(*arm.T), _LEAST_LENGTH_MM)[:, None]
         beyond = middles + (_BEYOND - 1) * self.distance * arm / length
@@ -382,7 +382,7 @@ def _remove_known(
     reach = _SAME * walls.slack
 
     def is_new(rows: IntArray, fraction: FloatArray) -> BoolArray:
-        gap = nearest_distances(walls.middles(rows, fraction), known, reach)
+        gap = measure_nearest(walls.middles(rows, fraction), known, reach)
         return np.isinf(gap)
 
     if not len(known):

@@ -14,7 +14,7 @@ from camgen.model.text import counted
 Corners = tuple[FloatArray, FloatArray]
 
 
-def corners_of(key: str, values: Sequence[float]) -> Corners:
+def check_corners(key: str, values: Sequence[float]) -> Corners:
     """The corners of a box of a job, the lower one first. Raises JobError for a wrong box.
 
     key: key of the job for the message.

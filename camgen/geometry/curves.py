@@ -35,13 +35,13 @@ from camgen.model.text import counted
 # down to a straight line.
 
 
-def radius(a: FloatArray, b: FloatArray, bulge: FloatArray) -> FloatArray:
+def compute_radius(a: FloatArray, b: FloatArray, bulge: FloatArray) -> FloatArray:
     """(K,) radii of the arcs from a to b (K, 2), inf for a line."""
     size = np.abs(bulge)
     return np.asarray(np.hypot(*(b - a).T) * (1 + size * size) / (4 * size))
 
 
-def biarc(
+def make_biarc(
     start: FloatArray, end: FloatArray, t0: FloatArray, t1: FloatArray
 ) -> tuple[FloatArray, ...]:
     """Biarcs with equal tangent lengths: the joint (K, 2) of both arcs, and their bulges (K,).
@@ -67,7 +67,7 @@ def biarc(
     return joint, b0, b1
 
 
-def to_arc(
+def measure_from_arc(
     x: FloatArray, y: FloatArray, a: FloatArray, b: FloatArray, bulge: FloatArray
 ) -> FloatArray:
     """(..., K) distances of points x, y from the arcs a to b; stable down to a line, bulge 0."""
@@ -127,7 +127,7 @@ _QUARTER_ROUNDING = 1e-9
 _LINE_ROUNDING = 1e-9
 
 
-def ellipse(
+def make_ellipse(
     center: FloatArray, first: FloatArray, second: FloatArray, start: float, end: float
 ) -> FloatArray:
     """The arc center + first cos t + second sin t, for t from `start` to `end`, rad, as a run.
@@ -150,12 +150,12 @@ def ellipse(
     return segments
 
 
-def bezier(control: FloatArray) -> FloatArray:
+def make_bezier(control: FloatArray) -> FloatArray:
     """Bezier segments (S, degree + 1, 2) without weights as a run."""
     return np.concatenate([control, np.ones((*control.shape[:2], 1))], axis=2)
 
 
-def bspline(
+def make_bspline(
     control: FloatArray, knots: FloatArray, degree: int, weights: FloatArray | None = None
 ) -> FloatArray:
     """A B-spline as Bezier segments (S, degree + 1, D + 1), by blossoming.
@@ -379,13 +379,16 @@ def _fit_biarcs(todo: _Intervals, allowed: FloatArray) -> tuple[FloatArray, Floa
     x, y = todo.points(_SAMPLE_PLACES)
     start, end = np.column_stack([x[0], y[0]]), np.column_stack([x[-1], y[-1]])
     t0, t1 = todo.tangents(end=False), todo.tangents(end=True)
-    joint, b0, b1 = biarc(start, end, t0, t1)
+    joint, b0, b1 = make_biarc(start, end, t0, t1)
     with np.errstate(all="ignore"):
-        first = to_arc(x[1:-1], y[1:-1], start, joint, b0)
-        second = to_arc(x[1:-1], y[1:-1], joint, end, b1)
+        first = measure_from_arc(x[1:-1], y[1:-1], start, joint, b0)
+        second = measure_from_arc(x[1:-1], y[1:-1], joint, end, b1)
         deviation = np.minimum(first, second).max(axis=0)
         refused = (np.einsum("kd,kd->k", t0, t1) < _LEAST_TURN_COSINE) | ~np.isfinite(deviation)
-        refused |= np.minimum(radius(start, joint, b0), radius(joint, end, b1)) < 2 * allowed
+        refused |= (
+            np.minimum(compute_radius(start, joint, b0), compute_radius(joint, end, b1))
+            < 2 * allowed
+        )
     line = _are_straight(x, y, np.where(refused, allowed, 0.0))
     rows = np.stack([np.column_stack([start, b0]), np.column_stack([joint, b1])], axis=1)
     rows[line, 0, 2] = 0.0
@@ -406,7 +409,9 @@ def _are_straight(x: FloatArray, y: FloatArray, allowed: FloatArray) -> BoolArra
     k = k[np.abs(moment) <= 2 * allowed * chord]
     start, end = np.column_stack([x[0, k], y[0, k]]), np.column_stack([x[-1, k], y[-1, k]])
     with np.errstate(all="ignore"):
-        distance = to_arc(x[1:-1, k], y[1:-1, k], start, end, np.zeros(len(k))).max(axis=0)
+        distance = measure_from_arc(x[1:-1, k], y[1:-1, k], start, end, np.zeros(len(k))).max(
+            axis=0
+        )
     # Without a chord there is no line: the extent of the samples decides.
     extent = np.maximum(np.ptp(x[:, k], axis=0), np.ptp(y[:, k], axis=0))
     distance = np.where(np.isfinite(distance), distance, extent)

@@ -17,7 +17,7 @@ import numpy as np
 import shapely
 from msgspec import Struct
 
-from camgen.geometry.corners import corners_of
+from camgen.geometry.corners import check_corners
 from camgen.model.job import Job, ToolTable
 from camgen.model.part import Solid
 from camgen.model.pose import FloatArray
@@ -136,7 +136,7 @@ def _make_fixture(number: int, shape: Solid | Sequence[float]) -> Fixture:
     if isinstance(shape, Solid):
         bottom = float(shape.vertices[:, 2].min())
     else:
-        bottom = float(corners_of("cell.fixtures", shape)[0][2])
+        bottom = float(check_corners("cell.fixtures", shape)[0][2])
     return Fixture(number, _list_layers(shape), bottom)
 
 
@@ -154,7 +154,7 @@ def list_bodies(tool: ToolTable) -> list[Body]:
 
 def _list_layers(shape: Solid | Sequence[float]) -> tuple[Layer, ...]:
     if not isinstance(shape, Solid):
-        low, high = corners_of("cell.fixtures", shape)
+        low, high = check_corners("cell.fixtures", shape)
         return (Layer(shapely.box(*low[:2], *high[:2]), float(high[2])),)
     triangles = shape.vertices[shape.faces]
     lowest, highest = triangles[:, :, 2].min(axis=1), triangles[:, :, 2].max(axis=1)

@@ -19,8 +19,8 @@ from camgen.geometry.segments import (
     BoolArray,
     IntArray,
     Segments,
-    arc_fraction,
-    bounds,
+    compute_arc_fraction,
+    compute_bounds,
     concatenate,
     passes,
     points_at,
@@ -31,7 +31,7 @@ from camgen.model.tolerance import NONZERO
 # Boxes for a tree that finds near pairs.
 
 
-def box(boxes: FloatArray) -> NDArray[Any]:
+def make_boxes(boxes: FloatArray) -> NDArray[Any]:
     """Geometries (N,) with the bounding boxes `boxes` (N, 4): xmin, ymin, xmax, ymax.
 
     They are the diagonals. A query of a tree without a predicate compares boxes alone, and a
@@ -62,14 +62,14 @@ _RUN_REACHES = 4
 _FIRST_BATCH = 256
 
 
-def near_pairs(
+def find_near_pairs(
     segments: Segments, group: IntArray, reach: float = TOUCH
 ) -> tuple[IntArray, IntArray]:
     """Pairs i < j of segments of one group whose boxes are nearer than `reach`, mm.
 
     group: (N,) labels from 0. Returns i and j, both (K,).
     """
-    boxes = bounds(segments)
+    boxes = compute_bounds(segments)
     grown = boxes + np.array([-reach, -reach, reach, reach])
     small_groups, large = matches(group, group, FEW)
     firsts, seconds = [large[:0]], [large[:0]]
@@ -79,7 +79,7 @@ def near_pairs(
         firsts.append(i[near])
         seconds.append(j[near])
     if len(large):
-        i, j = shapely.STRtree(box(boxes[large])).query(box(grown[large]))
+        i, j = shapely.STRtree(make_boxes(boxes[large])).query(make_boxes(grown[large]))
         i, j = large[i], large[j]
         near = (i < j) & (group[i] == group[j])
         firsts.append(i[near])
@@ -95,13 +95,13 @@ def boxes_meet(first: FloatArray, i: IntArray, second: FloatArray, j: IntArray) 
     return np.asarray(meets)
 
 
-def cuts(segments: Segments, i: IntArray, j: IntArray) -> tuple[IntArray, FloatArray]:
+def find_cuts(segments: Segments, i: IntArray, j: IntArray) -> tuple[IntArray, FloatArray]:
     """The points at which the segments of pairs (i, j) cut or touch each other.
 
     Returns the cut rows of `segments` and the fraction, 0 to 1, at which each one is cut.
     """
     parts = [
-        _find_cuts(segments, i[k : k + PAIRS], j[k : k + PAIRS])
+        _cut_pairs(segments, i[k : k + PAIRS], j[k : k + PAIRS])
         for k in range(0, max(len(i), 1), PAIRS)
     ]
     rows = np.concatenate([rows for rows, _ in parts])
@@ -111,12 +111,12 @@ def cuts(segments: Segments, i: IntArray, j: IntArray) -> tuple[IntArray, FloatA
 def only_at_ends(segments: Segments, i: IntArray, j: IntArray) -> BoolArray:
     """(K,) whether a pair (i, j) can have nothing in common but an end of each.
 
-    That is known if their boxes meet at a corner only, and both have an end there. All that `cuts`
-    and `crossings` find for such a pair is less than 1e-6 mm from an end of both: it is within
-    `TOUCH` of both boxes, so within 3e-7 mm of these ends. Along an arc of not much more than half
-    a circle that is no more than twice as far.
+    That is known if their boxes meet at a corner only, and both have an end there. All that
+    `find_cuts` and `find_crossings` find for such a pair is less than 1e-6 mm from an end of both:
+    it is within `TOUCH` of both boxes, so within 3e-7 mm of these ends. Along an arc of not much
+    more than half a circle that is no more than twice as far.
     """
-    boxes = bounds(segments)
+    boxes = compute_bounds(segments)
     a, b = boxes.take(i, axis=0), boxes.take(j, axis=0)
     x, y = (np.maximum(a[:, axis], b[:, axis]) for axis in (0, 1))
     rows = np.flatnonzero(
@@ -136,7 +136,7 @@ def only_at_ends(segments: Segments, i: IntArray, j: IntArray) -> BoolArray:
     return result
 
 
-def crossings(
+def find_crossings(
     segments: Segments, i: IntArray, j: IntArray
 ) -> tuple[IntArray, FloatArray, FloatArray]:
     """The crossings of pairs (i, j) of segments.
@@ -145,11 +145,11 @@ def crossings(
     fraction may be outside 0 to 1 by rounding. Segments that only touch, or run along each other,
     may be left out.
     """
-    return _find_crossings(segments.take(i), segments.take(j))
+    return _cross_pairs(segments.take(i), segments.take(j))
 
 
-def _find_crossings(a: Segments, b: Segments) -> tuple[IntArray, FloatArray, FloatArray]:
-    """The crossings of segment k of `a` with segment k of `b`, as `crossings` returns them."""
+def _cross_pairs(a: Segments, b: Segments) -> tuple[IntArray, FloatArray, FloatArray]:
+    """The crossings of segment k of `a` with segment k of `b`, as `find_crossings` returns them."""
     arc_a, arc_b = a.is_arc, b.is_arc
     slack_a = TOUCH / np.maximum(a.length, TOUCH)
     slack_b = TOUCH / np.maximum(b.length, TOUCH)
@@ -160,7 +160,7 @@ def _find_crossings(a: Segments, b: Segments) -> tuple[IntArray, FloatArray, Flo
             continue
         a_rows, b_rows = a.take(rows), b.take(rows)
         for points in _cross_carriers(a_rows, b_rows, kind_a, kind_b):
-            on_a, on_b = fractions(a_rows, points), fractions(b_rows, points)
+            on_a, on_b = find_fractions(a_rows, points), find_fractions(b_rows, points)
             is_crossing = _are_on(slack_a[rows], on_a) & _are_on(slack_b[rows], on_b)
             is_crossing &= np.isfinite(points[:, 0])
             which.append(rows[is_crossing])
@@ -169,17 +169,17 @@ def _find_crossings(a: Segments, b: Segments) -> tuple[IntArray, FloatArray, Flo
     return np.concatenate(which), np.concatenate(first), np.concatenate(second)
 
 
-def _find_cuts(segments: Segments, i: IntArray, j: IntArray) -> tuple[IntArray, FloatArray]:
+def _cut_pairs(segments: Segments, i: IntArray, j: IntArray) -> tuple[IntArray, FloatArray]:
     """Crossings of pairs (i, j), and the ends of one segment that touch the other.
 
     Returns the cut rows and the fractions, which may be outside 0 to 1 by rounding.
     """
     a, b = segments.take(i), segments.take(j)
-    pair, first, second = _find_crossings(a, b)
+    pair, first, second = _cross_pairs(a, b)
     rows, cut_at = [i[pair], j[pair]], [first, second]
     for cut, other, row in ((a, b, i), (b, a, j)):
         for end in (other.start, other.end):
-            fraction = fractions(cut, end)
+            fraction = find_fractions(cut, end)
             foot = points_at(cut, np.clip(fraction, 0.0, 1.0))
             touches = np.hypot(*(foot - end).T) <= TOUCH
             rows.append(row[touches])
@@ -192,7 +192,7 @@ def _are_on(slack: FloatArray, fraction: FloatArray) -> BoolArray:
     return np.asarray((fraction >= -slack) & (fraction <= 1 + slack))
 
 
-def fractions(segments: Segments, points: FloatArray) -> FloatArray:
+def find_fractions(segments: Segments, points: FloatArray) -> FloatArray:
     """(N,) fraction of each segment at which the foot of point k (N, 2) lies on segment k.
 
     0 is the start and 1 the end; a foot beyond them is below 0 or above 1.
@@ -203,7 +203,7 @@ def fractions(segments: Segments, points: FloatArray) -> FloatArray:
     rows = np.flatnonzero(segments.is_arc)
     if len(rows):
         arm = points[rows] - segments.centre[rows]
-        fraction[rows] = arc_fraction(segments.take(rows), np.arctan2(arm[:, 1], arm[:, 0]))
+        fraction[rows] = compute_arc_fraction(segments.take(rows), np.arctan2(arm[:, 1], arm[:, 0]))
     return np.asarray(fraction)
 
 
@@ -226,7 +226,7 @@ def _line_line(a: Segments, b: Segments) -> FloatArray:
     u, v, w = a.end - a.start, b.end - b.start, b.start - a.start
     cross = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
     size = np.hypot(u[:, 0], u[:, 1]) * np.hypot(v[:, 0], v[:, 1])
-    # Parallel lines touch along a stretch or not at all. `_find_cuts` finds that from their ends.
+    # Parallel lines touch along a stretch or not at all. `_cut_pairs` finds that from their ends.
     cross = np.where(np.abs(cross) <= _PARALLEL_SINE * size, np.nan, cross)
     t = (w[:, 0] * v[:, 1] - w[:, 1] * v[:, 0]) / cross
     return np.asarray(a.start + t[:, None] * u)
@@ -262,7 +262,7 @@ def _half_chord(radius: FloatArray, distance: FloatArray) -> FloatArray:
 # Distances from points to lines and arcs.
 
 
-def distances(points: FloatArray, segments: Segments, rows: IntArray) -> FloatArray:
+def measure_distances(points: FloatArray, segments: Segments, rows: IntArray) -> FloatArray:
     """(N,) distance of point k (N, 2) from segment `rows[k]`, mm."""
     arc = segments.is_arc[rows]
     result = np.empty(len(rows))
@@ -311,13 +311,13 @@ class Obstacles:
     def __init__(self, segments: Segments, group: IntArray) -> None:
         self.segments = segments
         self.group = group
-        self._boxes = bounds(segments)
+        self._boxes = compute_bounds(segments)
 
     @cached_property
     def _large(self) -> tuple[IntArray, shapely.STRtree]:
         """The segments in groups of more than `FEW`, and a tree of their boxes."""
         rows = np.flatnonzero(np.bincount(self.group)[self.group] > FEW)
-        return rows, shapely.STRtree(box(self._boxes[rows]))
+        return rows, shapely.STRtree(make_boxes(self._boxes[rows]))
 
     def _pairs(
         self, points: FloatArray, group: IntArray, reach: float
@@ -340,7 +340,7 @@ class Obstacles:
         boxes = np.column_stack([np.minimum.reduceat(low, begin), np.maximum.reduceat(high, begin)])
         step, first = _FIRST_BATCH, 0
         while first < len(begin):
-            run, segment = tree.query(box(boxes[first : first + step]))
+            run, segment = tree.query(make_boxes(boxes[first : first + step]))
             run = run + first
             first += step
             segment = np.repeat(rows[segment], counts[run])
@@ -360,7 +360,7 @@ class Obstacles:
         """
         is_near = np.zeros(len(points), dtype=bool)
         for point, segment in self._pairs(points, group, float(limit.max(initial=0.0))):
-            distance = distances(points[point], self.segments, segment)
+            distance = measure_distances(points[point], self.segments, segment)
             is_near[point[distance < limit[point]]] = True
         return is_near
 
@@ -368,7 +368,7 @@ class Obstacles:
         """(N,) distance to the nearest segment of the group, mm, inf beyond `reach` mm."""
         best = np.full(len(points), np.inf)
         for point, segment in self._pairs(points, group, reach):
-            np.minimum.at(best, point, distances(points[point], self.segments, segment))
+            np.minimum.at(best, point, measure_distances(points[point], self.segments, segment))
         best[best > reach] = np.inf
         return best
 
@@ -376,7 +376,7 @@ class Obstacles:
         """(N,) row of the nearest segment of the group, -1 beyond `reach` mm."""
         best, rows = np.full(len(points), reach), np.full(len(points), -1)
         for point, segment in self._pairs(points, group, reach):
-            distance = distances(points[point], self.segments, segment)
+            distance = measure_distances(points[point], self.segments, segment)
             order = np.lexsort((distance, point))
             order = order[run_starts(point[order])]
             order = order[distance[order] <= best[point[order]]]
@@ -384,13 +384,13 @@ class Obstacles:
         return rows
 
 
-def nearest_distances(points: FloatArray, segments: Segments, reach: float) -> FloatArray:
+def measure_nearest(points: FloatArray, segments: Segments, reach: float) -> FloatArray:
     """(N,) distance of points (N, 2) from the nearest of `segments`, mm, inf beyond `reach` mm."""
     obstacles = Obstacles(segments, np.zeros(len(segments), dtype=np.int64))
     return obstacles.nearest(points, np.zeros(len(points), dtype=np.int64), reach)
 
 
-def gaps(lines: Segments, segments: Segments, reach: float) -> FloatArray:
+def measure_gaps(lines: Segments, segments: Segments, reach: float) -> FloatArray:
     """(L,) distance of each of L lines and arcs from the nearest of `segments`, mm.
 
     It is inf beyond `reach` mm. Two segments that do not cross are nearest at an end of one of
@@ -400,11 +400,11 @@ def gaps(lines: Segments, segments: Segments, reach: float) -> FloatArray:
     best = np.full(len(lines), np.inf)
     if not len(lines) or not len(segments):
         return best
-    tree = shapely.STRtree(box(bounds(segments)))
-    boxes = bounds(lines) + np.array([-reach, -reach, reach, reach])
+    tree = shapely.STRtree(make_boxes(compute_bounds(segments)))
+    boxes = compute_bounds(lines) + np.array([-reach, -reach, reach, reach])
     step, first = _FIRST_BATCH, 0
     while first < len(lines):
-        row, other = tree.query(box(boxes[first : first + step]))
+        row, other = tree.query(make_boxes(boxes[first : first + step]))
         row, other = row + first, other.astype(np.int64)
         first += step
         step = int(np.clip(PAIRS * step / max(len(row), 1), 1, 4 * step))
@@ -416,9 +416,9 @@ def gaps(lines: Segments, segments: Segments, reach: float) -> FloatArray:
 def _measure_pairs(a: Segments, b: Segments) -> FloatArray:
     """(K,) distance of segment k of `a` from segment k of `b`, mm."""
     rows = np.arange(len(a))
-    distance = np.minimum(distances(a.start, b, rows), distances(a.end, b, rows))
+    distance = np.minimum(measure_distances(a.start, b, rows), measure_distances(a.end, b, rows))
     for end in (b.start, b.end):
-        np.minimum(distance, distances(end, a, rows), out=distance)
+        np.minimum(distance, measure_distances(end, a, rows), out=distance)
     for lines, arcs in ((a, b), (b, a)):
         mixed = np.flatnonzero(~lines.is_arc & arcs.is_arc)
         perpendicular = _measure_perpendiculars(lines.take(mixed), arcs.take(mixed))
@@ -426,7 +426,7 @@ def _measure_pairs(a: Segments, b: Segments) -> FloatArray:
     arcs_only = np.flatnonzero(a.is_arc & b.is_arc)
     between_arcs = _measure_along_centres(a.take(arcs_only), b.take(arcs_only))
     np.minimum.at(distance, arcs_only, between_arcs)
-    cut_rows, _ = cuts(concatenate([a, b]), rows, rows + len(a))
+    cut_rows, _ = find_cuts(concatenate([a, b]), rows, rows + len(a))
     distance[cut_rows[cut_rows < len(a)]] = 0.0
     return distance
 
@@ -437,7 +437,7 @@ def _measure_perpendiculars(line: Segments, arc: Segments) -> FloatArray:
     square = np.maximum((chord**2).sum(axis=1), NONZERO)
     fraction = np.clip(((arc.centre - line.start) * chord).sum(axis=1) / square, 0.0, 1.0)
     foot = line.start + fraction[:, None] * chord
-    return distances(foot, arc, np.arange(len(arc)))
+    return measure_distances(foot, arc, np.arange(len(arc)))
 
 
 def _measure_along_centres(a: Segments, b: Segments) -> FloatArray:
@@ -455,6 +455,6 @@ def _measure_along_centres(a: Segments, b: Segments) -> FloatArray:
     for sign in (-1.0, 1.0):
         meets = passes(first, np.arctan2(sign * unit[:, 1], sign * unit[:, 0]))
         point = first.centre + sign * first.radius[:, None] * unit
-        along = np.where(meets, distances(point, second, index), np.inf)
+        along = np.where(meets, measure_distances(point, second, index), np.inf)
         best[rows] = np.minimum(best[rows], along)
     return best

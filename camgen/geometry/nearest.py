@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from camgen.geometry.ragged import begins, each_once, ramp, run_lengths, run_starts, starts_run
 from camgen.model.pose import FloatArray
 
-__all__ = ["Discs", "Near", "nearest_items"]
+__all__ = ["Discs", "NearestItems", "find_nearest_items"]
 
 IntArray = NDArray[np.int64]
 
@@ -47,19 +47,19 @@ class Discs(Struct, frozen=True, eq=False):
     radius: FloatArray
 
 
-class Near(Struct, frozen=True, eq=False):
+class NearestItems(Struct, frozen=True, eq=False):
     """Pairs of near items, sorted by item and distance.
 
     item: (E,) an item.
     other: (E,) an item near it. A pair may be listed from one of its items only.
-    apart: (E,) distance of the nearest discs of the two, mm, 0 if they overlap.
+    distance: (E,) distance of the nearest discs of the two, mm, 0 if they overlap.
     sure: (N,) radius around each item, mm, within which the list is complete and exact. Beyond it
-        a pair may be missing, or be nearer than `apart` says.
+        a pair may be missing, or be nearer than `distance` says.
     """
 
     item: IntArray
     other: IntArray
-    apart: FloatArray
+    distance: FloatArray
     sure: FloatArray
 
     def table(self, count: int, width: int) -> tuple[IntArray, FloatArray]:
@@ -71,7 +71,7 @@ class Near(Struct, frozen=True, eq=False):
         listed = step < counts
         row = (begins(counts[:, 0])[:, None] + step)[listed]
         near, distance = np.full((count, width), -1), np.full((count, width), np.inf)
-        near[listed], distance[listed] = self.other[row], self.apart[row]
+        near[listed], distance[listed] = self.other[row], self.distance[row]
         return near, distance
 
 
@@ -89,8 +89,8 @@ class _Leaves(Struct, frozen=True, eq=False):
     radius: FloatArray
 
 
-def nearest_items(discs: Discs, count: int, wanted: int) -> Near:
-    """About `wanted` nearest items of each of `count` items; see `Near.sure` for missing ones.
+def find_nearest_items(discs: Discs, count: int, wanted: int) -> NearestItems:
+    """About `wanted` nearest items of each of `count` items; `sure` says which are missing.
 
     The distance of two items is that of their nearest discs, 0 if these overlap. If more than
     `wanted` items are at the same distance, for example at one point, only some of them are
@@ -113,7 +113,7 @@ def nearest_items(discs: Discs, count: int, wanted: int) -> Near:
     sure = np.full(count, np.inf)
     is_disc = leaves.owner >= 0
     np.minimum.at(sure, leaves.owner[is_disc], np.repeat(reach[:, None], _LEAF, axis=1)[is_disc])
-    return Near(item, other[order], np.maximum(distance[order], 0.0), np.maximum(sure, 0.0))
+    return NearestItems(item, other[order], np.maximum(distance[order], 0.0), np.maximum(sure, 0.0))
 
 
 def _sort_by_distance(item: IntArray, distance: FloatArray) -> IntArray:

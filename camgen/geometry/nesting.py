@@ -12,15 +12,15 @@ import shapely
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.geometry.apart import around, box_pairs
+from camgen.geometry.apart import find_box_pairs, merge_boxes
 from camgen.geometry.ragged import each_once, following, ramp
 from camgen.geometry.segments import (
     BoolArray,
     IntArray,
     Segments,
-    bounds,
+    compute_bounds,
+    find_following,
     flatten,
-    neighbours,
     points_at,
     tangents_at,
 )
@@ -38,7 +38,7 @@ _BACK_TURN = 3.0
 _TURN_ROUNDING = 1e-6
 
 
-def plain(segments: Segments, count: int) -> BoolArray:
+def find_plain(segments: Segments, count: int) -> BoolArray:
     """(count,) whether each closed loop is convex and alone in its box.
 
     segments: the loops, sorted by owner.
@@ -50,7 +50,7 @@ def plain(segments: Segments, count: int) -> BoolArray:
     return result
 
 
-def loop_areas(segments: Segments, count: int) -> FloatArray:
+def measure_loop_areas(segments: Segments, count: int) -> FloatArray:
     """(count,) signed areas of closed loops, mm2, counter-clockwise positive, arcs exact.
 
     They are the areas of the polygons of the ends, by the shoelace formula about the first point of
@@ -69,7 +69,7 @@ def loop_areas(segments: Segments, count: int) -> FloatArray:
 def _convex(segments: Segments, count: int) -> BoolArray:
     """(count,) whether each loop turns in one sense only, and once."""
     size = len(segments)
-    following = neighbours(segments, np.ones(count, dtype=np.bool_))
+    following = find_following(segments, np.ones(count, dtype=np.bool_))
     leaves, arrives = tangents_at(segments, np.zeros(size)), tangents_at(segments, np.ones(size))
     corner = turns(arrives, leaves[following])
     turn = np.bincount(segments.owner, segments.sweep + corner, count)
@@ -87,12 +87,12 @@ def _convex(segments: Segments, count: int) -> BoolArray:
 
 def _are_alone(segments: Segments, loops: IntArray) -> BoolArray:
     """(M,) whether no segment of another loop is in the box of each of `loops` (M,)."""
-    boxes, owner = bounds(segments), segments.owner
+    boxes, owner = compute_bounds(segments), segments.owner
     result = np.ones(len(loops), dtype=np.bool_)
     if not len(loops):
         return result
-    loop_boxes = around(boxes, owner, int(owner[-1]) + 1)[loops]
-    for which, row in box_pairs(loop_boxes, boxes, owner):
+    loop_boxes = merge_boxes(boxes, owner, int(owner[-1]) + 1)[loops]
+    for which, row in find_box_pairs(loop_boxes, boxes, owner):
         result[which[owner[row] != loops[which]]] = False
     return result
 
@@ -129,11 +129,11 @@ class Nesting(Struct, frozen=True, eq=False):
     empty: BoolArray
 
 
-def nest(segments: Segments, count: int) -> Nesting:
+def find_nesting(segments: Segments, count: int) -> Nesting:
     """Nesting of the closed loops 0 to count - 1. `segments` is sorted by owner."""
-    area = loop_areas(segments, count)
+    area = measure_loop_areas(segments, count)
     # Most loops of a large drawing are plain.
-    points, owner = flatten(segments.take(~plain(segments, count)[segments.owner]), _CHORD)
+    points, owner = flatten(segments.take(~find_plain(segments, count)[segments.owner]), _CHORD)
     is_ring = np.bincount(owner, minlength=count) >= 3
     rings = np.flatnonzero(is_ring)
     chosen = is_ring[owner]

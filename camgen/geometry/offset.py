@@ -17,7 +17,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.apart import set_apart
-from camgen.geometry.intersect import Obstacles, cuts, near_pairs, only_at_ends
+from camgen.geometry.intersect import Obstacles, find_cuts, find_near_pairs, only_at_ends
 from camgen.geometry.ragged import starts_run
 from camgen.geometry.segments import (
     BoolArray,
@@ -29,7 +29,7 @@ from camgen.geometry.segments import (
     split,
     tangents_at,
 )
-from camgen.geometry.stitch import stitch
+from camgen.geometry.stitch import stitch_pieces
 from camgen.geometry.uncross import LEAST_SLIP
 from camgen.geometry.vectors import turn_right, turns
 from camgen.model.pose import FloatArray
@@ -75,7 +75,7 @@ class Offset(Struct, frozen=True, eq=False):
     open_ends: int
 
 
-def offset(
+def make_offset(
     source: Segments, following: IntArray, group: IntArray, distance: float, mitre: float
 ) -> Offset:
     """The curve at `distance` mm on the right of `source`, and no nearer to its group than that.
@@ -98,7 +98,7 @@ def offset(
         row, low, high = _cut_candidates(candidates, label)
     free = _have_room(candidates.take(row), low, high, label[row], obstacles, distance)
     row, low, high = row[free], low[free], high[free]
-    chain = stitch(candidates, row, low, high, label[row])
+    chain = stitch_pieces(candidates, row, low, high, label[row])
     row, low, high = chain.row, chain.low, chain.high
     segments = split(candidates, row, low, high)
     segments = make(segments.start, segments.end, segments.bulge, chain.owner)
@@ -264,10 +264,10 @@ def _cut_candidates(
     if cutters is not None and cutter_label is not None:
         label = np.concatenate([label, cutter_label])
         candidates = concatenate([candidates, cutters])
-    first, second = near_pairs(candidates, label)
+    first, second = find_near_pairs(candidates, label)
     # Candidates that merely follow each other meet at their ends, which are cuts already.
     may_cut = ~only_at_ends(candidates, first, second) & (np.minimum(first, second) < count)
-    rows, fractions = cuts(candidates, first[may_cut], second[may_cut])
+    rows, fractions = find_cuts(candidates, first[may_cut], second[may_cut])
     inside = rows < count
     rows, fractions = rows[inside], fractions[inside]
     all_rows = np.arange(count)

@@ -16,7 +16,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.ragged import run_starts, starts_run
-from camgen.geometry.segments import IntArray, Segments, bounds, points_at
+from camgen.geometry.segments import IntArray, Segments, compute_bounds, points_at
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import SAME_POINT_MM
 
@@ -344,7 +344,7 @@ def find_equal_loops(
     if not count:
         return []
     starts = np.searchsorted(segments.owner, np.arange(count))
-    sides = bounds(segments) * np.array([1, 1, -1, -1])
+    sides = compute_bounds(segments) * np.array([1, 1, -1, -1])
     lengths = np.add.reduceat(segments.length, starts)
     allowed = _allow(lengths, tolerance)
     group, loops = _cluster_rows(label, np.minimum.reduceat(sides, starts), allowed)
@@ -365,7 +365,7 @@ def _is_repeated(
     segments: Segments, loop: int, others: list[int], lengths: FloatArray, tolerance: float
 ) -> bool:
     """Whether a loop lies on one of `others`, and that one on the loop."""
-    from camgen.geometry.intersect import nearest_distances  # noqa: PLC0415 (it loads shapely)
+    from camgen.geometry.intersect import measure_nearest  # noqa: PLC0415 (it loads shapely)
 
     loop_segments = segments.take(segments.owner == loop)
     for other in others:
@@ -374,8 +374,8 @@ def _is_repeated(
         allowed = 2 * tolerance * max(len(loop_segments), len(other_segments))
         if abs(lengths[loop] - lengths[other]) > allowed:
             continue
-        forth = nearest_distances(_sample(loop_segments), other_segments, 2 * tolerance)
-        back = nearest_distances(_sample(other_segments), loop_segments, 2 * tolerance)
+        forth = measure_nearest(_sample(loop_segments), other_segments, 2 * tolerance)
+        back = measure_nearest(_sample(other_segments), loop_segments, 2 * tolerance)
         if max(forth.max(), back.max()) <= _allow(lengths[[loop]], tolerance)[0]:
             return True
     return False

@@ -10,10 +10,10 @@ from functools import cache
 
 import numpy as np
 
-from camgen.geometry.nearest import Discs, IntArray, nearest_items
+from camgen.geometry.nearest import Discs, IntArray, find_nearest_items
 from camgen.model.pose import FloatArray
 
-__all__ = ["pair"]
+__all__ = ["pair_points"]
 
 #: Points up to which the shortest pairing is computed. Its time doubles with each point.
 _MOST_EXACT = 12
@@ -23,7 +23,7 @@ _NEAR_POINTS = 8
 _LEAST_GAIN_MM = 1e-9
 
 
-def pair(points: FloatArray) -> IntArray:
+def pair_points(points: FloatArray) -> IntArray:
     """(N,) the partner of each of an even number of points (N, 2), mm.
 
     For up to 12 points the sum of the distances is the smallest possible. Beyond that the nearest
@@ -68,10 +68,10 @@ def _pair_nearest(points: FloatArray) -> IntArray:
     while len(unpaired):
         count = len(unpaired)
         discs = Discs(np.arange(count), points[unpaired], np.zeros(count))
-        near = nearest_items(discs, count, _NEAR_POINTS)
+        near = find_nearest_items(discs, count, _NEAR_POINTS)
         once = near.item < near.other
         a, b = unpaired[near.item[once]], unpaired[near.other[once]]
-        order = np.lexsort((b, a, near.apart[once]))
+        order = np.lexsort((b, a, near.distance[once]))
         partners = partner.tolist()
         for i, j in zip(a[order].tolist(), b[order].tolist(), strict=True):
             if partners[i] < 0 and partners[j] < 0:
@@ -87,7 +87,7 @@ def _exchange_partners(points: FloatArray, partner: IntArray) -> None:
     A point whose partner has changed is tried again.
     """
     count = len(points)
-    near = nearest_items(Discs(np.arange(count), points, np.zeros(count)), count, _NEAR_POINTS)
+    near = find_nearest_items(Discs(np.arange(count), points, np.zeros(count)), count, _NEAR_POINTS)
     table = near.table(count, _NEAR_POINTS)[0].tolist()
     xy, mate = points.tolist(), partner.tolist()
     pending = list(range(count))

@@ -66,34 +66,34 @@ class Rings(Struct, frozen=True, eq=False):
         return means
 
 
-def rings(counts: Sequence[int] | IntArray) -> Rings:
+def make_rings(counts: Sequence[int] | IntArray) -> Rings:
     """The table of curves with `counts` (L,) points each."""
     count = np.asarray(counts, dtype=np.int64)
     return Rings(begins(count), count, owners(count))
 
 
-def lengths(table: Rings, points: ComplexArray) -> FloatArray:
+def measure_steps(table: Rings, points: ComplexArray) -> FloatArray:
     """(N,) distance from each point to the next one of its curve, px."""
     return np.asarray(np.abs(points[table.shifted(1)] - points))
 
 
-def perimeters(table: Rings, points: ComplexArray) -> FloatArray:
+def measure_perimeters(table: Rings, points: ComplexArray) -> FloatArray:
     """(L,) lengths of the closed curves, px."""
-    sums = np.bincount(table.loop, lengths(table, points), len(table.count))
+    sums = np.bincount(table.loop, measure_steps(table, points), len(table.count))
     return np.asarray(sums, dtype=np.float64)
 
 
-def evenly(
+def space_evenly(
     table: Rings, points: ComplexArray, *columns: ComplexArray
 ) -> tuple[Rings, list[ComplexArray]]:
     """The curves with points at equal distances of about 1 px, at least 8 each.
 
     Returns the new table, and `points` and `columns`, interpolated linearly between the old points.
     """
-    step = lengths(table, points)
+    step = measure_steps(table, points)
     run = np.append(0.0, np.cumsum(step))
     begin, end = run[table.first], run[table.first + table.count]
-    result = rings(np.maximum(np.ceil(end - begin), 8).astype(np.int64))
+    result = make_rings(np.maximum(np.ceil(end - begin), 8).astype(np.int64))
     place = ramp(result.count) / result.count[result.loop]
     wanted = begin[result.loop] + place * (end - begin)[result.loop]
     low = np.clip(np.searchsorted(run, wanted, side="right") - 1, 0, len(table) - 1)
@@ -106,7 +106,7 @@ def evenly(
     return result, [column[low] + part * (column[high] - column[low]) for column in columns]
 
 
-def latest(table: Rings, known: BoolArray) -> IntArray:
+def find_latest(table: Rings, known: BoolArray) -> IntArray:
     """(N,) the last row that is `known`, at or before each row on its closed curve.
 
     It is -1 on a curve without any known row. known: (N,).
@@ -118,13 +118,13 @@ def latest(table: Rings, known: BoolArray) -> IntArray:
     return np.where(row < first, -1, row)
 
 
-def hold_switch(table: Rings, on: BoolArray, off: BoolArray, default: bool) -> BoolArray:
+def apply_hysteresis(table: Rings, on: BoolArray, off: BoolArray, default: bool) -> BoolArray:
     """A switch with hysteresis along every closed curve, (N,).
 
     It is true from a row of `on` (N,) until one of `off` (N,). Rows that are neither keep the state
     of the row before. A curve of such rows alone has the value `default`.
     """
-    row = latest(table, on | off)
+    row = find_latest(table, on | off)
     return np.where(row >= 0, on[row], default)
 
 

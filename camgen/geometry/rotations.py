@@ -59,7 +59,7 @@ def from_axes(z: FloatArray, towards: FloatArray) -> FloatArray:
     return np.stack([x, cross(z, x), z], axis=2)
 
 
-def sideways(axis: FloatArray) -> FloatArray:
+def find_sideways(axis: FloatArray) -> FloatArray:
     """(N, 3) x direction of a tool whose z is along the unit vectors `axis` (N, 3), at roll 0.
 
     It is x of the work frame, before it is made perpendicular to z, or y if z is along that x.
@@ -78,7 +78,9 @@ def turned_about_z(angles: FloatArray) -> FloatArray:
     return result
 
 
-def between(a: FloatArray, b: FloatArray, row: IntArray, fraction: FloatArray) -> FloatArray:
+def interpolate_rotations(
+    a: FloatArray, b: FloatArray, row: IntArray, fraction: FloatArray
+) -> FloatArray:
     """(M, 3, 3) rotations on the shortest way from a[row] to b[row].
 
     a, b: (N, 3, 3).

@@ -108,7 +108,7 @@ def from_contours(contours: Sequence[Contour]) -> Segments:
     return make(points[keep], points[following(counts)[keep]], bulges[keep], owners(counts)[keep])
 
 
-def neighbours(segments: Segments, closed: BoolArray) -> IntArray:
+def find_following(segments: Segments, closed: BoolArray) -> IntArray:
     """(N,) row of the segment that follows each in its contour, -1 at the end of an open one.
 
     closed: per owner, whether its last segment is followed by its first.
@@ -118,7 +118,7 @@ def neighbours(segments: Segments, closed: BoolArray) -> IntArray:
     return after
 
 
-def bounds(segments: Segments) -> FloatArray:
+def compute_bounds(segments: Segments) -> FloatArray:
     """(N, 4) bounding boxes xmin, ymin, xmax, ymax, mm, of arcs too."""
     low = np.minimum(segments.start, segments.end)
     high = np.maximum(segments.start, segments.end)
@@ -138,11 +138,11 @@ def bounds(segments: Segments) -> FloatArray:
 
 def passes(arcs: Segments, angle: FloatArray) -> BoolArray:
     """(N,) whether arc k passes the direction `angle` (N,) from its centre, rad."""
-    fraction = arc_fraction(arcs, angle)
+    fraction = compute_arc_fraction(arcs, angle)
     return np.asarray((fraction > 0) & (fraction < 1))
 
 
-def arc_fraction(arcs: Segments, angle: FloatArray) -> FloatArray:
+def compute_arc_fraction(arcs: Segments, angle: FloatArray) -> FloatArray:
     """(N,) fraction of arc k at which the direction `angle` (N,) lies, rad, -pi to pi.
 
     0 is the start and 1 the end. A direction beside the arc is counted from the nearer end: below 0
@@ -199,7 +199,7 @@ def split(segments: Segments, rows: IntArray, low: FloatArray, high: FloatArray)
     return make(points_at(whole, low), points_at(whole, high), bulge, whole.owner)
 
 
-def backwards(segments: Segments) -> tuple[Segments, IntArray]:
+def reverse_segments(segments: Segments) -> tuple[Segments, IntArray]:
     """The segments of every owner reversed in order and direction, and the row of each before.
 
     Owners keep their order.

@@ -34,12 +34,12 @@ _MAX_DIVISIONS = 40
 _HALF_CIRCLE_ROUNDING = 1e-12
 
 
-def lines(points: FloatArray) -> Chain:
+def make_lines(points: FloatArray) -> Chain:
     """`points` (N, 3) as a chain of lines."""
     return points, np.full((max(len(points) - 1, 0), 3), np.nan)
 
 
-def turn(
+def make_turn(
     center: FloatArray, u: FloatArray, v: FloatArray, start: float, end: float, chord: float
 ) -> Chain:
     """The arc center + u cos t + v sin t, for t from `start` to `end`, rad.
@@ -67,11 +67,11 @@ def turn(
     t = np.linspace(start, end, count + 1)
     points = at(t)
     if not is_circle:
-        return lines(points)
+        return make_lines(points)
     return points, at((t[:-1] + t[1:]) / 2)
 
 
-def chords(segments: FloatArray, chord: float) -> FloatArray:
+def make_chords(segments: FloatArray, chord: float) -> FloatArray:
     """Points (N, 3) on consecutive Bezier segments, whose chords deviate by at most `chord` mm.
 
     segments: (S, degree + 1, 4) homogeneous control points.

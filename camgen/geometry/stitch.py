@@ -48,7 +48,7 @@ class Chains(Struct, frozen=True, eq=False):
     last_of: IntArray
 
 
-def stitch(
+def stitch_pieces(
     candidates: Segments, row: IntArray, low: FloatArray, high: FloatArray, label: IntArray
 ) -> Chains:
     """Chains of the pieces of `candidates[row]` from fraction `low` to `high`, each (N,).

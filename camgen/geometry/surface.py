@@ -21,16 +21,16 @@ class Nearest(Struct, frozen=True, eq=False):
     """The points of a surface that are nearest to M points.
 
     place: (M, 3) point on the surface, mm.
-    apart: (M,) distance from it, mm.
+    distance: (M,) distance from it, mm.
     normal: (M, 3) unit outward normal there.
     """
 
     place: FloatArray
-    apart: FloatArray
+    distance: FloatArray
     normal: FloatArray
 
 
-def nearest(solid: Solid, points: FloatArray) -> Nearest:
+def find_nearest(solid: Solid, points: FloatArray) -> Nearest:
     """The point on the surface of `solid` that is nearest to each of `points` (M, 3), mm.
 
     The normal is interpolated over the corners of the face, where faces that meet smoothly share

@@ -36,7 +36,7 @@ class Polylines(Struct, frozen=True, eq=False):
     fixed: IntArray
 
     @classmethod
-    def of(cls, contours: Sequence[Contour]) -> Polylines:
+    def from_contours(cls, contours: Sequence[Contour]) -> Polylines:
         """Chains of `contours`, whose ends and ends of arcs are fixed.
 
         A closed chain of lines starts at its point farthest from the middle of its box, which is
@@ -77,7 +77,7 @@ def _find_farthest(points: FloatArray, centre: FloatArray) -> int:
     return int(np.argmax(np.hypot(*(points - centre).T)))
 
 
-def thin(chains: Polylines, tolerance: float) -> IntArray:
+def thin_chains(chains: Polylines, tolerance: float) -> IntArray:
     """The rows to keep, sorted. No removed point is farther than `tolerance` mm from the new line.
 
     Rows in `chains.fixed` are kept.
@@ -94,7 +94,7 @@ def thin(chains: Polylines, tolerance: float) -> IntArray:
             return np.unique(np.concatenate(kept))
         counts = high - low - 1
         begin, owner, rows = begins(counts), owners(counts), stretches(low + 1, counts)
-        distance = to_lines(points[rows], points[low][owner], points[high][owner])
+        distance = measure_from_lines(points[rows], points[low][owner], points[high][owner])
         largest = np.maximum.reduceat(distance, begin)
         is_farthest = distance == largest[owner]
         farthest = np.minimum.reduceat(np.where(is_farthest, rows, len(points)), begin)
@@ -104,7 +104,7 @@ def thin(chains: Polylines, tolerance: float) -> IntArray:
         low, high = np.concatenate([low[too_far], cut]), np.concatenate([cut, high[too_far]])
 
 
-def to_lines(points: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
+def measure_from_lines(points: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
     """(N,) distance of each point from the line segment a to b, all (N, 2), mm."""
     chord = b - a
     square = np.einsum("nd,nd->n", chord, chord)

@@ -16,15 +16,15 @@ from collections.abc import Iterable
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.intersect import crossings, near_pairs, only_at_ends
-from camgen.geometry.nesting import loop_areas
+from camgen.geometry.intersect import find_crossings, find_near_pairs, only_at_ends
+from camgen.geometry.nesting import measure_loop_areas
 from camgen.geometry.ragged import ends_run, run_starts
 from camgen.geometry.segments import (
     BoolArray,
     IntArray,
     Segments,
-    backwards,
     concatenate,
+    reverse_segments,
     split,
     tangents_at,
 )
@@ -60,7 +60,7 @@ def find_slips(segments: Segments, following: IntArray, count: int) -> BoolArray
     first, second = first[curved], second[curved]
     may_cross = ~only_at_ends(segments, first, second)
     first, second = first[may_cross], second[may_cross]
-    pair, first_fraction, second_fraction = crossings(segments, first, second)
+    pair, first_fraction, second_fraction = find_crossings(segments, first, second)
     inner = _are_inner(segments, first[pair], first_fraction)
     inner &= _are_inner(segments, second[pair], second_fraction)
     result = np.zeros(count, dtype=bool)
@@ -74,7 +74,7 @@ def _are_inner(segments: Segments, row: IntArray, fraction: FloatArray) -> BoolA
     return np.asarray((fraction * length > LEAST_SLIP) & ((1 - fraction) * length > LEAST_SLIP))
 
 
-def uncross(
+def uncross_loops(
     segments: Segments, following: IntArray, chosen: BoolArray
 ) -> tuple[Segments, IntArray]:
     """`segments` with the chosen loops repaired, and the segment that follows each of them.
@@ -115,8 +115,8 @@ def _find_crossings(segments: Segments, rows: IntArray) -> tuple[IntArray, Float
     table = segments.take(rows)
     if not len(rows):
         return np.zeros((0, 2), dtype=np.int64), np.zeros(0), np.zeros(0)
-    i, j = near_pairs(table, table.owner)
-    pair, first, second = crossings(table, i, j)
+    i, j = find_near_pairs(table, table.owner)
+    pair, first, second = find_crossings(table, i, j)
     inner = _are_inner(table, i[pair], first) & _are_inner(table, j[pair], second)
     # Two crossings of a pair at one point are a touch.
     along = first * table.length[i[pair]]
@@ -163,12 +163,12 @@ def _make_loops(pieces: _Pieces) -> Iterable[Segments]:
     """The loops of which a split loop consists, without those that lie inside the part."""
     loops = _follow_pieces(pieces.following)
     tables = [pieces.segments.take(np.array(rows)) for rows in loops]
-    areas = [float(np.abs(loop_areas(_as_one_loop(table), 1))[0]) for table in tables]
+    areas = [float(np.abs(measure_loop_areas(_as_one_loop(table), 1))[0]) for table in tables]
     senses = _find_senses(pieces, loops, int(np.argmax(areas)))
     result = []
     for table, sense in zip(tables, senses, strict=True):
         if sense:
-            result.append(backwards(table)[0] if sense < 0 else table)
+            result.append(reverse_segments(table)[0] if sense < 0 else table)
     return result
 
 

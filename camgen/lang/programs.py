@@ -37,7 +37,7 @@ from camgen.model.contract import (
 )
 from camgen.model.errors import InputError
 from camgen.model.limits import Limits
-from camgen.model.plugins import entries, find, load
+from camgen.model.plugins import find, list_entries, load
 from camgen.model.pose import Pose
 from camgen.model.program import Instruction, Output
 from camgen.model.text import counted, grouped
@@ -232,12 +232,12 @@ class Language(Struct, frozen=True):
 
 def find_language(name: str) -> Language:
     """The language of the controller of the post `name`. Raises JobError if none is installed."""
-    return _load(find(entries(LANGUAGES), name, "language", "camgen posts lists them"))
+    return _load(find(list_entries(LANGUAGES), name, "language", "camgen posts lists them"))
 
 
 def list_languages() -> list[Language]:
     """All that are installed, by name."""
-    return [_load(entry) for entry in entries(LANGUAGES)]
+    return [_load(entry) for entry in list_entries(LANGUAGES)]
 
 
 def _load(entry: EntryPoint) -> Language:

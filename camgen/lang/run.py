@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from camgen.model.limits import tell
+from camgen.model.limits import format_limit
 
 #: The states after this many rounds of a loop are all compared, later ones at powers of two.
 _FIRST_ROUNDS = 8
@@ -37,7 +37,7 @@ class Budget:
         """Take steps. Stopped if the budget has too few of them."""
         self.left -= steps
         if self.left < 0:
-            steps_text = f"{tell(self.limit)} steps in loops and calls (limits.{self.key})"
+            steps_text = f"{format_limit(self.limit)} steps in loops and calls (limits.{self.key})"
             raise Stopped(f"the program has not ended after {steps_text}")
 
 

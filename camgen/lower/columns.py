@@ -9,9 +9,15 @@ from msgspec import Struct
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from camgen.geometry.arcs import Spans, spans
+from camgen.geometry.arcs import Spans, make_spans
 from camgen.geometry.ragged import starts_run
-from camgen.geometry.rotations import SURE_TURN, angles_between, from_axes, sideways, turned_about_z
+from camgen.geometry.rotations import (
+    SURE_TURN,
+    angles_between,
+    find_sideways,
+    from_axes,
+    turned_about_z,
+)
 from camgen.geometry.vectors import angles, dots, unit
 from camgen.model.cell import Dynamics
 from camgen.model.path import PLACES, ToolPath
@@ -49,7 +55,7 @@ class Rows(Struct, frozen=True, eq=False):
     @property
     def spans(self) -> Spans:
         """The N segments that end in the rows; that of a path's first row is the way from the path before."""
-        return spans(np.roll(self.position, 1, axis=0), self.via, self.position)
+        return make_spans(np.roll(self.position, 1, axis=0), self.via, self.position)
 
     def stretch(self, within: slice) -> Rows:
         """Some rows, as if they were of one path."""
@@ -133,12 +139,12 @@ def orient_fixed(rows: Rows) -> Orientations:
         one = (
             TOOL_DOWN
             if axis[0].tolist() == [0.0, 0.0, -1.0]
-            else frozen(from_axes(axis[:1], sideways(axis[:1]))[0])
+            else frozen(from_axes(axis[:1], find_sideways(axis[:1]))[0])
         )
         same = np.zeros(len(axis), np.int32)
         return Orientations([one], same, same, same, np.zeros(len(axis), dtype=bool))
-    x = sideways(axis)
-    return _orientations(rows, np.roll(x, 1, axis=0), x, lambda arc: sideways(axis[arc]))
+    x = find_sideways(axis)
+    return _orientations(rows, np.roll(x, 1, axis=0), x, lambda arc: find_sideways(axis[arc]))
 
 
 def orient_turned(rows: Rows, turns: FloatArray) -> Orientations:
@@ -147,7 +153,7 @@ def orient_turned(rows: Rows, turns: FloatArray) -> Orientations:
     before[rows.first], turned[rows.first] = rows.axis[rows.first], turns[rows.first]
     middle = unit(before + rows.axis)
     columns = (
-        from_axes(axis, sideways(axis)) @ turned_about_z(turn)
+        from_axes(axis, find_sideways(axis)) @ turned_about_z(turn)
         for axis, turn in ((before, turned), (rows.axis, turns), (middle, (turned + turns) / 2))
     )
     table: list[FloatArray] = []

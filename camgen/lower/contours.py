@@ -25,7 +25,7 @@ from camgen.model.body import Targets, plain_motions
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError, NoSafeProgram
 from camgen.model.job import Job, ProcessTable
-from camgen.model.limits import tell
+from camgen.model.limits import format_limit
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import TOOL_DOWN, FloatArray, Pose, frozen, to_vec3
 from camgen.model.program import (
@@ -42,8 +42,8 @@ from camgen.model.program import (
     Output,
     Program,
     Wait,
-    put_off_first,
     splice,
+    switch_off_first,
 )
 from camgen.model.tolerance import SAME_POINT_MM, ZONES
 from camgen.motion.corners import compute_corner_tolerance
@@ -111,7 +111,7 @@ def _insist_on_size(tour: Tour, most: float) -> None:
     """JobError for more motions than any controller takes, before they are made."""
     motions = sum(len(path) * len(path.depths) for path in tour.paths)
     if motions > most:
-        what = f"{motions:,} motions come of its paths and passes, more than {tell(most)}"
+        what = f"{motions:,} motions come of its paths and passes, more than {format_limit(most)}"
         remedy = "take fewer passes, build the part in several programs, or raise limits.motions"
         raise JobError("job", what, "operation.passes", remedy)
 
@@ -238,7 +238,7 @@ def finish(
     header: tuple[str, ...],
 ) -> Program:
     """The program of ``body``: all that it uses is off at first, and turns on the spot have their speed."""
-    body = turn_slowly(put_off_first(body), math.radians(job.process.turn))
+    body = turn_slowly(switch_off_first(body), math.radians(job.process.turn))
     return Program(name, cell.base_from_work, cell.flange_from_tool, body, header, origins(paths))
 
 

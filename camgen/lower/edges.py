@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.geometry.rotations import between, vectors_of
+from camgen.geometry.rotations import interpolate_rotations, vectors_of
 from camgen.lower.columns import blends, gather
 from camgen.lower.contours import dwell, finish, in_air, joints_of, signal, switch_on
 from camgen.lower.runs import plunge
@@ -131,7 +131,7 @@ def _cut(way: PosePath, share: float) -> PosePath:
     """``way`` with its last segment, a straight one, only up to ``share`` of it."""
     position, rotation = way.position.copy(), way.rotation.copy()
     position[-1] = way.position[-2] + share * (way.position[-1] - way.position[-2])
-    rotation[-1] = between(
+    rotation[-1] = interpolate_rotations(
         way.rotation[-2:-1], way.rotation[-1:], np.array([0]), np.array([share])
     )[0]
     return PosePath(frozen(position), way.via, frozen(rotation))
@@ -189,7 +189,7 @@ def _segment(
     press = to_vec3(way.rotation[row, :, 2]) if force > 0 else (0.0, 0.0, 0.0)
     if math.isnan(way.via[row, 0]):
         return MoveL(target, speed, blend, force, press)
-    rotation = between(
+    rotation = interpolate_rotations(
         way.rotation[row - 1 : row], way.rotation[row : row + 1], np.array([0]), np.array([0.5])
     )[0]
     return MoveC(_pose(rotation, way.via[row]), target, speed, blend, force, press)

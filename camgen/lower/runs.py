@@ -16,7 +16,7 @@ from msgspec.structs import replace
 
 from camgen.model.errors import JobError
 from camgen.model.job import Job, ProcessTable
-from camgen.model.limits import tell
+from camgen.model.limits import format_limit
 from camgen.model.path import ToolPath, Tour, join_paths, waypoints
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.tolerance import SAME_POINT_MM
@@ -226,7 +226,9 @@ def _enter_by_helix(way: ToolPath, from_z: float, to_z: float, descent: _Descent
 
 def _insist_on_count(motions: float, descent: _Descent) -> None:
     if motions > descent.most:
-        what = f"{motions:,.0f} motions come of a ramp so flat, more than {tell(descent.most)}"
+        what = (
+            f"{motions:,.0f} motions come of a ramp so flat, more than {format_limit(descent.most)}"
+        )
         raise JobError(
             "job", what, "operation.entry_angle", "take a steeper one, or raise limits.motions"
         )

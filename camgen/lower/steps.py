@@ -11,7 +11,7 @@ from camgen.lower.draft import Draft
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError, NoSafeProgram
 from camgen.model.job import Job, ToolTable
-from camgen.model.pose import Pose, tell_frame, translation
+from camgen.model.pose import Pose, format_frame, translation
 from camgen.model.program import (
     Comment,
     Force,
@@ -21,7 +21,7 @@ from camgen.model.program import (
     Output,
     Program,
     ToolChange,
-    put_off_first,
+    switch_off_first,
 )
 from camgen.model.text import short
 from camgen.order.tours import JobTour
@@ -109,7 +109,7 @@ def _is_off(item: Instruction) -> bool:
 def tell_tool(name: str, diameter: float, frame: Pose) -> str:
     """The line of a header that states a tool."""
     named = f"{name} - " if name else ""
-    return f"{_TOOL}{named}diameter {short(diameter, 3)} mm - frame {tell_frame(frame)}"
+    return f"{_TOOL}{named}diameter {short(diameter, 3)} mm - frame {format_frame(frame)}"
 
 
 def _head(program: Program, change: ToolChange, frame: Pose, place: str) -> tuple[str, ...]:
@@ -136,7 +136,7 @@ def split_tools(program: Program) -> tuple[Program, ...]:
     ):
         change = program.body[start]
         assert isinstance(change, ToolChange)
-        body = put_off_first(tuple(dropwhile(_is_off, program.body[start + 1 : end])))
+        body = switch_off_first(tuple(dropwhile(_is_off, program.body[start + 1 : end])))
         frame = change.flange_from_tool or program.flange_from_tool
         header = _head(program, change, frame, f"program {k} of {len(changes)}")
         own = replace(program, body=body, flange_from_tool=frame, header=header)

@@ -74,11 +74,11 @@ ROWS: dict[str, tuple[type[Struct], ...]] = {
 
 
 @cache
-def settings() -> tuple[Setting, ...]:
+def list_settings() -> tuple[Setting, ...]:
     """All settings in the order of the job file, without those of `[post]` and of `ROWS`."""
     rows: list[Setting] = []
     for table, kind in _kinds().items():
-        rows += _list_settings(table, kind)
+        rows += _read_settings(table, kind)
     return tuple(rows)
 
 
@@ -94,16 +94,16 @@ def defaults_beside(tree: Mapping[str, Any]) -> dict[tuple[str, str], object]:
 
 
 @cache
-def row_settings() -> tuple[Setting, ...]:
+def list_row_settings() -> tuple[Setting, ...]:
     """The settings that a row of each table of `ROWS` may have."""
     rows: list[Setting] = []
     for table, kinds in ROWS.items():
         for kind in kinds:
-            rows += [row for row in _list_settings(table, kind) if row.key not in NOT_IN_ROWS]
+            rows += [row for row in _read_settings(table, kind) if row.key not in NOT_IN_ROWS]
     return tuple(rows)
 
 
-def keys_of(table: str) -> tuple[str, ...]:
+def list_keys(table: str) -> tuple[str, ...]:
     """The keys of a table, or of a row of one of `ROWS`.
 
     Every job needs them, so they are found without the types and descriptions of the settings.
@@ -119,7 +119,7 @@ def keys_of(table: str) -> tuple[str, ...]:
     return tuple(keys)
 
 
-def _list_settings(table: str, kind: type[Struct]) -> list[Setting]:
+def _read_settings(table: str, kind: type[Struct]) -> list[Setting]:
     defaults = msgspec.structs.asdict(kind())
     rows = []
     for key, hint in get_type_hints(kind, include_extras=True).items():
@@ -144,13 +144,13 @@ def _kinds() -> dict[str, type[Struct]]:
     return {name: hint for name, hint in get_type_hints(Job).items() if name not in ("post", *ROWS)}
 
 
-def tables() -> dict[str, str]:
+def list_tables() -> dict[str, str]:
     """The tables of a job file and their purpose, without `ROWS`."""
     about = {name: (hint.__doc__ or "").partition(": ")[2] for name, hint in _kinds().items()}
     return about | {"post": "options of the chosen post."}
 
 
-def row_tables() -> dict[str, str]:
+def list_row_tables() -> dict[str, str]:
     """The tables of `ROWS` and the purpose of their rows."""
     purposes = {}
     for name, kinds in ROWS.items():

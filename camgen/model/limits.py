@@ -93,20 +93,20 @@ class Limits(Struct, frozen=True, forbid_unknown_fields=True):
     urdf_joints: Annotated[float, _most("joints of an arm in a URDF", 100)] = 12
 
 
-def tell(value: float) -> str:
+def format_limit(value: float) -> str:
     """A limit as text for a message.
 
-    >>> tell(1e6), tell(0.01), tell(1e-6)
+    >>> format_limit(1e6), format_limit(0.01), format_limit(1e-6)
     ('1,000,000', '0.01', '1e-06')
     """
     return f"{value:,.10g}"
 
 
-def table() -> str:
+def format_table() -> str:
     """The limits as a table in Markdown."""
     hints = get_type_hints(Limits, include_extras=True)
     about = {name: get_args(hint)[1].description for name, hint in hints.items()}
     rows = ["| limit | value | of what |", "|---|---|---|"]
     for name, value in asdict(Limits()).items():
-        rows.append(f"| `{name}` | {tell(value)} | {about[name]} |")
+        rows.append(f"| `{name}` | {format_limit(value)} | {about[name]} |")
     return "\n".join(rows) + "\n"

@@ -25,7 +25,7 @@ SECONDS = 30
 _T = TypeVar("_T")
 
 
-def entries(group: str) -> list[EntryPoint]:
+def list_entries(group: str) -> list[EntryPoint]:
     """The entry points of `group`, by name."""
     return [entry for entry in _find_all(tuple(sys.path)) if entry.group == group]
 
@@ -63,10 +63,10 @@ def find(listed: Sequence[EntryPoint], name: str, kind: str, lists: str) -> Entr
 
 def load(entry: EntryPoint) -> object:
     """The object of an entry point. Raises JobError with the reason if it cannot be imported."""
-    return ask(entry, "be loaded", entry.load)
+    return run_plugin(entry, "be loaded", entry.load)
 
 
-def ask(entry: EntryPoint, what: str, answer: Callable[[], _T]) -> _T:
+def run_plugin(entry: EntryPoint, what: str, answer: Callable[[], _T]) -> _T:
     """The result of `answer`, which runs code of the package of `entry`.
 
     Raises JobError if it fails. The package may be one that the user has not chosen and that fails
@@ -114,6 +114,6 @@ def _limit_time(limit: int) -> Iterator[None]:
         signal.signal(signal.SIGALRM, former)
 
 
-def origin(entry: EntryPoint) -> str:
+def find_origin(entry: EntryPoint) -> str:
     """Name and version of the package of an entry point, "unknown" if it is unknown."""
     return f"{entry.dist.name} {entry.dist.version}" if entry.dist else "unknown"

@@ -105,7 +105,7 @@ def pose_from_values(values: Sequence[float]) -> Pose:
     return Pose(rotation, (x, y, z))
 
 
-def tell_frame(pose: Pose) -> str:
+def format_frame(pose: Pose) -> str:
     """The origin x y z in mm and rx ry rz in deg (contract, section 3)."""
     angles = (math.degrees(angle) for angle in fixed_xyz(pose.rotation))
     return " ".join([*(short(v, 3) for v in pose.origin), *(short(a, 4) for a in angles)])

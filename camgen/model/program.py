@@ -61,16 +61,16 @@ __all__ = [
     "Wait",
     "check",
     "check_frame",
-    "column",
-    "distinct",
     "join",
+    "list_distinct",
     "motions",
-    "numbers",
     "pack",
-    "put_at",
-    "put_off_first",
+    "read_column",
+    "read_numbers",
+    "replace_at",
+    "select_items",
     "splice",
-    "take",
+    "switch_off_first",
 ]
 
 # Instructions by column: a program may have half a million of them, and a loop over them in Python
@@ -359,10 +359,10 @@ def splice(
 def _splice_packed(body: Body, changed: Mapping[int, Sequence[Instruction]]) -> Body:
     places = sorted(changed)
     new = pack(chain.from_iterable(changed[place] for place in places))
-    return put_at(body, places, [len(changed[place]) for place in places], new)
+    return replace_at(body, places, [len(changed[place]) for place in places], new)
 
 
-def put_at(
+def replace_at(
     body: Body, places: Sequence[int] | Indices, sizes: Sequence[int] | Indices, new: Body
 ) -> Body:
     """The body with the instructions at sorted `places` replaced by those of `new`.
@@ -385,7 +385,7 @@ def _any_of(numbered: NDArray[np.int8], kinds: Iterable[type]) -> Mask:
     return mask
 
 
-def take(items: Sequence[Any], keep: Mask) -> list[Any]:
+def select_items(items: Sequence[Any], keep: Mask) -> list[Any]:
     """The items whose value in the mask `keep` is true."""
     count = int(np.count_nonzero(keep))
     if count == len(items):
@@ -395,19 +395,19 @@ def take(items: Sequence[Any], keep: Mask) -> list[Any]:
     return list(compress(items, keep.tolist()))
 
 
-def numbers(items: Sequence[Any], name: str, width: int = 1) -> FloatArray:
+def read_numbers(items: Sequence[Any], name: str, width: int = 1) -> FloatArray:
     """(N, width) an attribute of the items: a number, or a tuple of `width` numbers."""
     values = map(attrgetter(name), items)
     flat = chain.from_iterable(values) if width > 1 else values
     return np.fromiter(flat, np.float64, len(items) * width).reshape(-1, width)
 
 
-def column(items: Sequence[Any], name: str) -> FloatArray:
+def read_column(items: Sequence[Any], name: str) -> FloatArray:
     """(N,) an attribute of the items that is a number."""
-    return numbers(items, name)[:, 0]
+    return read_numbers(items, name)[:, 0]
 
 
-def distinct(items: Sequence[Any], name: str) -> list[Any]:
+def list_distinct(items: Sequence[Any], name: str) -> list[Any]:
     """The different objects among an attribute of the items, which mostly share them."""
     values = list(map(attrgetter(name), items))
     return list(dict(zip(map(id, values), values, strict=True)).values())
@@ -427,7 +427,7 @@ def check(columns: Columns, paths: int = 0) -> None:
     """
     at, speed, blend = columns.at, columns.speed, columns.blend
     share, rate, path, turn = columns.share, columns.rate, columns.path, columns.turn
-    wrong_waits = column(columns.of(Wait), "seconds") < 0
+    wrong_waits = read_column(columns.of(Wait), "seconds") < 0
     wrong_waits_at = np.flatnonzero(columns.are(Wait))[wrong_waits]
     not_joint = ~columns.moves_are(MoveJ)[:1]
     broken = [
@@ -501,7 +501,7 @@ def _find_not_finite(columns: Columns) -> Iterator[tuple[int, str]]:
         (Force, "force_direction"),
     ):
         different = columns.outputs if kind is Output else columns.of(kind)
-        if not all(map(_is_finite, distinct(different, name))):
+        if not all(map(_is_finite, list_distinct(different, name))):
             wrong = [not _is_finite(getattr(item, name)) for item in columns.of(kind)]
             yield from _first(np.flatnonzero(columns.are(kind))[wrong], message)
 
@@ -537,7 +537,7 @@ def _find_pressing(columns: Columns) -> Iterator[tuple[int, str]]:
     if not (columns.force > 0).any():
         return
     switches: list[Any] = columns.of(Force)
-    newtons = np.append(0.0, column(switches, "newtons"))
+    newtons = np.append(0.0, read_column(switches, "newtons"))
     on = newtons[np.searchsorted(np.flatnonzero(columns.are(Force)), columns.at)] > 0
     is_wrong = (columns.force > 0) & ~on
     yield from _first(columns.at[is_wrong], "a motion presses while force control is off")
@@ -619,7 +619,7 @@ def _name_switch(item: Instruction) -> tuple[str, float]:
     return "force control", item.newtons
 
 
-def put_off_first(body: Sequence[Instruction]) -> Sequence[Instruction]:
+def switch_off_first(body: Sequence[Instruction]) -> Sequence[Instruction]:
     """The body with instructions before it that switch off its outputs and its force control.
 
     An output that the body itself switches off before its first motion is not repeated. So nothing

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.arcs import Spans, spans_through
+from camgen.geometry.arcs import Spans, make_spans_through
 from camgen.geometry.vectors import angles
 from camgen.model.cell import Dynamics
 from camgen.model.job import Job
@@ -114,7 +114,7 @@ def _overlap(
 
 def _fit(motions: Spans) -> Spans:
     """The motions with arcs through their `via`, which is not the middle in paths in space."""
-    return spans_through(motions.start, motions.via, motions.end)
+    return make_spans_through(motions.start, motions.via, motions.end)
 
 
 def _narrow(pairs: Transitions, tolerance: FloatArray, pace: Dynamics) -> FloatArray:

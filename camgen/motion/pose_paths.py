@@ -8,9 +8,14 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.geometry.arcs import Spans, chain, span_lengths
+from camgen.geometry.arcs import Spans, chain, measure_spans
 from camgen.geometry.ragged import offsets, owners, ramp
-from camgen.geometry.rotations import angles_between, between, from_vectors, vectors_of
+from camgen.geometry.rotations import (
+    angles_between,
+    from_vectors,
+    interpolate_rotations,
+    vectors_of,
+)
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.tolerance import NONZERO
 
@@ -57,7 +62,7 @@ class PosePath(Struct, frozen=True, eq=False):
     @property
     def length(self) -> FloatArray:
         """(N - 1,) length of each segment, mm."""
-        return span_lengths(self.position, self.via[1:])
+        return measure_spans(self.position, self.via[1:])
 
     @property
     def turn(self) -> FloatArray:
@@ -90,7 +95,7 @@ def divide(path: PosePath, parts: Index) -> PosePath:
     via[1:][np.isnan(path.via[1:, 0])[segment]] = np.nan
     is_whole = parts[segment] == 1
     via[1:][is_whole] = path.via[1:][segment[is_whole]]
-    turned = between(path.rotation[:-1], path.rotation[1:], segment, after * fraction)
+    turned = interpolate_rotations(path.rotation[:-1], path.rotation[1:], segment, after * fraction)
     rotation = np.concatenate([path.rotation[:1], turned])
     rotation[kept] = path.rotation
     return PosePath(frozen(position), frozen(via), frozen(rotation))
@@ -137,7 +142,7 @@ def cut(path: PosePath, low: float, high: float) -> PosePath:
     via = np.concatenate([_STRAIGHT, spans.point((start + stop) / 2, segment)])
     via[1:][np.isnan(path.via[1:, 0])[segment]] = np.nan
     row_segment, at = np.concatenate([segment[:1], segment]), np.concatenate([start[:1], stop])
-    rotation = between(path.rotation[:-1], path.rotation[1:], row_segment, at)
+    rotation = interpolate_rotations(path.rotation[:-1], path.rotation[1:], row_segment, at)
     return PosePath(frozen(spans.point(at, row_segment)), frozen(via), frozen(rotation))
 
 

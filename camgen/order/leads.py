@@ -16,7 +16,7 @@ import shapely
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.geometry.arcs import span_lengths
+from camgen.geometry.arcs import measure_spans
 from camgen.geometry.fixtures import Fixtures
 from camgen.geometry.intersect import Obstacles
 from camgen.geometry.segments import from_contours
@@ -120,7 +120,7 @@ def _starts(path: ToolPath) -> list[ToolPath]:
     """The path as it starts now, and a closed one that is not pinned there in the middle of its longer segments."""
     if not path.closed or path.pinned:
         return [path]
-    longest = np.argsort(-span_lengths(path.position, path.via[1:]), kind="stable")[:_PLACES]
+    longest = np.argsort(-measure_spans(path.position, path.via[1:]), kind="stable")[:_PLACES]
     return [path, *(starting_at(path, int(k) + 1, 0.5) for k in longest)]
 
 
@@ -128,7 +128,7 @@ def _overlap(path: ToolPath, overlap: float) -> ToolPath:
     """A closed path that runs on for ``overlap`` mm beyond its start, at most once round."""
     if overlap == 0.0 or not path.closed:
         return path
-    ends = np.cumsum(span_lengths(path.position, path.via[1:]))
+    ends = np.cumsum(measure_spans(path.position, path.via[1:]))
     if overlap >= ends[-1]:
         return join_paths([path, path])
     k = int(np.searchsorted(ends, overlap, side="right"))

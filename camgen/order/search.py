@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.nearest import nearest_items
+from camgen.geometry.nearest import find_nearest_items
 from camgen.geometry.ragged import offsets, owners, ramp
 from camgen.geometry.vectors import plane_lengths
 from camgen.model.part import IntArray
@@ -228,7 +228,7 @@ def search(
     count = len(items.kind)
     discs = discs_of(items)
     place = None if home is None else np.array(home)
-    problem = Problem(items, nearest_items(discs, count, _NEAR_DISCS), place)
+    problem = Problem(items, find_nearest_items(discs, count, _NEAR_DISCS), place)
     greedy = join_greedily(items, discs, place)
     begun = [Start(np.array(first.order), _enter(known, first))] if first else []
     start = min(

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.arcs import Spans, spans
+from camgen.geometry.arcs import Spans, make_spans
 from camgen.geometry.ragged import begins, offsets, owners, ramp
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.path import ToolPath
@@ -72,7 +72,7 @@ def starts(paths: Sequence[ToolPath], seam: str = "any") -> Starts:
     top = begins(rows)
     at = top[owner] + row
     inside = loop[owner]
-    shape = spans(
+    shape = make_spans(
         drawn.position[at - inside],
         np.where(inside[:, None], drawn.via[at], np.nan),
         drawn.position[at],
@@ -81,7 +81,7 @@ def starts(paths: Sequence[ToolPath], seam: str = "any") -> Starts:
     if seam == "smooth":
         low, span = _off_corners(shape, inside, first)
         middle = np.where(shape.curved[:, None], shape.point(low + span / 2), np.nan)
-        shape = spans(shape.point(low), middle, shape.point(low + span))
+        shape = make_spans(shape.point(low), middle, shape.point(low + span))
     return Starts(
         owner,
         row,

@@ -17,7 +17,7 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.geometry.intersect import gaps
+from camgen.geometry.intersect import measure_gaps
 from camgen.geometry.segments import BoolArray, Segments, from_contours, make
 from camgen.model.job import Job
 from camgen.model.part import Note, Part
@@ -112,7 +112,7 @@ def _are_clear(
     reach = radius + more
     boxes = [box for box in job.cell.fixtures or [] if isinstance(box, list)]
     table = np.array(boxes, dtype=np.float64).reshape(-1, 6)
-    clear = gaps(links, from_contours(part.contours), reach) >= reach
+    clear = measure_gaps(links, from_contours(part.contours), reach) >= reach
     return np.asarray(clear & _past(links, low, table, radius + job.cell.margin))
 
 
@@ -141,5 +141,5 @@ def _past(links: Segments, low: FloatArray, boxes: FloatArray, radius: float) ->
             corners, np.roll(corners, -1, axis=0), np.zeros(4), np.zeros(4, dtype=np.int64)
         )
         inside = ((links.start > (x0, y0)) & (links.start < (x1, y1))).all(axis=1)
-        clear &= (top <= low) | (~inside & (gaps(links, walls, radius) >= radius))
+        clear &= (top <= low) | (~inside & (measure_gaps(links, walls, radius) >= radius))
     return clear

@@ -35,7 +35,7 @@ from camgen.model.errors import Blocked, InputError, JobError, NoSafeProgram
 from camgen.model.job import Job
 from camgen.model.part import IntArray, Note, Part, sort_notes
 from camgen.model.path import ToolPath, Tour
-from camgen.model.pose import tell_frame
+from camgen.model.pose import format_frame
 from camgen.model.program import MoveJ, Program
 from camgen.model.text import counted, harmless, short
 from camgen.model.version import __version__
@@ -347,7 +347,7 @@ def _plan_again(plan: Plan, tour: Tour, job: Job, error: Blocked, ways: bool) ->
     """
     plain = not isinstance(plan, (EdgePlan, ReplayPlan)) and not isinstance(tour, ArmTour)
     choice = plain and not ways and may_choose_ways(job)
-    lost = [one for one in error.lost if not (choice and one.way)]
+    lost = [one for one in error.lost if not (choice and one.on_link)]
     if error.lost and not lost:
         return plan, True
     # The motions of a program that was read are run as they stand in it, all of them. What is on no path, home, is
@@ -368,7 +368,7 @@ def _bar_links(plan: EdgePlan, tour: Tour, error: Blocked) -> frozenset[frozense
     A blocked link costs its edge only if the tool has left the part on it.
     """
     names = [path.id for path in tour.paths]
-    numbers = [loss.path for loss in error.lost if (loss.way or loss.at_end) and loss.path >= 0]
+    numbers = [loss.path for loss in error.lost if (loss.on_link or loss.at_end) and loss.path >= 0]
     pairs = [names[k - 1 : k + 1] for k in numbers if k > 0]
     pairs += [names[k : k + 2] for k in numbers if k + 1 < len(names)]
     return plan.barred | set(map(frozenset, pairs))
@@ -528,7 +528,7 @@ def _header(
             else []
         ),
         *_tool_lines(job, cell),
-        f"work frame: {tell_frame(cell.base_from_work)}",
+        f"work frame: {format_frame(cell.base_from_work)}",
     )
 
 

@@ -22,8 +22,8 @@ from camgen.model.errors import Blocked, JobError
 from camgen.model.job import Job, ToolTable
 from camgen.model.part import IntArray, Note
 from camgen.model.path import Tour
-from camgen.model.pose import Pose, tell_frame
-from camgen.model.program import Comment, Instruction, Program, ToolChange, put_off_first
+from camgen.model.pose import Pose, format_frame
+from camgen.model.program import Comment, Instruction, Program, ToolChange, switch_off_first
 from camgen.model.signature import sign
 from camgen.model.text import counted
 from camgen.motion.corners import Flow
@@ -159,10 +159,10 @@ def _name_tools(
         posters.append(poster)
         held, frame = poster.held_tool(), program.flange_from_tool
         name, before = frames.setdefault(held, (tool.name or "a tool", frame))
-        if held and tell_frame(before) != tell_frame(frame):
+        if held and format_frame(before) != format_frame(frame):
             what = (
-                f"{held} of the controller has two frames: {tell_frame(before)} for {name}, "
-                f"{tell_frame(frame)} for {tool.name or 'another tool'}"
+                f"{held} of the controller has two frames: {format_frame(before)} for {name}, "
+                f"{format_frame(frame)} for {tool.name or 'another tool'}"
             )
             remedy = "give each tool its own number and name, and leave out post.tool"
             raise JobError("job", what, "[[tools]]", remedy)
@@ -216,7 +216,7 @@ def _join(lowered: Program, found: Sequence[Checks]) -> Checks:
         body.append(change)
         begins.append(len(body))
         body += one.program.body
-    program = replace(lowered, body=put_off_first(body))
+    program = replace(lowered, body=switch_off_first(body))
     before = len(program.body) - len(body)
     reach = [one.reach for one in found if one.reach is not None]
     clear = [one.clear for one in found if one.clear is not None]

@@ -19,7 +19,7 @@ from camgen.model.errors import AmbiguousInput, InputError, JobError
 from camgen.model.job import Job, Step
 from camgen.model.part import EarlierRun, Note, Part
 from camgen.model.path import ToolPath
-from camgen.model.plugins import OPERATIONS, entries, find, load
+from camgen.model.plugins import OPERATIONS, find, list_entries, load
 from camgen.model.text import counted
 from camgen.plan.page import in_margin, on_page
 
@@ -314,7 +314,7 @@ def plan_operation(part: Part, job: Job, cell: Cell | None, watch: Watch) -> Pla
 def find_operation(part: Part, job: Job) -> Operation:
     """The operation that the job names, or the usual one for what the part is. JobError if it is not for such parts."""
     kind, name = kind_of(part), name_operation(part, job)
-    found = load(find(entries(OPERATIONS), name, "operation", "see docs/operations.md"))
+    found = load(find(list_entries(OPERATIONS), name, "operation", "see docs/operations.md"))
     if not isinstance(found, Operation):
         raise JobError(
             f"operation {name}",

@@ -13,17 +13,17 @@ from msgspec.structs import replace
 from camgen.geometry.apart import set_apart
 from camgen.geometry.centre_lines import CentreLines, find_centre_lines
 from camgen.geometry.intersect import Obstacles
-from camgen.geometry.offset import Offset, offset
+from camgen.geometry.offset import Offset, make_offset
 from camgen.geometry.ragged import begins
 from camgen.geometry.segments import (
     BoolArray,
     IntArray,
     Segments,
-    backwards,
     concatenate,
+    find_following,
     make,
-    neighbours,
     points_at,
+    reverse_segments,
 )
 from camgen.model.pose import FloatArray
 from camgen.model.text import short
@@ -83,10 +83,10 @@ def beside(
         other = np.full(len(out.segments), -1)
         curve = Beside(out.segments, out.closed, out.source, out.turn, lost, sound, other)
         return _check(curve, source, closed, group, distance)
-    turned, rows = backwards(_weld(out))
+    turned, rows = reverse_segments(_weld(out))
     label = group[out.source[rows]]
-    back = _offset(turned, neighbours(turned, out.closed), label, corner_radius)
-    segments, order = backwards(back.segments)
+    back = _offset(turned, find_following(turned, out.closed), label, corner_radius)
+    segments, order = reverse_segments(back.segments)
     origin = rows[back.source[order]]
     lost = back.corner[order]
     turn = np.where(lost, 0.0, out.turn[origin])
@@ -149,18 +149,18 @@ def _weld(curve: Offset) -> Segments:
     such a gap, so the chain would not close.
     """
     segments = curve.segments
-    following = neighbours(segments, curve.closed)
+    following = find_following(segments, curve.closed)
     end = np.where((following >= 0)[:, None], segments.start[following], segments.end)
     return make(segments.start, end, segments.bulge, segments.owner)
 
 
 def _offset(source: Segments, following: IntArray, group: IntArray, distance: float) -> Offset:
-    """``offset``, again with a distance that differs by a hair if the numbers were against it."""
-    result = offset(source, following, group, distance, _MITRE)
+    """`make_offset`, again with a distance that differs by a hair if rounding makes it fail."""
+    result = make_offset(source, following, group, distance, _MITRE)
     for nudge in (3e-6, -7e-6, 2e-5):
         if not result.open_ends:
             break
-        again = offset(source, following, group, distance + nudge, _MITRE)
+        again = make_offset(source, following, group, distance + nudge, _MITRE)
         if again.open_ends < result.open_ends:
             result = again
     return result

@@ -16,9 +16,9 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.geometry.curves import to_arc
+from camgen.geometry.curves import measure_from_arc
 from camgen.geometry.ragged import begins, owners, stretches
-from camgen.geometry.thinning import IntArray, Polylines, to_lines
+from camgen.geometry.thinning import IntArray, Polylines, measure_from_lines
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import NONZERO
 
@@ -235,7 +235,7 @@ def _whole_circles(borders: _Borders, kept: IntArray, tolerance: float) -> tuple
     ring = Stretches.between(borders.line, low, high - 1)
     row = stretches(low, high - low)
     corner = np.searchsorted(kept, row, side="right") - 1
-    by_lines = to_lines(
+    by_lines = measure_from_lines(
         _xy(ring.points), *(_xy(borders.line[kept[k]]) for k in (corner, corner + 1))
     )
     by_circle = np.abs(ring.points - centre[ring.of]) - radius[ring.of]
@@ -430,7 +430,7 @@ def _too_far(
     given = Stretches.between(borders.line, knots.row[begin], knots.row[begin + 1])
     a, b, bulge = placed[begin], placed[begin + 1], bulges[begin]
     length, size = np.abs(b - a), np.abs(bulge)
-    off = to_arc(
+    off = measure_from_arc(
         given.points.real, given.points.imag, _xy(a)[given.of], _xy(b)[given.of], bulge[given.of]
     )
     radius = length * (1 + bulge**2) / (4 * size)

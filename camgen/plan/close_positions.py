@@ -9,7 +9,7 @@ from camgen.geometry.ragged import starts_run
 from camgen.lang.recorded import Recorded
 from camgen.model.part import BoolArray, Note
 from camgen.model.pose import FloatArray
-from camgen.model.program import Columns, MoveL, take
+from camgen.model.program import Columns, MoveL, select_items
 from camgen.model.text import counted, short
 from camgen.model.tolerance import NONZERO
 
@@ -41,7 +41,7 @@ def thin_positions(part: Recorded, tolerance: float) -> Recorded:
     left_out = int(np.count_nonzero(~kept))
     if not left_out:
         return part
-    body, lines = take(part.run.body, kept), take(part.run.lines, kept)
+    body, lines = select_items(part.run.body, kept), select_items(part.run.lines, kept)
     run = replace(part.run, body=tuple(body), lines=tuple(lines))
     positions = counted(left_out, "position is", "positions are")
     line = part.run.lines[int(np.flatnonzero(~kept)[0])]

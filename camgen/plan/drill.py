@@ -94,12 +94,12 @@ def diameters(job: Job) -> tuple[float, float]:
 
 def _in_picture(part: Part, raster: Raster) -> tuple[list[Hole], list[Note]]:
     """Marks, and holes of rings: circles whose middle is no ink."""
-    from camgen.vision.crosses import crosses  # noqa: PLC0415 (OpenCV is loaded only by what needs it)
+    from camgen.vision.crosses import find_crosses  # noqa: PLC0415 (OpenCV is loaded only by what needs it)
 
     place = raster.work_from_view
     layer = part.contours[0].layer if part.contours else ""
     marks = (
-        np.array([(c.u, c.v) for c in crosses(raster.mask, raster.view)]).reshape(-1, 2)
+        np.array([(c.u, c.v) for c in find_crosses(raster.mask, raster.view)]).reshape(-1, 2)
         @ place[:, :2].T
         + place[:, 2]
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.geometry.intersect import nearest_distances
+from camgen.geometry.intersect import measure_nearest
 from camgen.geometry.segments import points_at
 from camgen.model.part import Note
 from camgen.model.path import ToolPath
@@ -63,4 +63,4 @@ def _is_more_left(path: ToolPath, rough: tuple[ToolPath, ...], most: float) -> b
     points = np.concatenate(
         [points_at(own, np.full(len(own), f)) for f in np.linspace(0.0, 1.0, 9)]
     )
-    return bool(np.isinf(nearest_distances(points, spans, most + EXACT)).any())
+    return bool(np.isinf(measure_nearest(points, spans, most + EXACT)).any())

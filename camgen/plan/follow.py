@@ -9,20 +9,20 @@ import shapely
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.geometry.intersect import Obstacles, distances, near_pairs, nearest_distances
-from camgen.geometry.nesting import Nesting, nest
+from camgen.geometry.intersect import Obstacles, find_near_pairs, measure_distances, measure_nearest
+from camgen.geometry.nesting import Nesting, find_nesting
 from camgen.geometry.ragged import owners, ramp
 from camgen.geometry.segments import (
     BoolArray,
     IntArray,
     Segments,
-    backwards,
+    find_following,
     flatten,
     from_contours,
-    neighbours,
     points_at,
+    reverse_segments,
 )
-from camgen.geometry.uncross import find_slips, uncross
+from camgen.geometry.uncross import find_slips, uncross_loops
 from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.part import Contour, Note, Part
@@ -109,8 +109,8 @@ def run_beside(
     contours = [part.contours[k] for k in loops.index]
     source = turn_round(loops.drawn, loops.flip)
     closed = np.array([c.closed for c in contours])
-    following = neighbours(source, closed)
-    source, following = uncross(
+    following = find_following(source, closed)
+    source, following = uncross_loops(
         source, following, closed & find_slips(source, following, len(contours))
     )
     curve = beside(
@@ -212,7 +212,7 @@ def _choose_sides(part: Part, side: str, join: float) -> tuple[_Loops, list[Note
         return _Loops([], from_contours([]), none == 0, none == 0, none, none, none), notes
     everything = len(index) == len(part.contours)
     drawn = from_contours(part.contours if everything else [part.contours[k] for k in index])
-    nesting = nest(drawn, len(index))
+    nesting = find_nesting(drawn, len(index))
     worked = chosen[index]
     if side == "auto":
         decided = {part.contours[k].id for k in np.flatnonzero(chosen).tolist()}
@@ -283,7 +283,7 @@ def _not_followed(contours: list[Contour], how: str, why: str) -> Note:
 
 def turn_round(drawn: Segments, flip: BoolArray) -> Segments:
     """The segments with the loops of ``flip`` run backwards."""
-    back, _ = backwards(drawn)
+    back, _ = reverse_segments(drawn)
     chosen = flip[drawn.owner]
     # Both tables hold each owner's segments in the same rows, so rows can be chosen one by one.
     rows = np.arange(len(drawn))
@@ -422,7 +422,7 @@ def _left_standing(curve: Beside, source: Segments, mine: BoolArray, distance: f
     of, place = owners(count), ramp(count)
     points = points_at(source.take(rows[of]), (place + 0.5) / count[of])
     ways = curve.segments.take(curve.sound[curve.segments.owner])
-    gap = nearest_distances(points, ways, distance + 2 * _UNSEEN_MM)
+    gap = measure_nearest(points, ways, distance + 2 * _UNSEEN_MM)
     length = np.where(gap > distance + _UNSEEN_MM, source.length[rows[of]] / count[of], 0.0)
     return np.bincount(source.owner[rows[of]], length, len(mine)).astype(np.float64)
 
@@ -432,7 +432,7 @@ def _find_causes(
 ) -> dict[str, tuple[BoolArray, str]]:
     """The causes for which contours have no path: which ones (contours,) each has, and a remedy.
 
-    A contour has one cause. Crossings that `nest` allows for, since they may be slips of a drawing,
+    A contour has one cause. Crossings that `find_nesting` allows may be slips of a drawing. They
     may still leave the path without a side.
     """
     shared = _sharing(source, failed)
@@ -474,14 +474,14 @@ def _sharing(source: Segments, failed: BoolArray) -> BoolArray:
     rows = np.flatnonzero(failed[source.owner])
     if not len(rows):
         return shared
-    i, j = near_pairs(source, np.zeros(len(source), dtype=np.int64), EXACT)
+    i, j = find_near_pairs(source, np.zeros(len(source), dtype=np.int64), EXACT)
     pairs = np.concatenate([np.column_stack([i, j]), np.column_stack([j, i])])
     pairs = pairs[
         failed[source.owner[pairs[:, 0]]] & (source.owner[pairs[:, 0]] != source.owner[pairs[:, 1]])
     ]
     for fraction in (0.13, 0.37, 0.71):
         points = points_at(source.take(pairs[:, 0]), np.full(len(pairs), fraction))
-        on = distances(points, source, pairs[:, 1]) < EXACT
+        on = measure_distances(points, source, pairs[:, 1]) < EXACT
         shared[source.owner[pairs[on, 0]]] = shared[source.owner[pairs[on, 1]]] = True
     return shared & failed
 
@@ -537,6 +537,6 @@ def _order_chains(
     feed, force, side = feed[rows], force[rows], 1
     if job.operation.direction != "conventional":
         # Climb: the part on the right of the travel.
-        segments, back = backwards(segments)
+        segments, back = reverse_segments(segments)
         feed, force, side = feed[back], force[back], -1
     return segments, SegmentWork(sideways(segments, side), force, feed)

@@ -17,7 +17,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.geometry.nearest import IntArray
-from camgen.geometry.pairing import pair
+from camgen.geometry.pairing import pair_points
 from camgen.geometry.ragged import offsets, owners, starts_run
 from camgen.model.part import Contour, Note
 from camgen.model.pose import FloatArray, frozen
@@ -60,7 +60,7 @@ def trails(pieces: Pieces, contours: list[Contour]) -> list[tuple[Contour, int]]
     loose = [next(end for end in at[node] if partner[end] < 0) for node in odd]
     lifts: list[int] = [-1] * len(partner)
     if odd:
-        for a, b in enumerate(pair(pieces.home[odd]).tolist()):
+        for a, b in enumerate(pair_points(pieces.home[odd]).tolist()):
             lifts[loose[a]] = loose[b]
     jumps = [p if p >= 0 else q for p, q in zip(partner, lifts, strict=True)]
     _as_one(at, jumps, lifts, directions)

@@ -11,7 +11,7 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.geometry.segments import bounds, from_contours
+from camgen.geometry.segments import compute_bounds, from_contours
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job, PageTable
 from camgen.model.page import page_size
@@ -19,7 +19,7 @@ from camgen.model.part import Contour, Note, Part, Raster
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
 from camgen.read.units import MM
-from camgen.vision.similarity import scale_of
+from camgen.vision.similarity import measure_scale
 
 #: A drawing may leave the page by so much, mm: rounding.
 _ROUNDING = 1e-6
@@ -83,7 +83,7 @@ def in_margin(part: Part, laid: Part, drawn: Part, job: Job) -> Part:
 
 def _box(part: Part) -> tuple[FloatArray, FloatArray]:
     """Its lower left and upper right corner, mm."""
-    box = bounds(from_contours(part.contours))
+    box = compute_bounds(from_contours(part.contours))
     return box[:, :2].min(axis=0), box[:, 2:].max(axis=0)
 
 
@@ -132,7 +132,7 @@ def _ratio(part: Part, page: PageTable, drawn: FloatArray, room: FloatArray) -> 
 def _unit(part: Part) -> float:
     """The mm of one unit or pixel of the input, in the part as it is."""
     if part.raster is not None:
-        return scale_of(part.raster.work_from_view)
+        return measure_scale(part.raster.work_from_view)
     units = set(part.units.split(" + "))
     if len(units) == 1:
         name = units.pop()
@@ -223,7 +223,7 @@ def inspect(raw: Part, job: Job) -> DrawingFacts:
     laid = on_page(raw, job)
     part = in_margin(raw, laid, simplify(laid, job), job)
     segments = from_contours(part.contours)
-    box = bounds(segments)
+    box = compute_bounds(segments)
     lengths = np.bincount(segments.owner, segments.length, minlength=len(part.contours))
     arcs = sum(int((c.bulges != 0).sum()) for c in part.contours)
     extent = (box[:, 2:].max(axis=0) - box[:, :2].min(axis=0)).tolist() if len(box) else [0.0, 0.0]

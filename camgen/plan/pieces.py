@@ -11,7 +11,7 @@ import math
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.geometry.arcs import Spans, chain, span_lengths
+from camgen.geometry.arcs import Spans, chain, measure_spans
 from camgen.geometry.rotations import turn_vectors
 from camgen.geometry.vectors import cross, dots
 from camgen.model.part import BoolArray, IntArray
@@ -26,7 +26,9 @@ _MAX_SWEEP = math.radians(30)
 
 def lengths_along(path: ToolPath) -> FloatArray:
     """Length (N,) of each vertex of a path from its start, mm."""
-    return np.asarray(np.concatenate([[0.0], np.cumsum(span_lengths(path.position, path.via[1:]))]))
+    return np.asarray(
+        np.concatenate([[0.0], np.cumsum(measure_spans(path.position, path.via[1:]))])
+    )
 
 
 def split_at(path: ToolPath, lengths: FloatArray) -> ToolPath:

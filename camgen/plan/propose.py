@@ -22,7 +22,7 @@ import shapely
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.geometry.nesting import Nesting, nest
+from camgen.geometry.nesting import Nesting, find_nesting
 from camgen.geometry.segments import Segments, flatten, from_contours
 from camgen.model.job import StockTable, ToolRow, ToolTable
 from camgen.model.materials import MATERIALS
@@ -251,7 +251,7 @@ def propose(
         stock.thickness or THICKNESS_MM,
         part,
         closed,
-        nest(segments, len(closed)),
+        find_nesting(segments, len(closed)),
         segments,
         {hole.id: hole for hole in find_circles(part)},
         with_tabs,

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import shapely
 
-from camgen.geometry.nesting import loop_areas, nest
+from camgen.geometry.nesting import find_nesting, measure_loop_areas
 from camgen.geometry.segments import flatten, from_contours
 from camgen.model.part import Contour
 
@@ -29,7 +29,7 @@ def find_across(closed: Sequence[Contour]) -> tuple[Contour, ...]:
     crossing = _list_crossing(closed)
     if not 1 < len(crossing) <= _MOST:
         return ()
-    areas = np.abs(loop_areas(from_contours(crossing), len(crossing)))
+    areas = np.abs(measure_loop_areas(from_contours(crossing), len(crossing)))
     kept: list[int] = []
     across: list[int] = []
     for k in np.argsort(-areas, kind="stable").tolist():
@@ -45,7 +45,9 @@ def find_across(closed: Sequence[Contour]) -> tuple[Contour, ...]:
 
 def _list_crossing(closed: Sequence[Contour]) -> list[Contour]:
     """The contours that cross another one or themselves."""
-    crossed = nest(from_contours(closed), len(closed)).crossed >= 0 if closed else np.zeros(0)
+    crossed = (
+        find_nesting(from_contours(closed), len(closed)).crossed >= 0 if closed else np.zeros(0)
+    )
     return [closed[k] for k in np.flatnonzero(crossed).tolist()]
 
 

@@ -8,14 +8,14 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.geometry.intersect import nearest_distances
+from camgen.geometry.intersect import measure_nearest
 from camgen.geometry.nesting import Nesting
 from camgen.geometry.ragged import owners, ramp
 from camgen.geometry.segments import (
     BoolArray,
     IntArray,
     Segments,
-    neighbours,
+    find_following,
     points_at,
     tangents_at,
 )
@@ -252,7 +252,7 @@ def _touch(samples: Samples, paths: Sequence[ToolPath], radius: float) -> BoolAr
     if not paths:
         return np.zeros(len(samples.points), np.bool_)
     lines = path_segments(tuple(paths))
-    return np.asarray(np.isfinite(nearest_distances(samples.points, lines, radius + _TOUCH_MM)))
+    return np.asarray(np.isfinite(measure_nearest(samples.points, lines, radius + _TOUCH_MM)))
 
 
 def _may_touch(samples: Samples, diameter: float) -> BoolArray:
@@ -263,7 +263,7 @@ def _may_touch(samples: Samples, diameter: float) -> BoolArray:
 def sample(segments: Segments, nesting: Nesting, rows: IntArray) -> Samples:
     """Places on the loops `rows` of `segments`; a loop is a hole if its depth is odd."""
     closed = np.ones(int(segments.owner.max(initial=-1)) + 1, np.bool_)
-    following = neighbours(segments, closed)
+    following = find_following(segments, closed)
     half = _half_angles(segments, nesting, following)
     at_end = half
     at_start = np.full(len(half), np.inf)

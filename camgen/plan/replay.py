@@ -16,7 +16,7 @@ from camgen.model.job import FASTEST, Job
 from camgen.model.part import Note, Part
 from camgen.model.path import ToolPath, waypoints
 from camgen.model.pose import FloatArray
-from camgen.model.program import Columns, Instruction, Joints, MoveC, MoveJ, MoveL, take
+from camgen.model.program import Columns, Instruction, Joints, MoveC, MoveJ, MoveL, select_items
 from camgen.model.text import counted, short
 from camgen.model.tolerance import SAME_POINT_MM
 from camgen.plan import ReplayPlan
@@ -126,4 +126,4 @@ def moving(body: Sequence[Instruction]) -> list[Instruction]:
         return list(body)
     keep = np.ones(len(body), np.bool_)
     keep[columns.at[still]] = False
-    return take(body, keep)
+    return select_items(body, keep)

@@ -12,8 +12,8 @@ import numpy as np
 import shapely
 from msgspec.structs import replace
 
-from camgen.geometry.intersect import box, distances, fractions
-from camgen.geometry.segments import Segments, bounds, from_contours
+from camgen.geometry.intersect import find_fractions, make_boxes, measure_distances
+from camgen.geometry.segments import Segments, compute_bounds, from_contours
 from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.part import Note, Part
@@ -149,9 +149,9 @@ def _pairs(points: FloatArray, segments: Segments) -> list[tuple[int, int, float
     """Points and the segments within ``NEAR_MM`` of them: their numbers, and how far apart, mm."""
     if not len(segments):
         return []
-    around = box(np.hstack([points - NEAR_MM, points + NEAR_MM]))
-    number, row = shapely.STRtree(box(bounds(segments))).query(around)
-    apart = distances(points[number], segments, row)
+    around = make_boxes(np.hstack([points - NEAR_MM, points + NEAR_MM]))
+    number, row = shapely.STRtree(make_boxes(compute_bounds(segments))).query(around)
+    apart = measure_distances(points[number], segments, row)
     near = apart <= NEAR_MM
     return list(zip(number[near].tolist(), row[near].tolist(), apart[near].tolist(), strict=True))
 
@@ -171,10 +171,10 @@ def project(path: ToolPath, point: FloatArray) -> tuple[int, float, float]:
     """
     segments = path_segments([path])
     every = np.arange(len(segments))
-    away = distances(np.tile(point, (len(segments), 1)), segments, every)
+    away = measure_distances(np.tile(point, (len(segments), 1)), segments, every)
     best = int(np.argmin(away))
     own = segments.take(every[best : best + 1])
-    fraction = float(np.clip(fractions(own, point[None]), 0.0, 1.0)[0])
+    fraction = float(np.clip(find_fractions(own, point[None]), 0.0, 1.0)[0])
     if min(fraction, 1 - fraction) * float(own.length[0]) < SEAM:
         fraction = float(round(fraction))
     return best + 1, fraction, float(away[best])

@@ -12,14 +12,14 @@ import numpy as np
 from msgspec.structs import replace
 
 from camgen.geometry.segments import from_contours
-from camgen.geometry.thinning import Polylines, thin
+from camgen.geometry.thinning import Polylines, thin_chains
 from camgen.model.job import Job
 from camgen.model.part import Contour, Note, Part
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
 from camgen.plan.border_arcs import with_arcs
 from camgen.read import is_drawing
-from camgen.vision.similarity import scale_of
+from camgen.vision.similarity import measure_scale
 
 #: Of a picture in two values the border lies up to half a pixel beside the line that it shows, and a little more where
 #: it turns. Grey values along the border tell where it is to a small part of a pixel.
@@ -64,7 +64,7 @@ def simplify(part: Part, job: Job) -> Part:
 
 def _of_pixels(contours: Sequence[Contour], work_from_view: FloatArray) -> float:
     """How far the border of a picture may be left, mm: by what its pixels do not tell."""
-    scale = scale_of(work_from_view)
+    scale = measure_scale(work_from_view)
     if not contours:
         return _PIXELS * scale
     points = np.concatenate([c.points for c in contours]) - work_from_view[:, 2]
@@ -89,7 +89,11 @@ def _thin_in_pixels(
     contours: Sequence[Contour], tolerance: float, arcs: bool, work_from_view: FloatArray
 ) -> tuple[Contour, ...]:
     """The same for borders of pixels, in pixels: the drawing at another scale gets the same lines and arcs."""
-    turned, shift, scale = work_from_view[:, :2], work_from_view[:, 2], scale_of(work_from_view)
+    turned, shift, scale = (
+        work_from_view[:, :2],
+        work_from_view[:, 2],
+        measure_scale(work_from_view),
+    )
     # Far below what a pixel tells, and far above what the scale leaves in the last digits.
     grid = [np.round((c.points - shift) @ np.linalg.inv(turned).T, _DIGITS) for c in contours]
     drawn = thin_out(
@@ -107,8 +111,8 @@ def _thin_in_pixels(
 
 def thin_out(contours: Sequence[Contour], tolerance: float, arcs: bool) -> tuple[Contour, ...]:
     """The contours with the points that they need to stay within ``tolerance``; arcs: those of them that are found."""
-    chains = Polylines.of(contours)
-    kept = thin(chains, tolerance)
+    chains = Polylines.from_contours(contours)
+    kept = thin_chains(chains, tolerance)
     row, points, bulges = kept, chains.points[kept], chains.bulges[kept]
     if arcs:
         row, points, bulges = with_arcs(

@@ -9,7 +9,7 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from camgen.geometry.arcs import Spans, spans
+from camgen.geometry.arcs import Spans, make_spans
 from camgen.geometry.ragged import begins, owners, ramp
 from camgen.geometry.rotations import turn_vectors
 from camgen.geometry.vectors import angles, cross
@@ -102,7 +102,7 @@ def _snap(
 
     def at(number: IntArray) -> Spans:
         row = base + number
-        return spans(drawn.position[row - 1], drawn.via[row], drawn.position[row])
+        return make_spans(drawn.position[row - 1], drawn.via[row], drawn.position[row])
 
     chosen = at(segment)
     late = (1 - fraction) * chosen.length < SAME_POINT_MM

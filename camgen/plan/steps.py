@@ -171,9 +171,9 @@ def find_enclosed(part: Part) -> frozenset[str]:
     closed = [c for c in part.contours if c.closed]
     if not closed:
         return frozenset()
-    from camgen.geometry.nesting import nest  # noqa: PLC0415 (shapely is loaded only by what needs it)
+    from camgen.geometry.nesting import find_nesting  # noqa: PLC0415 (shapely is loaded only by what needs it)
 
-    depth = nest(from_contours(closed), len(closed)).depth
+    depth = find_nesting(from_contours(closed), len(closed)).depth
     return frozenset(c.id for c, level in zip(closed, depth.tolist(), strict=True) if level > 0)
 
 
@@ -210,9 +210,9 @@ def find_enclosed_by(part: Part, ids: frozenset[str]) -> frozenset[str]:
     closed = [c for c in part.contours if c.closed]
     if not closed:
         return frozenset()
-    from camgen.geometry.nesting import nest  # noqa: PLC0415 (loads shapely)
+    from camgen.geometry.nesting import find_nesting  # noqa: PLC0415 (loads shapely)
 
-    parent = nest(from_contours(closed), len(closed)).parent.tolist()
+    parent = find_nesting(from_contours(closed), len(closed)).parent.tolist()
     enclosed = set[str]()
     for k, contour in enumerate(closed):
         above = parent[k]

@@ -7,7 +7,7 @@ from itertools import chain
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.geometry.nesting import nest
+from camgen.geometry.nesting import find_nesting
 from camgen.geometry.overlap import (
     SAME_CURVE_MM,
     Chain,
@@ -143,7 +143,7 @@ def _parents(part: Part) -> list[int]:
     closed = [k for k, c in enumerate(part.contours) if c.closed]
     parent = [-1] * len(part.contours)
     if closed:
-        nesting = nest(from_contours([part.contours[k] for k in closed]), len(closed))
+        nesting = find_nesting(from_contours([part.contours[k] for k in closed]), len(closed))
         for k, enclosing in zip(closed, nesting.parent.tolist(), strict=True):
             parent[k] = closed[enclosing] if enclosing >= 0 else -1
     return parent

@@ -10,7 +10,7 @@ import msgspec
 from msgspec import Struct, defstruct
 
 from camgen.model.job import SPEED_UNITS, Job
-from camgen.model.job_tables import NOT_IN_ROWS, ROWS, has_speed, row_tables, tables
+from camgen.model.job_tables import NOT_IN_ROWS, ROWS, has_speed, list_row_tables, list_tables
 from camgen.post import Post
 from camgen.post.plugins import find_post
 
@@ -22,7 +22,7 @@ def schema(post: str = "") -> Schema:
     """The schema of a job file. post: the controller whose options ``[post]`` may hold; any option when empty.
     JobError where there is no such post.
     """
-    about = tables()
+    about = list_tables()
     kinds = {
         name: kind for name, kind in get_type_hints(Job).items() if name not in ("post", *ROWS)
     }
@@ -37,7 +37,7 @@ def schema(post: str = "") -> Schema:
             if key not in NOT_IN_ROWS
         }
         row = {"type": "object", "properties": keys, "additionalProperties": False}
-        found[name] = {"type": "array", "description": row_tables()[name], "items": row}
+        found[name] = {"type": "array", "description": list_row_tables()[name], "items": row}
     found["post"] = (
         _options(find_post(post)) if post else {"type": "object", "description": about["post"]}
     )

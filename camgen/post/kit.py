@@ -54,7 +54,7 @@ from camgen.model.program import (
     Stop,
     ToolChange,
     Wait,
-    put_off_first,
+    switch_off_first,
 )
 from camgen.model.text import counted
 from camgen.post import OutputFile, Post, Tolerance
@@ -114,7 +114,7 @@ class Case(Struct, frozen=True):
                 body.append(item)
             is_at_home = False
         work = self.work or cell.base_from_work
-        safe = put_off_first(tuple(body))
+        safe = switch_off_first(tuple(body))
         return Program(self.title, work, cell.flange_from_tool, safe, self.header)
 
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.geometry.arcs import circle, minus, turn_about
+from camgen.geometry.arcs import circle, subtract, turn_about
 from camgen.model.body import NUMBER, Body, Indices, Packed
 from camgen.model.pose import FloatArray, Pose, Vec3, rotation_between, to_vec3
 from camgen.model.program import Columns, Force, Instruction, MoveC, MoveJ, MoveL, Program, pack
@@ -180,7 +180,7 @@ def seam_blends(radius: FloatArray, sweep: FloatArray, tolerance: float) -> Floa
 def along(start: Pose, arc: MoveC, fractions: Sequence[float]) -> list[Pose]:
     """Poses on the arc at fractions 0..1 of its sweep; the orientation turns from start through via to target."""
     centre, _, axis, sweep = circle(start.origin, arc.via.origin, arc.target.origin)
-    arm = minus(start.origin, centre)
+    arm = subtract(start.origin, centre)
     same = start.rotation is arc.target.rotation or np.array_equal(
         start.rotation, arc.target.rotation
     )

@@ -19,7 +19,7 @@ from camgen.model.cell import Cell, Dynamics
 from camgen.model.contract import check_members, check_value
 from camgen.model.errors import JobError
 from camgen.model.job import Job
-from camgen.model.plugins import entries, find, load, origin
+from camgen.model.plugins import find, find_origin, list_entries, load
 from camgen.model.text import suggest
 from camgen.post import Post
 from camgen.post.contract import CELL, CORRECT_POST, POST, POST_CLASS, name_post
@@ -48,7 +48,7 @@ def find_post(name: str) -> type[Post]:
     if name.endswith(".py"):
         post = _only(name)
     else:
-        loaded = load(find(entries(POSTS), name, "post", _LISTS))
+        loaded = load(find(list_entries(POSTS), name, "post", _LISTS))
         if not (isinstance(loaded, type) and issubclass(loaded, Post)):
             raise JobError(
                 f"post {name}", "is not a camgen.post.Post", remedy="mend or remove its package"
@@ -90,15 +90,19 @@ def read_back(
 def list_installed() -> list[Installed]:
     """All posts by name; a broken one is listed with its reason."""
     found = []
-    for entry in entries(POSTS):
+    for entry in list_entries(POSTS):
         try:
             post = find_post(entry.name)
         except JobError as error:
-            found.append(Installed(entry.name, origin(entry), "", "", str(error)))
+            found.append(Installed(entry.name, find_origin(entry), "", "", str(error)))
             continue
         found.append(
             Installed(
-                entry.name, origin(entry), post.about, post.suffix, _find_no_language(entry.name)
+                entry.name,
+                find_origin(entry),
+                post.about,
+                post.suffix,
+                _find_no_language(entry.name),
             )
         )
     return found
@@ -106,14 +110,14 @@ def list_installed() -> list[Installed]:
 
 def _find_no_language(name: str) -> str:
     """The reason why an installed post has no language, empty if it has one."""
-    if name in {entry.name for entry in entries(LANGUAGES)}:
+    if name in {entry.name for entry in list_entries(LANGUAGES)}:
         try:
             find_language(name)
         except JobError as error:
             return str(error)
         return ""
     reason = f"has no language (entry point {LANGUAGES})"
-    if name in {entry.name for entry in entries(OLD_READBACKS)}:
+    if name in {entry.name for entry in list_entries(OLD_READBACKS)}:
         reason += f"; {OLD_READBACKS} is not read any more, see docs/writing-a-post.md"
     return reason
 

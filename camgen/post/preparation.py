@@ -43,7 +43,7 @@ from camgen.model.program import (
     MoveL,
     Output,
     Program,
-    numbers,
+    read_numbers,
 )
 
 #: What an option may let a preparation change, with the words of the summary where the comparison
@@ -589,8 +589,8 @@ def _list_switches(side: _Side, allowed: frozenset[str]) -> _Switches:
     forces: list[Any] = columns.pick(changes)
     values = np.zeros((len(forces) + 1, 4))
     values[0, 0] = -1.0
-    values[1:, :1] = numbers(forces, "newtons")
-    values[1:, 1:] = numbers(forces, "force_direction", 3)
+    values[1:, :1] = read_numbers(forces, "newtons")
+    values[1:, 1:] = read_numbers(forces, "force_direction", 3)
     at = columns.at[side.rows]
     after, force_after = np.searchsorted(at, indices), np.searchsorted(at, changes)
     return _Switches(indices, after, items, force_after, values)

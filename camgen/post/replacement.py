@@ -33,7 +33,7 @@ from camgen.model.program import (
     Program,
     join,
     pack,
-    put_at,
+    replace_at,
 )
 from camgen.post.passes import PASSES, halve_each
 from camgen.post.values import end_of
@@ -105,7 +105,7 @@ def replace_refused(controller: Controller, program: Program, chord: float) -> P
     order = np.argsort(places)
     rows = stretches(begins(counts)[order], counts[order])
     pieces_in_order = join(halved, replaced.body()).take(rows)
-    return program.with_body(put_at(pack(body), places[order], counts[order], pieces_in_order))
+    return program.with_body(replace_at(pack(body), places[order], counts[order], pieces_in_order))
 
 
 def _halve_by_column(

@@ -34,7 +34,7 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.geometry.arcs import arc_middles
+from camgen.geometry.arcs import find_arc_middles
 from camgen.geometry.rotations import angles_between
 from camgen.geometry.vectors import lengths
 from camgen.lang.programs import Executed, Frames
@@ -56,7 +56,7 @@ from camgen.model.program import (
     Stop,
     ToolChange,
     Wait,
-    numbers,
+    read_numbers,
 )
 from camgen.model.text import counted, short
 from camgen.post import Post, Tolerance
@@ -152,7 +152,8 @@ class _Both(Struct, frozen=True, eq=False):
         """An attribute of the instructions of one type, a number or a tuple of ``width``."""
         places = self.places(kind)
         a, b = (
-            numbers(side.of(kind)[: len(places)], name, width) for side in (self.plan, self.read)
+            read_numbers(side.of(kind)[: len(places)], name, width)
+            for side in (self.plan, self.read)
         )
         return _Column(what, places, a, b, _worst(a - b), limit)
 
@@ -360,7 +361,7 @@ def _places(both: _Both, posed: Mask, tolerance: Tolerance) -> Iterator[_Column]
 
 def _middles(side: Columns, arcs: Indices) -> FloatArray:
     """The points half-way along the first arcs, which are the motions ``arcs``."""
-    return arc_middles(side.ends[arcs - 1], side.via[: len(arcs)], side.ends[arcs])
+    return find_arc_middles(side.ends[arcs - 1], side.via[: len(arcs)], side.ends[arcs])
 
 
 class _Looked(Struct, frozen=True, eq=False):

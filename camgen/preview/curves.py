@@ -6,7 +6,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.geometry.arcs import bulge_middles, spans_through
+from camgen.geometry.arcs import find_bulge_middles, make_spans_through
 from camgen.geometry.ragged import begins, owners, ramp
 from camgen.model.part import Contour
 from camgen.model.pose import FloatArray
@@ -37,7 +37,7 @@ def draw_spans(start: FloatArray, via: FloatArray, end: FloatArray, sag: float) 
 
     via: (M, 3), a point on the arc, NaN for a straight segment. An arc whose points are on one line is one.
     """
-    found = spans_through(start, via, end)
+    found = make_spans_through(start, via, end)
     with np.errstate(divide="ignore"):
         step = 2 * np.arccos(np.clip(1 - sag / found.radius, -1.0, 1.0))
     counts = (
@@ -81,4 +81,4 @@ def _segments(contour: Contour) -> tuple[FloatArray, FloatArray, FloatArray]:
     count = len(points) if contour.closed else len(points) - 1
     start, end = points[:count], np.roll(points, -1, axis=0)[:count]
     bulge = contour.bulges[:count]
-    return start, np.where(bulge[:, None] == 0, np.nan, bulge_middles(start, bulge, end)), end
+    return start, np.where(bulge[:, None] == 0, np.nan, find_bulge_middles(start, bulge, end)), end

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.arcs import bulges, span_lengths
+from camgen.geometry.arcs import compute_bulges, measure_spans
 from camgen.geometry.ragged import begins
 from camgen.model.errors import one_line
 from camgen.model.part import Contour, IntArray, Note
@@ -81,7 +81,7 @@ def of_paths(paths: Sequence[ToolPath]) -> PageChains:
     via = np.concatenate([path.via for path in paths])[:, :2]
     before = np.concatenate([points[:1], points[:-1]])
     return PageChains(
-        points, bulges(before, via, points), begins([len(path.position) for path in paths])
+        points, compute_bulges(before, via, points), begins([len(path.position) for path in paths])
     )
 
 
@@ -178,7 +178,7 @@ def tell_wrong(notes: Sequence[Note]) -> list[tuple[str, str]]:
 
 def arrows(path: ToolPath, page: Paper, every: float) -> list[tuple[float, float, float]]:
     """Page x, y and direction (deg, clockwise) of arrows, one for about ``every`` page mm, one at least."""
-    lengths = span_lengths(path.position, path.via[1:]) * page.scale
+    lengths = measure_spans(path.position, path.via[1:]) * page.scale
     ends = np.cumsum(lengths).round(_PLACE_DIGITS)
     if not len(ends) or ends[-1] <= 0:
         return []

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from camgen.geometry.arcs import bulges
+from camgen.geometry.arcs import compute_bulges
 from camgen.model.part import Note, Part, Raster
 from camgen.model.path import Tour
 from camgen.model.pose import FloatArray
@@ -170,7 +170,7 @@ def _segments(tour: Tour) -> PageChains:
     pairs, rows = [np.zeros((0, 2))], [np.zeros(0)]
     for path in tour.paths:
         start, end = path.position[:-1, :2], path.position[1:, :2]
-        bulge = bulges(start, path.via[1:, :2], end)
+        bulge = compute_bulges(start, path.via[1:, :2], end)
         pairs.append(np.stack([start, end], axis=1).reshape(-1, 2))
         rows.append(np.stack([np.zeros(len(bulge)), bulge], axis=1).ravel())
     points = np.concatenate(pairs)

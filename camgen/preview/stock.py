@@ -11,7 +11,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.check.report import clean
-from camgen.geometry.segments import bounds, from_contours
+from camgen.geometry.segments import compute_bounds, from_contours
 from camgen.model.job import ToolTable
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray, Pose, frozen
@@ -179,7 +179,7 @@ def stock_of(result: Built, found: Cutters) -> Stock | None:
     drawn = [
         c for c in part.contours if job.stock.layer and c.layer == job.stock.layer and c.closed
     ]
-    box = bounds(from_contours(drawn or part.contours))
+    box = compute_bounds(from_contours(drawn or part.contours))
     if not len(box):
         box = np.concatenate([np.hstack([path.position[:, :2]] * 2) for path in paths])
     margin = 0.0 if drawn else job.stock.margin

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.arcs import path_length
+from camgen.geometry.arcs import measure_path
 from camgen.model.errors import one_line
 from camgen.model.part import Contour, Note, Part
 from camgen.model.path import ToolPath, Tour
@@ -87,7 +87,7 @@ def svg(
 
     standing: fixtures of a mill.
     """
-    lengths = [path_length(path) for path in tour.paths]
+    lengths = [measure_path(path) for path in tour.paths]
     if part.curves:
         part, tour = see_aside(part, tour)
     followed = {ident for path in tour.paths for ident in path.contours}
@@ -195,7 +195,7 @@ def _paths(tour: Tour, page: Paper, lengths: Sequence[float]) -> Iterator[str]:
 
 
 def _arrows(path: ToolPath, page: Paper, colour: str) -> Iterator[str]:
-    size = min(1.0, path_length(path) * page.scale / 12)
+    size = min(1.0, measure_path(path) * page.scale / 12)
     if size < 0.3:
         return
     for x, y, turn in arrows(path, page, 90.0):
@@ -210,7 +210,7 @@ def _starts(paths: Sequence[ToolPath], page: Paper) -> Iterator[str]:
     places = page.place(np.array([path.position[0] for path in paths]).reshape(-1, 3))
     for k, (x, y) in enumerate(places.tolist()):
         radius = (
-            min(largest, max(1.0, path_length(paths[k]) * page.scale / 14)) if numbered else 0.6
+            min(largest, max(1.0, measure_path(paths[k]) * page.scale / 14)) if numbered else 0.6
         )
         yield f'<circle cx="{x:.2f}" cy="{y:.2f}" r="{radius:.2f}" fill="{by_order(k, len(paths))}"/>'
         if numbered:

@@ -23,7 +23,7 @@ from camgen.model.program import (
     Program,
     ToolChange,
     Wait,
-    column,
+    read_column,
 )
 from camgen.preview import Built
 from camgen.preview.curves import draw_spans
@@ -77,7 +77,7 @@ def events(
     # A wait belongs to the motion after it, as in ``cycle``.
     owner = np.append(path, -1)[np.searchsorted(moves, np.arange(len(chosen)))]
     taken = _spread(len(chosen), moves, seconds)
-    taken[waits] = column(columns.of(Wait), "seconds")
+    taken[waits] = read_column(columns.of(Wait), "seconds")
     feed, force = np.nan_to_num(feed), np.nan_to_num(force)
     return Events(chosen, kind, start, via, end, first_axis, last_axis, feed, force, owner, taken)
 

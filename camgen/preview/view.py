@@ -12,7 +12,7 @@ from msgspec.structs import replace
 
 from camgen.check.executed import Rounding
 from camgen.check.report import clean, path_sums
-from camgen.geometry.corners import corners_of
+from camgen.geometry.corners import check_corners
 from camgen.geometry.ragged import begins
 from camgen.model.part import Line, Note, Solid
 from camgen.model.pose import IDENTITY, FloatArray, Pose
@@ -78,7 +78,7 @@ def _take_untested(result: Built) -> Around:
     from camgen.collision.cell import make_box  # noqa: PLC0415 (loads fcl)
 
     holder = tuple(
-        make_box(_HERE, *corners_of("tool.holder", box)) for box in job.tool.holder or ()
+        make_box(_HERE, *check_corners("tool.holder", box)) for box in job.tool.holder or ()
     )
     named = [
         (f"fixture {k}", box)
@@ -86,7 +86,7 @@ def _take_untested(result: Built) -> Around:
         if isinstance(box, list)
     ]
     standing = [
-        Link(name, (make_box(_HERE, *corners_of("cell.fixtures", box)),)) for name, box in named
+        Link(name, (make_box(_HERE, *check_corners("cell.fixtures", box)),)) for name, box in named
     ]
     return Around((Link("holder", holder),), tuple(standing), result.cell.meshes)
 

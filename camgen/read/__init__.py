@@ -17,7 +17,7 @@ from camgen.model.errors import InputError, JobError
 from camgen.model.files import SCAN, Source
 from camgen.model.job import CameraTable, Job
 from camgen.model.part import Part
-from camgen.model.plugins import ask, entries, load, origin
+from camgen.model.plugins import find_origin, list_entries, load, run_plugin
 from camgen.read.clamps import set_clamps_aside
 from camgen.read.files import Files
 from camgen.read.move import move_part
@@ -69,13 +69,13 @@ class InstalledReader(Struct, frozen=True):
     @property
     def origin(self) -> str:
         """The package that it comes from: looked up only where it is shown, since its metadata are slow to read."""
-        return origin(self.entry)
+        return find_origin(self.entry)
 
 
 def list_installed() -> list[InstalledReader]:
     """All readers by name; a broken one is listed with its reason."""
     found = []
-    for entry in entries(READERS):
+    for entry in list_entries(READERS):
         try:
             reader = load(entry)
         except JobError as error:
@@ -124,7 +124,7 @@ def _recognise(one: InstalledReader, head: bytes) -> tuple[InstalledReader, bool
     if reader is None:
         return one, False
     try:
-        return one, bool(ask(one.entry, "look at a file", lambda: reader.recognise(head)))
+        return one, bool(run_plugin(one.entry, "look at a file", lambda: reader.recognise(head)))
     except JobError as error:
         return InstalledReader(one.entry, None, str(error)), False
 

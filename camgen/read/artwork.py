@@ -15,10 +15,10 @@ from camgen.model.part import Contour, Note, Part, Raster
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
 from camgen.read.files import Files
-from camgen.vision.centre import middles_of, piece_of, pieces_of
-from camgen.vision.image import Picture, load
-from camgen.vision.ink import Ink, borders, ink_of
-from camgen.vision.to_scale import ScaledView, already_to_scale
+from camgen.vision.centre import divide_ink, find_centre_lines, find_piece
+from camgen.vision.image import Picture, read_picture
+from camgen.vision.ink import Ink, find_ink, trace_borders
+from camgen.vision.to_scale import ScaledView, make_scaled_view
 
 
 def read(source: Source, job: Job, _files: Files) -> Part:
@@ -27,16 +27,16 @@ def read(source: Source, job: Job, _files: Files) -> Part:
     InputError if the picture has no ink or no scale, JobError for settings that a drawing has no use for.
     """
     _nothing_unused(job)
-    picture = load(source)
+    picture = read_picture(source)
     view = _view(picture, job)
     threshold = job.image.threshold
-    ink = ink_of(picture.pixels, threshold, job.image.invert)
+    ink = find_ink(picture.pixels, threshold, job.image.invert)
     if ink is None:
         what = "has no ink: it is of one grey value" + (
             "" if threshold is None else f" beside {short(threshold, 1)}"
         )
         raise InputError(source.name, what, remedy="draw dark on light, or set [image] threshold")
-    found = borders(ink)
+    found = trace_borders(ink)
     # Pixel (0, 0) of what was found is the paper around the picture.
     matrix = np.column_stack([view.work_from_view[:, :2], view.work_from_view @ (-1.0, -1.0, 1.0)])
     contours, told = _contours(ink, found, matrix, job)
@@ -71,9 +71,9 @@ def _contours(
     drawn = [(border, True) for border in found]
     notes: tuple[Note, ...] = ()
     if job.operation.kind == "trace" and job.image.lines != "border":
-        pieces = pieces_of(ink, job.image.lines == "centre")
-        middles, once = middles_of(pieces)
-        drawn = [(border, True) for border in found if not once[piece_of(border, pieces)]]
+        pieces = divide_ink(ink, job.image.lines == "centre")
+        middles, once = find_centre_lines(pieces)
+        drawn = [(border, True) for border in found if not once[find_piece(border, pieces)]]
         drawn += [(middle.points, middle.closed) for middle in middles]
         if once.any():
             what = f"{counted(int(once.sum()), 'piece')} of ink drawn once, along the middle"
@@ -103,8 +103,8 @@ def _view(picture: Picture, job: Job) -> ScaledView:
                 f"mm_per_px and width_mm have no effect: {what}",
                 remedy='use page.scale = "true"',
             )
-        return ScaledView(picture.pixels, already_to_scale(picture, 1.0).work_from_view, 1.0)
-    return already_to_scale(picture, image.mm_per_px, image.width_mm)
+        return ScaledView(picture.pixels, make_scaled_view(picture, 1.0).work_from_view, 1.0)
+    return make_scaled_view(picture, image.mm_per_px, image.width_mm)
 
 
 def _nothing_unused(job: Job) -> None:

@@ -21,7 +21,7 @@ from camgen.model.text import counted
 from camgen.read.image import find_target
 from camgen.vision.boards.find import list_marks
 from camgen.vision.frames import Shot, Sum, note_faults
-from camgen.vision.image import header
+from camgen.vision.image import read_header
 
 #: How an input says that it is a camera and no file: camera:0, camera:clip.avi, camera:rtsp://host/stream.
 PREFIX = "camera:"
@@ -96,7 +96,7 @@ def _insist_on_video(name: str, path: Path) -> None:
         ) from error
     if not head:
         raise InputError(name, "is empty")
-    if header(head) is not None:
+    if read_header(head) is not None:
         raise InputError(name, "is a picture, no video", remedy="build or inspect it as it is")
 
 

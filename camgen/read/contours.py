@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.segments import bounds, from_contours
+from camgen.geometry.segments import compute_bounds, from_contours
 from camgen.model.part import Part
 from camgen.model.text import short
 
@@ -28,7 +28,7 @@ class ContourFacts(Struct, frozen=True):
 def list_contours(part: Part) -> list[ContourFacts]:
     """All contours of a part, in its order."""
     segments = from_contours(part.contours)
-    box = bounds(segments)
+    box = compute_bounds(segments)
     # Some are one point, without a segment.
     low = np.array([contour.points[0] for contour in part.contours]).reshape(-1, 2)
     high = low.copy()

@@ -11,7 +11,7 @@ from typing import BinaryIO
 
 from camgen.model.errors import InputError
 from camgen.model.files import Source
-from camgen.model.limits import Limits, tell
+from camgen.model.limits import Limits, format_limit
 
 _DEFAULTS = Limits()
 #: Bytes that are read at a time, at least.
@@ -119,7 +119,9 @@ def _bounded(name: str, stream: BinaryIO, most: float, size: int = 0) -> bytes:
     data = b"".join(blocks)
     if len(data) > most:
         raise InputError(
-            name, f"has more than {tell(most)} bytes", remedy="split it, or raise limits.file_bytes"
+            name,
+            f"has more than {format_limit(most)} bytes",
+            remedy="split it, or raise limits.file_bytes",
         )
     return data
 

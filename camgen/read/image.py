@@ -21,24 +21,24 @@ from camgen.model.pose import FloatArray, pose_from_values
 from camgen.model.text import counted, short
 from camgen.read.files import Files
 from camgen.vision.boards.find import find
-from camgen.vision.boards.lens import LEAST_CORNERS, check_focal_length, lens_of_sheet
-from camgen.vision.boards.sheet import RULER, STROKE, Board, Sheet, sheet
+from camgen.vision.boards.lens import LEAST_CORNERS, check_focal_length, fit_sheet_lens
+from camgen.vision.boards.sheet import RULER, STROKE, Board, Sheet, make_sheet
 from camgen.vision.camera.camera import Camera, read_camera
-from camgen.vision.error_bound import ErrorBound, error_bound
-from camgen.vision.image import Picture, is_of_sensor, load
-from camgen.vision.lines_arcs.contours import OutlineFit, primitives
+from camgen.vision.error_bound import ErrorBound, compute_error_bound
+from camgen.vision.image import Picture, is_of_sensor, read_picture
+from camgen.vision.lines_arcs.contours import OutlineFit, make_contours
 from camgen.vision.mask.channel import remove_shadows
-from camgen.vision.mask.part_mask import Mask, is_cut_out, part_mask
-from camgen.vision.outline import Outline, outlines
-from camgen.vision.plane import Plane, map_points, plane_from_points, plane_from_pose
-from camgen.vision.side_wall import cameras_of, find_side_wall
+from camgen.vision.mask.part_mask import Mask, is_cut_out, make_mask
+from camgen.vision.outline import Outline, find_outlines
+from camgen.vision.plane import Plane, fit_plane, make_plane, map_points
+from camgen.vision.side_wall import find_side_wall, list_cameras
 from camgen.vision.to_scale import (
     Region,
     ScaledView,
-    already_to_scale,
     cut_out,
-    frame_view,
+    make_scaled_view,
     rectify,
+    sample_border,
 )
 
 #: A ChArUco board by its squares.
@@ -103,7 +103,7 @@ def read(source: Source, job: Job, files: Files) -> Part:
     """
     outlined, borders = _outline(source, job, files)
     assert outlined.raster is not None
-    drawn, fits, more = primitives(borders, outlined.raster.work_from_view)
+    drawn, fits, more = make_contours(borders, outlined.raster.work_from_view)
     return replace(outlined, contours=drawn, notes=(*outlined.notes, *more, *_tell_fit(fits)))
 
 
@@ -119,7 +119,7 @@ def read_outlines(source: Source, job: Job, files: Files) -> Part:
 def _outline(source: Source, job: Job, files: Files) -> tuple[Part, Sequence[Outline]]:
     """The part without contours, and the borders from which they are made."""
     seen = _see(source, job, files)
-    borders, notes = outlines(seen.mask.grey, seen.mask.pixels)
+    borders, notes = find_outlines(seen.mask.grey, seen.mask.pixels)
     _insist_on_edges(source.name, borders, job)
     points = tuple(border.points for border in borders)
     blur = float(np.median([border.blur for border in borders])) if borders else 0.0
@@ -195,7 +195,7 @@ def _tell_fit(fits: Sequence[OutlineFit]) -> tuple[Note, ...]:
 
 def inspect(source: Source, job: Job, files: Files) -> PictureFacts:
     """What is in the picture ``source``, as far as its scale is known."""
-    picture = load(source)
+    picture = read_picture(source)
     height, width = picture.pixels.shape[:2]
     colour = picture.pixels.ndim == 3
     try:
@@ -213,7 +213,7 @@ def inspect(source: Source, job: Job, files: Files) -> PictureFacts:
 
 def _see(source: Source, job: Job, files: Files) -> _Seen:
     _nothing_unused(job)
-    picture = _light(load(source, sensor=is_of_sensor(job.camera)), job)
+    picture = _light(read_picture(source, sensor=is_of_sensor(job.camera)), job)
     camera = read_camera(files.read(job.camera.file)) if job.camera.file else None
     plane = _plane(picture, camera, job.camera)
     # The view is made with the camera that the sheet shows; that one is not calibrated.
@@ -242,7 +242,7 @@ def _second(picture: Picture, job: Job, files: Files, key: str) -> Picture:
     Raises InputError if its size or its colours differ.
     """
     file = files.read(getattr(job.image, key))
-    second = _light(load(file, sensor=is_of_sensor(job.camera)), job)
+    second = _light(read_picture(file, sensor=is_of_sensor(job.camera)), job)
     if second.pixels.shape == picture.pixels.shape:
         return second
     differ = "size" if second.pixels.shape[:2] != picture.pixels.shape[:2] else "colors"
@@ -354,13 +354,13 @@ def _mask(
     view = _view(way, picture, region, coarser)
     if way.by_alpha and picture.alpha is not None:
         opaque = _view(way, replace(picture, pixels=picture.alpha), region, coarser)
-        return view, part_mask(opaque, replace(way.job.image, mask="alpha"), None, picture.name)
+        return view, make_mask(opaque, replace(way.job.image, mask="alpha"), None, picture.name)
     background = None if empty is None else _view(way, empty, region, coarser)
     table = way.job.image
     kinds = {way.job.operation.kind, *(step.operation.kind for step in way.job.operations)}
     if not kinds.isdisjoint(_OF_PATTERNS):
         table = replace(table, accept=[*table.accept, "specks"])
-    return view, part_mask(view, table, background, picture.name)
+    return view, make_mask(view, table, background, picture.name)
 
 
 def _area(view: ScaledView, mask: Mask) -> float:
@@ -414,17 +414,17 @@ def _plane(picture: Picture, camera: Camera | None, table: CameraTable) -> Plane
                 "points_px and points_mm belong together",
                 remedy="give both, in one order",
             )
-        pairs = plane_from_points(camera, table.points_px, table.points_mm)
+        pairs = fit_plane(camera, table.points_px, table.points_mm)
         if not table.height:
             return pairs
         height, width = picture.pixels.shape[:2]
         lens = None
         if camera is None:
             px, mm, size = pairs.pairs_px, pairs.pairs_mm, (width, height)
-            lens = lens_of_sheet(px, mm, size, needs_focal=True, focal_px=picture.focal_px)
+            lens = fit_sheet_lens(px, mm, size, needs_focal=True, focal_px=picture.focal_px)
             check_focal_length(lens)
         used = camera if lens is None else lens.camera
-        plane = plane_from_points(used, table.points_px, table.points_mm, height=table.height)
+        plane = fit_plane(used, table.points_px, table.points_mm, height=table.height)
         return plane if lens is None else replace(plane, lens=lens, notes=(lens.note, *plane.notes))
     if table.plane_from is not None:
         if camera is None:
@@ -437,7 +437,7 @@ def _plane(picture: Picture, camera: Camera | None, table: CameraTable) -> Plane
                 f"has {counted(len(table.plane_from), 'value')}",
                 remedy="give 6",
             )
-        return plane_from_pose(camera, pose_from_values(table.plane_from))
+        return make_plane(camera, pose_from_values(table.plane_from))
     if table.markers:
         return find(picture, camera, find_target(table), height=table.height)
     return None
@@ -450,7 +450,7 @@ def _view(way: _Way, picture: Picture, region: Region | None, coarser: int) -> S
         remedy = "give [camera] points_px and points_mm, plane_from, or markers"
         raise JobError("[camera]", "a lens without a work plane", remedy=remedy)
     table = way.job.image
-    return cut_out(already_to_scale(picture, table.mm_per_px, table.width_mm), region, coarser)
+    return cut_out(make_scaled_view(picture, table.mm_per_px, table.width_mm), region, coarser)
 
 
 def _region(job: Job, plane: Plane | None) -> Region | None:
@@ -494,7 +494,7 @@ def find_target(table: CameraTable) -> Sheet | Board:
     """The sheet or the board that lies on the bench."""
     squares = _BOARD.fullmatch(table.markers)
     if squares is None:
-        return sheet(table.markers, table.marker, table.printed_length)
+        return make_sheet(table.markers, table.marker, table.printed_length)
     return Board(int(squares[1]), int(squares[2]), table.square, table.marker)
 
 
@@ -505,7 +505,7 @@ def _frame(seen: _Seen) -> FloatArray:
         return np.array(
             [[0.0, 0.0], [width - 1.0, 0.0], [width - 1.0, height - 1.0], [0.0, height - 1.0]]
         )
-    return frame_view(seen.view, seen.camera, seen.plane, (width, height))
+    return sample_border(seen.view, seen.camera, seen.plane, (width, height))
 
 
 def _placed(seen: _Seen, outlines_px: Sequence[FloatArray], job: Job) -> tuple[Note, ...]:
@@ -521,7 +521,7 @@ def _placed(seen: _Seen, outlines_px: Sequence[FloatArray], job: Job) -> tuple[N
     outline = np.concatenate(outlines_px) @ matrix[:, :2].T + matrix[:, 2]
     height, width = seen.picture.pixels.shape[:2]
     step = max(1, len(outline) // _BOUND_PLACES)
-    bound = error_bound(plane, seen.camera, (width, height), outline[::step])
+    bound = compute_error_bound(plane, seen.camera, (width, height), outline[::step])
     off = f"up to {short(bound.outside, 1)} mm outside of the points that gave the work plane"
     is_calibrated = seen.camera is not None and plane.lens is None
     is_beside = not is_calibrated and bound.outside > _OUTSIDE_MM
@@ -587,7 +587,7 @@ def _note_wall(seen: _Seen, borders: Sequence[FloatArray], job: Job) -> tuple[No
     """
     if seen.plane is None or not job.camera.markers or not borders:
         return ()
-    cameras = cameras_of(seen.picture, seen.plane, seen.camera)
+    cameras = list_cameras(seen.picture, seen.plane, seen.camera)
     matrix = seen.view.work_from_view
     pixels = seen.view.pixels, seen.mask.pixels
     wall = find_side_wall(*pixels, matrix, borders, seen.plane, cameras)

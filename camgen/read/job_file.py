@@ -31,14 +31,14 @@ from camgen.model.job_tables import (
     Setting,
     defaults_beside,
     has_speed,
-    keys_of,
-    row_settings,
-    settings,
+    list_keys,
+    list_row_settings,
+    list_settings,
+    list_tables,
     split_name,
-    tables,
 )
-from camgen.model.limits import Limits, tell
-from camgen.model.plugins import OPERATIONS, entries
+from camgen.model.limits import Limits, format_limit
+from camgen.model.plugins import OPERATIONS, list_entries
 from camgen.model.text import counted, suggest
 from camgen.read.colors import BASIC, resolve_named
 from camgen.read.files import Files
@@ -238,7 +238,7 @@ def _tables_of(tree: Mapping[str, object], origin: str) -> Tree:
         if name in ROWS:
             result |= _rows_of(name, content, origin)
             continue
-        if name not in tables():
+        if name not in list_tables():
             raise _unknown_table(name, origin, content)
         if not isinstance(content, Mapping):
             raise JobError(
@@ -261,12 +261,14 @@ def _rows_of(name: str, content: object, origin: str) -> Tree:
 
 
 def _unknown_table(name: str, origin: str, content: object) -> JobError:
-    homes = [s.table for s in settings() if s.key == name]
+    homes = [s.table for s in list_settings() if s.key == name]
     if homes and not isinstance(content, Mapping):
         return JobError(
             origin, f"{_quote(name)} stands outside its table", remedy=f"it belongs to [{homes[0]}]"
         )
-    near = suggest(str(name), [*(f"[{one}]" for one in tables()), *(f"[[{one}]]" for one in ROWS)])
+    near = suggest(
+        str(name), [*(f"[{one}]" for one in list_tables()), *(f"[[{one}]]" for one in ROWS)]
+    )
     return JobError(origin, f"unknown table [{_clean(name)}]", remedy=near)
 
 
@@ -279,14 +281,14 @@ def assignment(text: str) -> tuple[str, str, object]:
         place, dot, key = (part.strip() for part in key.partition("."))
         table = f"{table}.{place}"
     if not (equals and dot and table and key):
-        names = [f"{s.table}.{s.key}" for s in settings()]
+        names = [f"{s.table}.{s.key}" for s in list_settings()]
         homes = [one for one in names if one.endswith(f".{table}")]
         raise JobError(
             origin,
             "is not table.key=value",
             remedy=suggest(name, homes or names) if name else "write tool.diameter=5",
         )
-    if table not in tables() and table.partition(".")[0] not in ROWS:
+    if table not in list_tables() and table.partition(".")[0] not in ROWS:
         raise _unknown_table(table, origin, {})
     return table, key, value_of(raw)
 
@@ -302,7 +304,7 @@ def value_of(raw: str) -> object:
 
 def _convert(tree: Tree, origins: Origins, source: str) -> Job:
     for table, keys in tree.items():
-        known = keys_of(table) if table != "post" else keys
+        known = list_keys(table) if table != "post" else keys
         for key, value in keys.items():
             origin = origins.get((table, key), source)
             if key not in known:
@@ -353,7 +355,7 @@ def _place(table: str) -> str:
 
 def _settings_of(table: str) -> dict[str, Setting]:
     name, dot, _ = table.partition(".")
-    return {s.key: s for s in (row_settings() if dot else settings()) if s.table == name}
+    return {s.key: s for s in (list_row_settings() if dot else list_settings()) if s.table == name}
 
 
 Kind = TypeVar("Kind", bound=Struct)
@@ -390,7 +392,7 @@ def _operation(keys: Mapping[str, object], where: _Where) -> OperationTable:
     kind = keys.get("kind")
     known = get_args(get_args(get_type_hints(OperationTable, include_extras=True)["kind"])[0])
     if kind in known or kind not in [
-        entry.name for entry in entries(OPERATIONS)
+        entry.name for entry in list_entries(OPERATIONS)
     ]:  # a kind of any type at all
         return _table(OperationTable, keys, where)
     return replace(_table(OperationTable, {**keys, "kind": "auto"}, where), kind=kind)
@@ -493,7 +495,7 @@ def _insist_on_numbers(tree: Tree, origins: Origins, source: str, most: float) -
                 or all(abs(number) <= most for number in _numbers(value))
             ):
                 continue
-            what = f"{key} cannot be beyond {tell(most)}: {_quote_short(value)}"
+            what = f"{key} cannot be beyond {format_limit(most)}: {_quote_short(value)}"
             remedy = "give a value that can be meant, or raise limits.number"
             raise JobError(origins.get((table, key), source), what, _place(table), remedy)
 
@@ -514,7 +516,7 @@ def _insist_on_settings(job: Job, where: _Where) -> None:
     for place, key, value, beyond in found:
         if beyond:
             most = key == "passes"
-            what = f"{key} must be {tell(getattr(limits, key))} at {'most' if most else 'least'}, not {value:g}"
+            what = f"{key} must be {format_limit(getattr(limits, key))} at {'most' if most else 'least'}, not {value:g}"
             raise place.fault(
                 key,
                 what,
@@ -523,7 +525,7 @@ def _insist_on_settings(job: Job, where: _Where) -> None:
 
 
 def _unknown_key(table: str, key: str, origin: str) -> JobError:
-    elsewhere = [s.table for s in settings() if s.key == key]
+    elsewhere = [s.table for s in list_settings() if s.key == key]
     elsewhere.sort(key=lambda home: not table.startswith(home))
     remedy = (
         f"it belongs to [{elsewhere[0]}]" if elsewhere else suggest(str(key), _settings_of(table))

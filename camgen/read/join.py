@@ -231,7 +231,7 @@ def contours(
         )
         for i, ((a, b), closed, layer, color) in enumerate(rows, start=1)
     )
-    return Contours.of(made, columns), tuple(notes)
+    return Contours.from_columns(made, columns), tuple(notes)
 
 
 def _are_nearly_closed(soup: Soup) -> BoolArray:

@@ -148,7 +148,7 @@ def _select_outlines(
         return []
     import shapely  # noqa: PLC0415 (only drawings with such loops)
 
-    from camgen.geometry.nesting import nest  # noqa: PLC0415 (loads shapely)
+    from camgen.geometry.nesting import find_nesting  # noqa: PLC0415 (loads shapely)
 
     rings = _flatten_outlines(loops)
     loops = [loop for loop, ring in zip(loops, rings, strict=True) if len(ring) > 2]
@@ -158,7 +158,10 @@ def _select_outlines(
     which, candidates = shapely.STRtree(starts).query(wide, predicate="contains")
     outlines = []
     for k in np.unique(which).tolist():
-        if not polygons[k].is_valid and nest(from_contours([loops[k].outline]), 1).crossed[0] >= 0:
+        if (
+            not polygons[k].is_valid
+            and find_nesting(from_contours([loops[k].outline]), 1).crossed[0] >= 0
+        ):
             continue
         inside = [closed[j] for j in np.sort(candidates[which == k]).tolist()]
         inside = [contour for contour in inside if _lies_in(contour, wide[k], narrow[k])]

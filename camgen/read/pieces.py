@@ -10,7 +10,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from camgen.geometry.arcs import bulge_middles
+from camgen.geometry.arcs import find_bulge_middles
 from camgen.geometry.ragged import following, offsets, owners, run_starts, stretches
 from camgen.model.pose import FloatArray
 from camgen.model.text import harmless
@@ -155,7 +155,7 @@ def _halve(soup: Soup) -> Soup:
     if not len(wide):
         return soup
     b = soup.bulges[wide]
-    middle = bulge_middles(soup.points[wide], b, soup.points[following[wide]])
+    middle = find_bulge_middles(soup.points[wide], b, soup.points[following[wide]])
     half = np.tan(np.arctan(b) / 2)
     bulges = soup.bulges.copy()
     bulges[wide] = half

@@ -16,7 +16,7 @@ from camgen.geometry.rotations import angles_between
 from camgen.model.errors import InputError, JobError
 from camgen.model.files import Source
 from camgen.model.job import InputTable, Job
-from camgen.model.limits import tell
+from camgen.model.limits import format_limit
 from camgen.model.part import Curve, Note, Part
 from camgen.model.pose import FloatArray, frozen, rotation_from_fixed_xyz
 from camgen.model.text import counted, short
@@ -139,7 +139,7 @@ def _chains(source: Source) -> list[tuple[int, list[list[float]]]]:
             )
         count += 1
         if count > source.limits.points:
-            what = f"has more than {tell(source.limits.points)} points"
+            what = f"has more than {format_limit(source.limits.points)} points"
             raise InputError(
                 source.name, what, f"line {number}", "split it, or raise limits.points"
             )

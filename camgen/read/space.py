@@ -14,7 +14,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.arcs import chain as spans_of
-from camgen.geometry.arcs import span_lengths
+from camgen.geometry.arcs import measure_spans
 from camgen.model.part import Curve, Note
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
@@ -74,7 +74,7 @@ def make_curve(
     """A curve through ``points`` (N, 3), over ``via`` (N - 1, 3), NaN for lines."""
     curved = ~np.isnan(via[:, 0])
     middles = np.where(curved[:, None], via, (points[:-1] + points[1:]) / 2)
-    length = float(span_lengths(points, via).sum())
+    length = float(measure_spans(points, via).sum())
     return Curve(name, layer, frozen(points), frozen(middles), curved, closed, length, rotations)
 
 
@@ -123,7 +123,7 @@ def _credible(piece: Piece) -> bool:
 
 def _without_repeats(piece: Piece) -> Piece:
     """Without spans that have no length."""
-    spans = np.flatnonzero(span_lengths(piece.points, piece.via) > SAME_POINT_MM)
+    spans = np.flatnonzero(measure_spans(piece.points, piece.via) > SAME_POINT_MM)
     kept = np.concatenate([[0], spans + 1]) if len(spans) else np.zeros(0, dtype=np.int64)
     return Piece(piece.kind, piece.layer, piece.points[kept], piece.via[spans])
 
@@ -153,7 +153,7 @@ def _partners(pieces: Sequence[Piece], tolerance: float) -> list[int]:
     places = np.concatenate([one.points[[0, -1]] for one in pieces])
     tangents = [spans_of(one.points, one.via).tangents() for one in pieces]
     out = np.concatenate([np.stack([-begins[0], ends[-1]]) for begins, ends in tangents])
-    lengths = [float(span_lengths(one.points, one.via).sum()) for one in pieces]
+    lengths = [float(measure_spans(one.points, one.via).sum()) for one in pieces]
     layers = [one.layer for one in pieces]
     free = [end for end in range(len(partner)) if not _is_closed(pieces[end >> 1])]
     options = []

@@ -15,7 +15,7 @@ from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
 from camgen.vision.image import Pixels
 from camgen.vision.ink import Ink
-from camgen.vision.skeleton import Stroke, graph, skeleton, strokes
+from camgen.vision.skeleton import Stroke, join_strokes, make_graph, thin_mask
 
 BoolArray = NDArray[np.bool_]
 
@@ -49,7 +49,7 @@ class Pieces(Struct, frozen=True, eq=False):
     depth: NDArray[np.float32]
 
 
-def pieces_of(ink: Ink, all_lines: bool) -> Pieces:
+def divide_ink(ink: Ink, all_lines: bool) -> Pieces:
     """Divide ink into pieces and decide which of them are lines.
 
     all_lines: whether all pieces count as lines.
@@ -90,7 +90,7 @@ class Middle(Struct, frozen=True, eq=False):
     closed: bool
 
 
-def middles_of(pieces: Pieces) -> tuple[list[Middle], BoolArray]:
+def find_centre_lines(pieces: Pieces) -> tuple[list[Middle], BoolArray]:
     """Find the centre lines of the pieces that are lines.
 
     Returns the centre lines, and a mask (P + 1,) of the pieces that have one, by label. In these
@@ -99,7 +99,7 @@ def middles_of(pieces: Pieces) -> tuple[list[Middle], BoolArray]:
     mask: Pixels = pieces.lines[pieces.label].view(np.uint8)
     lines = [
         stroke
-        for stroke in strokes(graph(skeleton(mask), None, pieces.depth))
+        for stroke in join_strokes(make_graph(thin_mask(mask), None, pieces.depth))
         if len(stroke.points) > 1
     ]
     owner = [_find_label(stroke, pieces) for stroke in lines]
@@ -140,7 +140,7 @@ def _average_points(lines: list[Stroke]) -> list[Middle]:
     return [Middle(part, stroke.closed) for part, stroke in zip(parts, lines, strict=True)]
 
 
-def piece_of(border: FloatArray, pieces: Pieces) -> int:
+def find_piece(border: FloatArray, pieces: Pieces) -> int:
     """The label of the piece that a border (N, 2), px, runs around or in.
 
     A point of a border lies between a pixel of ink and one of paper, which has label 0.

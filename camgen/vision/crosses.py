@@ -60,7 +60,7 @@ class Cross(Struct, frozen=True):
     width: float
 
 
-def crosses(mask: Pixels, grey: Pixels) -> tuple[Cross, ...]:
+def find_crosses(mask: Pixels, grey: Pixels) -> tuple[Cross, ...]:
     """Find the marks among the pieces of a mask, and among the holes in it, from the top down.
 
     A mark that touches other ink is not found.

@@ -23,10 +23,10 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.model.pose import FloatArray
-from camgen.vision.boards.lens import AGREES, bend_of, homography_slopes
+from camgen.vision.boards.lens import AGREES, compute_homography_slopes, find_bend
 from camgen.vision.camera.camera import Camera, undistort
 from camgen.vision.camera.sheet_lens import SheetLens
-from camgen.vision.plane import Plane, depth, map_points, raise_plane
+from camgen.vision.plane import Plane, compute_depth, map_points, raise_plane
 
 #: The bound covers this many standard deviations on either side. Three are enough for independent
 #: corners. Near corners err alike, and their residuals do not show that.
@@ -60,7 +60,7 @@ class ErrorBound(Struct, frozen=True):
         return self.noise + self.lens + self.height
 
 
-def error_bound(
+def compute_error_bound(
     plane: Plane, camera: Camera | None, size: tuple[int, int], outline: FloatArray
 ) -> ErrorBound:
     """The bound of an outline. The height of the part counts as exact.
@@ -103,9 +103,9 @@ def _by_points(
     """
     freedom = 2 * len(measured) - (8 if size is None else 9)
     error = (measured - map_points(homography, plane.pairs_mm)).ravel()
-    by_homography = homography_slopes(homography, plane.pairs_mm).reshape(-1, 9)
+    by_homography = compute_homography_slopes(homography, plane.pairs_mm).reshape(-1, 9)
     inverse = np.linalg.pinv(by_homography)
-    at_outline = homography_slopes(homography, places)
+    at_outline = compute_homography_slopes(homography, places)
     mm_per_px = np.linalg.inv(_jacobians(homography, places))
     lens = np.zeros(len(places))
     if size is not None:
@@ -128,7 +128,7 @@ def _by_fitted_lens(
     plane: Plane, lens: SheetLens, homography: FloatArray, places: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Shares (N,), mm, of the noise and of a lens that the same corners gave."""
-    bend, middle, half = bend_of(lens.camera)
+    bend, middle, half = find_bend(lens.camera)
     scaled = homography.copy()
     scaled[:2] = (homography[:2] - middle[:, None] * homography[2:]) / half
     seen, slopes = bend.slopes(scaled, plane.pairs_mm)
@@ -176,7 +176,7 @@ def _jacobians(homography: FloatArray, places: FloatArray) -> FloatArray:
     """Derivatives (N, 2, 2) of the pixel of each place by its x and y, px/mm."""
     px = map_points(homography, places)
     top = homography[None, :2, :2] - px[:, :, None] * homography[None, 2:, :2]
-    return np.asarray(top / depth(homography, places)[:, None, None])
+    return np.asarray(top / compute_depth(homography, places)[:, None, None])
 
 
 def _distortion(px: FloatArray, size: tuple[int, int]) -> FloatArray:

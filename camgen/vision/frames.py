@@ -104,7 +104,9 @@ class Sum:
         """The mean of at least one frame, rounded, with its measurements."""
         mean = np.rint(self._total / self.frames).astype(np.uint8)
         clipped = float((2 * self._clipped > self.frames).mean())
-        return Shot(mean, self.frames, clipped, edge_blur(self.first), edge_smear(self.first, mean))
+        return Shot(
+            mean, self.frames, clipped, measure_blur(self.first), measure_smear(self.first, mean)
+        )
 
 
 class _Edges(Struct, frozen=True, eq=False):
@@ -124,7 +126,7 @@ class _Edges(Struct, frozen=True, eq=False):
         return self.step[self.is_edge] / self.slope[self.is_edge]
 
 
-def edge_blur(pixels: Pixels) -> float | None:
+def measure_blur(pixels: Pixels) -> float | None:
     """Measure the blur of the strongest edges: sigma of the Gaussian, px; None without edges.
 
     The area of a pixel is included, which alone is a blur of 0.29. Blurs above 6 px are measured as
@@ -134,7 +136,7 @@ def edge_blur(pixels: Pixels) -> float | None:
     return None if edges is None else _compute_blur(edges.widths())
 
 
-def edge_smear(first: Pixels, mean: Pixels) -> float | None:
+def measure_smear(first: Pixels, mean: Pixels) -> float | None:
     """Measure the blur of those edges of `first` that are most blurred in `mean`, a tenth; px.
 
     A camera or a part that moves may blur the edges of one direction only, and leaves those of a

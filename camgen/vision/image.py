@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from camgen.model.errors import InputError, one_line
 from camgen.model.files import Source
 from camgen.model.job import CameraTable
-from camgen.model.limits import Limits, tell
+from camgen.model.limits import Limits, format_limit
 from camgen.model.part import Note
 from camgen.model.text import counted, short
 
@@ -112,7 +112,7 @@ class _Tiff(Struct, frozen=True):
     focal_35mm: int = 0
 
 
-def header(data: bytes) -> Header | None:
+def read_header(data: bytes) -> Header | None:
     """Read the header of an image.
 
     Returns None for a file of another kind, and for one that ends within its header.
@@ -332,7 +332,7 @@ class Picture(Struct, frozen=True, eq=False):
     focal_px: float | None = None
 
 
-def load(source: Source, *, sensor: bool = False) -> Picture:
+def read_picture(source: Source, *, sensor: bool = False) -> Picture:
     """Read a PNG, JPEG, TIFF, BMP or PGM file.
 
     sensor: leave the pixels as the sensor delivered them, without the Exif orientation, for use
@@ -343,7 +343,7 @@ def load(source: Source, *, sensor: bool = False) -> Picture:
     name, data = source.name, source.data
     if not data:
         raise InputError(name, "is empty")
-    head = header(data)
+    head = read_header(data)
     if head is None:
         raise InputError(
             name,
@@ -402,14 +402,15 @@ def _check_size(name: str, head: Header, limits: Limits) -> None:
     if pixels > limits.picture_pixels:
         raise InputError(
             name,
-            f"has {head.width} x {head.height} pixels, more than {tell(limits.picture_pixels)}",
+            f"has {head.width} x {head.height} pixels, "
+            f"more than {format_limit(limits.picture_pixels)}",
             remedy="crop it, scan with fewer DPI, or raise limits.picture_pixels",
         )
     size = pixels * head.depth
     if size > limits.picture_bytes:
         raise InputError(
             name,
-            f"its pixels take {size:,} bytes, more than {tell(limits.picture_bytes)}",
+            f"its pixels take {size:,} bytes, more than {format_limit(limits.picture_bytes)}",
             remedy="save it with 8 bits a channel and without transparency, crop it, "
             "or raise limits.picture_bytes",
         )

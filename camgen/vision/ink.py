@@ -41,7 +41,7 @@ class Ink(Struct, frozen=True, eq=False):
     why: str
 
 
-def ink_of(pixels: Pixels, threshold: float | None, invert: bool) -> Ink | None:
+def find_ink(pixels: Pixels, threshold: float | None, invert: bool) -> Ink | None:
     """Find the ink of a picture (H, W) or (H, W, 3).
 
     Ink is the side of the threshold on which less than half of the picture's border lies.
@@ -87,7 +87,7 @@ def _compute_median(grey: Pixels, selected: BoolArray) -> float:
     return float(np.searchsorted(counts, counts[-1] / 2))
 
 
-def borders(ink: Ink) -> list[FloatArray]:
+def trace_borders(ink: Ink) -> list[FloatArray]:
     """Follow the closed borders of the ink, in the order of their topmost points.
 
     With v upwards the ink is on the left: outer borders run counter-clockwise, those of holes

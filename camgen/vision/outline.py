@@ -9,7 +9,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.geometry.rings import ComplexArray, Rings, rings
+from camgen.geometry.rings import ComplexArray, Rings, make_rings
 from camgen.model.errors import InputError
 from camgen.model.part import IntArray, Note
 from camgen.model.pose import FloatArray, frozen
@@ -108,7 +108,7 @@ def fit_edge(grey: Pixels | Float32, mask: Pixels, loops: Rings, chain: ComplexA
 
     chain: (N,) u + iv, the outermost pixels of the mask, with the part on the left.
     """
-    outward = 1j * directions(loops, chain)
+    outward = 1j * measure_directions(loops, chain)
     axis = _choose_axes(outward)
     values = _read_pixels(grey, chain, axis, _STEPS).astype(np.float32)
     profiles = _Profiles(loops, chain, axis, values, _find_weights(mask, chain, axis))
@@ -119,7 +119,7 @@ def fit_edge(grey: Pixels | Float32, mask: Pixels, loops: Rings, chain: ComplexA
     for k in range(_ROUNDS):
         if k % 2 == 0:
             points = chain + axis * fit.place
-            along = directions(loops, points)
+            along = measure_directions(loops, points)
             outward, bend = 1j * along, _measure_bends(loops, points, along)
         fit = _improve(profiles, fit, outward, bend)
     is_near = np.abs(fit.place - 0.5) < _MAX_DISTANCE_PX
@@ -350,7 +350,7 @@ class _EdgeWidths(Struct, frozen=True, eq=False):
     sharp: BoolArray
 
 
-def outlines(
+def find_outlines(
     grey: Pixels | Float32, mask_pixels: Pixels
 ) -> tuple[tuple[Outline, ...], tuple[Note, ...]]:
     """Find the outlines of the part in a mask, as exactly as the grey picture shows them.
@@ -430,10 +430,10 @@ def _find_chains(mask: Pixels) -> tuple[Rings, ComplexArray, NDArray[np.bool_]]:
 
     chains, tree = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     if not chains:
-        loops = rings(np.zeros(0, dtype=np.int64))
+        loops = make_rings(np.zeros(0, dtype=np.int64))
         return loops, np.zeros(0, dtype=complex), np.zeros(0, dtype=bool)
     flat = np.concatenate(chains)[:, 0].astype(np.float64)
-    loops = rings(np.array([len(chain) for chain in chains]))
+    loops = make_rings(np.array([len(chain) for chain in chains]))
     return loops, flat @ np.array([1, 1j]), tree[0, :, 3] >= 0
 
 
@@ -455,7 +455,7 @@ def _measure_widths(
     grey: Pixels | Float32, mask: Pixels, loops: Rings, chain: ComplexArray
 ) -> _EdgeWidths:
     """Measure the widths of the edges beside all borders, by their steepest step."""
-    outward = 1j * directions(loops, chain)
+    outward = 1j * measure_directions(loops, chain)
     axis = _choose_axes(outward)
     values = _read_pixels(grey, chain, axis, _STEPS).astype(np.float64)
     steps = loops.around(np.abs(np.diff(values, axis=1)), _WINDOW)
@@ -551,9 +551,9 @@ def _select_rows(loops: Rings, points: ComplexArray) -> list[IntArray]:
     """The rows of each loop without points that are not ahead of the one before."""
     rows = np.arange(len(points))
     for _ in range(3):
-        table = rings(np.bincount(loops.loop[rows], minlength=len(loops.count)))
+        table = make_rings(np.bincount(loops.loop[rows], minlength=len(loops.count)))
         step = points[rows] - points[rows[table.shifted(-1)]]
-        is_late = (step * directions(table, points[rows]).conj()).real < _MIN_STEP
+        is_late = (step * measure_directions(table, points[rows]).conj()).real < _MIN_STEP
         # If two neighbours are late, only the first one is removed, then all are tested again.
         # No loop loses all of its rows.
         is_late &= ~is_late[table.shifted(-1)] & (table.count[table.loop] > 2)
@@ -579,7 +579,7 @@ def _measure_noise(points: ComplexArray) -> float:
     return float(np.median(np.abs(third)) / 0.6745 / np.sqrt(20.0))
 
 
-def directions(loops: Rings, points: ComplexArray, half: int = 3) -> ComplexArray:
+def measure_directions(loops: Rings, points: ComplexArray, half: int = 3) -> ComplexArray:
     """Unit vectors (N,) along the loops, from the mean of the rows before to that of those after.
 
     half: number of rows on either side.

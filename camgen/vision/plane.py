@@ -50,7 +50,7 @@ def map_points(homography: FloatArray, points: FloatArray) -> FloatArray:
     return np.asarray(lifted[:, :2] / lifted[:, 2:])
 
 
-def depth(homography: FloatArray, points: FloatArray) -> FloatArray:
+def compute_depth(homography: FloatArray, points: FloatArray) -> FloatArray:
     """The divisor (N,) of a homography at points (N, 2); its sign changes at the horizon."""
     return np.asarray(points @ homography[2, :2] + homography[2, 2])
 
@@ -71,10 +71,10 @@ def fit_homography(source: FloatArray, image: FloatArray) -> FloatArray:
     homography = np.linalg.inv(to_image) @ best @ to_source
     homography = homography / np.linalg.norm(homography)
     middle = source.mean(axis=0)[None]
-    return np.asarray(homography if depth(homography, middle)[0] > 0 else -homography)
+    return np.asarray(homography if compute_depth(homography, middle)[0] > 0 else -homography)
 
 
-def in_line(points: FloatArray) -> int | None:
+def find_off_line(points: FloatArray) -> int | None:
     """The row of `points` (N, 2) without which all others lie on one line; None without one.
 
     With four points this means that three are on a line.
@@ -90,7 +90,7 @@ def in_line(points: FloatArray) -> int | None:
     return worst if ratio[worst] < _LINE_RATIO else None
 
 
-def suspect(source: FloatArray, image: FloatArray, residuals: FloatArray) -> Suspect:
+def find_suspect(source: FloatArray, image: FloatArray, residuals: FloatArray) -> Suspect:
     """Find the pair without which the other pairs fit best. It needs six pairs or more.
 
     residuals: (N,) of the fit to all pairs, px.
@@ -108,7 +108,9 @@ def suspect(source: FloatArray, image: FloatArray, residuals: FloatArray) -> Sus
     return Suspect(index, _measure_error(source, image, index), min(chance, 1.0))
 
 
-def most_distorted(source: FloatArray, image: FloatArray, camera: FloatArray | None) -> Suspect:
+def find_most_distorted(
+    source: FloatArray, image: FloatArray, camera: FloatArray | None
+) -> Suspect:
     """Find the pair of five without which the picture is most plausible.
 
     Any four pairs fit exactly, so residuals do not show which of five is wrong. With a camera the
@@ -124,12 +126,12 @@ def most_distorted(source: FloatArray, image: FloatArray, camera: FloatArray | N
         if camera is None:
             oddness.append(_measure_stretch(homography, source))
         else:
-            oddness.append(skewness(homography, camera))
+            oddness.append(measure_skewness(homography, camera))
     index = int(np.argmin(oddness))
     return Suspect(index, _measure_error(source, image, index), 1.0)
 
 
-def skewness(homography: FloatArray, camera: FloatArray) -> float:
+def measure_skewness(homography: FloatArray, camera: FloatArray) -> float:
     """Deviation of the two axes of a plane, as a camera sees them, from equal and perpendicular.
 
     camera: camera matrix (3, 3).
@@ -142,7 +144,7 @@ def skewness(homography: FloatArray, camera: FloatArray) -> float:
     return float(np.hypot(np.log(a / b), axes[:, 0] @ axes[:, 1] / (a * b)))
 
 
-def scales(homography: FloatArray, points: FloatArray) -> FloatArray:
+def compute_scales(homography: FloatArray, points: FloatArray) -> FloatArray:
     """Smallest and largest scale (N, 2) at points (N, 2): length in the image per source length."""
     lifted = points @ homography[:, :2].T + homography[:, 2]
     image = lifted[:, :2] / lifted[:, 2:]
@@ -154,9 +156,9 @@ def scales(homography: FloatArray, points: FloatArray) -> FloatArray:
 
 def _measure_stretch(homography: FloatArray, source: FloatArray) -> float:
     """Logarithm of the ratio of the largest and the smallest scale; inf beyond the horizon."""
-    if depth(homography, source).min() <= 0:
+    if compute_depth(homography, source).min() <= 0:
         return np.inf
-    all_scales = scales(homography, source)
+    all_scales = compute_scales(homography, source)
     return float(np.log(all_scales.max() / all_scales.min()))
 
 
@@ -172,7 +174,7 @@ def _sum_squares_without(source: FloatArray, image: FloatArray, index: int) -> f
     """Sum of the squared residuals of the other pairs, px2; inf if they are on a line."""
     others = np.arange(len(source)) != index
     source, image = source[others], image[others]
-    if in_line(source) is not None or in_line(image) is not None:
+    if find_off_line(source) is not None or find_off_line(image) is not None:
         return np.inf
     return float(np.sum((map_points(fit_homography(source, image), source) - image) ** 2))
 
@@ -210,7 +212,7 @@ def _refine(start: FloatArray, source: FloatArray, image: FloatArray) -> FloatAr
         if not squares < least_squares * (1 - 1e-12):
             break
         best, least_squares = current, squares
-        scaled = lifted / depth(current, source)[:, None]
+        scaled = lifted / compute_depth(current, source)[:, None]
         first = np.hstack([scaled, zeros, -moved[:, :1] * scaled[:, :2]])
         second = np.hstack([zeros, scaled, -moved[:, 1:] * scaled[:, :2]])
         step = np.linalg.lstsq(np.vstack([first, second]), error.T.ravel())[0]
@@ -270,7 +272,7 @@ class Plane(Struct, frozen=True, eq=False):
     lens: SheetLens | None = None
 
 
-def plane_from_points(
+def fit_plane(
     camera: Camera | None,
     px: ArrayLike,
     mm: ArrayLike,
@@ -314,7 +316,7 @@ def plane_from_points(
     ]
     notes = _check_consistency(camera, ideal, work, residuals, labels, source)
     _check_seen_from_above(homography, work, source)
-    if camera is not None and skewness(homography, camera.matrix) > _MAX_SKEWNESS:
+    if camera is not None and measure_skewness(homography, camera.matrix) > _MAX_SKEWNESS:
         notes.append(
             Note(
                 "warning",
@@ -329,7 +331,7 @@ def plane_from_points(
     if not height or camera is None:
         return replace(_make_plane(homography, residuals_mm, residuals, notes), **pairs)
     raised = raise_plane(homography, camera, height)
-    if depth(raised, work).min() <= 0:
+    if compute_depth(raised, work).min() <= 0:
         raise JobError(
             "[camera] height",
             f"a top face {short(height, 3)} mm above the points lies behind the camera",
@@ -340,7 +342,7 @@ def plane_from_points(
     return replace(plane, work_from_pairs=work_from_pairs, height=height, **pairs)
 
 
-def plane_from_pose(
+def make_plane(
     camera: Camera, camera_from_work: Pose, source: str = "[camera] plane_from"
 ) -> Plane:
     """The work plane of a camera with a known pose.
@@ -368,7 +370,7 @@ def plane_from_pose(
     return _make_plane(camera.matrix @ axes, nothing, nothing, [])
 
 
-def same_pixels(picture: Picture, camera: Camera) -> None:
+def check_pixels(picture: Picture, camera: Camera) -> None:
     """Raises InputError if the photo does not have the pixels of the camera's calibration."""
     height, width = picture.pixels.shape[:2]
     if picture.turned:
@@ -387,7 +389,7 @@ def same_pixels(picture: Picture, camera: Camera) -> None:
         )
 
 
-def pose_of(plane_homography: FloatArray, matrix: FloatArray) -> Pose:
+def compute_pose(plane_homography: FloatArray, matrix: FloatArray) -> Pose:
     """The pose camera_from_work of a plane, mm, with the nearest rotation.
 
     plane_homography: (3, 3), from mm to undistorted px.
@@ -423,7 +425,7 @@ def raise_plane(homography: FloatArray, camera: Camera, height: float) -> FloatA
     """The homography of the plane that is `height` mm above another, from mm to undistorted px."""
     axes = np.linalg.solve(camera.matrix, homography)
     metric = homography / np.linalg.norm(axes[:, :2], axis=0).mean()
-    normal = pose_of(homography, camera.matrix).rotation[:, 2]
+    normal = compute_pose(homography, camera.matrix).rotation[:, 2]
     lift = np.zeros((3, 3))
     lift[:, 2] = camera.matrix @ normal * height
     return np.asarray(metric + lift)
@@ -471,7 +473,7 @@ def _check_general_position(
                 _format_point(points[twin]),
                 "give four or more different points",
             )
-        odd = in_line(points)
+        odd = find_off_line(points)
         if odd is not None:
             others = [name for i, name in enumerate(names) if i != odd]
             which = ", ".join(others) if len(others) == 3 else f"all points but {names[odd]}"
@@ -507,7 +509,7 @@ def _check_consistency(
                 "they fit exactly whatever they are; a fifth and a sixth would show an error",
             )
         ]
-    odd = suspect(work, ideal, residuals) if count > 5 else None
+    odd = find_suspect(work, ideal, residuals) if count > 5 else None
     remedy = _AGAIN if source == _SOURCE else _LIES_FLAT + _BENDS * (camera is None)
     if odd is not None and odd.error > _WRONG_PX and odd.chance < _WRONG_CHANCE:
         raise JobError(
@@ -518,7 +520,7 @@ def _check_consistency(
     error = math.sqrt(float(residuals @ residuals) / (2 * count - 8))
     extent = float(np.linalg.norm(np.ptp(ideal, axis=0)))
     if error > max(_CONTRADICT_PX, _CONTRADICT_FRACTION * extent):
-        odd = odd or most_distorted(work, ideal, None if camera is None else camera.matrix)
+        odd = odd or find_most_distorted(work, ideal, None if camera is None else camera.matrix)
         raise JobError(
             source,
             f"the point pairs contradict each other by {short(error, 1)} px; "
@@ -539,7 +541,7 @@ def _check_seen_from_above(homography: FloatArray, work: FloatArray, source: str
     In the photo v runs down, and y runs up. So the homography of a plane that is seen from above
     has a negative determinant.
     """
-    if depth(homography, work).min() <= 0:
+    if compute_depth(homography, work).min() <= 0:
         raise JobError(
             source,
             "the points do not lie on a plane in front of the camera",

@@ -22,10 +22,10 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from camgen.model.pose import FloatArray
-from camgen.vision.boards.lens import lens_of_sheet
+from camgen.vision.boards.lens import fit_sheet_lens
 from camgen.vision.camera.camera import Camera
 from camgen.vision.image import Picture, Pixels, convert_to_grey
-from camgen.vision.plane import Plane, pose_of
+from camgen.vision.plane import Plane, compute_pose
 
 #: About this number of places of the outlines is examined.
 _PLACES = 600
@@ -98,7 +98,7 @@ def find_side_wall(
     mm_per_px = float(np.linalg.norm(work_from_view[:, 0]))
     walls = []
     for camera in cameras:
-        pose = pose_of(plane.pixel_from_work, camera.matrix)
+        pose = compute_pose(plane.pixel_from_work, camera.matrix)
         x, y, distance = (-pose.rotation.T @ np.asarray(pose.origin)).tolist()
         below = np.linalg.solve(work_from_view[:, :2], (x, y) - work_from_view[:, 2])
         facing = np.sum((below - border.places) * border.normals, axis=1)
@@ -124,7 +124,7 @@ def find_side_wall(
     )
 
 
-def cameras_of(picture: Picture, plane: Plane, camera: Camera | None) -> list[Camera]:
+def list_cameras(picture: Picture, plane: Plane, camera: Camera | None) -> list[Camera]:
     """The camera of a photo of a sheet; three usual ones if its focal length is not known.
 
     camera: the calibrated camera, or that of ``plane.lens``.
@@ -133,7 +133,7 @@ def cameras_of(picture: Picture, plane: Plane, camera: Camera | None) -> list[Ca
         return [camera]
     height, width = picture.pixels.shape[:2]
     size, pairs = (width, height), (plane.pairs_px, plane.pairs_mm)
-    lens = plane.lens or lens_of_sheet(*pairs, size, needs_focal=True, focal_px=picture.focal_px)
+    lens = plane.lens or fit_sheet_lens(*pairs, size, needs_focal=True, focal_px=picture.focal_px)
     if lens is None:
         return []
     half = float(np.hypot(width - 1, height - 1)) / 2

@@ -8,7 +8,7 @@ from camgen.model.errors import InputError
 from camgen.model.pose import FloatArray
 
 
-def scale_of(work_from_view: FloatArray) -> float:
+def measure_scale(work_from_view: FloatArray) -> float:
     """The scale, mm per pixel, of a transform (2, 3) that keeps shapes (PIST eq. 14).
 
     Raises InputError for a transform that stretches or shears.

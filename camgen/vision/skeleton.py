@@ -28,7 +28,7 @@ _KERNEL = np.array([[128, 1, 2], [64, 0, 4], [32, 16, 8]], dtype=np.float32)
 _PIXELS_PER_REMOVED = 2000
 
 
-def skeleton(mask: Pixels, keep: Pixels | None = None) -> Pixels:
+def thin_mask(mask: Pixels, keep: Pixels | None = None) -> Pixels:
     """Thin `mask` ((H, W) uint8, not 0 inside) to centre lines, connected as the mask is.
 
     Beyond the border of the picture counts as outside.
@@ -160,8 +160,8 @@ class Graph(Struct, eq=False):
     depth: NDArray[np.float64]
 
 
-def graph(lines: Pixels, kept: Pixels | None, depth: Float32) -> Graph:
-    """Make the graph of centre lines ((H, W), as returned by `skeleton`).
+def make_graph(lines: Pixels, kept: Pixels | None, depth: Float32) -> Graph:
+    """Make the graph of centre lines ((H, W), as returned by `thin_mask`).
 
     kept: (H, W), not 0 at kept pixels, which do not belong to the lines; None for none.
     depth: (H, W), distance of each pixel to the border of the mask that was thinned, px.
@@ -346,7 +346,7 @@ class _Junctions(Struct, frozen=True, eq=False):
         return len(self.meeting[self.node[end]]) == 1 and not self.net.held[self.node[end]]
 
 
-def strokes(net: Graph) -> list[Stroke]:
+def join_strokes(net: Graph) -> list[Stroke]:
     """Join the branches of a graph to strokes: first the dots, then the lines.
 
     Each branch is used once, except spurs and short branches within a merged junction.

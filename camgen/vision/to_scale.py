@@ -23,7 +23,7 @@ from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import short
 from camgen.vision.camera.camera import Camera, distort, undistort
 from camgen.vision.image import Picture, Pixels
-from camgen.vision.plane import Plane, depth, map_points, same_pixels, scales
+from camgen.vision.plane import Plane, check_pixels, compute_depth, compute_scales, map_points
 
 # The map from pixels of the view to pixels of the photo. It is exact at the nodes of a coarse grid
 # and linear between nodes, and is computed in strips.
@@ -86,7 +86,7 @@ def sample_photo(size: tuple[int, int], count: int) -> FloatArray:
     return np.column_stack([u.ravel(), v.ravel()])
 
 
-def work_from_photo(shown: PlaneView, px: FloatArray) -> FloatArray:
+def map_to_work(shown: PlaneView, px: FloatArray) -> FloatArray:
     """Map photo pixels (N, 2) to places on the plane (N, 2), mm.
 
     nan beyond the horizon and beyond the reach of the lens model.
@@ -95,13 +95,13 @@ def work_from_photo(shown: PlaneView, px: FloatArray) -> FloatArray:
     if shown.camera is not None:
         ideal = undistort(shown.camera, px)
         is_valid = np.linalg.norm(ideal - shown.camera.matrix[:2, 2], axis=1) <= shown.reach
-    is_valid &= depth(shown.plane.work_from_pixel, ideal) > 0
+    is_valid &= compute_depth(shown.plane.work_from_pixel, ideal) > 0
     mm = np.full(ideal.shape, np.nan)
     mm[is_valid] = map_points(shown.plane.work_from_pixel, ideal[is_valid])
     return mm
 
 
-def photo_from_work(shown: PlaneView, mm: FloatArray) -> FloatArray:
+def map_to_photo(shown: PlaneView, mm: FloatArray) -> FloatArray:
     """Map places on the plane (N, 2), mm, to photo pixels (N, 2).
 
     A place that the photo does not show is far outside of it.
@@ -124,7 +124,7 @@ def _map_smoothly(shown: PlaneView, mm: FloatArray) -> tuple[FloatArray, FloatAr
     principal point, undistorted px, which is 0 there and without a camera.
     """
     px, distance = np.full(mm.shape, _NOWHERE), np.zeros(len(mm))
-    is_front = depth(shown.plane.pixel_from_work, mm) > 0
+    is_front = compute_depth(shown.plane.pixel_from_work, mm) > 0
     ideal = map_points(shown.plane.pixel_from_work, mm[is_front]).clip(_NOWHERE / 2, -_NOWHERE / 2)
     if shown.camera is None or not len(ideal):
         px[is_front] = ideal
@@ -138,9 +138,9 @@ def _map_smoothly(shown: PlaneView, mm: FloatArray) -> tuple[FloatArray, FloatAr
     return px, distance
 
 
-def mm_per_pixel(shown: PlaneView, mm: FloatArray) -> tuple[FloatArray, FloatArray]:
+def measure_mm_per_pixel(shown: PlaneView, mm: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The finest and the coarsest mm per photo pixel (N,) of all directions, at places (N, 2)."""
-    step = 0.25 / scales(shown.plane.pixel_from_work, mm)[:, 1:]
+    step = 0.25 / compute_scales(shown.plane.pixel_from_work, mm)[:, 1:]
     columns = []
     for axis in np.eye(2):
         after, _ = _map_smoothly(shown, mm + step * axis)
@@ -287,7 +287,7 @@ def _compute_exact_nodes(
     columns, rows = np.meshgrid(u, v)
     nodes = np.column_stack([columns.ravel(), rows.ravel()])
     mm = nodes @ work_from_view[:, :2].T + work_from_view[:, 2]
-    places = photo_from_work(shown, mm).reshape(len(v), len(u), 2)
+    places = map_to_photo(shown, mm).reshape(len(v), len(u), 2)
     limit = np.array(shown.size) + _OUTSIDE_PX
     usable = np.all((places > -_OUTSIDE_PX) & (places < limit), axis=2)
     second, fourth = (_measure_differences(places, usable, order) for order in (2, 4))
@@ -383,7 +383,7 @@ class ScaledView(Struct, frozen=True, eq=False):
     notes: tuple[Note, ...] = ()
 
 
-def already_to_scale(
+def make_scaled_view(
     picture: Picture,
     mm_per_px: float | None = None,
     width_mm: float | None = None,
@@ -489,7 +489,7 @@ def rectify(
     would be far larger than the photo.
     """
     if camera is not None:
-        same_pixels(picture, camera)
+        check_pixels(picture, camera)
     height, width = picture.pixels.shape[:2]
     shown = make_plane_view(camera, plane, (width, height))
     notes: list[Note] = []
@@ -515,7 +515,7 @@ def rectify(
     return ScaledView(pixels, work_from_view, scale, None if valid.all() else valid, tuple(notes))
 
 
-def frame_view(
+def sample_border(
     view: ScaledView, camera: Camera | None, plane: Plane, size: tuple[int, int]
 ) -> FloatArray:
     """Photo pixels (N, 2) along the border of a view, in a photo of `size` (width, height).
@@ -529,7 +529,7 @@ def frame_view(
     )
     sides = corners[:, None] + steps[:, None] * (np.roll(corners, -1, axis=0) - corners)[:, None]
     mm = sides.reshape(-1, 2) @ view.work_from_view[:, :2].T + view.work_from_view[:, 2]
-    return photo_from_work(make_plane_view(camera, plane, size), mm)
+    return map_to_photo(make_plane_view(camera, plane, size), mm)
 
 
 def _find_region(shown: PlaneView, picture: Picture, notes: list[Note]) -> tuple[Region, float]:
@@ -538,13 +538,13 @@ def _find_region(shown: PlaneView, picture: Picture, notes: list[Note]) -> tuple
     Adds a note to `notes` if places are left out. Returns the region and its finest scale, mm/px.
     Raises InputError if the photo does not show the plane, or only its edge.
     """
-    places = work_from_photo(shown, sample_photo(shown.size, _PHOTO_SAMPLES))
+    places = map_to_work(shown, sample_photo(shown.size, _PHOTO_SAMPLES))
     front = places[np.isfinite(places).all(axis=1)]
     if not len(front):
         raise InputError(
             picture.name, "does not show the work plane", remedy="check the points or the pose"
         )
-    finest, coarsest = mm_per_pixel(shown, front)
+    finest, coarsest = measure_mm_per_pixel(shown, front)
     kept = front[coarsest <= _MAX_COARSENESS * finest.min()]
     if not len(kept):
         raise InputError(
@@ -577,7 +577,7 @@ def _find_scale(shown: PlaneView, picture: Picture, region: Region) -> float:
         )
     x, y = np.meshgrid(np.linspace(x0, x1, _PHOTO_SAMPLES), np.linspace(y0, y1, _PHOTO_SAMPLES))
     places = np.column_stack([x.ravel(), y.ravel()])
-    px = photo_from_work(shown, places)
+    px = map_to_photo(shown, places)
     inside = places[np.all((px >= 0) & (px <= np.array(shown.size) - 1), axis=1)]
     if not len(inside):
         raise InputError(
@@ -586,7 +586,7 @@ def _find_scale(shown: PlaneView, picture: Picture, region: Region) -> float:
             _format_region(region),
             "check its corners, in mm of the work frame",
         )
-    return float(mm_per_pixel(shown, inside)[0].min())
+    return float(measure_mm_per_pixel(shown, inside)[0].min())
 
 
 def _format_region(region: Region) -> str:

@@ -10,8 +10,15 @@ from typing import Any, Literal
 from msgspec import Struct
 
 from camgen.model.errors import CamgenError
-from camgen.model.job_tables import ROWS, Setting, row_settings, row_tables, settings, tables
-from camgen.model.plugins import OPERATIONS, entries
+from camgen.model.job_tables import (
+    ROWS,
+    Setting,
+    list_row_settings,
+    list_row_tables,
+    list_settings,
+    list_tables,
+)
+from camgen.model.plugins import OPERATIONS, list_entries
 from camgen.post.job_schema import schema
 from camgen.robots.catalogue import robots
 
@@ -62,12 +69,12 @@ def form(post: str) -> Form:
     """The form of a job for the controller ``post``. JobError where there is no such post."""
     said = schema(post)["properties"]
     groups = []
-    for table, about in tables().items():
+    for table, about in list_tables().items():
         own = said[table].get("properties", {})
         if table == "post":
             fields = [_option(key, found) for key, found in own.items()]
         else:
-            fields = [_field(s, own[s.key]) for s in settings() if s.table == table]
+            fields = [_field(s, own[s.key]) for s in list_settings() if s.table == table]
         groups.append(Group(table, about, tuple(fields)))
     return Form(tuple(groups), {name: _row_groups(name, said) for name in ROWS})
 
@@ -75,15 +82,15 @@ def form(post: str) -> Form:
 def _row_groups(name: str, said: Mapping[str, Any]) -> tuple[Group, ...]:
     """What a row may hold: its own keys first, then those of the tables that it lies over."""
     keys = said[name]["items"]["properties"]
-    fields = {s.key: _field(s, keys[s.key]) for s in row_settings() if s.table == name}
+    fields = {s.key: _field(s, keys[s.key]) for s in list_row_settings() if s.table == name}
     # A row of [[operations]] lies over [operation] and [process], one of [[tools]] has keys of its own.
     over = [table for table in _LAID_OVER if (table == "tool") == (name == "tools")]
-    homes = {s.key: s.table for s in settings() if s.table in over}
+    homes = {s.key: s.table for s in list_settings() if s.table in over}
     own = tuple(field for key, field in fields.items() if key not in homes)
-    groups = [Group(name, row_tables()[name], own)]
+    groups = [Group(name, list_row_tables()[name], own)]
     for table in over:
         found = tuple(field for key, field in fields.items() if homes.get(key) == table)
-        groups.append(Group(name, tables()[table], found, table))
+        groups.append(Group(name, list_tables()[table], found, table))
     return tuple(groups)
 
 
@@ -92,7 +99,7 @@ def _field(setting: Setting, said: Mapping[str, Any]) -> Field:
     choices = list(said.get("enum", ()))
     bounds = _number_of(said) or said
     if setting.key == "kind" and setting.table in ("operation", "operations"):
-        choices += [entry.name for entry in entries(OPERATIONS) if entry.name not in choices]
+        choices += [entry.name for entry in list_entries(OPERATIONS) if entry.name not in choices]
     return Field(
         key=setting.key,
         about=setting.about,
@@ -150,7 +157,7 @@ def _dotted(text: str) -> list[str | int]:
     """``table.key`` or ``operations.0.key`` in a text."""
     for name, row, key in re.findall(r"\b(tools|operations)\.(\d+)(?:\.(\w+))?", text):
         return [name, int(row), key] if key else [name, int(row)]
-    known = {(s.table, s.key) for s in settings()}
+    known = {(s.table, s.key) for s in list_settings()}
     found = re.findall(r"\b([a-z]+)\.([a-z_]+)\b", text)
     return next(
         ([table, key] for table, key in found if (table, key) in known or table == "post"), []
@@ -161,14 +168,14 @@ def _in_table(where: str, what: str) -> list[str | int]:
     """``[table]`` or ``[[rows]] 0`` as the place, and a key of it in the message."""
     words = re.findall(r"\w+", what)
     if row := re.fullmatch(r"\[\[(\w+)\]\] (\d+)", where):
-        keys = {s.key for s in row_settings() if s.table == row[1]}
+        keys = {s.key for s in list_row_settings() if s.table == row[1]}
         return [row[1], int(row[2]), *_first(words, keys)]
     table = re.match(r"\[(\w+)\](?: (\w+))?", where)
     if not table:
         return []
     if table[1] == "post":
         return ["post", table[2]] if table[2] else ["post"]
-    return [table[1], *_first(words, {s.key for s in settings() if s.table == table[1]})]
+    return [table[1], *_first(words, {s.key for s in list_settings() if s.table == table[1]})]
 
 
 def _first(words: Iterable[str], keys: set[str]) -> list[str | int]:

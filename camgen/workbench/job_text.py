@@ -9,7 +9,7 @@ from contextlib import suppress
 from typing import Any
 
 from camgen.model.errors import one_line
-from camgen.model.job_tables import ROWS, settings, tables
+from camgen.model.job_tables import ROWS, list_settings, list_tables
 from camgen.model.toml import toml
 
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
@@ -46,7 +46,7 @@ def _fresh(wanted: Mapping[str, Any], source: str) -> str:
         f"# camgen job for {one_line(source)}",
         "# Lengths mm, angles deg, speeds mm/s, forces N, times s. What is not here has its default.",
     ]
-    order = [*(name for name in tables() if name != "post"), *ROWS, "post"]
+    order = [*(name for name in list_tables() if name != "post"), *ROWS, "post"]
     for name in sorted(wanted, key=lambda name: order.index(name) if name in order else len(order)):
         content = wanted[name]
         if isinstance(content, list):
@@ -61,7 +61,7 @@ def _fresh(wanted: Mapping[str, Any], source: str) -> str:
 
 def _keys(table: str, content: Mapping[str, Any]) -> list[str]:
     """The keys in the order of the job file's page."""
-    order = [s.key for s in settings() if s.table == table or table in ROWS]
+    order = [s.key for s in list_settings() if s.table == table or table in ROWS]
     names = sorted(content, key=lambda key: order.index(key) if key in order else len(order))
     return [f"{_key(key)} = {toml(content[key])}" for key in names]
 

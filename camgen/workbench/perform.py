@@ -325,7 +325,7 @@ def _mask(part: Part, raster: Raster) -> str:
 
 def _photo(source: Source) -> str:
     from camgen.preview.panels import WIDE, Panel, image, sheet  # noqa: PLC0415 (only for pictures)
-    from camgen.vision.image import load as load_picture  # noqa: PLC0415 (OpenCV, only for pictures)
+    from camgen.vision.image import read_picture as load_picture  # noqa: PLC0415 (OpenCV, only for pictures)
 
     try:
         photo = load_picture(source)

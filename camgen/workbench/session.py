@@ -13,7 +13,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.model.errors import JobError
-from camgen.model.job_tables import BESIDE, FILES, ROWS, settings, split_name
+from camgen.model.job_tables import BESIDE, FILES, ROWS, list_settings, split_name
 from camgen.read.files import Files, identity
 from camgen.read.job_file import assignment, beside, load, value_of
 from camgen.workbench.job_text import write_job
@@ -164,7 +164,7 @@ def put(tables: Tables, path: Sequence[str | int], value: Any) -> Tables:
 
 def is_default(table: str, key: str, value: object) -> bool:
     """Whether a key has this value where nobody sets it, whatever else the job says."""
-    known = any(s.table == table and s.key == key and s.default == value for s in settings())
+    known = any(s.table == table and s.key == key and s.default == value for s in list_settings())
     return known and (table, key) not in BESIDE
 
 
@@ -197,7 +197,7 @@ def check_place(change: Change) -> None:
     """Raises JobError if a job has no place for a change."""
     table = change.path[0] if change.path else ""
     is_row = table in ROWS and len(change.path) in (1, 3)
-    known = {s.table for s in settings()} | {"post"}
+    known = {s.table for s in list_settings()} | {"post"}
     if not is_row and not (table in known and len(change.path) == 2):
         name = ".".join(map(str, change.path))[:80]
         raise JobError("job", f"has no place {name}", remedy="reload the page")

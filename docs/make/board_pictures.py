@@ -15,7 +15,7 @@ from bench.plan.boards import MM, board, marks, part_of
 from camgen.plan.fill import fill
 from camgen.plan.fill.cover import coverage_map, run_along
 from camgen.read.job_file import from_mapping
-from camgen.vision.crosses import crosses
+from camgen.vision.crosses import find_crosses
 
 #: Blue, green, red.
 _LINE, _MARK = (150, 60, 20), (30, 30, 220)
@@ -51,7 +51,7 @@ def marked(seed: int) -> np.ndarray:
         cv2.resize(seen.picture, None, fx=3, fy=3, interpolation=cv2.INTER_NEAREST),
         cv2.COLOR_GRAY2BGR,
     )
-    for k, cross in enumerate(crosses(seen.ink, seen.picture), 1):
+    for k, cross in enumerate(find_crosses(seen.ink, seen.picture), 1):
         u, v = round(3 * cross.u + 1), round(3 * cross.v + 1)
         cv2.circle(picture, (u, v), round(3 * cross.reach) + 8, _MARK, 2, cv2.LINE_AA)
         cv2.putText(

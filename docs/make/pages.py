@@ -15,7 +15,7 @@ from collections.abc import Callable
 from pathlib import Path
 from subprocess import PIPE, STDOUT, run
 
-from camgen.model.limits import table
+from camgen.model.limits import format_table
 from docs.make.api import api
 from docs.make.messages import messages_page
 from docs.make.papers import papers_page
@@ -66,7 +66,7 @@ def _ran(block: str, here: Path) -> str:
 
 def with_limits(text: str) -> str:
     """The page with the table of limits that holds now."""
-    return _LIMITS.sub(table(), text)
+    return _LIMITS.sub(format_table(), text)
 
 
 def _post_page(name: str) -> Callable[[str], str]:

@@ -20,9 +20,9 @@ from camgen.model.part import Note
 from camgen.model.pose import (
     FloatArray,
     Pose,
+    format_frame,
     quaternion,
     rotation_from_quaternion,
-    tell_frame,
     translation,
 )
 from camgen.model.program import (
@@ -462,7 +462,8 @@ class Rapid(RapidOptions):
                 (self.tool, program.flange_from_tool),
                 (self.work, program.base_from_work),
             ):
-                yield f"{name} must be on the controller with the frame {tell_frame(frame)} mm, deg"
+                values = format_frame(frame)
+                yield f"{name} must be on the controller with the frame {values} mm, deg"
         if self.force == "ignore":
             yield 'pressing is left out: post.force = "ignore"'
         if not _presses(program):

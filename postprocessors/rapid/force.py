@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.geometry.arcs import minus, sweep_and_height
+from camgen.geometry.arcs import measure_sweep, subtract
 from camgen.geometry.vectors import cross, in_blocks, lengths
 from camgen.model.errors import Refused
 from camgen.model.pose import FloatArray, Pose, Vec3
@@ -257,7 +257,7 @@ def arc_fault(start: Vec3, via: Vec3, end: Vec3, decimals: int) -> str:
 
     decimals: digits of the coordinates in the text.
     """
-    if sweep_and_height(start, via, end)[0] > _WIDEST + 1e-6:
+    if measure_sweep(start, via, end)[0] > _WIDEST + 1e-6:
         return "an arc of more than 120 deg; split it"
     if _measure_shorter(start, via, end) < _SHORTER:
         return "an arc whose circle point is near an end of it; split it"
@@ -344,8 +344,8 @@ def _angles(start: Vec3, via: Vec3, end: Vec3) -> tuple[float, float]:
 
     Each is half of the piece of the arc on the other side of the circle point.
     """
-    (ux, uy, uz), (wx, wy, wz) = minus(via, start), minus(end, via)
-    cx, cy, cz = minus(end, start)
+    (ux, uy, uz), (wx, wy, wz) = subtract(via, start), subtract(end, via)
+    cx, cy, cz = subtract(end, start)
     area = math.hypot(uy * cz - uz * cy, uz * cx - ux * cz, ux * cy - uy * cx)
     first = math.atan2(area, ux * cx + uy * cy + uz * cz)
     return first, math.atan2(area, wx * cx + wy * cy + wz * cz)
@@ -363,7 +363,7 @@ def _is_round(
     """
     start, via, end = arc
     near = min(math.dist(start, via), math.dist(via, end), math.dist(start, end))
-    angle, height = min(_angles(start, via, end)), sweep_and_height(start, via, end)[1]
+    angle, height = min(_angles(start, via, end)), measure_sweep(start, via, end)[1]
     return angle >= narrowest and height >= lowest and near >= closest
 
 

@@ -28,9 +28,9 @@ from bench.render.shapes import Loop, area, box, circle, hole, pieces, rounded, 
 from bench.render.truth import offset_truth, path_error
 from camgen.model.pose import pose_from_values
 from camgen.read.job_file import load
-from camgen.vision.boards.sheet import sheet
+from camgen.vision.boards.sheet import make_sheet
 from camgen.vision.camera.camera import distort, read_camera
-from camgen.vision.plane import map_points, plane_from_points, plane_from_pose
+from camgen.vision.plane import fit_plane, make_plane, map_points
 from tests.support.files import source
 
 PINHOLE = Lens(np.array([[800.0, 0, 79.5], [0, 801, 59.5], [0, 0, 1]]), (0, 0, 0, 0, 0), (160, 120))
@@ -282,7 +282,7 @@ def test_markers_and_boards_are_found_by_opencv() -> None:
     lens = Lens(
         np.array([[1500.0, 0, 500], [0, 1500, 370], [0, 0, 1]]), (-0.1, 0.05, 0, 0, 0), (1000, 740)
     )
-    paper = sheet("A4", 30)
+    paper = make_sheet("A4", 30)
     layers = markers((-60, -80, 250, 150), paper.ids, paper.corners, "4X4_50")
     rotation, origin = looking(lens, complex(*paper.free) / 2, 500 + 370j, 0.34, 12, 60, 10)
     shot = Shot(lens, rotation, origin, read=1.5)
@@ -411,9 +411,9 @@ def test_job_and_camera_say_what_was_rendered(photo, tmp_path: Path) -> None:  #
     asked = job.camera
     if photo.way == "pose":
         assert asked.plane_from is not None
-        plane = plane_from_pose(camera, pose_from_values(asked.plane_from))
+        plane = make_plane(camera, pose_from_values(asked.plane_from))
     else:
-        plane = plane_from_points(camera, asked.points_px, asked.points_mm)  # type: ignore[arg-type]
+        plane = fit_plane(camera, asked.points_px, asked.points_mm)  # type: ignore[arg-type]
     assert (
         np.abs(
             distort(camera, map_points(plane.pixel_from_work, mm)) - np.column_stack([u, v])

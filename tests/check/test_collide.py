@@ -228,7 +228,7 @@ def test_strict_makes_an_error_of_it(box: Path, monkeypatch: pytest.MonkeyPatch)
         camgen.build(box, post="rapid", job={"input": {"select": "e7-e8"}}, strict=True)
 
 
-@pytest.mark.parametrize("ends", [{"way": True}, {"at_end": True}], ids=["link", "end of it"])
+@pytest.mark.parametrize("ends", [{"on_link": True}, {"at_end": True}], ids=["link", "end of it"])
 def test_a_link_that_is_blocked_for_once_costs_no_edge(
     box: Path, monkeypatch: pytest.MonkeyPatch, ends: dict[str, bool]
 ) -> None:

@@ -11,7 +11,7 @@ from bench.robots.rfa import FREE, PARTS, cell, loop
 from camgen.check.flow import let_flow
 from camgen.check.passing import legs_of
 from camgen.check.reach import check_reach
-from camgen.check.time import from_rest, time_motions
+from camgen.check.time import time_motions
 from camgen.collision.hits import find_collisions
 from camgen.collision.motion import measure_apart
 from camgen.collision.triangle import are_free
@@ -19,7 +19,7 @@ from camgen.model.cell import Dynamics
 from camgen.model.pose import FloatArray, translation
 from camgen.model.program import Comment, Joints, MoveJ, MoveL, Program
 from camgen.motion.corners import Flow
-from camgen.motion.limits import measure_point_speed
+from camgen.motion.limits import measure_point_speed, time_from_rest
 from camgen.pipeline import Result
 from camgen.read.solid import mesh
 from camgen.robots.catalogue import robot
@@ -247,7 +247,7 @@ def test_a_motion_that_goes_straight_on_takes_hardly_more_than_one() -> None:
     apart, passed = sum(swings([both, both], 0.0, slow)), sum(swings([both, both], 200.0, slow))
     (whole_way,) = swings([2 * both], 0.0, slow)
     assert apart == pytest.approx(
-        2 * from_rest(np.array((both / ARM.speeds).max()), 1.0, 1 / PACE.ramp)
+        2 * time_from_rest(np.array((both / ARM.speeds).max()), 1.0, 1 / PACE.ramp)
     )
     assert whole_way - 1e-9 <= passed < whole_way + 0.25 * (apart - whole_way)
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from camgen.check.report import Cycle, Verified, path_sums, report, sum_up
-from camgen.geometry.arcs import arc_lengths
+from camgen.geometry.arcs import measure_arcs
 from camgen.model.part import Contour, Note, Part
 from camgen.model.path import ToolPath, Tour, waypoints
 from camgen.model.pose import TOOL_DOWN, Pose, frozen
@@ -63,7 +63,7 @@ def test_arc_length_is_radius_times_sweep_wherever_via_lies(
         for a in (first, first + part * sweep, first + sweep)
     ]
     start, via, end = (frozen([p]) for p in points)
-    assert arc_lengths(start, via, end)[0] == pytest.approx(radius * sweep, rel=1e-6)
+    assert measure_arcs(start, via, end)[0] == pytest.approx(radius * sweep, rel=1e-6)
 
 
 def tool_path(

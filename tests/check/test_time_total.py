@@ -25,7 +25,7 @@ from camgen.model.program import (
     Output,
     Program,
     Wait,
-    put_off_first,
+    switch_off_first,
 )
 from camgen.post.plugins import find_post
 
@@ -70,7 +70,7 @@ def test_times_are_of_their_path_or_of_the_way_to_it() -> None:
     )
     here = translation(0, 0, 0)
     found = cycle(
-        Program("p", here, here, put_off_first(body), paths=(Origin("a"), Origin("b"))), PACE
+        Program("p", here, here, switch_off_first(body), paths=(Origin("a"), Origin("b"))), PACE
     )
     work, plunge = 50 / 10 + 10 / 1000, 10 / 10 + 10 / 1000
     link, back = 40 / 100 + 100 / 1000, 2 * math.sqrt(10 / 1000)

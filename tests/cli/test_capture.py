@@ -18,8 +18,8 @@ from bench.render.scene import Scene, render
 from camgen.cli import main
 from camgen.model.job import CameraTable, Job
 from camgen.read.capture import capture, judge_marks, name_picture
-from camgen.vision.boards.sheet import DICTIONARY, sheet
-from camgen.vision.frames import edge_blur, note_faults
+from camgen.vision.boards.sheet import DICTIONARY, make_sheet
+from camgen.vision.frames import measure_blur, note_faults
 
 SIZE = (320, 240)
 
@@ -57,7 +57,7 @@ def noisy(picture: np.ndarray, count: int, sigma: float = 6.0) -> list[np.ndarra
 @cache
 def sheet_frame(last: int | None = None) -> np.ndarray:
     """An A4 marker sheet from above; of its markers the first ``last``."""
-    paper = sheet("A4")
+    paper = make_sheet("A4")
     lens = Lens(
         np.array([[1800.0, 0, 480], [0, 1800, 340], [0, 0, 1]]), (0, 0, 0, 0, 0), (960, 680)
     )
@@ -119,7 +119,7 @@ def told(tmp_path: Path, frames: Sequence[np.ndarray]) -> list[str]:
 
 @pytest.mark.parametrize("blur", [0.8, 1.5, 2.6, 4.0])
 def test_blur_is_measured(blur: float) -> None:
-    assert edge_blur(plate(blur).astype(np.uint8)) == pytest.approx(blur, rel=0.06, abs=0.12)
+    assert measure_blur(plate(blur).astype(np.uint8)) == pytest.approx(blur, rel=0.06, abs=0.12)
 
 
 def test_a_good_picture_has_nothing_wrong(tmp_path: Path) -> None:
@@ -158,16 +158,17 @@ def test_missing_markers_are_told_by_their_numbers(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     whole, torn = sheet_frame(), sheet_frame(-2)
-    ids = sheet("A4").ids
+    ids = make_sheet("A4").ids
     job = Job(camera=CameraTable(markers="A4"))
     assert judge_marks(capture(str(film(tmp_path / "a.avi", [whole] * 3))), job)[1] == ()
     clip = film(tmp_path / "b.avi", [torn] * 3)
     (note,) = judge_marks(capture(str(clip)), job)[1]
-    assert note.what == f"2 markers missing of the {sheet('A4').label}: {ids[-2]}, {ids[-1]}"
+    assert note.what == f"2 markers missing of the {make_sheet('A4').label}: {ids[-2]}, {ids[-1]}"
     command = ["capture", str(clip), "-o", str(tmp_path / "b.png"), "--set", "camera.markers=A4"]
     assert main(command) == 0
     assert (
-        f"{len(ids) - 2} of {len(ids)} of the {sheet('A4').label} seen" in capsys.readouterr().err
+        f"{len(ids) - 2} of {len(ids)} of the {make_sheet('A4').label} seen"
+        in capsys.readouterr().err
     )
     (tmp_path / "b.png").unlink()
     assert main([*command, "--strict"]) == 3

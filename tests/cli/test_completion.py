@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from camgen.cli import main, parsers
-from camgen.model.job_tables import settings
+from camgen.model.job_tables import list_settings
 from camgen.post.plugins import list_installed
 from camgen.robots.catalogue import robot
 from tests.support.waiting import LONG
@@ -66,7 +66,7 @@ def test_bash(script: Path, tmp_path: Path) -> None:
     assert offered("build", "--post", "r") == {"rapid"}
     assert offered("build", "--post", "=", "r") == {"rapid"}
     assert offered("robots", "irb120") == {"irb120", "irb1200"}
-    assert offered("build", "--set", "") == {f"{s.table}.{s.key}=" for s in settings()}
+    assert offered("build", "--set", "") == {f"{s.table}.{s.key}=" for s in list_settings()}
     assert offered("build", "--set", "operation.k") == {"operation.kind="}
     kinds = {
         "auto",

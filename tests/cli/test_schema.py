@@ -11,7 +11,7 @@ import pytest
 from camgen.cli import main
 from camgen.cli.init import template
 from camgen.model.errors import JobError
-from camgen.model.job_tables import settings, tables
+from camgen.model.job_tables import list_settings, list_tables
 from camgen.post.job_schema import schema
 from camgen.post.plugins import find_post, list_installed, make_post
 from camgen.read.job_file import from_mapping
@@ -44,7 +44,7 @@ def with_comments_on(text: str, post: str) -> str:
 def test_is_a_schema_and_takes_what_init_writes(post: str) -> None:
     jsonschema.Draft202012Validator.check_schema(schema(post))
     job = tomllib.loads(template("part.dxf", "mm"))
-    assert set(job) == set(tables())
+    assert set(job) == set(list_tables())
     assert faults(job, post) == []
     if post:
         full = tomllib.loads(with_comments_on(template("part.dxf", "mm"), post))
@@ -57,8 +57,8 @@ def test_is_a_schema_and_takes_what_init_writes(post: str) -> None:
 def test_every_setting_is_in_it_with_its_default_and_its_sentence() -> None:
     found = schema()["properties"]
     told = {(table, key) for table in found for key in found[table].get("properties", {})}
-    assert told == {(s.table, s.key) for s in settings()}
-    for s in settings():
+    assert told == {(s.table, s.key) for s in list_settings()}
+    for s in list_settings():
         key = found[s.table]["properties"][s.key]
         assert key["description"] == s.about
         assert key.get("default") == s.default

@@ -15,7 +15,7 @@ import pytest
 
 from camgen.cli import main, parsers
 from camgen.model.errors import CamgenError
-from camgen.model.job_tables import settings, tables
+from camgen.model.job_tables import list_settings, list_tables
 from camgen.post.plugins import find_post, make_post
 from camgen.read.job_file import from_mapping, load
 from camgen.robots.catalogue import robot
@@ -27,7 +27,7 @@ ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 FILES = sorted([ROOT / "README.md", *DOCS.glob("**/*.md")])
 LINK = re.compile(r"\]\(([^()\s]+)\)")
-SETTING = re.compile(rf"`({'|'.join(tables())})\.(\w+)")
+SETTING = re.compile(rf"`({'|'.join(list_tables())})\.(\w+)")
 #: A line that shows how a command is called, not a command: words in capitals, dots, brackets.
 USAGE = re.compile(r"(?<![\w.])[A-Z]{3,}\b|\.\.\.|\[-|\[[A-Z]|\w\|\w")
 
@@ -155,7 +155,7 @@ def test_a_wrong_command_would_be_found() -> None:
 
 @each_page
 def test_every_setting_exists(page: Path) -> None:
-    known = {(one.table, one.key) for one in settings()}
+    known = {(one.table, one.key) for one in list_settings()}
     options = {
         option.name for post in pages.POSTS for option in fields(find_post(post)) if option.init
     }
@@ -175,7 +175,7 @@ def test_every_job_file_is_one(page: Path) -> None:
         re.sub("^ {4}", "", b, flags=re.M)
         for b in re.findall(r"(?:^ {4}.*\n|^\n(?= {4}))+", rest, re.M)
     ]
-    heads = "|".join(tables())
+    heads = "|".join(list_tables())
     for block in blocks:
         if re.match(rf"\s*(#.*\n)*\s*\[({heads})(\.\w+)?\]", block):
             job = tomllib.loads(block)

@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from camgen.geometry import apart
-from camgen.geometry.apart import box_pairs, set_apart
-from camgen.geometry.offset import offset
-from camgen.geometry.segments import from_contours, neighbours
+from camgen.geometry.apart import find_box_pairs, set_apart
+from camgen.geometry.offset import make_offset
+from camgen.geometry.segments import find_following, from_contours
 from camgen.model.part import Contour
 from tests.support.drawn import circle, clockwise, rectangle
 
@@ -31,7 +31,9 @@ def test_pairs_of_boxes(
         # Small loops and larger ones.
         patch.setattr(apart, "FEW", 3)
         chunks = [
-            *box_pairs(np.array(one, dtype=float).reshape(-1, 4), np.array(two, dtype=float), owner)
+            *find_box_pairs(
+                np.array(one, dtype=float).reshape(-1, 4), np.array(two, dtype=float), owner
+            )
         ]
     found = [
         (a, b) for which, row in chunks for a, b in zip(which.tolist(), row.tolist(), strict=True)
@@ -49,7 +51,7 @@ def labels(drawn: list[Contour], distance: float) -> list[int]:
     """Of each loop the label at this distance, all of them in one group before."""
     source, closed = from_contours(drawn), np.ones(len(drawn), dtype=np.bool_)
     one = np.zeros(len(source), dtype=np.int64)
-    curve = offset(source, neighbours(source, closed), one, distance, 0.001)
+    curve = make_offset(source, find_following(source, closed), one, distance, 0.001)
     found = set_apart(source, one, curve.segments, curve.source, distance)
     assert all(len(set(found[source.owner == k].tolist())) == 1 for k in range(len(drawn)))
     return [int(found[source.owner == k][0]) for k in range(len(drawn))]

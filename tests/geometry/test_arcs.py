@@ -8,21 +8,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from camgen.geometry.arcs import (
-    arc_lengths,
-    arc_middles,
     are_bent,
-    bulge_middles,
-    bulges,
     chain,
     circle,
+    compute_bulges,
+    find_arc_middles,
+    find_bulge_middles,
+    find_circle,
     fit_circle,
     is_arc,
     level_arms,
-    span_lengths,
-    spans,
-    spans_through,
-    sweep_and_height,
-    through,
+    make_spans,
+    make_spans_through,
+    measure_arcs,
+    measure_spans,
+    measure_sweep,
     turn_about,
 )
 from camgen.model.pose import rotation_about_axis, rotation_from_fixed_xyz
@@ -69,7 +69,7 @@ def slack(arc: Known) -> float:
 
 @given(known, FRACTIONS)
 def test_a_span_knows_length_radius_points_and_tangents(arc: Known, fraction: float) -> None:
-    found = spans(*arc.points(0.0, 0.5, 1.0))
+    found = make_spans(*arc.points(0.0, 0.5, 1.0))
     assert found.length[0] == pytest.approx(arc.radius * arc.sweep, rel=1e-9)
     assert found.sweep[0] == pytest.approx(arc.sweep, abs=1e-9)
     assert found.radius[0] == pytest.approx(arc.radius, abs=100 * slack(arc))
@@ -86,7 +86,7 @@ def test_a_vector_turns_with_the_arc_to_its_middle(
     arc: Known, vector: tuple[float, float, float]
 ) -> None:
     turn = rotation_about_axis(arc.plane[:, 2], arc.sweep / 2)
-    found = spans(*arc.points(0.0, 0.5, 1.0)).to_middle(np.array([vector]))
+    found = make_spans(*arc.points(0.0, 0.5, 1.0)).to_middle(np.array([vector]))
     assert np.allclose(found[0], turn @ np.array(vector), rtol=0, atol=1e-9 / arc.sweep)
 
 
@@ -94,9 +94,9 @@ def test_a_vector_turns_with_the_arc_to_its_middle(
 def test_via_may_lie_anywhere_on_the_arc(arc: Known, at: float) -> None:
     points = arc.points(0.0, at, 1.0)
     near = 1e3 * slack(arc) + 1e-9 * arc.radius / (2 * math.pi - arc.sweep)
-    assert np.allclose(arc_middles(*points)[0], arc.point(0.5), rtol=0, atol=near)
-    assert arc_lengths(*points)[0] == pytest.approx(arc.radius * arc.sweep, rel=1e-7)
-    found = spans_through(*points)
+    assert np.allclose(find_arc_middles(*points)[0], arc.point(0.5), rtol=0, atol=near)
+    assert measure_arcs(*points)[0] == pytest.approx(arc.radius * arc.sweep, rel=1e-7)
+    found = make_spans_through(*points)
     assert np.allclose(found.point(np.array([0.25]))[0], arc.point(0.25), rtol=0, atol=near)
     assert np.allclose(found.tangents()[0][0], arc.tangent(0.0), rtol=0, atol=1e-6)
 
@@ -111,10 +111,10 @@ def test_one_arc_alone_is_the_same_arc(arc: Known, at: float) -> None:
     assert np.allclose(axis, arc.plane[:, 2], rtol=0, atol=1e-6)
     assert sweep == pytest.approx(arc.sweep, abs=1e-6)
     assert is_arc(start, via, end)
-    assert sweep_and_height(start, via, end)[0] == pytest.approx(arc.sweep, abs=1e-6)
+    assert measure_sweep(start, via, end)[0] == pytest.approx(arc.sweep, abs=1e-6)
     arm = tuple((arc.point(0.0) - arc.centre).tolist())
     assert np.allclose(turn_about(arm, axis, sweep), arc.point(1.0) - arc.centre, rtol=0, atol=near)
-    found = through(*(arc.point(f) for f in (0.0, at, 1.0)))
+    found = find_circle(*(arc.point(f) for f in (0.0, at, 1.0)))
     assert found is not None
     assert np.allclose(found.center, arc.centre, rtol=0, atol=near)
 
@@ -124,9 +124,9 @@ def test_a_bulge_is_the_tangent_of_a_quarter_of_the_sweep(
     bulge: float, chord: float, angle: float
 ) -> None:
     start, end = np.zeros((1, 3)), chord * np.array([[math.cos(angle), math.sin(angle), 0.0]])
-    middle = bulge_middles(start, np.array([bulge]), end)
-    assert bulges(start, middle, end)[0] == pytest.approx(bulge)
-    assert span_lengths(np.vstack([start, end]), middle)[0] == pytest.approx(
+    middle = find_bulge_middles(start, np.array([bulge]), end)
+    assert compute_bulges(start, middle, end)[0] == pytest.approx(bulge)
+    assert measure_spans(np.vstack([start, end]), middle)[0] == pytest.approx(
         4 * math.atan(abs(bulge)) * chord * (1 + bulge * bulge) / (4 * abs(bulge))
     )
     # Counter-clockwise is positive: the centre is on the left of the travel.
@@ -139,7 +139,7 @@ def test_a_bulge_is_the_tangent_of_a_quarter_of_the_sweep(
 
 def test_a_line_is_a_span_without_via() -> None:
     start, end = np.array([[0.0, 0, 0], [1, 1, 1]]), np.array([[3.0, 4, 0], [1, 1, 1]])
-    found = spans(start, np.full((2, 3), np.nan), end)
+    found = make_spans(start, np.full((2, 3), np.nan), end)
     assert found.length.tolist() == [5.0, 0.0]
     assert found.sweep.tolist() == [0.0, 0.0]
     assert found.point(np.array([0.2, 0.5])).tolist() == [[3 * 0.2, 4 * 0.2, 0.0], [1.0, 1.0, 1.0]]
@@ -154,11 +154,11 @@ def test_a_flat_arc_is_as_long_as_its_chord(height: float) -> None:
         np.array([[100.0, 0.0, 0.0]]),
     )
     assert are_bent(start, via, end)[0] == (height > 1e-7)
-    assert spans(start, via, end).length[0] == pytest.approx(100.0, rel=1e-12)
-    assert spans_through(start, via, end).length[0] == pytest.approx(100.0, rel=1e-12)
-    assert arc_lengths(start, via, end)[0] == pytest.approx(100.0, rel=1e-12)
+    assert make_spans(start, via, end).length[0] == pytest.approx(100.0, rel=1e-12)
+    assert make_spans_through(start, via, end).length[0] == pytest.approx(100.0, rel=1e-12)
+    assert measure_arcs(start, via, end)[0] == pytest.approx(100.0, rel=1e-12)
     assert np.allclose(
-        spans(start, via, end).point(np.array([0.25])),
+        make_spans(start, via, end).point(np.array([0.25])),
         [[25.0, 0.75 * height, 0.0]],
         rtol=0,
         atol=1e-9,
@@ -167,8 +167,8 @@ def test_a_flat_arc_is_as_long_as_its_chord(height: float) -> None:
 
 def test_three_points_on_one_line_in_another_order_are_no_arc() -> None:
     start, via, end = np.zeros((1, 3)), np.array([[30.0, 0.0, 0.0]]), np.array([[10.0, 0.0, 0.0]])
-    assert arc_lengths(start, via, end)[0] == pytest.approx(50.0)  # there and back
-    assert not spans_through(start, via, end).curved[0]
+    assert measure_arcs(start, via, end)[0] == pytest.approx(50.0)  # there and back
+    assert not make_spans_through(start, via, end).curved[0]
     assert not is_arc((0.0, 0.0, 0.0), (30.0, 0.0, 0.0), (10.0, 0.0, 0.0))
 
 

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from camgen.geometry.centre_lines import CentreLines, find_centre_lines
-from camgen.geometry.intersect import Obstacles, nearest_distances
-from camgen.geometry.segments import from_contours, neighbours, points_at
+from camgen.geometry.intersect import Obstacles, measure_nearest
+from camgen.geometry.segments import find_following, from_contours, points_at
 from camgen.model.part import Contour, IntArray
 from camgen.model.pose import FloatArray
 from tests.support.drawn import circle, clockwise, contour, rectangle
@@ -29,7 +29,7 @@ def slot(length: float, width: float) -> Contour:
 def lines_in(*contours: Contour) -> CentreLines:
     """The centre lines within outer contours, which are drawn counter-clockwise."""
     source = from_contours([clockwise(shape) for shape in contours])
-    following = neighbours(source, np.ones(len(contours), dtype=np.bool_))
+    following = find_following(source, np.ones(len(contours), dtype=np.bool_))
     group = np.zeros(len(source), dtype=np.int64)
     return find_centre_lines(source, following, group, RADIUS, SLACK, NONE)
 
@@ -71,7 +71,7 @@ def test_a_bent_slot_keeps_its_arc() -> None:
 
 def test_a_ring_between_two_circles_is_closed() -> None:
     source = from_contours([clockwise(circle(0, 0, 23)), circle(0, 0, 17, "c2")])
-    following = neighbours(source, np.ones(2, dtype=np.bool_))
+    following = find_following(source, np.ones(2, dtype=np.bool_))
     group = np.zeros(len(source), dtype=np.int64)
     lines = find_centre_lines(source, following, group, RADIUS, SLACK, NONE)
     assert lines.closed.tolist() == [True]
@@ -93,7 +93,7 @@ def test_the_arms_of_a_t_are_run_once() -> None:
     whole = 9 + 9 + 21 + 3 * math.pi / 2
     assert lines.segments.length.sum() == pytest.approx(whole, abs=0.05)
     for place in ([4.0, 3.0], [15.0, 26.0], [26.0, 3.0]):
-        assert nearest_distances(np.array([place]), lines.segments, 1.0)[0] < 1e-3
+        assert measure_nearest(np.array([place]), lines.segments, 1.0)[0] < 1e-3
 
 
 def test_a_neck_between_two_rooms_is_lines_in() -> None:
@@ -110,7 +110,7 @@ def test_a_round_hole_has_a_middle() -> None:
 
 def test_what_is_run_already_is_left_out() -> None:
     source = from_contours([clockwise(slot(30, 6))])
-    following = neighbours(source, np.ones(1, dtype=np.bool_))
+    following = find_following(source, np.ones(1, dtype=np.bool_))
     known = from_contours([contour([(-5, 0), (18, 0)], closed=False)])
     lines = find_centre_lines(source, following, source.owner, RADIUS, SLACK, known)
     assert ends(lines)[1] == [30, 0]

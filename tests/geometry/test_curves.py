@@ -75,7 +75,7 @@ def de_boor(control: Array, knots: list[float], degree: int, weights: Array, t: 
 @pytest.mark.parametrize("chord", [0.1, 0.01, 0.001])
 @pytest.mark.parametrize("ratio", [1.0, 0.8, 0.4, 0.05])
 def test_ellipse_of_100_mm(ratio: float, chord: float) -> None:
-    run = curves.ellipse(
+    run = curves.make_ellipse(
         np.zeros(2), np.array([50.0, 0.0]), np.array([0.0, 50 * ratio]), 0.0, math.tau
     )
     outline = curves.fit([run], chord)[0]
@@ -84,7 +84,9 @@ def test_ellipse_of_100_mm(ratio: float, chord: float) -> None:
 
 
 def test_a_full_ellipse_takes_some_tens_of_arcs() -> None:
-    run = curves.ellipse(np.zeros(2), np.array([50.0, 0.0]), np.array([0.0, 20.0]), 0.0, math.tau)
+    run = curves.make_ellipse(
+        np.zeros(2), np.array([50.0, 0.0]), np.array([0.0, 20.0]), 0.0, math.tau
+    )
     assert len(curves.fit([run], 0.01)[0][0]) <= 64
 
 
@@ -98,7 +100,7 @@ def test_any_elliptical_arc(
     u, v = np.array([a, skew]), np.array([-skew, b])
     end = start - sweep if back else start + sweep
     center = np.array([1000.0, -300.0])
-    outline = curves.fit([curves.ellipse(center, u, v, start, end)], 0.01)[0]
+    outline = curves.fit([curves.make_ellipse(center, u, v, start, end)], 0.01)[0]
     t = np.linspace(start, end, 801)[:, None]
     assert_within(outline, center + np.cos(t) * u + np.sin(t) * v, 0.01)
 
@@ -118,7 +120,7 @@ CONTROL = np.array([[0, 0], [20, 40], [50, -30], [70, 30], [90, 0], [60, -60.0]]
 def test_splines(name: str, weighted: bool) -> None:
     knots, degree = KNOTS[name]
     weights = np.array([1.0, 4.0, 0.3, 2.0, 1.0, 1.0]) if weighted else np.ones(6)
-    run = curves.bspline(
+    run = curves.make_bspline(
         CONTROL, np.array(knots, dtype=float), degree, weights if weighted else None
     )
     t = np.linspace(knots[degree], knots[len(CONTROL)], 1201)
@@ -129,7 +131,7 @@ def test_splines(name: str, weighted: bool) -> None:
 
 
 def test_a_line_in_disguise_is_one_line() -> None:
-    run = curves.bezier(np.array([[[0, 0], [1, 2], [2, 4], [3, 6.0]]]))
+    run = curves.make_bezier(np.array([[[0, 0], [1, 2], [2, 4], [3, 6.0]]]))
     points, bulges = curves.fit([run], 0.01)[0]
     assert points.tolist() == [[0, 0], [3, 6]]
     assert bulges.tolist() == [0, 0]
@@ -151,21 +153,21 @@ def test_beziers_that_are_hard(control: list[list[float]]) -> None:
     exact = (
         (1 - t) ** 3 * c[0] + 3 * t * (1 - t) ** 2 * c[1] + 3 * t * t * (1 - t) * c[2] + t**3 * c[3]
     )
-    outline = curves.fit([curves.bezier(c[None])], 0.01)[0]
+    outline = curves.fit([curves.make_bezier(c[None])], 0.01)[0]
     assert_within(outline, exact, 0.01)
     assert len(outline[0]) < 60
 
 
 def test_ends_are_exact_far_from_the_origin() -> None:
     c = np.array([[0, 0], [10, 30], [40, 30], [50, 0.0]]) + 1e9
-    points, _ = curves.fit([curves.bezier(c[None])], 0.01)[0]
+    points, _ = curves.fit([curves.make_bezier(c[None])], 0.01)[0]
     assert points[0].tolist() == c[0].tolist()
     assert np.abs(points[-1] - c[-1]).max() <= 2 * np.spacing(1e9)
 
 
 def test_each_curve_gets_its_own_outline_whatever_the_degree() -> None:
-    quad = curves.bezier(np.array([[[0, 0], [5, 10], [10, 0.0]]]))
-    cubic = curves.bezier(np.array([[[0, 5], [5, 15], [10, 15], [15, 5.0]]]))
+    quad = curves.make_bezier(np.array([[[0, 0], [5, 10], [10, 0.0]]]))
+    cubic = curves.make_bezier(np.array([[[0, 5], [5, 15], [10, 15], [15, 5.0]]]))
     together = curves.fit([cubic, quad, cubic], 0.01)
     alone = [curves.fit([c], 0.01)[0] for c in (cubic, quad, cubic)]
     for (p, b), (q, c) in zip(together, alone, strict=True):
@@ -187,7 +189,7 @@ def test_no_spline(
     count: int, knots: list[float], degree: int, weights: list[float] | None
 ) -> None:
     with pytest.raises(ValueError, match=r"."):
-        curves.bspline(
+        curves.make_bspline(
             np.zeros((count, 2)),
             np.array(knots, dtype=float),
             degree,
@@ -196,7 +198,7 @@ def test_no_spline(
 
 
 def test_numbers_out_of_all_proportion_end_as_infinities() -> None:
-    run = curves.bezier(np.array([[[0, 0], [1e308, 0], [-1e308, 1e308], [1, 1.0]]]))
+    run = curves.make_bezier(np.array([[[0, 0], [1e308, 0], [-1e308, 1e308], [1, 1.0]]]))
     run[0, 1, 2] = 1e-308
     with np.errstate(all="ignore"):
         points, _ = curves.fit([run], 0.01)[0]

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from camgen.geometry.intersect import Obstacles, distances, gaps, nearest_distances
+from camgen.geometry.intersect import Obstacles, measure_distances, measure_gaps, measure_nearest
 from camgen.geometry.segments import Segments, make, points_at
 from camgen.model.pose import FloatArray
 
@@ -40,7 +40,7 @@ def test_the_gap_is_that_of_the_nearest_points(
     first, second = one(start, end, bulge), one(other, (0.0, 0.0), turn)
     a, b = places(first), places(second)
     nearest = float(np.hypot(*(a[:, None] - b[None]).reshape(-1, 2).T).min())
-    found = float(gaps(first, second, 100.0)[0])
+    found = float(measure_gaps(first, second, 100.0)[0])
     # Steps of the points are at most a length of 40 mm in 1500.
     assert found <= nearest + 1e-9
     assert found == pytest.approx(nearest, abs=0.03)
@@ -48,9 +48,9 @@ def test_the_gap_is_that_of_the_nearest_points(
 
 def test_arcs_about_one_centre_are_apart_by_their_radii() -> None:
     inner, outer = one((3, 0), (0, 3), np.tan(np.pi / 8)), one((5, 0), (-5, 0), 1.0)
-    assert gaps(inner, outer, 10.0) == pytest.approx([2.0])
+    assert measure_gaps(inner, outer, 10.0) == pytest.approx([2.0])
     away = one((-5, 0), (0, -5), np.tan(np.pi / 8))
-    assert gaps(inner, away, 10.0) == pytest.approx([np.hypot(5, 3)])
+    assert measure_gaps(inner, away, 10.0) == pytest.approx([np.hypot(5, 3)])
 
 
 def test_the_nearest_of_several_segments_counts_within_reach() -> None:
@@ -58,7 +58,7 @@ def test_the_nearest_of_several_segments_counts_within_reach() -> None:
     start, end = np.array([[0.0, 0.0], [25.0, 0.0]]), np.array([[10.0, 0.0], [15.0, 0.0]])
     segments = make(start, end, np.array([0.0, 1.0]), np.array([0, 1]))
     points = np.array([[4.0, 3.0], [20.0, 8.0], [13.0, 0.0], [4.0, 30.0]])
-    assert nearest_distances(points, segments, 10.0) == pytest.approx([3.0, 3.0, 2.0, np.inf])
+    assert measure_nearest(points, segments, 10.0) == pytest.approx([3.0, 3.0, 2.0, np.inf])
 
 
 @pytest.mark.parametrize("step", [0.02, 0.6, 7.0])
@@ -72,7 +72,7 @@ def test_points_in_a_row_have_the_distances_that_each_has_by_itself(step: float)
     points = np.cumsum(random.normal(0, step, (700, 2)), axis=0) % 60
     groups, chosen = random.integers(0, 2, 50), random.integers(0, 2, 700)
     gaps_of = np.array(
-        [distances(np.full((50, 2), point), segments, np.arange(50)) for point in points]
+        [measure_distances(np.full((50, 2), point), segments, np.arange(50)) for point in points]
     )
     gaps_of[chosen[:, None] != groups] = np.inf
     gaps_of[gaps_of > 2.5] = np.inf

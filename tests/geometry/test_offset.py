@@ -9,8 +9,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from camgen.geometry.intersect import Obstacles
-from camgen.geometry.offset import Offset, offset
-from camgen.geometry.segments import flatten, from_contours, neighbours, points_at
+from camgen.geometry.offset import Offset, make_offset
+from camgen.geometry.segments import find_following, flatten, from_contours, points_at
 from camgen.model.part import Contour
 from tests.support.drawn import circle, clockwise, contour, rectangle, rounded
 
@@ -20,8 +20,12 @@ MITRE = 0.001
 def run(contours: list[Contour], distance: float) -> Offset:
     source = from_contours(contours)
     closed = np.array([c.closed for c in contours])
-    return offset(
-        source, neighbours(source, closed), np.zeros(len(source), dtype=np.int64), distance, MITRE
+    return make_offset(
+        source,
+        find_following(source, closed),
+        np.zeros(len(source), dtype=np.int64),
+        distance,
+        MITRE,
     )
 
 

@@ -57,7 +57,7 @@ def test_a_part_of_the_shortest_turn(
 ) -> None:
     a = rotation_from_fixed_xyz(*angles)
     b = frozen(a @ rotation_about_axis(frozen(unit(axis)), angle))
-    found = rotations.between(
+    found = rotations.interpolate_rotations(
         np.array([a, a]), np.array([a, b]), np.array([1, 0]), np.array([part, part])
     )
     assert np.allclose(found, [rotation_between(a, b, part), a], rtol=0, atol=1e-12)

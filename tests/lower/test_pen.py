@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from camgen.geometry.arcs import path_length
+from camgen.geometry.arcs import measure_path
 from camgen.lower import lower
 from camgen.model.errors import NoSafeProgram
 from camgen.model.part import Contour, Part
@@ -127,7 +127,9 @@ def test_the_pen_is_up_on_the_way_between_lines(
     drawn, travelled = lengths_of(
         reading.body, None if way.get("signal") == "" else "process", "force" in way
     )
-    assert drawn == pytest.approx(sum(path_length(path) for path in tour.paths), rel=1e-3, abs=0.05)
+    assert drawn == pytest.approx(
+        sum(measure_path(path) for path in tour.paths), rel=1e-3, abs=0.05
+    )
     assert travelled >= len(tour.paths) - 1 or way.get("clearance") == 0.5
 
 

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 import camgen
-from camgen.geometry.arcs import path_length
-from camgen.geometry.intersect import gaps
+from camgen.geometry.arcs import measure_path
+from camgen.geometry.intersect import measure_gaps
 from camgen.geometry.segments import from_contours, make
 from camgen.lower.runs import helix_entry
 from camgen.model.errors import JobError
@@ -84,7 +84,7 @@ def assert_covered(found: list[Cut], path: ToolPath, depth: float) -> None:
     points = points[~np.isnan(points[:, 0])]
     assert float(shapely.distance(shapely.points(points), lines).max()) < 1e-3
     pieces = shapely.union_all([shapely.buffer(line, 1e-3, quad_segs=2) for line in lines.geoms])
-    own = path_length(path)
+    own = measure_path(path)
     # A band 2e-3 mm wide about the whole path, with round ends.
     assert pieces.area == pytest.approx(own * 2e-3, rel=2e-2)
 
@@ -92,7 +92,7 @@ def assert_covered(found: list[Cut], path: ToolPath, depth: float) -> None:
 def distances_from(shapes: list[Contour], found: list[Cut]) -> np.ndarray:
     """mm from each straight cut to the nearest of all that is drawn."""
     start, end = (np.array([getattr(cut, name)[:2] for cut in found]) for name in ("start", "end"))
-    return gaps(
+    return measure_gaps(
         make(start, end, np.zeros(len(found)), np.arange(len(found))), from_contours(shapes), 20.0
     )
 
@@ -191,7 +191,7 @@ def test_leads_are_run_to_and_fro_too() -> None:
     (path,) = result.tour.paths
     last = [cut for cut in work(result.program) if cut.start[2] == cut.end[2] == -4.0]
     points = [last[0].start[:2], *(cut.end[:2] for cut in last)]
-    assert shapely.LineString(points).length == pytest.approx(path_length(path), rel=1e-4)
+    assert shapely.LineString(points).length == pytest.approx(measure_path(path), rel=1e-4)
 
 
 LEADS = st.one_of(st.just(0.0), st.floats(0.5, 6))

@@ -26,8 +26,8 @@ from camgen.model.program import (
     Program,
     ToolChange,
     Wait,
-    put_off_first,
     splice,
+    switch_off_first,
 )
 
 HERE = Pose(IDENTITY, (0.0, 0.0, 0.0))
@@ -148,7 +148,7 @@ def test_a_packed_body_is_spliced_as_a_tuple_is(
 
 
 def test_all_is_off_first_in_a_packed_body_too() -> None:
-    assert same(put_off_first(pack(ITEMS)), put_off_first(ITEMS))
+    assert same(switch_off_first(pack(ITEMS)), switch_off_first(ITEMS))
 
 
 def test_columns_are_those_of_the_objects() -> None:

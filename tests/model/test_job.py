@@ -12,7 +12,7 @@ import camgen
 from camgen.cli.init import reference, template
 from camgen.model.errors import CamgenError, InputError, JobError, NoSafeProgram
 from camgen.model.job import Job
-from camgen.model.job_tables import settings
+from camgen.model.job_tables import list_settings
 from camgen.model.part import Contour, Note, Part
 from camgen.model.pose import frozen
 from camgen.model.toml import toml
@@ -215,7 +215,7 @@ def test_the_template_is_the_default_job(tmp_path: Path) -> None:
     assert load(file) == Job()
     text = file.read_text(encoding="utf-8")
     assert "This file: inch." in text
-    for setting in settings():
+    for setting in list_settings():
         assert f"\n{setting.key} = " in text or f"\n# {setting.key} = " in text
         assert setting.about.split()[0] in text
 

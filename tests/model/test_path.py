@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from camgen.geometry.arcs import path_length, span_lengths
+from camgen.geometry.arcs import measure_path, measure_spans
 from camgen.model.path import ToolPath, waypoints
 
 
@@ -67,8 +67,8 @@ def test_twice_reversed_is_the_same(drawn):
 @given(paths())
 def test_length_is_that_of_lines_and_arcs_either_way(drawn):
     path, length = drawn
-    assert path_length(path) == pytest.approx(length, rel=1e-9)
-    assert path_length(path.reversed()) == pytest.approx(length, rel=1e-9)
+    assert measure_path(path) == pytest.approx(length, rel=1e-9)
+    assert measure_path(path.reversed()) == pytest.approx(length, rel=1e-9)
 
 
 @given(paths())
@@ -90,4 +90,4 @@ def test_reversal_keeps_what_belongs_to_a_segment_with_it(drawn):
 def test_very_flat_arcs_are_as_long_as_their_chord():
     position = np.array([[0.0, 0, 0], [10, 0, 0], [10, 0, 0]])
     via = np.array([[np.nan] * 3, [5.0, 1e-9, 0], [np.nan] * 3])
-    assert span_lengths(position, via[1:]) == pytest.approx([10.0, 0.0])
+    assert measure_spans(position, via[1:]) == pytest.approx([10.0, 0.0])

@@ -23,7 +23,7 @@ from camgen.model.program import (
     Program,
     Wait,
     motions,
-    put_off_first,
+    switch_off_first,
 )
 from fixtures.program_text import dump, parse
 from tests.support.whole import whole
@@ -131,9 +131,9 @@ def test_what_the_rules_allow(body):
 
 
 def test_what_a_program_uses_is_put_off_first():
-    assert put_off_first((HOME, LINE)) == (HOME, LINE)
+    assert switch_off_first((HOME, LINE)) == (HOME, LINE)
     body = [HOME, Output("b", 1.0), ON, A_ON, LINE, OFF, A_OFF, Output("b", 0.0)]
-    assert put_off_first(body) == (Output("b", 0.0), A_OFF, OFF, *body)
+    assert switch_off_first(body) == (Output("b", 0.0), A_OFF, OFF, *body)
 
 
 BAD = (math.nan, math.inf, -math.inf)

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import camgen
-from camgen.geometry.arcs import spans
+from camgen.geometry.arcs import make_spans
 from camgen.model.cell import Dynamics
 from camgen.motion.corners import blend_corners, compute_corner_tolerance
 from camgen.pipeline import build
@@ -51,7 +51,7 @@ def chosen(
 ) -> float:
     end = lengths[1] * np.exp(1j * turn)
     points = np.array([[-lengths[0], 0, 0], [0, 0, 0], [end.real, end.imag, 0]])
-    lines = spans(points[:-1], np.full((2, 3), np.nan), points[1:])
+    lines = make_spans(points[:-1], np.full((2, 3), np.nan), points[1:])
     dynamics = Dynamics(5000.0, corner="overlap")
     return float(blend_corners(lines, np.array(speeds), tolerance, dynamics)[0])
 
@@ -133,7 +133,7 @@ def test_zones_do_not_hang_on_the_speed() -> None:
     directions = np.exp(1j * np.cumsum([0.0, 0.2, 1.6]))
     ends = np.append(0.0, np.cumsum(30 * directions))
     points = np.stack([ends.real, ends.imag, 0 * ends.real], axis=1)
-    lines = spans(points[:-1], np.full((3, 3), np.nan), points[1:])
+    lines = make_spans(points[:-1], np.full((3, 3), np.nan), points[1:])
     for speed in (10.0, 500.0):
         blend = blend_corners(lines, np.full(3, speed), 0.05, Dynamics())
         assert blend.tolist() == [1.0, 0.0]

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from camgen.geometry.arcs import Spans, spans
+from camgen.geometry.arcs import Spans, make_spans
 from camgen.model.cell import Dynamics
 from camgen.model.pose import FloatArray, rotation_about
 from camgen.motion.corners import blend_corners
@@ -18,7 +18,7 @@ NO_VIA = np.full(3, np.nan)
 
 
 def make(start: FloatArray, via: FloatArray, end: FloatArray) -> Spans:
-    return spans(start[None], via[None], end[None])
+    return make_spans(start[None], via[None], end[None])
 
 
 def line(length: float, turn: float = 0.0) -> Spans:
@@ -84,7 +84,7 @@ def test_the_measure_does_not_depend_on_the_direction_in_space() -> None:
     turned = rotation_about(0, 0.7) @ rotation_about(2, 1.1)
 
     def turn(motion: Spans) -> Spans:
-        return spans(motion.start @ turned.T, motion.via @ turned.T, motion.end @ turned.T)
+        return make_spans(motion.start @ turned.T, motion.via @ turned.T, motion.end @ turned.T)
 
     left, right = arc(4.0, 1.0, -1.0), arc(7.0, 1.0)
     for first, second in ((line(9), arc(4.0, 1.0)), (left, right), (line(9), line(9, 1.0))):
@@ -106,7 +106,7 @@ def test_a_rounded_path_begins_and_ends_on_the_programmed_one() -> None:
 def test_the_widest_zone_within_the_tolerance_is_chosen(radius: float, tolerance: float) -> None:
     first, second = line(99), arc(radius, 2.0)
     points = np.concatenate([first.start, second.start, second.end])
-    both = spans(points[:-1], np.concatenate([first.via, second.via]), points[1:])
+    both = make_spans(points[:-1], np.concatenate([first.via, second.via]), points[1:])
     chosen = float(blend_corners(both, np.full(2, 20.0), tolerance, ZONE)[0])
     # A zone of 1 or 5 mm is no wider than half of the arc.
     zones = [zone for zone in (5.0, 1.0, 0.3, 0.1) if zone <= max(radius, 0.3)]

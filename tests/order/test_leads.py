@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from camgen.geometry.arcs import path_length, span_lengths
+from camgen.geometry.arcs import measure_path, measure_spans
 from camgen.geometry.intersect import Obstacles
 from camgen.geometry.segments import from_contours
 from camgen.model.job import Job, OperationTable, ProcessTable
@@ -40,7 +40,7 @@ def tangents(path: ToolPath) -> list[np.ndarray]:
 def test_a_lead_is_a_quarter_circle_that_meets_the_path_smoothly() -> None:
     (path,), notes = led(rectangle(0, 0, 100, 60), lead_in=4.0, lead_out=3.0)
     assert not notes
-    lengths = span_lengths(path.position, path.via[1:])
+    lengths = measure_spans(path.position, path.via[1:])
     assert lengths[0] == pytest.approx(4.0)
     assert lengths[-1] == pytest.approx(3.0)
     direction = tangents(path)
@@ -66,7 +66,7 @@ def test_leads_never_come_nearer_to_the_part_than_the_tool() -> None:
 def test_a_lead_that_does_not_fit_is_shortened_and_said() -> None:
     (path,), notes = led(circle(0, 0, 4), side="inside", lead_in=8.0)
     # Inside a hole of 8 mm the centre of the 6 mm tool has a circle of 1 mm: a quarter circle of at most 1 mm radius.
-    assert path_length(path) <= 2 * math.pi + math.pi / 2 + 1e-9
+    assert measure_path(path) <= 2 * math.pi + math.pi / 2 + 1e-9
     assert len(notes) == 1
     assert notes[0].kind == "warning"
 
@@ -74,12 +74,12 @@ def test_a_lead_that_does_not_fit_is_shortened_and_said() -> None:
 def test_overlap_runs_on_beyond_the_seam() -> None:
     (path,), _ = led(rectangle(0, 0, 100, 60), overlap=7.5)
     (plain,), _ = led(rectangle(0, 0, 100, 60))
-    assert path_length(path) == pytest.approx(path_length(plain) + 7.5)
+    assert measure_path(path) == pytest.approx(measure_path(plain) + 7.5)
     assert not path.closed
     (long,), _ = led(rectangle(0, 0, 100, 60), overlap=130.0)
-    assert path_length(long) == pytest.approx(path_length(plain) + 130.0)
+    assert measure_path(long) == pytest.approx(measure_path(plain) + 130.0)
     (twice,), _ = led(circle(0, 0, 10), overlap=1000.0)
-    assert path_length(twice) == pytest.approx(2 * 2 * math.pi * 13)
+    assert measure_path(twice) == pytest.approx(2 * 2 * math.pi * 13)
 
 
 def test_no_force_along_a_lead() -> None:
@@ -121,7 +121,7 @@ def test_an_open_contour_is_led_along_its_tangent() -> None:
 
 def test_traced_lines_have_no_leads() -> None:
     (path,), notes = led(circle(0, 0, 20), kind="trace", lead_in=5.0)
-    assert path_length(path) == pytest.approx(40 * math.pi)
+    assert measure_path(path) == pytest.approx(40 * math.pi)
     assert not notes
 
 

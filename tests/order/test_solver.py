@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from camgen.geometry.nearest import Discs, nearest_items
+from camgen.geometry.nearest import Discs, find_nearest_items
 from camgen.order.solver import local_search, plane
 from camgen.order.solver.bound import at_least
 from camgen.order.solver.kernel import (
@@ -86,7 +86,7 @@ def travel(items: Items, tour: Start, home: np.ndarray | None) -> float:
 
 
 def near_of(items: Items) -> object:
-    return nearest_items(discs_of(items), len(items.kind), 10)
+    return find_nearest_items(discs_of(items), len(items.kind), 10)
 
 
 def check_rules(items: Items, tour: Start) -> None:
@@ -232,20 +232,20 @@ def test_the_nearest_items_are_those_of_a_plain_search(
     gap = np.linalg.norm(centre[:, None] - centre, axis=2) - discs.radius[:, None] - discs.radius
     apart = np.maximum(gap, 0.0).reshape(count, each, count, each).min(axis=(1, 3))
     np.fill_diagonal(apart, np.inf)
-    near = nearest_items(discs, count, 8)
+    near = find_nearest_items(discs, count, 8)
     listed = np.zeros((count, count), dtype=bool)
     listed[near.item, near.other] = True
     assert not np.diagonal(listed).any()
     assert not ((apart < near.sure[:, None] * (1 - 1e-9) - 1e-9) & ~listed).any()
-    assert (near.apart >= apart[near.item, near.other] - 1e-9).all()
-    exact = near.apart <= near.sure[near.item]
-    assert near.apart[exact] == pytest.approx(apart[near.item, near.other][exact], abs=1e-9)
+    assert (near.distance >= apart[near.item, near.other] - 1e-9).all()
+    exact = near.distance <= near.sure[near.item]
+    assert near.distance[exact] == pytest.approx(apart[near.item, near.other][exact], abs=1e-9)
 
 
 def test_a_crowd_at_one_point_is_not_quadratic() -> None:
     count = 20_000
     discs = Discs(np.arange(count), np.zeros((count, 2)), np.zeros(count))
-    assert len(nearest_items(discs, count, 8).item) < 20 * count
+    assert len(find_nearest_items(discs, count, 8).item) < 20 * count
 
 
 @pytest.mark.parametrize("rules", [False, True])

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from camgen.geometry.intersect import gaps
+from camgen.geometry.intersect import measure_gaps
 from camgen.geometry.segments import from_contours, make, points_at
 from camgen.model.job import CellTable, Job, OperationTable, ProcessTable, ToolTable
 from camgen.model.part import Contour, Part
@@ -36,7 +36,7 @@ def test_the_distance_of_a_way_is_that_of_its_points(seed: int) -> None:
     )
     fine = 150
     t = np.linspace(0, 1, fine + 1)
-    found = gaps(lines, drawn, 100.0)
+    found = measure_gaps(lines, drawn, 100.0)
     for k in range(6):
         way = lines.start[k] + t[:, None] * (lines.end[k] - lines.start[k])
         least = math.inf
@@ -48,7 +48,7 @@ def test_the_distance_of_a_way_is_that_of_its_points(seed: int) -> None:
         step = (float(lines.length[k]) + float(drawn.length.max())) / fine / 2
         assert found[k] <= least + 1e-9
         assert found[k] >= least - step - 1e-9
-    near = gaps(lines, drawn, 2.0)
+    near = measure_gaps(lines, drawn, 2.0)
     assert (near[found <= 2.0] == found[found <= 2.0]).all()
     assert np.isinf(near[found > 2.0]).all()
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from camgen.geometry.nearest import nearest_items
+from camgen.geometry.nearest import find_nearest_items
 from camgen.order.solver import together
 from camgen.order.solver.greedy import join_greedily
 from camgen.order.solver.kernel import BOTH_WAYS, CLOSED
@@ -57,7 +57,7 @@ def test_rules_are_kept_and_each_move_changes_what_it_says(
     discs = discs_of(items)
     begun = join_greedily(items, discs, home)
     assert begun is not None
-    near = nearest_items(discs, count, 10)
+    near = find_nearest_items(discs, count, 10)
     # What a greedy tour leaves over and, without rules, what any order does.
     random_order = Start(np.random.default_rng(seed).permutation(count), begun.enter)
     for tour in (begun, begun if rules else random_order):
@@ -128,6 +128,6 @@ def test_crossings_are_undone_and_strays_brought_home() -> None:
                   np.zeros(count, dtype=np.int64))  # fmt: skip
     order = np.array([0, 1, 2, 14, 13, 12, 11, 10, 9, 8, 6, 5, 4, 3, 15, 16, 17, 18, 19, 7])
     home = np.array([0.0, 3.5])
-    near = nearest_items(discs_of(items), count, 10)
+    near = find_nearest_items(discs_of(items), count, 10)
     found = shorten_together(Problem(items, near, home), Start(order, np.arange(count)))
     assert travel(items, found, home) == pytest.approx(2 * 90 + 7 + 2 * 3.5)

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from camgen.geometry.arcs import path_length
+from camgen.geometry.arcs import measure_path
 from camgen.model.path import ToolPath, waypoints
 from camgen.model.pose import frozen
 from camgen.order import search, tree
@@ -191,7 +191,7 @@ def check_nearest_neighbour(paths: list[ToolPath], start: XY | None, inside_firs
         assert np.abs(starts[index] - begin).min() < 1.5
         if len(path.position) > len(paths[index].position):
             assert min(length(piece) for piece in (pieces(path)[0], pieces(path)[-1])) > SEAM - 1e-6
-        assert path_length(path) == pytest.approx(path_length(paths[index]), abs=1e-6)
+        assert measure_path(path) == pytest.approx(measure_path(paths[index]), abs=1e-6)
         here = complex(*path.position[-1, :2])
         left.remove(index)
     if start is not None:
@@ -219,7 +219,7 @@ def test_the_search_keeps_every_path_and_rule_between_the_bound_and_nearest_neig
         assert not inside_first or not any(encloses(paths, index, later) for later in ran[k + 1 :])
         begin, ends = complex(*tour.paths[k].position[0, :2]), choices(paths[index])
         assert np.abs(ends - begin).min() < (1.5 if paths[index].closed else 1e-9)
-        assert path_length(tour.paths[k]) == pytest.approx(path_length(paths[index]), abs=1e-6)
+        assert measure_path(tour.paths[k]) == pytest.approx(measure_path(paths[index]), abs=1e-6)
     assert tour.travel == measure_travel(tour.paths, start)
     assert tour.bound is not None
     assert 0 <= tour.bound <= tour.travel + 1e-6
@@ -455,7 +455,7 @@ def test_a_moved_start_keeps_the_path(path: ToolPath, data: st.DataObject) -> No
     total = sum(length(piece) for piece in pieces(path))
     begun = sum(length(piece) for piece in pieces(path)[: segment - 1])
     begun += fraction * length(pieces(path)[segment - 1])
-    assert path_length(moved) == pytest.approx(total)
+    assert measure_path(moved) == pytest.approx(total)
     assert moved.position[0].tolist() == moved.position[-1].tolist()
     assert min(length(piece) for piece in pieces(moved)) > 0.9e-6
     assert len(moved.position) - len(path.position) in (0, 1)

@@ -21,7 +21,7 @@ from camgen.plan.page import on_page
 from camgen.plan.simplify import simplify, thin_out
 from camgen.read import read
 from camgen.read.job_file import from_mapping
-from camgen.vision.ink import borders, ink_of
+from camgen.vision.ink import find_ink, trace_borders
 
 SHARED = Path(__file__).parents[2].parent / "shared" / "data" / "image"
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
@@ -80,11 +80,11 @@ def area(points: np.ndarray) -> float:
 )
 def test_borders_hold_the_ink(pixels: np.ndarray) -> None:
     """Against flood fill: as many outer borders as joined pieces of ink, as many holes as pieces of paper inside."""
-    ink = ink_of(pixels, 128.0, False)
+    ink = find_ink(pixels, 128.0, False)
     if ink is None:
         assert len(np.unique(pixels)) == 1
         return
-    found = borders(ink)
+    found = trace_borders(ink)
     pieces = cv2.connectedComponents(ink.pixels.astype(np.uint8), connectivity=8)[0] - 1
     papers = cv2.connectedComponents((~ink.pixels).astype(np.uint8), connectivity=4)[0] - 1
     # v runs down: an outer border, counter-clockwise with y up, has a negative area here.
@@ -103,9 +103,9 @@ def test_an_edge_between_grey_values_lies_where_it_was_drawn() -> None:
     pixels = np.full((6, 9), 255, np.uint8)
     pixels[:, :4] = 0
     pixels[:, 4] = round(255 * 0.7)
-    ink = ink_of(pixels, None, False)
+    ink = find_ink(pixels, None, False)
     assert ink is not None
-    border = borders(ink)[0]
+    border = trace_borders(ink)[0]
     right = border[(border[:, 0] > 3) & (border[:, 1] > 1) & (border[:, 1] < 6)]
     # One column of paper lies around the picture. Linear between centres: off by less than a tenth.
     assert np.abs(right[:, 0] - 1 - 3.8).max() < 0.1
@@ -172,14 +172,14 @@ def test_the_drawing_leaves_no_border_by_more_than_the_tolerance(
     pixels: np.ndarray, tolerance: float
 ) -> None:
     """Noise is the hardest there is: every pixel a corner."""
-    ink = ink_of(
+    ink = find_ink(
         cv2.resize(pixels, None, fx=3, fy=3, interpolation=cv2.INTER_NEAREST), 128.0, False
     )
     if ink is None:
         return
     contours = tuple(
         Contour(frozen(b * [0.1, -0.1]), frozen(np.zeros(len(b))), True, "0", f"c{k}")
-        for k, b in enumerate(borders(ink))
+        for k, b in enumerate(trace_borders(ink))
     )
     raw = Part("a", "a.png", "mm", contours, ())
     drawn = Part("a", "a.png", "mm", thin_out(contours, tolerance, arcs=True), ())
@@ -201,12 +201,12 @@ def test_a_border_does_not_hang_on_those_beside_it() -> None:
     noise = cv2.resize(
         np.random.default_rng(5).integers(0, 2, (30, 30), np.uint8) * 255, None, fx=4, fy=4
     )
-    ink = ink_of(noise, 128.0, False)
+    ink = find_ink(noise, 128.0, False)
     assert ink is not None
     t = np.linspace(0, 2 * np.pi, 90, endpoint=False)
     lines = [
         (np.column_stack([30 * np.cos(t), 30 * np.sin(t)]), True),
-        *((b.astype(float), True) for b in borders(ink)),
+        *((b.astype(float), True) for b in trace_borders(ink)),
         (np.column_stack([t * 9, 8 * np.sin(t)]), False),
         (np.array([[0.0, 0.0], [5.0, 0.0]]), True),
         (np.array([[0.0, 0.0], [5.0, 0.0]]), False),

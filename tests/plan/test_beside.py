@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from camgen.geometry import intersect, offset, stitch, uncross
-from camgen.geometry.segments import Segments, from_contours, neighbours
+from camgen.geometry.segments import Segments, find_following, from_contours
 from camgen.model.part import Contour
 from camgen.plan import beside as beside_module
 from camgen.plan.beside import Beside, beside, only_along
@@ -43,7 +43,7 @@ def loops(draw: st.DrawFn) -> list[Contour]:
 def curve(drawn: list[Contour], distance: float, corner: float) -> Beside:
     source, closed = from_contours(drawn), np.ones(len(drawn), dtype=np.bool_)
     label = np.zeros(len(source), dtype=np.int64)
-    return beside(source, neighbours(source, closed), closed, label, distance, corner)
+    return beside(source, find_following(source, closed), closed, label, distance, corner)
 
 
 @fewer(10)
@@ -70,7 +70,7 @@ def test_loops_apart_from_all_others_can_be_taken_by_themselves(
 @given(loops())
 def test_slips_are_the_same_where_every_corner_is_looked_at(drawn: list[Contour]) -> None:
     source, count = from_contours(drawn), len(drawn)
-    following = neighbours(source, np.ones(count, dtype=np.bool_))
+    following = find_following(source, np.ones(count, dtype=np.bool_))
     found = uncross.find_slips(source, following, count)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(

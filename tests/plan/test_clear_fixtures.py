@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import camgen
-from camgen.geometry.arcs import path_length
+from camgen.geometry.arcs import measure_path
 from camgen.model.errors import NoSafeProgram
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
@@ -61,9 +61,9 @@ def test_a_contour_is_cut_up_to_the_clamps_and_no_farther() -> None:
         ends = path.position[[0, -1], :2]
         nearest = np.minimum(distance(ends, LEFT), distance(ends, RIGHT))
         assert nearest == pytest.approx([5.0, 5.0], abs=0.06)
-    left_out = [path_length(path) for path in result.blocked]
-    kept = [path_length(path) for path in result.tour.paths]
-    assert sum(kept) + sum(left_out) == pytest.approx(path_length(whole), abs=1e-3)
+    left_out = [measure_path(path) for path in result.blocked]
+    kept = [measure_path(path) for path in result.tour.paths]
+    assert sum(kept) + sum(left_out) == pytest.approx(measure_path(whole), abs=1e-3)
     assert sum(left_out) == pytest.approx(20 + 10 + 30 + 10, abs=2.0)
     (note,) = fixture_notes(result)
     expected = f"skipped: {sum(left_out):.1f} mm of path c1 (fixtures 1, 2: the tool would come "
@@ -74,7 +74,7 @@ def test_the_same_stretches_are_left_out_wherever_the_path_begins() -> None:
     lengths = []
     for x, y in ((20.0, 0.0), (60.0, 0.0), (120.0, 45.0)):
         result = build(LEFT, tour={"seams": [[x, y]]})
-        lengths.append(sum(path_length(path) for path in result.blocked))
+        lengths.append(sum(measure_path(path) for path in result.blocked))
     assert max(lengths) - min(lengths) < 2e-3
 
 
@@ -93,12 +93,12 @@ def test_each_pass_leaves_out_what_the_deepest_one_does() -> None:
 def test_a_holder_leaves_out_more_than_the_tool_and_is_named() -> None:
     holder = {"length": 30.0, "holder": [[-15, -15, 0, 15, 15, 18]]}
     bare, held = build(RIGHT), build(RIGHT, tool=holder)
-    assert path_length(held.blocked[0]) > path_length(bare.blocked[0]) + 15
+    assert measure_path(held.blocked[0]) > measure_path(bare.blocked[0]) + 15
     assert "the tool and the holder would come nearer" in fixture_notes(held)[0]
     # With its lower end 12 mm above the tip it passes a clamp that is 8 mm high.
     low = [*RIGHT[:5], 8.0]
-    assert path_length(build(low, tool=holder).blocked[0]) == pytest.approx(
-        path_length(bare.blocked[0]), abs=1e-3
+    assert measure_path(build(low, tool=holder).blocked[0]) == pytest.approx(
+        measure_path(bare.blocked[0]), abs=1e-3
     )
 
 

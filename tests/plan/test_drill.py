@@ -19,7 +19,7 @@ from camgen.model.pose import frozen
 from camgen.model.program import MoveJ, MoveL
 from camgen.plan import Plan, plan
 from camgen.read.job_file import from_mapping
-from camgen.vision.crosses import crosses
+from camgen.vision.crosses import find_crosses
 
 
 def planned(part: Part, diameter: float = 1.0, **operation: object) -> Plan:
@@ -59,7 +59,7 @@ def test_marks_are_all_found_and_none_invented(seed: int) -> None:
 def test_marks_of_light_ink_on_dark_and_in_colour() -> None:
     board = marks(3)
     light, ink = 255 - board.picture, 255 - board.ink
-    found = crosses(ink, cv2.merge([light, light, light]))
+    found = find_crosses(ink, cv2.merge([light, light, light]))
     assert len(found) == len(board.centres)
 
 
@@ -76,7 +76,7 @@ def test_a_mark_tells_its_turn_reach_and_width() -> None:
         )
         cv2.fillPoly(big, [np.rint(corners * 16).astype(np.int32)[:, None]], 255, cv2.LINE_8, 4)
     grey = cv2.resize(big, (100, 100), interpolation=cv2.INTER_AREA)
-    (cross,) = crosses((grey > 127).astype(np.uint8) * 255, grey)
+    (cross,) = find_crosses((grey > 127).astype(np.uint8) * 255, grey)
     # A pixel of the small picture is eight of the large one; its centre (399.5 + 0.5) / 8 - 0.5.
     assert (cross.u, cross.v) == pytest.approx((49.5, 47.0), abs=0.05)
     assert cross.turn == pytest.approx(turn, abs=0.02)

@@ -11,8 +11,8 @@ import shapely
 
 import camgen
 from bench.plan.boards import GOALS, board, part_of
-from camgen.geometry.arcs import path_length
-from camgen.geometry.rings import rings
+from camgen.geometry.arcs import measure_path
+from camgen.geometry.rings import make_rings
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job
 from camgen.model.part import Contour, Part
@@ -244,7 +244,9 @@ def test_the_coverage_told_is_what_geos_measures() -> None:
 
 def test_coverage_of_a_stroke_by_hand() -> None:
     square = np.array([0, 10, 10 + 10j, 10j])
-    found = measure(rings([4]), square, [np.array([5 + 5j, 15 + 5j])], [np.array([2 + 0j])], 1.0)
+    found = measure(
+        make_rings([4]), square, [np.array([5 + 5j, 15 + 5j])], [np.array([2 + 0j])], 1.0
+    )
     assert found.copper == pytest.approx(100, rel=2e-3)
     # Half a capsule of radius 1 from x = 5, and half of a disc on the border; the rest of both is outside.
     assert found.covered == pytest.approx(10 + np.pi / 2 + np.pi / 2, rel=5e-3)
@@ -341,8 +343,8 @@ def test_a_program_is_made_and_read_back(tmp_path: Path) -> None:
         )
         # Leads and overlap are for what runs beside a contour: not a millimetre is added.
         plain = plan(result.part, result.job).paths
-        assert sum(path_length(p) for p in result.tour.paths) == pytest.approx(
-            sum(path_length(p) for p in plain), abs=1e-6
+        assert sum(measure_path(p) for p in result.tour.paths) == pytest.approx(
+            sum(measure_path(p) for p in plain), abs=1e-6
         )
 
 

@@ -8,7 +8,7 @@ import pytest
 import shapely
 
 import camgen
-from camgen.geometry.arcs import path_length
+from camgen.geometry.arcs import measure_path
 from camgen.geometry.intersect import Obstacles
 from camgen.geometry.segments import flatten, from_contours
 from camgen.model.job import ImageTable, Job, OperationTable, ProcessTable, ToolTable
@@ -43,8 +43,8 @@ def plate() -> tuple[Contour, ...]:
 
 def test_outside_of_the_outline_and_inside_of_the_hole() -> None:
     outline, hole = planned(*plate()).paths
-    assert path_length(outline) == pytest.approx(320 + 6 * math.pi)
-    assert path_length(hole) == pytest.approx(2 * math.pi * 7)
+    assert measure_path(outline) == pytest.approx(320 + 6 * math.pi)
+    assert measure_path(hole) == pytest.approx(2 * math.pi * 7)
     assert (outline.id, hole.id) == ("c1", "c2")
     assert (outline.parent, hole.parent) == (-1, 0)
 
@@ -97,7 +97,7 @@ def test_rounded_inner_corners_lose_contact() -> None:
     assert arc.sum() == 4
     chord = path.position[1:][arc] - path.position[:-1][arc]
     assert np.linalg.norm(chord, axis=1) == pytest.approx(2 * math.sqrt(2))
-    assert path_length(path) == pytest.approx(2 * (40 + 20) + 4 * math.pi)
+    assert measure_path(path) == pytest.approx(2 * (40 + 20) + 4 * math.pi)
     assert path.force[1:][arc] == pytest.approx(0.0)
     assert path.force[1:][~arc] == pytest.approx(5.0)
 
@@ -105,7 +105,7 @@ def test_rounded_inner_corners_lose_contact() -> None:
 def test_corner_radius_leaves_a_convex_outline_as_it_is() -> None:
     (plain,) = planned(rectangle(0, 0, 50, 50)).paths
     (round_,) = planned(rectangle(0, 0, 50, 50), corner_radius=2.0).paths
-    assert path_length(round_) == pytest.approx(path_length(plain))
+    assert measure_path(round_) == pytest.approx(measure_path(plain))
     assert sorted(round_.force.tolist()) == sorted(plain.force.tolist())
 
 
@@ -129,8 +129,8 @@ def test_an_open_contour_is_left_out_unless_a_side_is_given() -> None:
     (right,) = planned(corner, side="right").paths
     (left,) = planned(corner, side="left").paths
     # On the outer side of the corner the path is longer by the arc, on the inner side shorter by 3 mm twice.
-    assert path_length(right) == pytest.approx(80 + 1.5 * math.pi)
-    assert path_length(left) == pytest.approx(80 - 6)
+    assert measure_path(right) == pytest.approx(80 + 1.5 * math.pi)
+    assert measure_path(left) == pytest.approx(80 - 6)
 
 
 def test_climb_runs_an_open_contour_with_the_part_on_the_right() -> None:
@@ -144,7 +144,7 @@ def test_climb_runs_an_open_contour_with_the_part_on_the_right() -> None:
 
 def test_on_the_line() -> None:
     (path,) = planned(rounded(60, 40, 5), side="on").paths
-    assert path_length(path) == pytest.approx(200 - 40 + 10 * math.pi)
+    assert measure_path(path) == pytest.approx(200 - 40 + 10 * math.pi)
 
 
 def test_a_contour_that_crosses_another_is_left_out_by_name() -> None:
@@ -169,7 +169,7 @@ def test_what_the_tool_cannot_touch_is_measured() -> None:
 def test_trace_runs_on_every_line() -> None:
     job = Job(operation=OperationTable(kind="trace"), process=ProcessTable(feed=10.0))
     result = plan(part(circle(0, 0, 10), contour([(0, 0), (3, 4)], closed=False)), job)
-    assert [path_length(p) for p in result.paths] == pytest.approx([20 * math.pi, 5.0])
+    assert [measure_path(p) for p in result.paths] == pytest.approx([20 * math.pi, 5.0])
     assert not any(p.force_direction.any() for p in result.paths)
 
 
@@ -215,7 +215,9 @@ def test_a_cusp_that_crosses_itself_is_run_around(diameter: float) -> None:
         for c in (contour(*CUSP), beside)
     ]
     border = shapely.union_all(areas).buffer(diameter / 2, quad_segs=300).boundary
-    assert sum(path_length(path) for path in result.paths) == pytest.approx(border.length, rel=1e-4)
+    assert sum(measure_path(path) for path in result.paths) == pytest.approx(
+        border.length, rel=1e-4
+    )
 
 
 def horn() -> Contour:
@@ -231,7 +233,7 @@ def test_nothing_is_run_beyond_a_tip_between_tangent_sides(diameter: float) -> N
     assert [path.closed for path in result.paths] == [True]
     assert not [note for note in result.notes if note.kind == "skipped"]
     (outside,) = plan(part(horn()), Job(tool=ToolTable(diameter=diameter))).paths
-    assert path_length(outside) > path_length(result.paths[0])
+    assert measure_path(outside) > measure_path(result.paths[0])
 
 
 @pytest.mark.parametrize("room", [0.001, 0.005, 0.02, 0.15])
@@ -248,7 +250,7 @@ def test_a_hole_that_the_tool_just_fits_has_its_path(room: float) -> None:
         ("c3", True),
         ("c4", True),
     ]
-    assert [path_length(p) for p in result.paths[1:]] == pytest.approx(
+    assert [measure_path(p) for p in result.paths[1:]] == pytest.approx(
         [math.pi * room, 4 * room, math.pi * room + 20], rel=1e-6
     )
 
@@ -392,7 +394,7 @@ def test_a_path_around_two_contours_with_a_common_edge_works_on_both() -> None:
     result = planned(rectangle(0, 0, 30, 20, "left"), rectangle(30, 0, 40, 20, "right"))
     (path,) = result.paths
     assert set(path.contours) == {"left", "right"}
-    assert path_length(path) == pytest.approx(2 * (70 + 20) + 2 * math.pi * 3)
+    assert measure_path(path) == pytest.approx(2 * (70 + 20) + 2 * math.pi * 3)
     assert centre_line(path).distance(shapely.union(left, right)) == pytest.approx(3.0, abs=0.002)
     assert any("40 mm of 220 mm of contour not touched" in note.what for note in result.notes)
     for x, neighbour in ((27.0, left), (33.0, right)):

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import camgen
-from camgen.geometry.rings import hold_switch, rings
+from camgen.geometry.rings import apply_hysteresis, make_rings
 from camgen.geometry.segments import BoolArray
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job, OperationTable, ProcessTable, ToleranceTable, ToolTable
@@ -407,7 +407,7 @@ def test_the_geometric_planner_has_no_waypoints_to_space(setting: dict[str, floa
 
 
 def test_the_start_of_the_curve_does_not_matter_to_the_filter() -> None:
-    table = rings([90])
+    table = make_rings([90])
     turn = 2 * np.pi * np.arange(90) / 90
     slow, fast = np.exp(1j * turn) * 5, 0.5 * np.cos(40 * turn)
     count = np.array([30])
@@ -420,7 +420,7 @@ def test_the_start_of_the_curve_does_not_matter_to_the_filter() -> None:
 
 
 def test_waypoints_are_spaced_on_each_curve() -> None:
-    table = rings([40, 60])
+    table = make_rings([40, 60])
     rows = np.flatnonzero(spaced(table, np.array([10, 25])))
     assert rows[:10].tolist() == list(range(0, 40, 4))
     assert len(rows) == 35
@@ -471,7 +471,7 @@ def test_the_window_follows_the_curvature(shift: int) -> None:
     along, true = run_over(
         (90, 1.0), (18, 4.0), (100, 1.0), (190, 0.73), (60, 1.0), (52, 0.0), noise=0.6
     )
-    table = rings([len(true)])
+    table = make_rings([len(true)])
     found = np.roll(steady_ratio(table, np.roll(along, shift), np.ones(len(true)), 0.7), -shift)
     apart = np.min(
         [
@@ -489,16 +489,16 @@ def test_the_window_follows_the_curvature(shift: int) -> None:
 def test_a_smooth_curve_has_no_steps() -> None:
     true = 1 + 0.5 * np.sin(2 * np.pi * np.arange(800) / 800)
     off = np.random.default_rng(3).normal(0, 0.4, 800)
-    found = steady_ratio(rings([800]), true + off - np.roll(off, 1), np.ones(800), 0.7)
+    found = steady_ratio(make_rings([800]), true + off - np.roll(off, 1), np.ones(800), 0.7)
     assert found == pytest.approx(true, abs=0.1)
     assert np.abs(np.diff(found)).max() < 0.03
 
 
 def test_two_curves_know_nothing_of_each_other() -> None:
     along, _ = run_over((120, 1.0), (60, 0.0), (70, 2.0), noise=0.3)
-    table = rings([250, 30])
+    table = make_rings([250, 30])
     both = steady_ratio(table, np.concatenate([along, np.full(30, 3.0)]), np.ones(280), 0.5)
-    assert both[:250] == pytest.approx(steady_ratio(rings([250]), along, np.ones(250), 0.5))
+    assert both[:250] == pytest.approx(steady_ratio(make_rings([250]), along, np.ones(250), 0.5))
     assert both[250:] == pytest.approx(3.0)
 
 
@@ -508,11 +508,11 @@ def test_a_corner_that_a_photo_rounds_is_sharp() -> None:
     ratio[100:160] = 0.1 - 1e-6
     along[100:160] = 0.1
     press = np.exp(1j * np.interp(np.arange(200), [99, 159], [0, np.pi / 2]))
-    found = sharpen(rings([200]), ratio, along, press, 0.1)
+    found = sharpen(make_rings([200]), ratio, along, press, 0.1)
     # Its tangents meet 3.8 px before and after: so much of both ends belongs to the lines.
     assert np.flatnonzero(found < 0.5).tolist() == list(range(103, 157))
     rolled = sharpen(
-        rings([200]), *(np.roll(one, 70) for one in (ratio, along)), np.roll(press, 70), 0.1
+        make_rings([200]), *(np.roll(one, 70) for one in (ratio, along)), np.roll(press, 70), 0.1
     )
     assert rolled == pytest.approx(np.roll(found, 70))
 
@@ -551,7 +551,7 @@ def test_diagonal_steps_are_no_slower_than_straight_ones() -> None:
     points = np.array(
         [0, 1, 2, 3, 4 + 1j, 5 + 2j, 6 + 3j, 5 + 3j, 4 + 3j, 3 + 3j, 2 + 2j, 1 + 1j], dtype=complex
     )
-    table = rings([len(points)])
+    table = make_rings([len(points)])
     along, step = observe(table, points, points + 20 * 1j)
     assert step.max() == pytest.approx(np.sqrt(2))
     assert along / step == pytest.approx(1.0)
@@ -567,13 +567,13 @@ def test_feed_is_capped_and_never_nothing() -> None:
 
 def test_a_switch_does_not_flicker() -> None:
     gap = np.array([0.7, 0.2, 0.7, 0.9, 1.2, 0.8, 0.6, 1.1, 0.4, 0.7, 0.8])
-    table = rings([len(gap)])
-    state = hold_switch(table, gap <= 0.5, gap > 1.0, True)
+    table = make_rings([len(gap)])
+    state = apply_hysteresis(table, gap <= 0.5, gap > 1.0, True)
     assert state.tolist() == [True, True, True, True, False, False, False, False, True, True, True]
     # The start goes on from the end.
-    assert hold_switch(table, gap <= 0.1, gap > 1.1, True).tolist() == [False] * len(gap)
-    assert hold_switch(
-        rings([2, 1]), np.array([False, True, False]), np.zeros(3, dtype=bool), False
+    assert apply_hysteresis(table, gap <= 0.1, gap > 1.1, True).tolist() == [False] * len(gap)
+    assert apply_hysteresis(
+        make_rings([2, 1]), np.array([False, True, False]), np.zeros(3, dtype=bool), False
     ).tolist() == [
         True,
         True,

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from camgen.geometry.pairing import pair
+from camgen.geometry.pairing import pair_points
 from camgen.model.job import InputTable, Job, OperationTable, ToolTable, TourTable
 from camgen.model.part import Contour, Part
 from camgen.model.pose import frozen
@@ -194,7 +194,7 @@ def test_few_points_are_paired_at_the_least_length(seed: int, pairs: int) -> Non
                 for a, b in zip(order[::2], order[1::2], strict=True)
             ),
         )
-    partner = pair(points).tolist()
+    partner = pair_points(points).tolist()
     assert [partner[b] for b in partner] == list(range(2 * pairs))
     assert total(points, partner) == pytest.approx(least)
 
@@ -202,7 +202,7 @@ def test_few_points_are_paired_at_the_least_length(seed: int, pairs: int) -> Non
 @pytest.mark.parametrize("spread", [0, 1, 100])
 def test_many_points_are_paired_each_with_another(spread: int) -> None:
     points = np.random.default_rng(3).uniform(0, spread, (400, 2))
-    partner = pair(points).tolist()
+    partner = pair_points(points).tolist()
     assert [partner[b] for b in partner] == list(range(400))
     assert all(a != b for a, b in enumerate(partner))
     # Random points in a square: the shortest pairing is 0.31 sqrt(n area) long (Johnson and McGeoch); 15 % above that.

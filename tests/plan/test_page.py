@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from camgen.geometry.segments import bounds, from_contours
+from camgen.geometry.segments import compute_bounds, from_contours
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import PageTable
 from camgen.model.page import page_size
@@ -37,7 +37,7 @@ def laid(part: Part, **page: object) -> Part:
 
 
 def box(part: Part) -> list[float]:
-    boxes = bounds(from_contours(part.contours))
+    boxes = compute_bounds(from_contours(part.contours))
     return [*boxes[:, :2].min(axis=0).tolist(), *boxes[:, 2:].max(axis=0).tolist()]
 
 

@@ -21,7 +21,7 @@ from camgen.model.program import (
     Posture,
     Program,
     Wait,
-    put_off_first,
+    switch_off_first,
 )
 from camgen.model.text import fixed
 from camgen.post import Post
@@ -102,7 +102,7 @@ def _program(name: str, body: list[object]) -> Program:
     cell = find_post(name).cell()
     paths = tuple(Origin(f"c{k}") for k in range(3))
     start = [MoveJ(cell.home, 100.0)] if name == "rapid" else []
-    safe = put_off_first([*start, *body])
+    safe = switch_off_first([*start, *body])
     return Program("kit", cell.base_from_work, cell.flange_from_tool, safe, paths=paths)
 
 

@@ -27,7 +27,7 @@ from camgen.model.program import (
     Origin,
     Output,
     Program,
-    put_off_first,
+    switch_off_first,
 )
 from camgen.post.plugins import make_post
 from tests.support.examples import is_night
@@ -330,7 +330,7 @@ def plate(paths: int) -> str:
         body.append(MoveL(at(x, 9.9, 20.0), 100.0, 5.0 if k + 1 < paths else 0.0, path=k))
     post = make_post(Rapid, {"mass": 1.0})
     paths_of = tuple(Origin(f"c{k}") for k in range(paths))
-    safe = put_off_first(body)
+    safe = switch_off_first(body)
     program = Program("plate", translation(0, 0, 0), translation(0, 0, 100), safe, paths=paths_of)
     return post.render(post.prepare(program, 0.01))[0].text
 

@@ -24,7 +24,7 @@ from camgen.model.program import (
     MoveL,
     Output,
     Program,
-    put_off_first,
+    switch_off_first,
 )
 from camgen.post.plugins import find_post
 
@@ -180,9 +180,9 @@ def test_outputs_are_put_off_before_all_else() -> None:
         Force(0.0),
         Output("b", 0.0),
     )
-    assert put_off_first(body) == (Output("a", 0.0), Output("b", 0.0), Force(0.0), *body)
-    assert program(*put_off_first(body)).body[:1] == (Output("a", 0.0),)
-    assert put_off_first((HOME,)) == (HOME,)
+    assert switch_off_first(body) == (Output("a", 0.0), Output("b", 0.0), Force(0.0), *body)
+    assert program(*switch_off_first(body)).body[:1] == (Output("a", 0.0),)
+    assert switch_off_first((HOME,)) == (HOME,)
 
 
 def test_a_turn_on_the_spot_without_its_speed_is_refused() -> None:

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from camgen.geometry.arcs import arc_middles
+from camgen.geometry.arcs import find_arc_middles
 from camgen.lang.programs import Executed, Finding, Frames
 from camgen.model.errors import VerifyError
 from camgen.model.pose import (
@@ -323,7 +323,7 @@ def test_lines_must_belong_to_instructions():
 def test_degenerate_arcs_have_a_middle():
     start, end = [[0.0, 0, 0]] * 4, [[2.0, 0, 0]] * 3 + [[0.0, 0, 0]]
     via = [[0.5, 0, 0], [3.0, 0, 0], [1.0, 1, 0], [0.0, 2, 0]]
-    middles = arc_middles(*(np.array(v, dtype=float) for v in (start, via, end)))
+    middles = find_arc_middles(*(np.array(v, dtype=float) for v in (start, via, end)))
     assert middles == pytest.approx(np.array([[1.0, 0, 0], [3, 0, 0], [1, 1, 0], [0, 2, 0]]))
 
 
@@ -344,7 +344,9 @@ def test_the_middle_of_an_arc_agrees_with_turning_about_its_centre(sweep, fracti
     start, via, end, middle = points
     # What the points themselves lose in double precision is magnified where the circle hangs on a short sweep.
     slack = 1e-14 * radius / (sweep * min(fraction, 1 - fraction)) ** 2 + 1e-12
-    assert arc_middles(start[None], via[None], end[None])[0] == pytest.approx(middle, abs=slack)
+    assert find_arc_middles(start[None], via[None], end[None])[0] == pytest.approx(
+        middle, abs=slack
+    )
 
 
 def _rounded(values, unit):
@@ -369,7 +371,7 @@ def test_the_bound_of_arcs_holds_for_texts_with_a_via_and_for_texts_with_a_centr
     normal /= np.linalg.norm(normal, axis=1)[:, None]
     mirror = np.eye(3) - 2 * normal[:, :, None] * normal[:, None, :]
     turned = [np.einsum("nij,nj->ni", mirror, v) for v in (p, m, q)]
-    with_via = arc_middles(*(_rounded(v, unit) for v in turned))
+    with_via = find_arc_middles(*(_rounded(v, unit) for v in turned))
     worst_via = np.linalg.norm(with_via - turned[1], axis=1).max() / (unit / 2)
     start, end = _rounded(p, unit), _rounded(q, unit)
     heart = start[:, :2] + _rounded(centre - start[:, :2], unit)

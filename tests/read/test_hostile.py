@@ -16,7 +16,7 @@ from msgspec.structs import replace
 from camgen.cli import main
 from camgen.model.errors import InputError
 from camgen.model.limits import Limits
-from camgen.model.limits import table as limits_as_table
+from camgen.model.limits import format_table as limits_as_table
 from camgen.read.solid import mesh_file
 from camgen.read.solid.part21 import find_wild_id
 from tests.support.files import source

@@ -24,7 +24,7 @@ from camgen.read import image
 from camgen.read.files import Files
 from camgen.read.image import read
 from camgen.read.job_file import from_mapping
-from camgen.vision.boards.sheet import DICTIONARY, sheet
+from camgen.vision.boards.sheet import DICTIONARY, make_sheet
 
 FEW = Lens(
     np.array([[1300.0, 0, 402], [0, 1300, 297], [0, 0, 1]]),
@@ -121,7 +121,7 @@ def test_lines_and_arcs_are_found(plain: tuple[Path, dict[str, Any]]) -> None:
 
 
 def test_markers_show_where_the_plane_is(folder: Path) -> None:
-    paper = sheet("A4", 20.0)
+    paper = make_sheet("A4", 20.0)
     rotation, origin = looking(FEW, 110 + 62j, 402 + 297j, 0.38, 8, 40, 5)
     seen = Shot(FEW, rotation, origin, blur=0.6, read=1.0, seed=3)
     page = (

@@ -13,9 +13,9 @@ from camgen.model.part import Note
 from camgen.model.pose import frozen
 from camgen.pipeline import Result
 from camgen.read.image import _free_area
-from camgen.vision.boards.sheet import draw_svg, sheet
+from camgen.vision.boards.sheet import draw_svg, make_sheet
 from camgen.vision.camera.camera import Camera
-from camgen.vision.plane import plane_from_points
+from camgen.vision.plane import fit_plane
 from tests.vision.test_markers import painted, rectangles_of_svg
 
 CASES = Path(__file__).parents[2].parent / "shared" / "data" / "cases"
@@ -40,7 +40,7 @@ def camera_file(folder: Path) -> str:
 
 def on_the_sheet(folder: Path, part: tuple[float, float, float, float], height: float) -> Path:
     """A photo of the A4 sheet with a dark rectangle above it, four by four rays a pixel."""
-    page = painted(*rectangles_of_svg(draw_svg(sheet("A4"))), 16)
+    page = painted(*rectangles_of_svg(draw_svg(make_sheet("A4"))), 16)
     fine = np.full((SIZE[1] * 4, SIZE[0] * 4), 255, np.uint8)
     fine[42 * 4 : 42 * 4 + page.shape[0], 8 * 4 : 8 * 4 + page.shape[1]] = page
     scale = FOCAL / (ABOVE - height)
@@ -78,15 +78,15 @@ def test_the_free_area_shrinks_with_the_height() -> None:
     camera = Camera(matrix=matrix, distortion=frozen([0.0] * 5), size=SIZE, name="above")
     mm = np.array([(0.0, 0), (200, 0), (200, 100), (0, 100), (100, 50)])
     px = np.array(MIDDLE) + (mm - FOOT) * 4 * (1, -1)
-    low = plane_from_points(camera, px, mm)
-    assert _free_area(sheet("A4"), low) == pytest.approx((0, 0, 221, 124))
-    high = plane_from_points(camera, px, mm, height=HEIGHT)
+    low = fit_plane(camera, px, mm)
+    assert _free_area(make_sheet("A4"), low) == pytest.approx((0, 0, 221, 124))
+    high = fit_plane(camera, px, mm, height=HEIGHT)
     # 110 - 0.94 * 110 + 0.3, 60 - 0.94 * 60 + 0.3, 110 + 0.94 * 111 - 0.3, 60 + 0.94 * 64 - 0.3
-    assert _free_area(sheet("A4"), high) == pytest.approx((6.9, 3.9, 214.04, 119.86), abs=1e-6)
+    assert _free_area(make_sheet("A4"), high) == pytest.approx((6.9, 3.9, 214.04, 119.86), abs=1e-6)
     with pytest.raises(JobError, match="lies behind the camera"):
-        plane_from_points(camera, px, mm, height=260.0)
+        fit_plane(camera, px, mm, height=260.0)
     with pytest.raises(JobError, match=r"\[camera\] height: at this height nothing of the free"):
-        _free_area(sheet("A4"), plane_from_points(camera, px, mm, height=249.9))
+        _free_area(make_sheet("A4"), fit_plane(camera, px, mm, height=249.9))
 
 
 def test_a_thick_part_on_the_sheet_has_one_outline(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from camgen.geometry.arcs import fit_circle, span_lengths, through
+from camgen.geometry.arcs import find_circle, fit_circle, measure_spans
 from camgen.model.pose import rotation_from_fixed_xyz
 from camgen.read.solid.edges import SideRun, recognise
 
@@ -99,13 +99,13 @@ def test_a_loop_may_begin_anywhere(begin: int) -> None:
 
 def test_circles_by_three_points_and_by_many_agree_with_the_formula() -> None:
     points = arc(7, 10, 200, 25, (3, -4)) + np.array([0, 0, 2])
-    for circle in (through(points[0], points[9], points[-1]), fit_circle(points)):
+    for circle in (find_circle(points[0], points[9], points[-1]), fit_circle(points)):
         assert circle is not None
         assert np.allclose(circle.center, [3, -4, 2])
         assert circle.radius == pytest.approx(7)
         assert np.allclose(circle.axis, [0, 0, 1])
         assert np.allclose(circle.distances(points + np.array([0, 0, 0.5])), 0.5)
-    assert through(points[0], points[0] + [1, 1, 1], points[0] + [2, 2, 2]) is None
+    assert find_circle(points[0], points[0] + [1, 1, 1], points[0] + [2, 2, 2]) is None
 
 
 def test_lengths_of_spans_are_exact() -> None:
@@ -113,4 +113,4 @@ def test_lengths_of_spans_are_exact() -> None:
         np.array([[1.0, 0, 0], [-1, 0, 0], [-1, 0, 5]]),
         np.array([[0.0, 1, 0], [-1, 0, 2.5]]),
     )
-    assert np.allclose(span_lengths(ends, via), [math.pi, 5])
+    assert np.allclose(measure_spans(ends, via), [math.pi, 5])

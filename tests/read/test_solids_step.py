@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from camgen.geometry.arcs import through
+from camgen.geometry.arcs import find_circle
 from camgen.model.errors import InputError
 from camgen.model.part import Edge, Solid
 from camgen.read.solid import kernel, mesh, step, step_file
@@ -55,7 +55,7 @@ def sampled(edge: Edge) -> Any:
     """Points along the spans of an edge, 40 on each."""
     parts = []
     for p, via, q in zip(edge.points[:-1], edge.via, edge.points[1:], strict=True):
-        circle = through(p, via, q)
+        circle = find_circle(p, via, q)
         assert circle is not None
         parts.append(circle.at(np.linspace(0, circle.angles(q[None])[0], 40)))
     return np.concatenate(parts)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from camgen.geometry.segments import bounds, flatten, from_contours
+from camgen.geometry.segments import compute_bounds, flatten, from_contours
 from camgen.model.errors import InputError, JobError
 from camgen.model.part import Part
 from camgen.read import find_reader, inspect, read
@@ -39,7 +39,7 @@ def lengths(part: Part) -> list[float]:
 
 
 def box(part: Part) -> list[float]:
-    boxes = bounds(from_contours(part.contours))
+    boxes = compute_bounds(from_contours(part.contours))
     return [*boxes[:, :2].min(axis=0).tolist(), *boxes[:, 2:].max(axis=0).tolist()]
 
 

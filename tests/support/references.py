@@ -26,7 +26,7 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
-from camgen.model.job_tables import ROWS, keys_of, tables
+from camgen.model.job_tables import ROWS, list_keys, list_tables
 from camgen.post.plugins import find_post
 from docs.make.pages import POSTS
 from tests.support.code_index import (
@@ -142,9 +142,11 @@ def _is_reference_of_page(name: str) -> bool:
 def list_settings() -> frozenset[str]:
     """The settings of a job, the options of all posts, and the groups of entry points."""
     names: set[str] = set()
-    for table in (*tables(), *ROWS):
+    for table in (*list_tables(), *ROWS):
         if table != "post":
-            names |= {f"{table}.{key}" for key in keys_of(f"{table}.0" if table in ROWS else table)}
+            names |= {
+                f"{table}.{key}" for key in list_keys(f"{table}.0" if table in ROWS else table)
+            }
     for post in POSTS:
         names |= {f"post.{option.name}" for option in dataclasses.fields(find_post(post))}
     return frozenset(names | _project()["entry-points"].keys())

@@ -6,7 +6,7 @@ from itertools import dropwhile
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.model.program import Columns, Force, Instruction, MoveL, Output, put_off_first
+from camgen.model.program import Columns, Force, Instruction, MoveL, Output, switch_off_first
 
 
 def whole(body: Iterable[Instruction]) -> tuple[Instruction, ...]:
@@ -22,7 +22,7 @@ def whole(body: Iterable[Instruction]) -> tuple[Instruction, ...]:
         elif isinstance(item, Force):
             newtons = item.newtons
     off = [Output(name, 0.0) for name, value in left.items() if value]
-    return (*put_off_first(own), *off, *([Force(0.0)] if newtons else []))
+    return (*switch_off_first(own), *off, *([Force(0.0)] if newtons else []))
 
 
 def turning(body: Iterable[Instruction], speed: float) -> tuple[Instruction, ...]:

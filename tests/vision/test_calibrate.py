@@ -14,9 +14,9 @@ from camgen.cli.say import voice
 from camgen.model.errors import InputError, JobError
 from camgen.model.pose import frozen
 from camgen.vision.boards.corners import SeenBoard, make_chessboard
-from camgen.vision.camera.calibrate import Calibration, Photo, calibrate, fit_camera, photograph
+from camgen.vision.camera.calibrate import Calibration, Photo, calibrate, fit_camera, read_photo
 from camgen.vision.camera.camera import Camera, read_camera
-from camgen.vision.camera.residuals import svg
+from camgen.vision.camera.residuals import draw_residuals
 from tests.support.board_photos import charuco, chess, photo, poses, projected
 from tests.support.files import source
 
@@ -298,7 +298,7 @@ def test_a_turned_photo_is_taken_as_the_sensor_saw_it(tmp_path: Path) -> None:
     exif = b"\xff\xe1" + (len(tag) + 8).to_bytes(2, "big") + b"Exif\0\0" + tag
     (tmp_path / "plain.jpg").write_bytes(plain)
     (tmp_path / "phone.jpg").write_bytes(plain[:2] + exif + plain[2:])
-    seen = [photograph(source(tmp_path / name), BOARD) for name in ("plain.jpg", "phone.jpg")]
+    seen = [read_photo(source(tmp_path / name), BOARD) for name in ("plain.jpg", "phone.jpg")]
     assert seen[0].size == seen[1].size
     assert seen[0].seen is not None
     assert seen[1].seen is not None
@@ -331,7 +331,7 @@ def test_no_photo_is_overwritten(tmp_path: Path) -> None:
 def test_the_picture_shows_every_corner_and_every_photo() -> None:
     blind = Photo('<b>"blind"&.jpg', CAMERA.size, None)
     found = fit_camera([*photos(CAMERA, 5), blind], BOARD, "x")
-    root = ET.fromstring(svg(found, "a < b"))
+    root = ET.fromstring(draw_residuals(found, "a < b"))
     kinds = [(element.get("class"), element) for element in root.iter()]
     strokes = "".join(element.get("d", "") for kind, element in kinds if kind == "arrow")
     assert strokes.count("M") == 5 * 54

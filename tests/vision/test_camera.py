@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from camgen.model.errors import InputError
 from camgen.model.pose import frozen
-from camgen.vision.camera.camera import Camera, camera_info, distort, read_camera, undistort
-from camgen.vision.camera.lens import distort_ideal, fold, straight
+from camgen.vision.camera.camera import Camera, distort, format_camera_info, read_camera, undistort
+from camgen.vision.camera.lens import distort_ideal, find_fold, straighten
 from tests.support.files import source
 
 MATRIX = frozen([[800.0, 0, 321], [0, 802, 236], [0, 0, 1]])
@@ -80,12 +80,12 @@ def test_skew_is_part_of_the_matrix() -> None:
 def test_beyond_the_turn_of_the_model_there_is_nothing() -> None:
     """x (1 - x^2 / 2) rises to x = sqrt(2/3), where it is 0.5443."""
     lens = np.array([-0.5, 0, 0, 0])
-    assert fold(lens) == pytest.approx(np.sqrt(2 / 3), abs=1e-12)
+    assert find_fold(lens) == pytest.approx(np.sqrt(2 / 3), abs=1e-12)
     near, far = np.array([[0.81, 0]]), np.array([[0.83, 0]])
     assert distort_ideal(lens, near)[0, 0] == pytest.approx(0.81 - 0.81**3 / 2, abs=1e-15)
     assert np.isnan(distort_ideal(lens, far)).all()
-    assert straight(lens, np.array([[0.5442, 0]]))[0, 0] == pytest.approx(0.8095, abs=0.01)
-    assert np.isnan(straight(lens, np.array([[0.5444, 0]]))).all()
+    assert straighten(lens, np.array([[0.5442, 0]]))[0, 0] == pytest.approx(0.8095, abs=0.01)
+    assert np.isnan(straighten(lens, np.array([[0.5444, 0]]))).all()
 
 
 @settings(derandomize=True)
@@ -100,11 +100,11 @@ def test_what_is_answered_is_right(k1: float, k2: float, p1: float, p2: float, k
     """Any lens: an ideal point that is returned is seen at the place asked for, and lies before the fold."""
     lens = np.array([k1, k2, p1, p2, k3])
     seen = np.column_stack([np.linspace(-1.5, 1.5, 31), np.linspace(0.9, -0.7, 31)])
-    ideal = straight(lens, seen)
+    ideal = straighten(lens, seen)
     known = np.isfinite(ideal).all(axis=1)
     assert known[17]  # near the middle there is always an answer
     assert np.allclose(distort_ideal(lens, ideal[known]), seen[known], rtol=0, atol=1e-11)
-    assert np.all(np.linalg.norm(ideal[known], axis=1) < fold(lens))
+    assert np.all(np.linalg.norm(ideal[known], axis=1) < find_fold(lens))
 
 
 def test_coefficients_that_are_next_to_nothing() -> None:
@@ -119,7 +119,7 @@ def test_coefficients_that_are_next_to_nothing() -> None:
 def test_camera_info_keeps_every_bit(tmp_path: Path, count: int) -> None:
     before = camera(count, name='on: "1e5" \u00b5')
     path = tmp_path / "camera.yaml"
-    path.write_text(camera_info(before))
+    path.write_text(format_camera_info(before))
     after = read_camera(source(path))
     assert np.array_equal(after.matrix, before.matrix)
     assert np.array_equal(after.distortion, before.distortion)
@@ -128,14 +128,16 @@ def test_camera_info_keeps_every_bit(tmp_path: Path, count: int) -> None:
 
 def test_camera_info_is_what_ros_reads() -> None:
     """Keys and shapes as camera_calibration_parsers writes them, read by an independent YAML reader."""
-    said = yaml.safe_load(camera_info(camera(5)))
+    said = yaml.safe_load(format_camera_info(camera(5)))
     assert (said["image_width"], said["image_height"], said["camera_name"]) == (640, 480, "bench")
     assert said["distortion_model"] == "plumb_bob"
     assert said["camera_matrix"] == {"rows": 3, "cols": 3, "data": MATRIX.ravel().tolist()}
     assert said["distortion_coefficients"] == {"rows": 1, "cols": 5, "data": LENSES[5]}
     assert said["rectification_matrix"]["data"] == np.eye(3).ravel().tolist()
     assert said["projection_matrix"]["rows"], said["projection_matrix"]["cols"] == (3, 4)
-    assert yaml.safe_load(camera_info(camera(8)))["distortion_model"] == "rational_polynomial"
+    assert (
+        yaml.safe_load(format_camera_info(camera(8)))["distortion_model"] == "rational_polynomial"
+    )
 
 
 @pytest.mark.parametrize("suffix", [".yml", ".xml", ".json"])
@@ -153,7 +155,7 @@ def test_what_opencv_stores_is_read(tmp_path: Path, suffix: str) -> None:
     assert (found.size, found.name) == ((640, 480), "stored")
 
 
-GOOD = camera_info(camera(5))
+GOOD = format_camera_info(camera(5))
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from camgen.model.errors import InputError
 from camgen.model.files import Source
 from camgen.read import find_reader
-from camgen.vision.image import Header, Picture, header, load
+from camgen.vision.image import Header, Picture, read_header, read_picture
 from tests.support.files import source
 
 SHARED = Path(__file__).parents[2].parent / "shared" / "data" / "image"
@@ -40,7 +40,7 @@ def encoded(suffix: str, pixels: np.ndarray) -> bytes:
 
 def loaded(folder: Path, data: bytes, name: str = "p.png") -> Picture:
     (folder / name).write_bytes(data)
-    return load(source(folder / name))
+    return read_picture(source(folder / name))
 
 
 def refusal(folder: Path, data: bytes, name: str = "p.png") -> str:
@@ -186,7 +186,7 @@ def test_orientation_is_honoured(orientation: int, kind: str, tmp_path: Path) ->
         data = jpeg([app1(said)]) if kind == "jpeg" else png([(b"eXIf", said)])
     picture = loaded(tmp_path, data)
     (tmp_path / "as-stored").write_bytes(data)
-    stored = load(source(tmp_path / "as-stored"), sensor=True)
+    stored = read_picture(source(tmp_path / "as-stored"), sensor=True)
     assert stored.turned == (kind == "tiff" and orientation != 1)
     assert kind == "tiff" or stored.pixels.shape[:2] == (20, 30)
     assert picture.pixels.shape[:2] == ((20, 30) if orientation < 5 else (30, 20))
@@ -393,7 +393,7 @@ def test_without_a_standard_error_pictures_load_all_the_same(tmp_path: Path) -> 
     kept = os.dup(2)
     os.close(2)
     try:
-        picture = load(source(tmp_path / "p.png"))
+        picture = read_picture(source(tmp_path / "p.png"))
     finally:
         os.dup2(kept, 2)
         os.close(kept)
@@ -411,7 +411,7 @@ def test_the_head_of_a_spoilt_file_never_raises(data: bytes, draw: st.DataObject
     for at in draw.draw(st.lists(st.integers(0, max(len(spoilt) - 1, 0)), max_size=6)):
         if spoilt:
             spoilt[at] = draw.draw(st.integers(0, 255))
-    assert isinstance(header(bytes(spoilt)), Header | None)
+    assert isinstance(read_header(bytes(spoilt)), Header | None)
 
 
 # -- the developer data set
@@ -424,16 +424,16 @@ def test_the_head_of_a_spoilt_file_never_raises(data: bytes, draw: st.DataObject
 def test_every_picture_of_the_data_set(path: Path) -> None:
     if path.name == "truncated.jpg":
         with pytest.raises(InputError, match=r"^truncated.jpg: is "):
-            load(source(path))
+            read_picture(source(path))
         return
-    picture = load(source(path))
+    picture = read_picture(source(path))
     assert picture.pixels.ndim == 2 or picture.pixels.shape[2] == 3
     assert picture.dpi is None  # all of them say nothing or a screen default
 
 
 @shared
 def test_the_deep_board_of_the_data_set_keeps_its_contrast() -> None:
-    picture = load(source(SHARED / "scikit-image" / "chessboard_GRAY_U16.tif"))
+    picture = read_picture(source(SHARED / "scikit-image" / "chessboard_GRAY_U16.tif"))
     assert (picture.pixels.min(), picture.pixels.max()) == (0, 255)
     assert "8 bits are in use" in str(picture.notes[0])
 
@@ -452,7 +452,7 @@ def test_the_deep_board_of_the_data_set_keeps_its_contrast() -> None:
     ],
 )
 def test_grey_maps_as_text_and_as_bytes(tmp_path: Path, data: bytes, values: list[int]) -> None:
-    assert header(data) is not None
+    assert read_header(data) is not None
     assert find_reader(Source(Path("photo.bin"), data)).name == "image"
     picture = loaded(tmp_path, data, "p.pgm")
     assert picture.pixels.shape == (2, 3)

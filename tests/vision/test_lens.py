@@ -10,19 +10,19 @@ from msgspec.structs import replace
 from camgen.model.errors import JobError
 from camgen.model.pose import Pose, frozen
 from camgen.vision.boards.corners import make_chessboard
-from camgen.vision.boards.lens import chance_of, lens_of_sheet
-from camgen.vision.boards.sheet import sheet
-from camgen.vision.camera.calibrate import photograph
+from camgen.vision.boards.lens import compute_chance, fit_sheet_lens
+from camgen.vision.boards.sheet import make_sheet
+from camgen.vision.camera.calibrate import read_photo
 from camgen.vision.camera.camera import Camera, distort, undistort
-from camgen.vision.error_bound import error_bound
-from camgen.vision.plane import fit_homography, map_points, plane_from_points
+from camgen.vision.error_bound import compute_error_bound
+from camgen.vision.plane import fit_homography, fit_plane, map_points
 from tests.support.files import source
 from tests.vision.test_plane import looking, seen
 
 REAL = Path(__file__).parents[2].parent / "shared" / "data" / "calib" / "opencv-left"
 SIZE = (2400, 1718)
 MIDDLE = np.array([1199.5, 858.5])
-CORNERS = sheet("A4").corners.reshape(-1, 2)
+CORNERS = make_sheet("A4").corners.reshape(-1, 2)
 #: A rectangle in the free area, mm.
 PART = np.stack(np.meshgrid([20.0, 65, 110, 155, 200], [15.0, 60, 110]), axis=-1).reshape(-1, 2)
 NOISE = 0.05
@@ -55,7 +55,7 @@ def test_the_fit_gives_the_true_lens(k1: float) -> None:
     ratios = []
     for seed in range(10):
         photo = take(seed, k1, 25.0)
-        fitted = lens_of_sheet(photo.px, CORNERS, SIZE, needs_focal=False)
+        fitted = fit_sheet_lens(photo.px, CORNERS, SIZE, needs_focal=False)
         assert fitted is not None
         assert fitted.bends
         # A coefficient times f^2 does not depend on the focal length, which the fit does not know.
@@ -72,13 +72,13 @@ def test_the_lens_puts_places_where_they_are(k1: float) -> None:
     """A lens of 3 to 40 px at the part: less than 0.03 mm is left, and the bound covers it."""
     for seed in range(10):
         photo = take(seed, k1)
-        lens = lens_of_sheet(photo.px, CORNERS, SIZE, needs_focal=False)
+        lens = fit_sheet_lens(photo.px, CORNERS, SIZE, needs_focal=False)
         assert lens is not None
-        plane = replace(plane_from_points(lens.camera, photo.px, CORNERS), lens=lens)
+        plane = replace(fit_plane(lens.camera, photo.px, CORNERS), lens=lens)
         px = undistort(lens.camera, seen(photo.camera, photo.pose, PART))
         outline = map_points(plane.work_from_pixel, px)
         error = np.linalg.norm(outline - PART, axis=1).max()
-        bound = error_bound(plane, lens.camera, SIZE, outline)
+        bound = compute_error_bound(plane, lens.camera, SIZE, outline)
         assert error < min(bound.total, 0.03)
         assert 0 < bound.lens < bound.total < 0.05
 
@@ -90,29 +90,29 @@ def test_no_lens_is_claimed_without_one() -> None:
         rng = np.random.default_rng([seed, 1])
         marks = rng.normal(0, NOISE * (seed % 2), (len(CORNERS) // 4, 2))
         px = photo.px + np.repeat(marks, 4, axis=0)
-        assert lens_of_sheet(px, CORNERS, SIZE, needs_focal=False) is None
+        assert fit_sheet_lens(px, CORNERS, SIZE, needs_focal=False) is None
 
 
 def test_corners_without_any_noise_show_no_lens() -> None:
     """The digits of a computation are not those of a measurement."""
     photo = take(3, 0.0)
     px = seen(photo.camera, photo.pose, CORNERS)
-    assert lens_of_sheet(px, CORNERS, SIZE, needs_focal=False) is None
+    assert fit_sheet_lens(px, CORNERS, SIZE, needs_focal=False) is None
 
 
 def test_the_test_is_an_f_test() -> None:
     """Tables of the F distribution: with 6 and 20 degrees of freedom 1 % lie above 3.8714."""
-    assert chance_of(1.0, 1 + 6 * 3.8714 / 20, 20) == pytest.approx(0.01, rel=1e-4)
+    assert compute_chance(1.0, 1 + 6 * 3.8714 / 20, 20) == pytest.approx(0.01, rel=1e-4)
     # With 6 and 120: 5 % above 2.1750.
-    assert chance_of(1.0, 1 + 6 * 2.1750 / 120, 120) == pytest.approx(0.05, rel=1e-3)
-    assert chance_of(2.0, 2.0, 100) == 1
+    assert compute_chance(1.0, 1 + 6 * 2.1750 / 120, 120) == pytest.approx(0.05, rel=1e-3)
+    assert compute_chance(2.0, 2.0, 100) == 1
 
 
 @pytest.mark.parametrize("k1", [0.0, -0.15])
 def test_the_tilt_tells_the_focal_length(k1: float) -> None:
     for seed in range(12):
         photo = take(seed, k1, 28.0)
-        fitted = lens_of_sheet(photo.px, CORNERS, SIZE, needs_focal=True)
+        fitted = fit_sheet_lens(photo.px, CORNERS, SIZE, needs_focal=True)
         assert fitted is not None
         assert fitted.focal is not None
         focal = photo.camera.matrix[0, 0]
@@ -128,21 +128,23 @@ def test_the_bound_of_a_height_covers_focal_length_and_principal_point(k1: float
     """
     for seed in range(8):
         photo = take(seed, k1, 28.0)
-        lens = lens_of_sheet(photo.px, CORNERS, SIZE, needs_focal=True)
+        lens = fit_sheet_lens(photo.px, CORNERS, SIZE, needs_focal=True)
         assert lens is not None
-        plane = plane_from_points(lens.camera, photo.px, CORNERS, height=5.0)
+        plane = fit_plane(lens.camera, photo.px, CORNERS, height=5.0)
         plane = replace(plane, lens=lens)
         px = undistort(lens.camera, seen(photo.camera, photo.pose, PART, 5.0))
         outline = map_points(plane.work_from_pixel, px)
-        bound = error_bound(plane, lens.camera, SIZE, outline)
+        bound = compute_error_bound(plane, lens.camera, SIZE, outline)
         assert np.linalg.norm(outline - PART, axis=1).max() < bound.total < 0.6
         focal = lens.camera.matrix[0, 0]
         exact = replace(plane, lens=replace(lens, focal=(focal, focal)))
         shift = 5 * 3 * np.hypot(*lens.deviations[2:]) / focal
-        alone = error_bound(exact, lens.camera, SIZE, outline)
+        alone = compute_error_bound(exact, lens.camera, SIZE, outline)
         assert 0.7 * shift < alone.height < 1.5 * shift
         assert bound.height > alone.height
-        each = [error_bound(plane, lens.camera, SIZE, place[None]).total for place in outline]
+        each = [
+            compute_error_bound(plane, lens.camera, SIZE, place[None]).total for place in outline
+        ]
         assert bound.total == pytest.approx(max(each), rel=1e-9)
 
 
@@ -151,7 +153,7 @@ def test_from_straight_above_the_focal_length_is_that_of_an_ordinary_camera(k1: 
     half = np.hypot(SIZE[0] - 1, SIZE[1] - 1) / 2
     for seed in range(6):
         photo = take(seed, k1, 1.0)
-        fitted = lens_of_sheet(photo.px, CORNERS, SIZE, needs_focal=True)
+        fitted = fit_sheet_lens(photo.px, CORNERS, SIZE, needs_focal=True)
         assert fitted is not None
         assert fitted.focal is not None
         assert not fitted.is_focal_known
@@ -164,11 +166,11 @@ def test_four_points_show_hardly_any_focal_length() -> None:
     """The corners of one marker fit any homography, so that their noise does not show."""
     photo = take(0, 0.0, 30.0)
     four = [0, 1, 2, 3]
-    fitted = lens_of_sheet(photo.px[four], CORNERS[four], SIZE, needs_focal=True)
+    fitted = fit_sheet_lens(photo.px[four], CORNERS[four], SIZE, needs_focal=True)
     assert fitted is not None
     assert fitted.focal is not None
     assert fitted.focal[0] < photo.camera.matrix[0, 0] < fitted.focal[1]
-    whole = lens_of_sheet(photo.px, CORNERS, SIZE, needs_focal=True)
+    whole = fit_sheet_lens(photo.px, CORNERS, SIZE, needs_focal=True)
     assert whole is not None
     assert whole.focal is not None
     assert np.diff(fitted.focal) > 2 * np.diff(whole.focal)
@@ -179,7 +181,7 @@ def test_the_focal_length_of_the_file_helps_from_straight_above() -> None:
     for seed in range(6):
         photo = take(seed, -0.15, 1.0)
         focal = photo.camera.matrix[0, 0]
-        fitted = lens_of_sheet(photo.px, CORNERS, SIZE, True, 1.03 * focal)
+        fitted = fit_sheet_lens(photo.px, CORNERS, SIZE, True, 1.03 * focal)
         assert fitted is not None
         assert fitted.focal is not None
         assert fitted.focal[0] < focal < fitted.focal[1]
@@ -189,7 +191,7 @@ def test_the_focal_length_of_the_file_helps_from_straight_above() -> None:
 
 def test_a_focal_length_of_the_file_that_the_tilt_contradicts() -> None:
     photo = take(2, 0.0, 35.0)
-    fitted = lens_of_sheet(photo.px, CORNERS, SIZE, True, 2 * photo.camera.matrix[0, 0])
+    fitted = fit_sheet_lens(photo.px, CORNERS, SIZE, True, 2 * photo.camera.matrix[0, 0])
     assert fitted is not None
     assert fitted.focal is None
 
@@ -199,11 +201,11 @@ def test_a_photo_that_was_cut_has_a_lens_and_no_focal_length() -> None:
     photo = take(5, -0.25)
     cut = photo.px - [480.0, 0]
     inside = cut[:, 0] > 0
-    lens = lens_of_sheet(cut[inside], CORNERS[inside], (1920, SIZE[1]), needs_focal=True)
+    lens = fit_sheet_lens(cut[inside], CORNERS[inside], (1920, SIZE[1]), needs_focal=True)
     assert lens is not None
     assert lens.focal is None
     ideal = undistort(lens.camera, seen(photo.camera, photo.pose, PART) - [480.0, 0])
-    plane = plane_from_points(lens.camera, cut[inside], CORNERS[inside])
+    plane = fit_plane(lens.camera, cut[inside], CORNERS[inside])
     assert np.linalg.norm(map_points(plane.work_from_pixel, ideal) - PART, axis=1).max() < 0.03
 
 
@@ -211,7 +213,7 @@ def test_a_lens_is_no_reason_to_measure_a_corner_again() -> None:
     """Corners of a sheet that contradict each other were not measured by the user."""
     photo = take(5, -0.25)
     with pytest.raises(JobError) as caught:
-        plane_from_points(None, photo.px, CORNERS, source="photo.png: sheet")
+        fit_plane(None, photo.px, CORNERS, source="photo.png: sheet")
     assert "measure it again" not in str(caught.value)
     assert "if the lens bends much, give camera.file" in str(caught.value)
 
@@ -223,16 +225,16 @@ def test_real_photos_of_a_cheap_camera() -> None:
     Half of each board is fitted, and the other half predicted: without the lens 6 mm off or more.
     """
     for file in sorted(REAL.glob("*.jpg")):
-        board = photograph(source(file), make_chessboard(9, 6, 25.0))
+        board = read_photo(source(file), make_chessboard(9, 6, 25.0))
         assert board.seen is not None
         px, mm = board.seen.corners, board.seen.places
-        lens = lens_of_sheet(px, mm, board.size, needs_focal=True)
+        lens = fit_sheet_lens(px, mm, board.size, needs_focal=True)
         assert lens is not None
         assert lens.focal is not None
         assert lens.focal[0] < 534 < lens.focal[1]
         assert abs(lens.camera.matrix[0, 0] / 534 - 1) < 0.05
         left = mm[:, 0] < np.median(mm[:, 0])
-        half = lens_of_sheet(px[left], mm[left], board.size, needs_focal=False)
+        half = fit_sheet_lens(px[left], mm[left], board.size, needs_focal=False)
         assert half is not None
         ideal = undistort(half.camera, px)
         back = np.linalg.inv(fit_homography(mm[left], ideal[left]))
@@ -242,7 +244,7 @@ def test_real_photos_of_a_cheap_camera() -> None:
 def test_few_corners_show_no_lens() -> None:
     photo = take(6, -0.25)
     rows = [0, 30, 60, 90, 10, 50, 70, 100, 20, 40, 80]
-    assert lens_of_sheet(photo.px[rows], CORNERS[rows], SIZE, needs_focal=False) is None
+    assert fit_sheet_lens(photo.px[rows], CORNERS[rows], SIZE, needs_focal=False) is None
 
 
 def test_the_camera_is_rounded() -> None:
@@ -250,7 +252,7 @@ def test_the_camera_is_rounded() -> None:
     photo = take(7, -0.15)
     shift = 1e-9 * np.sin(np.arange(len(CORNERS) * 2)).reshape(-1, 2)
     both = [
-        lens_of_sheet(px, CORNERS, SIZE, needs_focal=True) for px in (photo.px, photo.px + shift)
+        fit_sheet_lens(px, CORNERS, SIZE, needs_focal=True) for px in (photo.px, photo.px + shift)
     ]
     assert both[0] is not None
     assert both[1] is not None
@@ -262,7 +264,7 @@ def test_the_camera_is_rounded() -> None:
 def test_the_camera_of_a_sheet_is_one_of_opencv() -> None:
     """Its coefficients have OpenCV's order and units: they lead back to the corners."""
     photo = take(8, -0.2)
-    fitted = lens_of_sheet(photo.px, CORNERS, SIZE, needs_focal=False)
+    fitted = fit_sheet_lens(photo.px, CORNERS, SIZE, needs_focal=False)
     assert fitted is not None
     ideal = undistort(fitted.camera, photo.px)
     on_plane = map_points(fit_homography(CORNERS, ideal), CORNERS)

@@ -11,17 +11,17 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from camgen.geometry.rings import rings
+from camgen.geometry.rings import make_rings
 from camgen.geometry.segments import flatten, from_contours
 from camgen.model.errors import InputError
 from camgen.model.part import Contour
-from camgen.vision.lines_arcs.contours import OutlineFit, primitives
-from camgen.vision.lines_arcs.fit import circles, join_sums, lines, move_sums, sum_runs
+from camgen.vision.lines_arcs.contours import OutlineFit, make_contours
+from camgen.vision.lines_arcs.fit import fit_circles, fit_lines, join_sums, move_sums, sum_runs
 from camgen.vision.lines_arcs.noise import measure
-from camgen.vision.lines_arcs.polish import FittedChain, no_fillets, polish, to_arcs
+from camgen.vision.lines_arcs.polish import FittedChain, make_no_fillets, measure_from_arcs, polish
 from camgen.vision.lines_arcs.runs import Runs
 from camgen.vision.lines_arcs.spots import make_sound
-from camgen.vision.outline import Outline, outlines
+from camgen.vision.outline import Outline, find_outlines
 from tests.support.outline_pictures import (
     Drawn,
     disc,
@@ -42,7 +42,7 @@ def recovered(
     part: Drawn, height: int, width: int, blur: float = 0.7, noise: float = 2.0
 ) -> tuple[tuple[Contour, ...], tuple[OutlineFit, ...]]:
     grey = picture(part, height, width, blur, noise)
-    contours, fits, notes = primitives(outlines(grey, mask_of(grey))[0], PIXELS)
+    contours, fits, notes = make_contours(find_outlines(grey, mask_of(grey))[0], PIXELS)
     assert not notes
     return contours, fits
 
@@ -140,7 +140,7 @@ def test_a_rectified_view_whose_noise_is_interpolated(seed: int) -> None:
     matrix = np.array([[spin.real, -spin.imag, shift.real], [spin.imag, spin.real, shift.imag]])
     view = cv2.warpAffine(grey, matrix, (660, 660), flags=cv2.INTER_LINEAR, borderValue=60)
     drawn_there = Drawn([spin * loop + shift for loop in part.loops], spin * part.sharp + shift)
-    contours, _, notes = primitives(outlines(view, mask_of(view))[0], PIXELS)
+    contours, _, notes = make_contours(find_outlines(view, mask_of(view))[0], PIXELS)
     assert not notes
     assert len(contours[0].points) == 12
     error = errors(drawn_there, contours)
@@ -161,7 +161,7 @@ def grained(seed: int) -> Contour:
     grain = np.convolve(rng.normal(0, 1, len(points) + 4), np.ones(5) / np.sqrt(5), "valid")
     points += away / np.abs(away) * (0.045 * grain + rng.normal(0, 0.03, len(points)))
     line = np.column_stack([points.real, points.imag])
-    (contour,), _, notes = primitives([Outline(line, line, False, 0.03, 0.7)], PIXELS)
+    (contour,), _, notes = make_contours([Outline(line, line, False, 0.03, 0.7)], PIXELS)
     assert not notes
     return contour
 
@@ -203,7 +203,7 @@ def test_noise_that_neighbours_share_makes_no_corners(rms: float, reach: int) ->
     part = drawn([(0, 0, 0), (500, 0, 0), (500, 400, 90), (0, 400, 90)]).placed(0.3, 320 + 320j)
     for seed in range(4):
         outline = along(part, smooth_noise(1700, rms, reach, seed), 1700)
-        (contour,), (fit,), notes = primitives([outline], PIXELS)
+        (contour,), (fit,), notes = make_contours([outline], PIXELS)
         assert len(contour.bulges) <= 1.3 * 6 + 4
         assert fit.doubtful == 0
         assert not notes
@@ -216,7 +216,7 @@ def test_a_shallow_notch_is_kept(height: float) -> None:
     part = drawn([(0, 0, 0), *notch, (300, 0, 0), (300, 200, 0), (0, 200, 0)])
     part = part.placed(0.3, 100 + 40j)
     grey = picture(part, 340, 440, 0.7, 1.0)
-    contours, fits, _ = primitives(outlines(grey, mask_of(grey))[0], PIXELS)
+    contours, fits, _ = make_contours(find_outlines(grey, mask_of(grey))[0], PIXELS)
     floor = (108 + 1j * height) * np.exp(0.3j) + 100 + 40j
     assert np.abs(walked(contours) - floor).min() < 0.3
     assert fits[0].lines <= 9
@@ -241,7 +241,7 @@ def test_a_small_hole_has_no_more_noise_than_the_outline_around_it() -> None:
 
 
 def test_the_noise_of_an_outline_is_measured_with_its_correlation() -> None:
-    loops = rings([4000])
+    loops = make_rings([4000])
     for reach in (1, 3):
         residuals = smooth_noise(4000, 0.2, reach, 5)
         runs = Runs(np.array([0]), np.array([4000]), np.array([0]))
@@ -257,10 +257,10 @@ def test_the_noise_of_an_outline_is_measured_with_its_correlation() -> None:
 def test_contours_are_in_mm_and_their_directions_right() -> None:
     part = plate().placed(0.3, 300 + 250j)
     grey = picture(part, 500, 600, 0.7, 2.0)
-    loops = outlines(grey, mask_of(grey))[0]
+    loops = find_outlines(grey, mask_of(grey))[0]
     scale = 0.143
     view = np.array([[scale, 0.0, 10.0], [0.0, -scale, 80.0]])
-    contours, fits, _ = primitives(loops, view, "part")
+    contours, fits, _ = make_contours(loops, view, "part")
     assert [c.id for c in contours] == [f"c{k + 1}" for k in range(6)]
     assert {(c.layer, c.closed) for c in contours} == {("part", True)}
     found = areas(contours)
@@ -283,8 +283,8 @@ def test_contours_are_in_mm_and_their_directions_right() -> None:
 
 def test_a_view_that_is_not_mirrored_gives_the_same_directions() -> None:
     grey = picture(plate().placed(0.3, 300 + 250j), 500, 600, 0.7, 2.0)
-    loops = outlines(grey, mask_of(grey))[0]
-    mirrored, plain = (primitives(loops, view)[0] for view in (PIXELS, np.abs(PIXELS)))
+    loops = find_outlines(grey, mask_of(grey))[0]
+    mirrored, plain = (make_contours(loops, view)[0] for view in (PIXELS, np.abs(PIXELS)))
     assert areas(plain) == pytest.approx(areas(mirrored), rel=1e-9)
     for a, b in zip(mirrored, plain, strict=True):
         assert walked((a,)).conj().sum() == pytest.approx(walked((b,)).sum(), rel=1e-6)
@@ -371,8 +371,8 @@ def test_contours_do_not_cross_themselves_however_ragged() -> None:
         t = 2 * np.pi * np.arange(300) / 300
         curve = (50 + rng.normal(0, 1 + k, 300)) * np.exp(1j * t) + 80 + 80j
         grey = picture(Drawn([curve], curve), 160, 160, 0.7, 4.0)
-        loops = outlines(grey, mask_of(grey))[0]
-        contours, fits, notes = primitives(loops, PIXELS)
+        loops = find_outlines(grey, mask_of(grey))[0]
+        contours, fits, notes = make_contours(loops, PIXELS)
         assert len(contours) == len(fits)
         assert len(loops) - len(contours) == sum(note.kind == "skipped" for note in notes)
         for contour in contours:
@@ -384,7 +384,7 @@ def test_an_outline_that_nothing_fits_keeps_its_points_and_says_so() -> None:
     eight = np.column_stack(
         [30 * np.sin(np.linspace(0, 2 * np.pi, 200)), 20 * np.sin(np.linspace(0, 4 * np.pi, 200))]
     )
-    contours, fits, notes = primitives([Outline(eight, eight, False, 0.03, 0.7)], PIXELS)
+    contours, fits, notes = make_contours([Outline(eight, eight, False, 0.03, 0.7)], PIXELS)
     assert (contours, fits) == ((), ())
     assert [note.kind for note in notes] == ["skipped"]
     assert "crosses itself" in notes[0].what
@@ -395,7 +395,7 @@ def test_what_no_line_or_arc_follows_keeps_its_points_within_the_rest() -> None:
     saw = [(-40 + 1.5 * k, -40 + (1.2 if k % 2 else 0.0), 0.0) for k in range(54)]
     part = drawn([*saw, (40, 40, 0), (-40, 40, 0)]).placed(0.2, 70 + 70j)
     grey = picture(part, 140, 140, 0.5, 1.0)
-    contours, fits, notes = primitives(outlines(grey, mask_of(grey))[0], PIXELS)
+    contours, fits, notes = make_contours(find_outlines(grey, mask_of(grey))[0], PIXELS)
     assert len(contours) == 1
     assert bool(notes) == bool(fits[0].doubtful)
     side = (-40 + 40j) * np.exp(0.2j) + 70 + 70j
@@ -419,7 +419,7 @@ def spotted(seed: int) -> Drawn:
 def test_one_unsound_spot_leaves_the_rest_of_the_outline_fitted(seed: int) -> None:
     part = spotted(seed)
     grey = picture(part, 190, 220, 0.5, 3.0)
-    contours, fits, _ = primitives(outlines(grey, mask_of(grey))[0], PIXELS)
+    contours, fits, _ = make_contours(find_outlines(grey, mask_of(grey))[0], PIXELS)
     assert len(contours[0].points) < 60
     assert fits[0].arcs >= 3
     assert fits[0].lines_mm < 130
@@ -436,9 +436,10 @@ def test_the_scale_of_a_picture_has_no_say_in_its_pieces() -> None:
     """What a photo gives at 0.11574 mm/px it gives at 0.115741, in mm of its own."""
     for seed in range(2):
         grey = picture(spotted(seed), 190, 220, 0.5, 3.0)
-        loops = outlines(grey, mask_of(grey))[0]
+        loops = find_outlines(grey, mask_of(grey))[0]
         found = [
-            primitives(loops, PIXELS * scale)[0] for scale in (1.0, 0.11574, 0.115741, 1 / 3, 40.0)
+            make_contours(loops, PIXELS * scale)[0]
+            for scale in (1.0, 0.11574, 0.115741, 1 / 3, 40.0)
         ]
         for contours, scale in zip(found, (1.0, 0.11574, 0.115741, 1 / 3, 40.0), strict=True):
             for one, other in zip(found[0], contours, strict=True):
@@ -453,7 +454,9 @@ def test_points_that_cross_are_cut_off_there_alone() -> None:
     points[[50, 51, 52]] = points[[52, 51, 50]] + np.array([0.4, -0.3, 0.2])
     one = np.ones(1, dtype=np.bool_)
     chain = FittedChain(points[:1], np.zeros(1), one, ~one)
-    sound = make_sound(chain, no_fillets(chain), one, points, np.zeros(200, dtype=np.int64), 0.01)
+    sound = make_sound(
+        chain, make_no_fillets(chain), one, points, np.zeros(200, dtype=np.int64), 0.01
+    )
     assert sound is not None
     assert 0 < sound.cut < 4
     assert shapely.is_valid(
@@ -464,13 +467,15 @@ def test_points_that_cross_are_cut_off_there_alone() -> None:
 
 def test_a_view_out_of_scale_is_refused() -> None:
     with pytest.raises(InputError, match="not to scale"):
-        primitives([], np.array([[1.0, 0, 0], [0, 1.1, 0]]))
-    assert primitives([], PIXELS) == ((), (), ())
+        make_contours([], np.array([[1.0, 0, 0], [0, 1.1, 0]]))
+    assert make_contours([], PIXELS) == ((), (), ())
 
 
 def test_the_same_picture_gives_the_same_numbers() -> None:
     grey = picture(plate().placed(0.3, 300 + 250j), 500, 600, 0.7, 2.0)
-    first, second = (primitives(outlines(grey, mask_of(grey))[0], PIXELS)[0] for _ in range(2))
+    first, second = (
+        make_contours(find_outlines(grey, mask_of(grey))[0], PIXELS)[0] for _ in range(2)
+    )
     assert all(np.array_equal(a.points, b.points) for a, b in zip(first, second, strict=True))
 
 
@@ -516,10 +521,10 @@ def test_a_line_and_a_circle_are_found_exactly() -> None:
         [100 + 50j + 40 * np.exp(1j * (0.3 + 0.4 * t)), 5 + 3j + t * (30 + 40j)]
     )
     runs = sum_runs(points, np.ones(18), np.array([0, 9]))
-    round_ = circles(runs)
+    round_ = fit_circles(runs)
     assert 1 / abs(round_.curvature[0]) == pytest.approx(40, rel=1e-6)
     assert np.abs(round_.distances(np.array([100 + 90j, 35 + 43j]))).max() < 1e-6
-    straight = lines(runs)
+    straight = fit_lines(runs)
     # A difference of sums of squares: nine points, 50 px from end to end.
     rounding = 9 * 50**2 * rounding_bound(operations=30)
     assert straight.sse[1] == pytest.approx(0, abs=rounding)
@@ -529,7 +534,7 @@ def test_a_line_and_a_circle_are_found_exactly() -> None:
 def test_distances_to_arcs_do_not_care_for_flatness() -> None:
     a, b = np.array([0j] * 3), np.array([10 + 0j] * 3)
     # A half circle below the chord, one almost flat, a line; the point is 2 to the left of the chord's middle.
-    found = to_arcs(np.array([5 + 2j] * 3), a, b, np.array([1.0, 1e-9, 0.0]))
+    found = measure_from_arcs(np.array([5 + 2j] * 3), a, b, np.array([1.0, 1e-9, 0.0]))
     assert found == pytest.approx([2 - 5, -2, -2], abs=1e-7)
 
 

@@ -15,10 +15,10 @@ from camgen.cli.say import voice
 from camgen.model.errors import InputError, JobError
 from camgen.model.pose import Pose, frozen
 from camgen.vision.boards.find import _detect, _measure, find
-from camgen.vision.boards.sheet import SIZES, Board, draw_pdf, draw_svg, sheet
+from camgen.vision.boards.sheet import SIZES, Board, draw_pdf, draw_svg, make_sheet
 from camgen.vision.camera.camera import Camera, undistort
 from camgen.vision.image import Picture
-from camgen.vision.plane import Plane, map_points, plane_from_pose
+from camgen.vision.plane import Plane, make_plane, map_points
 from tests.vision.test_plane import error_mm, looking, seen
 
 #: 1280 x 920 px, a lens with the distortion of a good industrial one; 4 px/mm from 430 mm.
@@ -28,7 +28,7 @@ CAMERA = Camera(
     size=(1280, 920),
     name="bench",
 )
-A4 = sheet("A4")
+A4 = make_sheet("A4")
 INSIDE = np.array([(x, y) for x in (0.0, 60, 150, 220) for y in (0.0, 50, 120)])
 
 
@@ -78,7 +78,7 @@ def painted(rectangles: np.ndarray, page: tuple[float, float], per_unit: float) 
 @cache
 def paper(size: str, marker: float) -> np.ndarray:
     """The sheet at 18 px/mm: 60 px for every module of a 20 mm marker."""
-    return painted(*rectangles_of_svg(draw_svg(sheet(size, marker))), 18)
+    return painted(*rectangles_of_svg(draw_svg(make_sheet(size, marker))), 18)
 
 
 def pixels_of(camera: Camera) -> np.ndarray:
@@ -105,7 +105,7 @@ def photo(
     """
     width, height = camera.size
     rays = rays_of_the_lens() if camera is CAMERA else pixels_of(camera)
-    seen_mm = map_points(plane_from_pose(camera, pose).work_from_pixel, rays) + origin
+    seen_mm = map_points(make_plane(camera, pose).work_from_pixel, rays) + origin
     places = np.stack([seen_mm[:, 0] * 18 - 0.5, page.shape[0] - 0.5 - seen_mm[:, 1] * 18])
     places = places.reshape(2, height, width)
     down, right = np.gradient(places, axis=(1, 2))
@@ -137,7 +137,7 @@ def with_grey(picture: Picture, pixels: np.ndarray) -> Picture:
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("marker", [12.0, 20.0, 30.0])
 def test_markers_have_white_around_them_and_leave_the_middle_free(size: str, marker: float) -> None:
-    what = sheet(size, marker)
+    what = make_sheet(size, marker)
     assert 8 <= len(what.ids) == len(set(what.ids)) <= 50
     assert max(what.ids) < 50  # as many as the dictionary has
     left, low = what.corners[:, 3].T
@@ -172,7 +172,7 @@ def test_what_is_drawn_is_what_the_sheet_says(
     drawn: object, read: object, unit: float, size: str
 ) -> None:
     """Painted from the file and looked at by OpenCV: every marker upright and in its place, to 0.06 mm."""
-    what = sheet(size)
+    what = make_sheet(size)
     rectangles, page = read(drawn(what))  # type: ignore[operator]
     assert np.allclose(np.array(page) * unit, SIZES[size.upper()], atol=1e-3)
     pixels = painted(rectangles * unit, what.page, 10)
@@ -206,11 +206,11 @@ def test_the_pdf_asks_for_no_scaling_and_says_what_to_measure() -> None:
     assert "/PrintScaling /None" in text
     assert "(Measure this: 100 mm over all." in text
     assert "Measure this: 100 mm" in draw_svg(A4).decode()
-    assert draw_pdf(A4) == draw_pdf(sheet("a4"))
+    assert draw_pdf(A4) == draw_pdf(make_sheet("a4"))
 
 
 def test_a_printed_length_scales_everything() -> None:
-    small = sheet("A4", printed=99.4)
+    small = make_sheet("A4", printed=99.4)
     for name in ("page", "origin", "free", "marker", "corners"):
         assert np.allclose(np.array(getattr(small, name)), np.array(getattr(A4, name)) * 0.994)
 
@@ -228,7 +228,7 @@ def test_a_printed_length_scales_everything() -> None:
 )
 def test_sheets_that_cannot_be(given: dict[str, object], what: str) -> None:
     with pytest.raises(JobError) as caught:
-        sheet(**given)  # type: ignore[arg-type]
+        make_sheet(**given)  # type: ignore[arg-type]
     assert what in str(caught.value)
 
 
@@ -283,7 +283,7 @@ def test_the_sheet_may_lie_turned_in_the_photo() -> None:
 
 def test_a_sheet_that_printed_small_makes_the_part_smaller() -> None:
     _, picture = sheet_photo(0)
-    small, full = find(picture, CAMERA, sheet("A4", printed=99.0)), find(picture, CAMERA, A4)
+    small, full = find(picture, CAMERA, make_sheet("A4", printed=99.0)), find(picture, CAMERA, A4)
     px = np.array([[640.0, 460], [900, 500]])
     assert np.allclose(
         map_points(small.work_from_pixel, px), map_points(full.work_from_pixel, px) * 0.99
@@ -360,7 +360,7 @@ def test_markers_of_another_sheet_and_doubles_are_named() -> None:
 def test_the_wrong_sheet_contradicts_itself() -> None:
     _, picture = sheet_photo(0)
     with pytest.raises(JobError) as caught:
-        find(picture, CAMERA, sheet("A4", 15.0))
+        find(picture, CAMERA, make_sheet("A4", 15.0))
     assert "contradict each other" in str(caught.value)
     assert "bench.png: camgen A4 marker sheet, markers 15 mm: " in str(caught.value)
 
@@ -523,7 +523,7 @@ def test_the_command_writes_the_sheet(
     target = tmp_path / name
     arguments = Namespace(output=str(target), size="A3", marker=25.0)
     assert cli_markers.run(arguments, voice(quiet=False, verbose=0)) == 0
-    what = sheet("A3", 25.0)
+    what = make_sheet("A3", 25.0)
     assert target.read_bytes() == (draw_pdf(what) if name.endswith("pdf") else draw_svg(what))
     said = capsys.readouterr().err
     assert "A3 landscape, " in said

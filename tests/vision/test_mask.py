@@ -14,14 +14,14 @@ from camgen.model.errors import CamgenError, InputError, JobError, NoSafeProgram
 from camgen.model.job import ImageTable
 from camgen.model.pose import frozen
 from camgen.model.text import counted
-from camgen.vision.image import load
+from camgen.vision.image import read_picture
 from camgen.vision.mask.cells import make_cells
 from camgen.vision.mask.channel import interpolate_strips, remove_shadows
-from camgen.vision.mask.clean import clean
+from camgen.vision.mask.clean import clean_mask
 from camgen.vision.mask.level import interpolate_tiles
 from camgen.vision.mask.part_mask import Mask
-from camgen.vision.mask.part_mask import part_mask as masked
-from camgen.vision.to_scale import ScaledView, already_to_scale
+from camgen.vision.mask.part_mask import make_mask as masked
+from camgen.vision.to_scale import ScaledView, make_scaled_view
 from tests.support.files import source
 
 WIDTH, HEIGHT = 620, 480
@@ -343,7 +343,7 @@ def test_cleaning_against_labels(seed: int) -> None:
     )
     holes = [k for k in range(1, count) if stats[k, 4] < least]
     wanted[np.isin(labels, holes)] = 255
-    found = clean(
+    found = clean_mask(
         mask, seen(mask.copy()), least * SCALE**2 * 0.999, "noise.png", accepts_specks=True
     )
     notes = " ".join(map(str, found))
@@ -391,8 +391,8 @@ def test_a_mask_that_no_part_dominates_is_no_program() -> None:
     for u, v in rng.integers(5, 395, (900, 2)).tolist():
         mask[v : v + 2, u : u + 2] = 255
     with pytest.raises(NoSafeProgram, match=r"no part dominates the mask: 1 piece .* smaller ones"):
-        clean(mask.copy(), seen(mask.copy()), 1.0, "swarf.png")
-    (note,) = clean(mask, seen(mask.copy()), 1.0, "swarf.png", accepts_specks=True)
+        clean_mask(mask.copy(), seen(mask.copy()), 1.0, "swarf.png")
+    (note,) = clean_mask(mask, seen(mask.copy()), 1.0, "swarf.png", accepts_specks=True)
     assert "left out" in str(note)
 
 
@@ -401,7 +401,7 @@ def test_a_thin_ring_is_a_speck_but_what_it_holds_is_not() -> None:
     cv2.circle(mask, (100, 100), 80, 255, 1)
     cv2.circle(mask, (100, 100), 40, 255, -1)
     disc = np.count_nonzero(mask[100 - 45 : 100 + 46, 100 - 45 : 100 + 46])
-    (note,) = clean(mask, seen(mask.copy()), 1000 * SCALE**2, "ring.png")
+    (note,) = clean_mask(mask, seen(mask.copy()), 1000 * SCALE**2, "ring.png")
     assert np.count_nonzero(mask) == disc
     assert note.what.startswith("1 speck below 40 mm2 left out")
 
@@ -644,7 +644,7 @@ COUNTS = {
 @pytest.mark.skipif(not IMAGES.exists(), reason="the shared pictures are not beside the repository")
 @pytest.mark.parametrize("name", COUNTS)
 def test_parts_of_shared_pictures(name: str) -> None:
-    mask = part_mask(already_to_scale(load(source(IMAGES / name)), mm_per_px=0.1))
+    mask = part_mask(make_scaled_view(read_picture(source(IMAGES / name)), mm_per_px=0.1))
     least, most = COUNTS[name]
     assert least <= cv2.connectedComponents(mask.pixels)[0] - 1 <= most
 

@@ -9,9 +9,9 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-from camgen.geometry.rings import rings
+from camgen.geometry.rings import make_rings
 from camgen.model.errors import InputError
-from camgen.vision.outline import Outline, outlines
+from camgen.vision.outline import Outline, find_outlines
 from tests.support.outline_pictures import Drawn, disc, drawn, mask_of, picture, plate, with_holes
 
 #: A pixel is a box: it blurs like a Gaussian of this sigma.
@@ -19,7 +19,7 @@ BOX = np.sqrt(1 / 12)
 
 
 def found(grey: np.ndarray, mask: np.ndarray | None = None) -> tuple[Outline, ...]:
-    loops, notes = outlines(grey, mask_of(grey) if mask is None else mask)
+    loops, notes = find_outlines(grey, mask_of(grey) if mask is None else mask)
     assert not notes
     return loops
 
@@ -151,7 +151,7 @@ def test_a_part_told_by_colour_alone_takes_the_border_of_the_mask() -> None:
     part = disc(50).placed(0.1, 70.2 + 69.7j)
     mask = mask_of(picture(part, 140, 140, 0.7))
     grey = picture(part, 140, 140, 0.7, 3.0, low=120.0, high=120.5)
-    loops, notes = outlines(grey, mask)
+    loops, notes = find_outlines(grey, mask)
     assert [note.what for note in notes] == ["1 of 1 outline taken from the mask alone"]
     assert not loops[0].has_edge
     error = outwards(loops[0], 70.2 + 69.7j, 50)
@@ -164,10 +164,10 @@ def test_an_edge_that_is_soft_on_one_side_is_a_warning() -> None:
     sharp = picture(disc(50).placed(0, 70 + 70j), 140, 140, 0.7)
     soft = cv2.GaussianBlur(sharp, (0, 0), 3.5)
     for grey, is_soft in ((sharp, False), (soft, False)):
-        assert any("soft" in note.what for note in outlines(grey, mask_of(grey))[1]) == is_soft
+        assert any("soft" in note.what for note in find_outlines(grey, mask_of(grey))[1]) == is_soft
     one_side = sharp.copy()
     one_side[:, 100:] = soft[:, 100:]
-    note = outlines(one_side, mask_of(one_side))[1][0]
+    note = find_outlines(one_side, mask_of(one_side))[1][0]
     assert note.kind == "warning"
     # The border lies to the right of a chord at 30 of 50 px for two of 6.28 times arccos(0.6).
     assert float(note.what.split()[0]) == pytest.approx(100 * np.arccos(0.6) / np.pi, abs=6)
@@ -177,11 +177,11 @@ def test_small_borders_are_counted_and_nothing_is_no_part() -> None:
     grey = picture(disc(20).placed(0, 40 + 40j), 80, 80)
     mask = mask_of(grey)
     mask[5, 5] = mask[5, 6] = 255
-    loops, notes = outlines(grey, mask)
+    loops, notes = find_outlines(grey, mask)
     assert len(loops) == 1
     assert notes[-1].kind == "skipped"
     assert notes[-1].what == "1 border of fewer than 8 points"
-    none, notes = outlines(grey, np.zeros_like(mask))
+    none, notes = find_outlines(grey, np.zeros_like(mask))
     assert none == ()
     assert notes[0].what == "no part in the mask"
 
@@ -189,11 +189,11 @@ def test_small_borders_are_counted_and_nothing_is_no_part() -> None:
 def test_pictures_that_do_not_fit_are_refused() -> None:
     mask = np.zeros((20, 30), np.uint8)
     with pytest.raises(InputError, match=r"has shape \(30, 20\)"):
-        outlines(np.zeros((30, 20), np.uint8), mask)
+        find_outlines(np.zeros((30, 20), np.uint8), mask)
     with pytest.raises(InputError, match="mask: has shape"):
-        outlines(np.zeros((20, 30), np.uint8), mask.astype(bool))
+        find_outlines(np.zeros((20, 30), np.uint8), mask.astype(bool))
     with pytest.raises(InputError, match="float64"):
-        outlines(np.zeros((20, 30)), mask)
+        find_outlines(np.zeros((20, 30)), mask)
 
 
 def test_float_pictures_say_the_same() -> None:
@@ -204,7 +204,7 @@ def test_float_pictures_say_the_same() -> None:
 
 
 def test_sums_around_a_loop_go_over_its_end() -> None:
-    loops = rings(np.array([5, 2]))
+    loops = make_rings(np.array([5, 2]))
     values = np.array([1.0, 2, 3, 4, 5, 10, 20])
     assert loops.around(values, 1).tolist() == [8, 6, 9, 12, 10, 50, 40]
     assert loops.shifted(-1).tolist() == [4, 0, 1, 2, 3, 6, 5]
@@ -229,7 +229,7 @@ def test_a_picture_is_left_as_it_was() -> None:
     grey = picture(disc(20).placed(0, 40 + 40j), 80, 80)
     mask = mask_of(grey)
     before = (grey.copy(), mask.copy())
-    outlines(grey, mask)
+    find_outlines(grey, mask)
     assert (
         cv2.countNonZero(cv2.absdiff(grey, before[0]))
         == cv2.countNonZero(cv2.absdiff(mask, before[1]))
@@ -270,7 +270,7 @@ def test_the_shadow_of_a_part_in_the_tone_of_the_bench(
     tone: float, shift: tuple[float, float], softness: float, is_shadow: bool
 ) -> None:
     grey = cast_shadow(tone, shift, softness)
-    loops, _ = outlines(grey, np.where(grey < 212, 255, 0).astype(np.uint8))
+    loops, _ = find_outlines(grey, np.where(grey < 212, 255, 0).astype(np.uint8))
     assert len(loops) >= 1
     assert {loop.is_shadow for loop in loops} == {is_shadow}
 
@@ -279,5 +279,5 @@ def test_a_disc_that_is_soft_on_one_half_is_no_shadow() -> None:
     sharp = picture(disc(50).placed(0, 70 + 70j), 140, 140, 0.7)
     soft = cv2.GaussianBlur(sharp, (0, 0), 3.5)
     sharp[:, 70:] = soft[:, 70:]
-    (loop,) = outlines(sharp, mask_of(sharp))[0]
+    (loop,) = find_outlines(sharp, mask_of(sharp))[0]
     assert not loop.is_shadow

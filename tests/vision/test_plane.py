@@ -11,13 +11,13 @@ from camgen.model.pose import Pose, frozen, pose_from_values, rotation_from_fixe
 from camgen.vision.camera.camera import Camera
 from camgen.vision.plane import (
     Plane,
+    compute_pose,
+    compute_scales,
+    find_off_line,
     fit_homography,
-    in_line,
+    fit_plane,
+    make_plane,
     map_points,
-    plane_from_points,
-    plane_from_pose,
-    pose_of,
-    scales,
 )
 
 MATRIX = np.array([[5090.0, 0, 1921], [0, 5092, 1370], [0, 0, 1]])
@@ -61,7 +61,7 @@ def error_mm(plane: Plane, camera: Camera, pose: Pose, points: np.ndarray = GRID
 
 def refusal(px: object, mm: object, camera: Camera | None = None, height: float = 0.0) -> str:
     with pytest.raises(JobError) as caught:
-        plane_from_points(camera, px, mm, height=height)
+        fit_plane(camera, px, mm, height=height)
     assert "\n" not in str(caught.value)
     return str(caught.value)
 
@@ -75,7 +75,7 @@ def refusal(px: object, mm: object, camera: Camera | None = None, height: float 
 def test_exact_pairs_give_the_exact_plane(camera: Camera, tilt: float, count: int) -> None:
     pose = looking(tilt)
     points = GRID if count == 16 else GRID[[0, 3, 15, 12]]
-    plane = plane_from_points(camera, seen(camera, pose, points), points)
+    plane = fit_plane(camera, seen(camera, pose, points), points)
     assert error_mm(plane, camera, pose) < 1e-6
     assert plane.rms_mm <= plane.max_mm < 1e-6
     assert plane.residuals_mm.shape == plane.residuals_px.shape == (count,)
@@ -87,15 +87,15 @@ def test_exact_pairs_give_the_exact_plane(camera: Camera, tilt: float, count: in
 
 def test_without_a_camera_the_photo_is_the_pinhole_itself() -> None:
     pose = looking(18)
-    plane = plane_from_points(None, seen(PINHOLE, pose, GRID), GRID)
+    plane = fit_plane(None, seen(PINHOLE, pose, GRID), GRID)
     assert error_mm(plane, PINHOLE, pose) < 1e-6
 
 
 def test_the_distortion_matters_and_is_taken_out() -> None:
     pose = looking()
-    blind = plane_from_points(PINHOLE, seen(LENS, pose, GRID), GRID)
+    blind = fit_plane(PINHOLE, seen(LENS, pose, GRID), GRID)
     assert error_mm(blind, PINHOLE, pose) > 0.1
-    assert error_mm(plane_from_points(LENS, seen(LENS, pose, GRID), GRID), LENS, pose) < 1e-6
+    assert error_mm(fit_plane(LENS, seen(LENS, pose, GRID), GRID), LENS, pose) < 1e-6
 
 
 @given(
@@ -110,9 +110,9 @@ def test_any_exact_homography_is_found(numbers: list[float], scale: float, away:
     assume(
         np.linalg.det(true[:2, :2] - np.outer(map_points(true, unit[:1])[0], true[2, :2])) < -0.2
     )
-    assume(scales(true, unit)[:, 0].min() > 0.1)
+    assume(compute_scales(true, unit)[:, 0].min() > 0.1)
     image = map_points(true, unit)
-    assume(in_line(image) is None)
+    assume(find_off_line(image) is None)
     source = unit * scale + away * scale
     found = fit_homography(source, image)
     assert np.abs(map_points(found, source) - image).max() < 1e-7
@@ -123,7 +123,7 @@ def test_least_squares_beat_the_noise_of_single_points() -> None:
     pose = looking(18)
     rng = np.random.default_rng(5)
     px = seen(PINHOLE, pose, GRID) + rng.normal(0, 0.3, (16, 2))
-    plane = plane_from_points(PINHOLE, px, GRID)
+    plane = fit_plane(PINHOLE, px, GRID)
     theirs = cv2.findHomography(GRID, px, 0)[0]
     assert np.abs(map_points(plane.pixel_from_work, GRID) - map_points(theirs, GRID)).max() < 1e-3
     ours = np.sum((map_points(plane.pixel_from_work, GRID) - px) ** 2)
@@ -137,7 +137,7 @@ def test_residuals_are_distances_in_mm_and_px_per_pair() -> None:
     pose = looking(0)
     px = seen(PINHOLE, pose, GRID)
     px[5] += (1.2, 0)
-    plane = plane_from_points(PINHOLE, px, GRID)
+    plane = fit_plane(PINHOLE, px, GRID)
     assert int(np.argmax(plane.residuals_px)) == 5
     assert plane.max_mm == pytest.approx(plane.residuals_mm[5])
     # Straight from above a pixel is as many mm everywhere: height over focal length.
@@ -147,9 +147,9 @@ def test_residuals_are_distances_in_mm_and_px_per_pair() -> None:
 
 def test_four_pairs_are_said_to_be_unchecked() -> None:
     pose = looking()
-    (note,) = plane_from_points(PINHOLE, seen(PINHOLE, pose, SIX[:4]), SIX[:4]).notes
+    (note,) = fit_plane(PINHOLE, seen(PINHOLE, pose, SIX[:4]), SIX[:4]).notes
     assert note.kind == "assumed"
-    assert plane_from_points(PINHOLE, seen(PINHOLE, pose, SIX), SIX).notes == ()
+    assert fit_plane(PINHOLE, seen(PINHOLE, pose, SIX), SIX).notes == ()
 
 
 # -- wrong pairs
@@ -195,8 +195,8 @@ def test_noise_is_no_wrong_pair() -> None:
     px, taken = seen(PINHOLE, looking(15), GRID), 0
     for _ in range(150):
         some = rng.permutation(16)[: rng.integers(5, 17)]
-        if in_line(GRID[some]) is None:
-            plane_from_points(PINHOLE, px[some] + rng.normal(0, 0.7, (len(some), 2)), GRID[some])
+        if find_off_line(GRID[some]) is None:
+            fit_plane(PINHOLE, px[some] + rng.normal(0, 0.7, (len(some), 2)), GRID[some])
             taken += 1
     assert taken > 100
 
@@ -212,7 +212,7 @@ def test_a_doubtful_pair_is_noted() -> None:
     px = seen(PINHOLE, looking(), GRID)
     px[9] += (0, 2)
     px += np.random.default_rng(1).normal(0, 0.6, px.shape)
-    (note,) = plane_from_points(PINHOLE, px, GRID).notes
+    (note,) = fit_plane(PINHOLE, px, GRID).notes
     assert note.kind == "warning"
     assert note.what.startswith("pair 10 (")
 
@@ -231,7 +231,7 @@ def test_mirrored_points_are_refused_with_a_hint() -> None:
     # Turned by any angle is right, whatever the camera's roll.
     for angle in (30, 90, 180, 270):
         turn = np.array(rotation_from_fixed_xyz(0, 0, np.radians(angle)))[:2, :2]
-        plane_from_points(PINHOLE, px, SIX @ turn.T)
+        fit_plane(PINHOLE, px, SIX @ turn.T)
 
 
 def test_points_in_the_wrong_order_are_refused() -> None:
@@ -285,14 +285,14 @@ def test_lists_that_are_none(px: object, mm: object, what: str) -> None:
 def test_a_zero_z_is_taken() -> None:
     pose = looking()
     flat = np.column_stack([GRID, np.zeros(16)])
-    assert error_mm(plane_from_points(LENS, seen(LENS, pose, GRID), flat), LENS, pose) < 1e-6
+    assert error_mm(fit_plane(LENS, seen(LENS, pose, GRID), flat), LENS, pose) < 1e-6
 
 
 def test_scales_that_the_camera_contradicts_are_noted() -> None:
     """x in units 6 % too long: as a plane it fits exactly, as a photo by this camera it cannot be."""
     px = seen(PINHOLE, looking(), GRID)
-    assert plane_from_points(PINHOLE, px, GRID).notes == ()
-    (note,) = plane_from_points(PINHOLE, px, GRID * [1.06, 1]).notes
+    assert fit_plane(PINHOLE, px, GRID).notes == ()
+    (note,) = fit_plane(PINHOLE, px, GRID * [1.06, 1]).notes
     assert "x and y different scales" in note.what
 
 
@@ -304,11 +304,11 @@ def test_scales_that_the_camera_contradicts_are_noted() -> None:
 def test_points_on_the_bench_give_the_plane_of_the_top_face(height: float, tilt: float) -> None:
     pose = looking(tilt)
     px = seen(LENS, pose, GRID, z=-height)
-    plane = plane_from_points(LENS, px, GRID, height=height)
+    plane = fit_plane(LENS, px, GRID, height=height)
     assert error_mm(plane, LENS, pose) < 1e-5
     assert plane.max_mm < 1e-6
     # Without it the face would be off by about the height times the angle at which the camera sees it.
-    assert error_mm(plane_from_points(LENS, px, GRID), LENS, pose) > abs(height) * 0.2
+    assert error_mm(fit_plane(LENS, px, GRID), LENS, pose) > abs(height) * 0.2
 
 
 def test_a_height_needs_a_camera() -> None:
@@ -322,16 +322,16 @@ def test_a_height_needs_a_camera() -> None:
 @given(st.floats(0, 50), st.floats(0, 360), st.floats(300, 2000))
 def test_a_pose_projects_as_opencv_does(tilt: float, about: float, height: float) -> None:
     pose = looking(tilt, about, height=height)
-    plane = plane_from_pose(LENS, pose)
+    plane = make_plane(LENS, pose)
     assert error_mm(plane, LENS, pose) < 1e-6
     assert (plane.rms_mm, plane.max_mm, len(plane.residuals_px)) == (0, 0, 0)
-    back = pose_of(plane.pixel_from_work, LENS.matrix)
+    back = compute_pose(plane.pixel_from_work, LENS.matrix)
     assert np.allclose(back.rotation, pose.rotation, atol=1e-9)
     assert np.allclose(back.origin, pose.origin, atol=1e-6)
 
 
 def test_a_pose_behind_the_camera_or_from_below_is_refused() -> None:
     with pytest.raises(JobError, match="behind the camera"):
-        plane_from_pose(PINHOLE, pose_from_values([0, 0, -500, 180, 0, 0]))
+        make_plane(PINHOLE, pose_from_values([0, 0, -500, 180, 0, 0]))
     with pytest.raises(JobError, match="sees the part from below"):
-        plane_from_pose(PINHOLE, pose_from_values([0, 0, 500, 0, 0, 0]))
+        make_plane(PINHOLE, pose_from_values([0, 0, 500, 0, 0, 0]))

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from camgen.vision.skeleton import Stroke, graph, skeleton, strokes
+from camgen.vision.skeleton import Stroke, join_strokes, make_graph, thin_mask
 
 
 def blobs(seed: int) -> np.ndarray:
@@ -17,7 +17,7 @@ def blobs(seed: int) -> np.ndarray:
 
 def found_in(mask: np.ndarray) -> list[Stroke]:
     depth = cv2.distanceTransform(mask, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    return strokes(graph(skeleton(mask), None, depth))
+    return join_strokes(make_graph(thin_mask(mask), None, depth))
 
 
 def drawn(*polygons: list[tuple[int, int]]) -> np.ndarray:
@@ -33,7 +33,7 @@ BAR = [(50, 50), (200, 50), (200, 60), (50, 60)]
 @pytest.mark.parametrize("seed", range(12))
 def test_thinning_keeps_pieces_and_holes(seed: int) -> None:
     mask = blobs(seed)
-    lines = skeleton(mask)
+    lines = thin_mask(mask)
     assert not (lines & ~mask).any()
     # As many pieces, and as many holes: the pieces of what is outside, joined by direct neighbours only.
     assert (
@@ -46,7 +46,7 @@ def test_thinning_keeps_pieces_and_holes(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", range(12))
 def test_thinned_lines_are_one_pixel_wide(seed: int) -> None:
-    lines = skeleton(blobs(seed)) > 0
+    lines = thin_mask(blobs(seed)) > 0
     square = lines[1:, 1:] & lines[:-1, 1:] & lines[1:, :-1] & lines[:-1, :-1]
     # Four lines may meet in a square; nothing is wider than that.
     wide = cv2.erode(lines.astype(np.uint8), np.ones((3, 3), np.uint8))
@@ -57,10 +57,12 @@ def test_thinned_lines_are_one_pixel_wide(seed: int) -> None:
 def test_what_is_kept_stays_and_lines_end_at_it() -> None:
     mask = drawn(BAR, [(200, 30), (240, 30), (240, 80), (200, 80)])
     kept = drawn([(206, 36), (234, 36), (234, 74), (206, 74)])
-    lines = skeleton(mask, kept)
+    lines = thin_mask(mask, kept)
     assert (lines[kept > 0] == 255).all()
     depth = cv2.distanceTransform(mask, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    (line,) = [s for s in strokes(graph(lines, kept, depth)) if np.ptp(s.points.real) > 60]
+    (line,) = [
+        s for s in join_strokes(make_graph(lines, kept, depth)) if np.ptp(s.points.real) > 60
+    ]
     assert line.start != line.end  # one end is free, the other at what was kept
     ends = line.points[[0, -1]]
     assert min(ends.real) == pytest.approx(55, abs=2)
@@ -68,8 +70,8 @@ def test_what_is_kept_stays_and_lines_end_at_it() -> None:
 
 
 def test_the_border_of_the_picture_is_no_neighbour() -> None:
-    assert cv2.countNonZero(skeleton(np.full((20, 60), 255, dtype=np.uint8))) > 30
-    assert not skeleton(np.zeros((20, 60), dtype=np.uint8)).any()
+    assert cv2.countNonZero(thin_mask(np.full((20, 60), 255, dtype=np.uint8))) > 30
+    assert not thin_mask(np.zeros((20, 60), dtype=np.uint8)).any()
 
 
 def test_a_bar_is_one_stroke_in_its_middle() -> None:
@@ -109,8 +111,8 @@ def test_a_ring_is_closed_and_a_disc_is_a_dot() -> None:
 
 def test_every_pixel_between_junctions_is_in_one_branch() -> None:
     mask = blobs(3)
-    lines = skeleton(mask)
-    net = graph(lines, None, np.ones(mask.shape, dtype=np.float32))
+    lines = thin_mask(mask)
+    net = make_graph(lines, None, np.ones(mask.shape, dtype=np.float32))
     inner = np.concatenate([b.points[1:-1] for b in net.branches])
     assert len(np.unique(inner)) == len(inner)
     assert {*np.concatenate([b.points for b in net.branches]).tolist()} == {

@@ -8,17 +8,17 @@ from camgen.model.errors import InputError, JobError
 from camgen.model.pose import frozen
 from camgen.vision.camera.camera import Camera, distort
 from camgen.vision.image import Picture
-from camgen.vision.plane import map_points, plane_from_points, plane_from_pose
+from camgen.vision.plane import fit_plane, make_plane, map_points
 from camgen.vision.to_scale import (
     ScaledView,
-    already_to_scale,
     make_plane_view,
-    mm_per_pixel,
-    photo_from_work,
+    make_scaled_view,
+    map_to_photo,
+    map_to_work,
+    measure_mm_per_pixel,
     rectify,
     remap,
     sample_photo,
-    work_from_photo,
 )
 from tests.vision.test_plane import LENS, MATRIX, PINHOLE, looking, seen
 
@@ -68,7 +68,7 @@ def test_every_view_pixel_comes_from_its_place_in_the_photo(
 ) -> None:
     """The map of the view against cv2.projectPoints, at 20000 pixels: off by less than 0.002 px."""
     pose = looking(tilt, height=height)
-    plane = plane_from_pose(camera, pose)
+    plane = make_plane(camera, pose)
     view = rectify(blank(camera), camera, plane, region)
     # A float photo whose values are u and v: interpolating them linearly gives back the place itself. Three channels,
     # since OpenCV quantises two to 1/32 px.
@@ -93,8 +93,8 @@ def test_a_smooth_pattern_keeps_its_place(camera: Camera) -> None:
     """A pattern of 12 mm waves drawn into the photo by formula: phases in the view are off by less than 0.005 px."""
     small = Camera(matrix=SMALL.matrix, distortion=camera.distortion, size=SMALL.size, name="")
     pose = looking(15, height=440)
-    plane = plane_from_pose(small, pose)
-    mm = work_from_photo(make_plane_view(small, plane, small.size), photo_grid_all(small.size))
+    plane = make_plane(small, pose)
+    mm = map_to_work(make_plane_view(small, plane, small.size), photo_grid_all(small.size))
     waves = 127 + 60 * np.sin(mm[:, 0] * 2 * np.pi / 12) + 60 * np.cos(mm[:, 1] * 2 * np.pi / 12)
     view = rectify(photo_of(small, np.rint(waves)), small, plane)
     x, y = np.moveaxis(places(view), 2, 0) * 2 * np.pi / 12
@@ -121,7 +121,7 @@ def test_points_found_in_the_view_are_where_they_were_drawn() -> None:
     for a, b in px:
         photo -= 200 * np.exp(-((u - a) ** 2 + (v - b) ** 2) / (2 * 2.5**2))
     pose = looking(18, at=(20, 15), height=110)
-    view = rectify(photo_of(SMALL, np.rint(photo)), SMALL, plane_from_pose(SMALL, pose))
+    view = rectify(photo_of(SMALL, np.rint(photo)), SMALL, make_plane(SMALL, pose))
     where = places(view)
     for dot in DOTS:
         near = np.hypot(*np.moveaxis(where - dot, 2, 0)) < 1.2
@@ -143,7 +143,7 @@ def test_the_view_is_nowhere_coarser_than_the_photo(camera: Camera, tilt: float)
     """One pixel of the view is at most one of the photo, in any direction, by finite differences of projectPoints."""
     height = 700 if camera is QUARTER else 110
     pose = looking(tilt, height=height)
-    view = rectify(blank(camera), camera, plane_from_pose(camera, pose))
+    view = rectify(blank(camera), camera, make_plane(camera, pose))
     mm = places(view)[::37, ::29].reshape(-1, 2)
     valid = np.ones(len(mm), bool) if view.valid is None else view.valid[::37, ::29].ravel()
     longest = 0.0
@@ -162,7 +162,7 @@ def blank(camera: Camera) -> Picture:
 
 
 def test_axes_of_the_view() -> None:
-    view = rectify(blank(QUARTER), QUARTER, plane_from_pose(QUARTER, looking(10)))
+    view = rectify(blank(QUARTER), QUARTER, make_plane(QUARTER, looking(10)))
     s = view.mm_per_px
     assert view.work_from_view[:, :2].tolist() == [[s, 0], [0, -s]]  # x right, y up
     # Pixel centres lie on whole multiples of the scale.
@@ -172,9 +172,9 @@ def test_axes_of_the_view() -> None:
 
 def test_all_of_the_photo_is_in_the_view_and_only_that_is_valid() -> None:
     pose = looking(20, about=50)
-    plane = plane_from_pose(QUARTER, pose)
+    plane = make_plane(QUARTER, pose)
     view = rectify(blank(QUARTER), QUARTER, plane)
-    corners = work_from_photo(
+    corners = map_to_work(
         make_plane_view(QUARTER, plane, QUARTER.size), sample_photo(QUARTER.size, 40)
     )
     first, last = places(view)[-1, 0], places(view)[0, -1]
@@ -208,9 +208,9 @@ def test_a_lens_model_that_turns_back_shows_nothing_twice(focal: float) -> None:
     ].ravel()
     assert 0 < turned[0] < 640  # OpenCV's formula finds it in the photo: the trap is there
     assert np.isnan(distort(folding, np.array([[321 + 1.2 * focal, 236]]))).all()
-    plane = plane_from_pose(folding, looking(0, height=110, at=(200, 150)))
+    plane = make_plane(folding, looking(0, height=110, at=(200, 150)))
     shown = make_plane_view(folding, plane, folding.size)
-    seen_mm = work_from_photo(shown, sample_photo(folding.size, 20))
+    seen_mm = map_to_work(shown, sample_photo(folding.size, 20))
     assert np.isnan(seen_mm).any() == (focal < 700)
     region = (108.0, 58.0, 292.0, 242.0)
     view = rectify(blank(folding), folding, plane, region)
@@ -229,7 +229,7 @@ def test_a_lens_model_that_turns_back_shows_nothing_twice(focal: float) -> None:
 
 def test_a_region_is_cut_out_and_may_be_finer() -> None:
     pose = looking(25)
-    plane = plane_from_pose(QUARTER, pose)
+    plane = make_plane(QUARTER, pose)
     whole = rectify(blank(QUARTER), QUARTER, plane)
     part = rectify(blank(QUARTER), QUARTER, plane, (150, 100, 250, 160))
     assert part.valid is None
@@ -240,7 +240,7 @@ def test_a_region_is_cut_out_and_may_be_finer() -> None:
 
 
 def test_a_region_partly_or_wholly_outside_of_the_photo() -> None:
-    plane = plane_from_pose(SMALL, looking(0, height=110, at=(20, 15)))
+    plane = make_plane(SMALL, looking(0, height=110, at=(20, 15)))
     view = rectify(blank(SMALL), SMALL, plane, (20, 15, 90, 75))
     assert view.valid is not None
     assert 0.1 < view.valid.mean() < 0.9
@@ -254,20 +254,20 @@ def test_a_region_partly_or_wholly_outside_of_the_photo() -> None:
 @pytest.mark.parametrize("camera", [SMALL, None])
 def test_a_horizon_in_the_photo_does_not_make_an_endless_view(camera: Camera | None) -> None:
     pose = looking(75, about=0, height=110, at=(20, 15))
-    plane = plane_from_pose(SMALL, pose)
+    plane = make_plane(SMALL, pose)
     view = rectify(blank(SMALL), camera, plane)
     assert view.pixels.size <= 6 * 640 * 480
     (note,) = view.notes
     assert "of the photo left out of the view" in note.what
     # What is left is not much coarser than the finest place.
-    fine, coarse = mm_per_pixel(
+    fine, coarse = measure_mm_per_pixel(
         make_plane_view(camera, plane, SMALL.size), places(view)[view.valid][::50]
     )
     assert coarse.max() < 4.6 * fine.min()
 
 
 def test_a_view_far_larger_than_the_photo_is_refused() -> None:
-    plane = plane_from_pose(SMALL, looking(0, height=110, at=(20, 15)))
+    plane = make_plane(SMALL, looking(0, height=110, at=(20, 15)))
     with pytest.raises(InputError, match=r"its view would have \d+ x \d+ pixels, over 6 times"):
         rectify(blank(SMALL), SMALL, plane, (0, 0, 900, 900))
 
@@ -275,9 +275,9 @@ def test_a_view_far_larger_than_the_photo_is_refused() -> None:
 def test_without_a_camera() -> None:
     pose = looking(15, height=110, at=(20, 15))
     pinhole = Camera(matrix=SMALL.matrix, distortion=frozen([]), size=SMALL.size, name="pinhole")
-    plane = plane_from_points(None, seen(pinhole, pose, DOTS), DOTS)
+    plane = fit_plane(None, seen(pinhole, pose, DOTS), DOTS)
     shown = make_plane_view(None, plane, SMALL.size)
-    assert np.abs(photo_from_work(shown, DOTS) - seen(pinhole, pose, DOTS)).max() < 1e-6
+    assert np.abs(map_to_photo(shown, DOTS) - seen(pinhole, pose, DOTS)).max() < 1e-6
     view = rectify(blank(SMALL), None, plane)
     corners = map_points(
         plane.work_from_pixel, np.array([[0.0, 0], [639, 0], [0, 479], [639, 479]])
@@ -290,7 +290,7 @@ def test_colour_stays() -> None:
     photo = np.zeros((480, 640, 3), np.uint8)
     photo[:] = (10, 120, 240)
     view = rectify(
-        Picture("p", photo), SMALL, plane_from_pose(SMALL, looking(0, height=110, at=(20, 15)))
+        Picture("p", photo), SMALL, make_plane(SMALL, looking(0, height=110, at=(20, 15)))
     )
     assert view.pixels.shape[2] == 3
     assert view.pixels[view.pixels.shape[0] // 2, view.pixels.shape[1] // 2].tolist() == [
@@ -301,7 +301,7 @@ def test_colour_stays() -> None:
 
 
 def test_a_photo_that_the_camera_cannot_have_taken_is_refused() -> None:
-    plane = plane_from_pose(SMALL, looking(0, height=110))
+    plane = make_plane(SMALL, looking(0, height=110))
     with pytest.raises(
         InputError, match="is 480 x 640 px, camera small was calibrated with 640 x 480"
     ):
@@ -315,7 +315,7 @@ def test_a_photo_that_the_camera_cannot_have_taken_is_refused() -> None:
 
 def test_the_origin_of_a_picture_to_scale_is_its_lower_left_corner() -> None:
     picture = Picture("scan.png", np.zeros((20, 30), np.uint8))
-    view = already_to_scale(picture, mm_per_px=0.5)
+    view = make_scaled_view(picture, mm_per_px=0.5)
     assert np.allclose(places(view)[-1, 0], (0.25, 0.25))
     assert np.allclose(places(view)[0, -1], (30 * 0.5 - 0.25, 20 * 0.5 - 0.25))
     assert view.pixels is picture.pixels
@@ -328,14 +328,14 @@ def test_the_origin_of_a_picture_to_scale_is_its_lower_left_corner() -> None:
 )
 def test_ways_to_give_a_scale(given: dict[str, float], scale: float) -> None:
     picture = Picture("scan.png", np.zeros((20, 30), np.uint8), dpi=300.0)
-    view = already_to_scale(picture, **given)
+    view = make_scaled_view(picture, **given)
     assert view.mm_per_px == pytest.approx(scale)
     assert bool(view.notes) == (not given)
 
 
 def test_without_a_scale_the_ways_are_listed() -> None:
     with pytest.raises(InputError) as caught:
-        already_to_scale(Picture("scan.png", np.zeros((20, 30), np.uint8)))
+        make_scaled_view(Picture("scan.png", np.zeros((20, 30), np.uint8)))
     for way in ("[image] mm_per_px", "width_mm", "DPI", "points_px", "plane_from", "markers"):
         assert way in str(caught.value)
 
@@ -343,12 +343,12 @@ def test_without_a_scale_the_ways_are_listed() -> None:
 @pytest.mark.parametrize("given", [{"mm_per_px": 0.0}, {"width_mm": -3.0}, {"dpi": float("nan")}])
 def test_scales_that_are_none(given: dict[str, float]) -> None:
     with pytest.raises(JobError, match="must be more than 0"):
-        already_to_scale(Picture("scan.png", np.zeros((20, 30), np.uint8)), **given)
+        make_scaled_view(Picture("scan.png", np.zeros((20, 30), np.uint8)), **given)
 
 
 def test_two_scales_are_one_too_many() -> None:
     with pytest.raises(JobError, match="mm_per_px and width_mm are both given"):
-        already_to_scale(
+        make_scaled_view(
             Picture("scan.png", np.zeros((20, 30), np.uint8)), mm_per_px=0.1, width_mm=50
         )
 

@@ -13,7 +13,7 @@ from camgen.cli import main
 from camgen.cli.build import rows
 from camgen.model.errors import JobError
 from camgen.model.job import Job
-from camgen.model.job_tables import row_settings, settings
+from camgen.model.job_tables import list_row_settings, list_settings
 from camgen.pipeline import build
 from camgen.plan import ignore_stages
 from camgen.read.files import Files
@@ -170,10 +170,10 @@ def test_every_setting_stands_in_the_form_once() -> None:
         if group.table != "post"
         for field in group.fields
     ]
-    assert sorted(fields) == sorted((s.table, s.key) for s in settings())
+    assert sorted(fields) == sorted((s.table, s.key) for s in list_settings())
     for name, groups in found.rows.items():
         keys = [field.key for group in groups for field in group.fields]
-        assert sorted(keys) == sorted({s.key for s in row_settings() if s.table == name})
+        assert sorted(keys) == sorted({s.key for s in list_row_settings() if s.table == name})
     options = {
         field.key: field
         for group in found.groups

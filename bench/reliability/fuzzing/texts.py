@@ -28,18 +28,21 @@ _POST_KEYS = (
 
 @cache
 def _keys() -> tuple[tuple[str, str], ...]:
-    from camgen.model.job_tables import settings  # noqa: PLC0415 (of what is tried)
+    from camgen.model.job_tables import list_settings  # noqa: PLC0415 (of what is tried)
 
-    return (*((one.table, one.key) for one in settings()), *(("post", key) for key in _POST_KEYS))
+    return (
+        *((one.table, one.key) for one in list_settings()),
+        *(("post", key) for key in _POST_KEYS),
+    )
 
 
 @cache
 def _allowed() -> dict[tuple[str, str], tuple[str, ...]]:
     """Values of each setting: its default and the words that it takes."""
-    from camgen.model.job_tables import settings  # noqa: PLC0415
+    from camgen.model.job_tables import list_settings  # noqa: PLC0415
 
     found = {}
-    for one in settings():
+    for one in list_settings():
         words = (
             one.allowed.removeprefix("one of ").split(", ")
             if one.allowed.startswith("one of")

@@ -10,7 +10,7 @@ import shapely
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.geometry.nesting import nest
+from camgen.geometry.nesting import find_nesting
 from camgen.geometry.segments import BoolArray, IntArray, Segments, flatten, from_contours
 from camgen.model.part import Contour
 from camgen.model.pose import FloatArray
@@ -93,7 +93,7 @@ def divide(contours: Sequence[Contour]) -> Cells:
     """The cells of ``contours``."""
     closed = [contour for contour in contours if contour.closed]
     left = [contour for contour in contours if not contour.closed]
-    nesting = nest(from_contours(closed), len(closed)) if closed else None
+    nesting = find_nesting(from_contours(closed), len(closed)) if closed else None
     sound = (
         [] if nesting is None else np.flatnonzero((nesting.crossed < 0) & ~nesting.empty).tolist()
     )

@@ -14,9 +14,9 @@ from camgen.check.stock.moves import TOLERANCE_MM, Cut, Moves
 from camgen.check.stock.profile import is_flat, reach
 from camgen.check.stock.sweep import QUARTER, sweep_each
 from camgen.geometry.fixtures import list_bodies
-from camgen.geometry.intersect import box
+from camgen.geometry.intersect import make_boxes
 from camgen.geometry.ragged import starts_run
-from camgen.geometry.segments import BoolArray, IntArray, bounds, points_at
+from camgen.geometry.segments import BoolArray, IntArray, compute_bounds, points_at
 
 #: Swept areas are narrowed by this on each side, mm, since polygons deviate from arcs. Narrower
 #: material counts as gone.
@@ -88,8 +88,8 @@ def index(moves: Moves, cuts: Sequence[Cut]) -> Gone:
     """The motions in material, to be looked up by place."""
     rows = np.flatnonzero(moves.deepest > TOLERANCE_MM)
     radius = np.array([cut.tool.radius for cut in cuts] or [0.0])[moves.cut[rows]]
-    boxes = bounds(moves.plane.take(rows)) + radius[:, None] * np.array([-1, -1, 1, 1])
-    return Gone(moves, tuple(cuts), rows, shapely.STRtree(box(boxes)), {})
+    boxes = compute_bounds(moves.plane.take(rows)) + radius[:, None] * np.array([-1, -1, 1, 1])
+    return Gone(moves, tuple(cuts), rows, shapely.STRtree(make_boxes(boxes)), {})
 
 
 def find_rapids(gone: Gone, design: Design) -> list[Struck]:

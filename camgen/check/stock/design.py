@@ -13,8 +13,15 @@ from msgspec.structs import replace
 
 from camgen.check.stock.cells import CHORD_MM, Cells, divide
 from camgen.check.stock.profile import BEAMS, slope
-from camgen.geometry.nesting import nest
-from camgen.geometry.segments import BoolArray, IntArray, Segments, bounds, flatten, from_contours
+from camgen.geometry.nesting import find_nesting
+from camgen.geometry.segments import (
+    BoolArray,
+    IntArray,
+    Segments,
+    compute_bounds,
+    flatten,
+    from_contours,
+)
 from camgen.model.job import Job, StockTable
 from camgen.model.part import Contour, Part
 from camgen.model.pose import FloatArray
@@ -309,7 +316,7 @@ def _name_crossed(closed: Sequence[Contour]) -> set[str]:
     """The ids of closed contours that cross another one, or themselves."""
     if not closed:
         return set()
-    crossed = nest(from_contours(closed), len(closed)).crossed >= 0
+    crossed = find_nesting(from_contours(closed), len(closed)).crossed >= 0
     return {closed[k].id for k in np.flatnonzero(crossed).tolist()}
 
 
@@ -327,7 +334,7 @@ def _outline(contours: Sequence[Contour], stock: StockTable) -> Any:
         )
     if not contours:
         return shapely.box(-1e6, -1e6, 1e6, 1e6)
-    boxes = bounds(from_contours(contours))
+    boxes = compute_bounds(from_contours(contours))
     low, high = boxes[:, :2].min(axis=0) - stock.margin, boxes[:, 2:].max(axis=0) + stock.margin
     return shapely.box(*low, *high)
 

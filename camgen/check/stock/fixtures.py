@@ -18,8 +18,16 @@ from msgspec import Struct
 from camgen.check.stock.moves import TOLERANCE_MM, Cut, Moves
 from camgen.check.stock.profile import reach
 from camgen.geometry.fixtures import Body, Fixture, Fixtures, Layer, list_bodies
-from camgen.geometry.intersect import gaps
-from camgen.geometry.segments import BoolArray, IntArray, Segments, bounds, make, points_at, split
+from camgen.geometry.intersect import measure_gaps
+from camgen.geometry.segments import (
+    BoolArray,
+    IntArray,
+    Segments,
+    compute_bounds,
+    make,
+    points_at,
+    split,
+)
 from camgen.model.pose import FloatArray
 
 #: Places of a motion that are measured, to find the worst one.
@@ -126,7 +134,7 @@ def examine(moves: Moves, cuts: Sequence[Cut], fixtures: Fixtures) -> Clearance:
 
 def _list_cases(moves: Moves, cuts: Sequence[Cut], fixtures: Fixtures) -> Iterator[_Case]:
     """Every body of every tool with every layer, in this order."""
-    boxes = bounds(moves.plane)
+    boxes = compute_bounds(moves.plane)
     layers: list[tuple[Fixture, Layer, Segments]] = []
     for fixture in fixtures.listed:
         layers += [(fixture, layer, _list_walls(layer.outline)) for layer in fixture.layers]
@@ -182,7 +190,7 @@ def _find_hits(case: _Case, margin: float) -> Iterator[Hit]:
     if not len(which):
         return
     portions = _take(case, which, height[which], below=True)
-    gap = gaps(portions.plane, case.walls, radius)
+    gap = measure_gaps(portions.plane, case.walls, radius)
     gap[_is_within(portions, case)] = 0.0
     for k in np.flatnonzero(gap < radius - TOLERANCE_MM).tolist():
         hit = _measure(case, portions, k, margin)
@@ -216,7 +224,9 @@ def _measure(case: _Case, portions: _Portions, k: int, margin: float) -> Hit | N
     inside = shapely.contains_xy(outline, points)
     aside[inside] = -shapely.distance(places[inside], shapely.boundary(outline))
     # Between the samples the exact distance may be less.
-    exact = float(gaps(portions.plane.take(np.array([k])), case.walls, radius.max() + margin)[0])
+    exact = float(
+        measure_gaps(portions.plane.take(np.array([k])), case.walls, radius.max() + margin)[0]
+    )
     best = int(np.argmin(aside))
     aside[best] = min(float(aside[best]), exact)
     up = case.layer.top - z
@@ -248,7 +258,7 @@ def _measure_aside(case: _Case, known: float) -> float:
     starts = shapely.distance(shapely.points(portions.plane.start), case.layer.outline)
     bound = float(starts.min()) + TOLERANCE_MM
     near = np.flatnonzero(case.around[which] <= bound)
-    gap = gaps(portions.plane.take(near), case.walls, bound)
+    gap = measure_gaps(portions.plane.take(near), case.walls, bound)
     lowest = np.minimum(case.first[which], case.last[which])[near]
     return float(np.min(gap - _radius_at(case, lowest), initial=known))
 
@@ -261,7 +271,7 @@ def _measure_above(case: _Case) -> float:
     if not len(which):
         return _FAR
     portions = _take(case, which, np.full(len(which), top), below=False)
-    gap = gaps(portions.plane, case.walls, case.body.radius)
+    gap = measure_gaps(portions.plane, case.walls, case.body.radius)
     passes_over = (gap < case.body.radius - TOLERANCE_MM) | _is_within(portions, case)
     heights = np.maximum(case.lowest[which][passes_over] - top, 0.0)
     return float(heights.min(initial=_FAR))

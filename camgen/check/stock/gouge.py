@@ -20,12 +20,12 @@ from camgen.check.stock.design import Bevel, Design, Lines
 from camgen.check.stock.moves import TOLERANCE_MM, Cut, Moves, Portions
 from camgen.check.stock.profile import reach
 from camgen.check.stock.sweep import QUARTER, same_ways
-from camgen.geometry.intersect import box, distances, gaps
+from camgen.geometry.intersect import make_boxes, measure_distances, measure_gaps
 from camgen.geometry.segments import (
     BoolArray,
     IntArray,
     Segments,
-    bounds,
+    compute_bounds,
     flatten,
     make,
     points_at,
@@ -262,9 +262,9 @@ def _gaps(
     for bevel, chosen, more in allowed:
         edges = walls[np.isin(segments.owner[walls], bevel.loops)]
         bevelled[edges] = True
-        gap = gaps(unique, segments.take(edges), reach + more)[same]
+        gap = measure_gaps(unique, segments.take(edges), reach + more)[same]
         distance = np.minimum(distance, np.where(chosen, gap + more, gap))
-    others = gaps(unique, segments.take(walls[~bevelled[walls]]), reach)[same]
+    others = measure_gaps(unique, segments.take(walls[~bevelled[walls]]), reach)[same]
     return np.asarray(np.minimum(distance, others))
 
 
@@ -289,7 +289,7 @@ def _measure(moves: Moves, stays: _Stays, deep: Portions, k: int, radius: float)
     aside = radius + float(signed[best])
     if signed[best] < 0:
         walls = stays.design.cells.segments.take(stays.walls)
-        gap = gaps(way.take(np.array([0])), walls, radius)[0]
+        gap = measure_gaps(way.take(np.array([0])), walls, radius)[0]
         aside = max(aside, radius - float(gap)) if np.isfinite(gap) else aside
     up = float(moves.deepest[row]) - stays.limit
     mm = min(aside, up)
@@ -311,7 +311,7 @@ def _signed(points: FloatArray, stays: _Stays) -> FloatArray:
         return np.where(inside, np.inf, -np.inf)
     near = np.full(len(points), np.inf)
     for row in walls.tolist() if len(walls) < 64 else _nearest_walls(points, segments, walls):
-        near = np.minimum(near, distances(points, segments, np.full(len(points), row)))
+        near = np.minimum(near, measure_distances(points, segments, np.full(len(points), row)))
     return np.where(inside, near, -near)
 
 
@@ -359,7 +359,7 @@ def _are_within(plane: Segments, area: Any) -> BoolArray:
     if shapely.is_empty(area) or not len(plane):
         return within
     low_x, low_y, high_x, high_y = shapely.bounds(area).tolist()
-    boxes = bounds(plane)
+    boxes = compute_bounds(plane)
     within[:] = (boxes[:, 0] >= low_x) & (boxes[:, 1] >= low_y)
     within &= (boxes[:, 2] <= high_x) & (boxes[:, 3] <= high_y)
     rows = np.flatnonzero(within)
@@ -396,9 +396,9 @@ def _along(plane: Segments, lines: Lines, slack: FloatArray) -> BoolArray:
 def _nearest(points: FloatArray, segments: Segments, most: float) -> tuple[FloatArray, FloatArray]:
     """(N,) the distance of the nearest of ``segments`` within ``most`` mm, else inf; on its left 1, right -1."""
     near, side = np.full(len(points), np.inf), np.zeros(len(points))
-    tree = shapely.STRtree(box(bounds(segments)))
-    point, row = tree.query(box(np.column_stack([points - most, points + most])))
-    apart = distances(points[point], segments, row)
+    tree = shapely.STRtree(make_boxes(compute_bounds(segments)))
+    point, row = tree.query(make_boxes(np.column_stack([points - most, points + most])))
+    apart = measure_distances(points[point], segments, row)
     order = np.argsort(-apart, kind="stable")
     near[point[order]] = apart[order]
     side[point[order]] = _sides(points[point], segments.take(row))[order]

@@ -9,7 +9,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.check.stock.profile import BEAMS, is_flat
-from camgen.geometry.arcs import spans
+from camgen.geometry.arcs import make_spans
 from camgen.geometry.ragged import owners, ramp
 from camgen.geometry.segments import BoolArray, IntArray, Segments, make, split
 from camgen.model.job import ToolTable
@@ -259,7 +259,7 @@ def _pieces(
     )
     chords = np.flatnonzero(curved & ~flat)
     count = np.ones(len(rows), dtype=np.int64)
-    span = spans(start, via, end)
+    span = make_spans(start, via, end)
     if len(chords):
         step = 2 * np.arccos(
             np.clip(1 - _CHORD_MM / np.maximum(span.radius[chords], 1e-9), -1.0, 1.0)

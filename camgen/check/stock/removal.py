@@ -16,7 +16,7 @@ from camgen.check.stock.design import Design, Wanted, lay_out
 from camgen.check.stock.moves import TOLERANCE_MM, Cut, Moves
 from camgen.check.stock.profile import is_flat
 from camgen.check.stock.sweep import QUARTER, distinct, sweep, unite
-from camgen.geometry.intersect import nearest_distances
+from camgen.geometry.intersect import measure_nearest
 from camgen.geometry.ragged import owners, ramp
 from camgen.geometry.segments import points_at
 
@@ -186,7 +186,7 @@ def _all_along(
             most = cut.tool.radius
             deep = moves.below(depth, np.flatnonzero(moves.cut == number))
             fits = radius[segments.owner[which]] <= most + TOLERANCE_MM
-            gap = nearest_distances(points, distinct(deep.plane), most + _TOUCH_MM)
+            gap = measure_nearest(points, distinct(deep.plane), most + _TOUCH_MM)
             touched |= fits & (gap < np.inf)
     bare = np.bincount(segments.owner[which], ~touched, len(design.cells)) > 0
     missed[kerfs] = bare[loops[kerfs]]

@@ -19,7 +19,7 @@ from camgen.check.stock.clear import Gone, find_in_own_hole
 from camgen.check.stock.design import Design
 from camgen.check.stock.moves import TOLERANCE_MM, Cut, Moves
 from camgen.check.stock.spindle import Running, turns
-from camgen.geometry.intersect import distances
+from camgen.geometry.intersect import measure_distances
 from camgen.geometry.segments import IntArray, points_at
 from camgen.model.job import StockTable, ToolTable
 from camgen.model.materials import MATERIALS, Material, find_charts
@@ -264,7 +264,9 @@ def _find_cleared(gone: Gone, rows: IntArray, points: FloatArray) -> FloatArray:
         step = int(np.clip(_PAIRS * step / max(len(which), 1), 16, 4 * step))
         before = (earlier < rows[which]) & ~moves.rapid[earlier]
         which, earlier = which[before], earlier[before]
-        inside = distances(points[which], moves.plane, earlier) <= radius[moves.cut[earlier]]
+        inside = (
+            measure_distances(points[which], moves.plane, earlier) <= radius[moves.cut[earlier]]
+        )
         which, earlier = which[inside], earlier[inside]
         np.maximum.at(cleared, which, _depths_at(moves, earlier, points[which]))
     return cleared

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 
 from camgen.lang.gcode.words import LineError
 from camgen.model.limits import Limits as Bounds
-from camgen.model.limits import tell
+from camgen.model.limits import format_limit
 from camgen.model.pose import Vec3
 
 Vec2 = tuple[float, float]
@@ -229,6 +229,6 @@ def _count(number: float, limit: float) -> int:
     """The number of pieces. Raises LineError if there are too many."""
     if number > limit:
         raise LineError(
-            f"an arc of more than {tell(limit)} pieces is refused (limits.gcode_pieces)"
+            f"an arc of more than {format_limit(limit)} pieces is refused (limits.gcode_pieces)"
         )
     return max(1, math.ceil(number))

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from camgen.lang.gcode.machine import AXES, Machine, take_axes
 from camgen.lang.gcode.words import LineError
-from camgen.model.limits import tell
+from camgen.model.limits import format_limit
 from camgen.model.program import Stop, Wait
 
 CYCLES = frozenset({"G73", "G74", "G81", "G82", "G83", "G84", "G85", "G86", "G87", "G88", "G89"})
@@ -63,7 +63,7 @@ def _keep_words(m: Machine, needed: tuple[str, ...], words: dict[str, float]) ->
     if count < m.fewest_holes or count != int(count):
         raise LineError(f"L{count:g} is not a number of holes")
     if count > m.bounds.gcode_pieces:
-        limit = tell(m.bounds.gcode_pieces)
+        limit = format_limit(m.bounds.gcode_pieces)
         raise LineError(f"L{count:g}: more than {limit} holes are refused (limits.gcode_pieces)")
     for letter in needed:
         if letter not in m.sticky:
@@ -194,7 +194,7 @@ def _peck(m: Machine, hole: _Hole) -> None:
         raise LineError(f"{m.motion} with pecks of Q{step:g}")
     count = math.ceil((hole.retract - hole.bottom) / step - 1e-9)
     if count > m.bounds.gcode_pieces:
-        limit = tell(m.bounds.gcode_pieces)
+        limit = format_limit(m.bounds.gcode_pieces)
         raise LineError(f"{m.motion} with more than {limit} pecks is refused (limits.gcode_pieces)")
     for peck in range(1, count):
         reached = hole.retract - peck * step

@@ -26,7 +26,7 @@ from camgen.lang.gcode.words import Line, LineError, Parameters, UnknownWord
 from camgen.lang.log import Log
 from camgen.lang.run import Stopped
 from camgen.model.limits import Limits as Bounds
-from camgen.model.limits import tell
+from camgen.model.limits import format_limit
 from camgen.model.pose import TOOL_DOWN, Pose, Vec3
 from camgen.model.program import BodyBuilder, Instruction, MoveC, MoveJ, MoveL, Output, Stop
 
@@ -344,7 +344,8 @@ class Machine:
         """Raises Stopped if the program has more instructions than the limit allows."""
         if len(self.body) >= self.most:
             raise Stopped(
-                f"more than {tell(self.most)} instructions are refused (limits.gcode_motions)"
+                f"more than {format_limit(self.most)} instructions are refused "
+                "(limits.gcode_motions)"
             )
 
     # -- the state -----------------------------------------------------------------------------

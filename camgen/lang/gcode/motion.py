@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.geometry.arcs import span_lengths
+from camgen.geometry.arcs import measure_spans
 from camgen.lang.gcode.arcs import Arc, Piece, divide
 from camgen.lang.gcode.columns import MotionState, cut, perform
 from camgen.lang.gcode.drilling import CYCLES, drill, per_turn
@@ -190,7 +190,7 @@ def _rate(m: Machine, start: Vec3, curve: Sequence[Piece]) -> float:
 def _length(start: Vec3, curve: Sequence[Piece]) -> float:
     ends = np.array([start, *(end for _, end in curve)])
     vias = np.array([(math.nan,) * 3, *(via or (math.nan,) * 3 for via, _ in curve)])
-    return float(span_lengths(ends, vias[1:]).sum())
+    return float(measure_spans(ends, vias[1:]).sum())
 
 
 def run_usual(m: Machine, lines: Sequence[str], at: int, bound: int) -> int:

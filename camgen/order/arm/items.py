@@ -15,7 +15,7 @@ from msgspec import Struct
 
 from camgen.geometry.arcs import chain
 from camgen.geometry.ragged import offsets, owners
-from camgen.geometry.rotations import from_axes, sideways, turned_about_z
+from camgen.geometry.rotations import find_sideways, from_axes, turned_about_z
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
@@ -92,7 +92,7 @@ def lay_out(path: ToolPath, clearance: float, seams: bool) -> Item:
     before = np.concatenate([before, 1 + at[1:]])
     place = low[rows]
     place[above] = (position + lift)[rows[above]]
-    nominal = from_axes(axis, sideways(axis))[rows]
+    nominal = from_axes(axis, find_sideways(axis))[rows]
     reversible = path.reversible and not closed and count > 0
     return Item(place, nominal, before, above, looked[at], closed, reversible)
 

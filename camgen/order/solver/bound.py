@@ -11,7 +11,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.geometry.nearest import IntArray, nearest_items
+from camgen.geometry.nearest import IntArray, find_nearest_items
 from camgen.geometry.ragged import begins, first_of_each, owners, ramp
 from camgen.model.pose import FloatArray
 from camgen.order.solver.kernel import CLOSED
@@ -85,7 +85,7 @@ def at_least(
 def _graph(items: Items, home: FloatArray | None, dense: Dense | None) -> _Graph:
     nodes, first = ends_apart(items, discs_of(items))
     count = int(nodes.owner.max()) + 1
-    near = nearest_items(nodes, count, _NEAR_ENDS)
+    near = find_nearest_items(nodes, count, _NEAR_ENDS)
     closed = items.kind == CLOSED
     forced = np.stack([first[~closed], first[~closed] + 1], axis=1)
     partner = np.arange(count)
@@ -94,7 +94,7 @@ def _graph(items: Items, home: FloatArray | None, dense: Dense | None) -> _Graph
     one, two = near.item[once], near.other[once]
     # A pair may be listed from one side or from both; once is enough, and half the work.
     first_seen = first_of_each(np.minimum(one, two) * count + np.maximum(one, two))
-    one, two, listed = one[first_seen], two[first_seen], near.apart[once][first_seen]
+    one, two, listed = one[first_seen], two[first_seen], near.distance[once][first_seen]
     apart = np.minimum(listed, np.maximum(near.sure[one], near.sure[two]))
     if dense is not None:
         np.maximum(apart, _measure(dense, closed, one, two), out=apart)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from camgen.geometry.nearest import Discs, IntArray, nearest_items
+from camgen.geometry.nearest import Discs, IntArray, find_nearest_items
 from camgen.geometry.ragged import begins, each_once, first_of_each, owners, ramp, run_lengths
 from camgen.geometry.vectors import plane_lengths
 from camgen.model.pose import FloatArray
@@ -132,13 +132,13 @@ def _link(discs: Discs, item: IntArray, free: IntArray) -> list[list[int]]:
         place[open_] = np.arange(len(open_))
         there = place[discs.owner] >= 0
         some = Discs(place[discs.owner[there]], discs.centre[there], discs.radius[there])
-        near = nearest_items(some, len(open_), _NEAR_ENDS)
+        near = find_nearest_items(some, len(open_), _NEAR_ENDS)
         one, two = open_[near.item], open_[near.other]
         # A pair may be listed from one side or from both; once is enough.
         kept = first_of_each(np.minimum(one, two) * count + np.maximum(one, two))
         kept = kept[item[one[kept]] != item[two[kept]]]
         kept = kept[np.argsort(one[kept] * count + two[kept])]
-        kept = kept[np.argsort(near.apart[kept], kind="stable")]
+        kept = kept[np.argsort(near.distance[kept], kind="stable")]
         before = parts
         for a, b in zip(one[kept].tolist(), two[kept].tolist(), strict=True):
             if left[a] and left[b]:

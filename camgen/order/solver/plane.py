@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.nearest import Discs, IntArray, Near
+from camgen.geometry.nearest import Discs, IntArray, NearestItems
 from camgen.geometry.ragged import begins, offsets, owners, stretches
 from camgen.geometry.vectors import plane_lengths
 from camgen.model.pose import FloatArray
@@ -90,7 +90,7 @@ class Problem(Struct, frozen=True, eq=False):
     """
 
     items: Items
-    near: Near
+    near: NearestItems
     home: FloatArray | None
 
 

@@ -14,7 +14,7 @@ from camgen.collision.cell import Surroundings, make_surroundings
 from camgen.model.cell import Cell
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job
-from camgen.model.limits import tell
+from camgen.model.limits import format_limit
 from camgen.model.part import Edge, Line, Note, Part, Solid
 from camgen.model.program import Joints
 from camgen.model.text import counted, short
@@ -237,7 +237,7 @@ def choose(solid: Solid, job: Job) -> dict[str, Edge]:
         raise JobError("job", what, "input.select", "camgen inspect lists them")
     if len(chosen) > job.limits.edges:
         count = counted(len(chosen), "edge")
-        what = f"{count} are to be processed, more than {tell(job.limits.edges)}"
+        what = f"{count} are to be processed, more than {format_limit(job.limits.edges)}"
         remedy = "smooth the mesh, select some of them, or raise limits.edges"
         raise InputError(solid.source, what, "input.select", remedy)
     return {edge.id: edge for edge in solid.edges if edge.id in chosen}

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from camgen.collision.cell import Surroundings, make_surroundings
-from camgen.geometry.surface import nearest
+from camgen.geometry.surface import find_nearest
 from camgen.model.cell import Cell
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job
-from camgen.model.limits import tell
+from camgen.model.limits import format_limit
 from camgen.model.part import Note, Part
 from camgen.model.text import counted, short
 from camgen.plan import EdgePlan, Watch
@@ -40,7 +40,8 @@ def plan_curves(part: Part, job: Job, cell: Cell, watch: Watch) -> EdgePlan:
             'set it to "best"',
         )
     if len(part.curves) > job.limits.edges:
-        what = f"{counted(len(part.curves), 'curve')} in space, more than {tell(job.limits.edges)}"
+        curves = counted(len(part.curves), "curve")
+        what = f"{curves} in space, more than {format_limit(job.limits.edges)}"
         raise InputError(
             part.source, what, remedy="build them in several programs, or raise limits.edges"
         )
@@ -62,7 +63,9 @@ def _note_faces(part: Part, job: Job) -> tuple[Note, ...]:
     square = [curve for curve in part.curves if choose_axis(curve, job) == "normal"]
     if solid is None or not square:
         return ()
-    distances = {curve.id: float(nearest(solid, curve.points).apart.max()) for curve in square}
+    distances = {
+        curve.id: float(find_nearest(solid, curve.points).distance.max()) for curve in square
+    }
     far = tuple(name for name, distance in distances.items() if distance > _ON_IT)
     if not far:
         return ()

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.model.limits import tell
+from camgen.model.limits import format_limit
 from camgen.model.part import Line, Note
 from camgen.model.text import counted, short
 from camgen.motion.coverage import SHORTEST_MM, Coverage
@@ -96,7 +96,10 @@ class PieceSearch(Struct):
     def notes(self) -> list[Note]:
         """Notes on the lines whose pieces were not sought."""
         reasons = [
-            (self.beyond, f"they need more than {tell(self.allowed)} stations: limits.stations"),
+            (
+                self.beyond,
+                f"they need more than {format_limit(self.allowed)} stations: limits.stations",
+            ),
             (self.unsought, "the search was ended; the same job finds more if it is not"),
         ]
         return [

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.geometry.arcs import are_bent, chain, span_lengths
+from camgen.geometry.arcs import are_bent, chain, measure_spans
 from camgen.geometry.rotations import SURE_TURN
 from camgen.geometry.vectors import cross
 from camgen.model.part import BoolArray, Edge, Line
@@ -74,7 +74,7 @@ def poses(edge: Edge, offset: float, direction: Offset = "mean") -> PosePath | U
     path = replace(divide(whole, 1 + wide), rotation=frozen(rotation))
     if not folded.any():
         return path
-    lengths = span_lengths(edge.points, np.where(arc[:, None], edge.via, np.nan))
+    lengths = measure_spans(edge.points, np.where(arc[:, None], edge.via, np.nan))
     first = short(float(lengths[: int(folded.argmax())].sum()), 1)
     text = f"{leaves} {first} mm along it; beside that only pieces are run, if any"
     return FoldedEdge(edge.id, "shape", text, path=path, folded=np.repeat(folded, 1 + wide))
@@ -86,7 +86,7 @@ def measure_line(line: Line, path: PosePath) -> FloatArray:
         return path.length
     arc = are_bent(line.points[:-1], line.via, line.points[1:])
     halves = 1 + _are_wide(arc, *_tangents(line, arc))
-    lengths = span_lengths(line.points, np.where(arc[:, None], line.via, np.nan))
+    lengths = measure_spans(line.points, np.where(arc[:, None], line.via, np.nan))
     return np.repeat(lengths / halves, halves)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from camgen.geometry.arcs import chain
 from camgen.geometry.ragged import each_once, offsets
 from camgen.geometry.rotations import SURE_TURN, angles_between, turn_vectors
-from camgen.geometry.surface import nearest
+from camgen.geometry.surface import find_nearest
 from camgen.geometry.vectors import angles, cross, unit
 from camgen.model.errors import JobError
 from camgen.model.job import Job
@@ -96,7 +96,7 @@ def _square_to_faces(way: PosePath, name: str, solid: Solid) -> PosePath | Unrea
     """The way with tool z against the normal of the nearest face, turned about it as little as it goes along."""
     parts = count_parts(way, _LOOK_MM, math.tau)
     looks = divide(way, parts)
-    axis = -nearest(solid, looks.position).normal
+    axis = -find_nearest(solid, looks.position).normal
     jump = angles(axis[:-1], axis[1:])
     wide = np.flatnonzero(jump > FEATURE_ANGLE)
     if len(wide):

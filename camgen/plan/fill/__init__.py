@@ -15,9 +15,9 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.geometry.arcs import bulge_middles
+from camgen.geometry.arcs import find_bulge_middles
 from camgen.geometry.ragged import begins, true_runs
-from camgen.geometry.rings import ComplexArray, latest, rings, unit
+from camgen.geometry.rings import ComplexArray, find_latest, make_rings, unit
 from camgen.geometry.segments import BoolArray, IntArray, flatten, from_contours
 from camgen.model.errors import InputError
 from camgen.model.job import Job
@@ -36,8 +36,8 @@ from camgen.plan.image_space.border import CLOSE, foot, near
 from camgen.plan.image_space.field import beyond, sample_field
 from camgen.plan.open_outlines import check_outlines
 from camgen.plan.simplify import thin_out
-from camgen.vision.similarity import scale_of
-from camgen.vision.skeleton import graph, skeleton, strokes
+from camgen.vision.similarity import measure_scale
+from camgen.vision.skeleton import join_strokes, make_graph, thin_mask
 
 # Passes along the border, one inside the other, each the line at one distance from the border.
 
@@ -86,13 +86,13 @@ def _exact(
     """
     if not chains:
         return []
-    table = rings([len(c) for c in chains])
+    table = make_rings([len(c) for c in chains])
     flat = np.concatenate(chains)
     pixels = flat[:, 0] + 1j * flat[:, 1]
     depth, inwards = slope(field, pixels)
     points = pixels - inwards * (depth - level)
     row = near(field.edge, points - inwards * level)
-    row = np.where(row >= 0, row, row[np.maximum(latest(table, row >= 0), 0)])
+    row = np.where(row >= 0, row, row[np.maximum(find_latest(table, row >= 0), 0)])
     for again in range(rounds):
         on, row = foot(field.edge, points, np.maximum(row, 0), CLOSE)
         for by in (-3, 3) if again else ():
@@ -155,7 +155,7 @@ def _lines(field: Ground, bare: _Bare, wide: BoolArray, radius: float) -> list[C
     width = np.asarray(
         cv2.distanceTransform(own, cv2.DIST_L2, cv2.DIST_MASK_PRECISE), dtype=np.float32
     )
-    found = strokes(graph(skeleton(own), None, width))
+    found = join_strokes(make_graph(thin_mask(own), None, width))
     result = []
     for stroke, points in zip(found, centre(found, field, radius)[1] if found else [], strict=True):
         room = sample_field(field.depth, points) >= _ROOM_SHARE * radius
@@ -251,7 +251,8 @@ def _thinning(part: Part, field: Ground, job: Job) -> float:
     near = max(job.tolerance.chord, _SIMPLIFY * field.mm_per_px)
     if part.raster is not None and part.raster.borders:
         near = max(
-            near, min(_SEEN * scale_of(part.raster.work_from_view), _OF_TOOL * job.tool.diameter)
+            near,
+            min(_SEEN * measure_scale(part.raster.work_from_view), _OF_TOOL * job.tool.diameter),
         )
     return near / field.mm_per_px
 
@@ -389,7 +390,7 @@ def _rows(strokes: Sequence[Contour]) -> tuple[ComplexArray, ComplexArray]:
     middles = []
     for stroke, own in zip(strokes, points, strict=True):
         bulge = stroke.bulges[: len(own) - 1]
-        arcs = np.where(bulge[:, None] != 0, bulge_middles(own[:-1], bulge, own[1:]), np.nan)
+        arcs = np.where(bulge[:, None] != 0, find_bulge_middles(own[:-1], bulge, own[1:]), np.nan)
         middles += [np.full((1, 2), np.nan), arcs]
     both = (np.concatenate(rows) @ np.array([1, 1j]) for rows in (points, middles))
     flat, middle = both

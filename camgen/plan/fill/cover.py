@@ -9,7 +9,7 @@ from msgspec import Struct
 
 from camgen.geometry.arcs import chain
 from camgen.geometry.ragged import owners, ramp
-from camgen.geometry.rings import ComplexArray, Rings, rings
+from camgen.geometry.rings import ComplexArray, Rings, make_rings
 from camgen.geometry.segments import IntArray
 from camgen.model.part import Part
 from camgen.model.path import ToolPath
@@ -160,7 +160,7 @@ def coverage_map(part: Part, paths: Sequence[ToolPath], diameter: float, most: i
         return np.asarray(((places[:, 0] - low[0]) + 1j * (high[1] - places[:, 1])) / pixel)
 
     shape = (tall, wide)
-    copper = even_odd(rings(counts), at(border), shape) > 0
+    copper = even_odd(make_rings(counts), at(border), shape) > 0
     ink = paint(*lines_of([at(stroke) for stroke in strokes]), diameter / 2 / pixel, shape) > 0
     kind = np.where(copper, np.where(ink, 1, 2), np.where(ink, 3, 0))
     place = frozen([[pixel, 0.0, low[0]], [0.0, -pixel, high[1]]])

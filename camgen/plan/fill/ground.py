@@ -12,7 +12,7 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from camgen.geometry.ragged import owners, stretches
-from camgen.geometry.rings import ComplexArray, Rings, rings, unit
+from camgen.geometry.rings import ComplexArray, Rings, make_rings, unit
 from camgen.geometry.segments import IntArray, flatten, from_contours
 from camgen.model.errors import JobError
 from camgen.model.part import Part, Raster
@@ -56,7 +56,7 @@ class Ground(Struct, frozen=True, eq=False):
 def ground(part: Part, radius: float) -> Ground:
     """The grid of a part for a tool of ``radius`` mm. JobError where the tool is too small for picture or drawing."""
     counts, points, work_from_grid, contour = outlines(part, radius)
-    table = rings(counts)
+    table = make_rings(counts)
     corner = _whole(points, np.minimum) - _FREE_PIXELS * (1 + 1j)
     high = _whole(points, np.maximum) - corner + _FREE_PIXELS * (1 + 1j)
     points = points - corner
@@ -163,4 +163,4 @@ def _dense(table: Rings, points: ComplexArray) -> tuple[Rings, ComplexArray]:
     pieces = np.maximum(np.ceil(np.abs(step) / 2).astype(np.int64), 1)
     line, place = spread(np.zeros_like(pieces), pieces)
     count = np.bincount(table.loop, pieces, len(table.count)).astype(np.int64)
-    return rings(count), points[line] + step[line] * (place / pieces[line])
+    return make_rings(count), points[line] + step[line] * (place / pieces[line])

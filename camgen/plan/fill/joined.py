@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import shapely
 
-from camgen.geometry.nesting import nest
+from camgen.geometry.nesting import find_nesting
 from camgen.geometry.ragged import run_starts
 from camgen.geometry.segments import IntArray, from_contours
 from camgen.model.part import Note, Part
@@ -86,7 +86,9 @@ def find_merged(part: Part, field: Ground, of: IntArray) -> FloatArray:
     if part.raster is not None and part.raster.borders:
         return np.zeros((0, 2))
     chosen = [part.contours[k] for k in field.contour.tolist()]
-    outer = np.flatnonzero((nest(from_contours(chosen), len(chosen)).depth % 2 == 0) & (of > 0))
+    outer = np.flatnonzero(
+        (find_nesting(from_contours(chosen), len(chosen)).depth % 2 == 0) & (of > 0)
+    )
     several = np.flatnonzero(np.bincount(of[outer]) > 1)
     places = []
     for one in several.tolist():

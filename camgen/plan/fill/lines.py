@@ -14,7 +14,7 @@ from camgen.model.pose import FloatArray
 from camgen.plan.fill.ground import Ground, Pixels
 from camgen.plan.image_space.border import CLOSE, foot, near
 from camgen.plan.image_space.field import sample_field
-from camgen.vision.skeleton import Stroke, graph, skeleton, strokes
+from camgen.vision.skeleton import Stroke, join_strokes, make_graph, thin_mask
 
 #: How far to both sides the depth is compared to find the middle, of the depth there; more than the usual depth by this
 #: factor is a junction or a widening, where the sides say nothing.
@@ -40,8 +40,8 @@ class CentreLine(Struct, frozen=True, eq=False):
 def centre_lines(field: Ground, radius: float, kept: Pixels) -> list[CentreLine]:
     """The lines along the middle of ``field`` where it is not ``kept`` (H, W), for a tool of ``radius`` px."""
     depth = field.depth
-    lines = skeleton(field.mask, kept)
-    found = strokes(graph(lines, kept, depth))
+    lines = thin_mask(field.mask, kept)
+    found = join_strokes(make_graph(lines, kept, depth))
     if not found:
         return []
     wide, points = centre(found, field, radius)

@@ -15,8 +15,16 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.ragged import ramp
-from camgen.geometry.rings import ComplexArray, Rings, latest, lengths, perimeters, rings, unit
-from camgen.geometry.segments import BoolArray, IntArray, backwards, make
+from camgen.geometry.rings import (
+    ComplexArray,
+    Rings,
+    find_latest,
+    make_rings,
+    measure_perimeters,
+    measure_steps,
+    unit,
+)
+from camgen.geometry.segments import BoolArray, IntArray, make, reverse_segments
 from camgen.geometry.vectors import nearest_row
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job
@@ -50,7 +58,7 @@ from camgen.plan.image_space.tool_path import (
     standing_below,
     touching,
 )
-from camgen.vision.similarity import scale_of
+from camgen.vision.similarity import measure_scale
 
 # What the paths of an image are called, and notes on what they leave out.
 
@@ -125,7 +133,7 @@ def left_out(
         )
         if which.any()
     ]
-    length = lengths(edge.table, edge.points) * mm_per_px
+    length = measure_steps(edge.table, edge.points) * mm_per_px
     whole = float(length.sum())
     missing = np.where(
         touched & ~failed, np.bincount(edge.table.loop, np.where(reached, 0.0, length), count), 0.0
@@ -189,7 +197,7 @@ def image_space(
     at most ``tolerance.chord``. Raises JobError for settings that an image has no answer to, InputError for a mask or a
     transform that cannot be used.
     """
-    mm_per_px = scale_of(work_from_view)
+    mm_per_px = measure_scale(work_from_view)
     distance, radius = job.tool.radius / mm_per_px, job.operation.corner_radius / mm_per_px
     _insist(mask_pixels, job, distance)
     if not mask_pixels.any():
@@ -260,10 +268,12 @@ def _waypoints(
     picture: where the gap between contact point and part is looked up in the distance image, as the paper does.
     """
     table = way.table
-    count = np.clip(np.rint(perimeters(table, way.points) / step).astype(np.int64), 8, table.count)
+    count = np.clip(
+        np.rint(measure_perimeters(table, way.points) / step).astype(np.int64), 8, table.count
+    )
     points, press = smooth(table, count, way.points, way.press)
     # Opposite directions may cancel out in the filter; the one before holds.
-    press = unit(press)[latest(table, np.abs(press) > 1e-6)]
+    press = unit(press)[find_latest(table, np.abs(press) > 1e-6)]
     contact, along, run, touched = _contact(way, edge, picture, distance)
     ratio = steady_ratio(
         table, along, run, (ANGLE_NOISE if picture is None else PIXEL_NOISE) * distance
@@ -326,7 +336,7 @@ class _Chain(Struct, frozen=True, eq=False):
 def _chain(points: _Waypoints, limits: Limits) -> _Chain:
     """The segments between the waypoints that are needed [3.4.2], each as fast as those that it stands for."""
     count = points.table.count
-    closed = rings(count + 1)
+    closed = make_rings(count + 1)
     row = points.table.first[closed.loop] + ramp(closed.count) % count[closed.loop]
     here, press, force, feed = (
         points.points[row],
@@ -386,7 +396,7 @@ def _paths(
     )
     # The part is on the left as the view is shown: in the work frame too, where v runs against y. Climb has it right.
     if (np.linalg.det(matrix) < 0) != (job.operation.direction == "conventional"):
-        segments, back = backwards(segments)
+        segments, back = reverse_segments(segments)
         press, feed, force = press[back][:, ::-1], feed[back], force[back]
     depths = pass_depths(job.operation.depth, job.operation.passes)
     labels_ = [name for name in names if name is not None]

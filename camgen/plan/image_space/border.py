@@ -15,7 +15,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from camgen.geometry.ragged import ramp
-from camgen.geometry.rings import ComplexArray, Rings, latest, rings, unit
+from camgen.geometry.rings import ComplexArray, Rings, find_latest, make_rings, unit
 from camgen.geometry.segments import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 from camgen.plan.image_space.field import FieldCurves
@@ -70,7 +70,7 @@ def between_pixels(found: FieldCurves) -> tuple[Rings, ComplexArray]:
     total, weight = middle * 1e-9, np.full(len(middle), 1e-9)
     # Every curve with its end before its start and its start after its end, so that stretches are slices.
     longest = _STRETCHES[-1]
-    padded = rings(table.count + 2 * longest)
+    padded = make_rings(table.count + 2 * longest)
     row = table.first[padded.loop]
     row = row + (ramp(padded.count) - longest) % table.count[padded.loop]
     # Single precision is enough for what is near the origin.
@@ -112,7 +112,7 @@ def _links(found: FieldCurves) -> tuple[Rings, ComplexArray, ComplexArray]:
     code = (back[:, None] + turn) % 8
     outside = (turn <= ((ahead - back - 1) % 8)[:, None]) & (code % 2 == 0)
     row, column = np.nonzero(outside)
-    table = rings(np.bincount(found.table.loop[row], minlength=len(found.table.count)))
+    table = make_rings(np.bincount(found.table.loop[row], minlength=len(found.table.count)))
     return table, pixels[row], pixels[row] + _STEPS[code[row, column]]
 
 
@@ -216,7 +216,7 @@ def _feet(
     nearest of all.
     """
     on, row = foot(line, points, np.maximum(near(line, about), 0), FAR)
-    before = latest(table, np.abs(points - on) <= far + _DOUBT)
+    before = find_latest(table, np.abs(points - on) <= far + _DOUBT)
     lost = np.flatnonzero(np.abs(points - on) > far + _DOUBT)
     if len(lost):
         on[lost], row[lost] = foot(line, points[lost], row[np.maximum(before[lost], 0)], FAR)

@@ -9,7 +9,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.geometry.rings import ComplexArray, Rings, rings
+from camgen.geometry.rings import ComplexArray, Rings, make_rings
 from camgen.geometry.segments import BoolArray, IntArray
 from camgen.model.errors import JobError
 from camgen.model.pose import FloatArray
@@ -94,7 +94,7 @@ def chains(mask: Pixels, fewest: int = 1) -> FieldCurves:
         if len(found[k]) >= fewest and (around < 0 or new[around] >= 0):
             new[k] = len(keep)
             keep.append(k)
-    table = rings([len(found[k]) for k in keep])
+    table = make_rings([len(found[k]) for k in keep])
     pixels = np.concatenate([found[k].reshape(-1, 2) for k in keep]) if keep else np.zeros((0, 2))
     parent = [new[above[k]] if above[k] >= 0 else -1 for k in keep]
     return FieldCurves(

@@ -13,7 +13,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.ragged import ramp, stretches
-from camgen.geometry.rings import Rings, rings
+from camgen.geometry.rings import Rings, make_rings
 from camgen.geometry.segments import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 
@@ -58,7 +58,7 @@ def steady_ratio(table: Rings, along: FloatArray, step: FloatArray, noise: float
     each row. along, step: (N,) px of both on that segment. noise: px, of the sum of ``along`` at a row.
     """
     beyond = min(_BEYOND, int(np.max(table.count, initial=0)))
-    padded = rings(table.count + 2 * beyond)
+    padded = make_rings(table.count + 2 * beyond)
     row = table.first[padded.loop] + (ramp(padded.count) - beyond) % table.count[padded.loop]
     begin = padded.first[padded.loop]
     gone, ran = (np.cumsum(run[row]) for run in (step, along))

@@ -8,7 +8,15 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.ragged import owners, ramp
-from camgen.geometry.rings import ComplexArray, Rings, evenly, hold_switch, latest, rings, unit
+from camgen.geometry.rings import (
+    ComplexArray,
+    Rings,
+    apply_hysteresis,
+    find_latest,
+    make_rings,
+    space_evenly,
+    unit,
+)
 from camgen.geometry.segments import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 from camgen.plan.image_space.border import CLOSE, Border, border, foot, iso_line, near
@@ -74,13 +82,13 @@ def iso_way(picture: Field, edge: Border, distance: float, radius: float) -> Pix
     found = chains(mask, 1 if radius else _FEWEST)
     points, away = _bring(picture.far, edge, found.table, found.pixels, distance + radius)
     if not radius:
-        table, (points, away) = evenly(found.table, points, away)
+        table, (points, away) = space_evenly(found.table, points, away)
         return PixelWay(table, points, -unit(away), found.parent, None)
     back = inside(mask)
     line = border(found.table, points, mask.shape)
     found = chains(beyond(back, radius + _HALF), _FEWEST)
     points, away = _bring(back, line, found.table, found.pixels, -radius)
-    table, (points, away) = evenly(found.table, points, away)
+    table, (points, away) = space_evenly(found.table, points, away)
     return PixelWay(table, points, -unit(away), found.parent, back)
 
 
@@ -96,9 +104,9 @@ def check_reach(
 
 def place_borders(borders: Sequence[FloatArray], picture: Field) -> tuple[Rings, ComplexArray]:
     """Borders in view pixels as curves of the field with the part on the left, a point every pixel or so."""
-    table = rings([len(one) for one in borders])
+    table = make_rings([len(one) for one in borders])
     points = np.concatenate([one[:, 0] + 1j * one[:, 1] for one in borders]) - picture.corner
-    table, (points,) = evenly(table, points)
+    table, (points,) = space_evenly(table, points)
     right = unit(1j * (points[table.shifted(1)] - points[table.shifted(-1)]))
     outside = sample_field(picture.far, points + 2 * right) - sample_field(
         picture.far, points - 2 * right
@@ -164,7 +172,7 @@ def touching(table: Rings, gap: FloatArray, tolerance: float) -> BoolArray:
     """(N,) where contact is expected [4.2.1]: lost where the contact point is more than ``tolerance`` px from the part,
     back at half of that.
     """
-    return hold_switch(table, gap <= tolerance / 2, gap > tolerance, True)
+    return apply_hysteresis(table, gap <= tolerance / 2, gap > tolerance, True)
 
 
 def standing_below(distance: float) -> float:
@@ -176,7 +184,7 @@ def standing_below(distance: float) -> float:
 
 def moving(table: Rings, ratio: FloatArray, below: float) -> BoolArray:
     """(N,) false at sharp outer corners, where the observed feed is near zero [4.2.1]. below: ``standing_below``."""
-    return hold_switch(table, ratio >= below + _MOVES - _STANDS, ratio < below, True)
+    return apply_hysteresis(table, ratio >= below + _MOVES - _STANDS, ratio < below, True)
 
 
 def sharpen(
@@ -191,7 +199,7 @@ def sharpen(
     """
     still = ratio < below
     starts = still & ~still[table.shifted(-1)]
-    start = latest(table, starts)
+    start = find_latest(table, starts)
     row = np.flatnonzero(still & (start >= 0))
     start, size = start[row], np.bincount(start[row], minlength=len(table))
     ran = np.bincount(start, along[row], len(table))

@@ -15,7 +15,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from camgen.geometry.intersect import nearest_distances
+from camgen.geometry.intersect import measure_nearest
 from camgen.geometry.segments import Segments, concatenate, points_at
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job
@@ -466,7 +466,7 @@ def _compute_feeds(
         rows = np.flatnonzero(is_inner)
         middles = points_at(segments.take(rows), np.full(len(rows), 0.5))
         wall_distance = job.tool.radius + job.operation.finish + _AT_WALL_MM
-        is_inner[rows] = np.isfinite(nearest_distances(middles, walls, wall_distance))
+        is_inner[rows] = np.isfinite(measure_nearest(middles, walls, wall_distance))
     fraction = 1 / (1 + job.tool.radius / segments.radius)
     return np.asarray(job.process.feed * np.maximum(np.where(is_inner, fraction, 1.0), SLOWEST))
 

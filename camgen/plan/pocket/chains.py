@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from camgen.geometry.intersect import fractions
+from camgen.geometry.intersect import find_fractions
 from camgen.geometry.segments import (
     IntArray,
     Segments,
@@ -66,7 +66,7 @@ def find_nearest(chain: Segments, point: FloatArray) -> tuple[float, float]:
 
     Returns its length from the start of the chain and its distance from `point`, both in mm.
     """
-    fraction = np.clip(fractions(chain, np.tile(point, (len(chain), 1))), 0.0, 1.0)
+    fraction = np.clip(find_fractions(chain, np.tile(point, (len(chain), 1))), 0.0, 1.0)
     gap = np.hypot(*(points_at(chain, fraction) - point).T)
     row = int(np.argmin(gap))
     length = chain.length

@@ -11,14 +11,14 @@ from msgspec import Struct
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from camgen.geometry.nesting import Nesting, nest
+from camgen.geometry.nesting import Nesting, find_nesting
 from camgen.geometry.segments import (
     Segments,
+    find_following,
     flatten,
     from_contours,
-    neighbours,
 )
-from camgen.geometry.uncross import find_slips, uncross
+from camgen.geometry.uncross import find_slips, uncross_loops
 from camgen.model.part import Contour, Note
 from camgen.model.text import counted, name_ranges, short
 from camgen.plan.follow import turn_round
@@ -55,7 +55,7 @@ class Pockets(Struct, frozen=True, eq=False):
 def find_pockets(contours: Sequence[Contour]) -> tuple[Pockets, list[Note]]:
     """The pockets that the contours enclose, and notes on contours that are left out."""
     closed = [contour for contour in contours if contour.closed]
-    nesting = _find_overlaps(closed, nest(from_contours(closed), len(closed)))
+    nesting = _find_overlaps(closed, find_nesting(from_contours(closed), len(closed)))
     crossings = _find_crossings(closed)
     for k in crossings:
         nesting.crossed[k] = k
@@ -104,9 +104,9 @@ def _make_pockets(
         chosen += pocket_members
     is_reversed = (nesting.area[chosen] > 0) == (nesting.depth[chosen] % 2 == 0)
     segments = turn_round(from_contours([closed[k] for k in chosen]), is_reversed)
-    following = neighbours(segments, np.ones(len(chosen), dtype=bool))
+    following = find_following(segments, np.ones(len(chosen), dtype=bool))
     slips = find_slips(segments, following, len(chosen)) | _are_crossed(segments, len(chosen))
-    segments, following = uncross(segments, following, slips)
+    segments, following = uncross_loops(segments, following, slips)
     sizes = [len(pocket_members) for pocket_members in members]
     pocket = np.repeat(np.arange(len(members)), sizes)
     walls = PocketWalls(segments, following, pocket[segments.owner], len(members))

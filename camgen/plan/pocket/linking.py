@@ -23,8 +23,8 @@ from msgspec import Struct
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from camgen.geometry.arcs import bulges
-from camgen.geometry.intersect import gaps
+from camgen.geometry.arcs import compute_bulges
+from camgen.geometry.intersect import measure_gaps
 from camgen.geometry.ragged import owners, ramp
 from camgen.geometry.segments import IntArray, Segments, make, points_at, tangents_at
 from camgen.model.pose import FloatArray
@@ -506,10 +506,10 @@ def _find_leaning_arc(
     half = (on_ring + locate(chain, (foot + ahead / 2) % total)) / 2
     ends = (foot + ahead) % total
     lines = make_lines(start_point[0], locate(chain, ends))
-    links = make(lines.start, lines.end, bulges(lines.start, half, lines.end), lines.owner)
+    links = make(lines.start, lines.end, compute_bulges(lines.start, half, lines.end), lines.owner)
     directions = tangents_at(links, np.ones(len(links)))
     cosine = (directions * tangents_along(chain, ends)).sum(axis=1)
-    is_free = gaps(links, limits.walls, limits.min_distance) >= limits.min_distance
+    is_free = measure_gaps(links, limits.walls, limits.min_distance) >= limits.min_distance
     rows = np.flatnonzero((cosine >= math.cos(limits.lean_angle)) & is_free)
     return (links.take(rows[:1]), float(ends[rows[0]])) if len(rows) else None
 
@@ -570,7 +570,7 @@ def _find_first_free(links: Segments, limits: _LinkLimits) -> IntArray:
         # The test of uncut material is much faster than that of the walls.
         rows = rows[_measure_uncut(links.take(rows), limits) <= limits.max_uncut]
         if len(rows):
-            distance = gaps(links.take(rows), limits.walls, limits.min_distance)
+            distance = measure_gaps(links.take(rows), limits.walls, limits.min_distance)
             rows = rows[distance >= limits.min_distance]
         if len(rows):
             return np.asarray(rows[:1])

@@ -14,7 +14,7 @@ import numpy as np
 import shapely
 from msgspec import Struct
 
-from camgen.geometry.intersect import nearest_distances
+from camgen.geometry.intersect import measure_nearest
 from camgen.geometry.ragged import owners, ramp
 from camgen.geometry.segments import IntArray, Segments, points_at
 from camgen.model.pose import FloatArray
@@ -81,7 +81,7 @@ def compute_medial_axis(
         centres[is_axis], links, radii[is_axis] - min_distance, spacing / _REFINEMENT
     )
     search_radius = float(radii[is_axis].max(initial=0.0)) + spacing
-    return MedialAxis(points, nearest_distances(points, walls, search_radius), links)
+    return MedialAxis(points, measure_nearest(points, walls, search_radius), links)
 
 
 def _divide_links(

@@ -23,15 +23,15 @@ import shapely
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.geometry.nesting import loop_areas
+from camgen.geometry.nesting import measure_loop_areas
 from camgen.geometry.segments import (
     IntArray,
     Segments,
-    backwards,
     concatenate,
+    find_following,
     flatten,
     from_contours,
-    neighbours,
+    reverse_segments,
 )
 from camgen.plan.beside import Beside, beside
 from camgen.plan.pocket.chains import cut_out, sample_chain
@@ -290,7 +290,7 @@ def _lacks_border(
     chains = chain_pocket == pocket
     if not curve.sound[chains & curve.closed].all():
         return True
-    area = -loop_areas(curve.segments, len(chains))[chains & curve.closed].sum()
+    area = -measure_loop_areas(curve.segments, len(chains))[chains & curve.closed].sum()
     inside = make_pocket_polygon(borders, pocket).buffer(-distance, quad_segs=QUARTER_CHORDS)
     return bool(abs(area - inside.area) > 2 * CHORD_MM * inside.length)
 
@@ -308,11 +308,11 @@ def _make_layer(curve: Beside, borders: PocketWalls, offset: float, climb: bool)
     failed = failed[[_lacks_border(curve, pocket, k, borders, offset) for k in failed.tolist()]]
     points, owner = flatten(curve.segments, CHORD_MM)
     sizes = np.bincount(owner, minlength=count)
-    area = loop_areas(curve.segments, count)
+    area = measure_loop_areas(curve.segments, count)
     length = np.bincount(curve.segments.owner, curve.segments.length, count)
     is_pass = curve.closed & (sizes >= MIN_CORNERS) & (np.abs(area) > _THIN_MM * length / 2)
     is_pass &= ~np.isin(pocket, failed)
-    travelled = backwards(curve.segments)[0] if climb else curve.segments
+    travelled = reverse_segments(curve.segments)[0] if climb else curve.segments
     chains = _split_by_owner(travelled, count)
     loops = np.split(points, np.cumsum(sizes)[:-1])
     regions = []
@@ -328,7 +328,7 @@ def _make_layer(curve: Beside, borders: PocketWalls, offset: float, climb: bool)
             passes = tuple(chains[member] for member in members)
             regions.append(OffsetRegion(k, distance, passes, True, polygon))
     segments = curve.segments.take(is_pass[curve.segments.owner])
-    following = neighbours(segments, curve.closed)
+    following = find_following(segments, curve.closed)
     inner = PocketWalls(segments, following, pocket[segments.owner], borders.pocket_count, distance)
     return _Layer(regions, inner, frozenset(failed.tolist()))
 

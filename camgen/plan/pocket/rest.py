@@ -13,7 +13,7 @@ import numpy as np
 import shapely
 from msgspec import Struct
 
-from camgen.geometry.segments import from_contours, neighbours
+from camgen.geometry.segments import find_following, from_contours
 from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.part import Contour, Part
@@ -71,7 +71,7 @@ def find_rest_of_pockets(pocket_walls: PocketWalls, part: Part, job: Job) -> Res
             group += [len(pocket)] * len(rings)
             pocket.append(number)
     walls = from_contours(recover(loops, _ARC_MM)[0])
-    following = neighbours(walls, np.ones(len(loops), np.bool_))
+    following = find_following(walls, np.ones(len(loops), np.bool_))
     owner_group = np.array(group, np.int64)[walls.owner]
     rest_walls = PocketWalls(walls, following, owner_group, len(pocket))
     return Rest(rest_walls, pocket, shapely.difference(whole, rest))

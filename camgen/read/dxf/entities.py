@@ -18,7 +18,7 @@ import numpy as np
 from msgspec import Struct, field
 
 from camgen.model.errors import InputError
-from camgen.model.limits import Limits, tell
+from camgen.model.limits import Limits, format_limit
 from camgen.model.pose import FloatArray
 from camgen.model.text import harmless
 from camgen.read.dxf.colors import Colors, colors_of
@@ -255,7 +255,9 @@ class _Sizes:
                 columns, rows = array_of(a)
                 total += columns * rows * (1 + self._of(block, around))
             if total > self.limits.dxf_entities:
-                what = f"blocks expand to more than {tell(self.limits.dxf_entities)} entities"
+                what = (
+                    f"blocks expand to more than {format_limit(self.limits.dxf_entities)} entities"
+                )
                 remedy = "explode or thin them, or raise limits.dxf_entities"
                 raise InputError(self.name, what, around[-1] if around else "", remedy)
         return total
@@ -265,7 +267,8 @@ class _Sizes:
         if key in around or key not in self.blocks:
             return 0  # the walk says so
         if len(around) >= self.limits.dxf_depth:
-            what = f"blocks stand more than {tell(self.limits.dxf_depth)} deep within each other"
+            depth = format_limit(self.limits.dxf_depth)
+            what = f"blocks stand more than {depth} deep within each other"
             raise InputError(
                 self.name, what, harmless(block), "explode them, or raise limits.dxf_depth"
             )

@@ -235,7 +235,7 @@ def _oval(
         out = a[:2] - center
         middle = _flat_points(matrix, np.array([[*center, a[2]]]))[0]
         turned = np.array([-out[1], out[0]])
-        runs.append(curves.ellipse(middle, b @ out, b @ turned, 0.0, 4 * math.atan(bulge)))
+        runs.append(curves.make_ellipse(middle, b @ out, b @ turned, 0.0, 4 * math.atan(bulge)))
     return _Chain(owner, tuple(runs), height)
 
 
@@ -261,7 +261,7 @@ def _smooth(owner: int, curve: Smooth, matrix: FloatArray) -> _Chain | float | N
     if not curve.degree:
         return _Chain(owner, (_ellipse(flat, *curve.knots.tolist()),), float(world[0, 2]))
     try:
-        run = curves.bspline(flat, curve.knots, curve.degree, curve.weights)
+        run = curves.make_bspline(flat, curve.knots, curve.degree, curve.weights)
     except ValueError:
         return None
     return _Chain(owner, (run,), float(world[0, 2]))
@@ -272,7 +272,7 @@ def _ellipse(flat: FloatArray, start: float, end: float) -> FloatArray | curves.
     center, u, v = flat
     size = max(float(u @ u), float(v @ v))
     if abs(float(u @ u - v @ v)) > _SIMILAR * size or abs(float(u @ v)) > _SIMILAR * size:
-        return curves.ellipse(center, u, v, start, end)
+        return curves.make_ellipse(center, u, v, start, end)
     count = max(1, math.ceil(abs(end - start) / math.pi - 1e-12))
     t = np.linspace(start, end, count + 1)
     bulges = np.full(

@@ -13,15 +13,15 @@ from itertools import pairwise
 import numpy as np
 
 from camgen.geometry import curves
-from camgen.geometry.space_curves import Chain, chords, lines, turn
+from camgen.geometry.space_curves import Chain, make_chords, make_lines, make_turn
 from camgen.model.errors import InputError
-from camgen.model.limits import Limits, tell
+from camgen.model.limits import Limits, format_limit
 from camgen.model.pose import FloatArray
 from camgen.read.dxf.entities import DrawnEntities, Smooth
 from camgen.read.dxf.flatten import gather
 from camgen.read.space import Piece
 
-_LOST = lines(np.full((2, 3), np.nan))
+_LOST = make_lines(np.full((2, 3), np.nan))
 
 
 def place_in_space(name: str, drawn: DrawnEntities, chord: float, limits: Limits) -> list[Piece]:
@@ -33,7 +33,7 @@ def place_in_space(name: str, drawn: DrawnEntities, chord: float, limits: Limits
     for owner, made in _chains(drawn, chord):
         spans += len(made[1])
         if spans > limits.motions:
-            what = f"its curves come to more than {tell(limits.motions)} lines and arcs"
+            what = f"its curves come to more than {format_limit(limits.motions)} lines and arcs"
             remedy = "raise tolerance.chord, check input.units, or raise limits.motions"
             raise InputError(name, what, "", remedy)
         found.append((owner, made))
@@ -66,7 +66,7 @@ def _outline(rows: FloatArray, closed: bool, matrix: FloatArray, chord: float) -
     if closed and len(rows) > 1:
         rows = np.concatenate([rows, rows[:1]])
     if not rows[:-1, 3].any():
-        return lines(_map(matrix, rows[:, :3]))
+        return make_lines(_map(matrix, rows[:, :3]))
     chains = [_segment(a, b, matrix, chord) for a, b in pairwise(rows)]
     return _join(chains)
 
@@ -75,14 +75,14 @@ def _segment(a: FloatArray, b: FloatArray, matrix: FloatArray, chord: float) -> 
     """From row ``a`` to row ``b`` of an outline: a line, or an arc by the bulge of ``a``."""
     along, bulge = b[:2] - a[:2], float(a[3])
     if bulge == 0 or not along.any():
-        return lines(_map(matrix, np.stack([a[:3], b[:3]])))
+        return make_lines(_map(matrix, np.stack([a[:3], b[:3]])))
     if not np.isfinite([*a, *b]).all():
         return _LOST
     center = a[:2] + along / 2 + np.array([-along[1], along[0]]) * (1 - bulge * bulge) / (4 * bulge)
     out = a[:2] - center
     plane = matrix[:3, :2]
     u, v = plane @ out, plane @ np.array([-out[1], out[0]])
-    points, via = turn(
+    points, via = make_turn(
         _map(matrix, np.array([[*center, a[2]]]))[0], u, v, 0.0, 4 * math.atan(bulge), chord
     )
     points[[0, -1]] = _map(matrix, np.stack([a[:3], b[:3]]))
@@ -97,12 +97,12 @@ def _smooth(curve: Smooth, matrix: FloatArray, chord: float) -> Chain:
         return _LOST
     if not curve.degree:
         start, end = curve.knots.tolist()
-        return turn(world[0], world[1], world[2], start, end, chord)
+        return make_turn(world[0], world[1], world[2], start, end, chord)
     try:
-        run = curves.bspline(world, curve.knots, curve.degree, curve.weights)
+        run = curves.make_bspline(world, curve.knots, curve.degree, curve.weights)
     except ValueError:
         return _LOST
-    return lines(chords(run, chord))
+    return make_lines(make_chords(run, chord))
 
 
 def _map(matrix: FloatArray, points: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.geometry.arcs import Circle, fit_circle, span_lengths, through
+from camgen.geometry.arcs import Circle, find_circle, fit_circle, measure_spans
 from camgen.geometry.vectors import cross, unit
 from camgen.model.part import Edge, EdgeKind, IntArray
 from camgen.model.pose import FloatArray, frozen
@@ -181,7 +181,7 @@ def _is_arc(points: FloatArray, tolerance: float) -> bool:
     ends, half = points[last] - points[0], points[last // 2] - points[0]
     # The ends of an arc that is nearly a circle are too close together to say where it is.
     b, c = (last // 2, last) if ends @ ends > 0.25 * (half @ half) else (last // 3, 2 * last // 3)
-    circle = through(points[0], points[b], points[c])
+    circle = find_circle(points[0], points[b], points[c])
     if circle is None or (np.abs(circle.distances(points)) > tolerance).any():
         return False
     steps = np.diff(circle.angles(points))
@@ -347,7 +347,7 @@ def _edge(run: SideRun, corners: FloatArray, sides: SharpSides) -> Edge:
     return Edge(
         "", run.kind, frozen(spans.points), frozen(spans.via), frozen(spans.normals), frozen(spans.via_normals),
         float(np.average(sides.angle, weights=weight)), bool(sides.convex[0]), bool((corners[0] == corners[-1]).all()),
-        circle.radius if circle else 0.0, float(span_lengths(spans.points, spans.via).sum()),
+        circle.radius if circle else 0.0, float(measure_spans(spans.points, spans.via).sum()),
     )  # fmt: skip
 
 

@@ -21,7 +21,7 @@ from msgspec import Struct
 
 from camgen.model.errors import InputError, one_line
 from camgen.model.files import SCAN, Source
-from camgen.model.limits import Limits, tell
+from camgen.model.limits import Limits, format_limit
 from camgen.model.part import IntArray, Note
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted
@@ -210,7 +210,7 @@ def _parse(name: str, data: bytes, kind: str, limits: Limits) -> _Parsed:
     except UnreadShape as error:
         raise InputError(name, str(error), "", _SAVE_AGAIN) from error
     except OverflowError as error:
-        what = f"its model unpacks to more than {tell(limits.model_bytes)} {error}"
+        what = f"its model unpacks to more than {format_limit(limits.model_bytes)} {error}"
         remedy = "export it with fewer triangles, or raise limits.model_bytes"
         raise InputError(name, what, "", remedy) from error
     except _STUMBLES as error:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.geometry.arcs import Circle, fit_circle, span_lengths, spans_through, through
+from camgen.geometry.arcs import Circle, find_circle, fit_circle, make_spans_through, measure_spans
 from camgen.geometry.vectors import angles, cross
 from camgen.model.errors import InputError
 from camgen.model.files import Source
@@ -134,14 +134,14 @@ def _smooth(a: Edge, b: Edge) -> bool:
 
 def _tangent(p: FloatArray, via: FloatArray, q: FloatArray) -> FloatArray:
     """(3,) unit, the way in which the span from ``p`` over ``via`` to ``q`` leaves p."""
-    return np.asarray(spans_through(p[None], via[None], q[None]).tangents()[0][0])
+    return np.asarray(make_spans_through(p[None], via[None], q[None]).tangents()[0][0])
 
 
 def _apart(a: Edge, b: Edge) -> float:
     """How far the centres of two arcs are apart, mm."""
     first, second = (
-        through(a.points[0], a.via[0], a.points[1]),
-        through(b.points[0], b.via[0], b.points[1]),
+        find_circle(a.points[0], a.via[0], a.points[1]),
+        find_circle(b.points[0], b.via[0], b.points[1]),
     )
     if first is None or second is None:
         return np.inf
@@ -186,7 +186,7 @@ def edge(
     return Edge(
         "", "circle" if closed and kind == "arc" else kind, frozen(places), frozen(via), frozen(normals),
         frozen(via_normals), _mean_angle(via_normals), convex, closed, circle.radius if circle else 0.0,
-        float(span_lengths(places, via).sum()),
+        float(measure_spans(places, via).sum()),
     )  # fmt: skip
 
 
@@ -248,7 +248,7 @@ def _divide(curve: Curve, low: float, high: float, tolerance: float, depth: int)
 
 
 def _fits(points: FloatArray, tolerance: float) -> bool:
-    circle = through(points[0], points[_WITHIN], points[-1])
+    circle = find_circle(points[0], points[_WITHIN], points[-1])
     if circle is None:
         chord = points[-1] - points[0]
         length = float(np.linalg.norm(chord))
@@ -264,7 +264,7 @@ def _arc_middles(places: FloatArray, middles: FloatArray) -> FloatArray:
     """The middles of the arcs from one of ``places`` (N, 3) to the next through ``middles`` (N - 1, 3)."""
     via = (places[1:] + places[:-1]) / 2
     for k, middle in enumerate(middles):
-        circle = through(places[k], middle, places[k + 1])
+        circle = find_circle(places[k], middle, places[k + 1])
         if circle is not None:
             via[k] = circle.at(circle.angles(places[k + 1][None]) / 2)[0]
     return via

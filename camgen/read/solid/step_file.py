@@ -15,7 +15,7 @@ from msgspec import Struct
 
 from camgen.model.errors import InputError
 from camgen.model.files import Source
-from camgen.model.limits import tell
+from camgen.model.limits import format_limit
 from camgen.model.part import Note
 from camgen.model.text import counted, harmless
 from camgen.read.solid import kernel
@@ -87,7 +87,7 @@ def _try_aside(source: Source) -> None:
     if os.WIFSIGNALED(ended):
         what, remedy = "is damaged: it ends the CAD kernel", _SAVE_AGAIN
         if os.WTERMSIG(ended) == signal.SIGALRM:
-            what = f"takes the CAD kernel more than {tell(source.limits.step_seconds)} s"
+            what = f"takes the CAD kernel more than {format_limit(source.limits.step_seconds)} s"
             remedy = f"{_SAVE_AGAIN}, or raise limits.step_seconds"
         raise InputError(source.name, what, "", remedy)
 

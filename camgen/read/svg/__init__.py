@@ -15,7 +15,7 @@ from msgspec.structs import replace
 from camgen.model.errors import InputError
 from camgen.model.files import Source
 from camgen.model.job import Job
-from camgen.model.limits import tell
+from camgen.model.limits import format_limit
 from camgen.model.part import Contour, Note, NoteKind, Part
 from camgen.model.pose import FloatArray
 from camgen.model.text import harmless, short
@@ -176,7 +176,7 @@ def _parse(source: Source) -> ElementTree.Element:
     """The root element. A document with entities is refused: they can expand to any size."""
     name, data, limit = source.name, source.data, source.limits.svg_bytes
     if len(data) > limit:
-        what = f"has more than {tell(limit)} bytes"
+        what = f"has more than {format_limit(limit)} bytes"
         raise InputError(name, what, remedy="split the drawing, or raise limits.svg_bytes")
     if data[:2] == b"\x1f\x8b":
         raise InputError(name, "is compressed (.svgz)", remedy="decompress it with gzip")

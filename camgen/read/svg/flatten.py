@@ -136,7 +136,7 @@ def _place(run: FloatArray | Oval, matrix: FloatArray) -> FloatArray | curves.Ou
         if stays.all():
             return moved[0, :2], np.zeros(2)
         moved = moved[~stays]
-    return curves.bezier(moved)
+    return curves.make_bezier(moved)
 
 
 def _oval(
@@ -147,7 +147,7 @@ def _oval(
     size = max(uu, vv)
     flat = abs(first[0] * second[1] - first[1] * second[0]) <= 1e-12 * size
     if flat or abs(uu - vv) > _ROUND * size or abs(uv) > _ROUND * size:
-        return curves.ellipse(center, first, second, start, end)
+        return curves.make_ellipse(center, first, second, start, end)
     parts = max(1, math.ceil(abs(end - start) / math.pi - 1e-9))
     t = np.linspace(start, end, parts + 1)
     bulge = math.tan((end - start) / parts / 4) * math.copysign(

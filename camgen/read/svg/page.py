@@ -8,7 +8,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.model.errors import InputError
-from camgen.model.limits import Limits, tell
+from camgen.model.limits import Limits, format_limit
 from camgen.model.part import Note
 from camgen.model.pose import FloatArray
 from camgen.model.text import short
@@ -130,7 +130,7 @@ def _find_size(
         if value <= 0:
             raise Malformed(f"{name} is not above 0")
         if value * MM_PER_PX > limit_mm:
-            raise Malformed(f"{name} is beyond {tell(limit_mm)} mm (limits.svg_page)")
+            raise Malformed(f"{name} is beyond {format_limit(limit_mm)} mm (limits.svg_page)")
         sizes.append(value)
     width, height = sizes
     if width is not None and height is not None:

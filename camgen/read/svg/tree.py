@@ -11,7 +11,7 @@ from msgspec import Struct, field
 from msgspec.structs import replace
 
 from camgen.model.errors import InputError
-from camgen.model.limits import Limits, tell
+from camgen.model.limits import Limits, format_limit
 from camgen.model.pose import FloatArray
 from camgen.model.text import harmless
 from camgen.read.dxf.layers import Layers
@@ -178,12 +178,12 @@ def walk(
         steps += 1
         uses += bool(place.inside)
         if uses > limits.svg_uses:
-            what = f"more than {tell(limits.svg_uses)} elements come of its references"
+            what = f"more than {format_limit(limits.svg_uses)} elements come of its references"
             raise InputError(
                 file, what, remedy="draw the shapes themselves, or raise limits.svg_uses"
             )
         if steps + len(pending) > limits.svg_elements:
-            what = f"has more than {tell(limits.svg_elements)} elements"
+            what = f"has more than {format_limit(limits.svg_elements)} elements"
             raise InputError(file, what, remedy="split the drawing, or raise limits.svg_elements")
     for selector in document.cascade.sheet.unread:
         drawing.report("rules of the style sheet that are not read", harmless(selector, 40), "")
@@ -391,7 +391,7 @@ class _Walker(Struct):
         if name in place.inside:
             raise Malformed("refers to itself")
         if len(place.inside) > self.deepest:
-            what = f"references stand more than {tell(self.deepest)} deep within each other"
+            what = f"references stand more than {format_limit(self.deepest)} deep within each other"
             raise InputError(
                 self.file, what, remedy="draw the shapes themselves, or raise limits.svg_depth"
             )

@@ -12,7 +12,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from camgen.model.errors import InputError
-from camgen.model.limits import tell
+from camgen.model.limits import format_limit
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted
 from camgen.model.tolerance import PARALLEL_EDGES
@@ -50,7 +50,8 @@ def read_urdf(file: str, tip: str, files: Files) -> Robot:
     chain = make_chain(described, tip)
     count, limit = len(chain.joints), files.limits.urdf_joints
     if count > limit:
-        what = f"has {count} joints between {chain.base} and {chain.tip}, {tell(limit)} at most"
+        allowed = format_limit(limit)
+        what = f"has {count} joints between {chain.base} and {chain.tip}, {allowed} at most"
         raise InputError(
             file, what, remedy="name a nearer tip, FILE.urdf#LINK, or raise limits.urdf_joints"
         )

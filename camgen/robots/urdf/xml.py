@@ -18,7 +18,7 @@ from xml.etree.ElementTree import Element, ParseError, TreeBuilder, XMLParser, f
 from msgspec import Struct
 
 from camgen.model.errors import InputError, one_line
-from camgen.model.limits import tell
+from camgen.model.limits import format_limit
 from camgen.model.pose import Pose, Vec3, rotation_from_fixed_xyz
 from camgen.read.files import Files, reason
 
@@ -328,7 +328,7 @@ def _read_content(path: Path, files: Files) -> bytes:
             raise InputError(file, "is not a file", "cell.robot", "name the URDF file of the arm")
         limit = files.limits.urdf_bytes
         if state.st_size > limit:
-            what = f"has more than {tell(limit)} bytes: no description of a robot"
+            what = f"has more than {format_limit(limit)} bytes: no description of a robot"
             raise InputError(
                 file, what, remedy="name the URDF of the arm, or raise limits.urdf_bytes"
             )

@@ -25,7 +25,7 @@ from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import short
 from camgen.vision.boards.sheet import DICTIONARY, Board
 from camgen.vision.image import Pixels, convert_to_grey
-from camgen.vision.plane import depth, fit_homography, in_line, scales
+from camgen.vision.plane import compute_depth, compute_scales, find_off_line, fit_homography
 
 # Corners of a chessboard to a hundredth of a pixel: a saddle is fitted to the grey values.
 
@@ -430,12 +430,12 @@ def _measure_board(grey: Pixels, rough: _Rough, target: Target) -> SeenBoard | N
     columns, rows = target.columns - inner, target.rows - inner
     row, column = np.divmod(rough.numbers, columns)
     places = np.column_stack([column, row]) * target.square
-    if in_line(places) is not None or in_line(rough.corners) is not None:
+    if find_off_line(places) is not None or find_off_line(rough.corners) is not None:
         return None
     homography = fit_homography(places, rough.corners)
-    if depth(homography, places).min() <= 0:
+    if compute_depth(homography, places).min() <= 0:
         return None
-    window = _measure_window(target) * scales(homography, places)[:, 0]
+    window = _measure_window(target) * compute_scales(homography, places)[:, 0]
     axes = _find_axes(homography, places)
     saddles = fit_saddles(grey, rough.corners, axes, window - (0 if is_chessboard else _BLUR_PX))
     contrast = saddles.contrast * np.where((row + column) % 2, -1, 1)
@@ -447,7 +447,7 @@ def _measure_board(grey: Pixels, rough: _Rough, target: Target) -> SeenBoard | N
     limit = float(np.median(saddles.misfit[clear] / contrast[clear]) * _WORSE)
     good = clear & (saddles.misfit < min(max(limit, _ALWAYS), _NEVER) * contrast)
     is_short = good.sum() < max(_MIN_CORNERS, _RIGHT_SHARE * len(good))
-    if is_short or in_line(places[good]) is not None:
+    if is_short or find_off_line(places[good]) is not None:
         return None
     corners, places = saddles.corners[good], places[good]
     if is_chessboard and (columns + rows) % 2 and sign < 0:
@@ -471,7 +471,7 @@ def _find_axes(homography: FloatArray, places: FloatArray) -> FloatArray:
 
     Returns (N, 2, 2), with the directions as columns.
     """
-    divisor = depth(homography, places)[:, None, None]
+    divisor = compute_depth(homography, places)[:, None, None]
     at = places @ homography[:2, :2].T + homography[:2, 2]
     perspective = at[:, :, None] * homography[None, 2:, :2] / divisor
     return np.asarray(homography[None, :2, :2] - perspective)

@@ -32,19 +32,19 @@ from camgen.vision.boards.corners import (
     place_markers,
     refine_corners,
 )
-from camgen.vision.boards.lens import check_focal_length, lens_of_sheet
+from camgen.vision.boards.lens import check_focal_length, fit_sheet_lens
 from camgen.vision.boards.sheet import DICTIONARY, Board, Sheet
 from camgen.vision.camera.camera import Camera, distort, undistort
 from camgen.vision.camera.sheet_lens import SheetLens
 from camgen.vision.image import Picture, Pixels, convert_to_grey
 from camgen.vision.plane import (
     Plane,
+    check_pixels,
+    find_off_line,
+    find_suspect,
     fit_homography,
-    in_line,
+    fit_plane,
     map_points,
-    plane_from_points,
-    same_pixels,
-    suspect,
 )
 
 #: Pixels of the reduced picture in which markers are searched, at most.
@@ -118,7 +118,7 @@ def find(
     they contradict each other or all focal lengths.
     """
     if camera is not None:
-        same_pixels(picture, camera)
+        check_pixels(picture, camera)
     if isinstance(target, Sheet):
         marks = _find_sheet(picture, camera, target)
     else:
@@ -130,7 +130,7 @@ def find(
         if height:
             check_focal_length(lens)
     kept, dropped = _select_agreeing(marks, camera)
-    plane = plane_from_points(
+    plane = fit_plane(
         camera,
         marks.px[kept],
         marks.mm[kept],
@@ -166,7 +166,7 @@ def _fit_lens(
     kept = np.ones(len(marks.px), dtype=np.bool_)
     for _ in range(_LENS_ROUNDS):
         px, mm = marks.px[kept], marks.mm[kept]
-        lens = lens_of_sheet(px, mm, (width_px, height_px), bool(height), picture.focal_px)
+        lens = fit_sheet_lens(px, mm, (width_px, height_px), bool(height), picture.focal_px)
         camera = None if lens is None else lens.camera
         moved = 0.0
         count = marks.markers
@@ -261,7 +261,7 @@ def _find_board(picture: Picture, camera: Camera | None, board: Board) -> _MarkC
     middles = place_markers(board, pattern.legacy)
     times = Counter(pattern.markers.tolist())
     usable = sorted(number for number in middles if times[number] == 1)
-    if len(inner) < _SIZE_CORNERS or in_line(inner_mm) is not None:
+    if len(inner) < _SIZE_CORNERS or find_off_line(inner_mm) is not None:
         usable = []
     rows = [pattern.markers.tolist().index(number) for number in usable]
     corners = _measure(grey, pattern.marker_corners[rows], camera).reshape(-1, 2)
@@ -415,7 +415,7 @@ def _select_agreeing(
     while len(dropped) < max_dropped and np.count_nonzero(kept) > 5:
         px, mm = ideal[kept], marks.mm[kept]
         residuals = np.linalg.norm(map_points(fit_homography(mm, px), mm) - px, axis=1)
-        odd = suspect(mm, px, residuals)
+        odd = find_suspect(mm, px, residuals)
         if odd.error < _WRONG_PX or odd.chance > _WRONG_CHANCE:
             break
         owner = int(marks.owners[kept][odd.index])

@@ -26,7 +26,7 @@ from camgen.model.text import counted, short
 from camgen.vision.camera.calibrate import can_undistort_border
 from camgen.vision.camera.camera import Camera, undistort
 from camgen.vision.camera.sheet_lens import SheetLens
-from camgen.vision.plane import depth, fit_homography, map_points
+from camgen.vision.plane import compute_depth, fit_homography, map_points
 
 #: Corners below this number show no lens. They may show a focal length.
 LEAST_CORNERS = 12
@@ -101,7 +101,7 @@ class Bend:
             axis=1,
         )
         slopes = np.zeros((len(places), 2, _COUNT))
-        slopes[:, :, :9] = by_ideal @ homography_slopes(homography, places)
+        slopes[:, :, :9] = by_ideal @ compute_homography_slopes(homography, places)
         slopes[:, :, _C] = np.eye(2) - by_ideal
         for column, power in zip(range(_K.start, _K.stop), (s, s * s), strict=True):
             slopes[:, 0, column], slopes[:, 1, column] = x * power, y * power
@@ -120,9 +120,11 @@ class Bend:
         return rows, -values * sigma / np.array(sizes)
 
 
-def homography_slopes(homography: FloatArray, places: FloatArray) -> FloatArray:
+def compute_homography_slopes(homography: FloatArray, places: FloatArray) -> FloatArray:
     """Derivatives (N, 2, 9) of the image of each place by the nine numbers of the homography."""
-    lifted = np.column_stack([places, np.ones(len(places))]) / depth(homography, places)[:, None]
+    lifted = (
+        np.column_stack([places, np.ones(len(places))]) / compute_depth(homography, places)[:, None]
+    )
     image = map_points(homography, places)
     slopes = np.zeros((len(places), 2, 9))
     slopes[:, 0, 0:3] = lifted
@@ -131,7 +133,7 @@ def homography_slopes(homography: FloatArray, places: FloatArray) -> FloatArray:
     return slopes
 
 
-def bend_of(camera: Camera) -> tuple[Bend, FloatArray, float]:
+def find_bend(camera: Camera) -> tuple[Bend, FloatArray, float]:
     """The lens of a `SheetLens`, the middle of its photo (2,) and half the diagonal, px."""
     middle, half = _frame(camera.size)
     ratio = half / camera.matrix[0, 0]
@@ -198,7 +200,7 @@ class _Fit:
         return float(axes[0] @ np.linalg.solve(variance, axes[0]))
 
 
-def chance_of(with_lens: float, without: float, freedom: float) -> float:
+def compute_chance(with_lens: float, without: float, freedom: float) -> float:
     """The probability that six more parameters gain as much by chance: the F-test, in closed form.
 
     with_lens, without: sums of squares.
@@ -208,7 +210,7 @@ def chance_of(with_lens: float, without: float, freedom: float) -> float:
     return float(ratio**half * (1 + half * gain + half * (half + 1) / 2 * gain**2))
 
 
-def lens_of_sheet(
+def fit_sheet_lens(
     px: FloatArray,
     mm: FloatArray,
     size: tuple[int, int],
@@ -231,7 +233,7 @@ def lens_of_sheet(
     if len(px) >= LEAST_CORNERS:
         bent = _Fit(corners, mm, exact, bends=True)
         freedom, least = _INDEPENDENT * (2 * len(px) - 14), 2 * len(px) * exact**2
-        bends = chance_of(bent.squares + least, plain.squares + least, freedom) < _CHANCE
+        bends = compute_chance(bent.squares + least, plain.squares + least, freedom) < _CHANCE
         is_cut = bends and float(np.abs(bent.bend.centre).max()) > _CUT
         fit = bent if bends else plain
     if not bends and not needs_focal:

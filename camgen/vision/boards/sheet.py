@@ -99,7 +99,7 @@ class Board(Struct, frozen=True):
         return f"ChArUco board {self.columns}x{self.rows}"
 
 
-def sheet(size: str = "A4", marker: float = 20.0, printed: float = RULER) -> Sheet:
+def make_sheet(size: str = "A4", marker: float = 20.0, printed: float = RULER) -> Sheet:
     """Make a marker sheet.
 
     size: name of the page size, landscape.

@@ -21,7 +21,7 @@ from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
 from camgen.vision.boards.corners import Chessboard, SeenBoard, Target, find_board
 from camgen.vision.camera.camera import Camera, undistort
-from camgen.vision.image import load
+from camgen.vision.image import read_picture
 
 # Camera, lens and board poses that fit the corners of many photos.
 
@@ -66,7 +66,7 @@ class UsedPhoto(Struct, frozen=True, eq=False):
     @property
     def rms(self) -> float:
         """Root mean square of the distances between corners as seen and as calculated, px."""
-        return rms([self])
+        return compute_rms([self])
 
     @property
     def worst(self) -> float:
@@ -115,7 +115,7 @@ class LensFit(Struct, frozen=True, eq=False):
         return sum(2 * len(photo.errors) - 6 for photo in self.used) - len(self.deviations)
 
 
-def best_fit(
+def fit_agreeing(
     boards: _NamedBoards, size: tuple[int, int]
 ) -> tuple[LensFit, list[LeftOut], list[Note]]:
     """Fit camera and lens to the photos that agree with each other.
@@ -143,7 +143,8 @@ def best_fit(
     if is_whole and not is_whole_wide:
         return usual, odd, []
     agreed = [
-        f"{len(fit.used)} photos agree within {short(rms(fit.used), 2)} px" for fit in (usual, wide)
+        f"{len(fit.used)} photos agree within {short(compute_rms(fit.used), 2)} px"
+        for fit in (usual, wide)
     ]
     return (
         wide,
@@ -175,7 +176,7 @@ def _one_thread() -> Iterator[None]:
         cv2.setNumThreads(before)
 
 
-def rms(used: Sequence[UsedPhoto]) -> float:
+def compute_rms(used: Sequence[UsedPhoto]) -> float:
     """Root mean square of the distances of all corners, px."""
     count = sum(len(photo.errors) for photo in used)
     return math.sqrt(sum(_sum_squares(photo) for photo in used) / count)
@@ -281,7 +282,7 @@ def _leave_out_odd(
             LeftOut(
                 remaining.pop(i)[0],
                 f"contradicts the others: {short(error, 2)} px off, "
-                f"they agree within {short(rms(without.used), 2)} px",
+                f"they agree within {short(compute_rms(without.used), 2)} px",
             )
         )
         fit = without
@@ -338,7 +339,7 @@ class Calibration(Struct, frozen=True, eq=False):
     @property
     def rms(self) -> float:
         """OpenCV's reprojection error, px: root mean square of the distances of all corners."""
-        return rms(self.used)
+        return compute_rms(self.used)
 
 
 def calibrate(
@@ -355,7 +356,7 @@ def calibrate(
     photos: list[Photo] = []
     for source in sources:
         stage(f"photo {len(photos) + 1} of {len(sources)}")
-        photos.append(photograph(source, target))
+        photos.append(read_photo(source, target))
     stage("calibrating")
     if not any(photo.seen for photo in photos):
         raise InputError(
@@ -366,12 +367,12 @@ def calibrate(
     return fit_camera(photos, target, name)
 
 
-def photograph(source: Source, target: Target) -> Photo:
+def read_photo(source: Source, target: Target) -> Photo:
     """Find the board in a photo.
 
     Raises InputError if the photo cannot be read, or was turned by its Exif orientation.
     """
-    picture = load(source, sensor=True)
+    picture = read_picture(source, sensor=True)
     if picture.turned:
         raise InputError(
             picture.name,
@@ -401,7 +402,7 @@ def fit_camera(photos: Sequence[Photo], target: Target, name: str) -> Calibratio
             remedy="take 10 to 20 different ones: the whole board, sharp, tilted, "
             "in all parts of the view",
         )
-    fit, odd, notes = best_fit(good, size)
+    fit, odd, notes = fit_agreeing(good, size)
     if not fit.deviations[:2].max() < _UNKNOWN * fit.matrix[:2, :2].max():
         raise InputError(_name_all(photos), "the photos do not tell the focal length", remedy=TILT)
     camera = Camera(frozen(fit.matrix), frozen(fit.lens), size, name)
@@ -466,7 +467,7 @@ def _suggest_board(sources: Sequence[Source], target: Target) -> str:
         return "--board counts the squares of a ChArUco board; check --dictionary, and the light"
     if min(target.columns, target.rows) > 3:
         smaller = Chessboard(target.columns - 1, target.rows - 1, target.square)
-        if any(photograph(source, smaller).seen for source in sources[:LEAST_PHOTOS]):
+        if any(read_photo(source, smaller).seen for source in sources[:LEAST_PHOTOS]):
             return (
                 f"they show a {smaller.label}: "
                 f"give --board {smaller.columns}x{smaller.rows}, the inner corners"
@@ -489,11 +490,11 @@ def _note_weaknesses(camera: Camera, fit: LensFit) -> list[Note]:
     vague = float((fit.deviations[:2] / np.diag(fit.matrix)[:2]).max())
     if vague > _VAGUE:
         notes.append(Note("warning", f"focal length known to {short(100 * vague, 1)} % only", TILT))
-    if rms(fit.used) > _LARGE_ERROR_PX:
+    if compute_rms(fit.used) > _LARGE_ERROR_PX:
         notes.append(
             Note(
                 "warning",
-                f"errors of {short(rms(fit.used), 2)} px are large",
+                f"errors of {short(compute_rms(fit.used), 2)} px are large",
                 "is the board flat, are all photos of one camera with one zoom, and sharp?",
             )
         )

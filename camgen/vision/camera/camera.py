@@ -15,11 +15,18 @@ from msgspec import Struct
 
 from camgen.model.errors import InputError
 from camgen.model.files import Source
-from camgen.model.limits import tell
+from camgen.model.limits import format_limit
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted
-from camgen.vision.camera.lens import COUNTS, distort_ideal, straight
-from camgen.vision.camera.stored import AGAIN, Stored, cut, find_numbers, parse_stored, parse_yaml
+from camgen.vision.camera.lens import COUNTS, distort_ideal, straighten
+from camgen.vision.camera.stored import (
+    AGAIN,
+    Stored,
+    find_numbers,
+    parse_stored,
+    parse_yaml,
+    quote_shortened,
+)
 
 # The contents of a camera file, before they are checked.
 
@@ -66,7 +73,7 @@ class CameraData(Struct, frozen=True, eq=False):
 # -- ROS camera_info
 
 
-def from_camera_info(file: str, text: str) -> CameraData:
+def parse_camera_info(file: str, text: str) -> CameraData:
     """Read ROS camera_info YAML.
 
     Raises InputError for invalid YAML, missing keys, and matrices whose size is not rows x cols.
@@ -120,7 +127,9 @@ def _find_value(file: str, root: Mapping[str, object], key: str) -> object:
 def _read_integer(file: str, root: Mapping[str, object], key: str) -> int:
     text = str(_find_value(file, root, key))
     if not (text.isascii() and text.isdigit() and len(text) < 10):
-        raise InputError(file, f"{key} is {cut(text)}, not a whole number", remedy=_SIZE_REMEDY)
+        raise InputError(
+            file, f"{key} is {quote_shortened(text)}, not a whole number", remedy=_SIZE_REMEDY
+        )
     return int(text)
 
 
@@ -148,7 +157,7 @@ def _read_matrix(file: str, root: Mapping[str, object], key: str) -> FloatArray:
 # -- OpenCV FileStorage
 
 
-def from_storage(file: str, text: str) -> CameraData:
+def parse_storage(file: str, text: str) -> CameraData:
     """Read an OpenCV FileStorage: YAML, XML or JSON.
 
     Raises InputError for a file in none of these formats, for values that are missing or invalid,
@@ -187,7 +196,9 @@ def _find_key(file: str, keys: Sequence[str], names: Sequence[str], what: str) -
     """The key that is one of several possible names. Raises InputError for none and for two."""
     present = [name for name in names if name in keys]
     if not present:
-        contents = f"it holds {cut(', '.join(keys))}" if keys else "it holds no named values"
+        contents = (
+            f"it holds {quote_shortened(', '.join(keys))}" if keys else "it holds no named values"
+        )
         raise InputError(file, f"has no {what}, {contents}", remedy=f"name it {names[0]}")
     if len(present) > 1:
         raise InputError(
@@ -272,7 +283,7 @@ def undistort(camera: Camera, points: FloatArray) -> FloatArray:
 
     Solved to 1e-9 px. nan beyond the valid radius of the lens model.
     """
-    ideal = straight(camera.distortion, _convert_to_rays(camera, points))
+    ideal = straighten(camera.distortion, _convert_to_rays(camera, points))
     return _convert_to_pixels(camera, ideal)
 
 
@@ -309,7 +320,7 @@ def read_camera(source: Source) -> Camera:
     if len(source.data) > source.limits.camera_bytes:
         raise InputError(
             name,
-            f"has more than {tell(source.limits.camera_bytes)} bytes: no camera file",
+            f"has more than {format_limit(source.limits.camera_bytes)} bytes: no camera file",
             remedy="give the file of a calibration, or raise limits.camera_bytes",
         )
     try:
@@ -323,11 +334,11 @@ def read_camera(source: Source) -> Camera:
     if not text.strip():
         raise InputError(name, "is empty", remedy=AGAIN)
     is_stored = text.lstrip().startswith(("%YAML:", "<", "{")) or "!!opencv-matrix" in text
-    read: Callable[[str, str], CameraData] = from_storage if is_stored else from_camera_info
+    read: Callable[[str, str], CameraData] = parse_storage if is_stored else parse_camera_info
     return _make_camera(read(name, text), source)
 
 
-def camera_info(camera: Camera) -> str:
+def format_camera_info(camera: Camera) -> str:
     """Write a camera as ROS camera_info YAML; `read_camera` returns the same numbers bit for bit.
 
     The rectification is the identity and the projection that of the camera itself, as for every

@@ -48,7 +48,7 @@ def distort_ideal(lens: FloatArray, ideal: FloatArray) -> FloatArray:
     """
     c = _pad(lens)
     level, slopes = _evaluate_model(c, ideal)
-    is_beyond = ~_is_before_fold(slopes, ideal, fold(lens))
+    is_beyond = ~_is_before_fold(slopes, ideal, find_fold(lens))
     tilt = _make_tilt(c)
     lifted = level @ tilt[:, :2].T + tilt[:, 2]
     seen: FloatArray = lifted[:, :2] / lifted[:, 2:]
@@ -56,14 +56,14 @@ def distort_ideal(lens: FloatArray, ideal: FloatArray) -> FloatArray:
     return seen
 
 
-def straight(lens: FloatArray, seen: FloatArray) -> FloatArray:
+def straighten(lens: FloatArray, seen: FloatArray) -> FloatArray:
     """Map points (N, 2) as seen through a lens to ideal points (N, 2), as `distort_ideal` reversed.
 
     Newton's method, which starts from the solution of the radial part alone, found in a table.
 
     lens: (n,) coefficients. nan for a point without a solution.
     """
-    c, max_radius = _pad(lens), fold(lens)
+    c, max_radius = _pad(lens), find_fold(lens)
     untilt = np.linalg.inv(_make_tilt(c))
     lifted = seen @ untilt[:, :2].T + untilt[:, 2]
     target = lifted[:, :2] / lifted[:, 2:]
@@ -83,7 +83,7 @@ def straight(lens: FloatArray, seen: FloatArray) -> FloatArray:
     return ideal
 
 
-def fold(lens: FloatArray) -> float:
+def find_fold(lens: FloatArray) -> float:
     """The radius at which the radial part of a lens stops growing, or jumps; inf if it never does.
 
     x f(s) = x n / d grows while n d + 2 s (n' d - n d') > 0 and d > 0.

@@ -52,7 +52,7 @@ _STYLE = (
 )
 
 
-def svg(calibration: Calibration, title: str) -> str:
+def draw_residuals(calibration: Calibration, title: str) -> str:
     """Draw the residuals as SVG text, sized in mm, for light and dark screens."""
     width, height = calibration.camera.size
     scale = min(_MAX_WIDTH / width, _MAX_HEIGHT / height)

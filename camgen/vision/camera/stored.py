@@ -193,9 +193,11 @@ def _convert_number(file: str, key: str, value: Stored) -> float:
             raise ValueError
         return float(text)
     except ValueError as error:
-        raise InputError(file, f"{key} holds {cut(text)}, not a number", remedy=AGAIN) from error
+        raise InputError(
+            file, f"{key} holds {quote_shortened(text)}, not a number", remedy=AGAIN
+        ) from error
 
 
-def cut(text: str) -> str:
+def quote_shortened(text: str) -> str:
     """Quote a text for a message, shortened to `_MAX_QUOTED` characters."""
     return repr(text if len(text) <= _MAX_QUOTED else text[:_MAX_QUOTED] + "...")

@@ -12,31 +12,31 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.geometry.rings import ComplexArray, Rings, rings
+from camgen.geometry.rings import ComplexArray, Rings, make_rings
 from camgen.model.part import Contour, IntArray, Note
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
 from camgen.vision.lines_arcs.fit import BoolArray, Curves
 from camgen.vision.lines_arcs.joints import (
     CornerJoints,
-    clear,
-    joints,
-    normals,
+    compute_normals,
+    compute_tangents,
+    find_joints,
+    find_small_corners,
+    find_walls,
     orient,
-    small_corners,
-    tangents,
-    walls,
+    select_clear,
 )
-from camgen.vision.lines_arcs.noise import divide, measure, residuals_of
+from camgen.vision.lines_arcs.noise import divide, measure, measure_residuals
 from camgen.vision.lines_arcs.polish import (
     FittedChain,
-    astray,
-    astray_beyond,
-    beyond,
-    errors,
-    fillets_of,
-    no_fillets,
+    compute_astray_limit,
+    find_astray,
+    make_no_fillets,
+    measure_errors,
+    measure_fillets,
     polish,
+    select_beyond,
 )
 from camgen.vision.lines_arcs.runs import (
     Runs,
@@ -44,11 +44,11 @@ from camgen.vision.lines_arcs.runs import (
     merge,
     relax,
     trim,
-    within,
+    wrap_rows,
 )
-from camgen.vision.lines_arcs.spots import FITTED, make_sound, stretches_of
+from camgen.vision.lines_arcs.spots import FITTED, find_stretches, make_sound
 from camgen.vision.outline import Outline
-from camgen.vision.similarity import scale_of
+from camgen.vision.similarity import measure_scale
 
 # Outlines divided into runs for lines and arcs: the order of the steps.
 
@@ -95,7 +95,7 @@ def divide_loops(
     runs, level = divide(loops, halfway, predicted, blur)
     for _ in range(_ROUNDS):
         curves = fit_runs(runs, loops, halfway, weight, sigma)[1]
-        residuals = residuals_of(runs, loops, halfway, curves)
+        residuals = measure_residuals(runs, loops, halfway, curves)
         measured = measure(runs, loops, residuals, weight, blur)
         single, sigma = (
             np.where(np.isnan(noise), level, np.maximum(noise, predicted)) for noise in measured
@@ -107,15 +107,15 @@ def divide_loops(
             weight = trim(runs, loops, halfway, curves, single, blur)
         for _ in range(_CORNER_ROUNDS):
             runs, curves = _remove_roundings(runs, loops, halfway, weight, sigma, blur)
-            corners = joints(curves, runs, loops, halfway, sigma, blur)
-            is_clear = clear(corners, curves, runs, loops, halfway)
+            corners = find_joints(curves, runs, loops, halfway, sigma, blur)
+            is_clear = select_clear(corners, curves, runs, loops, halfway)
             weight = is_clear * trim(runs, loops, halfway, curves, single, blur)
         runs = merge(runs, loops, halfway, weight, sigma)
     curves = _fit_oriented(runs, loops, halfway, weight, sigma)
     points = _correct_blur(runs, loops, halfway, curves, blur)
     curves = _fit_oriented(runs, loops, points, weight, sigma)
-    corners = joints(curves, runs, loops, points, sigma, blur)
-    counts = clear(corners, curves, runs, loops, points)
+    corners = find_joints(curves, runs, loops, points, sigma, blur)
+    counts = select_clear(corners, curves, runs, loops, points)
     return Divided(points, runs, curves, corners, counts, single)
 
 
@@ -137,8 +137,8 @@ def _remove_roundings(
     """Remove runs that are only the rounded picture of a corner, or have hardly any points."""
     curves = _fit_oriented(runs, loops, points, weight, sigma)
     is_small = (runs.count < _MIN_POINTS) & runs.several()
-    is_small &= ~walls(curves, runs, loops, points, sigma)
-    is_small |= small_corners(curves, runs, loops, points, blur)
+    is_small &= ~find_walls(curves, runs, loops, points, sigma)
+    is_small |= find_small_corners(curves, runs, loops, points, blur)
     if not is_small.any():
         return runs, curves
     runs = _give_away(runs, loops, is_small, curves)
@@ -164,7 +164,7 @@ def _give_away(runs: Runs, loops: Rings, small: BoolArray, curves: Curves) -> Ru
     np.add.at(first, after[removed], -other_half)
     keep = np.ones(len(runs), dtype=np.bool_)
     keep[removed] = False
-    return within(Runs(first[keep], count[keep], runs.loop[keep]), loops)
+    return wrap_rows(Runs(first[keep], count[keep], runs.loop[keep]), loops)
 
 
 def _correct_blur(
@@ -178,7 +178,7 @@ def _correct_blur(
     owner = np.repeat(np.arange(len(runs)), runs.count)
     shift = (curves.curvature * blur[runs.loop] ** 2 / 2).clip(-_MAX_SHIFT, _MAX_SHIFT)
     moved = points.copy()
-    moved[rows] += shift[owner] * normals(curves.take(owner), points[rows])
+    moved[rows] += shift[owner] * compute_normals(curves.take(owner), points[rows])
     return moved
 
 
@@ -211,7 +211,7 @@ class OutlineFit(Struct, frozen=True):
     cut: float = 0.0
 
 
-def primitives(
+def make_contours(
     outlines: Sequence[Outline], work_from_view: FloatArray, layer: str = "0"
 ) -> tuple[tuple[Contour, ...], tuple[OutlineFit, ...], tuple[Note, ...]]:
     """Convert outlines (view pixels) to contours in the work frame (mm).
@@ -227,10 +227,10 @@ def primitives(
     scale.
     """
     matrix = np.asarray(work_from_view, dtype=np.float64)
-    scale_of(matrix)
+    measure_scale(matrix)
     if not outlines:
         return (), (), ()
-    loops = rings(np.array([len(outline.halfway) for outline in outlines]))
+    loops = make_rings(np.array([len(outline.halfway) for outline in outlines]))
     halfway = np.concatenate([outline.halfway for outline in outlines]) @ np.array([1, 1j])
     sigma = np.array([np.hypot(outline.sigma, _SYSTEMATIC_PX) for outline in outlines])
     parts = divide_loops(loops, halfway, sigma, np.array([outline.blur for outline in outlines]))
@@ -309,21 +309,21 @@ def _make_contour(
     else:
         chain, piece = _fit_chain(parts, runs, points, counts)
     if len(chain.corners) < 3 and chain.straight.all():
-        fillets, bad = no_fillets(chain), np.ones(len(chain.corners), dtype=np.bool_)
+        fillets, bad = make_no_fillets(chain), np.ones(len(chain.corners), dtype=np.bool_)
     else:
-        fillets = fillets_of(chain, points, piece, blur, sigma)
-        counts = counts & beyond(chain, fillets, points, piece)
-        bad = astray(chain, fillets, points, piece, counts, sigma)
-    sound = make_sound(chain, fillets, bad, points, piece, astray_beyond(sigma))
+        fillets = measure_fillets(chain, points, piece, blur, sigma)
+        counts = counts & select_beyond(chain, fillets, points, piece)
+        bad = find_astray(chain, fillets, points, piece, counts, sigma)
+    sound = make_sound(chain, fillets, bad, points, piece, compute_astray_limit(sigma))
     if sound is None:
         return None
     shape = _convert_to_work(sound.ring.corners, sound.ring.bulges, matrix)
-    error = errors(chain, points, piece)[counts & (sound.drawn == FITTED)[piece]]
-    middles, lengths = stretches_of(sound.drawn, points, piece)
+    error = measure_errors(chain, points, piece)[counts & (sound.drawn == FITTED)[piece]]
+    middles, lengths = find_stretches(sound.drawn, points, piece)
     fit = _measure_fit(error, shape[1], matrix)
     middles_mm, _ = _convert_to_work(middles, np.zeros(len(middles)), matrix)
     places = tuple((x, y) for x, y in middles_mm.tolist())
-    lines_mm = scale_of(matrix) * float(lengths.sum())
+    lines_mm = measure_scale(matrix) * float(lengths.sum())
     return shape, replace(
         fit, doubtful=len(places), lines_mm=lines_mm, places=places, cut=sound.cut
     )
@@ -340,7 +340,7 @@ def _measure_fit(error: FloatArray, bulges: FloatArray, matrix: FloatArray) -> O
 
     error: (M,) distances of its points, px.
     """
-    distance = scale_of(matrix) * np.abs(error)
+    distance = measure_scale(matrix) * np.abs(error)
     arcs = int((bulges != 0).sum())
     rms, largest = 0.0, 0.0
     if len(distance):
@@ -362,7 +362,7 @@ def _make_circle(
     centre = complex(curve.origin[0] - (curve.form[0, 1] + 1j * curve.form[0, 2]) / bend)
     error = curve.distances(points[None])[0]
     angle = abs(float(np.ptp(np.unwrap(np.angle(points - centre)))))
-    if angle < np.pi or np.sqrt((error**2).mean()) > astray_beyond(sigma):
+    if angle < np.pi or np.sqrt((error**2).mean()) > compute_astray_limit(sigma):
         return None
     corners = np.array([centre + 1 / abs(bend), centre - 1 / abs(bend)])
     shape = _convert_to_work(corners, np.full(2, np.sign(bend)), matrix)
@@ -380,7 +380,7 @@ def _fit_chain(
     curves = parts.curves.take(runs)
     corners, smooth = np.roll(parts.joints.vertex[runs], 1), np.roll(parts.joints.smooth[runs], 1)
     after = np.roll(corners, -1)
-    sweep = np.angle(tangents(curves, after) * tangents(curves, corners).conj())
+    sweep = np.angle(compute_tangents(curves, after) * compute_tangents(curves, corners).conj())
     length = np.bincount(piece, np.append(np.abs(np.diff(points)), 0.0))
     # The directions at both ends determine the sweep up to whole revolutions.
     sweep += 2 * np.pi * np.round((curves.curvature * length - sweep) / (2 * np.pi))

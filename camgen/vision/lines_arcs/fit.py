@@ -125,7 +125,7 @@ def join_sums(first: Sums, second: Sums) -> Sums:
     return Sums(origin, move_sums(first, origin).sums + move_sums(second, origin).sums)
 
 
-def lines(runs: Sums) -> Curves:
+def fit_lines(runs: Sums) -> Curves:
     """Fit a line to each run, with the least sum of squared distances."""
     n, x, y, xx, xy, yy = runs.sums[:, :6].T
     n = np.maximum(n, 1e-12)
@@ -138,7 +138,7 @@ def lines(runs: Sums) -> Curves:
     return Curves(runs.origin, form, np.maximum(half - rest, 0.0))
 
 
-def circles(runs: Sums) -> Curves:
+def fit_circles(runs: Sums) -> Curves:
     """Fit a circle or line to each run by Taubin's method, nearly unbiased also for short arcs."""
     n = np.maximum(runs.sums[:, 0], 1e-12)
     middle = (runs.sums[:, 1] + 1j * runs.sums[:, 2]) / n
@@ -188,12 +188,12 @@ def _find_smallest(
     return value, crosses[chosen, :, matrices].T / length
 
 
-def numbers_of(curves: Curves) -> IntArray:
+def count_numbers(curves: Curves) -> IntArray:
     """Count the numbers of each curve with one end of it, (P,)."""
     return np.where(curves.form[:, 0] == 0, _LINE_NUMBERS, _ARC_NUMBERS)
 
 
-def best(runs: Sums, sigma: FloatArray, price: float) -> tuple[Curves, FloatArray]:
+def fit_best(runs: Sums, sigma: FloatArray, price: float) -> tuple[Curves, FloatArray]:
     """Fit a line or circle to each run, whichever has the lower price.
 
     The price is the sum of squared distances in units of the noise, plus `price` for each number of
@@ -203,7 +203,7 @@ def best(runs: Sums, sigma: FloatArray, price: float) -> tuple[Curves, FloatArra
 
     Returns the curves and their prices (P,).
     """
-    straight, round_ = lines(runs), circles(runs)
+    straight, round_ = fit_lines(runs), fit_circles(runs)
     line_cost = straight.sse / sigma**2 + _LINE_NUMBERS * price
     arc_cost = round_.sse / sigma**2 + _ARC_NUMBERS * price
     count, squares = runs.sums[:, 0], runs.sums[:, 3] + runs.sums[:, 5]

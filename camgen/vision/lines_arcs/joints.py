@@ -14,7 +14,7 @@ from camgen.geometry.rings import ComplexArray, Rings
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
 from camgen.vision.lines_arcs.fit import BoolArray, Curves
-from camgen.vision.lines_arcs.runs import Runs, within
+from camgen.vision.lines_arcs.runs import Runs, wrap_rows
 
 #: rad: angles by which a sharp corner turns.
 TURNS = np.radians([0, 10, 20, 30, 45, 60, 75, 90, 105, 120, 135, 150, 160, 170])
@@ -78,7 +78,7 @@ def orient(curves: Curves, runs: Runs, loops: Rings, points: ComplexArray) -> Cu
     return Curves(curves.origin, form, curves.sse)
 
 
-def joints(
+def find_joints(
     curves: Curves,
     runs: Runs,
     loops: Rings,
@@ -95,10 +95,10 @@ def joints(
     end = points[_find_rows(runs, loops, runs.count)]
     near = (points[_find_rows(runs, loops, runs.count - 1)] + end) / 2
     following = curves.take(after)
-    vertex, crossing = crossings(curves, following, near)
+    vertex, crossing = find_crossings(curves, following, near)
     run_blur = blur[runs.loop]
     turn = _compute_turn(curves, following, vertex)
-    crossing &= np.abs(vertex - near) < _NEAR_PX + zone_of(turn, run_blur)
+    crossing &= np.abs(vertex - near) < _NEAR_PX + compute_zone(turn, run_blur)
     start = np.where(crossing, vertex, near)
     smooth, touch = _find_touching(
         curves, following, start, sigma[runs.loop], runs.count, runs.count[after]
@@ -107,11 +107,13 @@ def joints(
     between = _find_middle(curves, following, near)
     vertex = np.where(smooth, touch, np.where(crossing, vertex, between))
     turn = _compute_turn(curves, following, vertex)
-    zone = np.where(smooth, 0.0, zone_of(turn, run_blur))
+    zone = np.where(smooth, 0.0, compute_zone(turn, run_blur))
     return CornerJoints(vertex, turn, crossing, smooth, zone)
 
 
-def crossings(first: Curves, second: Curves, near: ComplexArray) -> tuple[ComplexArray, BoolArray]:
+def find_crossings(
+    first: Curves, second: Curves, near: ComplexArray
+) -> tuple[ComplexArray, BoolArray]:
     """Find the crossing (P,) of each pair of curves next to `near` (P,), by Newton's method.
 
     Returns the crossings, px, and whether there is one, (P,).
@@ -121,7 +123,7 @@ def crossings(first: Curves, second: Curves, near: ComplexArray) -> tuple[Comple
     for _ in range(12):
         f, g = first.distances(point), second.distances(point)
         miss = np.hypot(f, g)
-        a, b = normals(first, point), normals(second, point)
+        a, b = compute_normals(first, point), compute_normals(second, point)
         cross = (a.conj() * b).imag
         cross = np.where(np.abs(cross) < 1e-6, 1e-6, cross)
         step = 1j * (f * b - g * a) / cross
@@ -131,7 +133,7 @@ def crossings(first: Curves, second: Curves, near: ComplexArray) -> tuple[Comple
     return point, miss < 1e-6
 
 
-def small_corners(
+def find_small_corners(
     curves: Curves, runs: Runs, loops: Rings, points: ComplexArray, blur: FloatArray
 ) -> BoolArray:
     """Find the runs that are only the rounded picture of a corner between their neighbours.
@@ -143,16 +145,16 @@ def small_corners(
     after, before = runs.following(), runs.before()
     previous, following = curves.take(before), curves.take(after)
     middle = points[_find_rows(runs, loops, runs.count // 2)]
-    vertex, crossing = crossings(previous, following, middle)
+    vertex, crossing = find_crossings(previous, following, middle)
     run_blur = blur[runs.loop]
     turn = _compute_turn(previous, following, vertex)
-    zone = zone_of(turn, run_blur)
+    zone = compute_zone(turn, run_blur)
     first = points[_find_rows(runs, loops, np.zeros_like(after))]
     last = points[_find_rows(runs, loops, runs.count - 1)]
     reach = np.maximum(np.abs(first - vertex), np.abs(last - vertex))
-    inwards = 1j * np.sign(turn) * tangents(previous, vertex) * np.exp(0.5j * turn)
+    inwards = 1j * np.sign(turn) * compute_tangents(previous, vertex) * np.exp(0.5j * turn)
     # Two points of each neighbour count too: the one nearest to the vertex may belong to it.
-    wider = within(Runs(runs.first - 2, runs.count + 4, runs.loop), loops)
+    wider = wrap_rows(Runs(runs.first - 2, runs.count + 4, runs.loop), loops)
     depth = _measure_depths(wider, loops, points, vertex, inwards)
     expected = np.interp(np.abs(turn), TURNS, PASSES) * run_blur
     is_small = (
@@ -164,7 +166,7 @@ def small_corners(
     return np.asarray(is_small & (depth > -0.5))
 
 
-def walls(
+def find_walls(
     curves: Curves, runs: Runs, loops: Rings, points: ComplexArray, sigma: FloatArray
 ) -> BoolArray:
     """Find the runs whose neighbours pass on both sides of their middle: walls of a shallow step.
@@ -200,10 +202,10 @@ def _measure_depths(
     three = np.stack(
         [(points[_find_rows(runs, loops, place + k)] - vertex) * inwards.conj() for k in (-1, 0, 1)]
     )
-    return valley(three.imag, three.real)
+    return find_valley(three.imag, three.real)
 
 
-def valley(x: FloatArray, y: FloatArray) -> FloatArray:
+def find_valley(x: FloatArray, y: FloatArray) -> FloatArray:
     """The lowest value (P,) of parabolas through three points each, `x` and `y` (3, P).
 
     The lowest of the three points if the parabola has no minimum, or one far below the points.
@@ -218,7 +220,7 @@ def valley(x: FloatArray, y: FloatArray) -> FloatArray:
     return np.asarray(np.where(is_usable, minimum, lowest_point))
 
 
-def clear(
+def select_clear(
     corners: CornerJoints, curves: Curves, runs: Runs, loops: Rings, points: ComplexArray
 ) -> BoolArray:
     """Select the points (N,) of the loops that no corner has rounded.
@@ -255,24 +257,26 @@ def _compute_gradient(curves: Curves, points: ComplexArray) -> ComplexArray:
     return np.asarray(2 * curves.form[:, 0] * local + curves.form[:, 1] + 1j * curves.form[:, 2])
 
 
-def normals(curves: Curves, points: ComplexArray) -> ComplexArray:
+def compute_normals(curves: Curves, points: ComplexArray) -> ComplexArray:
     """Unit vectors (P,) at points (P,) in which the signed distance from the curves grows."""
     gradient = _compute_gradient(curves, points)
     size = np.abs(gradient)
     return np.asarray(gradient / np.maximum(size, 1e-9))
 
 
-def tangents(curves: Curves, points: ComplexArray) -> ComplexArray:
+def compute_tangents(curves: Curves, points: ComplexArray) -> ComplexArray:
     """Unit vectors (P,) along oriented curves at points (P,) on them, as their runs go."""
-    return 1j * normals(curves, points)
+    return 1j * compute_normals(curves, points)
 
 
 def _compute_turn(first: Curves, second: Curves, vertex: ComplexArray) -> FloatArray:
     """Angle (P,) by which the direction changes from the first to the second curve, rad."""
-    return np.asarray(np.angle(tangents(second, vertex) * tangents(first, vertex).conj()))
+    return np.asarray(
+        np.angle(compute_tangents(second, vertex) * compute_tangents(first, vertex).conj())
+    )
 
 
-def zone_of(turn: FloatArray, blur: FloatArray) -> FloatArray:
+def compute_zone(turn: FloatArray, blur: FloatArray) -> FloatArray:
     """Distance from the vertex (P,) up to which the blur rounds a corner, px.
 
     There the other edge is nearer than `_CORNER_REACH` sigmas. It is less, down to 0, if the
@@ -287,7 +291,9 @@ def zone_of(turn: FloatArray, blur: FloatArray) -> FloatArray:
 
 def _find_middle(first: Curves, second: Curves, near: ComplexArray) -> ComplexArray:
     """The middle (P,) between the feet of `near` (P,) on both curves."""
-    feet = [near - curves.distances(near) * normals(curves, near) for curves in (first, second)]
+    feet = [
+        near - curves.distances(near) * compute_normals(curves, near) for curves in (first, second)
+    ]
     return (feet[0] + feet[1]) / 2
 
 
@@ -311,7 +317,7 @@ def _find_touching(
     is_bent = np.abs(bend) > 1e-5
     safe_bend = np.where(is_bent, bend, 1.0)
     # Along the tangent the gap is gap - theta x - bend x^2 / 2. The curves touch where it is least.
-    theta = np.angle(tangents(second, near) * tangents(first, near).conj())
+    theta = np.angle(compute_tangents(second, near) * compute_tangents(first, near).conj())
     x = np.where(is_bent, -theta / safe_bend, 0.0)
     least_gap = gap - theta * x - bend * x * x / 2
     allowed = _SIGMAS * sigma * np.sqrt(4.0 / first_count + 4.0 / second_count) + _GAP_PX
@@ -320,5 +326,5 @@ def _find_touching(
     reach = _NEAR_PX + 2 * np.sqrt(2 * allowed / np.maximum(np.abs(bend), 1e-5))
     shorter = np.minimum(first_count, second_count)
     reach = np.minimum(reach, _NEAR_PX + _JOINT_FRACTION * shorter)
-    touch = _find_middle(first, second, near + x * tangents(first, near))
+    touch = _find_middle(first, second, near + x * compute_tangents(first, near))
     return is_bent & (np.abs(least_gap) < allowed) & (np.abs(x) < reach), touch

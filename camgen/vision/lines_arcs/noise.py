@@ -18,9 +18,9 @@ from camgen.geometry.ragged import owners, ramp
 from camgen.geometry.rings import ComplexArray, Rings
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
-from camgen.vision.lines_arcs.fit import Curves, numbers_of
+from camgen.vision.lines_arcs.fit import Curves, count_numbers
 from camgen.vision.lines_arcs.joints import orient
-from camgen.vision.lines_arcs.runs import PRICE, Runs, blocks, fit_runs, merge
+from camgen.vision.lines_arcs.runs import PRICE, Runs, fit_runs, make_blocks, merge
 
 #: Number of levels of noise, each twice the one before.
 _LEVELS = 8
@@ -47,7 +47,7 @@ def divide(
     sigma: (L,) noise that neighbours do not share, px.
     blur: (L,) px.
     """
-    weight, runs = np.ones(len(points)), blocks(loops)
+    weight, runs = np.ones(len(points)), make_blocks(loops)
     divisions: list[Runs] = []
     lengths: list[FloatArray] = []
     for level in range(_LEVELS):
@@ -78,12 +78,12 @@ def _describe(
     runs: Runs, loops: Rings, points: ComplexArray, curves: Curves, blur: FloatArray
 ) -> FloatArray:
     """(L,) length of a description, in squares of the noise; inf where no noise is so large."""
-    residuals = residuals_of(runs, loops, points, curves)
+    residuals = measure_residuals(runs, loops, points, curves)
     weight = np.ones(len(points))
     variance, shared = (_covariance(loops, residuals, weight, lag) for lag in (0, 1))
     innovation = variance - shared**2 / np.maximum(variance, _LEAST_VARIANCE)
     coded = loops.count * np.log(np.maximum(innovation, 0) + _LEAST_VARIANCE)
-    numbers = np.bincount(runs.loop, numbers_of(curves), len(loops.count))
+    numbers = np.bincount(runs.loop, count_numbers(curves), len(loops.count))
     return np.where(variance > (_MOST_NOISE * blur) ** 2, np.inf, coded + PRICE * numbers)
 
 
@@ -112,7 +112,7 @@ def measure(
     return share * single, share * np.sqrt(np.maximum(whole, variance))
 
 
-def residuals_of(runs: Runs, loops: Rings, points: ComplexArray, curves: Curves) -> FloatArray:
+def measure_residuals(runs: Runs, loops: Rings, points: ComplexArray, curves: Curves) -> FloatArray:
     """(N,) signed distances of the points from the curves of their runs, px."""
     rows, _ = runs.rows(loops)
     oriented = orient(curves, runs, loops, points).take(owners(runs.count))

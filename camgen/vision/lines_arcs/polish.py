@@ -17,7 +17,7 @@ from camgen.geometry.rings import ComplexArray
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
 from camgen.vision.lines_arcs.fit import BoolArray
-from camgen.vision.lines_arcs.joints import PASSES, TURNS, valley, zone_of
+from camgen.vision.lines_arcs.joints import PASSES, TURNS, compute_zone, find_valley
 
 #: Rounds of Gauss-Newton.
 _ROUNDS = 5
@@ -89,7 +89,7 @@ def _sum_squares(
     chain: FittedChain, points: ComplexArray, piece: IntArray, weight: FloatArray
 ) -> float:
     tangents = _TANGENT_WEIGHT * _measure_kinks(chain)[chain.smooth]
-    return float(weight @ errors(chain, points, piece) ** 2 + tangents @ tangents)
+    return float(weight @ measure_errors(chain, points, piece) ** 2 + tangents @ tangents)
 
 
 def _measure_kinks(chain: FittedChain) -> FloatArray:
@@ -100,7 +100,7 @@ def _measure_kinks(chain: FittedChain) -> FloatArray:
     return np.asarray(np.angle(chord * np.roll(chord, 1).conj() * rotation))
 
 
-def to_arcs(
+def measure_from_arcs(
     points: ComplexArray, a: ComplexArray, b: ComplexArray, bulge: FloatArray
 ) -> FloatArray:
     """Signed distances (N,) of points to the circles of arcs, to a line if the bulge is 0; px.
@@ -160,7 +160,7 @@ def _sum_products(
     """
     count = len(chain.corners)
     a, b, g = chain.corners[piece], np.roll(chain.corners, -1)[piece], chain.bulges[piece]
-    error = to_arcs(points, a, b, g)
+    error = measure_from_arcs(points, a, b, g)
     shifts = (
         (_STEP_PX, 0, 0),
         (1j * _STEP_PX, 0, 0),
@@ -168,7 +168,9 @@ def _sum_products(
         (0, _STEP_PX, 0),
         (0, 1j * _STEP_PX, 0),
     )
-    slopes = [(to_arcs(points, a + p, b + q, g + r) - error) / _STEP_PX for p, q, r in shifts]
+    slopes = [
+        (measure_from_arcs(points, a + p, b + q, g + r) - error) / _STEP_PX for p, q, r in shifts
+    ]
     columns = np.stack([*slopes, error])
     columns[2] *= ~chain.straight[piece]
     first = np.searchsorted(piece, np.arange(count))
@@ -286,7 +288,7 @@ class Fillets(Struct, frozen=True, eq=False):
     zone: FloatArray
 
 
-def along(chain: FittedChain, fraction: float | FloatArray) -> ComplexArray:
+def find_places(chain: FittedChain, fraction: float | FloatArray) -> ComplexArray:
     """The places (K,) at a fraction of the length of each piece, px."""
     a, b, sweep = chain.corners, np.roll(chain.corners, -1), 4 * np.arctan(chain.bulges)
     is_arc = np.abs(sweep) > 1e-6
@@ -296,13 +298,13 @@ def along(chain: FittedChain, fraction: float | FloatArray) -> ComplexArray:
     return np.asarray(a + (b - a) * np.where(is_arc, on_arc, fraction))
 
 
-def errors(chain: FittedChain, points: ComplexArray, piece: IntArray) -> FloatArray:
+def measure_errors(chain: FittedChain, points: ComplexArray, piece: IntArray) -> FloatArray:
     """Signed distances (N,) of points from their pieces, px."""
     ends = np.roll(chain.corners, -1)
-    return to_arcs(points, chain.corners[piece], ends[piece], chain.bulges[piece])
+    return measure_from_arcs(points, chain.corners[piece], ends[piece], chain.bulges[piece])
 
 
-def beyond(
+def select_beyond(
     chain: FittedChain, fillets: Fillets, points: ComplexArray, piece: IntArray
 ) -> BoolArray:
     """Select the points (N,) that are not within reach of a fillet of their piece."""
@@ -312,7 +314,7 @@ def beyond(
     return np.asarray(~at_start & ~at_end)
 
 
-def roundings(
+def measure_roundings(
     chain: FittedChain, fillets: Fillets, points: ComplexArray, piece: IntArray
 ) -> FloatArray:
     """Distance (N,) of points from a sharp corner that the blur explains, px.
@@ -326,12 +328,12 @@ def roundings(
     return explained
 
 
-def astray_beyond(sigma: float) -> float:
+def compute_astray_limit(sigma: float) -> float:
     """The largest rms distance, px, of points with the noise `sigma` (px) from their own curve."""
     return _SIGMAS * sigma + _EXTRA_PX
 
 
-def astray(
+def find_astray(
     chain: FittedChain,
     fillets: Fillets,
     points: ComplexArray,
@@ -348,11 +350,11 @@ def astray(
     """
     count = len(chain.corners)
     begin = np.searchsorted(piece, np.arange(count))
-    squares = errors(chain, points, piece) ** 2 * counts
+    squares = measure_errors(chain, points, piece) ** 2 * counts
     mean = np.add.reduceat(squares, begin) / np.maximum(np.add.reduceat(counts * 1.0, begin), 1)
-    is_bad = mean > astray_beyond(sigma) ** 2
+    is_bad = mean > compute_astray_limit(sigma) ** 2
     for fraction in (0.25, 0.5, 0.75):
-        distance = np.abs(points - along(chain, fraction)[piece])
+        distance = np.abs(points - find_places(chain, fraction)[piece])
         is_bad |= ~(np.minimum.reduceat(distance, begin) < _MAX_GAP_PX)
     size = np.bincount(piece, minlength=count)
     is_shorter = size <= np.roll(size, 1)
@@ -360,7 +362,7 @@ def astray(
     return is_bad | ~np.isfinite(chain.bulges)
 
 
-def fillets_of(
+def measure_fillets(
     chain: FittedChain, points: ComplexArray, piece: IntArray, blur: float, sigma: float
 ) -> Fillets:
     """Measure the small radii at the corners of a chain, by how far its points are from a corner.
@@ -394,12 +396,12 @@ def fillets_of(
         _MIN_RADIUS_FACTOR * sharp_depth + _MAX_PASS_PX, _MAX_PASS_BLURS * blur + _MAX_PASS_BLURS_PX
     )
     is_lost = ~has_radius & ~chain.smooth & (depth > max_depth)
-    zone = np.where(chain.smooth, 0.0, zone_of(turn, np.full(len(turn), blur)))
+    zone = np.where(chain.smooth, 0.0, compute_zone(turn, np.full(len(turn), blur)))
     rounding = np.where(np.abs(turn) < _POINTED, sharp_depth, 0.0)
     return Fillets(np.where(has_radius, reach, 0.0), turn, is_lost, rounding, zone)
 
 
-def no_fillets(chain: FittedChain) -> Fillets:
+def make_no_fillets(chain: FittedChain) -> Fillets:
     """Sharp corners, without looking for radii."""
     none = np.zeros(len(chain.corners))
     return Fillets(none, none, none > 0, none, none)
@@ -420,7 +422,7 @@ def _measure_depths(
     is_near = (offset >= -np.roll(size, 1)[:, None] / 2) & (offset < size[:, None] / 2)
     lowest = np.argmin(np.where(is_near, local.real, np.inf), axis=1).clip(1, len(offset) - 2)
     three = local[np.arange(len(corners))[:, None], lowest[:, None] + np.arange(-1, 2)]
-    return valley(three.imag.T, three.real.T)
+    return find_valley(three.imag.T, three.real.T)
 
 
 def repair(
@@ -442,7 +444,7 @@ def repair(
     # The corner beside a bad piece is unreliable, so the piece next to it ends at its own points.
     low = np.where(np.roll(bad, 1), _find_fractions(chain, points[begin[:-1]]), low)
     high = np.where(np.roll(bad, -1), _find_fractions(chain, points[begin[1:] - 1]), high)
-    first, last = along(chain, low), along(chain, high)
+    first, last = find_places(chain, low), find_places(chain, high)
     bulges = np.tan(np.arctan(chain.bulges) * (high - low))
     corners: list[ComplexArray] = []
     shapes: list[FloatArray] = []
@@ -477,7 +479,7 @@ def _find_fractions(chain: FittedChain, points: ComplexArray) -> FloatArray:
     is_arc = np.abs(bulge) > 1e-6
     safe = np.where(is_arc, bulge, 1.0)
     centre = (a + b) / 2 + 1j * (b - a) * (1 - safe**2) / (4 * safe)
-    middle = along(chain, 0.5) - centre
+    middle = find_places(chain, 0.5) - centre
     middle = np.where(np.abs(middle) > 1e-9, middle, 1.0)
     on_arc = 0.5 + np.angle((points - centre) / middle) / (4 * np.arctan(safe))
     on_line = ((points - a) * (b - a).conj()).real / np.maximum(np.abs(b - a) ** 2, 1e-18)

@@ -15,7 +15,7 @@ from camgen.geometry.ragged import begins, following, owners, ramp, stretches
 from camgen.geometry.rings import ComplexArray, Rings
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
-from camgen.vision.lines_arcs.fit import BoolArray, Curves, Sums, best, join_sums, sum_runs
+from camgen.vision.lines_arcs.fit import BoolArray, Curves, Sums, fit_best, join_sums, sum_runs
 
 #: Points of the first runs.
 _FIRST_POINTS = 2
@@ -71,7 +71,7 @@ class Runs(Struct, frozen=True, eq=False):
         return base + (place - base) % loops.count[loop], begins(self.count)
 
 
-def blocks(loops: Rings) -> Runs:
+def make_blocks(loops: Rings) -> Runs:
     """Divide the loops into runs of about two points."""
     parts = np.maximum(loops.count // _FIRST_POINTS, 1)
     loop, k = owners(parts), ramp(parts)
@@ -92,7 +92,7 @@ def fit_runs(
     """
     rows, begin = runs.rows(loops)
     sums = sum_runs(points[rows], weight[rows], begin)
-    curves, cost = best(sums, sigma[runs.loop], PRICE)
+    curves, cost = fit_best(sums, sigma[runs.loop], PRICE)
     return sums, curves, cost
 
 
@@ -111,7 +111,7 @@ def merge(
     for _ in range(_MAX_ROUNDS):
         after = runs.following()
         pair = join_sums(sums, sums.take(after))
-        pair_cost = best(pair, sigma[runs.loop], PRICE)[1]
+        pair_cost = fit_best(pair, sigma[runs.loop], PRICE)[1]
         corner_cost = _FAR_SIGMAS**2 * (ends + begins[after])
         saving = cost + cost[after] - pair_cost - corner_cost
         saving[~runs.several()] = -np.inf
@@ -182,10 +182,10 @@ def relax(
     later = np.where(several, half + _find_lowest(total, begin, size) - runs.count, 0)
     start = np.empty_like(later)
     start[after] = later
-    return within(Runs(runs.first + start, runs.count - start + later, runs.loop), loops)
+    return wrap_rows(Runs(runs.first + start, runs.count - start + later, runs.loop), loops)
 
 
-def within(runs: Runs, loops: Rings) -> Runs:
+def wrap_rows(runs: Runs, loops: Rings) -> Runs:
     """The runs with first rows that lie within their loops."""
     base = loops.first[runs.loop]
     return Runs(base + (runs.first - base) % loops.count[runs.loop], runs.count, runs.loop)

@@ -12,11 +12,17 @@ from msgspec import Struct
 
 from camgen.geometry.ragged import owners, ramp
 from camgen.geometry.rings import ComplexArray
-from camgen.geometry.thinning import Polylines, thin
+from camgen.geometry.thinning import Polylines, thin_chains
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
 from camgen.vision.lines_arcs.fit import BoolArray
-from camgen.vision.lines_arcs.polish import Fillets, FittedChain, along, repair, roundings
+from camgen.vision.lines_arcs.polish import (
+    Fillets,
+    FittedChain,
+    find_places,
+    measure_roundings,
+    repair,
+)
 
 #: How a piece is drawn: as it was fitted, as lines that are thinned out within the noise, or as
 #: lines from point to point.
@@ -80,7 +86,7 @@ def make_sound(
     Returns None if too much would be cut off.
     """
     drawn = np.where(bad, THINNED, FITTED)
-    max_distance = _MAX_DISTANCE + tolerance + roundings(chain, fillets, points, piece)
+    max_distance = _MAX_DISTANCE + tolerance + measure_roundings(chain, fillets, points, piece)
     for _ in range(_MAX_ROUNDS):
         ring = halve(_draw_ring(chain, fillets, drawn, points, piece, tolerance))
         pairs = _find_crossings(ring)
@@ -132,14 +138,14 @@ def _select_points(points: ComplexArray, thinned: BoolArray, tolerance: float) -
     ends = np.array([0, len(points)])
     polylines = Polylines(plane, np.zeros(len(points)), ends, np.flatnonzero(is_fixed))
     kept = np.zeros(len(points), dtype=np.bool_)
-    kept[thin(polylines, tolerance)] = True
+    kept[thin_chains(polylines, tolerance)] = True
     return kept
 
 
 def halve(ring: Ring) -> Ring:
     """Divide each arc of more than half a circle into two."""
     nowhere = np.zeros(len(ring.corners), dtype=np.bool_)
-    middle = along(FittedChain(ring.corners, ring.bulges, nowhere, nowhere), 0.5)
+    middle = find_places(FittedChain(ring.corners, ring.bulges, nowhere, nowhere), 0.5)
     is_large = np.abs(ring.bulges) > 1
     large = np.flatnonzero(is_large)
     half = np.where(is_large, np.tan(np.arctan(ring.bulges) / 2), ring.bulges)
@@ -240,7 +246,7 @@ def _compute_area(corners: ComplexArray) -> float:
     return float((corners.conj() * np.roll(corners, -1)).imag.sum() / 2)
 
 
-def stretches_of(
+def find_stretches(
     drawn: IntArray, points: ComplexArray, piece: IntArray
 ) -> tuple[ComplexArray, FloatArray]:
     """Find the stretches of an outline that are drawn as lines.

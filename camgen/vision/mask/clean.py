@@ -49,7 +49,7 @@ class MaskPiece(Struct, frozen=True, eq=False):
     filled: float
 
 
-def clean(
+def clean_mask(
     mask: Bytes, view: ScaledView, min_area: float, name: str, *, accepts_specks: bool = False
 ) -> tuple[Note, ...]:
     """Remove specks and loose things, and fill small holes, in `mask` (H, W), in place.

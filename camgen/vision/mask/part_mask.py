@@ -46,7 +46,7 @@ from camgen.vision.mask.channel import (
     smooth_noise,
     split_at_threshold,
 )
-from camgen.vision.mask.clean import clean
+from camgen.vision.mask.clean import clean_mask
 from camgen.vision.mask.doubt import (
     UncertainRegions,
     draw_uncertain_regions,
@@ -557,7 +557,7 @@ class Mask(Struct, frozen=True, eq=False):
     doubt: Bytes | None = None
 
 
-def part_mask(
+def make_mask(
     view: ScaledView,
     settings: ImageTable = _DEFAULTS,
     background: ScaledView | None = None,
@@ -595,7 +595,7 @@ def part_mask(
     if view.valid is not None:
         pixels[~view.valid] = 0
     accepts_specks = "specks" in settings.accept
-    notes += clean(pixels, view, settings.min_area, name, accepts_specks=accepts_specks)
+    notes += clean_mask(pixels, view, settings.min_area, name, accepts_specks=accepts_specks)
     uncertain = _find_uncertain(choice, cells, settings.min_area / view.mm_per_px**2)
     doubt: Bytes | None = None
     if uncertain is not None:
