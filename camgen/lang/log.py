@@ -17,8 +17,6 @@ from camgen.lang.programs import LEVELS, Assumption, Finding, Level
 from camgen.model.errors import one_line
 from camgen.model.text import counted
 
-#: End of a finding that rests on an assumption.
-IF_SO = "if the program comes here like this"
 #: Characters of an entry. A name in a program may be as long as its file.
 _LENGTH_LIMIT = 400
 #: Number of findings, and of entries of each other kind. They bound the memory. Beyond them the
@@ -62,7 +60,7 @@ class Log:
         if once:
             self._kinds.add(once)
         if self.is_uncertain and level == "refused" and not line:
-            level, what = "unusual", f"{what}, {IF_SO}"
+            level, what = "unusual", f"{what}, if the program comes here like this"
         self._findings.setdefault((line or self.line(), _shorten(what)), level)
 
     def assume(self, what: str, key: str = "", value: float = 0.0, *, line: int = 0) -> None:
