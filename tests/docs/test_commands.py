@@ -83,6 +83,7 @@ MODULE = re.compile(r"python -m ((?:bench|docs|camgen)[\w.]*\w)")
 #: Corners of the part.stl of the documents, mm: few edges, no two alike, three of them on top.
 WEDGE = [(20, 20, 60), (110, 20, 60), (20, 90, 60), (40, 35, 0)]
 OLD = "G21 G90\nG0 X0 Y0 Z10\nG1 Z0 F300\nG2 X20 I10 J0\nG1 X0\nG0 Z10\nM2\n"
+DRILL = "o<drill> sub\nG21 G0 X#1 Y#2\nG0 Z5\nG1 Z[-#3] F100\no<drill> endsub\n"
 SUB = "O9000\nG1 X5 F100\nM99\n"
 PLY = (
     "ply\nformat ascii 1.0\nelement vertex 2000\n"
@@ -163,6 +164,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "old.ngc": OLD,
         "old.nc": OLD,
         "sub.nc": SUB,
+        "drill.ngc": DRILL,
         "glue.mod": RAPID,
         "square.v2": VPLUS,
         "old.pcs": PACSCRIPT,

@@ -420,75 +420,25 @@ def test_a_seventh_axis_that_keeps_its_value_takes_no_time(lines, moving):
 
 # -- RAPID -----------------------------------------------------------------------------------------
 
-#: Two targets, and a number that depends on an input.
+#: Two targets. The statements begin in line 8.
 CASE = """MODULE M
   CONST robtarget h{{2}}:=[[[500,0,500],[0,0,1,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],
     [[600,0,500],[0,0,1,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]];
-  VAR num i;
+
   PROC main()
     VAR robtarget now;
-    VAR num k:=2;
+
     {}
     MoveL h{{1}},v100,fine,tool0;
-  ENDPROC
-  PROC choose(INOUT num given)
-    i:=7; given:=7;
   ENDPROC
 ENDMODULE
 """
 
 
-def run_rapid(*statements: str, **assume: float) -> Executed:
+def run_rapid(*statements: str) -> Executed:
     """The run of statements of a routine."""
     text = CASE.format("\n    ".join(statements))
-    return find_language("rapid").run({"m.mod": text}, Ask(assume=assume))
-
-
-IF_SO = "if the program comes here like this"
-MOVE = "MoveL h{{{}}},v100,fine,tool0;"
-OUTSIDE = "element {} of h, which has 2"
-
-
-@pytest.mark.parametrize(
-    ("statements", "fault"),
-    [
-        # The case: only the controller knows where the arm is at the start.
-        (("now:=CRobT();", "IF now.trans.y<0 i:=3;", MOVE.format("i")), OUTSIDE.format(3)),
-        (("IF di1=1 i:=3;", MOVE.format("i")), OUTSIDE.format(3)),
-        (("IF di1=1 THEN i:=k; ENDIF", MOVE.format("i+1")), OUTSIDE.format(3)),
-        # Values that follow rest on it too.
-        (("IF di1=1 i:=3;", "k:=2*i;", MOVE.format("k")), OUTSIDE.format(6)),
-        (("IF di1=1 i:=0;", "k:=1/i;"), "a division by 0"),
-        (("IF di1=1 choose k;", MOVE.format("k")), OUTSIDE.format(7)),
-        (("IF di1=1 choose k;", MOVE.format("i")), OUTSIDE.format(7)),
-        (("WHILE di1=1 DO i:=3; ENDWHILE", MOVE.format("i+9")), OUTSIDE.format(9)),
-        (("TEST gi1 CASE 1: i:=3; ENDTEST", MOVE.format("i")), OUTSIDE.format(3)),
-    ],
-)
-def test_a_fault_of_an_assumed_value_is_no_refusal(statements, fault):
-    line = 7 + len(statements)
-    assert tell(run_rapid(*statements)) == [f"{line}: unusual: {fault}, {IF_SO}"]
-
-
-@pytest.mark.parametrize(
-    ("statements", "fault"),
-    [
-        (("IF di1=1 i:=1;", "k:=3;", MOVE.format("k")), OUTSIDE.format(3)),
-        (("k:=3;", MOVE.format("k")), OUTSIDE.format(3)),
-        # A motion in the branch sets none of its arguments.
-        (("k:=3;", "IF di1=1 MoveL h{k-2},v100,fine,tool0;", MOVE.format("k")), OUTSIDE.format(3)),
-        # No value of i makes it right.
-        (("IF di1=1 i:=1;", "i:=i+TRUE;"), "a num + a bool: there is no such operation"),
-    ],
-)
-def test_another_fault_behind_an_assumed_branch_is_a_refusal(statements, fault):
-    line = 7 + len(statements)
-    assert tell(run_rapid(*statements)) == [f"{line}: refused: {fault}"]
-
-
-def test_the_user_may_decide_the_branch():
-    executed = run_rapid("IF di1=1 i:=3;", MOVE.format("i"), di1=1)
-    assert tell(executed) == [f"9: refused: {OUTSIDE.format(3)}"]
+    return find_language("rapid").run({"m.mod": text}, Ask())
 
 
 def list_places(executed: Executed) -> list[tuple[str, list[float]]]:

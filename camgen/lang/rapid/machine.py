@@ -15,7 +15,7 @@ from camgen.model.instructions import Instruction
 from camgen.model.pose import FloatArray, Pose, rotation_from_quaternion
 from camgen.model.text import counted
 
-from .tokens import Failed, Wrong
+from .tokens import Wrong
 from .tree import (
     Calling,
     Component,
@@ -142,7 +142,6 @@ class Machine:
     blending: int = 0  # line of the last motion, where it blends and nothing was switched since
     changes: int = 0  # how often data have been given another value
     version: int = 0  # how often records have
-    has_resting: bool = False  # whether the value of any data rests on a branch that was assumed
     pressing: tuple[int, int] | None = None
     welding: bool = False
     errors: int = 0  # numbers of errors that were given
@@ -467,9 +466,7 @@ class Machine:
             if isinstance(at, Unknown) or not isinstance(value, list):
                 return None
             if not 1 <= at <= len(value):
-                raise Failed(
-                    self.line, f"element {at:g} of {variable.name}, which has {len(value)}"
-                )
+                raise self.wrong(f"element {at:g} of {variable.name}, which has {len(value)}")
             places.append(int(at) - 1)
             value = value[int(at) - 1]
         return variable, (*path, *places), kind, max(dims - len(places), 0)

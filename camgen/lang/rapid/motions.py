@@ -21,7 +21,6 @@ from .effects import LOST_OPTIONS, OMITTED_OPTIONS, READ_OPTIONS, SILENT_OPTIONS
 from .functions import name_of
 from .machine import Machine, RobotPosition
 from .places import WORST_NORM, choose_frame, enter_placed, pose_of, see_pose
-from .tokens import Failed
 from .tree import Calling, Expr, Inline
 from .values import RelativeTarget, Value, find_unknown
 from .ways import is_half_turn, judge_arc, split_arc, split_at_circle_point
@@ -396,8 +395,7 @@ def _check_turn(machine: Machine, turn: tuple[float, ...]) -> None:
     norm = sum(v * v for v in turn)
     off = abs(norm - 1)
     if off > WORST_NORM:
-        what = f"an orientation that is none (the sum of its squares is {norm:.3g})"
-        raise Failed(machine.line, what)
+        raise machine.wrong(f"an orientation that is none (the sum of its squares is {norm:.3g})")
     if off > _LOOSE_NORM:
         what = f"an orientation that is not normalised (the sum of its squares is off by {off:.2g})"
         machine.log.find("unusual", what, once="norm")

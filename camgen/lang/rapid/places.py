@@ -12,7 +12,6 @@ from camgen.lang.values import Unknown
 from camgen.model.pose import Pose, quaternion, rotation_from_quaternion, translation
 
 from .machine import Machine
-from .tokens import Failed
 from .tree import Calling, Expr, Ref
 from .values import RelativeTarget, Value, find_unknown
 
@@ -33,8 +32,7 @@ def pose_of(machine: Machine, value: Value) -> Pose:
     (x, y, z), turn = value[0], value[1]
     norm = sum(v * v for v in turn)
     if abs(norm - 1) > WORST_NORM:
-        what = f"an orientation that is none (the sum of its squares is {norm:.3g})"
-        raise Failed(machine.line, what)
+        raise machine.wrong(f"an orientation that is none (the sum of its squares is {norm:.3g})")
     return Pose(machine.rotation(turn), (x, y, z))
 
 

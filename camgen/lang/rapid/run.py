@@ -12,7 +12,7 @@ from typing import Any
 
 from camgen.lang.code import Step
 from camgen.lang.flow import Choice, Counter, Flow, Raised, Rules
-from camgen.lang.log import IF_HERE, Log
+from camgen.lang.log import Log
 from camgen.lang.run import Budget, Ended, Stopped
 from camgen.lang.values import Unknown
 from camgen.model.instructions import Output
@@ -24,8 +24,7 @@ from .instructions import EFFECTS, CycleEnded
 from .interrupts import come, connect, judge_trap
 from .machine import Frame, Machine
 from .motions import form_of, inline, move
-from .resting import rest_on, rests, set_resting
-from .tokens import Failed, Wrong
+from .tokens import Wrong
 from .tree import (
     Assign,
     Calling,
@@ -173,7 +172,6 @@ class Runner:
         made = Variable(
             one.name, one.type, "parameter", machine.settled(one.type, machine.value(value))
         )
-        made.is_resting = rests(machine, value)
         made.dims = (0.0,) * one.dims
         return self._named_frame(made, value)
 
@@ -250,19 +248,12 @@ class Runner:
     ) -> bool:
         """Tell a choice of the engine."""
         log_choice(self.machine, choice, step, unknown, length)
-        if unknown is not None:
-            rest_on(self.machine, step)
         return True
 
     def report(self, step: Step, error: Exception) -> None:
         """Tell that a controller cannot carry out a step."""
         assert isinstance(error, Wrong)
-        line = error.line or step.line
-        if isinstance(error, Failed) and rests(self.machine, step):
-            what = f"{error.what}{IF_HERE}"
-            self.log.find("possible", what, line=line)
-        else:
-            self.log.find("refused", error.what, line=line)
+        self.log.find("refused", error.what, line=error.line or step.line)
 
 
 def _absent(one: Parameter) -> Variable:
@@ -348,10 +339,7 @@ def _run_late(runner: Runner, item: Late) -> None:
 
 
 def _run_assign(runner: Runner, item: Assign) -> None:
-    machine = runner.machine
-    machine.assign(item.target, machine.value(item.value))
-    if rests(machine, item.value):
-        set_resting(machine, item.target)
+    runner.machine.assign(item.target, runner.machine.value(item.value))
 
 
 def _run_word(runner: Runner, item: Word) -> None:

@@ -58,10 +58,6 @@ class Wrong(Exception):
         self.line, self.what = line, what
 
 
-class Failed(Wrong):
-    """A fault of a value at which a program stops. With another value it runs on."""
-
-
 def banner(text: str) -> int:
     """The length of the banner that ``text`` begins with, if any."""
     found = _BANNER.match(text)

@@ -10,7 +10,7 @@ from typing import Any
 
 from camgen.lang.values import Unknown
 
-from .tokens import LONGEST_STRING, Failed, Wrong
+from .tokens import LONGEST_STRING, Wrong
 from .tree import Data, Expr
 
 #: What an expression is worth: float, bool, str, tuple (record), list (array), Unknown, or what an instruction made.
@@ -47,7 +47,6 @@ class Variable:
     """Data with its value.
 
     name: name as declared.
-    is_resting: whether the value rests on a branch that was assumed.
     base: data of which a parameter is a part, and the path to the part within them.
     start: expression of the first value. It is evaluated when the value is needed.
     fault: reason why there is no value.
@@ -55,15 +54,14 @@ class Variable:
     """
 
     __slots__ = (
-        "base", "declaration", "dims", "fault", "home", "is_resting", "line", "name", "start",
-        "storage", "type", "value",
+        "base", "declaration", "dims", "fault", "home", "line", "name", "start", "storage", "type",
+        "value",
     )  # fmt: skip
 
     def __init__(
         self, name: str, kind: str, storage: str = "var", value: Value = None, line: int = 0
     ) -> None:
         self.name, self.type, self.storage, self.value, self.line = name, kind, storage, value, line
-        self.is_resting = False
         self.base: tuple[Variable, tuple[int, ...]] | None = None
         self.start: Expr | None = None
         self.dims: tuple[Expr, ...] = ()
@@ -133,7 +131,7 @@ def operate(sign: str, a: Value, b: Value, line: int) -> Value:
         return _calculate(sign, a, b, line)
     if sign == "+" and isinstance(a, str) and isinstance(b, str):
         if len(a) + len(b) > LONGEST_STRING:
-            raise Failed(line, f"a string becomes longer than {LONGEST_STRING} characters")
+            raise Wrong(line, f"a string becomes longer than {LONGEST_STRING} characters")
         return a + b
     if sign == "*" and _is_turn(a) and _is_turn(b):
         return multiply_turns(a, b)
@@ -169,13 +167,13 @@ def _calculate(sign: str, a: float, b: float, line: int) -> Value:
             a < b if sign == "<" else a <= b if sign == "<=" else a > b if sign == ">" else a >= b
         )
     if sign in ("/", "div", "mod") and b == 0:
-        raise Failed(line, "a division by 0")
+        raise Wrong(line, "a division by 0")
     if sign in ("div", "mod") and abs(a / b) < 3.5e38:
         whole = float(math.trunc(a / b))
         return whole if sign == "div" else a - whole * b
     value = a + b if sign == "+" else a - b if sign == "-" else a * b if sign == "*" else a / b
     if not abs(value) < 3.5e38:
-        raise Failed(line, "a number becomes larger than a num can be")
+        raise Wrong(line, "a number becomes larger than a num can be")
     return value
 
 
