@@ -11,13 +11,15 @@ committed before any finding was examined. These findings of each program are ex
 `verdicts.tsv` has a verdict on each:
 
 - true: the controller refuses the line, or cannot run the program; the line may do harm; the
-  motion is unusual as stated. If the finding names a condition, this holds under the condition.
+  motion is unusual as stated. If the finding names a condition, this holds under the condition. A
+  text that "cannot be run on" may also be for a controller without a dialect here.
 - false: the controller runs the line, or the harm is not there.
 - unclear: the text does not hold the answer. The reason names the missing fact.
 
 The command prints findings without a verdict, verdicts whose finding is gone, and the verdicts by
-language. The exit code is 1 if a verdict is missing, if 2 % of the programs or more have a false
-finding, or if a false finding is the reason of an exit code 2.
+language. A false finding is gone when its cause is corrected. The exit code is 1 if a verdict is
+missing, if 2 % of the programs or more have a false finding, or if a false finding is the reason of
+an exit code 2.
 """
 
 from __future__ import annotations
