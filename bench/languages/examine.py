@@ -127,7 +127,7 @@ def examine(language: str, name: str, data: bytes) -> Examined:
     text = data.decode("latin-1").replace("\r\n", "\n").replace("\r", "\n")
     with TemporaryDirectory() as folder, chdir(folder):
         Path(name).write_bytes(data)
-        exit_code, verified = _verify(name)
+        exit_code, verified = verify(name)
         counts["traceback"] += exit_code == _FAULT
         executed: list[Executed] = []
         ran = _catch(lambda: list(_run(language, name, text, executed)), counts)
@@ -160,7 +160,7 @@ def _run(language: str, name: str, text: str, executed: list[Executed]) -> Itera
         yield from list_body(run.body, run.lines, run.frame)
 
 
-def _verify(name: str) -> tuple[int, list[str]]:
+def verify(name: str) -> tuple[int, list[str]]:
     """Exit code and output of `camgen verify`."""
     output, errors = io.StringIO(), io.StringIO()
     with redirect_stdout(output), redirect_stderr(errors):

@@ -458,19 +458,21 @@ def _junctions_from_above(trace: Trace) -> FloatArray:
 def _find_odd_frames(trace: Trace) -> Marks:
     """Yield a motion with another tool or frame than both neighbours, in whose frame most run."""
     frame = trace.frame
-    single = _find_single(trace, frame)
+    single = _find_single(frame, ~trace.is_joint)
     if len(single) == 1 and np.count_nonzero(frame == frame[single[0] - 1]) > 2 * _LEAST:
         what = "the motion runs with another tool or in another frame than the motions beside it"
         yield single[0], what
 
 
-def _find_single(trace: Trace, values: Indices) -> list[int]:
-    """Return the motions of a path whose value (M,) differs from that of both neighbours."""
+def _find_single(values: Indices, is_compared: Mask) -> list[int]:
+    """Return the motions whose value (M,) differs from that of both neighbours.
+
+    is_compared: (M,) motions that may be one of the three.
+    """
     if len(values) < _LEAST:
         return []
-    on_path = ~trace.is_joint
     odd = (values[1:-1] != values[:-2]) & (values[:-2] == values[2:])
-    odd &= on_path[1:-1] & on_path[:-2] & on_path[2:]
+    odd &= is_compared[1:-1] & is_compared[:-2] & is_compared[2:]
     motions: list[int] = (np.flatnonzero(odd) + 1).tolist()
     return motions
 
@@ -501,6 +503,8 @@ def _find_odd_speeds(trace: Trace) -> Marks:
         odd = np.fmin(before, after) >= _RATIO
         odd |= np.fmax(before, after) <= 1 / _RATIO
     is_level = np.abs(trace.end[first, 2] - trace.start[first, 2]) < _SAME_HEIGHT
+    # A motion that covers no way has no speed.
+    is_level &= trace.moves[first]
     is_work = is_level & (speed < trace.speed.max())
     for run in (np.flatnonzero(odd) + 1).tolist():
         is_only = is_work[run] and np.count_nonzero(is_work) == 1
@@ -515,9 +519,13 @@ def _counts(values: FloatArray, value: float) -> int:
 
 
 def _find_odd_turns(trace: Trace) -> Marks:
-    """Yield the single place of a path with another orientation than both neighbours."""
-    single = _find_single(trace, _number_rotations(trace))
-    if len(single) != 1:
+    """Yield the single place of a path with another orientation than both neighbours.
+
+    If a joint motion turns the tool like this too, the turn is meant.
+    """
+    rotations = _number_rotations(trace)
+    single = _find_single(rotations, ~trace.is_joint)
+    if len(single) != 1 or len(_find_single(rotations, trace.rotation >= 0)) != 1:
         return
     before, turned = (trace.rotations[trace.rotation[single[0] + k]] for k in (-1, 0))
     angle = _turn_between(before, turned)

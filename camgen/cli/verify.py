@@ -173,10 +173,6 @@ def _judge(asked: _Asked, says: Voice) -> int:
     rows += [*rows_of(executed, place), *format_alternatives(alternatives)]
     rows += [("told", f"{note.what} ({note.why})") for note in told.notes]
     error = verdict(executed, paths[0], place)
-    if error is None and not (executed.body or executed.assumed or executed.facts):
-        error = InputError(
-            str(paths[0]), f"does nothing, read as {language.about}", remedy="name its --post"
-        )
     if arguments.report:
         _report(Path(arguments.report), asked, executed, told, rows, says)
     more = list(_UNEXAMINED)

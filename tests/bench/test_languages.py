@@ -10,9 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from bench.languages import choose, examine, mutants, public
+from bench.languages import choose, examine, mutants, public, verdicts
 from bench.languages.choose import RULES, Entry
 from bench.languages.mirror import Mirror, MissingError
+from camgen.lang.programs import LEVELS
 from camgen.model.instructions import Wait
 from camgen.model.pose import IDENTITY, Pose
 from camgen.model.program import MoveL
@@ -63,6 +64,7 @@ def mirror(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(choose, "REPOSITORIES", tmp_path / "repositories.tsv")
     monkeypatch.setattr(choose, "LIST", tmp_path / "public.tsv")
     monkeypatch.setattr(public, "FINDINGS", tmp_path / "findings.tsv")
+    monkeypatch.setattr(verdicts, "VERDICTS", tmp_path / "verdicts.tsv")
     (tmp_path / "public.tsv").write_text("\t".join(Entry._fields) + "\n")
     return tmp_path / "mirror"
 
@@ -88,6 +90,47 @@ def test_the_committed_list_keeps_its_rule_and_has_findings() -> None:
     rows = public.read_findings()
     assert list(rows) == [(entry.repository, entry.path) for entry in entries]
     assert not any("traceback" in row.counts for row in rows.values())
+
+
+def test_each_committed_verdict_has_a_finding_of_the_list_and_a_reason() -> None:
+    programs = {(entry.repository, entry.path) for entry in choose.read_list()}
+    rows = verdicts.read_verdicts().values()
+    lines = verdicts.VERDICTS.read_text(encoding="utf-8").splitlines()
+    assert len(rows) == len(lines) - 1, "two verdicts on one finding"
+    for row in rows:
+        assert (row.repository, row.path) in programs
+        assert row.level in LEVELS
+        assert row.verdict in verdicts.KINDS
+        assert re.fullmatch(r"[A-Z`].{20,}\.", row.reason), row.reason
+
+
+def test_a_finding_needs_a_verdict_that_is_not_false(
+    mirror: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    head = "\t".join(verdicts.Verdict._fields)
+    verdicts.VERDICTS.write_text(head + "\n")
+    commit(mirror / "owner+other", {"a.nc": GCODE.replace("M2", "G1 X[") + 100 * " "})
+    with (tmp_path / "repositories.tsv").open("a") as rows:
+        rows.write("gcode\tknown\towner/other\n")
+    run_bench(choose, [str(mirror), "--accept"], monkeypatch)
+    assert run_bench(verdicts, [str(mirror)], monkeypatch) == 1
+    listed = re.findall(r"without a verdict \| (.*) \|", capsys.readouterr().out)
+    assert len(listed) == 1
+    assert listed[0].startswith("owner/other | a.nc | 14 | refused |")
+
+    row = listed[0].replace(" | ", "\t")
+    verdicts.VERDICTS.write_text(f"{head}\n{row}\ttrue\tThe bracket is never closed.\n")
+    assert run_bench(verdicts, [str(mirror)], monkeypatch) == 0
+    verdicts.VERDICTS.write_text(f"{head}\n{row}\tfalse\tThe bracket is closed in this line.\n")
+    assert run_bench(verdicts, [str(mirror)], monkeypatch) == 1
+    gone = row.replace("\t14\t", "\t3\t")
+    verdicts.VERDICTS.write_text(f"{head}\n{gone}\ttrue\tThe bracket is never closed.\n")
+    capsys.readouterr()
+    assert run_bench(verdicts, [str(mirror)], monkeypatch) == 1
+    assert "| gone | owner/other | a.nc | 3 |" in capsys.readouterr().out
 
 
 def test_programs_are_chosen_by_their_text(

@@ -207,6 +207,18 @@ def test_a_line_with_a_finding_of_its_language_has_another_one_only_if_it_is_wor
     assert (level, line) == ("dangerous", PLUNGED + 1)
 
 
+def test_a_turn_that_a_joint_motion_makes_too_is_meant() -> None:
+    """A cup is emptied by a straight motion, and another one by a joint motion."""
+    turned = DOWN @ rotation_about(2, 1.0)
+    cups = [MoveL(pose(0, 90, 20), TRAVEL)]
+    cups += [MoveL(pose(0, 95, 20, turned), TRAVEL), MoveL(pose(0, 90, 20), TRAVEL)]
+    assert [what for _, _, what in harm_of([*sound(), *cups])] == [
+        "the tool turns by 57.3 deg in this place alone"
+    ]
+    other = [MoveJ(pose(50, 95, 20, turned), TRAVEL), MoveJ(pose(0, 90, 20), TRAVEL)]
+    assert harm_of([*sound(), *cups, *other]) == []
+
+
 def test_what_a_program_does_often_is_meant() -> None:
     """A program that travels at working height between all paths, as a laser does."""
     body = []
@@ -322,3 +334,10 @@ def test_the_feed_of_the_only_path_is_no_odd_speed() -> None:
     # With a second path at another feed, one of the two is odd.
     second = [MoveL(pose(40, 0), 50.0), MoveL(pose(50, 0), 20.0), MoveL(pose(50, 0, 20), TRAVEL)]
     assert [line for _, line, _ in harm_of([*body, *second])] == [3]
+
+
+def test_a_motion_without_a_way_has_no_odd_speed() -> None:
+    """The first step of a circle that is worked out begins where the tool is."""
+    body = sound()
+    step = MoveL(pose(55, 5), FEED / 20, 1.0)
+    assert harm_of([*body[:NEXT_SIDE], step, *body[NEXT_SIDE:]]) == []

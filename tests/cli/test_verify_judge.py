@@ -248,3 +248,11 @@ def test_a_header_that_names_another_frame(capsys):
         "glue.mod line 2: unusual: the header says tool frame 0 0 210 0 0 0, "
         "the program sets 0 0 200 0 0 0",
     ]
+
+
+def test_a_program_of_functions_alone_is_no_fault(capsys):
+    """DENSO keeps functions and data in files whose Main is empty."""
+    text = "Public distance(20) As Double\n\nSub Main\n\nEnd Sub\n"
+    code, page, lines, error = judged(capsys, write("data.pcs", text))
+    assert (code, lines, error) == (0, [], "")
+    assert page["program"].endswith("no instruction")

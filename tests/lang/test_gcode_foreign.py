@@ -75,6 +75,15 @@ def test_an_ngc_file_is_linuxcncs_where_nothing_else_shows():
     assert dict(run_gcode({"a.ngc": "G0 X1\n"}, Ask()).facts)["dialect"] == "linuxcnc (.ngc)"
 
 
+def test_an_ngc_file_with_a_probe_that_linuxcnc_lacks_is_of_another_controller():
+    """gcodetools names all its files .ngc. rs274 says of G31: unknown g code used."""
+    executed = run_gcode({"a.ngc": "G21\nG31 Z-10 F500\nG1 X1\n"}, Ask())
+    assert dict(executed.facts)["dialect"] == "iso (G31)"
+    assert not told(executed, "refused")
+    executed = run_gcode({"a.ngc": "G21\nG64 P0.1\nG31 Z-10 F500\nM2\n"}, Ask())
+    assert told(executed, "refused") == [(3, "G31 is not a code of linuxcnc")]
+
+
 @pytest.mark.parametrize(
     ("text", "known"),
     [
@@ -210,6 +219,7 @@ def test_a_printer():
         "G1 X10 E0.5 F1200",
         "G0 Y5 F6000",
         "M117 Printing part G1 X9",
+        "M115 U3.8.1",
         "G1 E-1",
         "M84 X Y E",
     )

@@ -204,7 +204,8 @@ MARLIN = Dialect(
 COMMON = Dialect(
     name="iso",
     source="ISO 6983-1; RS274/NGC, version 3 (NIST IR 6556)",
-    signs=_signs("(?!)"),
+    # A probe of many controllers. LinuxCNC and GRBL have G38 instead.
+    signs=_signs(r"\bg31\b(?=[ \t]*[xyz])"),
     codes=GROUP | _ROTATION,
     idle=_MACHINING | {"G28.2": _HOMING, "G28.3": _HOMING},
     names={"G31": "G38.2"},
@@ -214,7 +215,7 @@ COMMON = Dialect(
 )
 DIALECTS = {one.name: one for one in (LINUXCNC, GRBL, FANUC, LATHE, MACH3, MARLIN, COMMON)}
 #: In the order in which their signs decide.
-_ORDER = (MARLIN, GRBL, LATHE, MACH3, FANUC)
+_ORDER = (MARLIN, GRBL, LATHE, MACH3, FANUC, COMMON)
 _AXES = re.compile(r"\by[ \t]*[-+.\d]", re.IGNORECASE)
 
 #: Languages of controllers that look like G-code, by what no G-code has.

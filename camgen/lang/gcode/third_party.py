@@ -34,7 +34,8 @@ _TEXT = re.compile(
 )
 _MACRO = re.compile(r"[ \t]*[A-Za-z_]{3,}(?![\[#])|[ \t]*\{")
 _QUOTED = re.compile(r'"[^"]*"?')
-_TEXTS = re.compile(r"^([ \t]*(?:[nN][0-9]+[ \t]*)?[mM][0-9.]+).*[A-Za-z]{2}.*")
+#: A code with a text. The text of M115 is a version of the firmware, such as U3.8.1.
+_TEXTS = re.compile(r"^([ \t]*(?:[nN][0-9]+[ \t]*)?[mM](?:115\b|[0-9.]+(?=.*[A-Za-z]{2}))).*")
 _FLAG = re.compile(r"([A-Za-z])(?=[ \t]*(?:[A-Za-z]|$))")
 _EXPONENT = re.compile(
     r"[A-FH-LN-Z][ \t]*[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)E[-+]?[0-9]+(?![.0-9])", re.IGNORECASE

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from typing import Any
 
@@ -339,7 +340,15 @@ def _run_late(runner: Runner, item: Late) -> None:
 
 
 def _run_assign(runner: Runner, item: Assign) -> None:
-    runner.machine.assign(item.target, runner.machine.value(item.value))
+    machine = runner.machine
+    try:
+        value = machine.value(item.value)
+    except Wrong:
+        # The run goes on. The value that was there before would cause further findings.
+        with suppress(Wrong):
+            machine.assign(item.target, Unknown("a value that is refused"))
+        raise
+    machine.assign(item.target, value)
 
 
 def _run_word(runner: Runner, item: Word) -> None:

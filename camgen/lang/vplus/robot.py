@@ -406,7 +406,7 @@ class Robot(Surroundings):
         self.spend(1)
         if 1000 < number <= 2000:
             self.log.find("unusual", f"SIGNAL {number}: numbers 1001 to 2000 are inputs")
-        elif self._moving and number <= 1000:
+        elif self._moving and number <= 1000 and self.outputs.get(number) != on:
             what = (
                 f"signal {number} switches while the motion before it still runs: BREAK is missing"
             )

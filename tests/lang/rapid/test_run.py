@@ -611,6 +611,12 @@ def test_what_a_controller_turns_down(body: str, what: str) -> None:
     assert [(one.level, one.what) for one in executed.findings] == [("refused", what)]
 
 
+def test_a_value_that_is_refused_is_not_known_after_it() -> None:
+    """The controller stops there, and does not come to the lines that use the value."""
+    executed = done("n:=0;\nn:=1/n;\nn:=1/n;\nn:=a{n};")
+    assert [finding.what for finding in executed.findings] == ["a division by 0"]
+
+
 @pytest.mark.parametrize(
     ("module", "what"),
     [

@@ -202,6 +202,12 @@ def test_an_output_during_a_motion_is_dangerous():
     assert moves(found)[0].blend == 0
 
 
+def test_an_output_that_has_its_value_already_does_not_switch():
+    executed = execute("SIGNAL -5", "MOVE TRANS(1)", "SIGNAL -5", "SIGNAL -6", "BREAK")
+    what = "signal 6 switches while the motion before it still runs: BREAK is missing"
+    assert told(executed, "dangerous") == [(5, what)]
+
+
 def test_bits_and_reset():
     found = execute("BITS 1,3 = 5", "RESET")
     assert [(i.signal, i.value) for i in found.body] == [
