@@ -66,7 +66,7 @@ def test_nesting_is_the_same_without_the_short_way(drawn: list[Contour]) -> None
     segments = from_contours(drawn)
     short = nesting.find_nesting(segments, len(drawn))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(nesting, "plain", lambda _, count: np.zeros(count, dtype=np.bool_))
+        patch.setattr(nesting, "find_plain", lambda _, count: np.zeros(count, dtype=np.bool_))
         long = nesting.find_nesting(segments, len(drawn))
     for name in ("depth", "parent", "crossed", "empty"):
         assert getattr(short, name).tolist() == getattr(long, name).tolist()
