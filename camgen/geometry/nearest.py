@@ -90,7 +90,7 @@ class _Leaves(Struct, frozen=True, eq=False):
 
 
 def find_nearest_items(discs: Discs, count: int, wanted: int) -> NearestItems:
-    """About `wanted` nearest items of each of `count` items; see `Near.sure` for missing ones.
+    """About `wanted` nearest items of each of `count` items; see `NearestItems.sure` for missing ones.
 
     The distance of two items is that of their nearest discs, 0 if these overlap. If more than
     `wanted` items are at the same distance, for example at one point, only some of them are

@@ -242,7 +242,7 @@ def one_peck(patch: Patch) -> None:
 
 def swapped_side(patch: Patch) -> None:
     """Outer contours are followed on their inside."""
-    backwards = module("geometry.segments").backwards
+    backwards = module("geometry.segments").reverse_segments
     change_result(patch, "plan.follow", "turn_round", lambda drawn: backwards(drawn)[0])
 
 

@@ -127,7 +127,7 @@ def against(patch: Patch) -> None:
 
 
 def backwards(drawn: Any) -> Any:
-    return module("geometry.segments").backwards(drawn)[0]
+    return module("geometry.segments").reverse_segments(drawn)[0]
 
 
 def swapped_side(patch: Patch) -> None:
