@@ -90,7 +90,9 @@ class _Leaves(Struct, frozen=True, eq=False):
 
 
 def find_nearest_items(discs: Discs, count: int, wanted: int) -> NearestItems:
-    """About `wanted` nearest items of each of `count` items; see `NearestItems.sure` for missing ones.
+    """About `wanted` nearest items of each of `count` items.
+
+    `NearestItems.sure` says where items may be missing.
 
     The distance of two items is that of their nearest discs, 0 if these overlap. If more than
     `wanted` items are at the same distance, for example at one point, only some of them are

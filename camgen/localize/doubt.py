@@ -414,7 +414,8 @@ def _format_direction(vector: FloatArray) -> str:
 def measure_stray(model: Model, points: FloatArray, fit: ScanFit, within: float) -> float:
     """The number of points in the model's box that are off the model, per point on it.
 
-    It is 0 if the part is there, and more if it only seems to be. The box has no margin.
+    It is 0 if the part is there, and more if it only seems to be. The box is smaller by twice
+    `within` at each side.
 
     within: distance up to which a point is on the model, mm.
     """

@@ -104,7 +104,7 @@ def _continue_chains(
 ) -> tuple[FloatArray, NDArray[np.int8]]:
     """The best values of states of a row by moves from the row before, and the moves, (U,) each.
 
-    values, used: arguments of `add_steps`.
+    values, used: arguments of `add_steps`, which gives moves that are not open minus infinity.
     """
     total = add_steps(values, states, transitions, row, used, -_MM_PER_SECOND)
     move = total.argmax(axis=0)

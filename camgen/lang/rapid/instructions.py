@@ -228,6 +228,8 @@ def _supervise(machine: Machine, call: Calling) -> None:
     """ConfJ, ConfL, SingArea: each with its switch."""
     if call.args or len(call.options) > 1:
         raise machine.wrong(f"{call.name} has one switch")
+    if call.name == "confl":
+        machine.has_conf_l = not any(name.lower() == "off" for name, _ in call.options)
     _omit(machine, call)
 
 

@@ -136,6 +136,7 @@ class Machine:
     )  # work objects of frames that no text states
     placed_here: tuple[RobotPosition, str] | None = None  # the last position with such a frame
     displaced: Pose | None = None
+    has_conf_l: bool = True  # whether configurations are supervised on straight motions and arcs
     speed_override: float = 1.0
     speed_most: float = 0.0
     passes_circle_point: bool = False  # whether arcs turn by way of the circle point

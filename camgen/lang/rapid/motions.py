@@ -25,6 +25,8 @@ from .tree import Calling, Expr, Inline
 from .values import RelativeTarget, Value, find_unknown
 from .ways import is_half_turn, judge_arc, split_arc, split_at_circle_point
 
+#: Difference of two quadrants of an axis from which on it turns by more than 180 deg.
+_FAR_QUARTER_TURNS = 3
 #: mm/s where the text gives no speed that is one.
 _SLOWEST = 0.01
 #: An orientation whose square is off by more than this is looked at twice: NOrient takes 1e-5, hands print four digits.
@@ -401,6 +403,26 @@ def _check_turn(machine: Machine, turn: tuple[float, ...]) -> None:
         machine.log.find("unusual", what, once="norm")
 
 
+def _check_configuration(machine: Machine, rest: tuple[Value, ...]) -> None:
+    """Adds a finding for a configuration that no straight motion or arc leads to.
+
+    With ConfL the controller stops there. Another cfx needs another shoulder, elbow or wrist. An
+    axis that is three quarter turns away turns by more than 180 deg.
+    """
+    before, after = (_read_confdata(values) for values in (machine.position.rest, rest))
+    if before is None or after is None:
+        return
+    turns = [abs(new - old) for new, old in zip(after[:3], before[:3], strict=True)]
+    if after[3] != before[3] or max(turns) >= _FAR_QUARTER_TURNS:
+        old, new = _format_conf(before), _format_conf(after)
+        what = f"the configuration of the axes changes from {old} to {new} on the way"
+        machine.log.find("dangerous", f"{what}: with ConfL the controller stops there")
+
+
+def _format_conf(conf: tuple[float, ...]) -> str:
+    return f"[{','.join(f'{value:g}' for value in conf)}]"
+
+
 def _emit(
     machine: Machine,
     form: Form,
@@ -412,6 +434,8 @@ def _emit(
     """The motion itself."""
     start = see_pose(machine)
     posture = _posture(rest)
+    if form.kind != "j" and machine.has_conf_l:
+        _check_configuration(machine, rest)
     if len(rest) > 1:
         _tell_external(machine, rest[1])
     if form.kind == "j":
@@ -436,13 +460,19 @@ def _confdata(conf: tuple[float, ...]) -> Posture | None:
 
 
 def _posture(rest: tuple[Value, ...]) -> Posture | None:
+    conf = _read_confdata(rest)
+    return None if conf is None else _confdata(conf)
+
+
+def _read_confdata(rest: tuple[Value, ...]) -> tuple[float, ...] | None:
+    """The four numbers of a configuration, None if it is not known."""
     conf = rest[0] if rest else None
     if (
         isinstance(conf, tuple)
         and len(conf) == 4
         and all(type(v) is float and abs(v) < 1e6 for v in conf)
     ):
-        return _confdata(conf)
+        return conf
     return None
 
 

@@ -117,7 +117,7 @@ def _parallel(a: FloatArray, b: FloatArray, slack: float = _ANGLE) -> bool:
 
 
 def _upright(direction: FloatArray) -> FloatArray:
-    """`direction` or its opposite: the one that points up in the base frame, or ahead if level."""
+    """`direction` or its opposite, with a positive z, or y if z is 0, or x if both are 0."""
     last = np.flatnonzero(np.abs(direction) > _ANGLE)[-1]
     return direction if direction[last] > 0 else -direction
 

@@ -611,6 +611,36 @@ def test_what_a_controller_turns_down(body: str, what: str) -> None:
     assert [(one.level, one.what) for one in executed.findings] == [("refused", what)]
 
 
+CONF = "[[500,0,500],[0,0,1,0],[{}],[9E9,9E9,9E9,9E9,9E9,9E9]]"
+
+
+@pytest.mark.parametrize(
+    ("before", "switch", "move", "after", "is_found"),
+    [
+        # Another shoulder, elbow or wrist.
+        ("0,0,0,0", "", "MoveL", "0,0,0,1", True),
+        # Axis 6 from between -180 and -90 deg to between 90 and 180 deg.
+        ("0,0,-2,0", "", "MoveL", "0,0,1,0", True),
+        ("0,0,-2,0", "ConfL\\On;", "MoveL", "0,0,1,0", True),
+        ("0,0,-2,0", "ConfL\\Off;", "MoveL", "0,0,1,0", False),
+        # A joint motion goes anywhere; an axis may pass a quarter turn on a line.
+        ("0,0,-2,0", "", "MoveJ", "0,0,1,1", False),
+        ("0,0,0,0", "", "MoveL", "-1,0,1,0", False),
+    ],
+)
+def test_a_configuration_that_no_line_leads_to_is_dangerous(
+    before: str, switch: str, move: str, after: str, is_found: bool
+) -> None:
+    """Reference manual, ConfL: with it the program stops at another configuration."""
+    body = f"{switch}\nMoveJ {CONF.format(before)},v10,fine,tG;\n"
+    executed = done(body + f"{move} {CONF.format(after)},v10,fine,tG;")
+    old, new = f"[{before}]", f"[{after}]"
+    what = f"the configuration of the axes changes from {old} to {new} on the way: "
+    expected = [("dangerous", what + "with ConfL the controller stops there")]
+    listed = [(finding.level, finding.what) for finding in executed.findings]
+    assert listed == expected * is_found
+
+
 def test_a_value_that_is_refused_is_not_known_after_it() -> None:
     """The controller stops there, and does not come to the lines that use the value."""
     executed = done("n:=0;\nn:=1/n;\nn:=1/n;\nn:=a{n};")
