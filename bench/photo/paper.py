@@ -18,7 +18,7 @@ from camgen.read.job_file import load_job
 from camgen.vision.boards.find import find
 from camgen.vision.boards.sheet import make_sheet
 from camgen.vision.camera.camera import Camera, read_camera
-from camgen.vision.image import Picture
+from camgen.vision.image import Picture, read_picture
 from camgen.vision.plane import Plane, fit_plane, make_plane
 from camgen.vision.to_scale import rectify
 
@@ -33,7 +33,7 @@ def paper_route(folder: Path, name: str, photo: str, truth: Truth) -> np.ndarray
     the paper's background model would do no better.
     """
     job = load_job(folder / f"{name}.toml")
-    picture = load_job(Files().read(folder / photo))
+    picture = read_picture(Files().read(folder / photo))
     camera = read_camera(Files().read(folder / f"{name}.yaml"))
     plane = _plane(job, picture, camera)
     x, y = truth.points.real, truth.points.imag
