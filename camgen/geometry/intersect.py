@@ -112,9 +112,9 @@ def only_at_ends(segments: Segments, i: IntArray, j: IntArray) -> BoolArray:
     """(K,) whether a pair (i, j) can have nothing in common but an end of each.
 
     That is known if their boxes meet at a corner only, and both have an end there. All that
-    `find_cuts` and `find_crossings` find for such a pair is less than 1e-6 mm from an end of both: it is within
-    `TOUCH` of both boxes, so within 3e-7 mm of these ends. Along an arc of not much more than half
-    a circle that is no more than twice as far.
+    `find_cuts` and `find_crossings` find for such a pair is less than 1e-6 mm from an end of
+    both: it is within `TOUCH` of both boxes, so within 3e-7 mm of these ends. Along an arc of
+    not much more than half a circle that is no more than twice as far.
     """
     boxes = compute_bounds(segments)
     a, b = boxes.take(i, axis=0), boxes.take(j, axis=0)
