@@ -105,7 +105,7 @@ def list_findings(language: str, name: str, data: bytes) -> list[Finding]:
             line, what = executed.stopped
             reasons.append(Finding("refused", line, f"cannot be run on: {what}"))
         reasons += [item for item in executed.findings if item.level == "dangerous"]
-        # An error without a finding stands in the last line alone.
+        # The reason of an error without a finding is in the last line.
         reasons.append(Finding("refused", 0, printed[-1].removeprefix("camgen: error: ")))
         listed += [item for item in reasons[:1] if item not in listed]
     return sorted(listed, key=lambda item: item.line)

@@ -46,7 +46,12 @@ class Stretch(Struct, frozen=True, eq=False):
 
 
 class Lost(Struct, frozen=True):
-    """row: where it stops. text: why. way: as in ``BlockedPath``."""
+    """A motion that the arm cannot run to its end.
+
+    row: row at which it stops.
+    text: the reason, with its position.
+    way: whether the link is blocked, see `BlockedPath`.
+    """
 
     row: int
     text: str

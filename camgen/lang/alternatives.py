@@ -16,8 +16,11 @@ from camgen.lang.log import IF_HERE
 from camgen.lang.programs import LEVELS, Ask, Executed, Finding, Language, OpenChoice
 from camgen.model.text import counted
 
-#: Further runs, and the lines of all of them together. A long program takes the time of one run.
-_RUN_LIMIT, _LINE_LIMIT = 24, 20_000
+#: Number of further runs.
+_RUN_LIMIT = 24
+#: Size of all further runs together: lines of the text, instructions and steps of each. A long
+#: program, or one with long loops, takes the time of one run.
+_SIZE_LIMIT = 100_000
 #: Line and text of a finding.
 _Key = tuple[int, str]
 
@@ -51,7 +54,7 @@ class _Run(Struct, frozen=True, eq=False):
 
 
 def run_alternatives(language: Language, files: Mapping[str, str], ask: Ask) -> Alternatives:
-    """Run a program with its default options, and with others up to a limit of runs and lines.
+    """Run a program with its default options, and with others up to limits of number and size.
 
     files: texts by name, see `Language.run`.
     """
@@ -59,18 +62,23 @@ def run_alternatives(language: Language, files: Mapping[str, str], ask: Ask) -> 
     if not default.executed.choices:
         return Alternatives(default.executed)
     text_lines = sum(text.count("\n") + 1 for text in files.values())
-    size = text_lines + len(default.executed.lines)
-    limit = min(_RUN_LIMIT, _LINE_LIMIT // size)
+    # A further run is expected to be as large as the default run.
+    left = _SIZE_LIMIT - _measure(default, text_lines)
     choices: dict[int, OpenChoice] = {}
     waiting = [*_list_new_options(default, choices)]
     runs = [default]
-    while waiting and len(runs) <= limit:
+    while waiting and len(runs) <= _RUN_LIMIT and left >= 0:
         shifts = waiting.pop(0)
         run = _Run(shifts, language.run(files, replace(ask, shifts=shifts)))
         runs.append(run)
+        left -= _measure(run, text_lines)
         waiting += _list_new_options(run, choices)
     executed = _join(runs, choices)
     return Alternatives(executed, tuple(choices.values()), len(runs), len(waiting))
+
+
+def _measure(run: _Run, text_lines: int) -> int:
+    return text_lines + len(run.executed.lines) + run.executed.steps
 
 
 def _list_new_options(run: _Run, choices: dict[int, OpenChoice]) -> Iterator[Mapping[int, int]]:

@@ -238,6 +238,7 @@ class Flow:
             self._run(CallFrame(code), start, within)
         finally:
             self._depth -= 1
+            self._language.log.steps = self._budget.spent
 
     def _run(self, frame: CallFrame, at: int, within: range) -> None:
         steps = frame.code.steps

@@ -35,6 +35,7 @@ class Log:
 
     line: function that returns the number of the line that runs, from 1 through all files.
     shifts: options that the run takes, see `Ask.shifts`.
+    steps: number of steps of the run.
     is_uncertain: whether the run took a branch that the text does not determine. After that a line
         that the controller would refuse is a possible finding, not refused.
     assumed: assumptions by key and text.
@@ -47,6 +48,7 @@ class Log:
     ) -> None:
         self.line = line
         self.shifts = shifts
+        self.steps = 0
         self.is_uncertain = False
         self.assumed: dict[tuple[str, str], Assumption] = {}
         self.facts: dict[str, dict[str, int]] = {}

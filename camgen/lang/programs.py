@@ -182,6 +182,7 @@ class Executed(Struct, frozen=True, eq=False):
     stopped: line and reason where the run ended too early, None if it ended as the text says.
     untimed: number of motions of external axes. Their time is not known.
     choices: open choices that the run came to, in order.
+    steps: number of steps of the run, if it came to open choices.
     """
 
     body: Sequence[Instruction]
@@ -196,6 +197,7 @@ class Executed(Struct, frozen=True, eq=False):
     stopped: tuple[int, str] | None = None
     untimed: int = 0
     choices: tuple[OpenChoice, ...] = ()
+    steps: int = 0
 
     @property
     def work(self) -> Pose | None:
@@ -328,6 +330,7 @@ _EXECUTED = {
     "omitted": be(tuple, "a tuple of lines with texts"),
     "untimed": be(int, "a number of motions"),
     "choices": be_each(tuple, be(OpenChoice, "an OpenChoice"), "a tuple of OpenChoice"),
+    "steps": be(int, "a number of steps"),
 }
 
 

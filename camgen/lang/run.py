@@ -24,18 +24,21 @@ class Budget:
     A program may take as many steps as its text has statements, and the steps of its limit more.
 
     left: number of steps that may still be taken.
+    spent: number of steps that were taken.
     limit: number of steps in loops and calls.
     key: name of the limit in the job, such as "rapid_steps".
     """
 
     def __init__(self, statements: int, limit: float, key: str) -> None:
         self.left = statements + int(limit)
+        self.spent = 0
         self.limit = limit
         self.key = key
 
     def spend(self, steps: int = 1) -> None:
         """Take steps. Stopped if the budget has too few of them."""
         self.left -= steps
+        self.spent += steps
         if self.left < 0:
             steps_text = f"{format_limit(self.limit)} steps in loops and calls (limits.{self.key})"
             raise Stopped(f"the program has not ended after {steps_text}")

@@ -102,6 +102,16 @@ def test_an_end_on_each_branch_stays() -> None:
     assert play(broken, broken).executed.stopped == (3, "no end")
 
 
+def test_long_loops_are_run_on_few_branches() -> None:
+    """The default run takes 60,000 steps: after one more run the limit is passed."""
+    choices = []
+    for number in range(6):
+        choices += [f"IF di{number}=1 THEN", GOOD, "ENDIF"]
+    result = rapid("VAR num n;", *choices, "FOR i FROM 1 TO 29990 DO", "n:=n+i;", "ENDFOR")
+    assert result.executed.steps > 50_000
+    assert (result.runs, result.missing) == (2, 5)
+
+
 def test_branches_that_are_not_run_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(alternatives, "_RUN_LIMIT", 2)
     choice = (OpenChoice(2, "gi1", 5),)

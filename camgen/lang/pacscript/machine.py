@@ -363,6 +363,7 @@ class Machine:
             stopped,
             self.log.untimed,
             self.log.list_choices(),
+            self.log.steps,
         )
 
 

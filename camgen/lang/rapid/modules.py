@@ -68,4 +68,5 @@ def _answer(machine: Machine, stopped: tuple[int, str] | None) -> Executed:
         untimed=machine.log.untimed,
         stopped=stopped,
         choices=machine.log.list_choices(),
+        steps=machine.log.steps,
     )

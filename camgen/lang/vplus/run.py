@@ -78,6 +78,7 @@ def run_programs(files: Mapping[str, str], ask: Ask) -> Executed:
         omitted=log.list_omitted(),
         stopped=machine.stopped,
         choices=log.list_choices(),
+        steps=log.steps,
     )
 
 

@@ -1,0 +1,66 @@
+"""Time of `camgen verify` on the ten longest public programs.
+
+    python -m bench.languages.longest FOLDER [PYTHON] [RUNS, 3]
+
+FOLDER has the git directories of the repositories of `public.tsv` (`mirror`). PYTHON is an
+interpreter with another state of camgen, whose runs are measured in turns with ours. Seconds are
+those of the processor, the least of RUNS.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path, PurePosixPath
+from tempfile import TemporaryDirectory
+
+from bench.languages.choose import Entry, read_list
+from bench.languages.mirror import Mirror, MissingError
+from bench.support.runner import Table, machine
+from bench.support.timing import measure_in_turns
+
+#: Number of programs.
+_COUNT = 10
+
+
+def main(arguments: list[str]) -> int:
+    """Print a row for each program. The exit code is 0."""
+    if not arguments:
+        sys.exit(__doc__)
+    pythons = {"ours": sys.executable, "peer": arguments[1] if len(arguments) > 1 else ""}
+    runs = int(arguments[2]) if len(arguments) > 2 else 3
+    print(f"{machine()}\n")
+    table = Table("language | program | lines {:,} | s {:.2f} | peer, s {} | times the peer {}")
+    with TemporaryDirectory() as scratch:
+        for entry, data in list_longest(Path(arguments[0])):
+            file = Path(scratch, PurePosixPath(entry.path).name)
+            file.write_bytes(data)
+            words = ["-m", "camgen", "verify", str(file)]
+            commands = {}
+            for name, python in pythons.items():
+                if python:
+                    commands[name] = ["sh", "-c", '"$@" || true', "sh", python, *words]
+            measured = measure_in_turns(commands, runs)
+            least = {}
+            for name, processes in measured.items():
+                least[name] = min(process.processor for process in processes)
+            peer = least.get("peer")
+            shown = ("-", "-") if peer is None else (f"{peer:.2f}", f"{least['ours'] / peer:.2f}")
+            table.add(entry.language, entry.path, data.count(b"\n"), least["ours"], *shown)
+    return 0
+
+
+def list_longest(folder: Path) -> list[tuple[Entry, bytes]]:
+    """The longest programs of the list with their bytes, by number of lines."""
+    programs = []
+    for entry in read_list():
+        try:
+            data = Mirror(folder, entry.repository).read_file(entry.commit, entry.path)
+        except MissingError:
+            continue
+        programs.append((entry, data))
+    programs.sort(key=lambda program: -program[1].count(b"\n"))
+    return programs[:_COUNT]
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
