@@ -20,7 +20,7 @@ from camgen.model.pose import FloatArray
 from camgen.model.text import counted, short
 from camgen.plan.beside import NO_HELIX
 from camgen.plan.columns import SLOWEST, plunge_path
-from camgen.plan.drill import Hole, diameters, find_circles, innermost
+from camgen.plan.drill import Hole, find_circles, read_diameters, select_innermost
 
 #: A circle that differs from the tool by no more than this, mm, is as wide as it.
 _SAME_MM = 0.01
@@ -49,7 +49,7 @@ def bore(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]:
             "tool.kind",
             "choose a mill",
         )
-    lowest, highest = diameters(job)
+    lowest, highest = read_diameters(job)
     every = find_circles(part)
     wanted = [hole for hole in every if lowest <= hole.diameter <= highest]
     if not wanted:
@@ -59,7 +59,7 @@ def bore(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]:
             what,
             remedy="camgen inspect shows what the file holds; see operation.holes",
         )
-    chosen = innermost(wanted)
+    chosen = select_innermost(wanted)
     notes = _tell_others(part, len(every), len(wanted), len(chosen), (lowest, highest))
     narrow, same, wide, whole, good = _sort_out(chosen, job)
     tool = job.tool.diameter

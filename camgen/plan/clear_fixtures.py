@@ -23,7 +23,7 @@ from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 from camgen.model.text import short
 from camgen.model.tolerance import NONZERO, SAME_POINT_MM
-from camgen.plan import EdgePlan, JobPlan, Plan, ReplayPlan, chain_paths
+from camgen.plan import EdgePlan, JobPlan, Plan, ReplayPlan, join_paths
 from camgen.plan.leave_out import leave_out_paths
 from camgen.plan.pieces import begin_at, lengths_along, split_at
 
@@ -112,7 +112,7 @@ def clear_fixtures(plan: Plan, job: Job, fixtures: Fixtures) -> Plan:
     clear_plan = replace(
         plan,
         plans=tuple(cleared),
-        paths=chain_paths(cleared),
+        paths=join_paths(cleared),
         notes=all_notes,
         left_out=tuple(left_out),
     )

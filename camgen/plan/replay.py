@@ -22,7 +22,7 @@ from camgen.model.tolerance import SAME_POINT_MM
 from camgen.plan import ReplayPlan
 from camgen.plan.close_positions import thin_positions
 from camgen.plan.tool_parts import split_by_tool
-from camgen.plan.unused import no_idle
+from camgen.plan.unused import check_idle
 
 
 def plan_replay(part: Part, job: Job, cell: Cell | None) -> ReplayPlan:
@@ -30,7 +30,7 @@ def plan_replay(part: Part, job: Job, cell: Cell | None) -> ReplayPlan:
     that would have no effect, InputError for a feed that no machine runs.
     """
     assert isinstance(part, Recorded)
-    no_idle(job, "a replay")
+    check_idle(job, "a replay")
     part = _slow(part, job.process.max_feed)
     on_arm = cell is not None and isinstance(cell.home, Joints)
     if on_arm:

@@ -16,7 +16,7 @@ from camgen.model.program import Joints
 from camgen.model.text import short
 from camgen.plan import Plan, Watch
 from camgen.plan.columns import pass_depths
-from camgen.plan.unused import no_idle
+from camgen.plan.unused import check_idle
 
 #: rad: an axis that leans by no more is straight down.
 _UPRIGHT = math.radians(1e-4)
@@ -31,9 +31,9 @@ def plan_space(part: Part, job: Job, cell: Cell | None, watch: Watch) -> Plan:
     if isinstance(cell.home, Joints):
         from camgen.plan.edges.curves import plan_curves  # noqa: PLC0415 (fcl and kinematics, only for what needs them)
 
-        no_idle(job, "curves in space")
+        check_idle(job, "curves in space")
         return plan_curves(part, job, cell, watch)
-    no_idle(job, "curves in space on a machine without an arm")
+    check_idle(job, "curves in space on a machine without an arm")
     _insist_on_three_axes(part, job)
     return Plan(part, tuple(_path(curve, job) for curve in part.curves), part.notes)
 

@@ -24,7 +24,7 @@ from camgen.model.pose import Pose, frozen, to_vec3
 from camgen.model.program import Columns, Instruction, Joints, Motion, MoveC, MoveJ, MoveL, Output
 from camgen.model.text import counted
 from camgen.plan import ReplayPlan
-from camgen.plan.unused import no_idle
+from camgen.plan.unused import check_idle
 from camgen.robots.models import Robot
 from camgen.robots.workcell import Workcell
 
@@ -33,7 +33,7 @@ def plan_taught(part: Taught, job: Job, cell: Cell | None) -> ReplayPlan:
     """The program's motions as they stand in it; its paths are what it runs in lines and arcs, between motions of the
     joints. InputError for a motion to joint values that cannot be told to another arm.
     """
-    no_idle(job, "a taught program")
+    check_idle(job, "a taught program")
     body, lines, notes = _without_joints(part, job, cell)
     if not any(isinstance(item, MoveJ | MoveL | MoveC) for item in body):
         raise InputError(

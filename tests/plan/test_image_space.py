@@ -26,7 +26,7 @@ from camgen.plan.image_space.tool_path import (
     smooth,
     spaced,
 )
-from camgen.plan.unused import no_idle
+from camgen.plan.unused import check_idle
 
 SCALE = 0.143
 TOOL = 6.0
@@ -402,8 +402,8 @@ def test_the_geometric_planner_has_no_waypoints_to_space(setting: dict[str, floa
     with pytest.raises(
         JobError, match=r"no effect on the geometric planner \(operation\.waypoint_"
     ):
-        no_idle(job, "the geometric planner")
-    no_idle(job, "a picture")
+        check_idle(job, "the geometric planner")
+    check_idle(job, "a picture")
 
 
 def test_the_start_of_the_curve_does_not_matter_to_the_filter() -> None:

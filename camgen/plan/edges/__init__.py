@@ -45,7 +45,7 @@ from camgen.plan.edges.pieces import PieceSearch, Ways
 from camgen.plan.edges.poses import poses
 from camgen.plan.edges.remedy import Attempt, remedies
 from camgen.plan.edges.select import select
-from camgen.plan.unused import no_idle
+from camgen.plan.unused import check_idle
 from camgen.robots.models import Robot
 from camgen.robots.workcell import Workcell
 
@@ -255,7 +255,7 @@ def _check(job: Job, cell: Cell) -> None:
         raise JobError(
             "job", "edges of 3-D parts need an arm", "--post", "give rapid, pacscript or vplus"
         )
-    no_idle(job, "a 3-D part")
+    check_idle(job, "a 3-D part")
 
 
 def leave_out(
