@@ -158,7 +158,7 @@ class Proposal(Struct, frozen=True):
     """Tools and operations for a drawing.
 
     tools: tools that the library lacks, or whose feeds and speeds it does not state.
-    operations: rows of ``[[operations]]``.
+    operations: rows of `[[operations]]`.
     left: ids of closed contours that no operation works on.
     thickness: material thickness, mm, from which the depths follow.
     material: name of the material, "" if it is unknown.

@@ -95,7 +95,7 @@ def find_boundary(part: Part, job: Job) -> frozenset[str]:
 
 
 def _choose_each(part: Part, job: Job) -> list[frozenset[str]]:
-    """The ids of the contours that each operation of ``job`` works on."""
+    """The ids of the contours that each operation of `job` works on."""
     return [_choose(part, step, number) for number, step in enumerate(job.operations)]
 
 

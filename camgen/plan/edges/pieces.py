@@ -17,7 +17,7 @@ from camgen.plan import MAY_END, Watch, ignore_stages
 from camgen.plan.edges.poses import measure_line
 
 #: Lines with their pose paths, or with the reasons why they have none.
-Ways = Sequence[tuple[Line, PosePath | UnreachableEdge]]
+LinePaths = Sequence[tuple[Line, PosePath | UnreachableEdge]]
 
 
 class PieceSearch(Struct):
@@ -42,7 +42,7 @@ class PieceSearch(Struct):
 
     def find(
         self,
-        lines: Ways,
+        lines: LinePaths,
         whole: Sequence[EdgeMotion | UnreachableEdge],
         coverage: Coverage,
     ) -> dict[str, tuple[EdgeMotion, ...]]:

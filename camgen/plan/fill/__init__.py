@@ -49,7 +49,7 @@ _DISC = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
 
 
 def passes(field: Ground, radius: float, spacing: float) -> list[ComplexArray]:
-    """Closed lines (N,) px at ``radius``, ``radius + spacing``, ... px from the border, no first point again."""
+    """Closed lines (N,) px at `radius`, `radius + spacing`, ... px from the border, no first point again."""
     level = radius
     found: list[ComplexArray] = []
     deepest = float(field.depth.max()) if field.depth.size else 0.0
@@ -80,9 +80,9 @@ def core(field: Ground, radius: float) -> Pixels:
 def _exact(
     field: Ground, chains: Sequence[FloatArray], level: float, rounds: int
 ) -> list[ComplexArray]:
-    """Chains of pixels (N, 2) moved to exactly ``level`` px from the border.
+    """Chains of pixels (N, 2) moved to exactly `level` px from the border.
 
-    Beside a corner a point has two sides to keep away from: in further ``rounds`` its neighbours' feet are tried too.
+    Beside a corner a point has two sides to keep away from: in further `rounds` its neighbours' feet are tried too.
     """
     if not chains:
         return []
@@ -126,7 +126,7 @@ class _Bare(Struct, frozen=True, eq=False):
 
 
 def find_uncovered(field: Ground, ink: Pixels, radius: float, least: float) -> list[CentreLine]:
-    """Lines and dots for what of ``field`` is without ``ink``. least: pixels of a piece that is worth one."""
+    """Lines and dots for what of `field` is without `ink`. least: pixels of a piece that is worth one."""
     pixels = np.asarray(cv2.bitwise_and(field.mask, cv2.bitwise_not(ink)), dtype=np.uint8)
     count, labels, facts, _ = cv2.connectedComponentsWithStats(pixels)
     room = np.zeros(count, dtype=np.float32)
@@ -148,7 +148,7 @@ def find_uncovered(field: Ground, ink: Pixels, radius: float, least: float) -> l
 
 
 def _lines(field: Ground, bare: _Bare, wide: BoolArray, radius: float) -> list[CentreLine]:
-    """The centre lines of the pieces ``wide`` (N,), where the tool has room."""
+    """The centre lines of the pieces `wide` (N,), where the tool has room."""
     own = wide[bare.labels].astype(np.uint8) * np.uint8(255)
     if not cv2.countNonZero(own):
         return []
@@ -216,7 +216,7 @@ class Kind(Struct, frozen=True, eq=False):
 
 
 def fill(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...], Coverage]:
-    """Strokes that cover what the closed contours of ``part`` enclose, even-odd, notes, and what they cover.
+    """Strokes that cover what the closed contours of `part` enclose, even-odd, notes, and what they cover.
 
     Of a picture the borders in it count. Raises InputError where nothing is closed, JobError for a tool that is too
     small for the picture or the drawing.

@@ -31,7 +31,7 @@ _PLACES = np.linspace(0.0, 1.0, 9)
 
 
 class Bridge(Struct, frozen=True):
-    """From the point with index ``leaves`` of one pass to the point ``arrives`` of the pass ``to``."""
+    """From the point with index `leaves` of one pass to the point `arrives` of the pass `to`."""
 
     leaves: int
     to: int
@@ -41,7 +41,7 @@ class Bridge(Struct, frozen=True):
 def join_passes(
     field: Ground, passes: Sequence[ComplexArray], radius: float, spacing: float
 ) -> list[ComplexArray]:
-    """Closed strokes (N,) px of the closed ``passes``, joined where they can be. No first point again.
+    """Closed strokes (N,) px of the closed `passes`, joined where they can be. No first point again.
 
     radius: of the tool, spacing: from pass to pass, both px.
     """
@@ -85,7 +85,7 @@ def _find_bridges(
 
 
 def _near_each_other(passes: Sequence[FloatArray], most: float) -> IntArray:
-    """(2, N) the pairs of ``passes`` no farther apart than ``most``.
+    """(2, N) the pairs of `passes` no farther apart than `most`.
 
     Looked for among their lines, since the box around a whole pass holds many others.
     """
@@ -127,7 +127,7 @@ def _root(group: list[int], k: int) -> int:
 def _walk(
     passes: Sequence[ComplexArray], bridges: Sequence[Sequence[Bridge]], head: int
 ) -> ComplexArray:
-    """Once round the pass ``head``, over each bridge on the way to what is beyond it, and back."""
+    """Once round the pass `head`, over each bridge on the way to what is beyond it, and back."""
     pieces: list[ComplexArray] = []
     # Of each pass that is not done: where it began, what is left of its bridges by the way there, and where it stands.
     open_ = [(head, 0, _by_way(passes[head], bridges[head], 0, -1), 0)]
@@ -148,7 +148,7 @@ def _walk(
 def _by_way(
     points: ComplexArray, bridges: Sequence[Bridge], begin: int, came: int
 ) -> list[tuple[int, Bridge]]:
-    """The bridges of a pass but the one it was reached by, each with the steps from ``begin`` to it, in that order."""
+    """The bridges of a pass but the one it was reached by, each with the steps from `begin` to it, in that order."""
     others = [bridge for bridge in bridges if bridge.to != came]
     return sorted(
         (((bridge.leaves - begin) % len(points), bridge) for bridge in others),
@@ -157,5 +157,5 @@ def _by_way(
 
 
 def _stretch(begin: int, first: int, last: int, size: int) -> IntArray:
-    """The rows from step ``first`` to step ``last`` after ``begin`` of a closed line, both included."""
+    """The rows from step `first` to step `last` after `begin` of a closed line, both included."""
     return np.asarray((begin + np.arange(first, last + 1)) % size)

@@ -31,7 +31,7 @@ _PASS, _THIN = 1 << 20, 1 << 40
 def spans(
     start: ComplexArray, end: ComplexArray, radius: float, pitch: float = 1.0
 ) -> tuple[IntArray, FloatArray, FloatArray]:
-    """What a disc of ``radius`` that runs along lines covers of the rows v = n ``pitch``: n, u from and u to, (M,)."""
+    """What a disc of `radius` that runs along lines covers of the rows v = n `pitch`: n, u from and u to, (M,)."""
     low, high = np.minimum(start.imag, end.imag) - radius, np.maximum(start.imag, end.imag) + radius
     line, row = spread(
         np.ceil(low / pitch).astype(np.int64), np.floor(high / pitch).astype(np.int64) + 1
@@ -87,7 +87,7 @@ def measure(
     thin: Sequence[ComplexArray],
     radius: float,
 ) -> Coverage:
-    """The coverage of what ``borders`` enclose, even-odd, by polylines. All in mm."""
+    """The coverage of what `borders` enclose, even-odd, by polylines. All in mm."""
     borders = borders * _TURN
     passes, thin = ([line * _TURN for line in lines] for lines in (passes, thin))
     pitch = 2 * radius / _ROWS
@@ -126,7 +126,7 @@ SAG = 1000
 
 
 def run_along(path: ToolPath, sag: float) -> FloatArray:
-    """(N, 2) mm along the path, arcs as chords that leave them by ``sag`` mm at most."""
+    """(N, 2) mm along the path, arcs as chords that leave them by `sag` mm at most."""
     if np.isnan(path.via).all():
         return path.position[:, :2]
     found = chain(path.position, path.via[1:])
@@ -138,14 +138,14 @@ def run_along(path: ToolPath, sag: float) -> FloatArray:
 
 
 class Map(Struct, frozen=True, eq=False):
-    """pixels: (H, W, 3) in ``COLOURS``. work_from_map: (2, 3), mm of a pixel centre (u, v), v down."""
+    """pixels: (H, W, 3) in `COLOURS`. work_from_map: (2, 3), mm of a pixel centre (u, v), v down."""
 
     pixels: Pixels
     work_from_map: FloatArray
 
 
 def coverage_map(part: Part, paths: Sequence[ToolPath], diameter: float, most: int = 1600) -> Map:
-    """What ``paths`` cover of the closed contours of ``part`` with a tool of ``diameter`` mm, at most ``most`` px."""
+    """What `paths` cover of the closed contours of `part` with a tool of `diameter` mm, at most `most` px."""
     counts, points, work_from_grid, _ = outlines(part, diameter / 2)
     border = (
         np.column_stack([points.real, points.imag]) @ work_from_grid[:, :2].T + work_from_grid[:, 2]

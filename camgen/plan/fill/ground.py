@@ -48,13 +48,13 @@ class Ground(Struct, frozen=True, eq=False):
         return float(np.hypot(*self.work_from_grid[:, 0]))
 
     def placed(self, points: ComplexArray) -> FloatArray:
-        """(N, 2) mm of ``points`` (N,) px."""
+        """(N, 2) mm of `points` (N,) px."""
         linear, origin = self.work_from_grid[:, :2], self.work_from_grid[:, 2]
         return np.asarray(np.column_stack([points.real, points.imag]) @ linear.T + origin)
 
 
 def ground(part: Part, radius: float) -> Ground:
-    """The grid of a part for a tool of ``radius`` mm. JobError where the tool is too small for picture or drawing."""
+    """The grid of a part for a tool of `radius` mm. JobError where the tool is too small for picture or drawing."""
     counts, points, work_from_grid, contour = outlines(part, radius)
     table = make_rings(counts)
     corner = _whole(points, np.minimum) - _FREE_PIXELS * (1 + 1j)
@@ -71,7 +71,7 @@ def ground(part: Part, radius: float) -> Ground:
 
 
 def slope(field: Ground, pixels: ComplexArray) -> tuple[FloatArray, ComplexArray]:
-    """Depth at ``pixels`` and its gradient, unit."""
+    """Depth at `pixels` and its gradient, unit."""
     width = field.depth.shape[1]
     at = pixels.imag.astype(np.int64) * width + pixels.real.astype(np.int64)
     flat = field.depth.ravel()
@@ -104,7 +104,7 @@ def _of_picture(seen: Raster, radius: float) -> tuple[IntArray, ComplexArray, Fl
         what = f"{2 * radius:g} mm is {2 * size:.2g} px of the picture"
         raise JobError("job", what, "tool.diameter", "use a wider tool or a finer picture")
     points = np.concatenate([b[:, 0] + 1j * b[:, 1] for b in seen.borders])
-    # Pixel centres of the view, in pixels ``finer`` times as small.
+    # Pixel centres of the view, in pixels `finer` times as small.
     points = (points + (0.5 + 0.5j)) * finer - (0.5 + 0.5j)
     shift = (0.5 / finer - 0.5) * np.ones(2)
     scale = np.array([[1 / finer, 0, shift[0]], [0, 1 / finer, shift[1]], [0, 0, 1]])

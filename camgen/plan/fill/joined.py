@@ -70,7 +70,7 @@ def _nearest(region: IntArray) -> IntArray:
 
 
 def _middles(u: IntArray, v: IntArray, own: IntArray) -> FloatArray:
-    """(N, 2) of the pixels (u, v) of each kind ``own`` the one that is nearest to the middle of them."""
+    """(N, 2) of the pixels (u, v) of each kind `own` the one that is nearest to the middle of them."""
     order = np.argsort(own, kind="stable")
     pixels = np.column_stack([u, v])[order].astype(np.float64)
     groups = np.split(pixels, run_starts(own[order])[1:]) if len(own) else []
@@ -119,7 +119,7 @@ def find_lost(field: Ground, ink: Pixels, of: IntArray) -> tuple[FloatArray, Flo
 def tell_joined(
     part: Part, field: Ground, ink: Pixels, region: IntArray, of: IntArray, diameter: float
 ) -> tuple[Note, ...]:
-    """Notes on what ``ink`` joins and does not reach; --strict makes both an error. diameter: of the tool, mm."""
+    """Notes on what `ink` joins and does not reach; --strict makes both an error. diameter: of the tool, mm."""
     beside, under = find_lost(field, ink, of)
     found = (
         [find_bridges(ink, region), find_merged(part, field, of), under],

@@ -38,7 +38,7 @@ class CentreLine(Struct, frozen=True, eq=False):
 
 
 def centre_lines(field: Ground, radius: float, kept: Pixels) -> list[CentreLine]:
-    """The lines along the middle of ``field`` where it is not ``kept`` (H, W), for a tool of ``radius`` px."""
+    """The lines along the middle of `field` where it is not `kept` (H, W), for a tool of `radius` px."""
     depth = field.depth
     lines = thin_mask(field.mask, kept)
     found = join_strokes(make_graph(lines, kept, depth))
@@ -95,7 +95,7 @@ def centre(
 
 
 def _depths(field: Ground, points: ComplexArray, about: ComplexArray) -> FloatArray:
-    """Px (N,) from ``points`` to the border near ``about``; of the pixels where there is none."""
+    """Px (N,) from `points` to the border near `about`; of the pixels where there is none."""
     row = near(field.edge, about)
     on, _ = foot(field.edge, points, np.maximum(row, 0), CLOSE)
     seen, exact = sample_field(field.depth, points), np.abs(points - on)
@@ -122,7 +122,7 @@ def _close_ends(
 
 
 def _end_moved(points: ComplexArray, field: Ground, from_tip: float, half: float) -> ComplexArray:
-    """The line with its last point ``from_tip`` px from where it would leave the ground."""
+    """The line with its last point `from_tip` px from where it would leave the ground."""
     run = np.append(0.0, np.cumsum(np.abs(np.diff(points))))
     back = int(np.searchsorted(run, run[-1] - 3 * half))
     way = points[-1] - points[back]
@@ -141,7 +141,7 @@ def _end_moved(points: ComplexArray, field: Ground, from_tip: float, half: float
 
 
 def _tip(end: complex, way: complex, field: Ground, half: float) -> float:
-    """How far (px) from ``end`` along ``way`` (unit) the border is."""
+    """How far (px) from `end` along `way` (unit) the border is."""
     step = np.arange(0.0, 4 * half + 2.0, 0.25)
     inside = sample_field(field.depth, np.asarray(end + step * way)) > _BORDER
     seen = float(step[np.argmin(inside)]) if not inside.all() else float(step[-1])

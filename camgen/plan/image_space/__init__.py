@@ -1,9 +1,9 @@
 """The planner of the PIST paper: from the mask of a part in a to-scale view to tool paths, all of it in image space.
 
 MacMillan, Irani, Ahmadi: Planar image-space trajectory planning algorithm for contour following in robotic machining.
-Sections in square brackets and equations are that paper's. The pieces: ``field`` has the
-distance image, ``border`` the border between the pixels, ``tool_path`` the path of the tool centre
-beside the part, ``stretches`` the pieces over which the observed feed is averaged.
+Sections in square brackets and equations are that paper's. The pieces: `field` has the
+distance image, `border` the border between the pixels, `tool_path` the path of the tool centre
+beside the part, `stretches` the pieces over which the observed feed is averaged.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ _TOLD = 4.0
 
 
 def beside_which(edge: Border, table: Rings, points: ComplexArray, touched: IntArray) -> IntArray:
-    """(L,) the border of the part that each path touches most often. touched: (N,) row of ``edge`` or -1.
+    """(L,) the border of the part that each path touches most often. touched: (N,) row of `edge` or -1.
 
     A path that touches nothing, only just fitting in, is beside the border that is nearest to its first point.
     """
@@ -84,8 +84,8 @@ def beside_which(edge: Border, table: Rings, points: ComplexArray, touched: IntA
 
 
 def labels(main: IntArray, parent: IntArray, sound: BoolArray) -> list[Label | None]:
-    """The paths by the border that each runs beside: ``c1``, or ``c1.1``, ``c1.2`` where that border has several; None
-    for those that are not ``sound``, and what they enclose is inside what they are inside of.
+    """The paths by the border that each runs beside: `c1`, or `c1.1`, `c1.2` where that border has several; None
+    for those that are not `sound`, and what they enclose is inside what they are inside of.
     """
     several = np.bincount(main[sound], minlength=1) > 1
     place = np.where(sound, np.cumsum(sound) - 1, -1).tolist()
@@ -111,7 +111,7 @@ def left_out(
 ) -> list[Note]:
     """Notes on borders that have no path, and on the length that no tool of this size can touch.
 
-    reached: (N,) of ``edge``, whether the tool may stand where it would touch that point. main: ``beside_which``.
+    reached: (N,) of `edge`, whether the tool may stand where it would touch that point. main: `beside_which`.
     sound: (L,) false for paths that did not keep their distance.
     """
     tool = f"a {job.tool.diameter:g} mm tool" + (
@@ -186,15 +186,15 @@ def image_space(
     exact: bool = True,
     borders: Sequence[FloatArray] | None = None,
 ) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]:
-    """Paths around the part in ``mask_pixels`` ((H, W) uint8, not 0: part) and in its holes, and what is left out.
+    """Paths around the part in `mask_pixels` ((H, W) uint8, not 0: part) and in its holes, and what is left out.
 
     work_from_view: (2, 3) similarity, mm of a pixel centre (u, v); v may run against y. exact: the path is an iso-line
     between pixels, normals from the nearest point of the border; else integer pixels and the gradient of the distance
     image, as in the paper. borders: of the part in view pixels, closed (N, 2) without the first point again, where they
     are known better than the mask tells.
 
-    Positions are in the work frame at z = 0, ``depths`` below it. The removal of redundant waypoints moves the path by
-    at most ``tolerance.chord``. Raises JobError for settings that an image has no answer to, InputError for a mask or a
+    Positions are in the work frame at z = 0, `depths` below it. The removal of redundant waypoints moves the path by
+    at most `tolerance.chord`. Raises JobError for settings that an image has no answer to, InputError for a mask or a
     transform that cannot be used.
     """
     mm_per_px = measure_scale(work_from_view)
@@ -234,7 +234,7 @@ def image_space(
 
 
 def _usual_spacing(job: Job) -> float:
-    """mm: the chord that leaves a curve of half the tool's radius by ``tolerance.chord``."""
+    """mm: the chord that leaves a curve of half the tool's radius by `tolerance.chord`."""
     return math.sqrt(2 * job.tool.diameter * job.tolerance.chord)
 
 
@@ -262,7 +262,7 @@ def _insist(mask_pixels: Pixels, job: Job, distance: float) -> None:
 def _waypoints(
     way: PixelWay, edge: Border, picture: Field | None, distance: float, step: float, fastest: float
 ) -> tuple[_Waypoints, IntArray]:
-    """Waypoints ``step`` px apart and those between them, with feed and force, and the row (N,) of ``edge`` that each
+    """Waypoints `step` px apart and those between them, with feed and force, and the row (N,) of `edge` that each
     touches, -1 for none.
 
     picture: where the gap between contact point and part is looked up in the distance image, as the paper does.
@@ -292,7 +292,7 @@ def _contact(
     way: PixelWay, edge: Border, picture: Field | None, distance: float
 ) -> tuple[BoolArray, FloatArray, FloatArray, IntArray]:
     """Of the segment that ends in each row (N,): whether the tool touches, and by how many px the contact point and the
-    tool centre run; and the row of ``edge`` that is touched at its end, -1 for none.
+    tool centre run; and the row of `edge` that is touched at its end, -1 for none.
     """
     table, back = way.table, way.table.shifted(-1)
     tolerance = _CONTACT_GAP_PX if picture is None else _PIXEL_GAP
@@ -317,7 +317,7 @@ def _contact(
 def _gaps(
     edge: Border, contacts: ComplexArray, picture: Field | None
 ) -> tuple[FloatArray, IntArray]:
-    """The gap (N,) px between contact points and part, and the row of ``edge`` there, -1 where none is near."""
+    """The gap (N,) px between contact points and part, and the row of `edge` there, -1 where none is near."""
     gap, row = nearest(edge, contacts)
     return (gap if picture is None else sample_field(picture.far, contacts)), row
 
@@ -363,7 +363,7 @@ def _chain(points: _Waypoints, limits: Limits) -> _Chain:
 
 
 def _move_corner(work_from_view: FloatArray, corner: complex) -> FloatArray:
-    """work_from_field (2, 3): ``corner`` is the view pixel of the field's first one."""
+    """work_from_field (2, 3): `corner` is the view pixel of the field's first one."""
     matrix = np.array(work_from_view, dtype=np.float64)
     matrix[:, 2] += matrix[:, :2] @ np.array([corner.real, corner.imag])
     return matrix

@@ -52,7 +52,7 @@ class Border(Struct, frozen=True, eq=False):
 
 
 def border(table: Rings, points: ComplexArray, shape: tuple[int, ...]) -> Border:
-    """A border through ``points``; shape: (H, W) of the picture."""
+    """A border through `points`; shape: (H, W) of the picture."""
     # The clockwise quarter turn of the travel points to its right, out of what lies on its left.
     away = unit(1j * (points[table.shifted(2)] - points[table.shifted(-2)]))
     rows = np.zeros(shape, dtype=np.int32)
@@ -123,9 +123,9 @@ def _code(step: ComplexArray) -> IntArray:
 def _parabolas(
     place: Singles, points: tuple[Singles, Singles], links: tuple[Singles, Singles]
 ) -> tuple[tuple[Singles, Singles], BoolArray]:
-    """Least-squares parabolas (C, P) through C stretches of ``points``, and whether each crosses all its links, (C,).
+    """Least-squares parabolas (C, P) through C stretches of `points`, and whether each crosses all its links, (C,).
 
-    links: (C, P) from the middle of each link, which is in ``points``, to its outer end. All in u and v.
+    links: (C, P) from the middle of each link, which is in `points`, to its outer end. All in u and v.
     """
     powers = np.stack([np.ones_like(place), place, place**2])
     weights = np.linalg.pinv(powers).T.astype(np.float32)
@@ -143,7 +143,7 @@ def _parabolas(
 
 
 def near(line: Border, about: ComplexArray) -> IntArray:
-    """(N,) the row of a point of the border in the pixel nearest to ``about``; -1 where there is none around it."""
+    """(N,) the row of a point of the border in the pixel nearest to `about`; -1 where there is none around it."""
     step = np.arange(-_WINDOW, _WINDOW + 1)
     right, down = np.tile(step, len(step)), np.repeat(step, len(step))
     nearest = np.argsort(right**2 + down**2, kind="stable")
@@ -159,8 +159,8 @@ def near(line: Border, about: ComplexArray) -> IntArray:
 def foot(
     line: Border, points: ComplexArray, start: IntArray, ways: IntArray
 ) -> tuple[ComplexArray, IntArray]:
-    """The nearest point (N,) of the border and its row, found from the rows ``start`` by going along it: steps of
-    ``ways`` (S, W), one row of them after the other.
+    """The nearest point (N,) of the border and its row, found from the rows `start` by going along it: steps of
+    `ways` (S, W), one row of them after the other.
     """
     row = start
     for way in ways:
@@ -189,10 +189,10 @@ def iso_line(
     far: FloatArray,
     level: float,
 ) -> tuple[ComplexArray, ComplexArray]:
-    """``points`` (closed curves, ``table``) brought to the distance ``level`` px from the border, and the gradient of
+    """`points` (closed curves, `table`) brought to the distance `level` px from the border, and the gradient of
     that distance there, unit vectors.
 
-    The distance is positive outside what the border encloses; ``points`` are on that side of it on which they end.
+    The distance is positive outside what the border encloses; `points` are on that side of it on which they end.
     about: where the nearest point of the border should be. far: how far away it is, to a pixel or two. Beside an inner
     corner a point has two sides to keep away from, so the feet of its neighbours are tried too, and the projection is
     repeated.
@@ -212,7 +212,7 @@ def iso_line(
 def _feet(
     line: Border, table: Rings, points: ComplexArray, about: ComplexArray, far: FloatArray
 ) -> tuple[ComplexArray, IntArray]:
-    """The nearest point (N,) of the border and its row: near ``about``, else near that of the point before, else the
+    """The nearest point (N,) of the border and its row: near `about`, else near that of the point before, else the
     nearest of all.
     """
     on, row = foot(line, points, np.maximum(near(line, about), 0), FAR)

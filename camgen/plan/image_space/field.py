@@ -46,7 +46,7 @@ class FieldCurves(Struct, frozen=True, eq=False):
 
 
 def field(mask: Pixels, reach: float) -> Field:
-    """The distance image [3.2.2] of the part in ``mask`` and of ``reach`` px around it. Holes are outside the part, so
+    """The distance image [3.2.2] of the part in `mask` and of `reach` px around it. Holes are outside the part, so
     the one image serves all borders. JobError where that would be a picture without measure.
     """
     u, v, width, height = cv2.boundingRect(mask)
@@ -61,23 +61,23 @@ def field(mask: Pixels, reach: float) -> Field:
 
 
 def within(far: Distances, distance: float) -> Pixels:
-    """The offset mask: 255 up to ``distance`` px."""
+    """The offset mask: 255 up to `distance` px."""
     # OpenCV's types do not know that the second operand may be a number.
     return _pixels(cv2.compare(far, float(distance), cv2.CMP_LE))  # type: ignore[call-overload]
 
 
 def beyond(far: Distances, distance: float) -> Pixels:
-    """255 where it is more than ``distance`` px."""
+    """255 where it is more than `distance` px."""
     return _pixels(cv2.compare(far, float(distance), cv2.CMP_GT))  # type: ignore[call-overload]
 
 
 def inside(mask: Pixels) -> Distances:
-    """(H, W) px from each pixel of ``mask`` to the nearest one outside it, 0 there."""
+    """(H, W) px from each pixel of `mask` to the nearest one outside it, 0 there."""
     return _distances(cv2.distanceTransform(mask, cv2.DIST_L2, cv2.DIST_MASK_PRECISE))
 
 
 def chains(mask: Pixels, fewest: int = 1) -> FieldCurves:
-    """The borders of ``mask`` [3.2.4], from the top down; those of less than ``fewest`` pixels and what they hold are
+    """The borders of `mask` [3.2.4], from the top down; those of less than `fewest` pixels and what they hold are
     left out.
     """
     found, tree = cv2.findContours(mask, cv2.RETR_TREE, cv2.CHAIN_APPROX_NONE)
@@ -106,7 +106,7 @@ def chains(mask: Pixels, fewest: int = 1) -> FieldCurves:
 
 
 def gradient(far: Distances, points: ComplexArray, radius: int) -> ComplexArray:
-    """Gradient [3.2.3] of ``far`` at the pixels nearest to ``points``: the plane through (2 radius + 1)^2 pixels.
+    """Gradient [3.2.3] of `far` at the pixels nearest to `points`: the plane through (2 radius + 1)^2 pixels.
 
     The distance to a mask of pixels is a field of cones over its outermost pixels, one beside the other, so narrow
     operators see the cone and not the contour: at 20 px from a straight edge Sobel's and Scharr's 3 x 3 err by 3 to 5
@@ -123,7 +123,7 @@ def gradient(far: Distances, points: ComplexArray, radius: int) -> ComplexArray:
 
 
 def sample_field(far: Distances, points: ComplexArray) -> FloatArray:
-    """``far`` at ``points`` between pixels, bilinear."""
+    """`far` at `points` between pixels, bilinear."""
     height, width = far.shape
     u = np.clip(points.real, 0, width - 1.001)
     v = np.clip(points.imag, 0, height - 1.001)

@@ -55,7 +55,7 @@ class _Sums(Struct, frozen=True, eq=False):
 
 def steady_ratio(table: Rings, along: FloatArray, step: FloatArray, noise: float) -> FloatArray:
     """(N,) by how much the contact point runs, at least 0, while the tool centre runs a px, on the segment that ends in
-    each row. along, step: (N,) px of both on that segment. noise: px, of the sum of ``along`` at a row.
+    each row. along, step: (N,) px of both on that segment. noise: px, of the sum of `along` at a row.
     """
     beyond = min(_BEYOND, int(np.max(table.count, initial=0)))
     padded = make_rings(table.count + 2 * beyond)
@@ -76,12 +76,12 @@ def steady_ratio(table: Rings, along: FloatArray, step: FloatArray, noise: float
 
 
 def stretch_rows(table: Rings, beyond: int) -> IntArray:
-    """The rows of a padded table that are those of ``table``."""
+    """The rows of a padded table that are those of `table`."""
     return np.asarray(np.arange(len(table)) + (2 * table.loop + 1) * beyond)
 
 
 def _join(padded: Rings, columns: FloatArray, worse: float) -> IntArray:
-    """First rows (P,) of the stretches that are left when no two neighbours fit as one, to ``worse`` px2."""
+    """First rows (P,) of the stretches that are left when no two neighbours fit as one, to `worse` px2."""
     place = ramp(padded.count)
     left = padded.count[padded.loop] - place
     # The last stretch of a curve may be longer, none is shorter.
@@ -155,14 +155,14 @@ def _drop_bridges(
 def _before(
     gone: FloatArray, first: IntArray, count: IntArray, chosen: IntArray, cross: FloatArray
 ) -> IntArray:
-    """How many rows of each stretch in ``chosen`` lie before ``cross``."""
+    """How many rows of each stretch in `chosen` lie before `cross`."""
     row = stretches(first[chosen], count[chosen])
     own = np.repeat(np.arange(len(chosen)), count[chosen])
     return np.bincount(own, gone[row] < cross[own], len(chosen)).astype(np.int64)
 
 
 def _apart(moved: IntArray, first: IntArray) -> IntArray:
-    """``moved`` where every stretch keeps two rows, else as it was."""
+    """`moved` where every stretch keeps two rows, else as it was."""
     good = np.append(np.diff(moved) >= 2, True)
     good[1:] &= good[:-1]
     return (

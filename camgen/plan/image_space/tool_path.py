@@ -70,7 +70,7 @@ def pixel_way(picture: Field, distance: float, radius: float) -> PixelWay:
 
 
 def iso_way(picture: Field, edge: Border, distance: float, radius: float) -> PixelWay:
-    """The iso-line of the distance to the part's border ``edge``, and its gradient there.
+    """The iso-line of the distance to the part's border `edge`, and its gradient there.
 
     The border of the offset mask gives which lines there are and about where; each of its pixels is then brought to the
     exact distance. With a corner radius the same is done a second time, inwards from the first line; the gradient is
@@ -95,7 +95,7 @@ def iso_way(picture: Field, edge: Border, distance: float, radius: float) -> Pix
 def check_reach(
     way: PixelWay, picture: Field, edge: Border, distance: float, radius: float
 ) -> BoolArray:
-    """(N,) of ``edge``: whether the tool may stand where it would touch that point of the part."""
+    """(N,) of `edge`: whether the tool may stand where it would touch that point of the part."""
     centre = edge.points + distance * edge.away
     if way.back is None:
         return sample_field(picture.far, centre) >= distance - _REACHED_PX
@@ -120,7 +120,7 @@ def place_borders(borders: Sequence[FloatArray], picture: Field) -> tuple[Rings,
 def _bring(
     far: Distances, line: Border, table: Rings, pixels: ComplexArray, level: float
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Pixels at about ``level`` px from ``line``, brought there. far: the distance image of what ``line`` is around."""
+    """Pixels at about `level` px from `line`, brought there. far: the distance image of what `line` is around."""
     gap = sample_field(far, pixels)
     about = pixels - gap * unit(gradient(far, pixels, _SEARCH))
     return iso_line(line, table, pixels, about, gap, level)
@@ -162,40 +162,40 @@ def observe(
 
 
 def feeds(ratio: FloatArray, contact: BoolArray, fastest: float) -> FloatArray:
-    """(N,) feed of the tool centre as a multiple of the nominal feed: 1 / ratio (eq. 11), at most ``fastest`` (twice in
+    """(N,) feed of the tool centre as a multiple of the nominal feed: 1 / ratio (eq. 11), at most `fastest` (twice in
     the paper). Without contact there is nothing to hold constant: 1.
     """
     return np.where(contact, np.clip(1 / np.maximum(ratio, 1e-9), _SLOWEST, fastest), 1.0)
 
 
 def touching(table: Rings, gap: FloatArray, tolerance: float) -> BoolArray:
-    """(N,) where contact is expected [4.2.1]: lost where the contact point is more than ``tolerance`` px from the part,
+    """(N,) where contact is expected [4.2.1]: lost where the contact point is more than `tolerance` px from the part,
     back at half of that.
     """
     return apply_hysteresis(table, gap <= tolerance / 2, gap > tolerance, True)
 
 
 def standing_below(distance: float) -> float:
-    """The ratio below which the contact point stands still, for an offset of ``distance`` px: a corner as round as a
+    """The ratio below which the contact point stands still, for an offset of `distance` px: a corner as round as a
     photo makes a sharp one has no less.
     """
     return max(_STANDS, _ROUND_PX / (distance + _ROUND_PX))
 
 
 def moving(table: Rings, ratio: FloatArray, below: float) -> BoolArray:
-    """(N,) false at sharp outer corners, where the observed feed is near zero [4.2.1]. below: ``standing_below``."""
+    """(N,) false at sharp outer corners, where the observed feed is near zero [4.2.1]. below: `standing_below`."""
     return apply_hysteresis(table, ratio >= below + _MOVES - _STANDS, ratio < below, True)
 
 
 def sharpen(
     table: Rings, ratio: FloatArray, along: FloatArray, press: ComplexArray, below: float
 ) -> FloatArray:
-    """``ratio`` where the contact point stands still at sharp corners, and not about them.
+    """`ratio` where the contact point stands still at sharp corners, and not about them.
 
     A photo shows a corner round, by a pixel or two, and the contact point seems to stand from where that begins. The
     corner is where the lines beside it meet: the tangent of half the turn times that radius, which is what the contact
-    point ran by divided by the turn. So much at both ends belongs to the lines, at most ``_ROUNDED`` px. below:
-    ``standing_below``.
+    point ran by divided by the turn. So much at both ends belongs to the lines, at most `_ROUNDED` px. below:
+    `standing_below`.
     """
     still = ratio < below
     starts = still & ~still[table.shifted(-1)]
@@ -218,7 +218,7 @@ def sharpen(
 
 
 def slowed(table: Rings, ratio: FloatArray) -> FloatArray:
-    """``ratio`` with the greater one of two neighbours: where it changes, the tool rather is slow too early."""
+    """`ratio` with the greater one of two neighbours: where it changes, the tool rather is slow too early."""
     return np.asarray(
         np.maximum(np.maximum(ratio[table.shifted(-1)], ratio[table.shifted(1)]), ratio)
     )
@@ -252,11 +252,11 @@ _PRESS_TURN = np.radians(1.0)
 
 
 def smooth(table: Rings, count: IntArray, *columns: ComplexArray) -> list[ComplexArray]:
-    """Closed curves of N points, low-pass filtered for re-sampling to ``count`` (L,) points at most N [3.4.1].
+    """Closed curves of N points, low-pass filtered for re-sampling to `count` (L,) points at most N [3.4.1].
 
     The factor num / den is count / N of each curve, so that whole periods remain whole. Of up-sampling by num, the
     low-pass at f_c = f_n / max(num, den) (eq. 13) and down-sampling by den only the filter is left here: its values at
-    all N points, of which ``choose_needed`` takes those at the new spacing, and others where they are needed. Each is
+    all N points, of which `choose_needed` takes those at the new spacing, and others where they are needed. Each is
     the sum of the points around it, weighted by a sinc of the cut-off in a Hann window, with wrap-around. In cycles per
     point of the input f_c is half of count / N. Directions are filtered as unit vectors.
     """
@@ -274,7 +274,7 @@ def smooth(table: Rings, count: IntArray, *columns: ComplexArray) -> list[Comple
 
 
 def spaced(table: Rings, count: IntArray) -> BoolArray:
-    """(N,) the rows that are nearest to ``count`` (L,) places evenly along each curve."""
+    """(N,) the rows that are nearest to `count` (L,) places evenly along each curve."""
     loop = owners(count)
     places = np.rint(ramp(count) * (table.count / count)[loop]).astype(np.int64)
     chosen = np.zeros(len(table), dtype=bool)
@@ -294,8 +294,8 @@ def choose_needed(
 
     first: (L + 1,) rows at which the curves begin, and N; each curve's last row is its end. spaced: (N,) those at the
     spacing that is asked for. The force angle's backward difference per px of path decides: of these, waypoints where
-    it is below ``limits.rate`` on both sides go. Those that are ``switched`` (N,), where force or feed changes, stay.
-    Then the waypoint farthest off comes back, in every gap, until none is farther than ``limits.off`` px from the
+    it is below `limits.rate` on both sides go. Those that are `switched` (N,), where force or feed changes, stay.
+    Then the waypoint farthest off comes back, in every gap, until none is farther than `limits.off` px from the
     straight line that is left, and no press direction turned by more than 1 deg.
     """
     keep = switched.copy()

@@ -21,7 +21,7 @@ from camgen.geometry.segments import (
 from camgen.geometry.uncross import find_slips, uncross_loops
 from camgen.model.part import Contour, Note
 from camgen.model.text import counted, name_ranges, short
-from camgen.plan.follow import turn_round
+from camgen.plan.follow import reverse_loops
 from camgen.plan.pocket.regions import (
     CHORD_MM,
     MIN_CORNERS,
@@ -103,7 +103,7 @@ def _make_pockets(
     for pocket_members in members:
         chosen += pocket_members
     is_reversed = (nesting.area[chosen] > 0) == (nesting.depth[chosen] % 2 == 0)
-    segments = turn_round(from_contours([closed[k] for k in chosen]), is_reversed)
+    segments = reverse_loops(from_contours([closed[k] for k in chosen]), is_reversed)
     following = find_following(segments, np.ones(len(chosen), dtype=bool))
     slips = find_slips(segments, following, len(chosen)) | _are_crossed(segments, len(chosen))
     segments, following = uncross_loops(segments, following, slips)

@@ -16,7 +16,7 @@ from camgen.model.job import Job
 from camgen.model.part import Note
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted, name_ranges, short
-from camgen.plan.beside import NO_HELIX, does_not_fit
+from camgen.plan.beside import NO_HELIX, explain_misfit
 from camgen.plan.pocket.channel import Channel
 from camgen.plan.pocket.contours import Pockets, format_not_cleared
 from camgen.plan.pocket.engagement import measure_engagement
@@ -53,7 +53,7 @@ def note_failed(
     why_narrow = "nothing is narrow"
     if narrow:
         regions = [make_pocket_polygon(pockets.walls, k) for k in narrow]
-        why_narrow = does_not_fit(regions, job.tool.diameter)
+        why_narrow = explain_misfit(regions, job.tool.diameter)
     why_failed = (
         "the border of the tool's way does not close there, as where edges lie on one line: "
         "draw one outline, or take another tool"

@@ -33,7 +33,7 @@ from camgen.geometry.segments import (
     from_contours,
     reverse_segments,
 )
-from camgen.plan.beside import Beside, beside
+from camgen.plan.beside import OffsetCurve, make_offset_curve
 from camgen.plan.pocket.chains import cut_out, sample_chain
 
 #: mm: maximum deviation of polygons from passes and walls. Polygons decide which region lies inside
@@ -211,7 +211,9 @@ def _compute_layer(
             break
         chosen = select_pockets(source, pending)
         closed = np.ones(int(chosen.segments.owner.max(initial=-1)) + 1, dtype=bool)
-        curve = beside(chosen.segments, chosen.following, closed, chosen.pocket, offset, 0.0)
+        curve = make_offset_curve(
+            chosen.segments, chosen.following, closed, chosen.pocket, offset, 0.0
+        )
         layers.append(_make_layer(curve, chosen, offset, climb))
         pending = layers[-1].failed
     regions: list[OffsetRegion] = []
@@ -277,7 +279,7 @@ def _join_walls(parts: Sequence[PocketWalls], pocket_count: int) -> PocketWalls:
 
 
 def _lacks_border(
-    curve: Beside, chain_pocket: IntArray, pocket: int, borders: PocketWalls, distance: float
+    curve: OffsetCurve, chain_pocket: IntArray, pocket: int, borders: PocketWalls, distance: float
 ) -> bool:
     """Whether the closed chains of an offset curve are not the whole border of a pocket's regions.
 
@@ -295,7 +297,7 @@ def _lacks_border(
     return bool(abs(area - inside.area) > 2 * CHORD_MM * inside.length)
 
 
-def _make_layer(curve: Beside, borders: PocketWalls, offset: float, climb: bool) -> _Layer:
+def _make_layer(curve: OffsetCurve, borders: PocketWalls, offset: float, climb: bool) -> _Layer:
     """The offset regions that `curve` encloses, `offset` mm from `borders`."""
     distance = borders.distance + offset
     count = len(curve.closed)

@@ -14,7 +14,7 @@ from camgen.geometry.segments import (
 from camgen.model.job import Job
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
-from camgen.plan.beside import centre_lines
+from camgen.plan.beside import find_channel_lines
 from camgen.plan.columns import (
     Label,
     SegmentWork,
@@ -51,7 +51,7 @@ def find_slots(wall_passes: RegionForest, walls: PocketWalls, job: Job) -> Slots
     for region in wall_passes.regions:
         if region.parent < 0:
             passes += region.passes
-    lines = centre_lines(
+    lines = find_channel_lines(
         concatenate(passes),
         walls.segments,
         walls.following,
