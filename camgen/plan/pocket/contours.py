@@ -75,7 +75,7 @@ def find_pockets(contours: Sequence[Contour]) -> tuple[Pockets, list[Note]]:
     unclear = _find_unclear(closed, outer.tolist(), unfit_contours)
     if unclear:
         why = (
-            "what they are there for is not clear: as islands they would be cut away; "
+            "their purpose is not clear: as islands they would be cut away; "
             "repair them or leave them out"
         )
         problem = "with contours in them that are open or cross others"
