@@ -219,9 +219,11 @@ def _split_stock(part: Part, job: Job) -> tuple[Part, tuple[Contour, ...]]:
         return part, ()
     stock = tuple(c for c in part.contours if c.layer == layer and c.closed)
     if not stock:
-        remedy = "camgen inspect shows the layers; or give stock.margin"
         raise InputError(
-            part.source, f"no closed contour on layer {layer!r}", "stock.layer", remedy
+            part.source,
+            f"no closed contour on layer {layer!r}",
+            "stock.layer",
+            "camgen inspect shows the layers; or give stock.margin",
         )
     ids = tuple(c.id for c in stock)
     what = f"{counted(len(stock), 'contour')} on layer {layer}: the stock, not machined"
@@ -231,7 +233,6 @@ def _split_stock(part: Part, job: Job) -> tuple[Part, tuple[Contour, ...]]:
 
 
 def _plan_steps(part: Part, job: Job, cell: Cell | None, watch: Watch) -> JobPlan:
-    """Plan all operations of `job`, in the order in which they run."""
     from camgen.plan.steps import (  # noqa: PLC0415 (shapely is loaded only by what needs it)
         find_enclosed_by,
         job_of,
@@ -258,14 +259,15 @@ def _plan_steps(part: Part, job: Job, cell: Cell | None, watch: Watch) -> JobPla
             from camgen.plan.rest import list_runs  # noqa: PLC0415 (only for jobs that ask for it)
 
             earlier.append((worked or frozenset(), list_runs(planned.paths, share.step.tool)))
-        for note in planned.notes:
-            notes.append(replace(note, what=f"operation {number} ({kind}): {note.what}"))
+        notes += [
+            replace(note, what=f"operation {number} ({kind}): {note.what}")
+            for note in planned.notes
+        ]
         paths = tuple(replace(path, id=f"{number}:{path.id}") for path in planned.paths)
         plans.append(replace(planned, paths=paths))
     numbers = list(range(len(plans)))
     if job.tour.method != "as-drawn":
-        path_ids = []
-        enclosed = []
+        path_ids, enclosed = [], []
         for step, planned in zip(job.operations, plans, strict=True):
             ids = frozenset[str]().union(*(path.contours for path in planned.paths))
             cuts_profiles = step.operation.kind == "follow" and step.operation.inside_first
@@ -309,9 +311,12 @@ def _plan_share(
     if job.operation.planner == "image":
         planner = "the image planner"
     if part.raster is not None and planner and not works_on_all:
-        what = f"{planner} works on the whole picture, not on single contours"
-        remedy = "remove layers, ids, colors, nesting and holes from the row"
-        raise JobError("job", what, f"operations.{number}", remedy)
+        raise JobError(
+            "job",
+            f"{planner} works on the whole picture, not on single contours",
+            f"operations.{number}",
+            "remove layers, ids, colors, nesting and holes from the row",
+        )
     try:
         return plan_operation(part, job, cell, watch)
     except AmbiguousInput:
@@ -326,8 +331,8 @@ def join_paths(plans: Sequence[Plan]) -> tuple[ToolPath, ...]:
     for planned in plans:
         offset = len(joined)
         for path in planned.paths:
-            has_parent = path.parent >= 0
-            joined.append(replace(path, parent=path.parent + offset) if has_parent else path)
+            parent = path.parent + offset if path.parent >= 0 else -1
+            joined.append(replace(path, parent=parent))
     return tuple(joined)
 
 
@@ -347,8 +352,11 @@ def find_operation(part: Part, job: Job) -> Operation:
     kind, name = kind_of(part), name_operation(part, job)
     operation = load(find(list_entries(OPERATIONS), name, "operation", "see docs/operations.md"))
     if not isinstance(operation, Operation):
-        what = "is not a camgen.plan.Operation"
-        raise JobError(f"operation {name}", what, remedy="fix or remove its package")
+        raise JobError(
+            f"operation {name}",
+            "is not a camgen.plan.Operation",
+            remedy="fix or remove its package",
+        )
     if kind not in operation.takes:
         raise _make_kind_error(kind, name, part)
     return operation
@@ -378,7 +386,6 @@ def kind_of(part: Part) -> Kind:
 
 
 def _make_kind_error(kind: Kind, name: str, part: Part) -> JobError:
-    """The error for a part of `kind` that the operation `name` does not accept."""
     remedy = "leave it out"
     if kind == "program":
         what = f"G-code is replayed, it cannot be used to {name}"
@@ -389,10 +396,10 @@ def _make_kind_error(kind: Kind, name: str, part: Part) -> JobError:
     elif kind == "curves":
         what = f'"{name}" is for flat parts, these are curves in space'
         remedy = 'set operation.kind to "trace"'
-    elif name == "replay":
-        what = f'"replay" is for G-code, {part.source} is not G-code'
     else:
-        what = f'"{name}" is not for a {kind}'
+        is_replay = name == "replay"
+        suited = f"G-code, {part.source} is not G-code"
+        what = f'"replay" is for {suited}' if is_replay else f'"{name}" is not for a {kind}'
     return JobError("job", what, "operation.kind", remedy)
 
 
@@ -404,8 +411,9 @@ def read_options(job: Job, settings: type[Options]) -> Options:
     try:
         return msgspec.convert(job.operation.options, settings, strict=True)
     except msgspec.ValidationError as error:
-        remedy = "see the page of the operation"
-        raise JobError("job", str(error), "operation.options", remedy) from error
+        raise JobError(
+            "job", str(error), "operation.options", "see the page of the operation"
+        ) from error
 
 
 def _simplify(part: Part, job: Job) -> Part:

@@ -28,7 +28,7 @@ ComplexArray = NDArray[np.complex128]
 
 # Lines and circles through many points, for many stretches at once.
 
-#: Minimum radius of an arc, in tolerances. A smaller arc would have fewer points than the border.
+#: Minimum radius of an arc, in tolerances. Points of a smaller arc could share a border point.
 SMALLEST = 2.5
 
 
@@ -59,8 +59,8 @@ class Stretches(Struct, frozen=True, eq=False):
 
     def local(self) -> tuple[ComplexArray, ComplexArray]:
         """The mean (G,) of each stretch, and the points (N,) relative to it."""
-        sums = np.asarray(np.add.reduceat(self.points, self.begin), dtype=np.complex128)
-        mean = sums / self.count
+        sums = np.add.reduceat(self.points, self.begin)
+        mean = np.asarray(sums, dtype=np.complex128) / self.count
         return mean, self.points - mean[self.owner]
 
     def steps(self, values: ComplexArray) -> ComplexArray:
@@ -83,8 +83,9 @@ def fit_circles(given: Stretches) -> tuple[ComplexArray, FloatArray, FloatArray]
     """
     mean, local = given.local()
     square = local.real**2 + local.imag**2
-    products = (square, local * local, local * square)
-    size, twice, skew = (np.add.reduceat(product, given.begin) for product in products)
+    size, twice, skew = (
+        np.add.reduceat(product, given.begin) for product in (square, local * local, local * square)
+    )
     determinant = size**2 - np.abs(twice) ** 2
     determinant[determinant <= 4e-12 * size**2] = np.nan
     centre = (size * skew - twice * np.conj(skew)) * (1 / determinant)
@@ -200,8 +201,7 @@ def fit_arcs(
     )
     with np.errstate(divide="ignore", invalid="ignore"):
         circles, is_circle = _fit_whole_circles(borders, kept, tolerance)
-        others = kept[~is_circle[borders.owner(kept)]]
-        fitted = [circles, *_fit_borders(borders, others, tolerance)]
+        fitted = [circles, *_fit_borders(borders, kept[~is_circle[borders.owner(kept)]], tolerance)]
         row, point, bulge = (np.concatenate(column) for column in zip(*fitted, strict=True))
     order = np.argsort(row)
     return row[order], _to_xy(point[order]), bulge[order]
@@ -262,8 +262,7 @@ def _fit_whole_circles(
     low, high, centre, radius = low[chosen], high[chosen], centre[chosen], radius[chosen]
     # A small square is near to a circle too, but lines are nearer to its border.
     ring = Stretches.between(borders.line, low, high - 1)
-    row = stretches(low, high - low)
-    corner = np.searchsorted(kept, row, side="right") - 1
+    corner = np.searchsorted(kept, stretches(low, high - low), side="right") - 1
     starts, ends = _to_xy(borders.line[kept[corner]]), _to_xy(borders.line[kept[corner + 1]])
     by_lines = measure_from_lines(_to_xy(ring.points), starts, ends)
     by_circle = np.abs(ring.points - centre[ring.owner]) - radius[ring.owner]
@@ -301,12 +300,10 @@ def _find_knots(borders: _Borders, kept: IntArray, tolerance: float) -> _Knots:
     start = 0
     while start < len(rows):
         limit = int(limits[start])
-        line_end = start + 1
-        arc_end = start
-        if longer[start]:
-            line_end = _find_farthest(is_line, start, line_end, limit)
-        if curved[start] and line_end < limit:
-            arc_end = _find_farthest(is_arc, start, start + _MIN_LINES, limit)
+        first, shortest = start + 1, start + _MIN_LINES
+        line_end = _find_farthest(is_line, start, first, limit) if longer[start] else first
+        may_bend = curved[start] and line_end < limit
+        arc_end = _find_farthest(is_arc, start, shortest, limit) if may_bend else start
         starts.append(start)
         arcs.append(arc_end > line_end)
         start = max(line_end, arc_end)
@@ -325,8 +322,7 @@ def _find_corners(points: ComplexArray, ends: BoolArray) -> IntArray:
     is_sharp = ends.copy()
     is_sharp[1:-1] |= np.abs(turn) >= _CORNER_TURN
     limits = np.arange(len(points))
-    inner = np.flatnonzero(~ends)
-    sharp = np.flatnonzero(is_sharp)
+    inner, sharp = np.flatnonzero(~ends), np.flatnonzero(is_sharp)
     limits[inner] = sharp[np.searchsorted(sharp, inner, side="right")]
     return limits
 
@@ -348,7 +344,6 @@ def _find_farthest(fits: Callable[[int, int], bool], k: int, good: int, limit: i
 
 
 def _drop_chamfers(borders: _Borders, knots: _Knots, tolerance: float) -> _Knots:
-    """Drop the short lines of pixels across corners; their neighbours meet in the middle."""
     row = knots.row.copy()
     first, last = np.isin(row, borders.first), np.isin(row, borders.last)
     size, count = np.abs(np.diff(borders.line[row])), np.diff(row)
@@ -408,8 +403,9 @@ def _place(borders: _Borders, knots: _Knots, tolerance: float) -> ComplexArray:
     """
     placed = borders.line[knots.row]
     shapes = _Shapes.fit(borders, knots)
-    first = np.flatnonzero(np.isin(knots.row, borders.first))
-    last = np.flatnonzero(np.isin(knots.row, borders.last))
+    first, last = (
+        np.flatnonzero(np.isin(knots.row, rows)) for rows in (borders.first, borders.last)
+    )
     closed = borders.closed[borders.owner(knots.row[first])]
     before, after = np.arange(-1, len(placed) - 1), np.arange(len(placed))
     before[first], after[last] = last - 1, first
@@ -440,7 +436,6 @@ def _find_meetings(points: ComplexArray, before: _Shapes, after: _Shapes) -> Com
 
 
 def _compute_bulges(borders: _Borders, knots: _Knots, placed: ComplexArray) -> FloatArray:
-    """(K,) bulges. An arc gets the mean over its middle half (inscribed angles)."""
     bulges = np.zeros(len(placed))
     k = np.flatnonzero(knots.is_arc)
     low, high = knots.row[k], knots.row[k + 1]

@@ -23,6 +23,7 @@ from camgen.model.text import counted, short
 from camgen.plan.beside import NO_HELIX
 from camgen.plan.columns import SLOWEST, plunge_path
 from camgen.plan.drill import Hole, find_circles, read_diameters, select_innermost
+from camgen.plan.unused import raise_first
 
 #: Largest difference of two diameters that count as equal, mm.
 _SAME_MM = 0.01
@@ -37,20 +38,26 @@ def bore(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]:
 
     Raises InputError without any circle, and JobError for settings that do not suit a bore.
     """
-    if job.process.force:
-        raise JobError(
-            "job",
-            "a bore goes to a depth, not to a force",
-            "process.force",
-            "set process.force to 0",
-        )
-    if job.tool.kind in ("drill", "v"):
-        raise JobError(
-            "job",
-            f'a tool of kind "{job.tool.kind}" cuts no straight wall',
-            "tool.kind",
-            "choose a mill",
-        )
+    raise_first(
+        (
+            job.process.force != 0,
+            JobError(
+                "job",
+                "a bore goes to a depth, not to a force",
+                "process.force",
+                "set process.force to 0",
+            ),
+        ),
+        (
+            job.tool.kind in ("drill", "v"),
+            JobError(
+                "job",
+                f'a tool of kind "{job.tool.kind}" cuts no straight wall',
+                "tool.kind",
+                "choose a mill",
+            ),
+        ),
+    )
     smallest, largest = limits = read_diameters(job)
     circles = find_circles(part)
     in_range = [hole for hole in circles if smallest <= hole.diameter <= largest]
@@ -119,13 +126,19 @@ def _note_others(
     if in_range < circles:
         outside = circles - in_range
         what = counted(outside, "circle of another diameter", "circles of other diameters")
-        why = f"operation.holes is {short(limits[0], 3)} to {short(limits[1], 3)} mm"
-        notes.append(Note("assumed", f"{what} not bored", why))
+        notes.append(
+            Note(
+                "assumed",
+                f"{what} not bored",
+                f"operation.holes is {short(limits[0], 3)} to {short(limits[1], 3)} mm",
+            )
+        )
     if chosen < in_range:
         outer = in_range - chosen
         what = counted(outer, "circle around a smaller one", "circles around smaller ones")
-        why = "the smallest of a centre is; see operation.holes"
-        notes.append(Note("assumed", f"{what} not bored", why))
+        notes.append(
+            Note("assumed", f"{what} not bored", "the smallest of a centre is; see operation.holes")
+        )
     return notes
 
 
@@ -133,8 +146,13 @@ def _note_not_bored(holes: Sequence[Hole], how: str, why: str) -> Note:
     ids = tuple(chain.from_iterable(hole.contours for hole in holes))
     names = ", ".join(f"{hole.id} of {short(hole.diameter, 3)} mm" for hole in holes[:_NAMED])
     more = " ..." if len(holes) > _NAMED else ""
-    what = f"{counted(len(holes), 'circle')} not bored, {how}: {names}{more}"
-    return Note("skipped", what, why, ids, tuple((hole.x, hole.y) for hole in holes))
+    return Note(
+        "skipped",
+        f"{counted(len(holes), 'circle')} not bored, {how}: {names}{more}",
+        why,
+        ids,
+        tuple((hole.x, hole.y) for hole in holes),
+    )
 
 
 def _make_path(hole: Hole, job: Job) -> ToolPath:
@@ -194,6 +212,5 @@ def _make_helix(radius: float, depth: float, sense: float, job: Job) -> FloatArr
 
 
 def _make_circle(radius: float, sense: float) -> tuple[FloatArray, FloatArray]:
-    """Ends of a line to a circle and of its two halves, and their via points, (3, 2) each."""
     ends = np.array([[radius, 0.0], [-radius, 0.0], [radius, 0.0]])
     return ends, np.array([[np.nan, np.nan], [0.0, sense * radius], [0.0, -sense * radius]])

@@ -19,6 +19,7 @@ from camgen.model.part import Note, Part
 from camgen.model.path import ToolPath
 from camgen.plan.columns import pass_depths
 from camgen.plan.follow import run_beside
+from camgen.plan.unused import raise_first
 
 #: Usual and minimum distance of the tip from the wall, mm. Small tools run nearer than usual.
 _GAP, _MIN_GAP = 0.5, 0.1
@@ -61,27 +62,47 @@ def compute_bevel(job: Job) -> Bevel:
         raise JobError(
             "job", "a chamfer has a width", "operation.width", "set it, mm seen from above"
         )
-    if job.operation.depth:
-        what = "the depth of a chamfer follows from its width"
-        raise JobError("job", what, "operation.depth", "leave it out")
-    if job.process.force:
-        raise JobError(
-            "job", "a chamfer has a width, not a force", "process.force", "set process.force to 0"
-        )
-    if job.operation.side == "on":
-        raise JobError(
-            "job", "a chamfer is beside a contour", "operation.side", "choose a side, or trace it"
-        )
+    raise_first(
+        (
+            job.operation.depth != 0,
+            JobError(
+                "job",
+                "the depth of a chamfer follows from its width",
+                "operation.depth",
+                "leave it out",
+            ),
+        ),
+        (
+            job.process.force != 0,
+            JobError(
+                "job",
+                "a chamfer has a width, not a force",
+                "process.force",
+                "set process.force to 0",
+            ),
+        ),
+        (
+            job.operation.side == "on",
+            JobError(
+                "job",
+                "a chamfer is beside a contour",
+                "operation.side",
+                "choose a side, or trace it",
+            ),
+        ),
+    )
     tip = tool.tip_diameter / 2
     room = tool.radius - tip - width
     if room < _MIN_GAP - 1e-9:
         largest = tool.radius - tip - _MIN_GAP
-        what = (
-            f"{width:g} mm is more than a V tool of {tool.diameter:g} "
-            f"mm cuts, its tip {_MIN_GAP:g} mm off the wall"
-        )
         remedy = f"{largest:.4g} mm at most" if largest > 0 else "take a larger tool"
-        raise JobError("job", what, "operation.width", remedy)
+        raise JobError(
+            "job",
+            f"{width:g} mm is more than a V tool of {tool.diameter:g} "
+            f"mm cuts, its tip {_MIN_GAP:g} mm off the wall",
+            "operation.width",
+            remedy,
+        )
     gap = min(_GAP, room)
     half = math.radians(tool.tip_angle if tool.tip_angle is not None else 90.0) / 2
     return Bevel(tip + gap, (gap + width) / math.tan(half), tip + gap + width)

@@ -23,6 +23,7 @@ from camgen.model.path import ToolPath, waypoints
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted, short
 from camgen.model.tolerance import PECK_CLEARANCE_MM
+from camgen.plan.unused import raise_first
 
 #: Maximum deviation of a loop from a circle: in a drawing, mm or as a fraction of the radius, and
 #: in a picture, px.
@@ -60,22 +61,32 @@ def drill(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]
     Raises InputError without any hole, and JobError for settings that do not suit a drill.
     """
     smallest, largest = read_diameters(job)
-    if job.process.force:
-        what = "a drill goes to a depth, not to a force"
-        raise JobError("job", what, "process.force", "set process.force to 0")
-    if job.process.plunge is not None:
-        raise JobError("job", "a drill goes down at process.feed", "process.plunge", "leave it out")
-    if part.raster is not None:
-        holes, notes = _find_in_picture(part, part.raster)
-    else:
-        holes, notes = _find_in_drawing(part)
+    raise_first(
+        (
+            job.process.force != 0,
+            JobError(
+                "job",
+                "a drill goes to a depth, not to a force",
+                "process.force",
+                "set process.force to 0",
+            ),
+        ),
+        (
+            job.process.plunge is not None,
+            JobError("job", "a drill goes down at process.feed", "process.plunge", "leave it out"),
+        ),
+    )
+    raster = part.raster
+    holes, notes = _find_in_drawing(part) if raster is None else _find_in_picture(part, raster)
     chosen = [h for h in holes if not h.diameter or smallest <= h.diameter <= largest]
     if not chosen:
-        what = "no + mark, ring or circle to drill"
-        if holes:
-            what = f"no hole to drill among {len(holes)} found"
-        remedy = "camgen inspect shows what the file holds; see operation.holes"
-        raise InputError(part.source, what, remedy=remedy)
+        count = f"no hole to drill among {len(holes)} found"
+        what = count if holes else "no + mark, ring or circle to drill"
+        raise InputError(
+            part.source,
+            what,
+            remedy="camgen inspect shows what the file holds; see operation.holes",
+        )
     if len(chosen) < len(holes):
         why = f"operation.holes is {short(smallest, 3)} to {short(largest, 3)} mm"
         others = len(holes) - len(chosen)
@@ -93,8 +104,9 @@ def read_diameters(job: Job) -> tuple[float, float]:
     if values is None:
         return 0.0, np.inf
     if len(values) != 2 or not 0 <= values[0] <= values[1]:
-        what = f"{values} is not a range of diameters"
-        raise JobError("job", what, "operation.holes", "give [from, to], mm")
+        raise JobError(
+            "job", f"{values} is not a range of diameters", "operation.holes", "give [from, to], mm"
+        )
     return values[0], values[1]
 
 
@@ -122,8 +134,10 @@ def _find_in_picture(part: Part, raster: Raster) -> tuple[list[Hole], list[Note]
     diameter_mm = 2 * radius * float(np.hypot(*work_from_view[:, 0]))
     # The outer border of a ring has no ink in its centre either.
     rings = rings[_find_innermost(centre_mm[rings], diameter_mm[rings])]
-    for n, k in enumerate(rings.tolist(), 1):
-        holes.append(_make_hole(centre_mm[k], diameter_mm[k], layer, f"hole{n}"))
+    holes += [
+        _make_hole(centre_mm[k], diameter_mm[k], layer, f"hole{n}")
+        for n, k in enumerate(rings.tolist(), 1)
+    ]
     return holes, _note_not_round(centre_mm[is_hollow & ~is_round], holes)
 
 
@@ -147,8 +161,13 @@ def _note_not_round(centres: FloatArray, holes: Sequence[Hole]) -> list[Note]:
         "space in the ink is not a circle and is",
         "spaces in the ink are not circles and are",
     )
-    why = f"they leave one by more than {short(_DEVIATION_PX, 2)} px"
-    return [Note("assumed", f"{spaces} not drilled", why)]
+    return [
+        Note(
+            "assumed",
+            f"{spaces} not drilled",
+            f"they leave one by more than {short(_DEVIATION_PX, 2)} px",
+        )
+    ]
 
 
 def find_circles(part: Part) -> list[Hole]:
@@ -163,22 +182,21 @@ def find_circles(part: Part) -> list[Hole]:
     centre, radius, deviation = _fit_circles(points, owner, len(closed))
     is_round = deviation <= np.maximum(_DEVIATION_MM, _DEVIATION_FRACTION * radius)
     is_full = _has_circle_area(*flatten(segments, _DEVIATION_MM), radius, len(closed))
-    circles = []
-    for k in np.flatnonzero(is_round & is_full).tolist():
-        name = closed[k].id
-        circles.append(_make_hole(centre[k], 2 * radius[k], closed[k].layer, name, name))
-    return circles
+    rows = np.flatnonzero(is_round & is_full).tolist()
+    return [
+        _make_hole(centre[k], 2 * radius[k], closed[k].layer, closed[k].id, closed[k].id)
+        for k in rows
+    ]
 
 
 def select_innermost(holes: Sequence[Hole]) -> list[Hole]:
     """The smallest hole of each centre, in order."""
     centres = np.array([(h.x, h.y) for h in holes]).reshape(-1, 2)
-    rows = _find_innermost(centres, np.array([h.diameter for h in holes]))
-    return [holes[k] for k in rows.tolist()]
+    diameters = np.array([h.diameter for h in holes])
+    return [holes[k] for k in _find_innermost(centres, diameters).tolist()]
 
 
 def _find_in_drawing(part: Part) -> tuple[list[Hole], list[Note]]:
-    """The smallest circle of each centre, with notes on the other contours."""
     circles = find_circles(part)
     holes = select_innermost(circles)
     pads = len(circles) - len(holes)
@@ -219,8 +237,7 @@ def _fit_circles(
     radius = np.sqrt(u * u + v * v + s / size)
     centre = mean + np.column_stack([u, v])
     deviation = np.zeros(count)
-    distance = np.hypot(*(points - centre[owner]).T)
-    np.maximum.at(deviation, owner, np.abs(distance - radius[owner]))
+    np.maximum.at(deviation, owner, np.abs(np.hypot(*(points - centre[owner]).T) - radius[owner]))
     return centre, radius, deviation
 
 
@@ -235,7 +252,6 @@ def _has_circle_area(
 
 
 def _find_innermost(centre: FloatArray, radius: FloatArray) -> IntArray:
-    """The rows of the smallest circle of each centre, in order."""
     from shapely import STRtree, points  # noqa: PLC0415 (loaded only by what needs it)
 
     if not len(centre):
@@ -290,21 +306,22 @@ def _plan_pecks(job: Job) -> list[float]:
 
 
 def _note_diameters(holes: Sequence[Hole], job: Job) -> list[Note]:
-    """A note on the diameters, and a warning about holes that the tool does not make as drawn."""
     sizes = Counter(round(hole.diameter / _DIAMETER_STEP_MM) * _DIAMETER_STEP_MM for hole in holes)
-    counts = []
-    others = 0
-    for size, count in sorted(sizes.items()):
-        if not size:
-            counts.append(counted(count, "at a mark", "at marks"))
-            continue
-        counts.append(f"{count} of {short(size, 2)} mm")
-        if abs(size - job.tool.diameter) > _DIAMETER_STEP_MM:
-            others += count
+    counts = [
+        f"{count} of {short(size, 2)} mm" if size else counted(count, "at a mark", "at marks")
+        for size, count in sorted(sizes.items())
+    ]
+    wrong = [size for size in sizes if size and abs(size - job.tool.diameter) > _DIAMETER_STEP_MM]
+    others = sum(sizes[size] for size in wrong)
     what = f"{counted(len(holes), 'hole')}: {', '.join(counts)}"
     notes = [Note("assumed", what, "sizes to 0.05 mm")]
     if others:
         drawn = counted(others, "hole is drawn", "holes are drawn")
-        what = f"{drawn} wider or narrower than the tool of {short(job.tool.diameter, 3)} mm"
-        notes.append(Note("warning", what, "choose holes with operation.holes, or another tool"))
+        notes.append(
+            Note(
+                "warning",
+                f"{drawn} wider or narrower than the tool of {short(job.tool.diameter, 3)} mm",
+                "choose holes with operation.holes, or another tool",
+            )
+        )
     return notes

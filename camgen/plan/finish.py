@@ -26,25 +26,20 @@ def add_finishing(
     last: passes along the walls.
     """
     base = len(rough)
-    first_last = _index_by_contour(last)
-    first_rough = _index_by_contour(rough)
-    before = []
-    for path in rough:
+    first_last, first_rough = _index_by_contour(last), _index_by_contour(rough)
+    before = list(rough)
+    for k, path in enumerate(rough):
         if all(name in first_last for name in path.contours):
             parent = base + min(first_last[name] for name in path.contours)
-            before.append(replace(path, parent=parent))
-        else:
-            before.append(path)
+            before[k] = replace(path, parent=parent)
     after, deep = [], []
     for path in last:
         parent = -1
         if path.parent >= 0:
-            outer = last[path.parent].contours
-            parent = first_rough.get(outer[0], base + path.parent)
-        depths = path.depths[-1:]
-        if _is_far(path, rough, _MAX_ALLOWANCES * finish):
-            deep.append(path.id)
-            depths = path.depths
+            parent = first_rough.get(last[path.parent].contours[0], base + path.parent)
+        is_deep = _is_far(path, rough, _MAX_ALLOWANCES * finish)
+        deep += [path.id] if is_deep else []
+        depths = path.depths if is_deep else path.depths[-1:]
         after.append(replace(path, id=f"{path.id}.finish", parent=parent, depths=depths))
     if deep and len(last[0].depths) > 1:
         count = counted(len(deep), "last pass goes", "last passes go")
@@ -55,7 +50,6 @@ def add_finishing(
 
 
 def _index_by_contour(paths: tuple[ToolPath, ...]) -> dict[str, int]:
-    """Index of the first path of each contour."""
     first: dict[str, int] = {}
     for k, path in enumerate(paths):
         for name in path.contours:
@@ -64,7 +58,6 @@ def _index_by_contour(paths: tuple[ToolPath, ...]) -> dict[str, int]:
 
 
 def _is_far(path: ToolPath, others: tuple[ToolPath, ...], distance: float) -> bool:
-    """True if a sample of `path` is farther than `distance` mm from all `others`."""
     if not others:
         return True
     segments = path_segments((path,))

@@ -16,6 +16,7 @@ from camgen.geometry.segments import (
     BoolArray,
     IntArray,
     Segments,
+    concatenate,
     find_following,
     flatten,
     from_contours,
@@ -28,7 +29,7 @@ from camgen.model.job import Job
 from camgen.model.part import Contour, Note, Part
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
-from camgen.model.text import counted, name_ranges
+from camgen.model.text import counted, name_ranges, short
 from camgen.plan.beside import (
     EXACT,
     OffsetCurve,
@@ -93,8 +94,12 @@ def follow(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]
     if not finish:
         return run_beside(part, job, radius, depths, "follow")
     if not job.operation.inside_first:
-        what = "the allowance at the walls is taken last"
-        raise JobError("job", what, "operation.inside_first", "leave it out, or operation.finish")
+        raise JobError(
+            "job",
+            "the allowance at the walls is taken last",
+            "operation.inside_first",
+            "leave it out, or operation.finish",
+        )
     rough, _ = run_beside(part, job, radius + finish, depths, "follow")
     last, notes = run_beside(part, job, radius, depths, "follow")
     return add_finishing(rough, last, finish, notes)
@@ -125,8 +130,9 @@ def run_beside(
     radius = job.operation.corner_radius
     curve = make_offset_curve(source, following, closed, group, distance, radius)
     if operation == "follow" and not radius:
-        fit = job.tolerance.arc_fit
-        lines = find_channel_lines(curve.segments, source, following, group, distance, fit)
+        lines = find_channel_lines(
+            curve.segments, source, following, group, distance, job.tolerance.arc_fit
+        )
         curve = with_centre_lines(curve, lines)
     expected = loops.worked
     if not loops.worked.all():
@@ -161,14 +167,19 @@ def run_beside(
 def _note_nothing_left(
     reached: OffsetCurve, curve: OffsetCurve, source: Segments, contours: list[Contour]
 ) -> list[Note]:
-    """A note on contours of `reached` at which earlier operations leave nothing for `curve`."""
     before = set(source.owner[reached.source].tolist())
     finished = sorted(before - set(source.owner[curve.source].tolist()))
     if not finished:
         return []
     ids = [contours[k].id for k in finished]
-    what = f"nothing is left at {counted(len(ids), 'contour')}: {', '.join(name_ranges(ids))}"
-    return [Note("assumed", what, "earlier operations reach all that this tool does", tuple(ids))]
+    return [
+        Note(
+            "assumed",
+            f"nothing is left at {counted(len(ids), 'contour')}: {', '.join(name_ranges(ids))}",
+            "earlier operations reach all that this tool does",
+            tuple(ids),
+        )
+    ]
 
 
 def _is_too_near(curve: OffsetCurve, source: Segments, loops: _Loops, reach: float) -> BoolArray:
@@ -194,14 +205,12 @@ def _note_near(contours: list[Contour]) -> list[Note]:
 
 
 def _choose_sides(part: Part, side: str, join: float) -> tuple[_Loops, list[Note]]:
-    """The contours to follow with their sides; for "auto" also those to keep clear of."""
     chosen = np.array([part.works_on(c.sources or (c.id,)) for c in part.contours], dtype=bool)
     if side in ("left", "right"):
         index = np.flatnonzero(chosen).tolist()
         count = np.arange(len(index))
         drawn = from_contours([part.contours[k] for k in index])
-        flip = np.full(len(index), side == "left")
-        parent = np.full(len(index), -1)
+        flip, parent = np.full(len(index), side == "left"), np.full(len(index), -1)
         return _Loops(index, drawn, count >= 0, flip, count, parent, 0 * count), []
     index = [k for k, c in enumerate(part.contours) if c.closed]
     selected = [part.contours[k] for k in np.flatnonzero(chosen).tolist()]
@@ -245,22 +254,25 @@ def _note_open(contours: list[Contour], join: float) -> list[Note]:
     if not contours:
         return []
     gaps, places = format_gaps([contour.points for contour in contours], join)
-    remedy = "set operation.side to left, right or on"
-    if gaps:
-        remedy = f"{gaps}, or {remedy}"
-    why = f"an open contour has no outside; {remedy}"
+    remedy = f"{gaps}, or " if gaps else ""
+    why = f"an open contour has no outside; {remedy}set operation.side to left, right or on"
     return [replace(_note_not_followed(contours, "open", why), places=places)]
 
 
 def _note_crossing(contours: list[Contour], nesting: Nesting, worked: BoolArray) -> list[Note]:
-    """Notes on contours without a clear inside, which are not followed or not kept clear of."""
     notes = []
     is_unclear = (nesting.crossed >= 0) | nesting.empty
     others = [contours[k].id for k in np.flatnonzero(is_unclear & ~worked).tolist()]
     if others:
         count = counted(len(others), "contour")
-        what = f"{count} not kept clear of: {', '.join(name_ranges(others))}"
-        notes.append(Note("warning", what, "no clear inside, and not worked on", tuple(others)))
+        notes.append(
+            Note(
+                "warning",
+                f"{count} not kept clear of: {', '.join(name_ranges(others))}",
+                "no clear inside, and not worked on",
+                tuple(others),
+            )
+        )
     crosses_itself = nesting.crossed == np.arange(len(contours))
     crosses_other = (nesting.crossed >= 0) & ~crosses_itself
     for how, chosen in {
@@ -275,12 +287,15 @@ def _note_crossing(contours: list[Contour], nesting: Nesting, worked: BoolArray)
 
 
 def _note_not_followed(contours: list[Contour], how: str, why: str) -> Note:
-    """One note on all contours without a path."""
     layers = ", ".join(sorted({c.layer for c in contours}))
     ids = [c.id for c in contours]
     names = ", ".join(name_ranges(ids))
-    what = f"{counted(len(contours), 'contour')} not followed, {how}: {names} on layer {layers}"
-    return Note("skipped", what, why, tuple(ids))
+    return Note(
+        "skipped",
+        f"{counted(len(contours), 'contour')} not followed, {how}: {names} on layer {layers}",
+        why,
+        tuple(ids),
+    )
 
 
 def reverse_loops(drawn: Segments, flip: BoolArray) -> Segments:
@@ -289,16 +304,12 @@ def reverse_loops(drawn: Segments, flip: BoolArray) -> Segments:
     # Both tables hold each owner's segments in the same rows, so rows can be chosen one by one.
     rows = np.arange(len(drawn))
     rows = np.where(flip[drawn.owner], rows + len(drawn), rows)
-    columns = []
-    for name in Segments.__struct_fields__:
-        columns.append(np.concatenate([getattr(drawn, name), getattr(reverse, name)])[rows])
-    return Segments(*columns)
+    return concatenate([drawn, reverse]).take(rows)
 
 
 def _make_labels(
     curve: OffsetCurve, source: Segments, contours: list[Contour], loops: _Loops, job: Job
 ) -> tuple[list[Label], IntArray]:
-    """Labels of the sound chains, in the order of the contours that they follow."""
     main, chain, contour = _match_contours(curve, source, len(contours))
     order = np.flatnonzero(curve.sound)
     order = order[np.argsort(main[order], kind="stable")]
@@ -381,14 +392,17 @@ def _note_unfollowed(
     length = np.where(worked, np.bincount(source.owner, source.length, len(contours)), 0.0)
     missing = np.where(touched, np.maximum(length - reached, 0.0), 0.0)
     if _is_much(missing, length):
-        rest = _measure_rest(curve, source, missing > 0, distance)
-        missing = np.where(missing > 0, rest, 0.0)
+        missing = np.where(missing > 0, _measure_rest(curve, source, missing > 0, distance), 0.0)
     if _is_much(missing, length):
-        lengths = f"{float(missing.sum()):.4g} mm of {float(length.sum()):.6g} mm"
+        lengths = f"{short(float(missing.sum()), 2)} mm of {short(float(length.sum()), 2)} mm"
         worst = contours[int(np.argmax(missing))].id
-        what = f"{lengths} of contour not touched, most of it on {worst}"
-        why = f"inner corners and narrow places that {tool} does not reach"
-        notes.append(Note("warning", what, why))
+        notes.append(
+            Note(
+                "warning",
+                f"{lengths} of contour not touched, most of it on {worst}",
+                f"inner corners and narrow places that {tool} does not reach",
+            )
+        )
     unsound = int((~curve.sound).sum())
     if unsound and not (failed & ~touched).any():
         what = f"{counted(unsound, 'piece', 'pieces')} of path left out"
@@ -409,7 +423,6 @@ def _explain_narrow(contours: list[Contour], narrow: BoolArray, tool: str, dista
 
 
 def _is_much(missing: FloatArray, length: FloatArray) -> bool:
-    """True if the length of contour that is missing, mm, needs a note."""
     return float(missing.sum()) > max(1e-3 * float(length.sum()), 0.1)
 
 
@@ -422,8 +435,7 @@ def _measure_rest(
     from a photo the tool touches next to the corner.
     """
     rows = np.flatnonzero(chosen[source.owner])
-    total = float(source.length[rows].sum())
-    step = max(_SAMPLE_MM, total / _SAMPLES)
+    step = max(_SAMPLE_MM, float(source.length[rows].sum()) / _SAMPLES)
     count = np.maximum(np.ceil(source.length[rows] / step).astype(np.int64), 1)
     owner, place = owners(count), ramp(count)
     points = points_at(source.take(rows[owner]), (place + 0.5) / count[owner])
@@ -469,8 +481,7 @@ def _find_meeting(
     order = np.argsort(owner, kind="stable")
     lines = shapely.linestrings(np.vstack([points, points[first]])[order], indices=owner[order])
     themselves[rows] = ~shapely.is_simple(lines[rows])
-    tree = shapely.STRtree(lines)
-    row, near = tree.query(lines[rows], predicate="dwithin", distance=EXACT)
+    row, near = shapely.STRtree(lines).query(lines[rows], predicate="dwithin", distance=EXACT)
     others[rows[row[rows[row] != near]]] = True
     return themselves, others
 
@@ -504,7 +515,6 @@ def _compute_ratio(curve: OffsetCurve, source: Segments) -> FloatArray:
 def _note_feeds(
     curve: OffsetCurve, source: Segments, contours: list[Contour], job: Job
 ) -> Iterator[Note]:
-    """A note on contours that a pressing tool follows below the feed, with the factor."""
     process = job.process
     factors = np.where(curve.sound[curve.segments.owner], _compute_ratio(curve, source), 1.0)
     slow = np.flatnonzero(factors > process.max_feed_factor * CAPPED)
@@ -519,7 +529,6 @@ def _note_feeds(
 
 
 def _measure_contact(curve: OffsetCurve, source: Segments) -> FloatArray:
-    """(N,) length of contour that each segment of the path touches, mm."""
     length = curve.segments.length / _compute_ratio(curve, source)
     return np.where((curve.turn > 0) | curve.lost, 0.0, length)
 
@@ -527,7 +536,6 @@ def _measure_contact(curve: OffsetCurve, source: Segments) -> FloatArray:
 def _order_chains(
     curve: OffsetCurve, source: Segments, order: IntArray, job: Job
 ) -> tuple[Segments, SegmentWork]:
-    """The sound chains in order, in the direction of the job, with force and feed."""
     process = job.process
     rounding = (curve.turn > 0) & ~curve.lost
     factor = np.clip(_compute_ratio(curve, source), SLOWEST, process.max_feed_factor)

@@ -46,12 +46,11 @@ def _select_paths(plan: Plan, removed: Mapping[str, str]) -> Plan:
 
 
 def _note_paths(plan: Plan, removed: Mapping[str, str]) -> Iterator[Note]:
-    """A note on each removed path, with its contours."""
     prefix: dict[str, str] = {}
     if isinstance(plan, JobPlan):
         for number, step, step_plan in zip(plan.numbers, plan.steps, plan.plans, strict=True):
-            for path in step_plan.paths:
-                prefix[path.id] = f"operation {number} ({step.operation.kind}): "
+            text = f"operation {number} ({step.operation.kind}): "
+            prefix |= dict.fromkeys((path.id for path in step_plan.paths), text)
     contours = {path.id: path.contours for path in plan.paths}
     for name, why in removed.items():
         ids = tuple(dict.fromkeys((name, *contours.get(name, ()))))
@@ -88,7 +87,6 @@ def find_dependent(plan: Plan, lost: Container[str]) -> dict[str, str]:
 
 
 def _order_inside_first(paths: Sequence[ToolPath]) -> list[int]:
-    """Indices of the paths, each before the path around it."""
     depths: list[int] = []
     for path in paths:
         depth, parent = 0, path.parent

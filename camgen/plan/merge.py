@@ -71,10 +71,10 @@ def trails(pieces: Pieces, contours: list[Contour]) -> list[tuple[Contour, int]]
             lifts[loose[a]] = loose[b]
     jumps = [p if p >= 0 else q for p, q in zip(partner, lifts, strict=True)]
     _join_circuits(ends_by_node, jumps, lifts, directions)
-    drawn = []
-    for run, closed in _list_trails(jumps, lifts):
-        drawn.append((_draw_trail(pieces, contours, run, closed), pieces.network[run[0] >> 1]))
-    return drawn
+    return [
+        (_draw_trail(pieces, contours, run, closed), pieces.network[run[0] >> 1])
+        for run, closed in _list_trails(jumps, lifts)
+    ]
 
 
 def _compute_directions(pieces: Pieces, contours: list[Contour]) -> list[tuple[float, float]]:
@@ -151,11 +151,7 @@ def _exchange_partners(
     """
     b, d = jumps[a], jumps[c]
     # The end at another node, to which the pen is lifted; -1 without a lift.
-    far = -1
-    if lifts[a] >= 0:
-        far = b
-    elif lifts[c] >= 0:
-        far = d
+    far = next((partner for end, partner in ((a, b), (c, d)) if lifts[end] >= 0), -1)
     straight, crossed = ((a, c), (b, d)), ((a, d), (b, c))
 
     def sum_bends(pairs: tuple[tuple[int, int], ...]) -> float:
@@ -167,7 +163,6 @@ def _exchange_partners(
 
 
 def _number_circuits(jumps: list[int]) -> list[int]:
-    """The circuit of each piece, named by its lowest piece."""
     circuit = [-1] * (len(jumps) // 2)
     for piece in range(len(circuit)):
         end = 2 * piece
@@ -197,7 +192,6 @@ def _list_trails(jumps: list[int], lifts: list[int]) -> list[tuple[list[int], bo
 
 
 def _draw_trail(pieces: Pieces, contours: list[Contour], run: list[int], closed: bool) -> Contour:
-    """The pieces of a trail as one contour, with layer and name of the first."""
     points, bulges = [], []
     for end in run:
         xy, bulge = _stretch(pieces, contours, end)
@@ -278,9 +272,13 @@ def merge(
     if not ids:
         return tuple(contours), ()
     what = f"networks of lines: {counted(len(ids), 'contour')} run as {counted(count, 'path')}"
-    limit = f"input.join = {short(tolerance, 6)} mm"
-    why = f"lines that meet within {limit} are run with the fewest lifts"
-    note = Note("joined", what, why, tuple(ids))
+    note = Note(
+        "joined",
+        what,
+        f"lines that meet within input.join = {short(tolerance, 6)} mm "
+        "are run with the fewest lifts",
+        tuple(ids),
+    )
     return tuple(itertools.chain.from_iterable(result.values())), (note,)
 
 
@@ -298,13 +296,11 @@ def _name_trails(merged: list[Contour], sources: tuple[str, ...]) -> list[Contou
 def _merge_layer(
     contours: list[Contour], tolerance: float
 ) -> list[tuple[list[int], list[Contour]]]:
-    """The contours of each network of one layer, and its trails."""
     if len(contours) < 2:
         return []
     vertices = _meet(_make_vertices(contours), contours, tolerance)
     label = _label_networks(vertices, len(contours))
-    sizes = np.bincount(label, minlength=len(contours))
-    chosen = np.flatnonzero(sizes[label] > 1)
+    chosen = np.flatnonzero(np.bincount(label, minlength=len(contours))[label] > 1)
     if not len(chosen):
         return []
     pieces = _cut(contours, vertices, chosen, label)
@@ -381,7 +377,6 @@ def _label_networks(vertices: _Vertices, count: int) -> IntArray:
 
 
 def _cut(contours: list[Contour], vertices: _Vertices, chosen: IntArray, label: IntArray) -> Pieces:
-    """Cut the `chosen` contours at the nodes of their networks."""
     is_shared = np.bincount(vertices.node) > 1
     rows: list[tuple[int, int, int]] = []
     nodes: list[int] = []
@@ -389,10 +384,8 @@ def _cut(contours: list[Contour], vertices: _Vertices, chosen: IntArray, label: 
         first, size = int(vertices.first[k]), len(contours[k].points)
         contour_nodes = vertices.node[first : first + size]
         shared = np.flatnonzero(is_shared[contour_nodes]).tolist()
-        if contours[k].closed:
-            cuts = [*shared, shared[0] + size]
-        else:
-            cuts = sorted({0, *shared, size - 1})
+        is_closed = contours[k].closed
+        cuts = [*shared, shared[0] + size] if is_closed else sorted({0, *shared, size - 1})
         for a, b in itertools.pairwise(cuts):
             rows.append((k, a, b))
             nodes += [int(contour_nodes[a]), int(contour_nodes[b % size])]

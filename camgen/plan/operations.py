@@ -11,7 +11,7 @@ from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.part import Note, Part
 from camgen.plan import Operation, Plan, Watch, kind_of
-from camgen.plan.unused import check_clearance, check_idle, check_roll, check_use
+from camgen.plan.unused import check_clearance, check_idle, check_roll, check_use, raise_first
 
 
 def _plan_flat(
@@ -34,15 +34,32 @@ def _plan_flat(
 
 def _plan_in_image(part: Part, job: Job) -> Plan:
     if part.raster is None:
-        what = '"image" plans in a picture, and this is not one'
-        raise JobError("job", what, "operation.planner", 'set operation.planner to "geometric"')
-    if job.operation.kind not in ("auto", "follow"):
-        what = f"the image-space planner follows contours, it cannot {job.operation.kind}"
-        raise JobError("job", what, "operation.planner", 'set operation.planner to "geometric"')
-    if job.operation.finish:
-        what = "the image-space planner makes no last passes"
-        remedy = 'leave it out, or set operation.planner to "geometric"'
-        raise JobError("job", what, "operation.finish", remedy)
+        raise JobError(
+            "job",
+            '"image" plans in a picture, and this is not one',
+            "operation.planner",
+            'set operation.planner to "geometric"',
+        )
+    raise_first(
+        (
+            job.operation.kind not in ("auto", "follow"),
+            JobError(
+                "job",
+                f"the image-space planner follows contours, it cannot {job.operation.kind}",
+                "operation.planner",
+                'set operation.planner to "geometric"',
+            ),
+        ),
+        (
+            job.operation.finish != 0,
+            JobError(
+                "job",
+                "the image-space planner makes no last passes",
+                "operation.finish",
+                'leave it out, or set operation.planner to "geometric"',
+            ),
+        ),
+    )
     from camgen.plan.image_space import image_space  # noqa: PLC0415 (it loads OpenCV)
 
     raster = part.raster
@@ -72,7 +89,6 @@ def _trace(part: Part, job: Job) -> Plan:
 
 
 def _trace_any(part: Part, job: Job, cell: Cell | None, watch: Watch) -> Plan:
-    """Plan paths on drawings and pictures in the plane, or on curves in space."""
     if not part.curves:
         return _plan_flat("trace", _trace)(part, job, cell, watch)
     from camgen.plan.space import plan_space  # noqa: PLC0415 (only for what needs it)

@@ -41,8 +41,9 @@ def on_page(part: Part, job: Job) -> Part:
             raise JobError("job", what, "page.size", remedy)
         return part
     if part.solid is not None:
-        what = "a page is for drawings, and this is a 3-D part"
-        raise JobError("job", what, "page.size", "leave [page] out")
+        raise JobError(
+            "job", "a page is for drawings, and this is a 3-D part", "page.size", "leave [page] out"
+        )
     if not part.contours:
         return part
     low, high = _measure_box(part)
@@ -50,8 +51,12 @@ def on_page(part: Part, job: Job) -> Part:
     extent = high - low
     room = np.array(size) - 2 * page.margin
     if room.min() <= 0:
-        what = f"{page.margin:g} mm on each side leaves nothing of {_format_size(size)}"
-        raise JobError("job", what, "page.margin", "lower page.margin")
+        raise JobError(
+            "job",
+            f"{page.margin:g} mm on each side leaves nothing of {_format_size(size)}",
+            "page.margin",
+            "lower page.margin",
+        )
     ratio = _compute_ratio(part, page, extent, room)
     if (extent * ratio > room + _ROUNDING).any():
         raise _make_page_error(part, page, size, extent * ratio)
@@ -88,7 +93,6 @@ def fit_to_page(part: Part, placed: Part, simplified: Part, job: Job) -> Part:
 
 
 def _measure_box(part: Part) -> tuple[FloatArray, FloatArray]:
-    """Lower left and upper right corner of the contours, (2,) mm each."""
     box = compute_bounds(from_contours(part.contours))
     return box[:, :2].min(axis=0), box[:, 2:].max(axis=0)
 
@@ -134,9 +138,12 @@ def _compute_ratio(part: Part, page: PageTable, extent: FloatArray, room: FloatA
     # A drawing without height, a single line, is limited by its width alone.
     ratios = [r / d for r, d in zip(room.tolist(), extent.tolist(), strict=True) if d > 0]
     if not ratios:
-        remedy = 'set page.scale to "true" or to mm per unit'
-        what = "the drawing has no size that could fit the page"
-        raise InputError(part.source, what, "page.scale", remedy)
+        raise InputError(
+            part.source,
+            "the drawing has no size that could fit the page",
+            "page.scale",
+            'set page.scale to "true" or to mm per unit',
+        )
     return float(min(ratios))
 
 
@@ -150,17 +157,24 @@ def _measure_unit(part: Part) -> float:
         number = re.match(r"[\d.]+(?:e-?\d+)?(?= mm/)", name)
         if name in MM or number:
             return float(number[0]) if number else MM[name]
-    what = f"a scale per unit does not go with units {part.units}"
-    raise JobError("job", what, "page.scale", 'set page.scale to "fit" or "true"')
+    raise JobError(
+        "job",
+        f"a scale per unit does not go with units {part.units}",
+        "page.scale",
+        'set page.scale to "fit" or "true"',
+    )
 
 
 def _make_page_error(
     part: Part, page: PageTable, size: tuple[float, float], extent: FloatArray
 ) -> InputError:
     page_text = f"the page {_format_size(size)} with a margin of {short(page.margin, 3)} mm"
-    what = f"leaves the page: the drawing is {_format_size(extent)}, {page_text}"
-    remedy = 'set page.scale to "fit" or a larger page'
-    return InputError(part.source, what, "page.scale", remedy)
+    return InputError(
+        part.source,
+        f"leaves the page: the drawing is {_format_size(extent)}, {page_text}",
+        "page.scale",
+        'set page.scale to "fit" or a larger page',
+    )
 
 
 def _format_size(size: Sequence[float] | FloatArray) -> str:
@@ -170,7 +184,6 @@ def _format_size(size: Sequence[float] | FloatArray) -> str:
 def _move_contours(
     contours: Sequence[Contour], ratio: float, shift: FloatArray
 ) -> tuple[Contour, ...]:
-    """All contours times `ratio` plus `shift`; shapes and so bulges stay."""
     points = np.concatenate([c.points for c in contours])
     points = points * ratio + shift
     points.flags.writeable = False
@@ -184,8 +197,12 @@ def _move_raster(raster: Raster, ratio: float, shift: FloatArray) -> Raster:
     matrix = raster.work_from_view * ratio
     matrix[:, 2] += shift
     if not math.isfinite(float(matrix.sum())):
-        remedy = "set page.scale to mm per pixel"
-        raise InputError("picture", "has no finite scale on this page", "page.scale", remedy)
+        raise InputError(
+            "picture",
+            "has no finite scale on this page",
+            "page.scale",
+            "set page.scale to mm per pixel",
+        )
     return replace(raster, work_from_view=frozen(matrix))
 
 

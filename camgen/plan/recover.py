@@ -37,9 +37,13 @@ def recover(
         result[k] = contour
     if not arcs:
         return tuple(contours), ()
-    what = f"{counted(lines, 'short line')} recognised as {counted(arcs, 'arc')}"
-    why = f"within tolerance.arc_fit = {tolerance:g} mm; 0 keeps the lines"
-    return tuple(result), (Note("assumed", what, why),)
+    return tuple(result), (
+        Note(
+            "assumed",
+            f"{counted(lines, 'short line')} recognised as {counted(arcs, 'arc')}",
+            f"within tolerance.arc_fit = {tolerance:g} mm; 0 keeps the lines",
+        ),
+    )
 
 
 def _find_candidates(contours: Sequence[Contour]) -> list[int]:
@@ -63,7 +67,6 @@ def _compute_turns(start: FloatArray, end: FloatArray) -> FloatArray:
 
 
 def _recover(contour: Contour, tolerance: float) -> tuple[Contour, int]:
-    """One contour with its arcs, and their number."""
     points, bulges = contour.points, contour.bulges
     if contour.closed:
         points, bulges = _start_at_longest(points, bulges)
@@ -151,7 +154,6 @@ def _fit_circle(points: FloatArray) -> tuple[FloatArray, float]:
 
 
 def _compute_bulge(points: FloatArray, first: int, last: int) -> float:
-    """Bulge of the arc over the points `first` to `last`."""
     p, r = points[first], points[last]
     centre, _ = _fit_circle(points[first : last + 1])
     a, b = p - centre, r - centre

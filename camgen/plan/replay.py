@@ -49,8 +49,7 @@ def plan_replay(part: Part, job: Job, cell: Cell | None) -> ReplayPlan:
             paths.append(_make_path(len(paths) + 1, line, ends[rows], vias[rows], speed[rows]))
         steps = np.linalg.norm(np.diff(ends, axis=0), axis=1)
         travel += math.fsum(steps[columns.moves_are(MoveJ)[1:]].tolist())
-    notes = (*part.notes, *notes)
-    planned = tuple(paths)
+    planned, notes = tuple(paths), (*part.notes, *notes)
     return ReplayPlan(part, planned, notes, run=part.run, travel=travel, made=planned, parts=parts)
 
 
@@ -72,10 +71,13 @@ def _limit_feeds(part: Recorded, max_feed: float | None) -> Recorded:
     first = min(fast)
     line = part.run.lines[first]
     if max_feed is None:
-        feed = f"asks for a feed of {short(fast[first], 0)} mm/s"
-        what = f"{feed}, and no machine here runs above {FASTEST:g}"
-        remedy = "fix this line, or set process.max_feed, mm/s: feeds above it become that"
-        raise InputError(part.source, what, f"line {line}", remedy)
+        raise InputError(
+            part.source,
+            f"asks for a feed of {short(fast[first], 0)} mm/s, "
+            f"and no machine here runs above {FASTEST:g}",
+            f"line {line}",
+            "fix this line, or set process.max_feed, mm/s: feeds above it become that",
+        )
     for k in fast:
         body[k] = replace(body[k], speed=max_feed)
     count = counted(len(fast), "motion runs", "motions run")

@@ -65,9 +65,11 @@ def find_rest(area: Any, part: Part, job: Job) -> Any:
     JobError if no operation comes before.
     """
     if not part.earlier:
-        what = "no operation before it takes anything"
         raise JobError(
-            "job", what, "operation.rest", "list it after the operations of larger tools"
+            "job",
+            "no operation before it takes anything",
+            "operation.rest",
+            "list it after the operations of larger tools",
         )
     cleared = _clear(part.earlier, job.operation.depth)
     return shapely.difference(area, shapely.buffer(cleared, _NARROW_MM, quad_segs=2))
@@ -90,7 +92,6 @@ def list_runs(paths: Sequence[ToolPath], tool: ToolTable) -> list[EarlierRun]:
 
 
 def _clear(earlier: Iterable[EarlierRun], depth: float) -> Any:
-    """The area that flat tools clear down to `depth` mm, without their tabs."""
     areas = []
     for run in earlier:
         if run.depth >= depth - _SAME_DEPTH_MM:
@@ -100,7 +101,6 @@ def _clear(earlier: Iterable[EarlierRun], depth: float) -> Any:
 
 
 def _sweep(segments: Segments, radius: float) -> Any:
-    """The area within `radius` mm of lines and arcs."""
     each = replace(segments, owner=np.arange(len(segments)))
     points, owner = flatten(each, _CHORD_MM)
     points = np.vstack([points, segments.end])

@@ -46,21 +46,28 @@ def pin_seams(
     chosen, far = choose_points(points, closed, [operation for operation, _ in places], part)
     if far:
         point = _format_point(points[far[0]])
-        what = f"{point} is farther than {NEAR_MM:g} mm from every closed path and its contour"
-        remedy = "give a point on a closed contour that is worked on"
-        raise JobError("job", what, "tour.seams", remedy)
+        raise JobError(
+            "job",
+            f"{point} is farther than {NEAR_MM:g} mm from every closed path and its contour",
+            "tour.seams",
+            "give a point on a closed contour that is worked on",
+        )
     pinned = sorted(chosen)
     rotated = _rotate_paths([closed[i] for i in pinned], points[[chosen[i] for i in pinned]])
     results = [list(paths) for paths in plans]
     for i, path in zip(pinned, rotated, strict=True):
         operation, k = places[i]
         results[operation][k] = path
-    why = "another one is nearer to the paths that it is for"
-    notes = []
-    for k in sorted(set(range(len(points))) - set(chosen.values())):
-        what = f"tour.seams: {_format_point(points[k])} has no effect"
-        notes.append(Note("warning", what, why))
-    return [tuple(paths) for paths in results], tuple(notes)
+
+    notes = tuple(
+        Note(
+            "warning",
+            f"tour.seams: {_format_point(points[k])} has no effect",
+            "another one is nearer to the paths that it is for",
+        )
+        for k in sorted(set(range(len(points))) - set(chosen.values()))
+    )
+    return [tuple(paths) for paths in results], notes
 
 
 def has_seam(path: ToolPath) -> bool:
@@ -84,13 +91,11 @@ def choose_points(
             far.append(number)
             continue
         limit = min(near.values()) + SAME_MM
-        distances = {}
-        for path, distance in near.items():
-            if distance <= limit:
-                distances[path] = project(closed[path], points[number])[2]
+        nearest_paths = [path for path, distance in near.items() if distance <= limit]
+        distances = {path: project(closed[path], points[number])[2] for path in nearest_paths}
         for path, distance in distances.items():
-            # Other paths of the contour, such as passes around the islands of a pocket, are farther
-            # away than the nearest path of their operation.
+            # A pass elsewhere on the contour, as around an island of a pocket, is farther away than
+            # the nearest path of its operation, by more than `NEAR_MM`.
             nearest = min(distances[k] for k in distances if operations[k] == operations[path])
             # If several points are on a contour, the nearest to the path counts, or the last one.
             is_nearest = path not in chosen or distance <= chosen[path][0]
@@ -105,11 +110,14 @@ def check_order(part: Part, job: Job) -> None:
     named = set[str]()
     for name in job.tour.order:
         if name not in known:
-            what = f"there is no contour {name!r} in {part.source}"
-            raise JobError("job", what, "tour.order", "camgen inspect -v shows their ids")
+            raise JobError(
+                "job",
+                f"there is no contour {name!r} in {part.source}",
+                "tour.order",
+                "camgen inspect -v shows their ids",
+            )
         if name in named:
-            what = f"contour {name!r} is listed twice"
-            raise JobError("job", what, "tour.order", "name it once")
+            raise JobError("job", f"contour {name!r} is listed twice", "tour.order", "name it once")
         named.add(name)
 
 
@@ -117,8 +125,12 @@ def read_points(job: Job) -> FloatArray:
     """The points of `tour.seams` as (K, 2), mm. Raises JobError for a point without two numbers."""
     for point in job.tour.seams:
         if len(point) != 2:
-            what = f"{point} is not a point of the work plane"
-            raise JobError("job", what, "tour.seams", "write [[x, y], ...], mm")
+            raise JobError(
+                "job",
+                f"{point} is not a point of the work plane",
+                "tour.seams",
+                "write [[x, y], ...], mm",
+            )
     return np.array(job.tour.seams, dtype=np.float64).reshape(-1, 2)
 
 
@@ -165,13 +177,8 @@ def _find_pairs(points: FloatArray, segments: Segments) -> list[tuple[int, int, 
 
 
 def _rotate_paths(paths: Sequence[ToolPath], points: FloatArray) -> list[ToolPath]:
-    """Rotate each closed path to start at its point nearest to `points`, and pin it there."""
-    segments = []
-    fractions = []
-    for path, point in zip(paths, points, strict=True):
-        segment, fraction, _ = project(path, point)
-        segments.append(segment)
-        fractions.append(fraction)
+    starts = [project(path, point) for path, point in zip(paths, points, strict=True)]
+    segments, fractions, _ = zip(*starts, strict=True) if starts else ((), (), ())
     return [replace(path, pinned=True) for path in starting_each(paths, segments, fractions)]
 
 

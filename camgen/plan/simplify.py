@@ -37,9 +37,8 @@ def simplify(part: Part, job: Job) -> Part:
     raster = part.raster if is_drawing(job) else None
     tolerance = job.tolerance.simplify
     if tolerance is None:
-        tolerance = 0.0
-        if raster is not None:
-            tolerance = _choose_tolerance(part.contours, raster.work_from_view)
+        view = None if raster is None else raster.work_from_view
+        tolerance = 0.0 if view is None else _choose_tolerance(part.contours, view)
     contours, notes = part.contours, list(part.notes)
     if job.input.min_length and contours:
         contours = _select_long(contours, job.input.min_length, notes)
@@ -48,21 +47,20 @@ def simplify(part: Part, job: Job) -> Part:
         # A fill is planned on the pixels; its contours are only shown.
         is_fill = job.operation.kind == "fill"
         fits_arcs = raster is not None and job.tolerance.arc_fit > 0 and not is_fill
-        if raster is not None:
-            contours = _thin_in_pixels(contours, tolerance, fits_arcs, raster.work_from_view)
-        else:
-            contours = thin_out(contours, tolerance, fits_arcs)
+        contours = (
+            thin_out(contours, tolerance, fits_arcs)
+            if raster is None
+            else _thin_in_pixels(contours, tolerance, fits_arcs, raster.work_from_view)
+        )
         arcs = sum(int((c.bulges != 0).sum()) for c in contours)
         lines = sum(len(c.points) - (not c.closed) for c in contours) - arcs
         what = f"{counted(before, 'point')} thinned out to {counted(lines, 'line')}"
-        if fits_arcs or arcs:
-            what += f" and {counted(arcs, 'arc')}"
+        what += f" and {counted(arcs, 'arc')}" if fits_arcs or arcs else ""
         notes.append(Note("assumed", what, f"within tolerance.simplify = {short(tolerance, 4)} mm"))
     return replace(part, contours=contours, notes=tuple(notes))
 
 
 def _choose_tolerance(contours: Sequence[Contour], work_from_view: FloatArray) -> float:
-    """The default tolerance for the borders of a picture, mm: the uncertainty of their pixels."""
     scale = measure_scale(work_from_view)
     if not contours:
         return _PIXELS * scale
@@ -94,18 +92,16 @@ def _thin_in_pixels(
     linear, shift = work_from_view[:, :2], work_from_view[:, 2]
     # Rounded far finer than the uncertainty of a pixel and far coarser than the last digits.
     inverse = np.linalg.inv(linear).T
-    in_pixels = []
-    for contour in contours:
-        points = np.round((contour.points - shift) @ inverse, _DIGITS)
-        in_pixels.append(replace(contour, points=points))
+    in_pixels = [
+        replace(c, points=np.round((c.points - shift) @ inverse, _DIGITS)) for c in contours
+    ]
     thinned = thin_out(in_pixels, tolerance / measure_scale(work_from_view) + _SLACK, fits_arcs)
     # The rows of a picture run down; seen from the other side, arcs bend the other way.
     side = np.sign(np.linalg.det(linear))
-    placed = []
-    for contour in thinned:
-        moved = frozen(contour.points @ linear.T + shift)
-        placed.append(replace(contour, points=moved, bulges=frozen(side * contour.bulges + 0.0)))
-    return tuple(placed)
+    return tuple(
+        replace(c, points=frozen(c.points @ linear.T + shift), bulges=frozen(side * c.bulges + 0.0))
+        for c in thinned
+    )
 
 
 def thin_out(contours: Sequence[Contour], tolerance: float, fits_arcs: bool) -> tuple[Contour, ...]:
@@ -122,7 +118,7 @@ def thin_out(contours: Sequence[Contour], tolerance: float, fits_arcs: bool) -> 
     # The first point of a closed contour is repeated at its end.
     first = np.searchsorted(row, chains.first[:-1])
     end = np.searchsorted(row, chains.first[1:]) - is_closed.astype(np.int64)
-    thinned = []
-    for contour, a, b in zip(contours, first.tolist(), end.tolist(), strict=True):
-        thinned.append(replace(contour, points=frozen(points[a:b]), bulges=frozen(bulges[a:b])))
-    return tuple(thinned)
+    return tuple(
+        replace(contour, points=frozen(points[a:b]), bulges=frozen(bulges[a:b]))
+        for contour, a, b in zip(contours, first.tolist(), end.tolist(), strict=True)
+    )

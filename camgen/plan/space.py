@@ -44,7 +44,6 @@ def plan_space(part: Part, job: Job, cell: Cell | None, watch: Watch) -> Plan:
 
 
 def _check_three_axes(part: Part, job: Job) -> None:
-    """Raise JobError for a part to test against, a tilted tool, or a clearance height too low."""
     from camgen.plan.edges.stand import choose_axis, fixed_rotation  # noqa: PLC0415 (rarely needed)
 
     if part.solid is not None:
@@ -60,9 +59,8 @@ def _check_three_axes(part: Part, job: Job) -> None:
             raise JobError(
                 "job", '"normal" needs an arm', "tool.axis", "give rapid, pacscript or vplus"
             )
-        rotations = fixed_rotation(job)[None]
-        if axis == "given" and curve.rotations is not None:
-            rotations = curve.rotations
+        given = curve.rotations if axis == "given" else None
+        rotations = fixed_rotation(job)[None] if given is None else given
         # The roll of a spinning tool has no meaning.
         tilt = np.arccos(np.clip(rotations[:, :, 2] @ TOOL_DOWN[:, 2], -1.0, 1.0))
         if tilt.max() > _UPRIGHT:

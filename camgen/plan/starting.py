@@ -83,8 +83,7 @@ def reverse_each(paths: Sequence[ToolPath]) -> list[ToolPath]:
     ends = np.cumsum(rows)
     firsts = ends - rows
     owner, step = owners(rows), ramp(rows)
-    vertex = ends[owner] - 1 - step
-    segment = ends[owner] - np.maximum(step, 1)
+    vertex, segment = ends[owner] - 1 - step, ends[owner] - np.maximum(step, 1)
     moved = replace(drawn, table=drawn.table[segment])
     for name in _AT_VERTICES:
         getattr(moved, name)[:] = getattr(drawn, name)[vertex]

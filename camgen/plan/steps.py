@@ -47,11 +47,12 @@ def job_of(job: Job, step: Step) -> Job:
 def name_drills(jobs: Sequence[Job]) -> list[ToolTable]:
     """The tools of operations. An end mill that only drills gets the kind "drill"."""
     milling = [job.tool for job in jobs if job.operation.kind != "drill"]
-    tools = []
-    for job in jobs:
-        only_drills = job.tool.kind == "end mill" and job.tool not in milling
-        tools.append(replace(job.tool, kind="drill") if only_drills else job.tool)
-    return tools
+    return [
+        replace(job.tool, kind="drill")
+        if job.tool.kind == "end mill" and job.tool not in milling
+        else job.tool
+        for job in jobs
+    ]
 
 
 class Share(Struct, frozen=True, eq=False):
@@ -74,15 +75,15 @@ def share_out(part: Part, job: Job) -> tuple[list[Share], list[Note]]:
     Raises InputError if an operation has no contour, and JobError if the part is not flat.
     """
     if part.solid is not None or part.curves:
-        what = "several operations are for flat parts"
-        raise JobError("job", what, "[[operations]]", "use [operation]")
+        raise JobError(
+            "job", "several operations are for flat parts", "[[operations]]", "use [operation]"
+        )
     chosen = _choose_each(part, job)
     boundary = _find_bounding(part, job.operations, chosen)
     shares = []
     for number, step in enumerate(job.operations):
-        ids = chosen[number]
-        if step.operation.kind in _ALONG_MATERIAL:
-            ids = boundary | ids
+        needs_boundary = step.operation.kind in _ALONG_MATERIAL
+        ids = boundary | chosen[number] if needs_boundary else chosen[number]
         contours = tuple(c for c in part.contours if c.id in ids)
         step_part = replace(part, contours=contours, notes=(), worked=chosen[number])
         shares.append(Share(number, step, step_part))
@@ -95,28 +96,31 @@ def find_boundary(part: Part, job: Job) -> frozenset[str]:
 
 
 def _choose_each(part: Part, job: Job) -> list[frozenset[str]]:
-    """The ids of the contours that each operation of `job` works on."""
     return [_choose(part, step, number) for number, step in enumerate(job.operations)]
 
 
 def name_of(job: Job, number: int) -> str:
     """The name of an operation in messages: its index, counted from 0, its kind and its tool."""
     step = job.operations[number]
-    tool = step.tool.name
-    if not tool:
-        tool = f"T{step.tool.number}" if step.tool.number else f"{step.tool.diameter:g} mm"
+    number_or_size = f"T{step.tool.number}" if step.tool.number else f"{step.tool.diameter:g} mm"
+    tool = step.tool.name or number_or_size
     return f"operation {number} {step.operation.kind} - {tool}"
 
 
 def _note_unused(part: Part, chosen: Sequence[frozenset[str]]) -> list[Note]:
-    """A note on the contours that no operation works on."""
     used = frozenset[str]().union(*chosen)
     ids = tuple(c.id for c in part.contours if c.id not in used)
     if not ids:
         return []
     named = ", ".join(ids[:8]) + (" ..." if len(ids) > 8 else "")
-    what = f"{len(ids)} of {len(part.contours)} contours in no operation: {named}"
-    return [Note("assumed", what, "no row of [[operations]] chooses them", ids)]
+    return [
+        Note(
+            "assumed",
+            f"{len(ids)} of {len(part.contours)} contours in no operation: {named}",
+            "no row of [[operations]] chooses them",
+            ids,
+        )
+    ]
 
 
 def _choose(part: Part, step: Step, number: int) -> frozenset[str]:
@@ -128,16 +132,18 @@ def _choose(part: Part, step: Step, number: int) -> frozenset[str]:
     known = {c.id for c in part.contours}
     unknown = [name for name in choice.ids if name not in known]
     if unknown:
-        remedy = "camgen inspect -v shows their ids"
-        raise InputError(part.source, f"there is no contour {unknown[0]!r}", f"{where}.ids", remedy)
+        raise InputError(
+            part.source,
+            f"there is no contour {unknown[0]!r}",
+            f"{where}.ids",
+            "camgen inspect -v shows their ids",
+        )
     colors = _choose_colors(part, choice, where)
     chosen = [c for c in part.contours if is_chosen_layer(c.layer, choice.layers)]
-    if choice.ids:
-        chosen = [c for c in chosen if c.id in choice.ids]
+    chosen = [c for c in chosen if not choice.ids or c.id in choice.ids]
     if not can_drill_marks(step.operation):
         chosen = [c for c in chosen if not c.is_mark]
-    if choice.colors:
-        chosen = [c for c in chosen if c.color in colors]
+    chosen = [c for c in chosen if not choice.colors or c.color in colors]
     if choice.nesting != "any":
         inner = find_enclosed(part)
         outer = {c.id for c in part.contours if c.closed} - inner
@@ -149,8 +155,12 @@ def _choose(part: Part, step: Step, number: int) -> frozenset[str]:
     if not chosen and part.raster is None:
         what = "chooses no contour of the drawing"
         shown = "camgen inspect shows layers and colors"
-        remedy = f"{shown}; see layers, colors, ids, nesting and holes of the row"
-        raise InputError(part.source, what, where, remedy)
+        raise InputError(
+            part.source,
+            what,
+            where,
+            f"{shown}; see layers, colors, ids, nesting and holes of the row",
+        )
     return frozenset(c.id for c in chosen)
 
 
@@ -162,11 +172,15 @@ def _choose_colors(part: Part, choice: Choice, where: str) -> frozenset[str]:
         colors = resolve_named(name)
         if part_colors.isdisjoint(colors):
             listed = sorted(part_colors - {""})[:_LISTED_COLORS]
-            remedy = "the input has no colors: choose by layers or ids"
-            if listed:
-                remedy = f"there are {', '.join(format_color(color) for color in listed)}"
-            what = f"no contour has the color {name!r}"
-            raise InputError(part.source, what, f"{where}.colors", remedy)
+            names = ", ".join(format_color(color) for color in listed)
+            remedy = (
+                f"there are {names}"
+                if names
+                else "the input has no colors: choose by layers or ids"
+            )
+            raise InputError(
+                part.source, f"no contour has the color {name!r}", f"{where}.colors", remedy
+            )
         chosen = chosen.union(colors)
     return chosen
 
@@ -183,7 +197,6 @@ def find_enclosed(part: Part) -> frozenset[str]:
 
 
 def _has_diameter(contour: Contour, diameters: Sequence[float]) -> bool:
-    """True if a contour is a circle with a diameter in the range [from, to], mm."""
     if not contour.closed:
         return False
     segments = from_contours([contour])

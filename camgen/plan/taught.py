@@ -42,20 +42,33 @@ def plan_taught(part: Taught, job: Job, cell: Cell | None) -> ReplayPlan:
         )
     body, stops = _stop_before_others(body)
     if stops:
-        what = f"{counted(stops, 'motion stops', 'motions stop')} at the end instead of blending"
-        why = "an output, a wait or the end comes next, which would take effect on the way"
-        notes.append(Note("assumed", what, why))
+        notes.append(
+            Note(
+                "assumed",
+                f"{counted(stops, 'motion stops', 'motions stop')} at the end instead of blending",
+                "an output, a wait or the end comes next, which would take effect on the way",
+            )
+        )
     body, dropped = _drop_joint_turns(body, cell)
     if dropped:
-        what = f"{counted(dropped, 'joint motion')} without the speed at which the tool turns"
-        why = "joint motions of this controller have none; with cell.robot they get a share"
-        notes.append(Note("skipped", what, why))
+        notes.append(
+            Note(
+                "skipped",
+                f"{counted(dropped, 'joint motion')} without the speed at which the tool turns",
+                "joint motions of this controller have none; with cell.robot they get a share",
+            )
+        )
     columns = Columns(body)
     unstated = int((columns.turned & (columns.turn == 0)).sum())
     if unstated:
         turns = counted(unstated, "motion only turns", "motions only turn")
-        what = f"{turns} the tool: at {job.process.turn:g} deg/s"
-        notes.append(Note("assumed", what, "the text states no speed of turning for them"))
+        notes.append(
+            Note(
+                "assumed",
+                f"{turns} the tool: at {job.process.turn:g} deg/s",
+                "the text states no speed of turning for them",
+            )
+        )
     run = replace(part.run, body=tuple(body), lines=tuple(lines))
     paths, travel = paths_of(body, lines)
     notes = [*part.notes, *notes, *_note_frames(part, job)]
@@ -77,13 +90,17 @@ def _drop_joint_turns(body: list[Instruction], cell: Cell | None) -> tuple[list[
 
 
 def _note_frames(part: Taught, job: Job) -> list[Note]:
-    """Notes on the frames that neither the text nor the job states."""
     tool, work = f"tool {part.frames.tool}".strip(), f"frame {part.frames.work}".strip()
     notes = []
     for key, name in (("flange_from_tool", tool), ("base_from_work", work)):
         if getattr(part.frames, key) is None and getattr(job.cell, key) is None:
-            why = f"the text does not state it; set cell.{key}"
-            notes.append(Note("assumed", f"the {name} is that of the cell", why))
+            notes.append(
+                Note(
+                    "assumed",
+                    f"the {name} is that of the cell",
+                    f"the text does not state it; set cell.{key}",
+                )
+            )
     return notes
 
 
@@ -115,7 +132,11 @@ def _replace_joints(
         item, line = items[k]
         if values in homes:
             assert isinstance(item, MoveJ)
-            items[k] = (MoveJ(_get_home(cell), item.speed, turn=item.turn), line)
+            if cell is None:
+                raise JobError(
+                    "cell", "is not given", remedy="the program goes home, which is that of a cell"
+                )
+            items[k] = (MoveJ(cell.home, item.speed, turn=item.turn), line)
         else:
             target = _convert_joints(values, taught_arm, part, cell, line)
             items[k] = (replace(item, target=target), line)
@@ -135,16 +156,11 @@ def _replace_joints(
 
 
 def _note_joints(count: int, values: str, what: str) -> Note:
-    text = f"{counted(count, 'motion')} to joint {values}: {what}"
-    return Note("assumed", text, "another arm has other joints")
-
-
-def _get_home(cell: Cell | None) -> Pose | Joints:
-    if cell is None:
-        raise JobError(
-            "cell", "is not given", remedy="the program goes home, which is that of a cell"
-        )
-    return cell.home
+    return Note(
+        "assumed",
+        f"{counted(count, 'motion')} to joint {values}: {what}",
+        "another arm has other joints",
+    )
 
 
 def _find_arm(name: str) -> Robot:
@@ -182,13 +198,20 @@ def _convert_joints(
     Raises InputError if no arm is named or it has another number of joints.
     """
     if arm is None:
-        what = "goes to joint values, which mean nothing to another arm"
-        remedy = 'name the arm that it was written for: operation.taught_on = "abb_irb120"'
-        raise InputError(part.source, what, f"line {line}", remedy)
+        raise InputError(
+            part.source,
+            "goes to joint values, which mean nothing to another arm",
+            f"line {line}",
+            'name the arm that it was written for: operation.taught_on = "abb_irb120"',
+        )
     flange = find_flange(arm.name)(values)
     if flange is None:
-        what = f"{counted(len(values), 'joint value')}, and {arm.name} has {len(arm.joints)}"
-        raise InputError(part.source, what, f"line {line}", "name another arm: operation.taught_on")
+        raise InputError(
+            part.source,
+            f"{counted(len(values), 'joint value')}, and {arm.name} has {len(arm.joints)}",
+            f"line {line}",
+            "name another arm: operation.taught_on",
+        )
     tool = part.frames.flange_from_tool or (cell.flange_from_tool if cell else None)
     work = part.frames.base_from_work or (cell.base_from_work if cell else None)
     if tool is None or work is None:
@@ -202,8 +225,8 @@ def _convert_joints(
 def _stop_before_others(body: list[Instruction]) -> tuple[list[Instruction], int]:
     """The body with stops before instructions that are not motions, and their number.
 
-    The program for the new arm sets the outputs of the text that come before the first motion after
-    it. So the first motion stops too.
+    An output that the text sets before the first motion is set after it in the program for the new
+    arm. So the first motion stops too.
     """
     moving = [isinstance(item, MoveJ | MoveL | MoveC) for item in body]
     first = moving.index(True)
@@ -245,9 +268,10 @@ def paths_of(
         if isinstance(item, MoveJ | MoveL | MoveC):
             moves.append(item)
             line_numbers.append(line)
-    paths = []
-    for k, (low, high) in enumerate(stretches(moves), 1):
-        paths.append(_make_path(k, line_numbers[low + 1], moves[low:high]))
+    paths = [
+        _make_path(k, line_numbers[low + 1], moves[low:high])
+        for k, (low, high) in enumerate(stretches(moves), 1)
+    ]
     links = [_measure_distance(a, b) for a, b in pairwise(moves) if isinstance(b, MoveJ)]
     return tuple(paths), math.fsum(links)
 
@@ -260,15 +284,14 @@ def _measure_distance(a: Motion, b: Motion) -> float:
 
 def _make_path(number: int, line: int, rows: Sequence[Motion]) -> ToolPath:
     poses = [row.target for row in rows if isinstance(row.target, Pose)]
-    via = [(math.nan,) * 3]
-    for row in rows[1:]:
-        via.append(row.via.origin if isinstance(row, MoveC) else (math.nan,) * 3)
+    none = (math.nan,) * 3
+    vias = [row.via.origin if isinstance(row, MoveC) else none for row in rows[1:]]
     return ToolPath(
         id=f"n{number}",
         layer=f"line {line}",
         table=waypoints(
             position=np.array([pose.origin for pose in poses]),
-            via=via,
+            via=[none, *vias],
             axis=[pose.rotation[:, 2] for pose in poses],
             feed=[rows[max(k, 1)].speed for k in range(len(rows))],
         ),

@@ -62,25 +62,37 @@ def split_by_tool(
     sections, notes = _drop_unused(_split_at_changes(part))
     first = sections[0].number
     if first is None and len(sections) > 1:
-        change = f"its first tool change, to T{sections[1].number}"
-        what = f"cuts before {change}, and does not state with which tool"
-        remedy = "begin it with the number of that tool and M6"
-        raise InputError(part.source, what, f"line {sections[1].line}", remedy)
+        raise InputError(
+            part.source,
+            f"cuts before its first tool change, to T{sections[1].number}, "
+            "and does not state with which tool",
+            f"line {sections[1].line}",
+            "begin it with the number of that tool and M6",
+        )
     tools: dict[int, ToolTable] = {row.number: row for row in job.tools if row.number}
     if job.tool.number and job.tool.number not in tools:
         tools[job.tool.number] = job.tool
     if len(sections) == 1 and first not in tools:
         if first is not None:
-            what = f"line {sections[0].line}: tool T{first} is the tool of the job"
-            notes.append(Note("assumed", what, "its length and diameter are in no program"))
+            notes.append(
+                Note(
+                    "assumed",
+                    f"line {sections[0].line}: tool T{first} is the tool of the job",
+                    "its length and diameter are in no program",
+                )
+            )
         return (_make_part(sections[0], None, False, part.run.entry),), tuple(notes)
     if on_arm:
         _check_tools(part.source, sections, tools)
     missing = [f"T{section.number}" for section in sections if section.number not in tools]
     if missing:
-        what = f"{', '.join(dict.fromkeys(missing))}: of the machine's tool table"
-        why = "no row of [[tools]] has their length and diameter"
-        notes.append(Note("assumed", what, why))
+        notes.append(
+            Note(
+                "assumed",
+                f"{', '.join(dict.fromkeys(missing))}: of the machine's tool table",
+                "no row of [[tools]] has their length and diameter",
+            )
+        )
     parts = []
     for k, section in enumerate(sections):
         number = section.number or 0
@@ -96,16 +108,17 @@ def _make_part(section: _Section, tool: ToolTable | None, known: bool, entry: fl
 
 
 def _check_tools(source: str, sections: Sequence[_Section], tools: dict[int, ToolTable]) -> None:
-    """Raise InputError for a tool without a row of [[tools]]."""
     for section in sections:
         if section.number not in tools:
-            what = f"changes to tool T{section.number}, whose length is not known"
-            remedy = "give each tool a row of [[tools]] with its number, length and diameter"
-            raise InputError(source, what, f"line {section.line}", remedy)
+            raise InputError(
+                source,
+                f"changes to tool T{section.number}, whose length is not known",
+                f"line {section.line}",
+                "give each tool a row of [[tools]] with its number, length and diameter",
+            )
 
 
 def _split_at_changes(part: Recorded) -> list[_Section]:
-    """Split the program at each change to another tool."""
     sections = [_Section(None, 0, [])]
     for item, line in zip(part.run.body, part.run.lines, strict=True):
         if not isinstance(item, ToolChange):
@@ -131,12 +144,22 @@ def _drop_unused(sections: Sequence[_Section]) -> tuple[list[_Section], list[Not
         others = [(item, line) for item, line in section.rows if not isinstance(item, MoveJ)]
         (cutting[-1].rows if cutting else waiting).extend(others)
         if section.number:
-            what = f"line {section.line}: tool T{section.number} is loaded and cuts nothing"
-            notes.append(Note("skipped", what, "the change and its rapid motions are left out"))
+            notes.append(
+                Note(
+                    "skipped",
+                    f"line {section.line}: tool T{section.number} is loaded and cuts nothing",
+                    "the change and its rapid motions are left out",
+                )
+            )
         elif len(others) < len(section.rows) and section.number is None:
             line = section.rows[0][1]
-            what = f"line {line}: rapid motions before the first tool change are left out"
-            notes.append(Note("assumed", what, "the machine comes from its home"))
+            notes.append(
+                Note(
+                    "assumed",
+                    f"line {line}: rapid motions before the first tool change are left out",
+                    "the machine comes from its home",
+                )
+            )
     joined = cutting[:1]
     for section in cutting[1:]:
         if section.number == joined[-1].number:
@@ -165,11 +188,11 @@ def _add_start(section: _Section, before: _Section, job: Job) -> _Section:
         return section
     x, y, _ = _get_target(motions[leading[-1]] if leading else last).origin
     line = rows[first][1]
-    above = Pose(TOOL_DOWN, (x, y, max(height, job.process.clearance)))
-    added: list[tuple[Instruction, int]] = [(MoveJ(above, last.speed), line)]
+    added: list[tuple[Instruction, int]] = [
+        (MoveJ(Pose(TOOL_DOWN, (x, y, max(height, job.process.clearance))), last.speed), line)
+    ]
     if not isinstance(motions[first], MoveJ):
-        start = Pose(TOOL_DOWN, (x, y, height))
-        added.append((MoveL(start, motions[first].speed), line))
+        added.append((MoveL(Pose(TOOL_DOWN, (x, y, height)), motions[first].speed), line))
     rows[first:first] = added
     kept = [row for k, row in enumerate(rows) if k not in leading]
     return _Section(section.number, section.line, kept)

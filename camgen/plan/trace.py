@@ -61,9 +61,7 @@ def share_edges(part: Part, job: Job) -> tuple[Part, tuple[Note, ...]]:
     contours = [part.contours[k] for k in traced]
     segments = from_contours(contours)
     tolerance = max(min(job.input.join, SAME_CURVE_MM), 4 * SAME_POINT_MM)
-    rank = segments.owner
-    label = np.zeros(len(segments), np.int64)
-    covered = find_covered(segments, rank, label, tolerance)
+    covered = find_covered(segments, segments.owner, np.zeros(len(segments), np.int64), tolerance)
     if not covered:
         return part, ()
     parts_of: dict[int, dict[int, Parts]] = {}
@@ -89,7 +87,6 @@ def share_edges(part: Part, job: Job) -> tuple[Part, tuple[Note, ...]]:
 
 
 def _name_rests(contour: Contour, chains: list[Chain]) -> list[Contour]:
-    """The open chains that remain of a contour; the second one and so on are counted."""
     sources = contour.sources or (contour.id,)
     rests = []
     for number, (points, bulges) in enumerate(chains, 1):
@@ -127,7 +124,6 @@ def with_few_lifts(part: Part, job: Job) -> tuple[Part, tuple[Note, ...]]:
 
 
 def _parents_of(part: Part, mine: list[int]) -> list[int]:
-    """The index in `mine` of the nearest contour around each of these contours, -1 without one."""
     parents, index = _parents(part), {k: n for n, k in enumerate(mine)}
     nearest = []
     for k in mine:
@@ -139,7 +135,6 @@ def _parents_of(part: Part, mine: list[int]) -> list[int]:
 
 
 def _parents(part: Part) -> list[int]:
-    """The index of the closed contour around each contour, -1 without one."""
     closed = [k for k, c in enumerate(part.contours) if c.closed]
     parent = [-1] * len(part.contours)
     if closed:

@@ -127,6 +127,13 @@ _PARTNERS: dict[str, tuple[str, ...]] = {
 _DEEP = ("entry", "tabs", "tab_spacing")
 
 
+def raise_first(*checks: tuple[bool, Exception]) -> None:
+    """Raise the error of the first check that is true."""
+    for is_wrong, error in checks:
+        if is_wrong:
+            raise error
+
+
 def check_use(job: Job, operation: str) -> None:
     """Raise JobError for a changed setting of [operation] that `operation` does not read."""
     given, default = asdict(job.operation), asdict(Job().operation)
@@ -136,14 +143,23 @@ def check_use(job: Job, operation: str) -> None:
         readers = _READERS.get(key, (operation,))
         partners = _PARTNERS.get(key, (key,))
         if operation not in readers:
-            remedy = f"leave it out; it is for {' and '.join(readers)}"
-            raise JobError("job", f"has no effect on {operation}", where, remedy)
+            raise JobError(
+                "job",
+                f"has no effect on {operation}",
+                where,
+                f"leave it out; it is for {' and '.join(readers)}",
+            )
         if operation != "bore" and not any(partner in changed for partner in partners):
-            what = f"has no effect without operation.{partners[0]}"
-            raise JobError("job", what, where, "leave it out")
+            raise JobError(
+                "job", f"has no effect without operation.{partners[0]}", where, "leave it out"
+            )
         if key in _DEEP and not given["depth"]:
-            remedy = "set operation.depth, or leave it out"
-            raise JobError("job", "has no effect without a depth", where, remedy)
+            raise JobError(
+                "job",
+                "has no effect without a depth",
+                where,
+                "set operation.depth, or leave it out",
+            )
 
 
 def check_roll(job: Job, cell: Cell | None) -> None:
@@ -152,26 +168,50 @@ def check_roll(job: Job, cell: Cell | None) -> None:
     if not tool.symmetric and tool.turn is None:
         return
     key = "tool.symmetric" if tool.symmetric else "tool.turn"
-    if cell is not None and isinstance(cell.home, Pose):
-        what = "has no effect on a machine, which turns no tool"
-        raise JobError("job", what, key, "leave it out")
-    if not isinstance(cell, Workcell) or cell.arm is None:
-        what = "has no effect without an arm that is checked"
-        raise JobError("job", what, key, "set cell.robot, or leave it out")
-    if tool.orient == "follow":
-        what = "a tool that turns with the contour has no turn to choose"
-        raise JobError("job", what, key, "leave out one of the two")
-    if job.process.stay_down:
-        what = "a tool that is turned between the paths is lifted"
-        raise JobError("job", what, "process.stay_down", f"leave it out, or {key}")
+    raise_first(
+        (
+            cell is not None and isinstance(cell.home, Pose),
+            JobError("job", "has no effect on a machine, which turns no tool", key, "leave it out"),
+        ),
+        (
+            not isinstance(cell, Workcell) or cell.arm is None,
+            JobError(
+                "job",
+                "has no effect without an arm that is checked",
+                key,
+                "set cell.robot, or leave it out",
+            ),
+        ),
+        (
+            tool.orient == "follow",
+            JobError(
+                "job",
+                "a tool that turns with the contour has no turn to choose",
+                key,
+                "leave out one of the two",
+            ),
+        ),
+        (
+            job.process.stay_down,
+            JobError(
+                "job",
+                "a tool that is turned between the paths is lifted",
+                "process.stay_down",
+                f"leave it out, or {key}",
+            ),
+        ),
+    )
 
 
 def check_clearance(job: Job, operation: str) -> None:
     """Raise JobError for a clearance height of 0 if the tool touches the part."""
     if job.process.clearance == 0 and (operation != "drill" or job.operation.depth):
-        what = "the tool travels at the height of the part"
-        remedy = "raise it; 0 is for drill without a depth: marks that the tool does not touch"
-        raise JobError("job", what, "process.clearance", remedy)
+        raise JobError(
+            "job",
+            "the tool travels at the height of the part",
+            "process.clearance",
+            "raise it; 0 is for drill without a depth: marks that the tool does not touch",
+        )
 
 
 def drop_inherited(row: OperationTable, common: OperationTable) -> OperationTable:
@@ -197,21 +237,25 @@ def check_idle(job: Job, source: str) -> None:
     source: kind of input, a key of the table: "a drawing", "a 3-D part".
     """
     if job.tools and not job.operations and source != "a replay":
-        what = "has tools and no operation that names one"
-        raise JobError("job", what, "[[tools]] or tool.file", "write [[operations]]")
+        raise JobError(
+            "job",
+            "has tools and no operation that names one",
+            "[[tools]] or tool.file",
+            "write [[operations]]",
+        )
     for table, keys in _IDLE[source].items():
         given, default = asdict(getattr(job, table)), asdict(getattr(Job(), table))
         for key in given if keys is _ALL else keys:
             if given[key] != default[key]:
-                what = f"has no effect on {source}"
-                raise JobError("job", what, f"{table}.{key}", "leave it out")
+                raise JobError(
+                    "job", f"has no effect on {source}", f"{table}.{key}", "leave it out"
+                )
 
 
 def is_idle(text: str, source: str) -> bool:
     """True if `text` names a setting that nothing reads for `source`."""
     for name in _SETTING.findall(text):
         table, key = name.split(".")
-        keys = _IDLE[source].get(table, ())
-        if keys is _ALL or key in keys:
+        if key in _IDLE[source].get(table, ()) or _IDLE[source].get(table) is _ALL:
             return True
     return False

@@ -124,8 +124,7 @@ def plan_lines(part: Part, job: Job, cell: Workcell, watch: Watch, task: LineTas
         setup = make_setup(cell.arm, cell, where)
         space = make_free_space(where, setup)
         results = _clear_between(reach_paths(group, setup, freedom, report), space)
-        coverage = Coverage(setup, space, freedom, job.process)
-        pieces |= search.find(group, results, coverage)
+        pieces |= search.find(group, results, Coverage(setup, space, freedom, job.process))
         reached |= {line.id: result for (line, _), result in zip(group, results, strict=True)}
     whole = [reached[name] for name in lines]
     watch("reaching, what would help others")
@@ -165,8 +164,6 @@ def _attempt(
     task: LineTask,
     pose_paths: Mapping[str, tuple[Line, PosePath | UnreachableEdge]],
 ) -> Attempt:
-    """Tries lines of a task with other settings of the tool in the same cell."""
-
     @cache
     def place(tilt: float, tip: float) -> tuple[Setup, FreeSpace]:
         # The margin does not decide whether there is a path at all.
@@ -193,9 +190,14 @@ def _note_contacts(contacts: Mapping[str, float]) -> list[Note]:
     if not contacts:
         return []
     depth = short(max(contacts.values()), 2)
-    why = f"it bends into the tip by up to {depth} mm: tool.diameter, operation.offset"
-    what = f"the rim of {counted(len(contacts), 'edge')} may enter the tool's tip"
-    return [Note("assumed", what, why, tuple(contacts))]
+    return [
+        Note(
+            "assumed",
+            f"the rim of {counted(len(contacts), 'edge')} may enter the tool's tip",
+            f"it bends into the tip by up to {depth} mm: tool.diameter, operation.offset",
+            tuple(contacts),
+        )
+    ]
 
 
 def _clear_between(
@@ -215,7 +217,6 @@ def _clear_between(
 
 
 def _stop(motion: EdgeMotion, hit: Blockage | float) -> EdgeMotion | UnreachableEdge:
-    """The motion, or what stops it and where."""
     if not isinstance(hit, Blockage):
         return motion
     along = short(measure_to(motion.looks, hit.at), 1)
@@ -233,13 +234,20 @@ def choose(solid: Solid, job: Job) -> dict[str, Edge]:
         )
     chosen = set(select(solid, [job.input.select]))
     if not chosen:
-        what = f"picks no edge; the part has {counted(len(solid.edges), 'edge')}"
-        raise JobError("job", what, "input.select", "camgen inspect lists them")
+        raise JobError(
+            "job",
+            f"picks no edge; the part has {counted(len(solid.edges), 'edge')}",
+            "input.select",
+            "camgen inspect lists them",
+        )
     if len(chosen) > job.limits.edges:
         count = counted(len(chosen), "edge")
-        what = f"{count} are to be processed, more than {format_limit(job.limits.edges)}"
-        remedy = "smooth the mesh, select some of them, or raise limits.edges"
-        raise InputError(solid.source, what, "input.select", remedy)
+        raise InputError(
+            solid.source,
+            f"{count} are to be processed, more than {format_limit(job.limits.edges)}",
+            "input.select",
+            "smooth the mesh, select some of them, or raise limits.edges",
+        )
     return {edge.id: edge for edge in solid.edges if edge.id in chosen}
 
 

@@ -43,9 +43,10 @@ def plan_curves(part: Part, job: Job, cell: Cell, watch: Watch) -> EdgePlan:
         )
     if len(part.curves) > job.limits.edges:
         count = counted(len(part.curves), "curve")
-        what = f"{count} in space, more than {format_limit(job.limits.edges)}"
         raise InputError(
-            part.source, what, remedy="build them in several programs, or raise limits.edges"
+            part.source,
+            f"{count} in space, more than {format_limit(job.limits.edges)}",
+            remedy="build them in several programs, or raise limits.edges",
         )
     lines = [(curve, plan_orientation(curve, job, part.solid)) for curve in part.curves]
     points = np.concatenate(
@@ -60,7 +61,6 @@ def plan_curves(part: Part, job: Job, cell: Cell, watch: Watch) -> EdgePlan:
 
 
 def _note_faces(part: Part, job: Job) -> tuple[Note, ...]:
-    """A note on curves that do not lie on the part to whose faces the tool is perpendicular."""
     solid = part.solid
     square = [curve for curve in part.curves if choose_axis(curve, job) == "normal"]
     if solid is None or not square:
@@ -70,5 +70,11 @@ def _note_faces(part: Part, job: Job) -> tuple[Note, ...]:
     if not far:
         return ()
     largest = short(max(distances.values()), 3)
-    what = f"{counted(len(far), 'curve')} up to {largest} mm off {solid.source}"
-    return (Note("assumed", what, "the tool is square to the nearest face, wherever that is", far),)
+    return (
+        Note(
+            "assumed",
+            f"{counted(len(far), 'curve')} up to {largest} mm off {solid.source}",
+            "the tool is square to the nearest face, wherever that is",
+            far,
+        ),
+    )

@@ -85,7 +85,6 @@ def _make_direction(values: list[float]) -> Vec3:
 def _rank_faces(
     words: list[str], solid: Solid, edges: Iterable[Edge]
 ) -> dict[str, tuple[int, int]]:
-    """Ranks of the two faces of each edge: named faces in their order, after all others."""
     faces = make_faces(solid)
     index = {face.id: k for k, face in enumerate(faces.listed)}
     ranks = [0] * len(index)

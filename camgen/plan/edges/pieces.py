@@ -74,8 +74,7 @@ class PieceSearch(Struct):
         self.stations += stations
         try:
             self.watch(f"reaching, pieces of {self.noun} {line.id}, Ctrl-C {MAY_END}")
-            lengths = measure_line(line, whole_path)
-            result = coverage.find_pieces(line, whole_path, lengths, folded)
+            result = coverage.find_pieces(line, whole_path, measure_line(line, whole_path), folded)
         except KeyboardInterrupt:
             if self.watch is ignore_stages:
                 raise

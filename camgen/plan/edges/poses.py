@@ -91,7 +91,6 @@ def measure_line(line: Line, path: PosePath) -> FloatArray:
 
 
 def _tangents(edge: Edge, arc: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """Unit tangents at the beginning and the end of each span."""
     return chain(edge.points, np.where(arc[:, None], edge.via, np.nan)).tangents()
 
 

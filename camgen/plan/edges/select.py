@@ -64,11 +64,15 @@ def _parse_number(known: dict[str, Edge], solid: Solid, name: str, word: str) ->
     if name in known:
         return int(name[1:])
     if _ID.fullmatch(name) and known:
-        remedy = f"its edges are e1 to e{len(known)}"
-        raise JobError("input.select", f"{solid.source} has no edge {name}", remedy=remedy)
-    what = f'"{word}" is neither an id nor one of all, convex, bottom, not'
+        raise JobError(
+            "input.select",
+            f"{solid.source} has no edge {name}",
+            remedy=f"its edges are e1 to e{len(known)}",
+        )
     raise JobError(
-        "input.select", what, remedy=suggest(word, ["all", "convex", "bottom", "not", *known])
+        "input.select",
+        f'"{word}" is neither an id nor one of all, convex, bottom, not',
+        remedy=suggest(word, ["all", "convex", "bottom", "not", *known]),
     )
 
 

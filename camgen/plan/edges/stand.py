@@ -35,8 +35,12 @@ def plan_orientation(curve: Curve, job: Job, solid: Solid | None) -> PosePath | 
     axis = choose_axis(curve, job)
     if axis == "normal":
         if solid is None:
-            what = '"normal" needs the part on whose faces the curves lie'
-            raise JobError("job", what, "tool.axis", "give its mesh or STEP file as another input")
+            raise JobError(
+                "job",
+                '"normal" needs the part on whose faces the curves lie',
+                "tool.axis",
+                "give its mesh or STEP file as another input",
+            )
         return _orient_to_faces(_make_bare_path(curve), curve.id, solid)
     if axis == "given":
         return _orient_as_given(curve)
@@ -83,7 +87,6 @@ def fixed_rotation(job: Job) -> FloatArray:
 
 
 def _make_bare_path(curve: Curve) -> PosePath:
-    """The curve without orientations: each rotation is the identity."""
     via = np.concatenate([np.full((1, 3), np.nan), curve.via])
     return PosePath(
         curve.points, frozen(via), np.broadcast_to(_NO_ROTATION, (len(curve.points), 3, 3))
@@ -96,10 +99,12 @@ def _orient_as_given(curve: Curve) -> PosePath | UnreachableEdge:
     wide = np.flatnonzero(turn > SURE_TURN)
     if len(wide):
         k = int(wide[0])
-        degrees = short(math.degrees(turn[k]), 1)
-        what = f"the tool turns by {degrees} deg from point {k + 1} to the next"
-        remedy = "too far to know in which direction: give points between them"
-        return UnreachableEdge(curve.id, "shape", f"{what}, {remedy}")
+        return UnreachableEdge(
+            curve.id,
+            "shape",
+            f"the tool turns by {short(math.degrees(turn[k]), 1)} deg from point {k + 1} to the "
+            "next, too far to know in which direction: give points between them",
+        )
     return PosePath(curve.points, _make_bare_path(curve).via, curve.rotations)
 
 
@@ -113,10 +118,12 @@ def _orient_to_faces(pose_path: PosePath, name: str, solid: Solid) -> PosePath |
     if len(wide):
         k = int(wide[0])
         place = " ".join(short(v, 2) for v in samples.position[k].tolist())
-        degrees = short(math.degrees(jump[k]), 1)
-        what = f"the nearest face changes its direction by {degrees} deg at {place} mm"
-        remedy = "end the curve there, or fix the tool: tool.axis, tool.angles"
-        return UnreachableEdge(name, "shape", f"{what}: {remedy}")
+        return UnreachableEdge(
+            name,
+            "shape",
+            f"the nearest face changes its direction by {short(math.degrees(jump[k]), 1)} deg at "
+            f"{place} mm: end the curve there, or fix the tool: tool.axis, tool.angles",
+        )
     vertices = offsets(parts)
     needed = [_find_needed(axis, a, b) for a, b in pairwise(vertices.tolist())]
     kept = each_once(np.concatenate([vertices, *needed]))
@@ -141,7 +148,6 @@ def _find_needed(axis: FloatArray, low: int, high: int) -> IntArray:
 
 
 def _interpolate_axis(a: FloatArray, b: FloatArray, fraction: FloatArray) -> FloatArray:
-    """Unit vectors at `fraction` (K,) of the shortest rotation from `a` to `b`."""
     normal = cross(a, b)
     size = float(np.linalg.norm(normal))
     angle = math.atan2(size, float(a @ b))

@@ -155,11 +155,8 @@ def find_uncovered(
         drawn = np.concatenate([line.points for line in lines])
         v, u = np.rint(drawn.imag).astype(np.int64), np.rint(drawn.real).astype(np.int64)
         pending[bare.labels[v, u]] = False
-    for k in np.flatnonzero(pending).tolist():
-        touch = _find_touch(field, ink, bare, k, radius)
-        if touch is not None:
-            lines.append(touch)
-    return lines
+    touches = [_find_touch(field, ink, bare, k, radius) for k in np.flatnonzero(pending).tolist()]
+    return lines + [touch for touch in touches if touch is not None]
 
 
 def _find_lines(field: FillGrid, bare: _Bare, chosen: BoolArray, radius: float) -> list[CentreLine]:
@@ -176,8 +173,8 @@ def _find_lines(field: FillGrid, bare: _Bare, chosen: BoolArray, radius: float) 
     for stroke, points in zip(strokes, centre_strokes(strokes, field, radius)[1], strict=True):
         has_room = sample_field(field.depth, points) >= _ROOM_FRACTION * radius
         closed = stroke.closed and bool(has_room.all()) and len(points) > 2
-        for first, end in true_runs(has_room).tolist():
-            lines.append(CentreLine(points[first:end], closed, radius))
+        runs = true_runs(has_room).tolist()
+        lines += [CentreLine(points[first:end], closed, radius) for first, end in runs]
     return lines
 
 
@@ -260,12 +257,11 @@ def fill(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...], 
     kinds = _make_strokes(field, radius, job, _compute_tolerance(part, field, job))
     region: IntArray = np.asarray(cv2.connectedComponents(field.mask)[1], dtype=np.int32)
     border_region = _find_border_regions(field, region)
-    contours = _group_contours(part, field, border_region)
-    paths = _make_paths(field, kinds, contours, region, job)
+    paths = _make_paths(field, kinds, _group_contours(part, field, border_region), region, job)
     thin = list(chain.from_iterable(kind.thin for kind in kinds))
     coverage = measure_coverage(field, paths, thin, job.tool.radius)
-    lines = list(chain.from_iterable(kind.lines for kind in kinds))
-    ink = paint(*split_lines(lines), radius, field.mask.shape[:2])
+    lines = split_lines(list(chain.from_iterable(kind.lines for kind in kinds)))
+    ink = paint(*lines, radius, field.mask.shape[:2])
     notes = (
         *_note_open(part),
         *_note_rules(kinds, region, job),
@@ -286,16 +282,16 @@ def _compute_tolerance(part: Part, field: FillGrid, job: Job) -> float:
 
 
 def _make_strokes(field: FillGrid, radius: float, job: Job, tolerance: float) -> list[StrokeKind]:
-    """Strokes of three kinds: passes, centre lines, and the rest."""
     spacing = 2 * radius * job.operation.stepover
     passes = make_passes(field, radius, spacing)
     joined = join_passes(field, passes, radius, spacing)
     wide = [CentreLine(points, True, radius) for points in joined]
     narrow = find_centre_lines(field, radius, mask_beyond(field.depth, radius + ROOM))
     # The lines as found: thinning out does not decide which pieces get a stroke.
-    drawn = []
-    for line in (*wide, *narrow):
-        drawn.append(np.append(line.points, line.points[:1]) if line.closed else line.points)
+    drawn = [
+        np.append(line.points, line.points[:1]) if line.closed else line.points
+        for line in (*wide, *narrow)
+    ]
     ink = paint(*split_lines(drawn), radius, field.mask.shape[:2])
     rest = find_uncovered(field, ink, radius, _MIN_FRACTION * np.pi * radius**2)
     fits_arcs = job.tolerance.arc_fit > 0
@@ -324,10 +320,8 @@ def _make_kind(
     points, owner = flatten(from_contours(strokes), _FLAT)
     flat = points @ np.array([1, 1j])
     pieces = np.split(flat, np.searchsorted(owner, np.arange(1, len(strokes))))
-    drawn = []
-    for stroke, piece in zip(strokes, pieces if strokes else (), strict=True):
-        last = stroke.points[0 if stroke.closed else -1] @ np.array([1, 1j])
-        drawn.append(np.append(piece, last))
+    ends = [stroke.points[0 if stroke.closed else -1] @ np.array([1, 1j]) for stroke in strokes]
+    drawn = [np.append(piece, end) for piece, end in zip(pieces, ends, strict=False)]
     return StrokeKind(mark, strokes, drawn, [line.wide < radius for line in lines], count)
 
 
@@ -361,7 +355,6 @@ def _find_border_regions(field: FillGrid, region: IntArray) -> IntArray:
 def _group_contours(
     part: Part, field: FillGrid, border_region: IntArray
 ) -> dict[int, list[Contour]]:
-    """The contours around each region, the longest first."""
     contours: dict[int, list[Contour]] = {}
     for k in np.argsort(field.edge.table.count, kind="stable")[::-1].tolist():
         contours.setdefault(int(border_region[k]), []).append(part.contours[int(field.contour[k])])
@@ -421,12 +414,10 @@ def _join_strokes(strokes: Sequence[Contour]) -> tuple[ComplexArray, ComplexArra
 
     Closed strokes repeat the first point. A middle is NaN without an arc.
     """
-    points = []
-    middles = []
+    points, middles = [], []
     for stroke in strokes:
         rows = stroke.points
-        if stroke.closed:
-            rows = np.append(rows, rows[:1], axis=0)
+        rows = np.append(rows, rows[:1], axis=0) if stroke.closed else rows
         bulge = stroke.bulges[: len(rows) - 1]
         arcs = np.where(bulge[:, None] != 0, find_bulge_middles(rows[:-1], bulge, rows[1:]), np.nan)
         points.append(rows)
@@ -455,17 +446,22 @@ def _note_open(part: Part) -> tuple[Note, ...]:
     ids = tuple(c.id for c in part.contours if not c.closed)
     if not ids:
         return ()
-    why = "only closed contours have an inside; join gaps with input.join, or trace them"
-    return (Note("skipped", f"{counted(len(ids), 'open contour')} not filled", why, ids),)
+    return (
+        Note(
+            "skipped",
+            f"{counted(len(ids), 'open contour')} not filled",
+            "only closed contours have an inside; join gaps with input.join, or trace them",
+            ids,
+        ),
+    )
 
 
 def _note_rules(kinds: Sequence[StrokeKind], region: IntArray, job: Job) -> tuple[Note, ...]:
-    """A note on the number of regions that each rule fills, and of strokes."""
     passes, centre, rest = kinds
-    starts = np.array([line[0] for line in passes.lines], dtype=complex)
-    by_passes = set(_find_regions(starts, region).tolist())
-    starts = np.array([line[0] for line in centre.lines], dtype=complex)
-    by_lines = set(_find_regions(starts, region).tolist())
+    by_passes, by_lines = set[int](), set[int]()
+    for kind, regions in ((passes, by_passes), (centre, by_lines)):
+        starts = np.array([line[0] for line in kind.lines], dtype=complex)
+        regions.update(_find_regions(starts, region).tolist())
     spacing = short(job.tool.diameter * job.operation.stepover, 3)
     rules = (
         (by_passes - by_lines, f"by passes {spacing} mm apart"),
@@ -474,13 +470,15 @@ def _note_rules(kinds: Sequence[StrokeKind], region: IntArray, job: Job) -> tupl
     )
     shares = ", ".join(f"{len(regions)} {how}" for regions, how in rules if regions)
     what = f"{counted(len(by_passes | by_lines), 'region')} to fill: {shares}"
-    joined = ""
-    if len(passes.lines) < passes.count:
-        joined = f" in {counted(len(passes.lines), 'stroke')}"
-    why = (
-        f"{counted(passes.count, 'pass', 'passes')}{joined}, "
-        f"{counted(len(centre.lines), 'centre line')} "
-        f"({sum(centre.thin)} of places thinner than the tool), "
-        f"{counted(len(rest.lines), 'stroke')} for the rest"
+    strokes = f" in {counted(len(passes.lines), 'stroke')}"
+    joined = strokes if len(passes.lines) < passes.count else ""
+    return (
+        Note(
+            "assumed",
+            what,
+            f"{counted(passes.count, 'pass', 'passes')}{joined}, "
+            f"{counted(len(centre.lines), 'centre line')} "
+            f"({sum(centre.thin)} of places thinner than the tool), "
+            f"{counted(len(rest.lines), 'stroke')} for the rest",
+        ),
     )
-    return (Note("assumed", what, why),)

@@ -107,7 +107,6 @@ def _find_near_pairs(passes: Sequence[FloatArray], distance: float) -> IntArray:
 
 
 def _thin_out(points: ComplexArray) -> FloatArray:
-    """The closed line as (N, 2) with fewer points; the first point is repeated."""
     flat = np.column_stack([points.real, points.imag]).astype(np.float32)[:, None]
     kept = cv2.approxPolyDP(flat, _NEAR_PX, True)[:, 0].astype(np.float64)
     return np.append(kept, kept[:1], axis=0)
@@ -159,5 +158,4 @@ def _sort_bridges(
 
 
 def _list_rows(begin: int, first: int, last: int, size: int) -> IntArray:
-    """The rows from step `first` to step `last` after `begin` in a closed line, inclusive."""
     return np.asarray((begin + np.arange(first, last + 1)) % size)

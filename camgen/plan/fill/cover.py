@@ -65,8 +65,9 @@ def paint(start: ComplexArray, end: ComplexArray, radius: float, shape: tuple[in
     row, left, right = row[inside], left[inside], right[inside]
     change = np.zeros((shape[0], shape[1] + 1), dtype=np.int16)
     flat = change.ravel()
-    first = np.clip(np.ceil(left), 0, shape[1]).astype(np.int64)
-    last = np.clip(np.floor(right) + 1, 0, shape[1]).astype(np.int64)
+    first, last = (
+        np.clip(u, 0, shape[1]).astype(np.int64) for u in (np.ceil(left), np.floor(right) + 1)
+    )
     np.add.at(flat, row * (shape[1] + 1) + first, np.int16(1))
     np.add.at(flat, row * (shape[1] + 1) + last, np.int16(-1))
     return np.asarray((np.cumsum(change[:, :-1], axis=1, dtype=np.int16) > 0) * np.uint8(255))

@@ -85,9 +85,8 @@ def compute_slope(field: FillGrid, pixels: ComplexArray) -> tuple[FloatArray, Co
     flat = field.depth.ravel()
     slopes = []
     for step, across in ((1, width), (width, 1)):
-        rises = []
-        for offset in (-across, 0, across):
-            rises.append(flat[index + step + offset] - flat[index - step + offset])
+        offsets = (-across, 0, across)
+        rises = [flat[index + step + k] - flat[index - step + k] for k in offsets]
         slopes.append(np.sum(rises, axis=0, dtype=np.float64))
     right, down = slopes
     return flat[index].astype(np.float64), unit(np.asarray(right + 1j * down))
@@ -111,14 +110,17 @@ def _round_down(points: ComplexArray, pick: np.ufunc) -> complex:
 def _outline_picture(
     raster: Raster, radius: float
 ) -> tuple[IntArray, ComplexArray, FloatArray, IntArray]:
-    mm_per_px = float(np.hypot(*raster.work_from_view[:, 0]))
-    size = radius / mm_per_px
+    size = radius / float(np.hypot(*raster.work_from_view[:, 0]))
     factor = max(
         1.0, min(_PICTURE_RADIUS_PX / size, float(np.sqrt(_MAX_PIXELS / raster.mask.size)))
     )
     if size * factor < _MIN_RADIUS_PX:
-        what = f"{2 * radius:g} mm is {2 * size:.2g} px of the picture"
-        raise JobError("job", what, "tool.diameter", "use a wider tool or a finer picture")
+        raise JobError(
+            "job",
+            f"{2 * radius:g} mm is {2 * size:.2g} px of the picture",
+            "tool.diameter",
+            "use a wider tool or a finer picture",
+        )
     points = np.concatenate([b[:, 0] + 1j * b[:, 1] for b in raster.borders])
     # Centres of the view's pixels, in pixels of the grid, which are `factor` times as small.
     points = (points + (0.5 + 0.5j)) * factor - (0.5 + 0.5j)
@@ -140,9 +142,11 @@ def _outline_drawing(
     pixel = max(radius / _DRAWING_RADIUS_PX, float(np.sqrt(area / _MAX_PIXELS)))
     if radius / pixel < _MIN_RADIUS_PX:
         wide, tall = (high - low).tolist()
-        what = f"{2 * radius:g} mm is too small for a drawing of {wide:.0f} x {tall:.0f} mm"
         raise JobError(
-            "job", what, "tool.diameter", "use a wider tool, or fill the drawing in parts"
+            "job",
+            f"{2 * radius:g} mm is too small for a drawing of {wide:.0f} x {tall:.0f} mm",
+            "tool.diameter",
+            "use a wider tool, or fill the drawing in parts",
         )
     # Outer edges run between the centres of pixels, so that no half pixel of paper counts.
     low, high = low - pixel / 2, high + pixel / 2
@@ -179,7 +183,6 @@ def even_odd(table: Rings, points: ComplexArray, shape: tuple[int, int]) -> Pixe
 
 
 def _make_dense(table: Rings, points: ComplexArray) -> tuple[Rings, ComplexArray]:
-    """The curves with points at most about two pixels apart."""
     step = points[table.shifted(1)] - points
     pieces = np.maximum(np.ceil(np.abs(step) / 2).astype(np.int64), 1)
     line, place = spread(np.zeros_like(pieces), pieces)

@@ -71,9 +71,8 @@ def _find_middles(u: IntArray, v: IntArray, group: IntArray) -> FloatArray:
     """(N, 2) the pixel (u, v) of each group that is nearest to the mean of the group."""
     order = np.argsort(group, kind="stable")
     pixels = np.column_stack([u, v])[order].astype(np.float64)
-    middles = []
-    for members in np.split(pixels, run_starts(group[order])[1:]) if len(group) else []:
-        middles.append(members[np.argmin(((members - members.mean(axis=0)) ** 2).sum(axis=1))])
+    groups = np.split(pixels, run_starts(group[order])[1:]) if len(group) else []
+    middles = [g[np.argmin(((g - g.mean(axis=0)) ** 2).sum(axis=1))] for g in groups]
     return np.array(middles).reshape(-1, 2)
 
 
@@ -111,11 +110,9 @@ def find_lost(
 
     Returns first those without ink, then those under the ink of other regions.
     """
-    means = []
-    for k in np.flatnonzero(border_region == 0).tolist():
-        mean = field.edge.points[field.edge.table.loop == k].mean()
-        means.append((mean.real, mean.imag))
-    places = np.array(means).reshape(-1, 2)
+    small = np.flatnonzero(border_region == 0).tolist()
+    means = np.array([field.edge.points[field.edge.table.loop == k].mean() for k in small])
+    places = np.column_stack([means.real, means.imag])
     u, v = np.rint(places).astype(np.int64).T
     is_inked = ink[v, u] > 0
     return places[~is_inked], places[is_inked]
@@ -136,21 +133,33 @@ def note_joined(
     """
     without_ink, under_ink = find_lost(field, ink, border_region)
     joined = [find_bridges(ink, region), find_merged(part, field, border_region), under_ink]
-    bridges = field.to_work(np.concatenate(joined) @ np.array([1, 1j]))
     lost = [find_bare(ink, region), without_ink]
-    bare = field.to_work(np.concatenate(lost) @ np.array([1, 1j]))
+    bridges, bare = (
+        field.to_work(np.concatenate(places) @ np.array([1, 1j])) for places in (joined, lost)
+    )
     tool = f"a {diameter:g} mm tool"
     notes = []
     if len(bridges):
         count = counted(len(bridges), "place")
-        what = f"ink joins what the artwork keeps apart at {count}: {_format_places(bridges)}"
-        why = f"{tool} leaves no gap there; take a narrower one, or draw them farther apart"
-        notes.append(Note("warning", what, why, places=_to_pairs(bridges), strict=True))
+        notes.append(
+            Note(
+                "warning",
+                f"ink joins what the artwork keeps apart at {count}: {_format_places(bridges)}",
+                f"{tool} leaves no gap there; take a narrower one, or draw them farther apart",
+                places=_to_pairs(bridges),
+                strict=True,
+            )
+        )
     if len(bare):
-        what = f"{counted(len(bare), 'region')} not inked at all: {_format_places(bare)}"
         remedy = "take a narrower one, or remove what does not belong to the artwork"
-        why = f"much smaller than {tool}; {remedy}"
-        notes.append(Note("skipped", what, why, places=_to_pairs(bare)))
+        notes.append(
+            Note(
+                "skipped",
+                f"{counted(len(bare), 'region')} not inked at all: {_format_places(bare)}",
+                f"much smaller than {tool}; {remedy}",
+                places=_to_pairs(bare),
+            )
+        )
     return tuple(notes)
 
 

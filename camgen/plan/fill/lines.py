@@ -47,17 +47,14 @@ class CentreLine(Struct, frozen=True, eq=False):
 
 def find_centre_lines(field: FillGrid, radius: float, kept: Pixels) -> list[CentreLine]:
     """The centre lines of the area except `kept` (H, W), for a tool of `radius` px."""
-    depth = field.depth
-    lines = thin_mask(field.mask, kept)
-    strokes = join_strokes(make_graph(lines, kept, depth))
+    strokes = join_strokes(make_graph(thin_mask(field.mask, kept), kept, field.depth))
     if not strokes:
         return []
     widths, points = centre_strokes(strokes, field, radius)
     result = []
     for stroke, centred, half in zip(strokes, points, widths, strict=True):
-        line = centred
-        if not stroke.closed:
-            line = _move_ends(centred, stroke, field, radius, half)
+        is_open = not stroke.closed
+        line = _move_ends(centred, stroke, field, radius, half) if is_open else centred
         if half > _WIDER * radius and len(line) > 2:
             result += _make_parallel(line, stroke.closed, half, radius)
         else:
@@ -83,7 +80,8 @@ def centre_strokes(
         )
         return np.asarray(first[stroke] + further)
 
-    points = _mean([raw[along(k)] for k in range(-reach, reach + 1)])
+    neighbours = [raw[along(k)] for k in range(-reach, reach + 1)]
+    points: ComplexArray = np.asarray(sum(neighbours) / len(neighbours))
     # At the tips the mean, with points on one side only, would shorten the stroke.
     tip = (np.minimum(place, count[stroke] - 1 - place) < reach) & ~closed[stroke]
     points[tip] = raw[tip]
@@ -112,10 +110,6 @@ def _measure_depths(field: FillGrid, points: ComplexArray, about: ComplexArray) 
     foot, _ = find_foot(field.edge, points, np.maximum(row, 0), CLOSE)
     sampled, exact = sample_field(field.depth, points), np.abs(points - foot)
     return np.where((row >= 0) & (np.abs(exact - sampled) < 1.5), exact, sampled)
-
-
-def _mean(columns: Sequence[ComplexArray]) -> ComplexArray:
-    return np.asarray(sum(columns) / len(columns))
 
 
 def _move_ends(
@@ -153,7 +147,6 @@ def _move_end(points: ComplexArray, field: FillGrid, from_tip: float, half: floa
 
 
 def _measure_tip(end: complex, direction: complex, field: FillGrid, half: float) -> float:
-    """Distance from `end` to the border in `direction`, a unit vector, px."""
     step = np.arange(0.0, 4 * half + 2.0, 0.25)
     inside = sample_field(field.depth, np.asarray(end + step * direction)) > _BORDER
     sampled = float(step[np.argmin(inside)]) if not inside.all() else float(step[-1])

@@ -19,6 +19,7 @@ from camgen.geometry.ragged import ramp
 from camgen.geometry.rings import (
     ComplexArray,
     Rings,
+    apply_hysteresis,
     find_latest,
     make_rings,
     measure_perimeters,
@@ -32,22 +33,21 @@ from camgen.model.job import Job
 from camgen.model.part import Note
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
-from camgen.model.text import counted
+from camgen.model.text import counted, short
 from camgen.plan.columns import Label, SegmentWork, pass_depths, tool_paths
 from camgen.plan.image_space.border import Border, fit_border, make_border
 from camgen.plan.image_space.field import Field, Pixels, find_chains, make_field, sample_field
 from camgen.plan.image_space.stretches import compute_ratios
 from camgen.plan.image_space.tool_path import (
     ANGLE_NOISE,
+    CORNER_PX,
+    MOVES,
     PIXEL_NOISE,
+    STANDS,
     Limits,
     PixelPath,
     choose_needed,
-    compute_contacts,
     compute_feeds,
-    compute_standing_ratio,
-    find_contact,
-    find_moving,
     is_reached,
     make_iso_path,
     make_pixel_path,
@@ -59,6 +59,7 @@ from camgen.plan.image_space.tool_path import (
     smooth,
     spread_slow,
 )
+from camgen.plan.unused import raise_first
 from camgen.vision.similarity import measure_scale
 
 # Names of the paths of an image, and notes on contours without a path.
@@ -125,9 +126,10 @@ def note_left_out(
     main: (L,) border of each path.
     is_sound: (L,) false for paths that did not keep their distance.
     """
-    tool = f"a {job.tool.diameter:g} mm tool"
-    if job.operation.corner_radius:
-        tool += f" with corner radius {job.operation.corner_radius:g}"
+    radius = job.operation.corner_radius
+    tool = f"a {job.tool.diameter:g} mm tool" + (
+        f" with corner radius {radius:g}" if radius else ""
+    )
     count = len(edge.table.count)
     followed = np.isin(np.arange(count), main[is_sound])
     failed = np.isin(np.arange(count), main[~is_sound])
@@ -149,17 +151,26 @@ def note_left_out(
     total = float(missing.sum())
     if total > max(1e-3 * whole, _MIN_NOTED * mm_per_px):
         worst = int(np.argmax(missing)) + 1
-        what = f"{total:.4g} mm of {whole:.6g} mm of contour not touched, most of it on c{worst}"
-        why = f"inner corners and narrow places that {tool} does not reach"
-        notes.append(Note("warning", what, why))
+        notes.append(
+            Note(
+                "warning",
+                f"{short(total, 2)} mm of {short(whole, 2)} mm of contour not touched, "
+                f"most of it on c{worst}",
+                f"inner corners and narrow places that {tool} does not reach",
+            )
+        )
     return notes
 
 
 def _note_not_followed(borders: IntArray, how: str, why: str) -> Note:
     ids = [f"c{k + 1}" for k in borders.tolist()]
     names = ", ".join(ids[:8]) + (" ..." if len(ids) > 8 else "")
-    what = f"{counted(len(ids), 'contour')} not followed, {how}: {names} on layer {_LAYER}"
-    return Note("skipped", what, why, tuple(ids))
+    return Note(
+        "skipped",
+        f"{counted(len(ids), 'contour')} not followed, {how}: {names} on layer {_LAYER}",
+        why,
+        tuple(ids),
+    )
 
 
 #: Minimum radius of the tool, px.
@@ -222,10 +233,11 @@ def image_space(
     else:
         curves = place_borders(borders, picture)
     edge = make_border(*curves, picture.far.shape)
-    if exact:
-        path = make_iso_path(picture, edge, distance, radius)
-    else:
-        path = make_pixel_path(picture, distance, radius)
+    path = (
+        make_iso_path(picture, edge, distance, radius)
+        if exact
+        else make_pixel_path(picture, distance, radius)
+    )
     # The chord that leaves a curve of half the tool's radius by `tolerance.chord`, mm.
     usual_spacing = math.sqrt(2 * job.tool.diameter * job.tolerance.chord)
     step = max((job.operation.waypoint_spacing or usual_spacing) / mm_per_px, 1.0)
@@ -241,27 +253,45 @@ def image_space(
     notes = note_left_out(edge, reached, main, is_sound, job, mm_per_px)
     rate = np.radians(job.operation.waypoint_turn) * mm_per_px
     chain = _make_chain(points, Limits(rate, job.tolerance.chord / mm_per_px))
-    names = make_labels(main, path.parent, is_sound)
     work_from_field = _move_corner(work_from_view, picture.corner)
-    return _make_paths(chain, names, work_from_field, job), tuple(notes)
+    labels = make_labels(main, path.parent, is_sound)
+    return _make_paths(chain, labels, work_from_field, job), tuple(notes)
 
 
 def _check_input(mask_pixels: Pixels, job: Job, distance: float) -> None:
-    """Raise an error for a mask or settings that the planner does not support."""
     if mask_pixels.ndim != 2 or mask_pixels.dtype != np.uint8:
-        what = f"has shape {mask_pixels.shape} of {mask_pixels.dtype}"
-        raise InputError("mask", what, remedy="give (H, W) uint8")
-    if job.operation.side != "auto":
-        what = f'"{job.operation.side}" is not known to the image-space planner'
-        raise JobError("job", what, "operation.side", "set operation.side to auto")
-    if distance < _MIN_RADIUS_PX:
-        what = f"{job.tool.diameter:g} mm is {2 * distance:.2g} px of the view"
-        raise JobError("job", what, "tool.diameter", "use a larger tool or a finer view")
-    rim = (mask_pixels[0], mask_pixels[-1], mask_pixels[:, 0], mask_pixels[:, -1])
-    if any(line.any() for line in rim):
         raise InputError(
-            "mask", "the part touches the border of the view", remedy="show the whole part"
+            "mask",
+            f"has shape {mask_pixels.shape} of {mask_pixels.dtype}",
+            remedy="give (H, W) uint8",
         )
+    rim = (mask_pixels[0], mask_pixels[-1], mask_pixels[:, 0], mask_pixels[:, -1])
+    raise_first(
+        (
+            job.operation.side != "auto",
+            JobError(
+                "job",
+                f'"{job.operation.side}" is not known to the image-space planner',
+                "operation.side",
+                "set operation.side to auto",
+            ),
+        ),
+        (
+            distance < _MIN_RADIUS_PX,
+            JobError(
+                "job",
+                f"{job.tool.diameter:g} mm is {2 * distance:.2g} px of the view",
+                "tool.diameter",
+                "use a larger tool or a finer view",
+            ),
+        ),
+        (
+            any(line.any() for line in rim),
+            InputError(
+                "mask", "the part touches the border of the view", remedy="show the whole part"
+            ),
+        ),
+    )
 
 
 def _make_waypoints(
@@ -288,12 +318,14 @@ def _make_waypoints(
     contact, along, run, touched = _find_contact(path, edge, field, distance)
     noise = (ANGLE_NOISE if field is None else PIXEL_NOISE) * distance
     ratio = compute_ratios(table, along, run, noise)
-    standing = compute_standing_ratio(distance)
+    # A corner as round as a photo shows a sharp one has a larger ratio.
+    standing = max(STANDS, CORNER_PX / (distance + CORNER_PX))
     ratio = sharpen_corners(table, ratio, along, path.force_direction, standing)
-    force = contact & find_moving(table, ratio, standing)
+    # The observed feed is nearly zero at sharp outer corners [4.2.1].
+    is_moving = ratio >= standing + MOVES - STANDS
+    force = contact & apply_hysteresis(table, is_moving, ratio < standing, True)
     feed = compute_feeds(spread_slow(table, ratio), contact, fastest)
-    is_spaced = mark_spaced(table, count)
-    return _Waypoints(table, points, direction, feed, force, is_spaced), touched
+    return _Waypoints(table, points, direction, feed, force, mark_spaced(table, count)), touched
 
 
 def _find_contact(
@@ -307,30 +339,23 @@ def _find_contact(
     table, back = path.table, path.table.shifted(-1)
     tolerance = _CONTACT_GAP_PX if field is None else _PIXEL_GAP
     points, direction = path.points, path.force_direction
-    contacts = compute_contacts(points, direction, distance)
-    gap, row = _measure_gaps(edge, contacts, field)
+    # The contact point is at the offset distance along the force direction (eq. 10).
+    contacts = points + distance * direction
+    gap, row = measure_gaps(edge, contacts, field)
     along, run = measure_runs(table, points, contacts)
-    middle, middle_direction = points + points[back], unit(direction + direction[back])
-    half_way = compute_contacts(middle / 2, middle_direction, distance)
+    half_way = (points + points[back]) / 2 + distance * unit(direction + direction[back])
     is_far = gap > tolerance
     # In a sharp inner corner the contact point leaps from one side to the other: the tool touches
     # both.
-    leaps = (_measure_gaps(edge, half_way, field)[0] > tolerance) | is_far | is_far[back]
+    leaps = (measure_gaps(edge, half_way, field)[0] > tolerance) | is_far | is_far[back]
     # Within a pixel of it the path is bent.
     leaps = leaps | leaps[back] | leaps[table.shifted(1)]
     contact = np.ones(len(table), dtype=bool)
     if path.inside is not None:
-        contact = find_contact(table, gap, tolerance)
+        # Contact is found again at half of the gap at which it is lost [4.2.1].
+        contact = apply_hysteresis(table, gap <= tolerance / 2, is_far, True)
     contact = contact & contact[back]
     return contact, np.where(leaps, run, along), run, np.where(is_far, -1, row)
-
-
-def _measure_gaps(
-    edge: Border, contacts: ComplexArray, field: Field | None
-) -> tuple[FloatArray, IntArray]:
-    """The gap (N,) between contact points and part, px, and the nearest row of `edge`, or -1."""
-    gap, row = measure_gaps(edge, contacts)
-    return (gap if field is None else sample_field(field.far, contacts)), row
 
 
 class _Chain(Struct, frozen=True, eq=False):
@@ -375,7 +400,6 @@ def _make_chain(points: _Waypoints, limits: Limits) -> _Chain:
 
 
 def _move_corner(work_from_view: FloatArray, corner: complex) -> FloatArray:
-    """(2, 3) work_from_field; `corner` is the first pixel of the field in the view."""
     matrix = np.array(work_from_view, dtype=np.float64)
     matrix[:, 2] += matrix[:, :2] @ np.array([corner.real, corner.imag])
     return matrix
@@ -413,5 +437,4 @@ def _make_paths(
         direction, feed, force = direction[back][:, ::-1], feed[back], force[back]
     depths = pass_depths(job.operation.depth, job.operation.passes)
     used_labels = [label for label in labels if label is not None]
-    work = SegmentWork(direction, force, feed)
-    return tool_paths(segments, used_labels, work, depths, "follow")
+    return tool_paths(segments, used_labels, SegmentWork(direction, force, feed), depths, "follow")

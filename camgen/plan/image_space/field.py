@@ -60,8 +60,12 @@ def make_field(mask: Pixels, reach: float) -> Field:
     u, v, width, height = cv2.boundingRect(mask)
     margin = int(np.ceil(reach)) + _BORDER_PX
     if (width + 2 * margin) * (height + 2 * margin) > _MAX_PIXELS:
-        what = f"its path runs {reach:.0f} px beside a part of {width} x {height} px"
-        raise JobError("job", what, "tool.diameter", "use a smaller tool or a coarser view")
+        raise JobError(
+            "job",
+            f"its path runs {reach:.0f} px beside a part of {width} x {height} px",
+            "tool.diameter",
+            "use a smaller tool or a coarser view",
+        )
     part = np.zeros((height + 2 * margin, width + 2 * margin), dtype=np.uint8)
     part[margin : margin + height, margin : margin + width] = mask[v : v + height, u : u + width]
     far = cv2.distanceTransform(cv2.bitwise_not(part), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
@@ -91,8 +95,7 @@ def find_chains(mask: Pixels, min_pixels: int = 1) -> FieldCurves:
     """
     borders, tree = cv2.findContours(mask, cv2.RETR_TREE, cv2.CHAIN_APPROX_NONE)
     above = [] if tree is None else tree[0, :, 3].tolist()
-    is_hole = [False] * len(borders)
-    new_index = [-1] * len(borders)
+    is_hole, new_index = [False] * len(borders), [-1] * len(borders)
     kept: list[int] = []
     # A border starts at its topmost pixel, so it is sorted before the borders inside it.
     starts = [(int(border[0, 0, 1]), int(border[0, 0, 0])) for border in borders]
@@ -132,8 +135,7 @@ def compute_gradient(far: Distances, points: ComplexArray, radius: int) -> Compl
 def sample_field(far: Distances, points: ComplexArray) -> FloatArray:
     """Bilinear values of `far` at `points`, px."""
     height, width = far.shape
-    u = np.clip(points.real, 0, width - 1.001)
-    v = np.clip(points.imag, 0, height - 1.001)
+    u, v = np.clip(points.real, 0, width - 1.001), np.clip(points.imag, 0, height - 1.001)
     i, j = v.astype(np.int64), u.astype(np.int64)
     b, a = v - i, u - j
     top = (1 - a) * far[i, j] + a * far[i, j + 1]

@@ -169,7 +169,6 @@ def _count_before(
 
 
 def _keep_apart(moved: IntArray, first: IntArray) -> IntArray:
-    """`moved` for stretches that keep two rows, otherwise `first`."""
     is_valid = np.append(np.diff(moved) >= 2, True)
     is_valid[1:] &= is_valid[:-1]
     chosen = np.where(is_valid, moved, first)

@@ -14,7 +14,6 @@ from camgen.geometry.ragged import owners, ramp
 from camgen.geometry.rings import (
     ComplexArray,
     Rings,
-    apply_hysteresis,
     find_latest,
     make_rings,
     space_evenly,
@@ -151,23 +150,16 @@ def _move_pixels(
 
 #: Speed of the contact point, as a fraction of that of the tool centre. Below the first it stands
 #: still, as at a sharp outer corner, until it is above the second.
-_STANDS, _MOVES = 0.1, 0.35
+STANDS, MOVES = 0.1, 0.35
 #: Noise of the force direction along lines and arcs, rad: from the exact border, and from pixels.
 ANGLE_NOISE, PIXEL_NOISE = 0.02, 0.05
 #: Radius of a sharp corner in a photo, px.
-_CORNER_PX = 3.0
+CORNER_PX = 3.0
 #: Maximum length by which a corner in a photo is shortened at each end, px, and its largest angle
 #: for that, rad.
 _MAX_SHIFT, _MAX_CORNER = 4, 2.6
 #: Minimum speed of the tool centre on a tight inner curve, as a fraction of the feed.
 _SLOWEST = 0.02
-
-
-def compute_contacts(
-    points: ComplexArray, direction: ComplexArray, distance: float
-) -> ComplexArray:
-    """The contact points: `points` moved by `distance` px along the force direction (eq. 10)."""
-    return points + distance * direction
 
 
 def measure_runs(
@@ -193,31 +185,6 @@ def compute_feeds(ratio: FloatArray, contact: BoolArray, fastest: float) -> Floa
     return np.where(contact, np.clip(1 / np.maximum(ratio, 1e-9), _SLOWEST, fastest), 1.0)
 
 
-def find_contact(table: Rings, gap: FloatArray, tolerance: float) -> BoolArray:
-    """(N,) true where contact is expected [4.2.1].
-
-    Contact is lost if the contact point is more than `tolerance` px from the part, and found again
-    at half of that.
-    """
-    return apply_hysteresis(table, gap <= tolerance / 2, gap > tolerance, True)
-
-
-def compute_standing_ratio(distance: float) -> float:
-    """The speed ratio below which the contact point stands still, for an offset in px.
-
-    A corner that is as round as a photo shows a sharp one has a larger ratio.
-    """
-    return max(_STANDS, _CORNER_PX / (distance + _CORNER_PX))
-
-
-def find_moving(table: Rings, ratio: FloatArray, standing: float) -> BoolArray:
-    """(N,) false at sharp outer corners, where the observed feed is nearly zero [4.2.1].
-
-    standing: speed ratio from `compute_standing_ratio`.
-    """
-    return apply_hysteresis(table, ratio >= standing + _MOVES - _STANDS, ratio < standing, True)
-
-
 def sharpen_corners(
     table: Rings, ratio: FloatArray, along: FloatArray, direction: ComplexArray, standing: float
 ) -> FloatArray:
@@ -229,11 +196,10 @@ def sharpen_corners(
     length that the contact point ran by the angle. These stretches belong to the lines.
 
     along: (N,) length of the contact point on the segment before each row, px.
-    standing: speed ratio from `compute_standing_ratio`.
+    standing: speed ratio below which the contact point stands still.
     """
     still = ratio < standing
-    starts = still & ~still[table.shifted(-1)]
-    start = find_latest(table, starts)
+    start = find_latest(table, still & ~still[table.shifted(-1)])
     row = np.flatnonzero(still & (start >= 0))
     start, size = start[row], np.bincount(start[row], minlength=len(table))
     length = np.bincount(start, along[row], len(table))
@@ -257,15 +223,19 @@ def spread_slow(table: Rings, ratio: FloatArray) -> FloatArray:
     return np.asarray(np.maximum(neighbours, ratio))
 
 
-def measure_gaps(edge: Border, contacts: ComplexArray) -> tuple[FloatArray, IntArray]:
-    """The distance (N,) of each contact point from the part's border, px, and the row of `edge`.
+def measure_gaps(
+    edge: Border, contacts: ComplexArray, field: Field | None
+) -> tuple[FloatArray, IntArray]:
+    """The distance (N,) of each contact point from the part, px, and the nearest row of `edge`.
 
     inf and -1 if no point of the border is near. It is the distance to the foreground mask of
-    [4.2.1], to a fraction of a pixel.
+    [4.2.1]: to a fraction of a pixel, or from the distance image of `field`.
     """
     start = find_near(edge, contacts)
     foot, row = find_foot(edge, contacts, np.maximum(start, 0), CLOSE)
-    return np.where(start >= 0, np.abs(contacts - foot), np.inf), np.where(start >= 0, row, -1)
+    distance = np.where(start >= 0, np.abs(contacts - foot), np.inf)
+    gap = distance if field is None else sample_field(field.far, contacts)
+    return gap, np.where(start >= 0, row, -1)
 
 
 # From a point at every pixel to few waypoints (PIST, section 3.4).

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -59,9 +60,10 @@ def find_pockets(contours: Sequence[Contour]) -> tuple[Pockets, list[Note]]:
     crossings = _find_crossings(closed)
     for k in crossings:
         nesting.crossed[k] = k
-    unfit: list[tuple[list[Contour], str, str]] = []
-    for is_unfit, problem, why in _find_unfit(nesting, crossings):
-        unfit.append((_select_contours(closed, is_unfit), problem, why))
+    unfit = [
+        (_select_contours(closed, is_unfit), problem, why)
+        for is_unfit, problem, why in _find_unfit(nesting, crossings)
+    ]
     loose = [contour for contour in contours if not contour.closed]
     if loose:
         why = "only what is closed has an inside; raise input.join to close gaps"
@@ -69,9 +71,7 @@ def find_pockets(contours: Sequence[Contour]) -> tuple[Pockets, list[Note]]:
     notes = [_note_not_cleared(chosen, problem, why) for chosen, problem, why in unfit if chosen]
     is_valid = (nesting.crossed < 0) & ~nesting.empty
     outer = np.flatnonzero(is_valid & (nesting.depth % 2 == 0))
-    unfit_contours: list[Contour] = []
-    for chosen, _, _ in unfit:
-        unfit_contours += chosen
+    unfit_contours = list(chain.from_iterable(chosen for chosen, _, _ in unfit))
     unclear = _find_unclear(closed, outer.tolist(), unfit_contours)
     if unclear:
         why = (
@@ -111,8 +111,7 @@ def _make_pockets(
     pocket = np.repeat(np.arange(len(members)), sizes)
     walls = PocketWalls(segments, following, pocket[segments.owner], len(members))
     outer = [closed[pocket_members[0]] for pocket_members in members]
-    names = [wall.id for wall in outer]
-    layers = [wall.layer for wall in outer]
+    names, layers = [wall.id for wall in outer], [wall.layer for wall in outer]
     contours = []
     for pocket_members in members:
         contours.append(_list_ids([closed[k] for k in pocket_members]))
@@ -141,8 +140,7 @@ def _find_overlaps(closed: Sequence[Contour], nesting: Nesting) -> Nesting:
     polygons[touching] = shapely.make_valid(polygons[touching])
     common = shapely.area(shapely.intersection(polygons[first], polygons[second]))
     smaller = np.minimum(shapely.area(polygons[first]), shapely.area(polygons[second]))
-    shorter = np.minimum(shapely.length(edges[first]), shapely.length(edges[second]))
-    slack = 2 * CHORD_MM * shorter
+    slack = 2 * CHORD_MM * np.minimum(shapely.length(edges[first]), shapely.length(edges[second]))
     overlaps = (common > slack) & (smaller - common > slack)
     first, second = tested[first[overlaps]], tested[second[overlaps]]
     crossed = nesting.crossed.copy()
@@ -151,12 +149,10 @@ def _find_overlaps(closed: Sequence[Contour], nesting: Nesting) -> Nesting:
 
 
 def _select_contours(closed: Sequence[Contour], is_chosen: Any) -> list[Contour]:
-    """The contours for which `is_chosen` (C,) is true."""
     return [closed[k] for k in np.flatnonzero(is_chosen).tolist()]
 
 
 def _are_crossed(loops: Segments, count: int) -> NDArray[np.bool_]:
-    """(count,) whether each closed loop, an owner of `loops`, crosses itself."""
     points, owner = flatten(loops, CHORD_MM)
     crossed = np.zeros(count, dtype=np.bool_)
     polygons = np.flatnonzero(np.bincount(owner, minlength=count) >= MIN_CORNERS)
@@ -216,9 +212,8 @@ def _find_unclear(
     polygons = [shapely.make_valid(shapely.Polygon(ring)) for ring in rings]
     chords, chord_owner = flatten(from_contours(unfit), CHORD_MM)
     ends = np.array([contour.points[0 if contour.closed else -1] for contour in unfit])
-    lines = []
-    for k, end in enumerate(ends):
-        lines.append(shapely.LineString(np.vstack([chords[chord_owner == k], end])))
+    rows = [np.vstack([chords[chord_owner == k], end]) for k, end in enumerate(ends)]
+    lines = [shapely.LineString(points) for points in rows]
     touched = shapely.STRtree(polygons).query(lines, predicate="intersects")[1]
     return [outer[k] for k in np.unique(touched).tolist()]
 

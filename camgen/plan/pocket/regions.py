@@ -261,7 +261,6 @@ def make_pocket_polygon(walls: PocketWalls, pocket: int) -> Any:
 
 
 def _join_walls(parts: Sequence[PocketWalls], pocket_count: int) -> PocketWalls:
-    """The borders of several layers, each of other pockets, as one."""
     if not parts:
         empty = np.zeros(0, dtype=np.int64)
         return PocketWalls(from_contours([]), empty, empty, pocket_count)
@@ -274,8 +273,7 @@ def _join_walls(parts: Sequence[PocketWalls], pocket_count: int) -> PocketWalls:
         owner_count += int(part.segments.owner.max(initial=-1)) + 1
     segments = replace(concatenate([part.segments for part in parts]), owner=np.concatenate(owner))
     pocket = np.concatenate([part.pocket for part in parts])
-    distance = parts[0].distance
-    return PocketWalls(segments, np.concatenate(following), pocket, pocket_count, distance)
+    return PocketWalls(segments, np.concatenate(following), pocket, pocket_count, parts[0].distance)
 
 
 def _lacks_border(
@@ -336,7 +334,6 @@ def _make_layer(curve: OffsetCurve, borders: PocketWalls, offset: float, climb: 
 
 
 def _split_by_owner(segments: Segments, count: int) -> list[Segments]:
-    """The segments of each owner from 0 to `count` - 1."""
     edges = np.searchsorted(segments.owner, np.arange(count + 1))
     return [segments.take(np.arange(start, end)) for start, end in pairwise(edges.tolist())]
 
