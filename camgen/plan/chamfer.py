@@ -17,7 +17,7 @@ from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.part import Note, Part
 from camgen.model.path import ToolPath
-from camgen.plan.columns import pass_depths
+from camgen.plan.columns import compute_depths
 from camgen.plan.follow import run_beside
 from camgen.plan.unused import raise_first
 
@@ -44,7 +44,7 @@ def chamfer(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...
     Raises JobError for a tool that is not a V tool, and for a width that is missing or too large.
     """
     bevel = compute_bevel(job)
-    depths = pass_depths(bevel.depth, job.operation.passes)
+    depths = compute_depths(bevel.depth, job.operation.passes)
     return run_beside(part, job, bevel.offset, depths, "chamfer", bevel.reach)
 
 

@@ -50,7 +50,7 @@ class SegmentWork(Struct, frozen=True, eq=False):
     feed: FloatArray
 
 
-def tool_paths(
+def make_tool_paths(
     segments: Segments,
     labels: Sequence[Label],
     work: SegmentWork,
@@ -124,7 +124,7 @@ def straight_path(
             feed=job.process.feed,
         ),
         closed=bool((points[0] == points[-1]).all()),
-        depths=pass_depths(job.operation.depth, job.operation.passes),
+        depths=compute_depths(job.operation.depth, job.operation.passes),
         contours=contours,
         operation=operation,
     )
@@ -149,13 +149,13 @@ def plunge_path(
         layer=layer,
         table=waypoints(position=np.array([[x, y, 0.0]]), via=np.nan, feed=job.process.feed),
         closed=False,
-        depths=pass_depths(job.operation.depth, job.operation.passes),
+        depths=compute_depths(job.operation.depth, job.operation.passes),
         contours=contours,
         operation=operation,
     )
 
 
-def sideways(segments: Segments, side: int) -> FloatArray:
+def compute_sideways(segments: Segments, side: int) -> FloatArray:
     """(N, 2, 3) unit vectors perpendicular to the travel, at start and end of each segment.
 
     side: 1 for the left side, -1 for the right side, 0 for zero vectors.
@@ -168,7 +168,7 @@ def sideways(segments: Segments, side: int) -> FloatArray:
     return press
 
 
-def pass_depths(depth: float, passes: int) -> tuple[float, ...]:
+def compute_depths(depth: float, passes: int) -> tuple[float, ...]:
     """Depths of equal passes down to `depth`, mm below the top face."""
     return tuple(depth * (k + 1) / passes for k in range(passes))
 

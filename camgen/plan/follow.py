@@ -40,7 +40,14 @@ from camgen.plan.beside import (
     select_segments,
     with_centre_lines,
 )
-from camgen.plan.columns import SLOWEST, Label, SegmentWork, pass_depths, sideways, tool_paths
+from camgen.plan.columns import (
+    SLOWEST,
+    Label,
+    SegmentWork,
+    compute_depths,
+    compute_sideways,
+    make_tool_paths,
+)
 from camgen.plan.contact_feed import CAPPED, note_contact_feed
 from camgen.plan.finish import add_finishing
 from camgen.plan.open_outlines import check_outlines
@@ -90,7 +97,7 @@ def follow(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]
     if job.tool.kind == "drill":
         raise JobError("job", "a drill does not cut sideways", "tool.kind", "choose a mill")
     radius, finish = job.tool.radius, job.operation.finish
-    depths = pass_depths(job.operation.depth, job.operation.passes)
+    depths = compute_depths(job.operation.depth, job.operation.passes)
     if not finish:
         return run_beside(part, job, radius, depths, "follow")
     if not job.operation.inside_first:
@@ -161,7 +168,7 @@ def run_beside(
     if job.process.force:
         notes += _note_feeds(curve, source, contours, job)
     segments, work = _order_chains(curve, source, order, job)
-    return tool_paths(segments, labels, work, depths, operation), tuple(notes)
+    return make_tool_paths(segments, labels, work, depths, operation), tuple(notes)
 
 
 def _note_nothing_left(
@@ -554,4 +561,4 @@ def _order_chains(
         # Climb: the part on the right of the travel.
         segments, back = reverse_segments(segments)
         feed, force, side = feed[back], force[back], -1
-    return segments, SegmentWork(sideways(segments, side), force, feed)
+    return segments, SegmentWork(compute_sideways(segments, side), force, feed)

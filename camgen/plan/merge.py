@@ -49,7 +49,7 @@ class Pieces(Struct, frozen=True, eq=False):
     network: list[int]
 
 
-def trails(pieces: Pieces, contours: list[Contour]) -> list[tuple[Contour, int]]:
+def make_trails(pieces: Pieces, contours: list[Contour]) -> list[tuple[Contour, int]]:
     """Trails that run every piece once, each with its network.
 
     A network gets half as many trails as it has odd nodes, or one. An end is a number: 2 i is the
@@ -307,7 +307,7 @@ def _merge_layer(
     networks: dict[int, tuple[list[int], list[Contour]]] = {}
     for k in chosen.tolist():
         networks.setdefault(int(label[k]), ([], []))[0].append(k)
-    for contour, number in trails(pieces, contours):
+    for contour, number in make_trails(pieces, contours):
         networks[number][1].append(contour)
     return list(networks.values())
 

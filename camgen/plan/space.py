@@ -15,7 +15,7 @@ from camgen.model.pose import TOOL_DOWN
 from camgen.model.program import Joints
 from camgen.model.text import short
 from camgen.plan import Plan, Watch
-from camgen.plan.columns import pass_depths
+from camgen.plan.columns import compute_depths
 from camgen.plan.unused import check_idle
 
 #: Largest tilt of a tool that counts as straight down, rad.
@@ -97,7 +97,7 @@ def _make_path(curve: Curve, job: Job) -> ToolPath:
             feed=job.process.feed,
         ),
         closed=False,
-        depths=pass_depths(job.operation.depth, job.operation.passes),
+        depths=compute_depths(job.operation.depth, job.operation.passes),
         contours=(curve.id,),
         operation="trace",
     )

@@ -129,21 +129,23 @@ def _split(
     cut, part, old = cut.pick(inside), fraction[inside], before[inside]
     first, last = ends[0][inside], ends[1][inside]
     moved.position[first] = moved.position[last] = cut.point(part)
-    moved.axis[first] = moved.axis[last] = between(drawn.axis[old], drawn.axis[old + 1], part)
+    moved.axis[first] = moved.axis[last] = interpolate_vectors(
+        drawn.axis[old], drawn.axis[old + 1], part
+    )
 
     c = cut.curved
     moved.via[first[c] + 1] = cut.point((1 + part) / 2)[c]
     moved.via[last[c]] = cut.point(part / 2)[c]
 
     press = drawn.force_direction[old + 1]
-    turned = between(press[:, 0], press[:, 1], part)
+    turned = interpolate_vectors(press[:, 0], press[:, 1], part)
     axle = cross(cut.towards[c], cut.along[c])
     turned[c] = turn_vectors(press[c, 0], axle, part[c] * cut.sweep[c])
     pressed = moved.force_direction
     pressed[first, 0] = pressed[first + 1, 0] = pressed[last, 1] = turned
 
 
-def between(a: FloatArray, b: FloatArray, fraction: FloatArray) -> FloatArray:
+def interpolate_vectors(a: FloatArray, b: FloatArray, fraction: FloatArray) -> FloatArray:
     """Unit vectors (K, 3) interpolated by angle from `a` to `b`; `a` if both are equal or zero."""
     angle = angles(a, b)
     result = a.copy()

@@ -23,7 +23,13 @@ from camgen.model.path import ToolPath
 from camgen.model.pose import frozen
 from camgen.model.text import counted, short
 from camgen.model.tolerance import SAME_POINT_MM
-from camgen.plan.columns import Label, SegmentWork, pass_depths, sideways, tool_paths
+from camgen.plan.columns import (
+    Label,
+    SegmentWork,
+    compute_depths,
+    compute_sideways,
+    make_tool_paths,
+)
 from camgen.plan.merge import merge
 
 
@@ -41,13 +47,13 @@ def trace(part: Part, job: Job) -> tuple[ToolPath, ...]:
         Label(c.id, c.layer, c.closed, True, around, c.sources or (c.id,))
         for c, around in zip(contours, parent, strict=True)
     ]
-    press = sideways(segments, 0)
+    press = compute_sideways(segments, 0)
     if job.process.force:
         press[:, :, 2] = -1.0
     force = np.full(len(segments), job.process.force)
     feed = np.full(len(segments), job.process.feed)
-    depths = pass_depths(job.operation.depth, job.operation.passes)
-    return tool_paths(segments, labels, SegmentWork(press, force, feed), depths, "trace")
+    depths = compute_depths(job.operation.depth, job.operation.passes)
+    return make_tool_paths(segments, labels, SegmentWork(press, force, feed), depths, "trace")
 
 
 def share_edges(part: Part, job: Job) -> tuple[Part, tuple[Note, ...]]:

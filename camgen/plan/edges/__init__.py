@@ -44,7 +44,7 @@ from camgen.plan.edges.last_face import offset_along
 from camgen.plan.edges.pieces import LinePaths, PieceSearch
 from camgen.plan.edges.poses import poses
 from camgen.plan.edges.remedy import Attempt, find_remedies
-from camgen.plan.edges.select import select
+from camgen.plan.edges.select import select_edges
 from camgen.plan.unused import check_idle
 from camgen.robots.models import Robot
 from camgen.robots.workcell import Workcell
@@ -232,7 +232,7 @@ def choose(solid: Solid, job: Job) -> dict[str, Edge]:
         raise InputError(
             solid.source, "has no sharp edges", remedy="camgen inspect shows what is in it"
         )
-    chosen = set(select(solid, [job.input.select]))
+    chosen = set(select_edges(solid, [job.input.select]))
     if not chosen:
         raise JobError(
             "job",

@@ -16,7 +16,7 @@ _LEVEL = 1e-3
 _ID = re.compile(r"e([1-9][0-9]*)")
 
 
-def select(solid: Solid, words: Sequence[str]) -> tuple[str, ...]:
+def select_edges(solid: Solid, words: Sequence[str]) -> tuple[str, ...]:
     """The ids of the edges that `words` select, in the order of the part.
 
     A word is `all`, `convex` (edges with burrs), `bottom` (edges on the lowest plane), an id, or a

@@ -28,9 +28,9 @@ from camgen.model.path import ToolPath, waypoints
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
 from camgen.plan import Coverage
-from camgen.plan.columns import pass_depths
+from camgen.plan.columns import compute_depths
 from camgen.plan.fill.bridges import join_passes
-from camgen.plan.fill.cover import SAG, measure, paint, run_along, split_lines
+from camgen.plan.fill.cover import SAG, measure_areas, paint, run_along, split_lines
 from camgen.plan.fill.ground import Distances, FillGrid, Pixels, compute_slope, make_grid
 from camgen.plan.fill.joined import note_joined
 from camgen.plan.fill.lines import CentreLine, centre_strokes, find_centre_lines
@@ -401,7 +401,7 @@ def _make_paths(
             layer=(around or fallback)[0].layer,
             table=table[first[k] : first[k] + counts[k]],
             closed=stroke.closed,
-            depths=pass_depths(job.operation.depth, job.operation.passes),
+            depths=compute_depths(job.operation.depth, job.operation.passes),
             contours=tuple(dict.fromkeys(contour.id for contour in around)),
             operation="fill",
         )
@@ -439,7 +439,7 @@ def measure_coverage(
     for path, is_thin in zip(paths, thin, strict=True):
         line = run_along(path, radius / SAG) @ np.array([1, 1j])
         (narrow if is_thin else wide).append(line)
-    return measure(field.edge.table, edge, wide, narrow, radius)
+    return measure_areas(field.edge.table, edge, wide, narrow, radius)
 
 
 def _note_open(part: Part) -> tuple[Note, ...]:

@@ -16,7 +16,13 @@ from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.tolerance import NONZERO
 from camgen.plan import Coverage
-from camgen.plan.fill.ground import Pixels, crossings, even_odd, outlines, spread
+from camgen.plan.fill.ground import (
+    Pixels,
+    expand_ranges,
+    find_crossings,
+    find_outlines,
+    mask_even_odd,
+)
 
 # The covered area is measured on the strokes as they will be run, along rows across them.
 
@@ -38,7 +44,7 @@ def compute_spans(
     Returns n, and u of both ends, (M,).
     """
     low, high = np.minimum(start.imag, end.imag) - radius, np.maximum(start.imag, end.imag) + radius
-    line, row = spread(
+    line, row = expand_ranges(
         np.ceil(low / pitch).astype(np.int64), np.floor(high / pitch).astype(np.int64) + 1
     )
     v = row * pitch
@@ -81,7 +87,7 @@ def split_lines(paths: Sequence[ComplexArray]) -> tuple[ComplexArray, ComplexArr
     return start, np.concatenate([p[1:] if len(p) > 1 else p for p in paths])
 
 
-def measure(
+def measure_areas(
     table: Rings,
     borders: ComplexArray,
     passes: Sequence[ComplexArray],
@@ -102,7 +108,7 @@ def measure(
     pitch = max(pitch, height / _MAX_ROWS)
     following = borders[table.shifted(1)]
     start = borders.real + 1j * (borders.imag / pitch)
-    edge, place = crossings(start, following.real + 1j * (following.imag / pitch))
+    edge, place = find_crossings(start, following.real + 1j * (following.imag / pitch))
     events = [(edge, place, np.ones(len(edge), dtype=np.int64))]
     for weight, paths in ((_PASS, passes), (_THIN, thin)):
         rows, left, right = compute_spans(*split_lines(paths), radius, pitch)
@@ -161,7 +167,7 @@ def coverage_map(part: Part, paths: Sequence[ToolPath], diameter: float, size: i
     diameter: diameter of the tool, mm.
     size: number of pixels of the longer side.
     """
-    counts, points, work_from_grid, _ = outlines(part, diameter / 2)
+    counts, points, work_from_grid, _ = find_outlines(part, diameter / 2)
     pixels = np.column_stack([points.real, points.imag])
     border = pixels @ work_from_grid[:, :2].T + work_from_grid[:, 2]
     strokes = [run_along(path, diameter / SAG) for path in paths]
@@ -174,7 +180,7 @@ def coverage_map(part: Part, paths: Sequence[ToolPath], diameter: float, size: i
         return np.asarray(((places[:, 0] - low[0]) + 1j * (high[1] - places[:, 1])) / pixel)
 
     shape = (height, width)
-    copper = even_odd(make_rings(counts), to_pixels(border), shape) > 0
+    copper = mask_even_odd(make_rings(counts), to_pixels(border), shape) > 0
     lines = split_lines([to_pixels(stroke) for stroke in strokes])
     ink = paint(*lines, diameter / 2 / pixel, shape) > 0
     kind = np.where(copper, np.where(ink, 1, 2), np.where(ink, 3, 0))

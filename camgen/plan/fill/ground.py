@@ -62,14 +62,14 @@ def make_grid(part: Part, radius: float) -> FillGrid:
 
     Raises JobError if the tool is too small for the picture or the drawing.
     """
-    counts, points, work_from_grid, contour = outlines(part, radius)
+    counts, points, work_from_grid, contour = find_outlines(part, radius)
     table = make_rings(counts)
     corner = _round_down(points, np.minimum) - _FREE_PIXELS * (1 + 1j)
     high = _round_down(points, np.maximum) - corner + _FREE_PIXELS * (1 + 1j)
     points = points - corner
     shift = np.array([[1, 0, corner.real], [0, 1, corner.imag], [0, 0, 1]])
     shape = (int(high.imag) + 2, int(high.real) + 2)
-    mask = even_odd(table, points, shape)
+    mask = mask_even_odd(table, points, shape)
     far = cv2.distanceTransform(mask, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     # The types of OpenCV do not allow a number as second operand.
     above = cv2.max(cv2.subtract(far, _OUTSIDE), 0.0)  # type: ignore[call-overload]
@@ -92,7 +92,7 @@ def compute_slope(field: FillGrid, pixels: ComplexArray) -> tuple[FloatArray, Co
     return flat[index].astype(np.float64), unit(np.asarray(right + 1j * down))
 
 
-def outlines(part: Part, radius: float) -> tuple[IntArray, ComplexArray, FloatArray, IntArray]:
+def find_outlines(part: Part, radius: float) -> tuple[IntArray, ComplexArray, FloatArray, IntArray]:
     """The closed borders of a part for a tool of `radius` mm.
 
     Returns the number of points of each border, the points in px of the grid, work_from_grid, and
@@ -154,27 +154,27 @@ def _outline_drawing(
     return counts, moved, np.array([[pixel, 0, low[0]], [0, -pixel, high[1]]]), closed
 
 
-def crossings(start: ComplexArray, end: ComplexArray) -> tuple[IntArray, FloatArray]:
+def find_crossings(start: ComplexArray, end: ComplexArray) -> tuple[IntArray, FloatArray]:
     """The points at which lines cross rows of the grid: row and u of each, (M,).
 
     An end on a row belongs to one of its two lines.
     """
     low, high = np.minimum(start.imag, end.imag), np.maximum(start.imag, end.imag)
     first, last = np.ceil(low).astype(np.int64), np.ceil(high).astype(np.int64)
-    line, row = spread(first, last)
+    line, row = expand_ranges(first, last)
     slope = (end.real - start.real) / np.where(high > low, end.imag - start.imag, 1.0)
     return row, start.real[line] + (row - start.imag[line]) * slope[line]
 
 
-def spread(first: IntArray, last: IntArray) -> tuple[IntArray, IntArray]:
+def expand_ranges(first: IntArray, last: IntArray) -> tuple[IntArray, IntArray]:
     """All pairs (k, n) with first[k] <= n < last[k], as two arrays (M,)."""
     count = np.maximum(last - first, 0)
     return owners(count), stretches(first, count)
 
 
-def even_odd(table: Rings, points: ComplexArray, shape: tuple[int, int]) -> Pixels:
+def mask_even_odd(table: Rings, points: ComplexArray, shape: tuple[int, int]) -> Pixels:
     """(H, W) 255 for pixels whose centres an odd number of the closed curves encloses."""
-    row, u = crossings(points, points[table.shifted(1)])
+    row, u = find_crossings(points, points[table.shifted(1)])
     column = np.clip(np.ceil(u).astype(np.int64), 0, shape[1] - 1)
     toggles = np.zeros(shape, dtype=np.uint8)
     np.add.at(toggles.ravel(), row * shape[1] + column, np.uint8(1))
@@ -185,6 +185,6 @@ def even_odd(table: Rings, points: ComplexArray, shape: tuple[int, int]) -> Pixe
 def _make_dense(table: Rings, points: ComplexArray) -> tuple[Rings, ComplexArray]:
     step = points[table.shifted(1)] - points
     pieces = np.maximum(np.ceil(np.abs(step) / 2).astype(np.int64), 1)
-    line, place = spread(np.zeros_like(pieces), pieces)
+    line, place = expand_ranges(np.zeros_like(pieces), pieces)
     count = np.bincount(table.loop, pieces, len(table.count)).astype(np.int64)
     return make_rings(count), points[line] + step[line] * (place / pieces[line])

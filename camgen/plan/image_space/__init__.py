@@ -34,7 +34,7 @@ from camgen.model.part import Note
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted, short
-from camgen.plan.columns import Label, SegmentWork, pass_depths, tool_paths
+from camgen.plan.columns import Label, SegmentWork, compute_depths, make_tool_paths
 from camgen.plan.image_space.border import Border, fit_border, make_border
 from camgen.plan.image_space.field import Field, Pixels, find_chains, make_field, sample_field
 from camgen.plan.image_space.stretches import compute_ratios
@@ -435,6 +435,8 @@ def _make_paths(
     if (np.linalg.det(matrix) < 0) != (job.operation.direction == "conventional"):
         segments, back = reverse_segments(segments)
         direction, feed, force = direction[back][:, ::-1], feed[back], force[back]
-    depths = pass_depths(job.operation.depth, job.operation.passes)
+    depths = compute_depths(job.operation.depth, job.operation.passes)
     used_labels = [label for label in labels if label is not None]
-    return tool_paths(segments, used_labels, SegmentWork(direction, force, feed), depths, "follow")
+    return make_tool_paths(
+        segments, used_labels, SegmentWork(direction, force, feed), depths, "follow"
+    )

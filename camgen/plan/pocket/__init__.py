@@ -24,7 +24,14 @@ from camgen.model.part import Note, Part
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted, name_ranges
-from camgen.plan.columns import SLOWEST, Label, SegmentWork, pass_depths, sideways, tool_paths
+from camgen.plan.columns import (
+    SLOWEST,
+    Label,
+    SegmentWork,
+    compute_depths,
+    compute_sideways,
+    make_tool_paths,
+)
 from camgen.plan.open_outlines import check_outlines
 from camgen.plan.pocket.channel import Channel, plan_channels
 from camgen.plan.pocket.contours import Pockets, find_pockets
@@ -401,10 +408,10 @@ def _make_paths(
     segments = concatenate([draft.chain for draft in drafts])
     sizes = [len(draft.chain) for draft in drafts]
     segments = replace(segments, owner=np.repeat(np.arange(len(drafts)), sizes))
-    depths = pass_depths(job.operation.depth, job.operation.passes)
+    depths = compute_depths(job.operation.depth, job.operation.passes)
     feeds = _compute_feeds(segments, drafts, pockets.walls.segments, job)
-    work = SegmentWork(sideways(segments, 0), np.zeros(len(segments)), feeds)
-    paths = tool_paths(segments, [draft.label for draft in drafts], work, depths, "pocket")
+    work = SegmentWork(compute_sideways(segments, 0), np.zeros(len(segments)), feeds)
+    paths = make_tool_paths(segments, [draft.label for draft in drafts], work, depths, "pocket")
     planned = []
     for path, draft in zip(paths, drafts, strict=True):
         path_depths = depths[-1:] if draft.full_depth else depths

@@ -66,7 +66,7 @@ def find_pockets(contours: Sequence[Contour]) -> tuple[Pockets, list[Note]]:
     ]
     loose = [contour for contour in contours if not contour.closed]
     if loose:
-        why = "only what is closed has an inside; raise input.join to close gaps"
+        why = "only closed contours have an inside; raise input.join to close gaps"
         unfit.append((loose, "open", why))
     notes = [_note_not_cleared(chosen, problem, why) for chosen, problem, why in unfit if chosen]
     is_valid = (nesting.crossed < 0) & ~nesting.empty

@@ -147,7 +147,9 @@ def wrong_radius(patch: Patch) -> None:
 
 def half_depth(patch: Patch) -> None:
     """Every pass is half as deep."""
-    change_result(patch, "plan.follow", "pass_depths", lambda depths: tuple(d / 2 for d in depths))
+    change_result(
+        patch, "plan.follow", "compute_depths", lambda depths: tuple(d / 2 for d in depths)
+    )
 
 
 def lead_to_the_other_side(patch: Patch) -> None:
