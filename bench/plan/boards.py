@@ -25,8 +25,8 @@ from bench.support.timing import median_seconds
 from camgen.model.part import Contour, Part, Raster
 from camgen.model.pose import frozen
 from camgen.plan.fill import fill
-from camgen.plan.image_space.border import between_pixels
-from camgen.plan.image_space.field import chains
+from camgen.plan.image_space.border import fit_border
+from camgen.plan.image_space.field import find_chains
 from camgen.read import read
 from camgen.read.job_file import from_mapping
 from camgen.vision.crosses import find_crosses
@@ -126,7 +126,7 @@ def _polygon(copper: np.ndarray, points: np.ndarray, value: int) -> None:
 
 def part_of(copper: np.ndarray) -> Part:
     """The board as the reader gives it, with the borders that its pixels tell."""
-    table, points = between_pixels(chains(copper))
+    table, points = fit_border(find_chains(copper))
     borders = tuple(
         frozen(np.column_stack([p.real, p.imag])) for p in np.split(points, table.first[1:])
     )

@@ -19,8 +19,8 @@ from bench.plan.boards import board, part_of
 from bench.support.runner import PARTS, Cells, Missed, Scenario, run
 from camgen.geometry.rings import make_rings
 from camgen.pipeline import Result, build
-from camgen.plan.fill.cover import measure
-from camgen.plan.fill.ground import outlines
+from camgen.plan.fill.cover import measure_areas
+from camgen.plan.fill.ground import find_outlines
 
 MOST = 0.05
 COLUMNS = (
@@ -77,7 +77,7 @@ def covered(result: Result) -> float | str:
     if result.coverage is None:
         return "-"
     radius = result.job.tool.diameter / 2
-    counts, points, work_from_grid, _ = outlines(result.part, radius)
+    counts, points, work_from_grid, _ = find_outlines(result.part, radius)
     border = (
         np.column_stack([points.real, points.imag]) @ work_from_grid[:, :2].T + work_from_grid[:, 2]
     ) @ [1, 1j]
@@ -85,7 +85,7 @@ def covered(result: Result) -> float | str:
     strokes += [
         path.position[:1, :2] @ [1, 1j] for path in result.tour.paths if len(path.position) == 1
     ]
-    found = measure(make_rings(counts), border, strokes, [], radius)
+    found = measure_areas(make_rings(counts), border, strokes, [], radius)
     return 100 * found.covered / found.copper
 
 

@@ -1,7 +1,7 @@
-"""Planning: from a part to tool paths. One function an operation; which operations there are is an open table.
+"""Plans tool paths: one function per operation makes the paths of a part.
 
-The entry points ``camgen.operations`` name them, those of camgen and those of other packages alike
-(docs/writing-an-operation.md).
+Operations are found through the entry points `camgen.operations`, those of camgen and those of
+other packages alike (docs/writing-an-operation.md).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from camgen.model.part import EarlierRun, Note, Part
 from camgen.model.path import ToolPath
 from camgen.model.plugins import OPERATIONS, find, list_entries, load
 from camgen.model.text import counted
-from camgen.plan.page import in_margin, on_page
+from camgen.plan.page import fit_to_page, on_page
 
 if TYPE_CHECKING:
     from camgen.collision.cell import Surroundings
@@ -30,29 +30,33 @@ if TYPE_CHECKING:
     from camgen.motion.setup import EdgeMotion, UnreachableEdge
     from camgen.plan.tool_parts import ToolPart
 
-#: What is called when a stage begins or has got somewhere: what the user is told.
+#: Callback of a stage: it receives a line for the user about its start and its progress.
 Watch = Callable[[str], None]
 Kind = Literal["drawing", "picture", "solid", "program", "curves"]
 Options = TypeVar("Options")
 
 
-#: The end of the name of a stage in which Ctrl-C ends a search alone.
+#: End of the name of a stage in which Ctrl-C ends the search, not the whole run.
 MAY_END = "takes the best so far"
 
 
 def ignore_stages(_: str) -> None:
-    """Nobody watches: then nobody can stop a search but with all the rest."""
+    """A `Watch` that reports nothing. A search then stops only together with the whole run."""
 
 
-#: What looks at a picture itself, not at its contours.
+#: Operations that plan in the pixels of a picture, not on its contours.
 _WHOLE_PICTURE = ("fill", "drill")
-#: Below this share of covered copper the summary warns.
+#: Covered fraction of the copper below which the summary warns.
 _ENOUGH = 0.98
 
 
 class Coverage(Struct, frozen=True):
-    """Areas, mm2. copper: what is to be covered. covered: of it, by ink. outside: ink beside it, of passes. thin: ink
-    beside it that only centre lines leave, of tracks thinner than the tool.
+    """Areas of a filled part, mm2.
+
+    copper: area to be covered.
+    covered: part of the copper that has ink.
+    outside: ink of passes outside the copper.
+    thin: ink outside the copper along centre lines of tracks thinner than the tool.
     """
 
     copper: float
@@ -62,27 +66,31 @@ class Coverage(Struct, frozen=True):
 
     @property
     def enough(self) -> bool:
-        """Whether so little is bare that nobody need look."""
+        """True if the bare area is so small that the user need not check it."""
         return self.covered >= _ENOUGH * self.copper
 
     def percent(self, area: float) -> float:
-        """``area``, mm2, as a share of the copper."""
+        """`area` in mm2 as a percentage of the copper, 0 if there is no copper."""
         return 100 * area / self.copper if self.copper else 0.0
 
     def __str__(self) -> str:
-        left = self.copper - self.covered
-        return (
-            f"{self.percent(self.covered):.2f} % of {self.copper:.1f} mm2 covered, {left:.2f} mm2 not; ink outside "
-            f"{self.percent(self.outside):.2f} % ({self.outside:.2f} mm2), beside thin tracks "
-            f"{self.percent(self.thin):.2f} % ({self.thin:.2f} mm2)"
-        )
+        bare = self.copper - self.covered
+        parts = [
+            f"{self.percent(self.covered):.2f} % of {self.copper:.1f} mm2 covered",
+            f"{bare:.2f} mm2 not; ink outside {self.percent(self.outside):.2f} %"
+            f" ({self.outside:.2f} mm2)",
+            f"beside thin tracks {self.percent(self.thin):.2f} % ({self.thin:.2f} mm2)",
+        ]
+        return ", ".join(parts)
 
 
 class Plan(Struct, frozen=True, eq=False):
-    """What will be done. part: as it is worked on, on its page and with as few points as it needs. paths: in the order
-    of its contours. notes: what the reader and the planner left out, mended or want known. coverage: of what is to be
-    filled, None for other operations.
+    """The result of an operation.
 
+    part: the part on its page, thinned out to the points that it needs.
+    paths: tool paths in the order of the contours.
+    notes: messages of the reader and of the planner.
+    coverage: areas of a filled part, None for other operations.
     left_out: paths and stretches of paths that a fixture blocks.
     """
 
@@ -98,12 +106,12 @@ class Plan(Struct, frozen=True, eq=False):
 
 
 class EdgePlan(Plan, frozen=True, eq=False, kw_only=True):
-    """Processing motions along edges, or curves in space, each with a path.
+    """Motions along edges, or along curves in space, with a tool path for each.
 
-    edges: all edges that were asked for, mm.
-    motions: motions along those that the arm reaches, or along pieces of them.
+    edges: all requested edges, mm.
+    motions: motions along the edges that the arm reaches, or along pieces of them.
     unreached: edges without a motion.
-    where: the surroundings of the arm.
+    where: the scene of the arm.
     made: the paths of the motions.
     noun: name of an edge in messages.
     barred: pairs of paths between which the tool must leave the part.
@@ -119,8 +127,12 @@ class EdgePlan(Plan, frozen=True, eq=False, kw_only=True):
 
 
 class ReplayPlan(Plan, frozen=True, eq=False, kw_only=True):
-    """The motions of a program that was read, as they stand in it. travel: mm of its rapid motions. made: the paths.
-    parts: of G-code, by its tools, whose paths are the paths, one after the other.
+    """The motions of a program that was read, in its order.
+
+    run: the run of the program.
+    travel: total length of its rapid motions, mm.
+    made: the paths.
+    parts: one part of a G-code program for each tool, in the order of the paths; empty otherwise.
     """
 
     run: ProgramRun
@@ -130,8 +142,11 @@ class ReplayPlan(Plan, frozen=True, eq=False, kw_only=True):
 
 
 class JobPlan(Plan, frozen=True, eq=False, kw_only=True):
-    """Several operations, in the order in which they run. numbers: their places in ``Job.operations``. plans: of each,
-    whose paths, one after the other, are the paths.
+    """Several operations, in the order in which they run.
+
+    steps: the operations.
+    numbers: index of each operation in `Job.operations`.
+    plans: plan of each operation; their paths, joined, are `paths`.
     """
 
     steps: tuple[Step, ...]
@@ -140,9 +155,12 @@ class JobPlan(Plan, frozen=True, eq=False, kw_only=True):
 
 
 class Operation(Struct, frozen=True):
-    """One operation. name: that of its entry point, and of ``operation.kind``. about: a line for the user. takes: the
-    kinds of parts that it is for. plan: from a part, its job, the cell and who watches to what will be done; raises
-    InputError or JobError where it cannot.
+    """An operation of an entry point.
+
+    name: name of the entry point and value of `operation.kind`.
+    about: one line for the user.
+    takes: kinds of parts that it accepts.
+    plan: makes a plan from a part, its job, the cell and a `Watch`. Raises InputError or JobError.
     """
 
     name: str
@@ -152,111 +170,126 @@ class Operation(Struct, frozen=True):
 
 
 def plan(part: Part, job: Job, cell: Cell | None = None, watch: Watch = ignore_stages) -> Plan:
-    """The tool paths of ``part`` as ``job`` asks for them. cell: where the program will run; edges of solids need it.
+    """Plan the tool paths of `part` as `job` states.
 
-    Raises JobError for settings that do not go together, InputError for a part that holds nothing for the operation.
+    cell: the cell in which the program will run, required for the edges of a solid.
+    Raises JobError for settings that exclude each other, and InputError if the part has nothing
+    that the operation can work on.
     """
-    laid = on_page(part, job)
-    part = in_margin(part, laid, _simplify(laid, job), job)
+    placed = on_page(part, job)
+    part = fit_to_page(part, placed, _simplify(placed, job), job)
     watch("planning")
-    part, stock = _without_stock(part, job)
-    made = (
-        _plan_steps(part, job, cell, watch)
-        if job.operations
-        else plan_operation(part, job, cell, watch)
-    )
+    part, stock = _split_stock(part, job)
+    if job.operations:
+        planned: Plan = _plan_steps(part, job, cell, watch)
+    else:
+        planned = plan_operation(part, job, cell, watch)
     if job.tour.seams or job.tour.order:
-        made = _by_contour(made, replace(part, contours=(*part.contours, *stock)), job)
+        planned = _pin_contours(planned, replace(part, contours=(*part.contours, *stock)), job)
     if not stock:
-        return made
-    return replace(made, part=replace(made.part, contours=(*made.part.contours, *stock)))
+        return planned
+    return replace(planned, part=replace(planned.part, contours=(*planned.part.contours, *stock)))
 
 
-def _by_contour(made: Plan, part: Part, job: Job) -> Plan:
-    """A plan with what ``tour.seams`` and ``tour.order`` say of single contours of ``part``."""
-    from camgen.plan.seams import insist_on_order, pin_seams  # noqa: PLC0415 (loads shapely, for few jobs)
+def _pin_contours(planned: Plan, part: Part, job: Job) -> Plan:
+    """Check `tour.order` and apply `tour.seams`, which select single contours of `part`."""
+    from camgen.plan.seams import check_order, pin_seams  # noqa: PLC0415 (it loads shapely)
 
-    insist_on_order(part, job)
+    check_order(part, job)
     if not job.tour.seams:
-        return made
-    plans = made.plans if isinstance(made, JobPlan) else (made,)
-    paths, notes = pin_seams([one.paths for one in plans], part, job)
-    notes = (*made.notes, *notes)
-    if not isinstance(made, JobPlan):
-        return replace(made, paths=paths[0], notes=notes)
-    plans = tuple(replace(one, paths=own) for one, own in zip(plans, paths, strict=True))
-    return replace(made, plans=plans, paths=chain_paths(plans), notes=notes)
+        return planned
+    plans = planned.plans if isinstance(planned, JobPlan) else (planned,)
+    paths, notes = pin_seams([step_plan.paths for step_plan in plans], part, job)
+    notes = (*planned.notes, *notes)
+    if not isinstance(planned, JobPlan):
+        return replace(planned, paths=paths[0], notes=notes)
+    plans = tuple(
+        replace(step_plan, paths=pinned) for step_plan, pinned in zip(plans, paths, strict=True)
+    )
+    return replace(planned, plans=plans, paths=join_paths(plans), notes=notes)
 
 
-def _without_stock(part: Part, job: Job) -> tuple[Part, tuple[Contour, ...]]:
-    """The part without the outline of its stock, and that. InputError where the layer of the job holds none."""
+def _split_stock(part: Part, job: Job) -> tuple[Part, tuple[Contour, ...]]:
+    """Split the part into the contours to machine and the outlines of its stock.
+
+    Raises InputError if the layer `stock.layer` has no closed contour.
+    """
     layer = job.stock.layer
     if not layer or part.solid is not None or part.curves:
         return part, ()
     stock = tuple(c for c in part.contours if c.layer == layer and c.closed)
     if not stock:
-        what = f"no closed contour on layer {layer!r}"
         raise InputError(
             part.source,
-            what,
+            f"no closed contour on layer {layer!r}",
             "stock.layer",
             "camgen inspect shows the layers; or give stock.margin",
         )
     ids = tuple(c.id for c in stock)
-    note = Note(
-        "assumed",
-        f"{counted(len(stock), 'contour')} on layer {layer}: the stock, not machined",
-        "stock.layer",
-        ids,
-    )
-    kept = tuple(c for c in part.contours if c.id not in ids)
-    return replace(part, contours=kept, notes=(*part.notes, note)), stock
+    what = f"{counted(len(stock), 'contour')} on layer {layer}: the stock, not machined"
+    note = Note("assumed", what, "stock.layer", ids)
+    machined = tuple(c for c in part.contours if c.id not in ids)
+    return replace(part, contours=machined, notes=(*part.notes, note)), stock
 
 
 def _plan_steps(part: Part, job: Job, cell: Cell | None, watch: Watch) -> JobPlan:
-    """All operations of ``job``, in the order in which they run."""
-    from camgen.plan.steps import arrange, find_enclosed_by, job_of, share_out  # noqa: PLC0415 (shapely is loaded only by what needs it)
+    from camgen.plan.steps import (  # noqa: PLC0415 (shapely is loaded only by what needs it)
+        find_enclosed_by,
+        job_of,
+        order_steps,
+        share_out,
+    )
 
-    shares, left = share_out(part, job)
-    notes = [*part.notes, *left]
+    shares, unused_notes = share_out(part, job)
+    notes = [*part.notes, *unused_notes]
     has_rest = any(step.operation.rest for step in job.operations)
     plans = []
     earlier: list[tuple[frozenset[str], list[EarlierRun]]] = []
     for share in shares:
         number, kind = share.number, share.step.operation.kind
-        whole = share.part.worked is not None and len(share.part.worked) == len(part.contours)
-        own_part = share.part
+        share_part = share.part
+        worked = share_part.worked
+        works_on_all = worked is not None and len(worked) == len(part.contours)
         if share.step.operation.rest:
-            own_part = replace(own_part, earlier=_find_earlier(own_part, earlier))
-        made = _plan_share(own_part, job_of(job, share.step), number, whole, cell, watch)
+            share_part = replace(share_part, earlier=_find_earlier(share_part, earlier))
+        planned = _plan_share(
+            share_part, job_of(job, share.step), number, works_on_all, cell, watch
+        )
         if has_rest:
             from camgen.plan.rest import list_runs  # noqa: PLC0415 (only for jobs that ask for it)
 
-            worked_ids = share.part.worked or frozenset()
-            earlier.append((worked_ids, list_runs(made.paths, share.step.tool)))
+            earlier.append((worked or frozenset(), list_runs(planned.paths, share.step.tool)))
         notes += [
-            replace(note, what=f"operation {number} ({kind}): {note.what}") for note in made.notes
+            replace(note, what=f"operation {number} ({kind}): {note.what}")
+            for note in planned.notes
         ]
-        own = tuple(replace(path, id=f"{number}:{path.id}") for path in made.paths)
-        plans.append(replace(made, paths=own))
+        paths = tuple(replace(path, id=f"{number}:{path.id}") for path in planned.paths)
+        plans.append(replace(planned, paths=paths))
     numbers = list(range(len(plans)))
     if job.tour.method != "as-drawn":
-        worked = [frozenset(name for path in one.paths for name in path.contours) for one in plans]
-        enclosed = []
-        for step, ids in zip(job.operations, worked, strict=True):
+        path_ids, enclosed = [], []
+        for step, planned in zip(job.operations, plans, strict=True):
+            ids = frozenset[str]().union(*(path.contours for path in planned.paths))
             cuts_profiles = step.operation.kind == "follow" and step.operation.inside_first
+            path_ids.append(ids)
             enclosed.append(find_enclosed_by(part, ids) if cuts_profiles else frozenset[str]())
-        numbers = arrange(job.operations, worked, enclosed)
-    steps, run = tuple(job.operations[k] for k in numbers), tuple(plans[k] for k in numbers)
+        numbers = order_steps(job.operations, path_ids, enclosed)
+    steps = tuple(job.operations[k] for k in numbers)
+    ordered = tuple(plans[k] for k in numbers)
     return JobPlan(
-        part, chain_paths(run), tuple(notes), steps=steps, numbers=tuple(numbers), plans=run
+        part,
+        join_paths(ordered),
+        tuple(notes),
+        steps=steps,
+        numbers=tuple(numbers),
+        plans=ordered,
     )
 
 
 def _find_earlier(
     part: Part, earlier: Sequence[tuple[frozenset[str], list[EarlierRun]]]
 ) -> tuple[EarlierRun, ...]:
-    """The runs of operations that work on one of the contours of `part` and so come before.
+    """The runs of earlier operations that work on one of the contours of `part`.
 
     earlier: contours and runs of the operations that are listed before.
     """
@@ -268,24 +301,22 @@ def _find_earlier(
 
 
 def _plan_share(
-    part: Part, job: Job, number: int, whole: bool, cell: Cell | None, watch: Watch
+    part: Part, job: Job, number: int, works_on_all: bool, cell: Cell | None, watch: Watch
 ) -> Plan:
-    """One of several operations; without paths where its contours hold nothing for it, which costs no other one.
+    """Plan one of several operations. If it finds nothing to do, it has a note and no paths.
 
-    whole: it works on all contours there are.
+    works_on_all: the operation works on all contours of the part.
     """
-    kind = job.operation.kind
-    by_pixels = (
-        "the image planner"
-        if job.operation.planner == "image"
-        else kind
-        if kind in _WHOLE_PICTURE
-        else ""
-    )
-    if part.raster is not None and by_pixels and not whole:
-        what = f"of a picture {by_pixels} takes all, no single contours"
-        remedy = "leave out layers, ids, colors, nesting and holes of the row"
-        raise JobError("job", what, f"operations.{number}", remedy)
+    planner: str = job.operation.kind if job.operation.kind in _WHOLE_PICTURE else ""
+    if job.operation.planner == "image":
+        planner = "the image planner"
+    if part.raster is not None and planner and not works_on_all:
+        raise JobError(
+            "job",
+            f"{planner} works on the whole picture, not on single contours",
+            f"operations.{number}",
+            "remove layers, ids, colors, nesting and holes from the row",
+        )
     try:
         return plan_operation(part, job, cell, watch)
     except AmbiguousInput:
@@ -294,87 +325,89 @@ def _plan_share(
         return Plan(part, (), (Note("skipped", error.what, error.remedy),))
 
 
-def chain_paths(plans: Sequence[Plan]) -> tuple[ToolPath, ...]:
-    """The paths of several plans one after the other."""
-    paths: list[ToolPath] = []
-    for one in plans:
-        before = len(paths)
-        paths += [replace(p, parent=p.parent + before) if p.parent >= 0 else p for p in one.paths]
-    return tuple(paths)
+def join_paths(plans: Sequence[Plan]) -> tuple[ToolPath, ...]:
+    """The paths of all plans in their order; `ToolPath.parent` counts in the joined list."""
+    joined: list[ToolPath] = []
+    for planned in plans:
+        offset = len(joined)
+        for path in planned.paths:
+            parent = path.parent + offset if path.parent >= 0 else -1
+            joined.append(replace(path, parent=parent))
+    return tuple(joined)
 
 
 def plan_operation(part: Part, job: Job, cell: Cell | None, watch: Watch) -> Plan:
-    """What the one operation of ``job`` does with ``part``, which lies where it is worked on."""
-    made = find_operation(part, job).plan(part, job, cell, watch)
-    # What the reader left out is told whatever an operation of another package makes of it.
-    untold = tuple(note for note in part.notes if note not in made.notes)
-    return replace(made, notes=(*untold, *made.notes)) if untold else made
+    """Plan the only operation of `job` for a part that lies at its final position."""
+    planned = find_operation(part, job).plan(part, job, cell, watch)
+    # The notes of the reader are kept even if an operation of another package drops them.
+    dropped = tuple(note for note in part.notes if note not in planned.notes)
+    return replace(planned, notes=(*dropped, *planned.notes)) if dropped else planned
 
 
 def find_operation(part: Part, job: Job) -> Operation:
-    """The operation that the job names, or the usual one for what the part is. JobError if it is not for such parts."""
+    """The operation that the job names, or the default one for the kind of the part.
+
+    Raises JobError if the operation does not accept parts of this kind.
+    """
     kind, name = kind_of(part), name_operation(part, job)
-    found = load(find(list_entries(OPERATIONS), name, "operation", "see docs/operations.md"))
-    if not isinstance(found, Operation):
+    operation = load(find(list_entries(OPERATIONS), name, "operation", "see docs/operations.md"))
+    if not isinstance(operation, Operation):
         raise JobError(
             f"operation {name}",
             "is not a camgen.plan.Operation",
-            remedy="mend or remove its package",
+            remedy="fix or remove its package",
         )
-    if kind not in found.takes:
-        raise _not_for(kind, name, part)
-    return found
+    if kind not in operation.takes:
+        raise _make_kind_error(kind, name, part)
+    return operation
 
 
 def name_operation(part: Part, job: Job) -> str:
-    """The name of the operation that the job states, or of the usual one for the part."""
+    """The name of the operation that the job states, or of the default one for the part."""
     if job.operation.kind != "auto":
         return job.operation.kind
-    return _usual(kind_of(part), job)
-
-
-def kind_of(part: Part) -> Kind:
-    """What a part is: a drawing, a picture, a solid, curves in space, or a program that was read."""
-    if isinstance(part, Recorded):
-        return "program"
-    if part.curves:
-        return "curves"
-    return "solid" if part.solid is not None else "drawing" if part.raster is None else "picture"
-
-
-def _usual(kind: Kind, job: Job) -> str:
-    """What is done where the job does not say it. What is laid on a page is a drawing, and is drawn."""
+    kind = kind_of(part)
     if kind in ("solid", "program"):
         return {"solid": "edges", "program": "replay"}[kind]
+    # A part on a page is a drawing to be drawn.
     on_lines = kind == "curves" or (job.page.size and job.operation.planner != "image")
     return "trace" if on_lines else "follow"
 
 
-def _not_for(kind: Kind, name: str, part: Part) -> JobError:
+def kind_of(part: Part) -> Kind:
+    """The kind of a part, which decides about the operations that accept it."""
+    if isinstance(part, Recorded):
+        return "program"
+    if part.curves:
+        return "curves"
+    if part.solid is not None:
+        return "solid"
+    return "drawing" if part.raster is None else "picture"
+
+
+def _make_kind_error(kind: Kind, name: str, part: Part) -> JobError:
+    remedy = "leave it out"
     if kind == "program":
-        what, remedy = (
-            f"G-code is replayed, it cannot be used to {name}",
-            'set operation.kind to "replay" or leave it out',
-        )
+        what = f"G-code is replayed, it cannot be used to {name}"
+        remedy = 'set operation.kind to "replay" or leave it out'
     elif kind == "solid":
-        what, remedy = (
-            f'"{name}" is for flat parts, this is a 3-D part',
-            'set operation.kind to "edges"',
-        )
+        what = f'"{name}" is for flat parts, this is a 3-D part'
+        remedy = 'set operation.kind to "edges"'
     elif kind == "curves":
-        what, remedy = (
-            f'"{name}" is for flat parts, these are curves in space',
-            'set operation.kind to "trace"',
-        )
-    elif name == "replay":
-        what, remedy = f'"replay" is for G-code, {part.source} is none', "leave it out"
+        what = f'"{name}" is for flat parts, these are curves in space'
+        remedy = 'set operation.kind to "trace"'
     else:
-        what, remedy = f'"{name}" is not for a {kind}', "leave it out"
+        is_replay = name == "replay"
+        suited = f"G-code, {part.source} is not G-code"
+        what = f'"replay" is for {suited}' if is_replay else f'"{name}" is not for a {kind}'
     return JobError("job", what, "operation.kind", remedy)
 
 
 def read_options(job: Job, settings: type[Options]) -> Options:
-    """``operation.options`` as the operation's own table, a msgspec Struct. JobError for what does not fit."""
+    """`operation.options` as the table of an operation, a msgspec Struct.
+
+    Raises JobError for a key or a value that the table does not have.
+    """
     try:
         return msgspec.convert(job.operation.options, settings, strict=True)
     except msgspec.ValidationError as error:
@@ -386,6 +419,6 @@ def read_options(job: Job, settings: type[Options]) -> Options:
 def _simplify(part: Part, job: Job) -> Part:
     if part.raster is None and not job.tolerance.simplify and not job.input.min_length:
         return part
-    from camgen.plan.simplify import simplify  # noqa: PLC0415 (OpenCV is loaded only by what needs it)
+    from camgen.plan.simplify import simplify  # noqa: PLC0415 (it loads OpenCV)
 
     return simplify(part, job)

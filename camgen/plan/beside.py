@@ -1,4 +1,4 @@
-"""The curve that a round tool runs along beside a drawing, and what it touches there."""
+"""Offset curves for a round tool along a drawing, with the segments that it touches."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ from camgen.geometry.segments import (
 from camgen.model.pose import FloatArray
 from camgen.model.text import short
 
-#: How far (mm) a path may be from the distance that was asked for; the plan is checked against it.
+#: Largest deviation of a path from the requested distance, mm. The plan is checked against it.
 EXACT = 0.005
-#: Corners may be left by this much (mm) to stay corners: a tenth of the usual chord tolerance.
+#: Deviation at corners that stay corners, mm: a tenth of the usual chord tolerance.
 _MITRE = 0.001
-#: A channel may be narrower than the tool by ``tolerance.arc_fit``, and by this at most, mm: on
+#: A channel may be narrower than the tool by `tolerance.arc_fit`, and by this at most, mm: on
 #: each side the tool then cuts half of it into the wall, which with the digits of a text is less
 #: than what counts as a gouge (0.005 mm).
 _NARROWER_MM = 0.008
-#: With ``tolerance.arc_fit`` = 0 a width is the same as another within this, mm.
+#: With `tolerance.arc_fit` = 0 a width is the same as another within this, mm.
 _SAME_MM = 2e-4
 #: Why a round hole as wide as a mill is left out, and what to do.
 NO_HELIX = (
@@ -45,13 +45,16 @@ NO_HELIX = (
 )
 
 
-class Beside(Struct, frozen=True, eq=False):
-    """Chains beside a source, the source on their left.
+class OffsetCurve(Struct, frozen=True, eq=False):
+    """Chains along a source, with the source on their left.
 
-    segments: ``owner`` counts the chains. closed: (chains,). source: (N,) the source segment that is touched. turn:
-    (N,) rad by which the source turns at the outer corner that a segment rounds, 0 elsewhere. lost: (N,) true where
-    nothing is touched (a rounded inner corner). sound: (chains,) false where the check against the source failed.
-    other: (N,) the source segment on the other side of a channel as wide as the tool, -1 elsewhere.
+    segments: segments of all chains; `owner` is the chain.
+    closed: (chains,) true for closed chains.
+    source: (N,) the source segment that is touched.
+    turn: (N,) angle of the outer corner that a segment goes around, rad, 0 for other segments.
+    lost: (N,) true if nothing is touched, as on a rounded inner corner.
+    sound: (chains,) false if the check against the source failed.
+    other: (N,) the source segment on the other side of a channel as wide as the tool, otherwise -1.
     """
 
     segments: Segments
@@ -63,25 +66,28 @@ class Beside(Struct, frozen=True, eq=False):
     other: IntArray
 
 
-def beside(
+def make_offset_curve(
     source: Segments,
     following: IntArray,
     closed: BoolArray,
     group: IntArray,
     distance: float,
     corner_radius: float,
-) -> Beside:
-    """The curve at ``distance`` mm on the right of ``source``, inner corners at least ``corner_radius`` mm round.
+) -> OffsetCurve:
+    """The curve at `distance` mm on the right of `source`.
 
-    following: the next segment of each. closed: per owner. group: per segment; what is of one group is kept clear of.
-    Inner corners are rounded by going out by distance + radius and back by radius (PIST, section 3.2.4).
+    following: the next segment of each segment.
+    closed: per owner, true if it is closed.
+    group: per segment; the curve keeps clear of all segments of one group.
+    corner_radius: minimum radius of inner corners, mm. They are rounded by an offset of distance +
+        radius, and one of radius back (PIST, section 3.2.4).
     """
     out = _offset(source, following, group, distance + corner_radius)
     if corner_radius == 0.0:
         lost = np.zeros(len(out.segments), dtype=bool)
         sound = np.ones(len(out.closed), dtype=bool)
         other = np.full(len(out.segments), -1)
-        curve = Beside(out.segments, out.closed, out.source, out.turn, lost, sound, other)
+        curve = OffsetCurve(out.segments, out.closed, out.source, out.turn, lost, sound, other)
         return _check(curve, source, closed, group, distance)
     turned, rows = reverse_segments(_weld(out))
     label = group[out.source[rows]]
@@ -92,46 +98,46 @@ def beside(
     turn = np.where(lost, 0.0, out.turn[origin])
     sound = np.ones(len(back.closed), dtype=bool)
     other = np.full(len(segments), -1)
-    curve = Beside(segments, back.closed, out.source[origin], turn, lost, sound, other)
+    curve = OffsetCurve(segments, back.closed, out.source[origin], turn, lost, sound, other)
     return _check(curve, source, closed, group, distance)
 
 
-def centre_lines(
-    known: Segments,
+def find_channel_lines(
+    existing: Segments,
     source: Segments,
     following: IntArray,
     group: IntArray,
     distance: float,
     arc_fit: float,
 ) -> CentreLines:
-    """The centre lines of channels as wide as twice ``distance``, mm, where none of ``known`` runs.
+    """The centre lines of channels as wide as twice `distance`, mm, beyond the curves `existing`.
 
-    arc_fit: mm by which a channel may be narrower, see ``tolerance.arc_fit``.
+    arc_fit: length by which a channel may be narrower, mm, see `tolerance.arc_fit`.
     """
     slack = max(min(arc_fit, _NARROWER_MM), _SAME_MM) / 2
-    return find_centre_lines(source, following, group, distance, slack, known)
+    return find_centre_lines(source, following, group, distance, slack, existing)
 
 
-def does_not_fit(areas: Sequence[Any], diameter: float) -> str:
-    """Why a tool does not fit into ``areas``, polygons, with their width in the words of a note."""
+def explain_misfit(areas: Sequence[Any], diameter: float) -> str:
+    """The reason why a tool does not fit into `areas`, polygons, with their width, for a note."""
     circles = [shapely.maximum_inscribed_circle(area, tolerance=1e-4) for area in areas]
-    widest = 2 * max(float(circle.length) for circle in circles)
-    which = "it is" if len(areas) == 1 else "the widest is"
-    if widest > diameter + _NARROWER_MM:
+    width = 2 * max(float(circle.length) for circle in circles)
+    subject = "it is" if len(areas) == 1 else "the widest is"
+    if width > diameter + _NARROWER_MM:
         return f"a {diameter:g} mm tool does not fit"
-    if widest >= diameter - _NARROWER_MM:
-        why = f"{short(widest, 3)} mm wide, a {diameter:g} mm tool does not fit sideways"
-        return f"{which} {why}; drill or bore it"
-    return f"{which} {short(widest, 3)} mm wide, a {diameter:g} mm tool does not fit"
+    if width >= diameter - _NARROWER_MM:
+        why = f"{short(width, 3)} mm wide, a {diameter:g} mm tool does not fit sideways"
+        return f"{subject} {why}; drill or bore it"
+    return f"{subject} {short(width, 3)} mm wide, a {diameter:g} mm tool does not fit"
 
 
-def with_centre_lines(curve: Beside, lines: CentreLines) -> Beside:
-    """The curve and, as more chains, the centre lines of channels as wide as the tool."""
+def with_centre_lines(curve: OffsetCurve, lines: CentreLines) -> OffsetCurve:
+    """The curve with the centre lines of channels as wide as the tool as more chains."""
     if not len(lines.closed):
         return curve
     segments = replace(lines.segments, owner=lines.segments.owner + len(curve.closed))
     count = len(segments)
-    return Beside(
+    return OffsetCurve(
         concatenate([curve.segments, segments]),
         np.concatenate([curve.closed, lines.closed]),
         np.concatenate([curve.source, lines.source]),
@@ -155,7 +161,7 @@ def _weld(curve: Offset) -> Segments:
 
 
 def _offset(source: Segments, following: IntArray, group: IntArray, distance: float) -> Offset:
-    """`make_offset`, again with a slightly different distance if it fails at the first one."""
+    """`make_offset`, repeated at a slightly different distance if it fails."""
     result = make_offset(source, following, group, distance, _MITRE)
     for nudge in (3e-6, -7e-6, 2e-5):
         if not result.open_ends:
@@ -167,30 +173,32 @@ def _offset(source: Segments, following: IntArray, group: IntArray, distance: fl
 
 
 def _check(
-    curve: Beside, drawing: Segments, closed: BoolArray, group: IntArray, distance: float
-) -> Beside:
-    """The curve with the verdict of measuring it.
+    curve: OffsetCurve, drawing: Segments, closed: BoolArray, group: IntArray, distance: float
+) -> OffsetCurve:
+    """The curve with `sound` set by measurements.
 
-    Every sampled point must be at the distance, or farther where nothing is touched, and what runs beside closed loops
-    must be closed.
+    Every sample has to be at the distance, or farther where nothing is touched. A chain along
+    closed loops has to be closed.
     """
     segments, source, lost, sound = curve.segments, curve.source, curve.lost, curve.sound.copy()
     open_piece = ~curve.closed[segments.owner] & closed[drawing.owner[source]]
     sound[segments.owner[open_piece]] = False
-    # Told anew of the curve as it is, whatever was taken to be apart on the way to it.
+    # Computed for the final curve, not for one of the offsets that led to it.
     group = set_apart(drawing, group, segments, source, distance)
     obstacles = Obstacles(drawing, group)
     for fraction in (0.0, 0.35, 0.8):
         points = points_at(segments, np.full(len(segments), fraction))
-        gap = obstacles.nearest(points, group[source], distance + 2 * EXACT)
-        good = (gap >= distance - EXACT) & ((gap <= distance + EXACT) | (lost & (fraction > 0)))
-        # The first point of a rounded corner belongs to the segment before it as well; the others judge the corner.
-        good |= (fraction == 0) & (lost | np.roll(lost, 1)) & (gap >= distance - EXACT)
-        sound[segments.owner[~good]] = False
+        clearance = obstacles.nearest(points, group[source], distance + 2 * EXACT)
+        is_valid = (clearance >= distance - EXACT) & (
+            (clearance <= distance + EXACT) | (lost & (fraction > 0))
+        )
+        # The start of a rounded corner belongs to the segment before it too, which touches.
+        is_valid |= (fraction == 0) & (lost | np.roll(lost, 1)) & (clearance >= distance - EXACT)
+        sound[segments.owner[~is_valid]] = False
     return replace(curve, sound=sound)
 
 
-def only_along(curve: Beside, keep: BoolArray) -> Beside:
+def select_segments(curve: OffsetCurve, keep: BoolArray) -> OffsetCurve:
     """The segments `keep` (N,) of the chains, as stretches.
 
     A chain of which all segments are kept stays as it is.
@@ -200,43 +208,39 @@ def only_along(curve: Beside, keep: BoolArray) -> Beside:
     whole = np.bincount(owner, ~keep, count) == 0
     sizes = np.bincount(owner, minlength=count)
     first = begins(sizes)
-    # A closed chain is begun after a segment that is not kept, so that no stretch goes over its end.
-    turn = np.zeros(count, dtype=np.int64)
-    lost = np.flatnonzero(~keep)
-    turn[owner[lost]] = lost - first[owner[lost]] + 1
-    turn[~curve.closed | whole] = 0
+    # A closed chain starts after a dropped segment, so that no stretch runs over its end.
+    start = np.zeros(count, dtype=np.int64)
+    dropped = np.flatnonzero(~keep)
+    start[owner[dropped]] = dropped - first[owner[dropped]] + 1
+    start[~curve.closed | whole] = 0
     place = np.arange(len(owner)) - first[owner]
-    rows = first[owner] + (place + turn[owner]) % sizes[owner]
+    rows = first[owner] + (place + start[owner]) % sizes[owner]
     rows = rows[keep[rows]]
-    old = owner[rows]
-    step = (np.diff(rows) != 1) & ~((np.diff(rows) == 1 - sizes[old[1:]]) & (old[1:] == old[:-1]))
-    fresh = (
-        np.concatenate([np.zeros(1, dtype=bool), step | (old[1:] != old[:-1])])
-        if len(rows)
-        else np.zeros(0, bool)
-    )
-    chain = np.cumsum(fresh)
-    of = old[np.concatenate([[True], fresh[1:]])] if len(rows) else np.zeros(0, dtype=np.int64)
-    segments = replace(curve.segments.take(rows), owner=chain)
-    return Beside(
+    source = owner[rows]
+    step = np.diff(rows)
+    is_other = source[1:] != source[:-1]
+    # The last row of a closed chain is followed by its first one.
+    is_gap = (step != 1) & ~((step == 1 - sizes[source[1:]]) & ~is_other)
+    is_start = np.concatenate([np.ones(min(len(rows), 1), dtype=bool), is_gap | is_other])
+    chains = source[is_start]
+    segments = replace(curve.segments.take(rows), owner=np.cumsum(is_start) - 1)
+    return OffsetCurve(
         segments,
-        curve.closed[of] & whole[of],
+        curve.closed[chains] & whole[chains],
         curve.source[rows],
         curve.turn[rows],
         curve.lost[rows],
-        curve.sound[of],
+        curve.sound[chains],
         curve.other[rows],
     )
 
 
-def only_chains(curve: Beside, chosen: BoolArray) -> Beside:
-    """The ``chosen`` (chains,) of a curve."""
+def select_chains(curve: OffsetCurve, chosen: BoolArray) -> OffsetCurve:
+    """The `chosen` (chains,) of a curve."""
     rows = np.flatnonzero(chosen[curve.segments.owner])
-    segments = replace(
-        curve.segments.take(rows), owner=(np.cumsum(chosen) - 1)[curve.segments.owner[rows]]
-    )
-    return Beside(
-        segments,
+    owner = (np.cumsum(chosen) - 1)[curve.segments.owner[rows]]
+    return OffsetCurve(
+        replace(curve.segments.take(rows), owner=owner),
         curve.closed[chosen],
         curve.source[rows],
         curve.turn[rows],

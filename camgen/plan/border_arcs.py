@@ -1,11 +1,12 @@
-"""Thinned borders as lines and arcs that are known better than any of their points.
+"""Fits lines and arcs to thinned borders, through all points of a border between two corners.
 
-From corner to corner the longest run is looked for that one line, or one circle, laid through all points of the border
-there, leaves nowhere too far. A corner is where two lines cross. Whatever leaves the border by more than the tolerance
-goes back to points of the border itself.
+From each corner the longest stretch is searched through whose points one line, or one circle,
+fits within the tolerance. A corner is the crossing of two lines. A stretch that leaves the border
+by more than the tolerance goes back to points of the border.
 
-All borders are handled at once: their points (V,) end to end, as complex numbers. Knots are the rows at which lines and
-arcs meet; one begins at each knot but the last of its border.
+All borders are handled at once: their points (V,) are joined, as complex numbers. Knots are the
+rows at which lines and arcs meet. A line or an arc starts at each knot except the last one of a
+border.
 """
 
 from __future__ import annotations
@@ -25,117 +26,131 @@ from camgen.model.tolerance import NONZERO
 BoolArray = NDArray[np.bool_]
 ComplexArray = NDArray[np.complex128]
 
-# Lines and circles through many points: those of many stretches at once.
+# Lines and circles through many points, for many stretches at once.
 
-#: Arcs of a smaller radius, in tolerances, are left to lines: each point of an arc must have its own of the border.
+#: Minimum radius of an arc, in tolerances. Points of a smaller arc could share a border point.
 SMALLEST = 2.5
 
 
 class Stretches(Struct, frozen=True, eq=False):
-    """Points (N,) of G stretches of borders end to end, ``count`` (G,) of each. begin: (G,) their first. of: (N,)."""
+    """G stretches of borders, joined.
+
+    points: (N,) points of all stretches.
+    begin: (G,) row of the first point of each.
+    count: (G,) number of points of each.
+    owner: (N,) stretch of each point, or a slice over all groups if there is only one.
+    """
 
     points: ComplexArray
     begin: IntArray
     count: IntArray
-    of: IntArray | slice
+    owner: IntArray | slice
 
     @classmethod
     def between(cls, line: ComplexArray, low: IntArray, high: IntArray) -> Stretches:
-        """The points of the rows low[g] to high[g] of ``line``, both included."""
+        """The points of the rows low[g] to high[g] of `line`, both included."""
         count = high - low + 1
         return cls(line[stretches(low, count)], begins(count), count, owners(count))
 
     @classmethod
-    def one(cls, points: ComplexArray) -> Stretches:
-        """All of ``points`` as one stretch: no index is looked up."""
+    def single(cls, points: ComplexArray) -> Stretches:
+        """All `points` as one stretch, without an index for each point."""
         return cls(points, np.zeros(1, dtype=np.int64), np.array([len(points)]), slice(None))
 
     def local(self) -> tuple[ComplexArray, ComplexArray]:
-        """The middle (G,) of each stretch, and the points (N,) as seen from it."""
-        middle = (
-            np.asarray(np.add.reduceat(self.points, self.begin), dtype=np.complex128) / self.count
-        )
-        return middle, self.points - middle[self.of]
+        """The mean (G,) of each stretch, and the points (N,) relative to it."""
+        sums = np.add.reduceat(self.points, self.begin)
+        mean = np.asarray(sums, dtype=np.complex128) / self.count
+        return mean, self.points - mean[self.owner]
 
     def steps(self, values: ComplexArray) -> ComplexArray:
-        """(N,) from each point to the next one of its stretch; 0 at its last one."""
+        """(N,) difference from each value to the next one of its stretch, 0 for the last one."""
         step = np.empty_like(values)
         np.subtract(values[1:], values[:-1], out=step[:-1])
         step[self.begin + self.count - 1] = 0.0
         return step
 
-    def most(self, values: FloatArray) -> FloatArray:
-        """(G,) the largest of the ``values`` (N,) of each stretch."""
+    def maxima(self, values: FloatArray) -> FloatArray:
+        """(G,) the largest of the `values` (N,) of each stretch."""
         return np.asarray(np.maximum.reduceat(values, self.begin))
 
 
-def circles_of(given: Stretches) -> tuple[ComplexArray, FloatArray, FloatArray]:
-    """Centre and radius of the circle through each stretch with the least algebraic error (Kasa 1976).
+def fit_circles(given: Stretches) -> tuple[ComplexArray, FloatArray, FloatArray]:
+    """Fit a circle to each stretch with the least algebraic error (Kasa 1976).
 
-    Then its largest distance from the lines between the points: what they cut off of the circle counts too. NaN for
-    points on a line.
+    Returns centres, radii and largest distances (G,) of the circles from the lines between the
+    points; the sagitta of these lines is included. NaN for points on a line.
     """
-    middle, local = given.local()
+    mean, local = given.local()
     square = local.real**2 + local.imag**2
     size, twice, skew = (
-        np.add.reduceat(x, given.begin) for x in (square, local * local, local * square)
+        np.add.reduceat(product, given.begin) for product in (square, local * local, local * square)
     )
     determinant = size**2 - np.abs(twice) ** 2
     determinant[determinant <= 4e-12 * size**2] = np.nan
     centre = (size * skew - twice * np.conj(skew)) * (1 / determinant)
     radius = np.sqrt(size / given.count + np.abs(centre) ** 2)
-    off = given.most(np.abs(np.abs(local - centre[given.of]) - radius[given.of]))
-    longest = given.most(np.abs(given.steps(given.points)))
-    return middle + centre, radius, off + longest**2 / (8 * radius)
+    deviation = np.abs(np.abs(local - centre[given.owner]) - radius[given.owner])
+    longest = given.maxima(np.abs(given.steps(given.points)))
+    return mean + centre, radius, given.maxima(deviation) + longest**2 / (8 * radius)
 
 
-def lines_of(given: Stretches) -> tuple[ComplexArray, ComplexArray, FloatArray]:
-    """A point and the direction of the line through each stretch with the least square distance; the largest one."""
-    middle, local = given.local()
+def fit_lines(given: Stretches) -> tuple[ComplexArray, ComplexArray, FloatArray]:
+    """Fit a line to each stretch with the least square distance.
+
+    Returns a point, the direction and the largest distance of each line, (G,).
+    """
+    mean, local = given.local()
     along = np.exp(0.5j * np.angle(np.add.reduceat(local * local, given.begin)))
-    return middle, along, given.most(np.abs((local * np.conj(along)[given.of]).imag))
+    return mean, along, given.maxima(np.abs((local * np.conj(along)[given.owner]).imag))
 
 
-def turns_of(given: Stretches, centre: ComplexArray) -> FloatArray:
-    """The angles by which the stretches go round ``centre``, rad."""
-    local = given.points - centre[given.of]
+def measure_turns(given: Stretches, centre: ComplexArray) -> FloatArray:
+    """(G,) angles by which the stretches go around their `centre` (G,), rad."""
+    local = given.points - centre[given.owner]
     turn = np.angle((local + given.steps(local)) * np.conj(local))
     return np.asarray(np.add.reduceat(turn, given.begin))
 
 
 def _are_arcs(given: Stretches, tolerance: float) -> BoolArray:
-    centre, radius, off = circles_of(given)
-    fits = (given.count > _POINTS) & (off <= tolerance) & (radius >= SMALLEST * tolerance)
+    centre, radius, deviation = fit_circles(given)
+    fits = (given.count > _POINTS) & (deviation <= tolerance) & (radius >= SMALLEST * tolerance)
     if fits.any():
-        fits &= np.abs(turns_of(given, centre)) <= _MOST_ARC_TURN
+        fits &= np.abs(measure_turns(given, centre)) <= _MAX_ARC_TURN
     return fits
 
 
-# Borders as whole circles, or as runs of lines and arcs.
+# Borders as whole circles, or as sequences of lines and arcs.
 
-#: A circle may be so many times as far from the border as the thinned lines are, rms. Of what was measured circles stay
-#: below 1.15, also those of three pixels' radius, and squares from six pixels' width on are above 1.3.
-_ROUNDER = 1.2
-#: So many lines make an arc; fewer are as likely a corner with a chamfer.
-_LEAST_LINES = 3
-#: A turn above this (rad) between two of them is a corner.
+#: Maximum ratio of the rms distance of a border from a circle to that from the thinned lines.
+#: Measured circles are below 1.15, even with a radius of 3 px; squares from 6 px on are above 1.3.
+_MAX_CIRCLE_RATIO = 1.2
+#: Minimum number of lines of an arc. Fewer lines may as well be a corner with a chamfer.
+_MIN_LINES = 3
+#: Minimum angle between two lines of a corner, rad.
 _CORNER_TURN = np.radians(75.0)
-#: An arc turns by at most this (rad), so that it stays below a half circle.
-_MOST_ARC_TURN = np.radians(170.0)
-#: Part of the tolerance that a line or an arc may use by itself; the rest is for its ends, which its neighbours move.
-_FIT_SHARE = 0.8
-#: So often what fails is looked at again; then the border's own points remain.
-_MOST_REPAIRS = 6
-#: Shorter lines, in tolerances, are no more than a corner cut off by the pixels.
+#: Maximum sweep of an arc, rad, below a half circle.
+_MAX_ARC_TURN = np.radians(170.0)
+#: Fraction of the tolerance for the fit of a line or an arc. The rest is for its ends, which its
+#: neighbours move.
+_FIT_FRACTION = 0.8
+#: Maximum number of repairs of a border. Then it keeps its thinned points.
+_MAX_REPAIRS = 6
+#: Maximum length of a line across a corner that the pixels cut off, in tolerances.
 _CHAMFER = 5.0
-#: A line is laid through its points if it has so many.
+#: Minimum number of points of a fitted line.
 _POINTS = 4
-#: Corners are where lines cross that turn by more than this (rad).
+#: Minimum angle of two lines that meet in their crossing, rad.
 _CROSSING_TURN = np.radians(8.0)
 
 
 class _Borders(Struct, frozen=True, eq=False):
-    """Points (V,) of the borders, and of each (B,) its first and its last row and whether it is closed."""
+    """All borders, joined.
+
+    line: (V,) points.
+    first, last: (B,) first and last row of each border.
+    closed: (B,) true for closed borders.
+    """
 
     line: ComplexArray
     first: IntArray
@@ -147,160 +162,176 @@ class _Borders(Struct, frozen=True, eq=False):
 
 
 class _Knots(Struct, frozen=True, eq=False):
-    """Rows (K,) of the borders, sorted; whether an arc begins there (else a line), and whether the knot stays there."""
+    """The knots of the borders.
+
+    row: (K,) sorted rows of the points.
+    is_arc: (K,) true if an arc starts at the knot, otherwise a line.
+    stays: (K,) true if the knot keeps its position.
+    """
 
     row: IntArray
     is_arc: BoolArray
     stays: BoolArray
 
-    def of(self, where: BoolArray) -> _Knots:
-        return _Knots(self.row[where], self.is_arc[where], self.stays[where])
+    def select(self, mask: BoolArray) -> _Knots:
+        return _Knots(self.row[mask], self.is_arc[mask], self.stays[mask])
 
     def segments(self, borders: _Borders) -> IntArray:
-        """The knots (S,) at which a line or an arc begins; it ends at the next one."""
+        """(S,) indices of the knots at which a line or an arc starts; it ends at the next knot."""
         return np.flatnonzero(~np.isin(self.row, borders.last))
 
 
-#: Rows, points and bulges (M,).
-_Found = tuple[IntArray, ComplexArray, FloatArray]
+#: Rows, points and bulges (M,) of lines and arcs.
+_Fitted = tuple[IntArray, ComplexArray, FloatArray]
 
 
-def with_arcs(
+def fit_arcs(
     chains: Polylines, kept: IntArray, closed: BoolArray, tolerance: float
 ) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Rows (M,) of the borders ``chains``, of which the rows ``kept`` are thinned out, and there the points (M, 2) and
-    bulges (M,) of their lines and arcs.
+    """Replace the thinned borders by lines and arcs.
 
-    A closed border ends with its first point again, and so does what is returned.
+    chains: the borders; the first point of a closed one is repeated at its end.
+    kept: rows of the points that remain after thinning.
+    closed: (B,) true for closed borders.
+    Returns the rows (M,) of their ends, the points (M, 2) and the bulges (M,). The first point of
+    a closed border is repeated.
     """
     borders = _Borders(
         chains.points @ np.array([1, 1j]), chains.first[:-1], chains.first[1:] - 1, closed
     )
     with np.errstate(divide="ignore", invalid="ignore"):
-        circles, is_circle = _whole_circles(borders, kept, tolerance)
-        rest = kept[~is_circle[borders.owner(kept)]]
-        row, point, bulge = (
-            np.concatenate(c)
-            for c in zip(circles, *_with_runs(borders, rest, tolerance), strict=True)
-        )
+        circles, is_circle = _fit_whole_circles(borders, kept, tolerance)
+        fitted = [circles, *_fit_borders(borders, kept[~is_circle[borders.owner(kept)]], tolerance)]
+        row, point, bulge = (np.concatenate(column) for column in zip(*fitted, strict=True))
     order = np.argsort(row)
-    return row[order], _xy(point[order]), bulge[order]
+    return row[order], _to_xy(point[order]), bulge[order]
 
 
-def _with_runs(borders: _Borders, kept: IntArray, tolerance: float) -> list[_Found]:
-    """The borders of ``kept`` as lines and arcs: those that are good at once, those that are after each repair; others
-    are as they were thinned out.
+def _fit_borders(borders: _Borders, kept: IntArray, tolerance: float) -> list[_Fitted]:
+    """Fit lines and arcs to the borders of `kept`.
+
+    Returns the borders that are within the tolerance at once, those that are after each repair,
+    and the others as they were thinned.
     """
-    knots = _runs(borders, kept, tolerance)
-    found = []
-    for _ in range(_MOST_REPAIRS):
+    knots = _find_knots(borders, kept, tolerance)
+    fitted = []
+    for _ in range(_MAX_REPAIRS):
         placed = _place(borders, knots, tolerance)
-        bulges = _bulges(borders, knots, placed)
-        bad = _too_far(borders, knots, placed, bulges, tolerance)
+        bulges = _compute_bulges(borders, knots, placed)
+        is_bad = _is_too_far(borders, knots, placed, bulges, tolerance)
         owner = borders.owner(knots.row)
-        again = np.isin(owner, owner[bad])
-        found.append((knots.row[~again], placed[~again], bulges[~again]))
-        if not again.any():
-            return found
-        knots = _repaired(borders, kept, knots.of(again), bad[again])
-    left = kept[np.isin(borders.owner(kept), borders.owner(knots.row))]
-    return [*found, (left, borders.line[left], np.zeros(len(left)))]
+        failed = np.isin(owner, owner[is_bad])
+        fitted.append((knots.row[~failed], placed[~failed], bulges[~failed]))
+        if not failed.any():
+            return fitted
+        knots = _repair(borders, kept, knots.select(failed), is_bad[failed])
+    rows = kept[np.isin(borders.owner(kept), borders.owner(knots.row))]
+    return [*fitted, (rows, borders.line[rows], np.zeros(len(rows)))]
 
 
-def _repaired(borders: _Borders, kept: IntArray, knots: _Knots, bad: BoolArray) -> _Knots:
-    """What fails gets the border's own points as ends; if it has them, the lines over the corners ``kept``."""
-    hopeless = bad & knots.stays & np.roll(knots.stays, -1)
-    stays = knots.stays | bad | np.roll(bad, 1)
+def _repair(borders: _Borders, kept: IntArray, knots: _Knots, is_bad: BoolArray) -> _Knots:
+    """Fix the ends of bad lines and arcs at points of the border.
+
+    If both ends are fixed already, lines through the thinned points `kept` replace them.
+    """
+    hopeless = is_bad & knots.stays & np.roll(knots.stays, -1)
+    stays = knots.stays | is_bad | np.roll(is_bad, 1)
     first, last = (np.isin(knots.row, rows) for rows in (borders.first, borders.last))
-    one = (stays[first] | stays[last]) & borders.closed[borders.owner(knots.row[first])]
-    stays[first] |= one
-    stays[last] |= one
-    gone = hopeless[np.searchsorted(knots.row, kept, side="right") - 1]
-    rows = np.union1d(knots.row, kept[gone])
-    old = np.searchsorted(knots.row, rows, side="right") - 1
-    return _Knots(rows, (knots.is_arc & ~hopeless)[old], stays[old] | ~np.isin(rows, knots.row))
+    # First and last knot of a closed border are one point.
+    both = (stays[first] | stays[last]) & borders.closed[borders.owner(knots.row[first])]
+    stays[first] |= both
+    stays[last] |= both
+    replaced = hopeless[np.searchsorted(knots.row, kept, side="right") - 1]
+    rows = np.union1d(knots.row, kept[replaced])
+    previous = np.searchsorted(knots.row, rows, side="right") - 1
+    is_new = ~np.isin(rows, knots.row)
+    return _Knots(rows, (knots.is_arc & ~hopeless)[previous], stays[previous] | is_new)
 
 
-def _whole_circles(borders: _Borders, kept: IntArray, tolerance: float) -> tuple[_Found, BoolArray]:
-    """The closed borders that are circles as two arcs each; which of all they are (B,)."""
+def _fit_whole_circles(
+    borders: _Borders, kept: IntArray, tolerance: float
+) -> tuple[_Fitted, BoolArray]:
+    """Fit two arcs to each closed border that is a circle. Returns also which ones are, (B,)."""
     low, high = borders.first, borders.last
     is_circle = borders.closed & (high - low >= 8)
-    centre, radius, off = circles_of(
+    centre, radius, deviation = fit_circles(
         Stretches.between(borders.line, low, np.maximum(high - 1, low))
     )
-    is_circle &= (off <= tolerance) & (radius >= SMALLEST * tolerance)
+    is_circle &= (deviation <= tolerance) & (radius >= SMALLEST * tolerance)
     chosen = np.flatnonzero(is_circle)
     low, high, centre, radius = low[chosen], high[chosen], centre[chosen], radius[chosen]
-    # A small square, too, is nowhere far from a circle; but lines follow it more closely.
+    # A small square is near to a circle too, but lines are nearer to its border.
     ring = Stretches.between(borders.line, low, high - 1)
-    row = stretches(low, high - low)
-    corner = np.searchsorted(kept, row, side="right") - 1
-    by_lines = measure_from_lines(
-        _xy(ring.points), *(_xy(borders.line[kept[k]]) for k in (corner, corner + 1))
-    )
-    by_circle = np.abs(ring.points - centre[ring.of]) - radius[ring.of]
-    good = np.add.reduceat(by_circle**2, ring.begin) <= _ROUNDER**2 * np.add.reduceat(
-        by_lines**2, ring.begin
-    )
-    turn = turns_of(Stretches.between(borders.line, low, high), centre)
+    corner = np.searchsorted(kept, stretches(low, high - low), side="right") - 1
+    starts, ends = _to_xy(borders.line[kept[corner]]), _to_xy(borders.line[kept[corner + 1]])
+    by_lines = measure_from_lines(_to_xy(ring.points), starts, ends)
+    by_circle = np.abs(ring.points - centre[ring.owner]) - radius[ring.owner]
+    limit = _MAX_CIRCLE_RATIO**2 * np.add.reduceat(by_lines**2, ring.begin)
+    is_good = np.add.reduceat(by_circle**2, ring.begin) <= limit
+    turn = measure_turns(Stretches.between(borders.line, low, high), centre)
     # A thin crescent lies on a circle too, there and back.
-    good &= np.abs(turn) >= np.pi
-    is_circle[chosen] = good
-    rows = np.stack([low, low + 1, high])[:, good].ravel()
-    ends = (centre + np.array([[1], [-1], [1]]) * radius)[:, good].ravel()
-    return (rows, ends, (np.array([[1], [1], [0]]) * np.sign(turn))[:, good].ravel()), is_circle
+    is_good &= np.abs(turn) >= np.pi
+    is_circle[chosen] = is_good
+    rows = np.stack([low, low + 1, high])[:, is_good].ravel()
+    points = (centre + np.array([[1], [-1], [1]]) * radius)[:, is_good].ravel()
+    bulges = (np.array([[1], [1], [0]]) * np.sign(turn))[:, is_good].ravel()
+    return (rows, points, bulges), is_circle
 
 
-def _runs(borders: _Borders, kept: IntArray, tolerance: float) -> _Knots:
-    """The rows at which lines and arcs meet, and which of those between them are arcs."""
+def _find_knots(borders: _Borders, kept: IntArray, tolerance: float) -> _Knots:
+    """The rows at which lines and arcs meet, each as long as possible."""
     line, rows = borders.line, kept.tolist()
-    tolerance *= _FIT_SHARE
-    limits = _before_corners(line[kept], np.isin(kept, borders.last))
+    tolerance *= _FIT_FRACTION
+    limits = _find_corners(line[kept], np.isin(kept, borders.last))
 
-    def straight(k: int, end: int) -> bool:
-        return bool(lines_of(Stretches.one(line[rows[k] : rows[end] + 1]))[2][0] <= tolerance)
+    def is_line(k: int, end: int) -> bool:
+        return bool(fit_lines(Stretches.single(line[rows[k] : rows[end] + 1]))[2][0] <= tolerance)
 
-    def round_(k: int, end: int) -> bool:
-        return bool(_are_arcs(Stretches.one(line[rows[k] : rows[end] + 1]), tolerance)[0])
+    def is_arc(k: int, end: int) -> bool:
+        return bool(_are_arcs(Stretches.single(line[rows[k] : rows[end] + 1]), tolerance)[0])
 
-    # Most runs are short: whether a longer one is worth looking for is told for all corners at once.
+    # Most lines and arcs are short. One test for all corners finds those that may be longer.
     longer, curved = np.zeros(len(kept), np.bool_), np.zeros(len(kept), np.bool_)
     k = np.flatnonzero(np.arange(len(kept)) + 2 <= limits)
-    longer[k] = lines_of(Stretches.between(line, kept[k], kept[k + 2]))[2] <= tolerance
-    k = np.flatnonzero(np.arange(len(kept)) + _LEAST_LINES <= limits)
-    curved[k] = _are_arcs(Stretches.between(line, kept[k], kept[k + _LEAST_LINES]), tolerance)
-    on, arcs = [], []
-    at = 0
-    while at < len(rows):
-        limit = int(limits[at])
-        end = _farthest(straight, at, at + 1, limit) if longer[at] else at + 1
-        by_arc = (
-            _farthest(round_, at, at + _LEAST_LINES, limit) if curved[at] and end < limit else at
-        )
-        on.append(at)
-        arcs.append(by_arc > end)
-        at = max(end, by_arc)
-    knots = _Knots(
-        kept[np.array(on, np.int64)], np.array(arcs, np.bool_), np.zeros(len(on), np.bool_)
-    )
-    return _without_chamfers(borders, knots, tolerance)
+    longer[k] = fit_lines(Stretches.between(line, kept[k], kept[k + 2]))[2] <= tolerance
+    k = np.flatnonzero(np.arange(len(kept)) + _MIN_LINES <= limits)
+    curved[k] = _are_arcs(Stretches.between(line, kept[k], kept[k + _MIN_LINES]), tolerance)
+    starts, arcs = [], []
+    start = 0
+    while start < len(rows):
+        limit = int(limits[start])
+        first, shortest = start + 1, start + _MIN_LINES
+        line_end = _find_farthest(is_line, start, first, limit) if longer[start] else first
+        may_bend = curved[start] and line_end < limit
+        arc_end = _find_farthest(is_arc, start, shortest, limit) if may_bend else start
+        starts.append(start)
+        arcs.append(arc_end > line_end)
+        start = max(line_end, arc_end)
+    stays = np.zeros(len(starts), np.bool_)
+    knots = _Knots(kept[np.array(starts, np.int64)], np.array(arcs, np.bool_), stays)
+    return _drop_chamfers(borders, knots, tolerance)
 
 
-def _before_corners(corners: ComplexArray, ends: BoolArray) -> IntArray:
-    """For each corner (K,) the next one at which the way turns sharply or ends; itself where its border ends."""
-    step = np.diff(corners)
+def _find_corners(points: ComplexArray, ends: BoolArray) -> IntArray:
+    """The next sharp corner or end of its border for each of the `points` (K,).
+
+    An end gives itself.
+    """
+    step = np.diff(points)
     turn = np.angle(step[1:] * np.conj(step[:-1]))
-    sharp = ends.copy()
-    sharp[1:-1] |= np.abs(turn) >= _CORNER_TURN
-    limits = np.arange(len(corners))
-    way = np.flatnonzero(~ends)
-    at = np.flatnonzero(sharp)
-    limits[way] = at[np.searchsorted(at, way, side="right")]
+    is_sharp = ends.copy()
+    is_sharp[1:-1] |= np.abs(turn) >= _CORNER_TURN
+    limits = np.arange(len(points))
+    inner, sharp = np.flatnonzero(~ends), np.flatnonzero(is_sharp)
+    limits[inner] = sharp[np.searchsorted(sharp, inner, side="right")]
     return limits
 
 
-def _farthest(fits: Callable[[int, int], bool], k: int, good: int, limit: int) -> int:
-    """The last of good .. limit to which it fits from ``k``, if those that do come first; ``good`` does."""
+def _find_farthest(fits: Callable[[int, int], bool], k: int, good: int, limit: int) -> int:
+    """The last index up to `limit` to which a line or an arc from `k` fits, by doubling steps.
+
+    It fits to `good`, and is assumed to fit to all indices before the last one.
+    """
     step = 1
     while good + step <= limit and fits(k, good + step):
         good += step
@@ -312,18 +343,13 @@ def _farthest(fits: Callable[[int, int], bool], k: int, good: int, limit: int) -
     return good
 
 
-def _without_chamfers(borders: _Borders, knots: _Knots, tolerance: float) -> _Knots:
-    """Without the short lines that the border of pixels has across each corner: their neighbours meet in the middle."""
+def _drop_chamfers(borders: _Borders, knots: _Knots, tolerance: float) -> _Knots:
     row = knots.row.copy()
     first, last = np.isin(row, borders.first), np.isin(row, borders.last)
     size, count = np.abs(np.diff(borders.line[row])), np.diff(row)
-    short = (
-        (size <= _CHAMFER * tolerance)
-        & (count <= _POINTS)
-        & ~(knots.is_arc | first | last)[:-1]
-        & ~last[1:]
-    )
-    # Of two short ones in a row the first goes.
+    is_inner = ~(knots.is_arc | first | last)[:-1] & ~last[1:]
+    short = (size <= _CHAMFER * tolerance) & (count <= _POINTS) & is_inner
+    # If two short lines follow each other, the first is dropped.
     short[1:] &= ~short[:-1]
     k = np.flatnonzero(short)
     row[k] = (row[k] + row[k + 1]) // 2
@@ -331,9 +357,11 @@ def _without_chamfers(borders: _Borders, knots: _Knots, tolerance: float) -> _Kn
 
 
 class _Shapes(Struct, frozen=True, eq=False):
-    """Of lines a point and their direction, of arcs their centre and radius (K,). NaN: too few points to know it.
+    """The line or circle of each knot.
 
-    radius: NaN for a line.
+    point: (K,) point of a line, centre of an arc; NaN if it has too few points for a fit.
+    along: (K,) direction of a line, 0 for an arc.
+    radius: (K,) radius of an arc, NaN for a line.
     """
 
     point: ComplexArray
@@ -341,40 +369,40 @@ class _Shapes(Struct, frozen=True, eq=False):
     radius: FloatArray
 
     @classmethod
-    def of(cls, borders: _Borders, knots: _Knots) -> _Shapes:
+    def fit(cls, borders: _Borders, knots: _Knots) -> _Shapes:
         count = len(knots.row)
-        point, along, radius = (
-            np.full(count, np.nan + 0j),
-            np.zeros(count, np.complex128),
-            np.full(count, np.nan),
-        )
+        point, radius = np.full(count, np.nan + 0j), np.full(count, np.nan)
+        along = np.zeros(count, np.complex128)
         begin = knots.segments(borders)
         low, high = knots.row[begin], knots.row[begin + 1]
         arc = knots.is_arc[begin]
         k = begin[arc]
-        point[k], radius[k], _ = circles_of(Stretches.between(borders.line, low[arc], high[arc]))
-        # The ends may be rounded by the corners there.
+        point[k], radius[k], _ = fit_circles(Stretches.between(borders.line, low[arc], high[arc]))
+        # The ends are left out: corners may be rounded there.
         line = ~arc & (high - low > _POINTS)
         k = begin[line]
-        point[k], along[k], _ = lines_of(
-            Stretches.between(borders.line, low[line] + 1, high[line] - 1)
-        )
+        inner = Stretches.between(borders.line, low[line] + 1, high[line] - 1)
+        point[k], along[k], _ = fit_lines(inner)
         return cls(point, along, radius)
 
     def __getitem__(self, k: IntArray) -> _Shapes:
         return _Shapes(self.point[k], self.along[k], self.radius[k])
 
-    def nearest(self, at: ComplexArray) -> ComplexArray:
-        away = at - self.point
-        on_line = self.along * (away * np.conj(self.along)).real
-        on_arc = away * (self.radius / np.maximum(np.abs(away), NONZERO))
+    def nearest(self, points: ComplexArray) -> ComplexArray:
+        """(K,) the nearest point of each line or circle to `points` (K,)."""
+        offset = points - self.point
+        on_line = self.along * (offset * np.conj(self.along)).real
+        on_arc = offset * (self.radius / np.maximum(np.abs(offset), NONZERO))
         return np.asarray(self.point + np.where(np.isnan(self.radius), on_line, on_arc))
 
 
 def _place(borders: _Borders, knots: _Knots, tolerance: float) -> ComplexArray:
-    """The knots (K,) moved to where lines cross or arcs begin, by at most ``tolerance``, except those that stay."""
+    """(K,) positions of the knots: where their neighbours meet, if that is within `tolerance`.
+
+    Knots that stay, and the ends of open borders, keep their positions.
+    """
     placed = borders.line[knots.row]
-    shapes = _Shapes.of(borders, knots)
+    shapes = _Shapes.fit(borders, knots)
     first, last = (
         np.flatnonzero(np.isin(knots.row, rows)) for rows in (borders.first, borders.last)
     )
@@ -385,62 +413,59 @@ def _place(borders: _Borders, knots: _Knots, tolerance: float) -> ComplexArray:
     moves[first] &= closed
     moves[last] &= closed
     k = np.flatnonzero(moves)
-    met = _meetings(placed[k], shapes[before[k]], shapes[after[k]])
-    near = np.abs(met - placed[k]) <= tolerance
-    placed[k[near]] = met[near]
+    meeting = _find_meetings(placed[k], shapes[before[k]], shapes[after[k]])
+    near = np.abs(meeting - placed[k]) <= tolerance
+    placed[k[near]] = meeting[near]
     return placed
 
 
-def _meetings(at: ComplexArray, before: _Shapes, after: _Shapes) -> ComplexArray:
-    """Where neighbours meet near ``at`` (N,): two lines where they cross, else half-way between their nearest points.
+def _find_meetings(points: ComplexArray, before: _Shapes, after: _Shapes) -> ComplexArray:
+    """The points at which two neighbours meet near `points` (N,).
 
-    A neighbour of too few points to know it is met where the other one ends. NaN if both are.
+    Two lines meet in their crossing. Otherwise the middle of their nearest points is returned. If
+    one neighbour has no fit, the nearest point of the other one counts; NaN if both have none.
     """
-    one, other = before.nearest(at), after.nearest(at)
-    met = np.where(
-        np.isnan(before.point), other, np.where(np.isnan(after.point), one, (one + other) / 2)
-    )
+    first, second = before.nearest(points), after.nearest(points)
+    middle = np.where(np.isnan(after.point), first, (first + second) / 2)
+    meeting = np.where(np.isnan(before.point), second, middle)
     cross = (np.conj(before.along) * after.along).imag
     share = (np.conj(after.point - before.point) * after.along).imag / cross
     # An arc has no direction: its cross product is zero.
-    return np.asarray(
-        np.where(np.abs(cross) > np.sin(_CROSSING_TURN), before.point + before.along * share, met)
-    )
+    is_crossing = np.abs(cross) > np.sin(_CROSSING_TURN)
+    return np.asarray(np.where(is_crossing, before.point + before.along * share, meeting))
 
 
-def _bulges(borders: _Borders, knots: _Knots, placed: ComplexArray) -> FloatArray:
-    """Bulges (K,): of an arc the mean of what the points of its middle half say (inscribed angle)."""
+def _compute_bulges(borders: _Borders, knots: _Knots, placed: ComplexArray) -> FloatArray:
     bulges = np.zeros(len(placed))
     k = np.flatnonzero(knots.is_arc)
     low, high = knots.row[k], knots.row[k + 1]
     quarter = (high - low) // 4
     inner = Stretches.between(borders.line, low + quarter, high - quarter)
-    half = np.angle(
-        (placed[k + 1][inner.of] - inner.points) * np.conj(inner.points - placed[k][inner.of])
-    )
+    start, end = placed[k][inner.owner], placed[k + 1][inner.owner]
+    half = np.angle((end - inner.points) * np.conj(inner.points - start))
     bulges[k] = np.tan(np.add.reduceat(half, inner.begin) / inner.count / 2)
     return bulges
 
 
-def _too_far(
+def _is_too_far(
     borders: _Borders, knots: _Knots, placed: ComplexArray, bulges: FloatArray, tolerance: float
 ) -> BoolArray:
-    """Which of the lines and arcs (K,) leave the border by more than ``tolerance`` somewhere."""
+    """(K,) true for invalid lines and arcs, and for those beyond `tolerance` from the border."""
     begin = knots.segments(borders)
     given = Stretches.between(borders.line, knots.row[begin], knots.row[begin + 1])
     a, b, bulge = placed[begin], placed[begin + 1], bulges[begin]
     length, size = np.abs(b - a), np.abs(bulge)
-    off = measure_from_arc(
-        given.points.real, given.points.imag, _xy(a)[given.of], _xy(b)[given.of], bulge[given.of]
-    )
+    start, end = _to_xy(a)[given.owner], _to_xy(b)[given.owner]
+    x, y = given.points.real, given.points.imag
+    deviation = measure_from_arc(x, y, start, end, bulge[given.owner])
     radius = length * (1 + bulge**2) / (4 * size)
-    most = given.most(off) + given.most(np.abs(given.steps(given.points))) ** 2 / (8 * radius)
-    flat, small = length < 1e-9, radius < SMALLEST * tolerance
-    bad = np.zeros(len(placed), dtype=np.bool_)
-    bad[begin] = flat | small | (size > 1.0) | ~(most <= tolerance * (1 + 1e-9))
-    return bad
+    sagitta = given.maxima(np.abs(given.steps(given.points))) ** 2 / (8 * radius)
+    largest = given.maxima(deviation) + sagitta
+    is_small = (length < 1e-9) | (radius < SMALLEST * tolerance)
+    is_bad = np.zeros(len(placed), dtype=np.bool_)
+    is_bad[begin] = is_small | (size > 1.0) | ~(largest <= tolerance * (1 + 1e-9))
+    return is_bad
 
 
-def _xy(points: ComplexArray) -> FloatArray:
-    """(N, 2) of complex numbers (N,)."""
+def _to_xy(points: ComplexArray) -> FloatArray:
     return np.column_stack([points.real, points.imag])

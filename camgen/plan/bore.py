@@ -1,14 +1,16 @@
-"""Bores: circles larger than the tool, down on a helix, once round at the bottom, back to the middle and up.
+"""Bores circles larger than the tool: down on a helix, one turn at the bottom, back to the middle.
 
-Into a circle as wide as the tool it goes straight down, if it cuts over its centre. Else its centre
-runs at the radius of the circle less its own. With ``operation.finish`` the helix leaves that at
-the wall, and a last circle at the whole depth takes it.
+In a circle as wide as the tool the tool goes straight down, if it cuts over its centre. In a
+larger one the centre of the tool runs at the radius of the circle less that of the tool. With
+`operation.finish` the helix leaves that allowance at the wall, and a last circle at the full depth
+takes it.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import chain
 
 import numpy as np
 
@@ -20,152 +22,170 @@ from camgen.model.pose import FloatArray
 from camgen.model.text import counted, short
 from camgen.plan.beside import NO_HELIX
 from camgen.plan.columns import SLOWEST, plunge_path
-from camgen.plan.drill import Hole, diameters, find_circles, innermost
+from camgen.plan.drill import Hole, find_circles, read_diameters, select_innermost
+from camgen.plan.unused import raise_first
 
-#: A circle that differs from the tool by no more than this, mm, is as wide as it.
+#: Largest difference of two diameters that count as equal, mm.
 _SAME_MM = 0.01
-#: Chords of one turn at least, so that the tool goes down evenly.
-_LEAST_CHORDS = 12
-#: Ids that a note names.
+#: Minimum number of chords of one turn of the helix, so that the tool goes down evenly.
+_MIN_CHORDS = 12
+#: Maximum number of circles that a note names.
 _NAMED = 8
 
 
 def bore(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]:
-    """A path for every circle worked on that the tool can bore, and notes on the others.
+    """Plan a path for every worked circle that the tool can bore, with notes on the others.
 
-    Raises InputError where there is no circle, JobError for settings that make no sense.
+    Raises InputError without any circle, and JobError for settings that do not suit a bore.
     """
-    if job.process.force:
-        raise JobError(
-            "job",
-            "a bore goes to a depth, not to a force",
-            "process.force",
-            "set process.force to 0",
-        )
-    if job.tool.kind in ("drill", "v"):
-        raise JobError(
-            "job",
-            f'a tool of kind "{job.tool.kind}" cuts no straight wall',
-            "tool.kind",
-            "choose a mill",
-        )
-    lowest, highest = diameters(job)
-    every = find_circles(part)
-    wanted = [hole for hole in every if lowest <= hole.diameter <= highest]
-    if not wanted:
-        what = f"no circle to bore among {len(every)} found" if every else "no circle to bore"
+    raise_first(
+        (
+            job.process.force != 0,
+            JobError(
+                "job",
+                "a bore goes to a depth, not to a force",
+                "process.force",
+                "set process.force to 0",
+            ),
+        ),
+        (
+            job.tool.kind in ("drill", "v"),
+            JobError(
+                "job",
+                f'a tool of kind "{job.tool.kind}" cuts no straight wall',
+                "tool.kind",
+                "choose a mill",
+            ),
+        ),
+    )
+    smallest, largest = limits = read_diameters(job)
+    circles = find_circles(part)
+    in_range = [hole for hole in circles if smallest <= hole.diameter <= largest]
+    if not in_range:
+        what = f"no circle to bore among {len(circles)} found" if circles else "no circle to bore"
         raise InputError(
             part.source,
             what,
             remedy="camgen inspect shows what the file holds; see operation.holes",
         )
-    chosen = innermost(wanted)
-    notes = _tell_others(part, len(every), len(wanted), len(chosen), (lowest, highest))
-    narrow, same, wide, whole, good = _sort_out(chosen, job)
-    tool = job.tool.diameter
+    chosen = select_innermost(in_range)
+    notes = _note_others(part, len(circles), len(in_range), len(chosen), limits)
+    narrow, same, wide, full, good = _sort_by_width(chosen, job)
+    tool = f"{short(job.tool.diameter, 3)} mm"
+    core = f"a core would stay in the middle; use a pocket, or a tool over {tool}"
     remedies = (
-        (narrow, "smaller than the tool", f"the tool is {short(tool, 3)} mm; drill them"),
+        (narrow, "smaller than the tool", f"the tool is {tool}; drill them"),
         ([] if job.tool.center_cutting else same, "as wide as the tool", NO_HELIX),
-        (
-            wide,
-            "too wide",
-            f"a core would stay in the middle; use a pocket, or a tool over {short(tool, 3)} mm",
-        ),
-        (whole, "without room for a helix", "operation.finish leaves none; leave less at the wall"),
+        (wide, "too wide", core),
+        (full, "without room for a helix", "operation.finish leaves none; leave less at the wall"),
     )
-    notes += [_not_bored(holes, how, why) for holes, how, why in remedies if holes]
-    paths = [_path(hole, job) for hole in good]
+    notes += [_note_not_bored(holes, how, why) for holes, how, why in remedies if holes]
+    paths = [_make_path(hole, job) for hole in good]
     if job.tool.center_cutting:
         for hole in same:
-            at = (hole.x, hole.y)
-            paths.append(plunge_path(hole.id, hole.layer, at, job, "bore", hole.contours))
+            centre = (hole.x, hole.y)
+            paths.append(plunge_path(hole.id, hole.layer, centre, job, "bore", hole.contours))
     return tuple(paths), tuple(notes)
 
 
-def _sort_out(holes: Sequence[Hole], job: Job) -> tuple[list[Hole], ...]:
-    """The holes in five lists: smaller than the tool, as wide as it, those in which a core would stay, those without
-    room beside what is left at the wall, and the good ones.
+def _sort_by_width(holes: Sequence[Hole], job: Job) -> tuple[list[Hole], ...]:
+    """Sort holes into five lists.
+
+    Smaller than the tool, as wide as the tool, so wide that a core would stay, too narrow for a
+    helix beside the allowance of `operation.finish`, and good ones.
     """
-    sorted_: tuple[list[Hole], ...] = ([], [], [], [], [])
+    lists: tuple[list[Hole], ...] = ([], [], [], [], [])
     for hole in holes:
-        arm = (hole.diameter - job.tool.diameter) / 2
-        helix = arm - job.operation.finish
+        radius = (hole.diameter - job.tool.diameter) / 2
+        helix_radius = radius - job.operation.finish
         tests = (
-            arm < -_SAME_MM / 2,
-            arm <= _SAME_MM / 2,
-            helix > job.tool.radius,
-            helix <= _SAME_MM / 2,
+            radius < -_SAME_MM / 2,
+            radius <= _SAME_MM / 2,
+            helix_radius > job.tool.radius,
+            helix_radius <= _SAME_MM / 2,
+            True,
         )
-        sorted_[tests.index(True) if any(tests) else 4].append(hole)
-    return sorted_
+        lists[tests.index(True)].append(hole)
+    return lists
 
 
-def _tell_others(
-    part: Part, found: int, wanted: int, chosen: int, asked: tuple[float, float]
+def _note_others(
+    part: Part, circles: int, in_range: int, chosen: int, limits: tuple[float, float]
 ) -> list[Note]:
-    """Notes on what is none of the circles asked for."""
+    """Notes on contours that are not circles, and on circles that are not chosen.
+
+    circles, in_range, chosen: number of all circles, of those in the range of diameters, and of
+        those of them without a smaller one around the same centre.
+    limits: smallest and largest diameter, mm.
+    """
     notes = []
-    other = sum(part.works_on(c.sources or (c.id,)) for c in part.contours) - found
-    if other:
-        what = counted(other, "contour is no circle and is", "contours are no circles and are")
+    others = sum(part.works_on(c.sources or (c.id,)) for c in part.contours) - circles
+    if others:
+        what = counted(others, "contour is not a circle and is", "contours are not circles and are")
         notes.append(Note("assumed", f"{what} not bored"))
-    if wanted < found:
-        what = counted(found - wanted, "circle of another diameter", "circles of other diameters")
-        why = f"operation.holes is {short(asked[0], 3)} to {short(asked[1], 3)} mm"
-        notes.append(Note("assumed", f"{what} not bored", why))
-    if chosen < wanted:
-        what = counted(
-            wanted - chosen, "circle around a smaller one", "circles around smaller ones"
+    if in_range < circles:
+        outside = circles - in_range
+        what = counted(outside, "circle of another diameter", "circles of other diameters")
+        notes.append(
+            Note(
+                "assumed",
+                f"{what} not bored",
+                f"operation.holes is {short(limits[0], 3)} to {short(limits[1], 3)} mm",
+            )
         )
+    if chosen < in_range:
+        outer = in_range - chosen
+        what = counted(outer, "circle around a smaller one", "circles around smaller ones")
         notes.append(
             Note("assumed", f"{what} not bored", "the smallest of a centre is; see operation.holes")
         )
     return notes
 
 
-def _not_bored(holes: Sequence[Hole], how: str, why: str) -> Note:
-    ids = tuple(name for hole in holes for name in hole.contours)
+def _note_not_bored(holes: Sequence[Hole], how: str, why: str) -> Note:
+    ids = tuple(chain.from_iterable(hole.contours for hole in holes))
     names = ", ".join(f"{hole.id} of {short(hole.diameter, 3)} mm" for hole in holes[:_NAMED])
     more = " ..." if len(holes) > _NAMED else ""
-    places = tuple((hole.x, hole.y) for hole in holes)
     return Note(
         "skipped",
         f"{counted(len(holes), 'circle')} not bored, {how}: {names}{more}",
         why,
         ids,
-        places,
+        tuple((hole.x, hole.y) for hole in holes),
     )
 
 
-def _path(hole: Hole, job: Job) -> ToolPath:
-    """Down on the helix, once round at the bottom, with a last circle at the wall if asked for, and to the middle."""
-    depth, arm = job.operation.depth, (hole.diameter - job.tool.diameter) / 2
-    helix = arm - job.operation.finish
+def _make_path(hole: Hole, job: Job) -> ToolPath:
+    """Down on the helix, one turn at the bottom, a finishing turn if requested, to the middle."""
+    depth, radius = job.operation.depth, (hole.diameter - job.tool.diameter) / 2
+    helix_radius = radius - job.operation.finish
     sense = -1.0 if job.operation.direction == "conventional" else 1.0
-    down = _helix(helix, depth, sense, job)
-    bottom, wall = _round(helix, sense), _round(arm, sense)
-    # The helix ends where its circle begins.
-    circles = [(bottom[0][1:], bottom[1][1:])] + ([wall] if job.operation.finish else [])
-    rows = [down, *(np.column_stack([ends, np.full(len(ends), -depth)]) for ends, _ in circles)]
+    helix = _make_helix(helix_radius, depth, sense, job)
+    bottom_ends, bottom_vias = _make_circle(helix_radius, sense)
+    # The helix ends at the start of the circle at the bottom.
+    circles = [(bottom_ends[1:], bottom_vias[1:])]
+    if job.operation.finish:
+        circles.append(_make_circle(radius, sense))
+    rows = [helix, *(np.column_stack([ends, np.full(len(ends), -depth)]) for ends, _ in circles)]
     position = np.vstack([*rows, [0.0, 0.0, -depth]])
     via = np.full_like(position, np.nan)
-    first = len(down)
-    for ends, middles in circles:
-        via[first : first + len(ends), :2] = middles
-        via[first : first + len(ends), 2] = np.where(np.isnan(middles[:, 0]), np.nan, -depth)
+    first = len(helix)
+    for ends, vias in circles:
+        via[first : first + len(ends), :2] = vias
+        via[first : first + len(ends), 2] = np.where(np.isnan(vias[:, 0]), np.nan, -depth)
         first += len(ends)
-    middle = np.array([hole.x, hole.y, 0.0])
-    # The feed is that of the edge on the wall; the centre runs on a smaller circle.
-    radius = np.hypot(*position[:, :2].T)
-    share = np.maximum(radius / (radius + job.tool.radius), SLOWEST)
-    share[-1] = 1.0
+    centre = np.array([hole.x, hole.y, 0.0])
+    # The feed holds at the wall; the centre of the tool runs on a smaller circle.
+    centre_radius = np.hypot(*position[:, :2].T)
+    fraction = np.maximum(centre_radius / (centre_radius + job.tool.radius), SLOWEST)
+    fraction[-1] = 1.0
     return ToolPath(
         id=hole.id,
         layer=hole.layer,
         table=waypoints(
-            position=position + middle,
-            via=via + middle,
-            feed=job.process.feed * share,
+            position=position + centre,
+            via=via + centre,
+            feed=job.process.feed * fraction,
         ),
         closed=False,
         reversible=False,
@@ -174,23 +194,23 @@ def _path(hole: Hole, job: Job) -> ToolPath:
     )
 
 
-def _helix(radius: float, depth: float, sense: float, job: Job) -> FloatArray:
-    """(N, 3) from the top face to the depth in whole turns of one pitch: that of ``entry_angle`` at most, and with more
-    than one of ``passes`` none deeper than those.
+def _make_helix(radius: float, depth: float, sense: float, job: Job) -> FloatArray:
+    """(N, 3) points from the top face to the depth, in whole turns of one pitch.
+
+    The pitch is limited by `entry_angle`, and by the depth of a pass if there are several.
     """
     pitch = 2 * math.pi * radius * math.tan(math.radians(job.operation.entry_angle))
     if job.operation.passes > 1 and depth:
         pitch = min(pitch, depth / job.operation.passes)
     turns = math.ceil(depth / pitch - 1e-9) if depth else 0
     step = 2 * math.acos(max(1 - job.tolerance.chord / radius, -0.5))
-    chords = max(_LEAST_CHORDS, math.ceil(2 * math.pi / step))
-    share = np.arange(turns * chords + 1)
-    angle = sense * 2 * math.pi * share / chords
-    z = -depth * share / max(turns * chords, 1)
+    chords = max(_MIN_CHORDS, math.ceil(2 * math.pi / step))
+    place = np.arange(turns * chords + 1)
+    angle = sense * 2 * math.pi * place / chords
+    z = -depth * place / max(turns * chords, 1)
     return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), z])
 
 
-def _round(radius: float, sense: float) -> tuple[FloatArray, FloatArray]:
-    """Ends (3, 2) of a line to the circle's start and two halves of it, and the middles (3, 2) of these."""
+def _make_circle(radius: float, sense: float) -> tuple[FloatArray, FloatArray]:
     ends = np.array([[radius, 0.0], [-radius, 0.0], [radius, 0.0]])
     return ends, np.array([[np.nan, np.nan], [0.0, sense * radius], [0.0, -sense * radius]])

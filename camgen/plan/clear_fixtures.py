@@ -23,7 +23,7 @@ from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 from camgen.model.text import short
 from camgen.model.tolerance import NONZERO, SAME_POINT_MM
-from camgen.plan import EdgePlan, JobPlan, Plan, ReplayPlan, chain_paths
+from camgen.plan import EdgePlan, JobPlan, Plan, ReplayPlan, join_paths
 from camgen.plan.leave_out import leave_out_paths
 from camgen.plan.pieces import begin_at, lengths_along, split_at
 
@@ -112,7 +112,7 @@ def clear_fixtures(plan: Plan, job: Job, fixtures: Fixtures) -> Plan:
     clear_plan = replace(
         plan,
         plans=tuple(cleared),
-        paths=chain_paths(cleared),
+        paths=join_paths(cleared),
         notes=all_notes,
         left_out=tuple(left_out),
     )
@@ -158,7 +158,6 @@ class _Areas:
 
 
 def _block(tools: Sequence[ToolTable], lowest: float, fixtures: Fixtures) -> _Blocked:
-    """The areas that are closed to the axes of the tools with their tips as low as `lowest`, mm."""
     zones: list[_Zone] = []
     for tool in tools:
         zones += _list_zones(tool, lowest, fixtures)
@@ -208,8 +207,7 @@ def _split(path: ToolPath, blocked: _Blocked, in_space: bool) -> _Split:
     met = tuple(zone for zone in blocked.zones if shapely.contains_xy(zone.area, points).any())
     if inside.all() or in_space or path.operation not in _BY_STRETCH:
         return _Split((), (path,), met)
-    ends = _find_ends(lengths, inside, test)
-    kept, lost = _cut(path, ends, bool(inside[0]))
+    kept, lost = _cut(path, _find_ends(lengths, inside, test), bool(inside[0]))
     return _Split(kept, lost, met)
 
 
@@ -220,7 +218,6 @@ def find_blocked(tool: ToolTable, lowest: float, fixtures: Fixtures | None) -> A
 
 
 def _list_zones(tool: ToolTable, lowest: float, fixtures: Fixtures) -> Iterator[_Zone]:
-    """The areas that are closed to the axis of a tool with its tip as low as `lowest`, mm."""
     for fixture in fixtures.listed:
         for body in list_bodies(tool):
             layers = [layer for layer in fixture.layers if layer.top > lowest + body.height]
@@ -233,7 +230,6 @@ def _list_zones(tool: ToolTable, lowest: float, fixtures: Fixtures) -> Iterator[
 
 
 def _find_box(path: ToolPath) -> Any:
-    """A box around a path; arcs are at most half circles about their via points."""
     points = [path.position[:, :2]]
     arcs = ~np.isnan(path.via[:, 0])
     if arcs.any():
@@ -261,7 +257,6 @@ def _find_ends(
 def _cut(
     path: ToolPath, ends: FloatArray, begins_blocked: bool
 ) -> tuple[tuple[ToolPath, ...], tuple[ToolPath, ...]]:
-    """The kept and the blocked stretches of a path, which is divided at the lengths `ends`, mm."""
     if path.closed:
         # Begun where a blocked stretch ends, it is free at its start and blocked at its end.
         first = 0 if begins_blocked else 1

@@ -36,8 +36,7 @@ def thin_positions(part: Recorded, tolerance: float) -> Recorded:
     runs = _find_runs(columns, columns.moves_are(MoveL) & (columns.blend > 0))
     for first, last in runs:
         # The way begins at the end of the motion before the run.
-        points = columns.ends[first - 1 : last]
-        kept[columns.at[first:last]] = keep_points(points, tolerance)[1:]
+        kept[columns.at[first:last]] = keep_points(columns.ends[first - 1 : last], tolerance)[1:]
     left_out = int(np.count_nonzero(~kept))
     if not left_out:
         return part
@@ -45,9 +44,20 @@ def thin_positions(part: Recorded, tolerance: float) -> Recorded:
     run = replace(part.run, body=tuple(body), lines=tuple(lines))
     positions = counted(left_out, "position is", "positions are")
     line = part.run.lines[int(np.flatnonzero(~kept)[0])]
-    what = f"line {line}: {positions} left out, which changes the path by {short(tolerance, 4)} mm"
-    why = f"tolerance.chord; they are less than {CLOSE_MM} mm apart, where arms slow down or stop"
-    return replace(part, run=run, notes=(*part.notes, Note("assumed", what, why)))
+    return replace(
+        part,
+        run=run,
+        notes=(
+            *part.notes,
+            Note(
+                "assumed",
+                f"line {line}: {positions} left out, "
+                f"which changes the path by {short(tolerance, 4)} mm",
+                f"tolerance.chord; they are less than {CLOSE_MM} mm apart, "
+                "where arms slow down or stop",
+            ),
+        ),
+    )
 
 
 def _find_runs(columns: Columns, chosen: BoolArray) -> list[tuple[int, int]]:
@@ -99,7 +109,6 @@ def keep_points(points: FloatArray, tolerance: float) -> BoolArray:
 
 
 def _distance(points: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
-    """(N,) distance of points from a line between two points, mm."""
     chord = end - start
     # BLAS rounds a product by its processor. Sums along an axis are the same everywhere.
     square = max(float((chord * chord).sum()), NONZERO)

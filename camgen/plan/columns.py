@@ -1,4 +1,4 @@
-"""From a table of plane segments to tool paths: all chains of a drawing at once."""
+"""Makes tool paths from segments in the plane, all chains of a drawing at once."""
 
 from __future__ import annotations
 
@@ -14,12 +14,20 @@ from camgen.model.path import ToolPath, waypoints
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import NONZERO
 
-#: The tool centre is never slowed below this part of the feed, however tight the inner curve.
+#: Minimum speed of the tool centre on a tight inner curve, as a fraction of the feed.
 SLOWEST = 0.02
 
 
 class Label(Struct, frozen=True):
-    """What a path is called, the ids of the contours that it works on, and how it may be run."""
+    """The name of a path and the way in which it may run.
+
+    id: name of the path.
+    layer: layer of its contours.
+    closed: the path ends at its start.
+    reversible: the path may run in either direction.
+    parent: index of the path around it, or -1.
+    contours: ids of the contours that it works on.
+    """
 
     id: str
     layer: str
@@ -42,14 +50,17 @@ class SegmentWork(Struct, frozen=True, eq=False):
     feed: FloatArray
 
 
-def tool_paths(
+def make_tool_paths(
     segments: Segments,
     labels: Sequence[Label],
     work: SegmentWork,
     depths: tuple[float, ...],
     operation: str,
 ) -> tuple[ToolPath, ...]:
-    """A path per owner of ``segments``, in order; the tool straight down, z = 0 at the top face."""
+    """A path for each owner of `segments`, in order, with the tool straight down.
+
+    The top face is z = 0.
+    """
     count = len(labels)
     sizes = np.bincount(segments.owner, minlength=count)
     first = begins(sizes)
@@ -95,9 +106,12 @@ def straight_path(
     layer: str = "0",
     contours: tuple[str, ...] = (),
 ) -> ToolPath:
-    """A path through ``points`` (N, 2), straight on, tool down, with the feed, the force and the depths of ``job``.
+    """A path of straight lines through `points` (N, 2), the tool straight down.
 
-    contours: ids of those that it works on. operation: its name.
+    Feed, force and depths are those of `job`.
+    ident: name of the path.
+    operation: name of the operation.
+    contours: ids of the contours that it works on.
     """
     return ToolPath(
         id=ident,
@@ -110,7 +124,7 @@ def straight_path(
             feed=job.process.feed,
         ),
         closed=bool((points[0] == points[-1]).all()),
-        depths=pass_depths(job.operation.depth, job.operation.passes),
+        depths=compute_depths(job.operation.depth, job.operation.passes),
         contours=contours,
         operation=operation,
     )
@@ -124,7 +138,7 @@ def plunge_path(
     operation: str,
     contours: tuple[str, ...],
 ) -> ToolPath:
-    """A path straight down to the depth of ``job`` at ``middle``, x y in mm, and up again.
+    """A path straight down to the depth of `job` at `middle`, x y in mm, and up again.
 
     contours: ids of the contours that it works on.
     operation: name of the operation.
@@ -135,14 +149,17 @@ def plunge_path(
         layer=layer,
         table=waypoints(position=np.array([[x, y, 0.0]]), via=np.nan, feed=job.process.feed),
         closed=False,
-        depths=pass_depths(job.operation.depth, job.operation.passes),
+        depths=compute_depths(job.operation.depth, job.operation.passes),
         contours=contours,
         operation=operation,
     )
 
 
-def sideways(segments: Segments, side: int) -> FloatArray:
-    """(N, 2, 3) unit vectors square to the travel at start and end; side +1: to the left, -1: to the right, 0: none."""
+def compute_sideways(segments: Segments, side: int) -> FloatArray:
+    """(N, 2, 3) unit vectors perpendicular to the travel, at start and end of each segment.
+
+    side: 1 for the left side, -1 for the right side, 0 for zero vectors.
+    """
     press = np.zeros((len(segments), 2, 3))
     for k, fraction in enumerate((0.0, 1.0)):
         direction = tangents_at(segments, np.full(len(segments), fraction))
@@ -151,8 +168,8 @@ def sideways(segments: Segments, side: int) -> FloatArray:
     return press
 
 
-def pass_depths(depth: float, passes: int) -> tuple[float, ...]:
-    """Depths below the top face of equal passes down to ``depth``."""
+def compute_depths(depth: float, passes: int) -> tuple[float, ...]:
+    """Depths of equal passes down to `depth`, mm below the top face."""
     return tuple(depth * (k + 1) / passes for k in range(passes))
 
 
@@ -163,7 +180,7 @@ def path_segments(paths: Sequence[ToolPath]) -> Segments:
     via = np.concatenate([path.via[1:, :2] for path in paths])
     chord, arm = end - start, via - (start + end) / 2
     square = np.maximum((chord**2).sum(axis=1), NONZERO)
-    # The middle of an arc lies beside that of its chord by half the chord times the bulge, to the right of it.
+    # The via point of an arc is on the right of its chord, by half the chord times the bulge.
     bulge = 2 * (arm[:, 0] * chord[:, 1] - arm[:, 1] * chord[:, 0]) / square
     return make(
         start, end, np.where(np.isnan(bulge), 0.0, bulge), np.zeros(len(start), dtype=np.int64)

@@ -21,12 +21,11 @@ def note_contact_feed(
     ids: ids of all slow lines.
     """
     speed = process.feed * process.max_feed_factor / factor
-    text = (
+    return Note(
+        "warning",
         f"{what}: the contact point runs at {short(speed, 1)} of {short(process.feed, 1)} mm/s "
-        f"on {name}"
-    )
-    why = (
+        f"on {name}",
         f"the tool would run {short(factor, 1)} times as fast, and "
-        f"process.max_feed_factor = {short(process.max_feed_factor, 2)}"
+        f"process.max_feed_factor = {short(process.max_feed_factor, 2)}",
+        ids,
     )
-    return Note("warning", text, why, ids)

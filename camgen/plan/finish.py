@@ -1,4 +1,4 @@
-"""Last passes of followed contours: what the others left at the walls, at the whole depth."""
+"""Adds finishing passes to followed contours, which take the allowance at the walls."""
 
 from __future__ import annotations
 
@@ -13,54 +13,55 @@ from camgen.model.text import counted, name_ranges
 from camgen.plan.beside import EXACT
 from camgen.plan.columns import path_segments
 
-#: A last pass that finds more than so many times what is left at the walls goes down pass by pass.
-_MUCH = 3.0
+#: Multiple of the allowance beyond which a finishing pass goes down pass by pass.
+_MAX_ALLOWANCES = 3.0
 
 
-def rough_then_last(
+def add_finishing(
     rough: tuple[ToolPath, ...], last: tuple[ToolPath, ...], finish: float, notes: tuple[Note, ...]
 ) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]:
-    """The paths that leave ``finish`` mm, and after them those that take it, at the whole depth."""
+    """Join roughing and finishing passes; the finishing passes run at the full depth.
+
+    rough: passes that leave `finish` mm at the walls.
+    last: passes along the walls.
+    """
     base = len(rough)
-    first_last: dict[str, int] = {}
-    first_rough: dict[str, int] = {}
-    for found, paths in ((first_last, last), (first_rough, rough)):
-        for k, path in enumerate(paths):
-            for name in path.contours:
-                found.setdefault(name, k)
-    before = [
-        replace(path, parent=base + min(first_last[name] for name in path.contours))
-        if all(name in first_last for name in path.contours)
-        else path
-        for path in rough
-    ]
+    first_last, first_rough = _index_by_contour(last), _index_by_contour(rough)
+    before = list(rough)
+    for k, path in enumerate(rough):
+        if all(name in first_last for name in path.contours):
+            parent = base + min(first_last[name] for name in path.contours)
+            before[k] = replace(path, parent=parent)
     after, deep = [], []
     for path in last:
-        around = -1
+        parent = -1
         if path.parent >= 0:
-            outer = last[path.parent].contours
-            around = first_rough.get(outer[0], base + path.parent)
-        much = _is_more_left(path, rough, _MUCH * finish)
-        deep += [path.id] if much else []
-        depths = path.depths if much else path.depths[-1:]
-        after.append(replace(path, id=f"{path.id}.finish", parent=around, depths=depths))
+            parent = first_rough.get(last[path.parent].contours[0], base + path.parent)
+        is_deep = _is_far(path, rough, _MAX_ALLOWANCES * finish)
+        deep += [path.id] if is_deep else []
+        depths = path.depths if is_deep else path.depths[-1:]
+        after.append(replace(path, id=f"{path.id}.finish", parent=parent, depths=depths))
     if deep and len(last[0].depths) > 1:
-        names = ", ".join(name_ranges(deep))
-        what = (
-            f"{counted(len(deep), 'last pass goes', 'last passes go')} down pass by pass: {names}"
-        )
+        count = counted(len(deep), "last pass goes", "last passes go")
+        what = f"{count} down pass by pass: {', '.join(name_ranges(deep))}"
         why = f"in narrow places more than {finish:g} mm is left for them"
         notes = (*notes, Note("assumed", what, why, tuple(deep)))
     return (*before, *after), notes
 
 
-def _is_more_left(path: ToolPath, rough: tuple[ToolPath, ...], most: float) -> bool:
-    """Whether a place of ``path`` is farther than ``most`` mm from all ``rough`` ones."""
-    if not rough:
+def _index_by_contour(paths: tuple[ToolPath, ...]) -> dict[str, int]:
+    first: dict[str, int] = {}
+    for k, path in enumerate(paths):
+        for name in path.contours:
+            first.setdefault(name, k)
+    return first
+
+
+def _is_far(path: ToolPath, others: tuple[ToolPath, ...], distance: float) -> bool:
+    if not others:
         return True
-    spans = path_segments(rough)
-    own = path_segments((path,))
-    points = np.concatenate(
-        [points_at(own, np.full(len(own), f)) for f in np.linspace(0.0, 1.0, 9)]
-    )
-    return bool(np.isinf(measure_nearest(points, spans, most + EXACT)).any())
+    segments = path_segments((path,))
+    fractions = np.linspace(0.0, 1.0, 9)
+    points = [points_at(segments, np.full(len(segments), f)) for f in fractions]
+    nearest = measure_nearest(np.concatenate(points), path_segments(others), distance + EXACT)
+    return bool(np.isinf(nearest).any())

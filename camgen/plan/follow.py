@@ -1,4 +1,4 @@
-"""Tool paths beside the contours: outer loops outside, holes inside, feed and force for a round tool."""
+"""Plans tool paths beside contours: outside outer loops, inside holes, with feed and force."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from camgen.geometry.segments import (
     BoolArray,
     IntArray,
     Segments,
+    concatenate,
     find_following,
     flatten,
     from_contours,
@@ -28,27 +29,37 @@ from camgen.model.job import Job
 from camgen.model.part import Contour, Note, Part
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
-from camgen.model.text import counted, name_ranges
+from camgen.model.text import counted, name_ranges, short
 from camgen.plan.beside import (
     EXACT,
-    Beside,
-    beside,
-    centre_lines,
-    does_not_fit,
-    only_along,
-    only_chains,
+    OffsetCurve,
+    explain_misfit,
+    find_channel_lines,
+    make_offset_curve,
+    select_chains,
+    select_segments,
     with_centre_lines,
 )
-from camgen.plan.columns import SLOWEST, Label, SegmentWork, pass_depths, sideways, tool_paths
+from camgen.plan.columns import (
+    SLOWEST,
+    Label,
+    SegmentWork,
+    compute_depths,
+    compute_sideways,
+    make_tool_paths,
+)
 from camgen.plan.contact_feed import CAPPED, note_contact_feed
-from camgen.plan.finish import rough_then_last
+from camgen.plan.finish import add_finishing
 from camgen.plan.open_outlines import check_outlines
 from camgen.read.join import format_gaps
 
-#: From this turn (rad) on an outer corner is sharp: the tool only rolls about it, so no force is put on (PIST 4.2.1).
+#: Minimum angle of a sharp outer corner, rad. The tool only rolls around it, so it gets no force
+#: (PIST, section 4.2.1).
 _SHARP = np.radians(15.0)
-#: What is left standing by no more, mm, counts as touched. Contours are looked at every so many mm, at so many places.
-_UNSEEN_MM, _SAMPLE_MM, _SAMPLES = 0.02, 0.1, 50_000
+#: Largest rest material that counts as none, mm.
+_NEGLIGIBLE_MM = 0.02
+#: Minimum distance of samples along contours, mm, and approximate maximum number of them.
+_SAMPLE_MM, _SAMPLES = 0.1, 50_000
 _COMMON = (
     "edges on one line leave the tool no side; draw one outline, or use operation.kind = trace"
 )
@@ -57,9 +68,15 @@ _FAILED = "the path did not keep its distance; please report it"
 
 
 class _Loops(Struct, frozen=True, eq=False):
-    """The contours that the tool keeps clear of. index: their place in the part. drawn: their segments. worked: which
-    of them it follows. flip: run against the drawn direction so that the part is on the left. group: label per contour;
-    what has one label is kept clear of. parent: -1 if none. depth: how many loops lie around.
+    """The contours that the tool follows or keeps clear of.
+
+    index: index of each contour in the part.
+    drawn: their segments.
+    worked: true for the contours that the tool follows.
+    flip: true for contours that are reversed, so that the part is on the left.
+    group: label of each contour; a path keeps clear of all contours with the label of its own.
+    parent: the contour around each, or -1.
+    depth: number of contours around each.
     """
 
     index: list[int]
@@ -72,23 +89,27 @@ class _Loops(Struct, frozen=True, eq=False):
 
 
 def follow(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]:
-    """Paths beside the contours of ``part`` that are worked on, and what could not be followed.
+    """Plan paths beside the worked contours of `part`, with notes on those without a path.
 
-    With ``operation.finish`` all of them twice: with that left in all passes, then at the whole depth without. JobError
-    for a tool that does not cut sideways.
+    With `operation.finish` there are two paths for each: roughing passes, which leave that
+    allowance, and a finishing pass. Raises JobError for a tool that does not cut sideways.
     """
     if job.tool.kind == "drill":
         raise JobError("job", "a drill does not cut sideways", "tool.kind", "choose a mill")
     radius, finish = job.tool.radius, job.operation.finish
-    depths = pass_depths(job.operation.depth, job.operation.passes)
+    depths = compute_depths(job.operation.depth, job.operation.passes)
     if not finish:
         return run_beside(part, job, radius, depths, "follow")
     if not job.operation.inside_first:
-        what = "what is left at the walls is taken last"
-        raise JobError("job", what, "operation.inside_first", "leave it out, or operation.finish")
+        raise JobError(
+            "job",
+            "the allowance at the walls is taken last",
+            "operation.inside_first",
+            "leave it out, or operation.finish",
+        )
     rough, _ = run_beside(part, job, radius + finish, depths, "follow")
     last, notes = run_beside(part, job, radius, depths, "follow")
-    return rough_then_last(rough, last, finish, notes)
+    return add_finishing(rough, last, finish, notes)
 
 
 def run_beside(
@@ -99,80 +120,77 @@ def run_beside(
     operation: str,
     reach: float = 0.0,
 ) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]:
-    """Paths of the tool's centre at ``distance`` mm from the contours of ``part`` that are worked on, and notes.
+    """Plan paths of the tool's centre at `distance` mm from the worked contours, with notes.
 
-    The other contours are kept clear of by that too, or by ``reach`` mm if that is more.
+    The paths keep that distance from the other contours too, or `reach` mm if that is more.
     """
     loops, notes = _choose_sides(part, job.operation.side, job.input.join)
     if not loops.worked.any():
         return (), tuple(notes)
     contours = [part.contours[k] for k in loops.index]
-    source = turn_round(loops.drawn, loops.flip)
     closed = np.array([c.closed for c in contours])
+    source = reverse_loops(loops.drawn, loops.flip)
     following = find_following(source, closed)
-    source, following = uncross_loops(
-        source, following, closed & find_slips(source, following, len(contours))
-    )
-    curve = beside(
-        source, following, closed, loops.group[source.owner], distance, job.operation.corner_radius
-    )
-    if operation == "follow" and not job.operation.corner_radius:
-        group = loops.group[source.owner]
-        lines = centre_lines(
+    slips = closed & find_slips(source, following, len(contours))
+    source, following = uncross_loops(source, following, slips)
+    group = loops.group[source.owner]
+    radius = job.operation.corner_radius
+    curve = make_offset_curve(source, following, closed, group, distance, radius)
+    if operation == "follow" and not radius:
+        lines = find_channel_lines(
             curve.segments, source, following, group, distance, job.tolerance.arc_fit
         )
         curve = with_centre_lines(curve, lines)
-    looked_at = loops.worked
+    expected = loops.worked
     if not loops.worked.all():
         worked = loops.worked[source.owner]
-        beyond = (curve.other >= 0) & worked[curve.other]
-        curve = only_along(curve, worked[curve.source] | beyond)
-        near = _too_near(curve, source, loops, reach)
-        spoiled = np.isin(
-            np.arange(len(contours)), source.owner[curve.source[near[curve.segments.owner]]]
-        )
-        notes += _near_note([contours[k] for k in np.flatnonzero(spoiled).tolist()])
-        curve = only_chains(curve, ~near)
-        looked_at = looked_at & ~spoiled
+        is_opposite = (curve.other >= 0) & worked[curve.other]
+        curve = select_segments(curve, worked[curve.source] | is_opposite)
+        near = _is_too_near(curve, source, loops, reach)
+        spoiled = np.zeros(len(contours), dtype=bool)
+        spoiled[source.owner[curve.source[near[curve.segments.owner]]]] = True
+        notes += _note_near([contours[k] for k in np.flatnonzero(spoiled).tolist()])
+        curve = select_chains(curve, ~near)
+        expected = expected & ~spoiled
     reached = curve
     if job.operation.rest:
         from camgen.plan.rest import keep_rest  # noqa: PLC0415 (only for jobs that ask for it)
 
         curve = keep_rest(curve, part, job)
-        notes += _nothing_left(reached, curve, source, contours)
-    labels, order = _labels(curve, source, contours, loops, job)
-    tool = f"a {job.tool.diameter:g} mm tool" + (
-        f" with corner radius {job.operation.corner_radius:g}"
-        if job.operation.corner_radius
-        else ""
-    )
-    tool = (
-        tool
-        if operation == "follow"
-        else f"a V tool whose middle is {distance:.4g} mm off the wall"
-    )
-    notes += _left_out(reached, source, contours, looked_at, tool, distance)
+        notes += _note_nothing_left(reached, curve, source, contours)
+    labels, order = _make_labels(curve, source, contours, loops, job)
+    tool = f"a V tool whose middle is {distance:.4g} mm off the wall"
+    if operation == "follow":
+        tool = f"a {job.tool.diameter:g} mm tool"
+        if radius:
+            tool += f" with corner radius {radius:g}"
+    notes += _note_unfollowed(reached, source, contours, expected, tool, distance)
     if job.process.force:
         notes += _note_feeds(curve, source, contours, job)
     segments, work = _order_chains(curve, source, order, job)
-    return tool_paths(segments, labels, work, depths, operation), tuple(notes)
+    return make_tool_paths(segments, labels, work, depths, operation), tuple(notes)
 
 
-def _nothing_left(
-    reached: Beside, curve: Beside, source: Segments, contours: list[Contour]
+def _note_nothing_left(
+    reached: OffsetCurve, curve: OffsetCurve, source: Segments, contours: list[Contour]
 ) -> list[Note]:
-    """A note on the contours of `reached` at which earlier operations leave nothing for `curve`."""
     before = set(source.owner[reached.source].tolist())
-    done = sorted(before - set(source.owner[curve.source].tolist()))
-    if not done:
+    finished = sorted(before - set(source.owner[curve.source].tolist()))
+    if not finished:
         return []
-    ids = [contours[k].id for k in done]
-    what = f"nothing is left at {counted(len(ids), 'contour')}: {', '.join(name_ranges(ids))}"
-    return [Note("assumed", what, "earlier operations reach all that this tool does", tuple(ids))]
+    ids = [contours[k].id for k in finished]
+    return [
+        Note(
+            "assumed",
+            f"nothing is left at {counted(len(ids), 'contour')}: {', '.join(name_ranges(ids))}",
+            "earlier operations reach all that this tool does",
+            tuple(ids),
+        )
+    ]
 
 
-def _too_near(curve: Beside, source: Segments, loops: _Loops, reach: float) -> BoolArray:
-    """(chains,): which come nearer than ``reach`` mm to a contour that is not worked on."""
+def _is_too_near(curve: OffsetCurve, source: Segments, loops: _Loops, reach: float) -> BoolArray:
+    """(chains,) true for chains nearer than `reach` mm to a contour that is not worked on."""
     near = np.zeros(len(curve.closed), dtype=bool)
     others = source.take(~loops.worked[source.owner])
     if not reach or not len(others):
@@ -180,166 +198,167 @@ def _too_near(curve: Beside, source: Segments, loops: _Loops, reach: float) -> B
     obstacles = Obstacles(others, loops.group[others.owner])
     for fraction in np.linspace(0.0, 1.0, 9):
         points = points_at(curve.segments, np.full(len(curve.segments), fraction))
-        gap = obstacles.nearest(points, loops.group[source.owner[curve.source]], reach)
-        near[curve.segments.owner[gap < reach - EXACT]] = True
+        clearance = obstacles.nearest(points, loops.group[source.owner[curve.source]], reach)
+        near[curve.segments.owner[clearance < reach - EXACT]] = True
     return near
 
 
-def _near_note(contours: list[Contour]) -> list[Note]:
+def _note_near(contours: list[Contour]) -> list[Note]:
     if not contours:
         return []
-    why = "the tool would cut the edge of a contour that is not worked on; take a smaller one, or work on both"
-    return [_not_followed(contours, "too near to others", why)]
+    what = "the tool would cut the edge of a contour that is not worked on"
+    why = f"{what}; take a smaller one, or work on both"
+    return [_note_not_followed(contours, "too near to others", why)]
 
 
 def _choose_sides(part: Part, side: str, join: float) -> tuple[_Loops, list[Note]]:
-    """Which contours are followed, and on which side; with "auto" the others are kept clear of as well."""
     chosen = np.array([part.works_on(c.sources or (c.id,)) for c in part.contours], dtype=bool)
     if side in ("left", "right"):
         index = np.flatnonzero(chosen).tolist()
         count = np.arange(len(index))
-        none = np.full(len(index), -1)
         drawn = from_contours([part.contours[k] for k in index])
-        return _Loops(
-            index, drawn, count >= 0, np.full(len(index), side == "left"), count, none, 0 * count
-        ), []
+        flip, parent = np.full(len(index), side == "left"), np.full(len(index), -1)
+        return _Loops(index, drawn, count >= 0, flip, count, parent, 0 * count), []
     index = [k for k, c in enumerate(part.contours) if c.closed]
-    notes = _open_notes(
-        [c for c, mine in zip(part.contours, chosen, strict=True) if mine and not c.closed], join
-    )
+    selected = [part.contours[k] for k in np.flatnonzero(chosen).tolist()]
+    notes = _note_open([contour for contour in selected if not contour.closed], join)
     if not index:
         none = np.zeros(0, dtype=np.int64)
         return _Loops([], from_contours([]), none == 0, none == 0, none, none, none), notes
-    everything = len(index) == len(part.contours)
-    drawn = from_contours(part.contours if everything else [part.contours[k] for k in index])
+    # `part.contours` may be views of one table, which is then not copied.
+    is_all = len(index) == len(part.contours)
+    drawn = from_contours(part.contours if is_all else [part.contours[k] for k in index])
     nesting = find_nesting(drawn, len(index))
     worked = chosen[index]
     if side == "auto":
-        decided = {part.contours[k].id for k in np.flatnonzero(chosen).tolist()}
-        check_outlines(part, decided, "set operation.side")
+        ids = {contour.id for contour in selected}
+        check_outlines(part, ids, "set operation.side")
     keep = np.flatnonzero((nesting.crossed < 0) & ~nesting.empty)
-    notes += _crossing_notes([part.contours[k] for k in index], nesting, worked)
-    inside = {"auto": nesting.depth % 2 == 1, "outside": np.zeros(len(index), dtype=bool)}.get(
-        side, np.ones(len(index), dtype=bool)
-    )
-    group = np.zeros(len(index), dtype=np.int64) if side == "auto" else np.arange(len(index))
+    notes += _note_crossing([part.contours[k] for k in index], nesting, worked)
+    inside = np.full(len(index), side != "outside")
+    group = np.arange(len(index))
+    if side == "auto":
+        inside = nesting.depth % 2 == 1
+        group = np.zeros(len(index), dtype=np.int64)
     # The part on the left: outer loops counter-clockwise, holes clockwise.
     flip = (nesting.area > 0) == inside
-    new = np.full(len(index), -1)
-    new[keep] = np.arange(len(keep))
-    parent = np.where(nesting.parent[keep] >= 0, new[nesting.parent[keep]], -1)
-    drawn = drawn.take(new[drawn.owner] >= 0)
-    drawn = replace(drawn, owner=new[drawn.owner])
-    kept = [index[k] for k in keep]
+    new_index = np.full(len(index), -1)
+    new_index[keep] = np.arange(len(keep))
+    parent = np.where(nesting.parent[keep] >= 0, new_index[nesting.parent[keep]], -1)
+    drawn = drawn.take(new_index[drawn.owner] >= 0)
     return _Loops(
-        kept, drawn, worked[keep], flip[keep], group[keep], parent, nesting.depth[keep]
+        [index[k] for k in keep],
+        replace(drawn, owner=new_index[drawn.owner]),
+        worked[keep],
+        flip[keep],
+        group[keep],
+        parent,
+        nesting.depth[keep],
     ), notes
 
 
-def _open_notes(contours: list[Contour], join: float) -> list[Note]:
+def _note_open(contours: list[Contour], join: float) -> list[Note]:
     if not contours:
         return []
-    told, places = format_gaps([contour.points for contour in contours], join)
-    why = (
-        "an open contour has no outside; "
-        + (f"{told}, or " if told else "")
-        + "set operation.side to left, right or on"
-    )
-    return [replace(_not_followed(contours, "open", why), places=places)]
+    gaps, places = format_gaps([contour.points for contour in contours], join)
+    remedy = f"{gaps}, or " if gaps else ""
+    why = f"an open contour has no outside; {remedy}set operation.side to left, right or on"
+    return [replace(_note_not_followed(contours, "open", why), places=places)]
 
 
-def _crossing_notes(contours: list[Contour], nesting: Nesting, worked: BoolArray) -> list[Note]:
-    unclear = ((nesting.crossed >= 0) | nesting.empty) & ~worked
-    others = [contours[k].id for k in np.flatnonzero(unclear).tolist()]
-    warned = []
+def _note_crossing(contours: list[Contour], nesting: Nesting, worked: BoolArray) -> list[Note]:
+    notes = []
+    is_unclear = (nesting.crossed >= 0) | nesting.empty
+    others = [contours[k].id for k in np.flatnonzero(is_unclear & ~worked).tolist()]
     if others:
-        what = (
-            f"{counted(len(others), 'contour')} not kept clear of: {', '.join(name_ranges(others))}"
+        count = counted(len(others), "contour")
+        notes.append(
+            Note(
+                "warning",
+                f"{count} not kept clear of: {', '.join(name_ranges(others))}",
+                "no clear inside, and not worked on",
+                tuple(others),
+            )
         )
-        warned = [Note("warning", what, "no clear inside, and not worked on", tuple(others))]
-    own = nesting.crossed == np.arange(len(contours))
-    other = (nesting.crossed >= 0) & ~own
-    return warned + [
-        _not_followed(
-            [contours[k] for k in np.flatnonzero(chosen & worked).tolist()], how, _CROSSING
-        )
-        for chosen, how in (
-            (own & ~nesting.empty, "crossing themselves"),
-            (other, "crossing each other"),
-            (nesting.empty & ~other, "without an inside"),
-        )
-        if (chosen & worked).any()
-    ]
+    crosses_itself = nesting.crossed == np.arange(len(contours))
+    crosses_other = (nesting.crossed >= 0) & ~crosses_itself
+    for how, chosen in {
+        "crossing themselves": crosses_itself & ~nesting.empty,
+        "crossing each other": crosses_other,
+        "without an inside": nesting.empty & ~crosses_other,
+    }.items():
+        rows = np.flatnonzero(chosen & worked).tolist()
+        if rows:
+            notes.append(_note_not_followed([contours[k] for k in rows], how, _CROSSING))
+    return notes
 
 
-def _not_followed(contours: list[Contour], how: str, why: str) -> Note:
-    """One note on contours that have no path, all of them named."""
+def _note_not_followed(contours: list[Contour], how: str, why: str) -> Note:
     layers = ", ".join(sorted({c.layer for c in contours}))
     ids = [c.id for c in contours]
     names = ", ".join(name_ranges(ids))
-    what = f"{counted(len(contours), 'contour')} not followed, {how}: {names} on layer {layers}"
-    return Note("skipped", what, why, tuple(ids))
-
-
-def turn_round(drawn: Segments, flip: BoolArray) -> Segments:
-    """The segments with the loops of ``flip`` run backwards."""
-    back, _ = reverse_segments(drawn)
-    chosen = flip[drawn.owner]
-    # Both tables hold each owner's segments in the same rows, so rows can be chosen one by one.
-    rows = np.arange(len(drawn))
-    pick = np.where(chosen, rows + len(drawn), rows)
-    return Segments(
-        *(
-            np.concatenate([getattr(drawn, name), getattr(back, name)])[pick]
-            for name in Segments.__struct_fields__
-        )
+    return Note(
+        "skipped",
+        f"{counted(len(contours), 'contour')} not followed, {how}: {names} on layer {layers}",
+        why,
+        tuple(ids),
     )
 
 
-def _labels(
-    curve: Beside, source: Segments, contours: list[Contour], loops: _Loops, job: Job
+def reverse_loops(drawn: Segments, flip: BoolArray) -> Segments:
+    """The segments, with the contours `flip` (contours,) reversed."""
+    reverse, _ = reverse_segments(drawn)
+    # Both tables hold each owner's segments in the same rows, so rows can be chosen one by one.
+    rows = np.arange(len(drawn))
+    rows = np.where(flip[drawn.owner], rows + len(drawn), rows)
+    return concatenate([drawn, reverse]).take(rows)
+
+
+def _make_labels(
+    curve: OffsetCurve, source: Segments, contours: list[Contour], loops: _Loops, job: Job
 ) -> tuple[list[Label], IntArray]:
-    """Labels of the sound chains and their order: that of the contours they run beside for the longest part."""
-    main, chain, contour = _beside_which(curve, source, len(contours))
+    main, chain, contour = _match_contours(curve, source, len(contours))
     order = np.flatnonzero(curve.sound)
     order = order[np.argsort(main[order], kind="stable")]
     place = np.full(len(curve.closed), -1)
     place[order] = np.arange(len(order))
-    # The first path beside each contour, also where its path is one with a neighbour's.
+    # The first path beside each contour, also if that path follows another contour for longer.
     first = np.full(len(contours), -1)
     pairs = np.flatnonzero(place[chain] >= 0)
     pairs = pairs[np.argsort(-place[chain[pairs]], kind="stable")]
     first[contour[pairs]] = place[chain[pairs]]
-    several = (np.bincount(main[order], minlength=len(contours)) > 1).tolist()
+    has_several = (np.bincount(main[order], minlength=len(contours)) > 1).tolist()
     seen = [0] * len(contours)
-    own, parent = main[order], loops.parent[main[order]]
+    main, parent = main[order], loops.parent[main[order]]
     around = np.where(parent >= 0, first[parent], -1)
     # A path that also runs beside the contour around it is not inside anything of that contour.
-    around[(around >= 0) & (loops.depth[own[around]] >= loops.depth[own])] = -1
+    around[(around >= 0) & (loops.depth[main[around]] >= loops.depth[main])] = -1
     # A path around two contours that touch works on both.
     others: dict[int, list[str]] = {}
     for path, k in zip(place[chain].tolist(), contour.tolist(), strict=True):
-        if path >= 0 and k != own[path]:
+        if path >= 0 and k != main[path]:
             others.setdefault(path, []).append(contours[k].id)
     labels: list[Label] = []
-    either = job.operation.direction == "any"
-    for k, closed, outer in zip(
-        own.tolist(), curve.closed[order].tolist(), around.tolist(), strict=True
-    ):
-        name = contours[k].id
+    any_direction = job.operation.direction == "any"
+    columns = main.tolist(), curve.closed[order].tolist(), around.tolist()
+    for k, closed, outer in zip(*columns, strict=True):
+        name, layer = contours[k].id, contours[k].layer
         names = (name, *others.get(len(labels), ()))
         seen[k] += 1
-        number = f".{seen[k]}" if several[k] else ""
-        labels.append(
-            Label(name + number, contours[k].layer, closed, either and not closed, outer, names)
-        )
+        if has_several[k]:
+            name += f".{seen[k]}"
+        labels.append(Label(name, layer, closed, any_direction and not closed, outer, names))
     return labels, order
 
 
-def _beside_which(
-    curve: Beside, source: Segments, count: int
+def _match_contours(
+    curve: OffsetCurve, source: Segments, count: int
 ) -> tuple[IntArray, IntArray, IntArray]:
-    """Per chain the contour that it runs beside for longest; and all pairs (chain, contour) that touch."""
+    """For each chain the contour that it follows for longest, and all pairs that touch.
+
+    count: number of contours.
+    Returns (chains,) contours, and chain and contour of each pair.
+    """
     key = curve.segments.owner * count + source.owner[curve.source]
     keys, inverse = np.unique(key, return_inverse=True)
     total = np.bincount(inverse, curve.segments.length, len(keys))
@@ -350,42 +369,46 @@ def _beside_which(
     return main, chain, contour
 
 
-def _left_out(
-    curve: Beside,
+def _note_unfollowed(
+    curve: OffsetCurve,
     source: Segments,
     contours: list[Contour],
     worked: BoolArray,
     tool: str,
     distance: float,
 ) -> list[Note]:
-    """Notes on loops of ``worked`` (contours,) without a path, and on the length that no ``tool`` touches."""
+    """Notes on `worked` (contours,) without a path, and on the length that no path touches.
+
+    tool: name of the tool in the notes.
+    """
     touched = np.zeros(len(contours), dtype=bool)
-    good = curve.sound[curve.segments.owner]
-    touched[source.owner[curve.source[good]]] = True
-    touched[source.owner[curve.other[good & (curve.other >= 0)]]] = True
-    failed = np.isin(np.arange(len(contours)), source.owner[curve.source[~good]])
+    is_sound = curve.sound[curve.segments.owner]
+    touched[source.owner[curve.source[is_sound]]] = True
+    touched[source.owner[curve.other[is_sound & (curve.other >= 0)]]] = True
+    failed = np.isin(np.arange(len(contours)), source.owner[curve.source[~is_sound]])
     causes = _find_causes(source, contours, failed)
     narrow = worked & ~touched & ~failed
+    too_narrow = (narrow, _explain_narrow(contours, narrow, tool, distance))
     notes = []
-    for how, (cause, why) in {
-        "too narrow": (narrow, _why_narrow(contours, narrow, tool, distance)),
-        **causes,
-    }.items():
-        numbers = np.flatnonzero(cause & ~touched).tolist()
-        if numbers:
-            notes.append(_not_followed([contours[k] for k in numbers], how, why))
-    contact = _contact(curve, source)
-    reached = np.bincount(source.owner[curve.source], np.where(good, contact, 0.0), len(contours))
-    whole = np.where(worked, np.bincount(source.owner, source.length, len(contours)), 0.0)
-    missing = np.where(touched, np.maximum(whole - reached, 0.0), 0.0)
-    if _is_much(missing, whole):
-        missing = np.where(missing > 0, _left_standing(curve, source, missing > 0, distance), 0.0)
-    total = float(missing.sum())
-    if _is_much(missing, whole):
+    for how, (cause, why) in {"too narrow": too_narrow, **causes}.items():
+        rows = np.flatnonzero(cause & ~touched).tolist()
+        if rows:
+            notes.append(_note_not_followed([contours[k] for k in rows], how, why))
+    contact = np.where(is_sound, _measure_contact(curve, source), 0.0)
+    reached = np.bincount(source.owner[curve.source], contact, len(contours))
+    length = np.where(worked, np.bincount(source.owner, source.length, len(contours)), 0.0)
+    missing = np.where(touched, np.maximum(length - reached, 0.0), 0.0)
+    if _is_much(missing, length):
+        missing = np.where(missing > 0, _measure_rest(curve, source, missing > 0, distance), 0.0)
+    if _is_much(missing, length):
+        lengths = f"{short(float(missing.sum()), 2)} mm of {short(float(length.sum()), 2)} mm"
         worst = contours[int(np.argmax(missing))].id
-        what = f"{total:.4g} mm of {float(whole.sum()):.6g} mm of contour not touched, most of it on {worst}"
         notes.append(
-            Note("warning", what, f"inner corners and narrow places that {tool} does not reach")
+            Note(
+                "warning",
+                f"{lengths} of contour not touched, most of it on {worst}",
+                f"inner corners and narrow places that {tool} does not reach",
+            )
         )
     unsound = int((~curve.sound).sum())
     if unsound and not (failed & ~touched).any():
@@ -396,47 +419,50 @@ def _left_out(
     return notes
 
 
-def _why_narrow(contours: list[Contour], narrow: BoolArray, tool: str, distance: float) -> str:
-    """Why ``tool`` does not fit into the ``narrow`` (contours,), with their width if known."""
+def _explain_narrow(contours: list[Contour], narrow: BoolArray, tool: str, distance: float) -> str:
+    """Why `tool` does not fit into the contours `narrow` (contours,), with their width if known."""
     chosen = [contours[k] for k in np.flatnonzero(narrow).tolist()]
     if not chosen or not all(contour.closed for contour in chosen) or tool[-4:] != "tool":
         return f"{tool} does not fit"
     points, owner = flatten(from_contours(chosen), EXACT / 50)
     areas = [shapely.Polygon(points[owner == k]).buffer(0) for k in range(len(chosen))]
-    return does_not_fit(areas, 2 * distance)
+    return explain_misfit(areas, 2 * distance)
 
 
-def _is_much(missing: FloatArray, whole: FloatArray) -> bool:
-    """Whether so much of the contours, mm, is worth a note."""
-    return float(missing.sum()) > max(1e-3 * float(whole.sum()), 0.1)
+def _is_much(missing: FloatArray, length: FloatArray) -> bool:
+    return float(missing.sum()) > max(1e-3 * float(length.sum()), 0.1)
 
 
-def _left_standing(curve: Beside, source: Segments, mine: BoolArray, distance: float) -> FloatArray:
-    """(contours,): mm of the contours ``mine`` that no path passes at ``distance``, or so little farther that nothing
-    is seen of it: at the shallow inner corners of an outline from a photo the tool touches next to them.
+def _measure_rest(
+    curve: OffsetCurve, source: Segments, chosen: BoolArray, distance: float
+) -> FloatArray:
+    """(contours,) length of the `chosen` contours that no path passes at `distance`, mm.
+
+    Rest material up to `_NEGLIGIBLE_MM` does not count: at the shallow inner corners of an outline
+    from a photo the tool touches next to the corner.
     """
-    rows = np.flatnonzero(mine[source.owner])
-    total = float(source.length[rows].sum())
-    step = max(_SAMPLE_MM, total / _SAMPLES)
+    rows = np.flatnonzero(chosen[source.owner])
+    step = max(_SAMPLE_MM, float(source.length[rows].sum()) / _SAMPLES)
     count = np.maximum(np.ceil(source.length[rows] / step).astype(np.int64), 1)
-    of, place = owners(count), ramp(count)
-    points = points_at(source.take(rows[of]), (place + 0.5) / count[of])
-    ways = curve.segments.take(curve.sound[curve.segments.owner])
-    gap = measure_nearest(points, ways, distance + 2 * _UNSEEN_MM)
-    length = np.where(gap > distance + _UNSEEN_MM, source.length[rows[of]] / count[of], 0.0)
-    return np.bincount(source.owner[rows[of]], length, len(mine)).astype(np.float64)
+    owner, place = owners(count), ramp(count)
+    points = points_at(source.take(rows[owner]), (place + 0.5) / count[owner])
+    paths = curve.segments.take(curve.sound[curve.segments.owner])
+    nearest = measure_nearest(points, paths, distance + 2 * _NEGLIGIBLE_MM)
+    is_rest = nearest > distance + _NEGLIGIBLE_MM
+    length = np.where(is_rest, source.length[rows[owner]] / count[owner], 0.0)
+    return np.bincount(source.owner[rows[owner]], length, len(chosen)).astype(np.float64)
 
 
 def _find_causes(
     source: Segments, contours: list[Contour], failed: BoolArray
 ) -> dict[str, tuple[BoolArray, str]]:
-    """The causes for which contours have no path: which ones (contours,) each has, and a remedy.
+    """The causes by which contours have no path: the contours (contours,) of each, and a remedy.
 
-    A contour has one cause. Crossings that `find_nesting` allows for, since they may be slips of a
-    drawing, may still leave the path without a side.
+    A contour has one cause. `find_nesting` allows for crossings that may be slips of a drawing;
+    they may still leave the path without a side.
     """
-    shared = _sharing(source, failed)
-    themselves, others = _meeting(source, contours, failed)
+    shared = _find_shared(source, failed)
+    themselves, others = _find_meeting(source, contours, failed)
     themselves &= ~shared
     others &= ~shared & ~themselves
     return {
@@ -447,10 +473,10 @@ def _find_causes(
     }
 
 
-def _meeting(
+def _find_meeting(
     source: Segments, contours: list[Contour], failed: BoolArray
 ) -> tuple[BoolArray, BoolArray]:
-    """Which of the ``failed`` contours (contours,) meet themselves, and which meet another."""
+    """(contours,) twice: `failed` contours that meet themselves, those that meet others."""
     themselves, others = np.zeros((2, len(failed)), dtype=bool)
     rows = np.flatnonzero(failed)
     if not len(rows):
@@ -462,14 +488,13 @@ def _meeting(
     order = np.argsort(owner, kind="stable")
     lines = shapely.linestrings(np.vstack([points, points[first]])[order], indices=owner[order])
     themselves[rows] = ~shapely.is_simple(lines[rows])
-    tree = shapely.STRtree(lines)
-    row, near = tree.query(lines[rows], predicate="dwithin", distance=EXACT)
+    row, near = shapely.STRtree(lines).query(lines[rows], predicate="dwithin", distance=EXACT)
     others[rows[row[rows[row] != near]]] = True
     return themselves, others
 
 
-def _sharing(source: Segments, failed: BoolArray) -> BoolArray:
-    """(contours,): which of the ``failed`` ones have an edge on that of another."""
+def _find_shared(source: Segments, failed: BoolArray) -> BoolArray:
+    """(contours,) true for `failed` contours with an edge on the edge of another one."""
     shared = np.zeros(len(failed), dtype=bool)
     rows = np.flatnonzero(failed[source.owner])
     if not len(rows):
@@ -481,13 +506,13 @@ def _sharing(source: Segments, failed: BoolArray) -> BoolArray:
     ]
     for fraction in (0.13, 0.37, 0.71):
         points = points_at(source.take(pairs[:, 0]), np.full(len(pairs), fraction))
-        on = measure_distances(points, source, pairs[:, 1]) < EXACT
-        shared[source.owner[pairs[on, 0]]] = shared[source.owner[pairs[on, 1]]] = True
+        is_shared = measure_distances(points, source, pairs[:, 1]) < EXACT
+        shared[source.owner[pairs[is_shared, 0]]] = shared[source.owner[pairs[is_shared, 1]]] = True
     return shared & failed
 
 
-def _stretch(curve: Beside, source: Segments) -> FloatArray:
-    """(N,) length of path per length of contour touched: R'/R on arcs, 1 on lines (PIST eq. 11, exact)."""
+def _compute_ratio(curve: OffsetCurve, source: Segments) -> FloatArray:
+    """(N,) length of path per length of contour: R'/R on arcs, else 1 (exact PIST eq. 11)."""
     touched = source.take(curve.source)
     arc = touched.is_arc & curve.segments.is_arc & (curve.turn == 0) & ~curve.lost
     with np.errstate(invalid="ignore"):
@@ -495,11 +520,10 @@ def _stretch(curve: Beside, source: Segments) -> FloatArray:
 
 
 def _note_feeds(
-    curve: Beside, source: Segments, contours: list[Contour], job: Job
+    curve: OffsetCurve, source: Segments, contours: list[Contour], job: Job
 ) -> Iterator[Note]:
-    """The contours that a pressing tool follows slower than the feed of the job, by its factor."""
     process = job.process
-    factors = np.where(curve.sound[curve.segments.owner], _stretch(curve, source), 1.0)
+    factors = np.where(curve.sound[curve.segments.owner], _compute_ratio(curve, source), 1.0)
     slow = np.flatnonzero(factors > process.max_feed_factor * CAPPED)
     if not len(slow):
         return
@@ -511,19 +535,17 @@ def _note_feeds(
     yield note_contact_feed(what, name, float(factors[worst]), process, names)
 
 
-def _contact(curve: Beside, source: Segments) -> FloatArray:
-    """(N,) mm of contour touched along each segment of the path."""
-    length = curve.segments.length / _stretch(curve, source)
+def _measure_contact(curve: OffsetCurve, source: Segments) -> FloatArray:
+    length = curve.segments.length / _compute_ratio(curve, source)
     return np.where((curve.turn > 0) | curve.lost, 0.0, length)
 
 
 def _order_chains(
-    curve: Beside, source: Segments, order: IntArray, job: Job
+    curve: OffsetCurve, source: Segments, order: IntArray, job: Job
 ) -> tuple[Segments, SegmentWork]:
-    """The sound chains in order, in the direction of the job, with force and feed."""
     process = job.process
     rounding = (curve.turn > 0) & ~curve.lost
-    factor = np.clip(_stretch(curve, source), SLOWEST, process.max_feed_factor)
+    factor = np.clip(_compute_ratio(curve, source), SLOWEST, process.max_feed_factor)
     factor = np.where(rounding, process.max_feed_factor, np.where(curve.lost, 1.0, factor))
     # Between two walls the tool cuts with all of its width: its centre has the feed.
     feed = process.feed * np.where(curve.other >= 0, 1.0, factor)
@@ -539,4 +561,4 @@ def _order_chains(
         # Climb: the part on the right of the travel.
         segments, back = reverse_segments(segments)
         feed, force, side = feed[back], force[back], -1
-    return segments, SegmentWork(sideways(segments, side), force, feed)
+    return segments, SegmentWork(compute_sideways(segments, side), force, feed)

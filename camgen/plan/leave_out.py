@@ -1,4 +1,4 @@
-"""Plans without some of their paths: what was left out costs what needs it, and nothing else."""
+"""Removes paths from a plan, together with the paths that depend on them."""
 
 from __future__ import annotations
 
@@ -8,91 +8,92 @@ from msgspec.structs import replace
 
 from camgen.model.part import Note
 from camgen.model.path import ToolPath
-from camgen.plan import JobPlan, Plan, chain_paths
+from camgen.plan import JobPlan, Plan, join_paths
 
-#: What makes room for what comes after it on the same contours: without it that would cut more than was planned.
-_MAKE_ROOM = ("pocket", "bore", "drill", "follow")
+#: Operations that clear material for later paths on the same contours. Without them a later path
+#: would cut more than was planned.
+_CLEARING = ("pocket", "bore", "drill", "follow")
 
 
 def leave_out_paths(plan: Plan, lost: Mapping[str, str]) -> Plan:
-    """A flat plan, of one operation or several, without some paths and what needs them, told by their ids with the
-    reason. What they enclose goes to what encloses them.
+    """Remove paths, and the paths that depend on them, from the plan of a flat part.
+
+    lost: reason for each path id.
+    The children of a removed path get the path around it as their parent. Each removed path has a
+    note.
     """
     # The first cause comes last: an error names the last one.
-    every = find_dependent(plan, lost) | dict(lost)
-    notes = (*plan.notes, *_tell(plan, every))
+    removed = find_dependent(plan, lost) | dict(lost)
+    notes = (*plan.notes, *_note_paths(plan, removed))
     if isinstance(plan, JobPlan):
-        plans = tuple(_without(one, every) for one in plan.plans)
-        return replace(plan, plans=plans, paths=chain_paths(plans), notes=notes)
-    return replace(_without(plan, every), notes=notes)
+        plans = tuple(_select_paths(step_plan, removed) for step_plan in plan.plans)
+        return replace(plan, plans=plans, paths=join_paths(plans), notes=notes)
+    return replace(_select_paths(plan, removed), notes=notes)
 
 
-def _without(plan: Plan, lost: Mapping[str, str]) -> Plan:
-    if all(path.id not in lost for path in plan.paths):
+def _select_paths(plan: Plan, removed: Mapping[str, str]) -> Plan:
+    if all(path.id not in removed for path in plan.paths):
         return plan
-    kept = [k for k, path in enumerate(plan.paths) if path.id not in lost]
-    place = {k: new for new, k in enumerate(kept)}
+    kept = [k for k, path in enumerate(plan.paths) if path.id not in removed]
+    new_index = {k: new for new, k in enumerate(kept)}
     paths = []
     for k in kept:
         parent = plan.paths[k].parent
-        while parent >= 0 and parent not in place:
+        while parent >= 0 and parent not in new_index:
             parent = plan.paths[parent].parent
-        paths.append(replace(plan.paths[k], parent=place.get(parent, -1)))
+        paths.append(replace(plan.paths[k], parent=new_index.get(parent, -1)))
     return replace(plan, paths=tuple(paths))
 
 
-def _tell(plan: Plan, lost: Mapping[str, str]) -> Iterator[Note]:
-    """A note on each, about the path and its contours."""
+def _note_paths(plan: Plan, removed: Mapping[str, str]) -> Iterator[Note]:
     prefix: dict[str, str] = {}
     if isinstance(plan, JobPlan):
-        for number, step, one in zip(plan.numbers, plan.steps, plan.plans, strict=True):
-            prefix |= {
-                path.id: f"operation {number} ({step.operation.kind}): " for path in one.paths
-            }
+        for number, step, step_plan in zip(plan.numbers, plan.steps, plan.plans, strict=True):
+            text = f"operation {number} ({step.operation.kind}): "
+            prefix |= dict.fromkeys((path.id for path in step_plan.paths), text)
     contours = {path.id: path.contours for path in plan.paths}
-    for name, why in lost.items():
+    for name, why in removed.items():
         ids = tuple(dict.fromkeys((name, *contours.get(name, ()))))
         yield Note("skipped", f"{prefix.get(name, '')}path {name}", why, ids)
 
 
 def find_dependent(plan: Plan, lost: Container[str]) -> dict[str, str]:
-    """The paths that would cut into material which those that are ``lost`` were to take away first, by id with the
-    reason: they cut too, work on a contour of one that is lost, and come after it, in a later operation or because they
-    enclose it.
+    """The paths that would cut into material which the paths `lost` should have cleared before.
+
+    Such a path cuts, works on a contour of a lost path, and comes after it: in a later operation,
+    or because it encloses it. Returns the reason for each path id.
     """
-    found: dict[str, str] = {}
-    missed: dict[str, str] = {}
-    for one in plan.plans if isinstance(plan, JobPlan) else (plan,):
-        below: list[dict[str, str]] = [{} for _ in one.paths]
-        own: dict[str, str] = {}
-        for k in _order_inside_first(one.paths):
-            path = one.paths[k]
-            first = missed | below[k]
-            before = next((first[name] for name in path.contours if name in first), "")
-            if path.id not in lost and before and _cuts(path):
-                found[path.id] = f"path {before}, which takes material away before it, is left out"
-            if (
-                (path.id in lost or path.id in found)
-                and _cuts(path)
-                and path.operation in _MAKE_ROOM
-            ):
-                below[k] |= dict.fromkeys(path.contours, path.id)
-                own |= below[k]
+    dependent: dict[str, str] = {}
+    uncleared: dict[str, str] = {}
+    for step_plan in plan.plans if isinstance(plan, JobPlan) else (plan,):
+        enclosed: list[dict[str, str]] = [{} for _ in step_plan.paths]
+        step_uncleared: dict[str, str] = {}
+        for k in _order_inside_first(step_plan.paths):
+            path = step_plan.paths[k]
+            earlier = uncleared | enclosed[k]
+            cause = next((earlier[name] for name in path.contours if name in earlier), "")
+            if path.id not in lost and cause and _cuts(path):
+                dependent[path.id] = (
+                    f"path {cause}, which takes material away before it, is left out"
+                )
+            is_removed = path.id in lost or path.id in dependent
+            if is_removed and _cuts(path) and path.operation in _CLEARING:
+                enclosed[k] |= dict.fromkeys(path.contours, path.id)
+                step_uncleared |= enclosed[k]
             if path.parent >= 0:
-                below[path.parent] |= below[k]
-        missed |= own
-    return found
+                enclosed[path.parent] |= enclosed[k]
+        uncleared |= step_uncleared
+    return dependent
 
 
 def _order_inside_first(paths: Sequence[ToolPath]) -> list[int]:
-    """The places of the paths, each before the one around it."""
-    level: list[int] = []
+    depths: list[int] = []
     for path in paths:
-        count, at = 0, path.parent
-        while at >= 0:
-            count, at = count + 1, paths[at].parent
-        level.append(count)
-    return sorted(range(len(paths)), key=lambda k: -level[k])
+        depth, parent = 0, path.parent
+        while parent >= 0:
+            depth, parent = depth + 1, paths[parent].parent
+        depths.append(depth)
+    return sorted(range(len(paths)), key=lambda k: -depths[k])
 
 
 def _cuts(path: ToolPath) -> bool:

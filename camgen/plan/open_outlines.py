@@ -32,12 +32,15 @@ def check_outlines(part: Part, decided: Collection[str], otherwise: str) -> None
     )
     x, y = outline.place
     where = f"near x {short(x, 2)}, y {short(y, 2)}"
-    remedy = f"{_describe_closing(outline, count)}; if it is meant to be open, {otherwise}"
-    raise AmbiguousInput(part.source, what, where, remedy)
+    raise AmbiguousInput(
+        part.source,
+        what,
+        where,
+        f"{_describe_closing(outline, count)}; if it is meant to be open, {otherwise}",
+    )
 
 
 def _list_names(ids: Sequence[str]) -> str:
-    """The first ids, and the number of the others."""
     more = f" and {len(ids) - _NAMED} more" if len(ids) > _NAMED else ""
     return ", ".join(name_ranges(list(ids[:_NAMED]))) + more
 

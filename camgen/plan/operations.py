@@ -1,4 +1,4 @@
-"""The operations of camgen itself, as the entry points ``camgen.operations`` name them."""
+"""The operations of camgen, as the entry points `camgen.operations` name them."""
 
 from __future__ import annotations
 
@@ -11,40 +11,56 @@ from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.part import Note, Part
 from camgen.plan import Operation, Plan, Watch, kind_of
-from camgen.plan.unused import insist_on_height, insist_on_turns, insist_on_use, no_idle
+from camgen.plan.unused import check_clearance, check_idle, check_roll, check_use, raise_first
 
 
 def _plan_flat(
     name: str, make: Callable[[Part, Job], Plan]
 ) -> Callable[[Part, Job, Cell | None, Watch], Plan]:
-    """The plan of the operation ``name``, which needs nothing but the part and its job."""
+    """The plan function of the operation `name`, which needs only the part and its job."""
 
-    def planned(part: Part, job: Job, cell: Cell | None, _watch: Watch) -> Plan:
-        no_idle(job, f"a {kind_of(part)}")
-        insist_on_use(job, name)
-        insist_on_turns(job, cell)
-        insist_on_height(job, name)
+    def plan_part(part: Part, job: Job, cell: Cell | None, _watch: Watch) -> Plan:
+        check_idle(job, f"a {kind_of(part)}")
+        check_use(job, name)
+        check_roll(job, cell)
+        check_clearance(job, name)
         if job.operation.planner == "image":
             return _plan_in_image(part, job)
-        no_idle(job, "the geometric planner")
+        check_idle(job, "the geometric planner")
         return make(part, job)
 
-    return planned
+    return plan_part
 
 
 def _plan_in_image(part: Part, job: Job) -> Plan:
     if part.raster is None:
-        what = '"image" plans in a picture, and this is none'
-        raise JobError("job", what, "operation.planner", 'set operation.planner to "geometric"')
-    if job.operation.kind not in ("auto", "follow"):
-        what = f"the image-space planner follows contours, it cannot {job.operation.kind}"
-        raise JobError("job", what, "operation.planner", 'set operation.planner to "geometric"')
-    if job.operation.finish:
-        what = "the image-space planner makes no last passes"
         raise JobError(
-            "job", what, "operation.finish", 'leave it out, or set operation.planner to "geometric"'
+            "job",
+            '"image" plans in a picture, and this is not one',
+            "operation.planner",
+            'set operation.planner to "geometric"',
         )
-    from camgen.plan.image_space import image_space  # noqa: PLC0415 (OpenCV is loaded only by what needs it)
+    raise_first(
+        (
+            job.operation.kind not in ("auto", "follow"),
+            JobError(
+                "job",
+                f"the image-space planner follows contours, it cannot {job.operation.kind}",
+                "operation.planner",
+                'set operation.planner to "geometric"',
+            ),
+        ),
+        (
+            job.operation.finish != 0,
+            JobError(
+                "job",
+                "the image-space planner makes no last passes",
+                "operation.finish",
+                'leave it out, or set operation.planner to "geometric"',
+            ),
+        ),
+    )
+    from camgen.plan.image_space import image_space  # noqa: PLC0415 (it loads OpenCV)
 
     raster = part.raster
     paths, notes = image_space(raster.mask, raster.work_from_view, job, borders=raster.borders)
@@ -53,7 +69,7 @@ def _plan_in_image(part: Part, job: Job) -> Plan:
 
 def _follow(part: Part, job: Job) -> Plan:
     if job.operation.side == "on":
-        insist_on_use(job, "trace")
+        check_use(job, "trace")
         return _trace(part, job)
     from camgen.plan.follow import follow  # noqa: PLC0415 (shapely is loaded only by what needs it)
 
@@ -73,7 +89,6 @@ def _trace(part: Part, job: Job) -> Plan:
 
 
 def _trace_any(part: Part, job: Job, cell: Cell | None, watch: Watch) -> Plan:
-    """Drawings and pictures in the plane, curves in space."""
     if not part.curves:
         return _plan_flat("trace", _trace)(part, job, cell, watch)
     from camgen.plan.space import plan_space  # noqa: PLC0415 (only for what needs it)
@@ -82,7 +97,7 @@ def _trace_any(part: Part, job: Job, cell: Cell | None, watch: Watch) -> Plan:
 
 
 def _recover(part: Part, job: Job) -> tuple[Part, tuple[Note, ...]]:
-    """The part with its arcs found again where they were drawn as many short lines."""
+    """The part with arcs in place of the many short lines by which they were drawn."""
     from camgen.plan.recover import recover  # noqa: PLC0415 (only for what needs it)
 
     contours, notes = recover(part.contours, job.tolerance.arc_fit)
@@ -112,7 +127,7 @@ def _bore(part: Part, job: Job) -> Plan:
 
 
 def _chamfer(part: Part, job: Job) -> Plan:
-    from camgen.plan.chamfer import chamfer  # noqa: PLC0415 (shapely is loaded only by what needs it)
+    from camgen.plan.chamfer import chamfer  # noqa: PLC0415 (it loads shapely)
 
     recovered, notes = _recover(part, job)
     paths, more = chamfer(recovered, job)
@@ -134,12 +149,12 @@ def _edges(part: Part, job: Job, cell: Cell | None, watch: Watch) -> Plan:
 
 def _replay(part: Part, job: Job, cell: Cell | None, _watch: Watch) -> Plan:
     from camgen.lang.taught import Taught  # noqa: PLC0415
-    from camgen.plan.replay import plan_replay  # noqa: PLC0415 (the interpreter, only for what needs it)
+    from camgen.plan.replay import plan_replay  # noqa: PLC0415 (it loads the interpreter)
     from camgen.plan.taught import plan_taught  # noqa: PLC0415
 
-    return (
-        plan_taught(part, job, cell) if isinstance(part, Taught) else plan_replay(part, job, cell)
-    )
+    if isinstance(part, Taught):
+        return plan_taught(part, job, cell)
+    return plan_replay(part, job, cell)
 
 
 FOLLOW = Operation(

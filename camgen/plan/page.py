@@ -1,4 +1,7 @@
-"""[page]: a drawing centred on its paper, as large as it goes or at a given scale (continuous-path.md, section 3.2)."""
+"""Places a drawing on its page, `[page]`: centred, as large as it fits or at a given scale.
+
+See continuous-path.md, section 3.2.
+"""
 
 from __future__ import annotations
 
@@ -21,24 +24,21 @@ from camgen.model.text import counted, short
 from camgen.read.units import MM
 from camgen.vision.similarity import measure_scale
 
-#: A drawing may leave the page by so much, mm: rounding.
+#: Length by which a drawing may leave the page, mm: rounding.
 _ROUNDING = 1e-6
 
 
 def on_page(part: Part, job: Job) -> Part:
-    """``part`` scaled and centred on ``[page]``, the work frame at the page's lower left corner; as it is without one.
+    """Scale `part` and centre it on `[page]`, whose lower left corner is the work frame.
 
-    JobError for a page that is none or a table without effect, InputError for a drawing that leaves the page.
+    Without a page the part is returned unchanged. Raises JobError for an invalid page or a table
+    without effect, and InputError for a drawing that leaves the page.
     """
     page = job.page
     if not page.size:
         if page != PageTable():
-            raise JobError(
-                "job",
-                "[page] has no effect without a size",
-                "page.size",
-                'set page.size, for example "A4"',
-            )
+            what, remedy = "[page] has no effect without a size", 'set page.size, for example "A4"'
+            raise JobError("job", what, "page.size", remedy)
         return part
     if part.solid is not None:
         raise JobError(
@@ -46,91 +46,109 @@ def on_page(part: Part, job: Job) -> Part:
         )
     if not part.contours:
         return part
-    low, high = _box(part)
+    low, high = _measure_box(part)
     size = page_size(page)
-    drawn = high - low
+    extent = high - low
     room = np.array(size) - 2 * page.margin
     if room.min() <= 0:
-        what = f"{page.margin:g} mm on each side leaves nothing of {_describe(size)}"
-        raise JobError("job", what, "page.margin", "lower page.margin")
-    ratio = _ratio(part, page, drawn, room)
-    if (drawn * ratio > room + _ROUNDING).any():
-        raise _leaves(part, page, size, drawn * ratio)
-    return _lay(part, size, (low, high), ratio, ratio)
+        raise JobError(
+            "job",
+            f"{page.margin:g} mm on each side leaves nothing of {_format_size(size)}",
+            "page.margin",
+            "lower page.margin",
+        )
+    ratio = _compute_ratio(part, page, extent, room)
+    if (extent * ratio > room + _ROUNDING).any():
+        raise _make_page_error(part, page, size, extent * ratio)
+    return _place_part(part, size, (low, high), ratio, ratio)
 
 
-def in_margin(part: Part, laid: Part, drawn: Part, job: Job) -> Part:
-    """``drawn``, what came of ``part`` when it was ``laid`` on the page, with its own box centred and as large as the
-    page allows.
+def fit_to_page(part: Part, placed: Part, simplified: Part, job: Job) -> Part:
+    """Centre `simplified` by its own box and, for the scale "fit", scale it to the page again.
 
-    Lines and arcs that are laid through the points of a drawing leave its box a little, to either side. What is filled
-    or drilled is planned on the picture and not on them. InputError for a drawing with a scale that leaves the page.
+    part: the part as it was read.
+    placed: `part` on its page.
+    simplified: `placed` as lines and arcs, whose box differs slightly from that of the points.
+    Fill and drill work on the pixels of a picture, so such a part is returned unchanged. Raises
+    InputError for a drawing of a given scale that leaves the page.
     """
     page = job.page
-    pixels = drawn.raster is not None and job.operation.kind in ("fill", "drill")
-    if not page.size or not drawn.contours or drawn.contours is laid.contours or pixels:
-        return drawn
+    on_pixels = simplified.raster is not None and job.operation.kind in ("fill", "drill")
+    is_same = simplified.contours is placed.contours
+    if not page.size or not simplified.contours or is_same or on_pixels:
+        return simplified
     size = page_size(page)
-    low, high = _box(drawn)
+    low, high = _measure_box(simplified)
+    extent = high - low
     room = np.array(size) - 2 * page.margin
-    ratio = _ratio(drawn, page, high - low, room) if page.scale == "fit" else 1.0
-    if ((high - low) * ratio > room + _ROUNDING).any():
-        raise _leaves(drawn, page, size, high - low)
-    own = float(np.ptp(_box(laid), axis=0).max() / np.ptp(_box(part), axis=0).max())
-    kept = replace(drawn, notes=tuple(note for note in drawn.notes if note is not laid.notes[-1]))
-    return _lay(kept, size, (low, high), ratio, own * ratio)
+    ratio = _compute_ratio(simplified, page, extent, room) if page.scale == "fit" else 1.0
+    if (extent * ratio > room + _ROUNDING).any():
+        raise _make_page_error(simplified, page, size, extent)
+    placed_extent = np.ptp(_measure_box(placed), axis=0).max()
+    placed_ratio = float(placed_extent / np.ptp(_measure_box(part), axis=0).max())
+    # The note of the first placement is replaced by that of the second one.
+    notes = tuple(note for note in simplified.notes if note is not placed.notes[-1])
+    unplaced = replace(simplified, notes=notes)
+    return _place_part(unplaced, size, (low, high), ratio, placed_ratio * ratio)
 
 
-def _box(part: Part) -> tuple[FloatArray, FloatArray]:
-    """Its lower left and upper right corner, mm."""
+def _measure_box(part: Part) -> tuple[FloatArray, FloatArray]:
     box = compute_bounds(from_contours(part.contours))
     return box[:, :2].min(axis=0), box[:, 2:].max(axis=0)
 
 
-def _lay(
+def _place_part(
     part: Part,
     size: tuple[float, float],
     box: tuple[FloatArray, FloatArray],
     ratio: float,
-    in_all: float,
+    input_ratio: float,
 ) -> Part:
-    """``part`` times ``ratio``, the middle of its ``box`` in that of the page. in_all: the ratio to what was read."""
+    """Scale `part` by `ratio` and move the centre of its `box` to that of the page, with a note.
+
+    input_ratio: ratio to the part as it was read.
+    """
     low, high = box
     shift = np.array(size) / 2 - ratio * (low + high) / 2
-    pixels = part.raster is not None
-    unit = (ratio if pixels else in_all) * _unit(part)
-    told = f"1 {'px' if pixels else 'unit'} = {short(unit, 5)} mm, drawing {_describe((high - low) * ratio)}"
-    note = Note(
-        "assumed",
-        f"centred on a page of {_describe(size)}: {told}",
-        f"the drawing's own size times {in_all:.6g}",
-    )
+    has_pixels = part.raster is not None
+    unit = (ratio if has_pixels else input_ratio) * _measure_unit(part)
+    name = "px" if has_pixels else "unit"
+    extent = _format_size((high - low) * ratio)
+    scale = f"1 {name} = {short(unit, 5)} mm, drawing {extent}"
+    what = f"centred on a page of {_format_size(size)}: {scale}"
+    note = Note("assumed", what, f"the drawing's own size times {input_ratio:.6g}")
     return replace(
         part,
-        contours=_move(part.contours, ratio, shift),
+        contours=_move_contours(part.contours, ratio, shift),
         raster=None if part.raster is None else _move_raster(part.raster, ratio, shift),
-        units=f"{short(unit, 5)} mm/px" if pixels else part.units,
+        units=f"{short(unit, 5)} mm/px" if has_pixels else part.units,
         notes=(*part.notes, note),
     )
 
 
-def _ratio(part: Part, page: PageTable, drawn: FloatArray, room: FloatArray) -> float:
-    """The factor on the part: the smaller of the two ratios to fit, or what the job says."""
+def _compute_ratio(part: Part, page: PageTable, extent: FloatArray, room: FloatArray) -> float:
+    """The scale factor of the part, from `page.scale`.
+
+    extent, room: (2,) width and height of the drawing and of the page within its margins, mm.
+    """
     if page.scale == "true":
         return 1.0
     if page.scale != "fit":
-        return float(page.scale) / _unit(part)
+        return float(page.scale) / _measure_unit(part)
     # A drawing without height, a single line, is limited by its width alone.
-    ratios = [r / d for r, d in zip(room.tolist(), drawn.tolist(), strict=True) if d > 0]
+    ratios = [r / d for r, d in zip(room.tolist(), extent.tolist(), strict=True) if d > 0]
     if not ratios:
-        remedy = 'set page.scale to "true" or to mm per unit'
-        what = "the drawing has no size that could fit the page"
-        raise InputError(part.source, what, "page.scale", remedy)
+        raise InputError(
+            part.source,
+            "the drawing has no size that could fit the page",
+            "page.scale",
+            'set page.scale to "true" or to mm per unit',
+        )
     return float(min(ratios))
 
 
-def _unit(part: Part) -> float:
-    """The mm of one unit or pixel of the input, in the part as it is."""
+def _measure_unit(part: Part) -> float:
+    """Length of one unit or pixel of the input in the part, mm. JobError for mixed units."""
     if part.raster is not None:
         return measure_scale(part.raster.work_from_view)
     units = set(part.units.split(" + "))
@@ -139,30 +157,33 @@ def _unit(part: Part) -> float:
         number = re.match(r"[\d.]+(?:e-?\d+)?(?= mm/)", name)
         if name in MM or number:
             return float(number[0]) if number else MM[name]
-    remedy = 'set page.scale to "fit" or "true"'
     raise JobError(
-        "job", f"a scale per unit does not go with units {part.units}", "page.scale", remedy
+        "job",
+        f"a scale per unit does not go with units {part.units}",
+        "page.scale",
+        'set page.scale to "fit" or "true"',
     )
 
 
-def _leaves(
-    part: Part, page: PageTable, size: tuple[float, float], drawn: FloatArray
+def _make_page_error(
+    part: Part, page: PageTable, size: tuple[float, float], extent: FloatArray
 ) -> InputError:
-    what = f"the drawing is {_describe(drawn)}, the page {_describe(size)} with a margin of {short(page.margin, 3)} mm"
+    page_text = f"the page {_format_size(size)} with a margin of {short(page.margin, 3)} mm"
     return InputError(
         part.source,
-        f"leaves the page: {what}",
+        f"leaves the page: the drawing is {_format_size(extent)}, {page_text}",
         "page.scale",
         'set page.scale to "fit" or a larger page',
     )
 
 
-def _describe(size: Sequence[float] | FloatArray) -> str:
+def _format_size(size: Sequence[float] | FloatArray) -> str:
     return " x ".join(short(float(v), 2) for v in size) + " mm"
 
 
-def _move(contours: Sequence[Contour], ratio: float, shift: FloatArray) -> tuple[Contour, ...]:
-    """All contours times ``ratio`` plus ``shift``: shapes stay, hence bulges too."""
+def _move_contours(
+    contours: Sequence[Contour], ratio: float, shift: FloatArray
+) -> tuple[Contour, ...]:
     points = np.concatenate([c.points for c in contours])
     points = points * ratio + shift
     points.flags.writeable = False
@@ -176,18 +197,30 @@ def _move_raster(raster: Raster, ratio: float, shift: FloatArray) -> Raster:
     matrix = raster.work_from_view * ratio
     matrix[:, 2] += shift
     if not math.isfinite(float(matrix.sum())):
-        remedy = "set page.scale to mm per pixel"
-        raise InputError("picture", "has no finite scale on this page", "page.scale", remedy)
+        raise InputError(
+            "picture",
+            "has no finite scale on this page",
+            "page.scale",
+            "set page.scale to mm per pixel",
+        )
     return replace(raster, work_from_view=frozen(matrix))
 
 
-# What would be drawn of a picture, for ``camgen inspect``: strokes, scale and size on the page.
+# Facts about a picture that is read as a drawing, for `camgen inspect`.
 
 
 class DrawingFacts(Struct, frozen=True):
-    """What a picture is as a drawing; its ``str`` is a page to print. Lengths mm. lines, arcs: of all strokes.
+    """A picture as a drawing; its `str` is printed by `camgen inspect`.
 
-    use: what is done with them, "" where they are drawn.
+    size: width and height of the picture, px.
+    scale: mm per pixel, as text.
+    strokes: number of closed contours.
+    lines, arcs: number of lines and of arcs in all strokes.
+    length: total length, mm.
+    shortest: length of the shortest stroke, mm.
+    drawn: width and height on the page, mm.
+    use: use of the contours if they are not drawn, otherwise "".
+    notes: messages of the reader and of the planner.
     """
 
     size: tuple[int, int]
@@ -203,11 +236,12 @@ class DrawingFacts(Struct, frozen=True):
 
     def __str__(self) -> str:
         width, height = (short(v, 2) for v in self.drawn)
-        what = "borders of the ink" if self.use else "strokes"
+        name = "borders of the ink" if self.use else "strokes"
+        segments = f"{counted(self.lines, 'line')} and {counted(self.arcs, 'arc')}"
         lines = [
             f"picture of {self.size[0]} x {self.size[1]} px, taken as a drawing",
             f"scale: {self.scale}, drawing {width} x {height} mm",
-            f"{what}: {self.strokes}, all closed, of {counted(self.lines, 'line')} and {counted(self.arcs, 'arc')}; "
+            f"{name}: {self.strokes}, all closed, of {segments}; "
             f"{short(self.length, 1)} mm in all, the shortest {short(self.shortest, 2)} mm",
             *([self.use] if self.use else []),
             *map(str, self.notes),
@@ -216,12 +250,15 @@ class DrawingFacts(Struct, frozen=True):
 
 
 def inspect(raw: Part, job: Job) -> DrawingFacts:
-    """What ``job`` makes of a picture that was read as a drawing. Errors as of a build."""
-    from camgen.plan.simplify import simplify  # noqa: PLC0415 (OpenCV is loaded only by what needs it)
+    """The facts about a picture that was read as a drawing, with the settings of `job`.
+
+    Raises the errors that a build raises.
+    """
+    from camgen.plan.simplify import simplify  # noqa: PLC0415 (it loads OpenCV)
 
     assert raw.raster is not None
-    laid = on_page(raw, job)
-    part = in_margin(raw, laid, simplify(laid, job), job)
+    placed = on_page(raw, job)
+    part = fit_to_page(raw, placed, simplify(placed, job), job)
     segments = from_contours(part.contours)
     box = compute_bounds(segments)
     lengths = np.bincount(segments.owner, segments.length, minlength=len(part.contours))
@@ -237,12 +274,12 @@ def inspect(raw: Part, job: Job) -> DrawingFacts:
         length=float(lengths.sum()),
         shortest=float(lengths.min(initial=np.inf)) if len(lengths) else 0.0,
         drawn=(extent[0], extent[1]),
-        use=_use(job),
+        use=_format_use(job),
         notes=part.notes,
     )
 
 
-def _use(job: Job) -> str:
+def _format_use(job: Job) -> str:
     if job.operation.kind == "fill":
         return f"filled with a pen of {short(job.tool.diameter, 3)} mm (tool.diameter)"
     return "drilled at marks and rings; build says which" if job.operation.kind == "drill" else ""

@@ -18,7 +18,7 @@ from camgen.model.part import BoolArray, IntArray
 from camgen.model.path import ToolPath, join_paths, waypoints
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.tolerance import NONZERO, SAME_POINT_MM
-from camgen.plan.starting import between
+from camgen.plan.starting import interpolate_vectors
 
 #: rad: maximum sweep of an arc that one chord replaces, for small arcs.
 _MAX_SWEEP = math.radians(30)
@@ -199,7 +199,7 @@ def _expand(
     directions = [_press_at(path, shape, owner, end) for end in (before, part)]
     press = np.stack(directions, axis=1)
     press = np.where(is_whole[:, None, None], path.force_direction[row], press)
-    axes = np.where(is_inside, between(axis[owner], axis[row], part), axis[row])
+    axes = np.where(is_inside, interpolate_vectors(axis[owner], axis[row], part), axis[row])
     floor = path.floor
     if floor is not None:
         at_ends = floor[owner] + part * (floor[row] - floor[owner])
@@ -225,7 +225,7 @@ def _press_at(path: ToolPath, shape: Spans, owner: IntArray, fraction: FloatArra
     On an arc they turn with the tangent. On a line they are interpolated.
     """
     press = path.force_direction[owner + 1]
-    turned = between(press[:, 0], press[:, 1], fraction)
+    turned = interpolate_vectors(press[:, 0], press[:, 1], fraction)
     arc = np.flatnonzero(shape.curved[owner])
     arc_owner = owner[arc]
     axle = cross(shape.towards[arc_owner], shape.along[arc_owner])

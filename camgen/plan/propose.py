@@ -29,7 +29,7 @@ from camgen.model.materials import MATERIALS
 from camgen.model.part import Contour, Part
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted, short
-from camgen.plan.drill import Hole, find_circles, innermost
+from camgen.plan.drill import Hole, find_circles, select_innermost
 from camgen.plan.open_outlines import check_outlines
 from camgen.plan.proposed_across import choose_pocket_mill, find_across
 from camgen.plan.proposed_mills import (
@@ -158,7 +158,7 @@ class Proposal(Struct, frozen=True):
     """Tools and operations for a drawing.
 
     tools: tools that the library lacks, or whose feeds and speeds it does not state.
-    operations: rows of ``[[operations]]``.
+    operations: rows of `[[operations]]`.
     left: ids of closed contours that no operation works on.
     thickness: material thickness, mm, from which the depths follow.
     material: name of the material, "" if it is unknown.
@@ -387,7 +387,7 @@ def _choose_holes(loops: _Loops, rows: list[int], low: float, high: float) -> di
         ("any", lambda _: True),
     ):
         nested = [hole for name, hole in loops.circles.items() if fits(level[name])]
-        chosen = {hole.id for hole in innermost(nested) if low <= hole.diameter <= high}
+        chosen = {hole.id for hole in select_innermost(nested) if low <= hole.diameter <= high}
         if chosen == wanted and not loops.across:
             return sizes | ({"nesting": nesting} if nesting != "any" else {})
     return sizes | {"ids": loops.name(rows)}

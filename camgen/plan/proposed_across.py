@@ -44,7 +44,6 @@ def find_across(closed: Sequence[Contour]) -> tuple[Contour, ...]:
 
 
 def _list_crossing(closed: Sequence[Contour]) -> list[Contour]:
-    """The contours that cross another one or themselves."""
     crossed = (
         find_nesting(from_contours(closed), len(closed)).crossed >= 0 if closed else np.zeros(0)
     )

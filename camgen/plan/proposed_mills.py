@@ -133,7 +133,6 @@ def choose_mills(
 def _runs_round(
     part: Part, ids: Mapping[int, str], keys: Row, group: tuple[float, list[int]]
 ) -> bool:
-    """Whether all paths of a mill beside its contours are closed."""
     diameter, loops = group
     row = {"kind": "follow", "ids": [ids[k] for k in loops], **keys, "tool": diameter}
     return all(path.closed for path in _plan_last(part, [row]))
@@ -145,8 +144,7 @@ def _share_out(
     """The mills that follow whole contours, the largest first, with the rows of their contours."""
     rows = np.array(list(ids), np.int64)
     lengths = np.bincount(samples.loop, samples.length, int(rows.max()) + 1)
-    best = np.zeros(len(lengths))
-    mill_of = np.zeros(len(lengths))
+    best, mill_of = np.zeros(len(lengths)), np.zeros(len(lengths))
     for diameter in mills:
         row = {"kind": "follow", "ids": list(ids.values()), **keys, "tool": diameter}
         touched = _touch(samples, _plan_last(part, [row]), diameter / 2)
@@ -232,7 +230,6 @@ def _describe(
 
 
 def _plan_last(part: Part, rows: Sequence[Row]) -> tuple[ToolPath, ...]:
-    """The paths of the last of several operations; none if it fits nowhere."""
     tools = [
         {"name": f"{number}", "number": number + 1, "diameter": row["tool"]}
         for number, row in enumerate(rows)
@@ -243,12 +240,10 @@ def _plan_last(part: Part, rows: Sequence[Row]) -> tuple[ToolPath, ...]:
     except CamgenError:  # it fits none
         return ()
     assert isinstance(job_plan, JobPlan)
-    last = job_plan.numbers.index(len(rows) - 1)
-    return job_plan.plans[last].paths
+    return job_plan.plans[job_plan.numbers.index(len(rows) - 1)].paths
 
 
 def _touch(samples: Samples, paths: Sequence[ToolPath], radius: float) -> BoolArray:
-    """(N,) whether a tool of `radius` mm touches the places along `paths`."""
     if not paths:
         return np.zeros(len(samples.points), np.bool_)
     lines = path_segments(tuple(paths))
@@ -269,8 +264,7 @@ def sample(segments: Segments, nesting: Nesting, rows: IntArray) -> Samples:
     at_start = np.full(len(half), np.inf)
     at_start[following] = half
     chosen = np.flatnonzero(np.isin(segments.owner, rows))
-    total = float(segments.length[chosen].sum())
-    step = max(_SPACING_MM, total / _MOST_SAMPLES)
+    step = max(_SPACING_MM, float(segments.length[chosen].sum()) / _MOST_SAMPLES)
     count = np.maximum(np.ceil(segments.length[chosen] / step), 1).astype(np.int64)
     row, place = chosen[owners(count)], ramp(count)
     share = (place + 0.5) / count[owners(count)]

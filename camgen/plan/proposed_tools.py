@@ -100,7 +100,6 @@ class ToolRack:
         return self._names[key]
 
     def _find(self, kind: Kind, diameter: float) -> ToolRow:
-        """The tool of the library that fits best, else a new one."""
         known = self._find_in_library(kind, diameter)
         if known is not None:
             return known
@@ -111,7 +110,6 @@ class ToolRack:
         return ToolRow(name=name, number=self._last_number, kind=kind, diameter=diameter)
 
     def _find_in_library(self, kind: Kind, diameter: float) -> ToolRow | None:
-        """The tool of the library that fits best, None without one."""
         smaller = _SMALLER_MM if kind == "drill" else 0.0
         fitting = [
             tool
@@ -122,7 +120,6 @@ class ToolRack:
         return max(fitting, key=lambda tool: tool.diameter, default=None)
 
     def _propose(self, tool: ToolRow) -> ProposedTool:
-        """The row of a tool, with the feeds and speeds that the library does not state."""
         is_new = tool.name not in [known.name for known in self.library]
         row: dict[str, object] = {"name": tool.name}
         if is_new:

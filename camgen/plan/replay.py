@@ -1,4 +1,4 @@
-"""Old programs: the motions at feed of a program that was read, as tool paths."""
+"""Plans old G-code programs: their motions at feed become tool paths."""
 
 from __future__ import annotations
 
@@ -22,81 +22,87 @@ from camgen.model.tolerance import SAME_POINT_MM
 from camgen.plan import ReplayPlan
 from camgen.plan.close_positions import thin_positions
 from camgen.plan.tool_parts import split_by_tool
-from camgen.plan.unused import no_idle
+from camgen.plan.unused import check_idle
 
 
 def plan_replay(part: Part, job: Job, cell: Cell | None) -> ReplayPlan:
-    """The program's motions at feed as paths, from one rapid motion to the next, in its order. JobError for a setting
-    that would have no effect, InputError for a feed that no machine runs.
+    """Plan the motions at feed between rapid motions as paths, in the order of the program.
+
+    Raises JobError for a setting without effect, and InputError for a feed that no machine runs.
     """
     assert isinstance(part, Recorded)
-    no_idle(job, "a replay")
-    part = _slow(part, job.process.max_feed)
+    check_idle(job, "a replay")
+    part = _limit_feeds(part, job.process.max_feed)
     on_arm = cell is not None and isinstance(cell.home, Joints)
     if on_arm:
         part = thin_positions(part, job.tolerance.chord)
     parts, notes = split_by_tool(part, job, on_arm)
     paths: list[ToolPath] = []
     travel = 0.0
-    for one in parts:
-        columns = Columns(moving(one.body))
+    for tool_part in parts:
+        columns = Columns(moving(tool_part.body))
         ends, vias, speed = columns.ends, columns.vias, columns.speed
-        lines = dict(zip(map(id, one.body), one.lines, strict=True))
-        paths += [
-            _path(
-                number,
-                lines[id(columns.moves[low + 1])],
-                *(column[low:high] for column in (ends, vias, speed)),
-            )
-            for number, (low, high) in enumerate(_stretches(columns), len(paths) + 1)
-        ]
+        lines = dict(zip(map(id, tool_part.body), tool_part.lines, strict=True))
+        for low, high in _find_stretches(columns):
+            line = lines[id(columns.moves[low + 1])]
+            rows = slice(low, high)
+            paths.append(_make_path(len(paths) + 1, line, ends[rows], vias[rows], speed[rows]))
         steps = np.linalg.norm(np.diff(ends, axis=0), axis=1)
         travel += math.fsum(steps[columns.moves_are(MoveJ)[1:]].tolist())
-    made, every = tuple(paths), (*part.notes, *notes)
-    return ReplayPlan(part, made, every, run=part.run, travel=travel, made=made, parts=parts)
+    planned, notes = tuple(paths), (*part.notes, *notes)
+    return ReplayPlan(part, planned, notes, run=part.run, travel=travel, made=planned, parts=parts)
 
 
-def _slow(part: Recorded, most: float | None) -> Recorded:
-    """The program with its feeds at ``most``, mm/s, where they are above it. None: as it is, and InputError for one
-    that is faster than any machine here: controllers take such a word and run as fast as they can.
+def _limit_feeds(part: Recorded, max_feed: float | None) -> Recorded:
+    """Limit the feeds of the program to `max_feed`, mm/s, with a note.
+
+    Without it, raises InputError for a feed above that of any machine: a controller takes such a
+    number and runs as fast as it can.
     """
-    limit = most or FASTEST
-    fast = [
-        (k, item)
-        for k, item in enumerate(part.run.body)
+    limit = max_feed or FASTEST
+    body = list(part.run.body)
+    fast = {
+        k: item.speed
+        for k, item in enumerate(body)
         if isinstance(item, MoveL | MoveC) and item.speed > limit
-    ]
+    }
     if not fast:
         return part
-    line = part.run.lines[fast[0][0]]
-    if most is None:
-        what = f"asks for a feed of {short(fast[0][1].speed, 0)} mm/s, and no machine here runs above {FASTEST:g}"
-        remedy = "mend this line, or set process.max_feed, mm/s: feeds above it become that"
-        raise InputError(part.source, what, f"line {line}", remedy)
-    body = list(part.run.body)
-    for k, item in fast:
-        body[k] = replace(item, speed=most)
-    many = counted(len(fast), "motion runs", "motions run")
-    what = f"{many} at {short(most, 3)} mm/s instead of up to {short(max(item.speed for _, item in fast), 0)}"
+    first = min(fast)
+    line = part.run.lines[first]
+    if max_feed is None:
+        raise InputError(
+            part.source,
+            f"asks for a feed of {short(fast[first], 0)} mm/s, "
+            f"and no machine here runs above {FASTEST:g}",
+            f"line {line}",
+            "fix this line, or set process.max_feed, mm/s: feeds above it become that",
+        )
+    for k in fast:
+        body[k] = replace(body[k], speed=max_feed)
+    count = counted(len(fast), "motion runs", "motions run")
+    largest = short(max(fast.values()), 0)
+    what = f"{count} at {short(max_feed, 3)} mm/s instead of up to {largest}"
     note = Note("assumed", what, f"process.max_feed; the first is line {line}")
-    run = replace(part.run, body=tuple(body), entry=min(part.run.entry, most))
+    run = replace(part.run, body=tuple(body), entry=min(part.run.entry, max_feed))
     return replace(part, run=run, notes=(*part.notes, note))
 
 
-def _stretches(columns: Columns) -> list[tuple[int, int]]:
-    """The motions at feed between two rapid ones, from the rapid one before to the one after, which is not of them."""
+def _find_stretches(columns: Columns) -> list[tuple[int, int]]:
+    """The ranges from a rapid motion, over motions at feed, to before the next rapid one."""
     cuts = [*np.flatnonzero(columns.moves_are(MoveJ)).tolist(), len(columns.moves)]
     return [(low, high) for low, high in pairwise(cuts) if high - low > 1]
 
 
 def owners(columns: Columns) -> list[int]:
-    """(M,) the path that each motion belongs to: rapid motions to the next one, -1 behind the last."""
-    ends = np.array([high for _, high in _stretches(columns)], dtype=np.int64)
+    """(M,) index of the path of each motion. A rapid motion belongs to the next path, or to -1."""
+    ends = np.array([high for _, high in _find_stretches(columns)], dtype=np.int64)
     owner = np.searchsorted(ends, np.arange(len(columns.moves)), side="right")
-    return np.where(owner < len(ends), owner, -1).tolist()  # type: ignore[no-any-return]  # numpy: any nesting
+    # numpy types lists of any nesting
+    return np.where(owner < len(ends), owner, -1).tolist()  # type: ignore[no-any-return]
 
 
-def _path(
+def _make_path(
     number: int, line: int, ends: FloatArray, vias: FloatArray, speed: FloatArray
 ) -> ToolPath:
     via, feed = vias.copy(), speed.copy()
@@ -104,11 +110,7 @@ def _path(
     return ToolPath(
         id=f"n{number}",
         layer=f"line {line}",
-        table=waypoints(
-            position=ends,
-            via=via,
-            feed=feed,
-        ),
+        table=waypoints(position=ends, via=via, feed=feed),
         closed=bool(len(ends) > 2 and np.linalg.norm(ends[0] - ends[-1]) < SAME_POINT_MM),
         reversible=False,
         operation="replay",
@@ -116,14 +118,14 @@ def _path(
 
 
 def moving(body: Sequence[Instruction]) -> list[Instruction]:
-    """The body without motions to where the tool already is; the first one stays."""
+    """The body without motions to the current position, except the first motion."""
     columns = Columns(body)
     ends = columns.ends
-    still = np.zeros(len(ends), np.bool_)
-    still[1:] = np.abs(np.diff(ends, axis=0)).max(axis=1, initial=0.0) < SAME_POINT_MM
-    still &= ~columns.moves_are(MoveC)
-    if not still.any():
+    is_still = np.zeros(len(ends), np.bool_)
+    is_still[1:] = np.abs(np.diff(ends, axis=0)).max(axis=1, initial=0.0) < SAME_POINT_MM
+    is_still &= ~columns.moves_are(MoveC)
+    if not is_still.any():
         return list(body)
     keep = np.ones(len(body), np.bool_)
-    keep[columns.at[still]] = False
+    keep[columns.at[is_still]] = False
     return select_items(body, keep)

@@ -19,7 +19,7 @@ from camgen.model.errors import JobError
 from camgen.model.job import Job, ToolTable
 from camgen.model.part import EarlierRun, Part
 from camgen.model.path import ToolPath
-from camgen.plan.beside import Beside, only_along
+from camgen.plan.beside import OffsetCurve, select_segments
 from camgen.plan.columns import path_segments
 
 #: Arcs are swept as chords that leave them by this, mm.
@@ -37,7 +37,7 @@ _SAME_DEPTH_MM = 1e-6
 _FLAT = ("end mill",)
 
 
-def keep_rest(curve: Beside, part: Part, job: Job) -> Beside:
+def keep_rest(curve: OffsetCurve, part: Part, job: Job) -> OffsetCurve:
     """The stretches of `curve` on which the tool meets what earlier operations of `part` leave.
 
     JobError if no operation comes before.
@@ -47,7 +47,7 @@ def keep_rest(curve: Beside, part: Part, job: Job) -> Beside:
     zone = shapely.buffer(left, job.tool.radius + margin, quad_segs=_QUARTER)
     shapely.prepare(zone)
     rows, low, high, inside = _divide(curve.segments, zone, margin / 2)
-    pieces = Beside(
+    pieces = OffsetCurve(
         split(curve.segments, rows, low, high),
         curve.closed,
         curve.source[rows],
@@ -56,7 +56,7 @@ def keep_rest(curve: Beside, part: Part, job: Job) -> Beside:
         curve.sound,
         curve.other[rows],
     )
-    return only_along(pieces, inside)
+    return select_segments(pieces, inside)
 
 
 def find_rest(area: Any, part: Part, job: Job) -> Any:
@@ -65,9 +65,11 @@ def find_rest(area: Any, part: Part, job: Job) -> Any:
     JobError if no operation comes before.
     """
     if not part.earlier:
-        what = "no operation before it takes anything"
         raise JobError(
-            "job", what, "operation.rest", "list it after the operations of larger tools"
+            "job",
+            "no operation before it takes anything",
+            "operation.rest",
+            "list it after the operations of larger tools",
         )
     cleared = _clear(part.earlier, job.operation.depth)
     return shapely.difference(area, shapely.buffer(cleared, _NARROW_MM, quad_segs=2))
@@ -90,7 +92,6 @@ def list_runs(paths: Sequence[ToolPath], tool: ToolTable) -> list[EarlierRun]:
 
 
 def _clear(earlier: Iterable[EarlierRun], depth: float) -> Any:
-    """The area that flat tools clear down to `depth` mm, without their tabs."""
     areas = []
     for run in earlier:
         if run.depth >= depth - _SAME_DEPTH_MM:
@@ -100,7 +101,6 @@ def _clear(earlier: Iterable[EarlierRun], depth: float) -> Any:
 
 
 def _sweep(segments: Segments, radius: float) -> Any:
-    """The area within `radius` mm of lines and arcs."""
     each = replace(segments, owner=np.arange(len(segments)))
     points, owner = flatten(each, _CHORD_MM)
     points = np.vstack([points, segments.end])

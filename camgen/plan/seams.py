@@ -1,7 +1,8 @@
-"""What the job says of single contours: where closed paths begin (tour.seams), and which run first (tour.order).
+"""Applies settings of single contours: start points (`tour.seams`), first ones (`tour.order`).
 
-A point is for the closed path that it is nearest to, measured to the path and to the contours that it works on: one on
-a path is for that path, one on a contour for all paths of it.
+A point belongs to the nearest closed path. The distance is measured to the path and to the
+contours that it works on. So a point on a path is for that path, and a point on a contour is for
+all paths of the contour.
 """
 
 from __future__ import annotations
@@ -23,53 +24,65 @@ from camgen.model.text import short
 from camgen.plan.columns import path_segments
 from camgen.plan.starting import SEAM, starting_each
 
-#: A point may be so far from the path or contour that it is for, mm. Paths that are as near to it, within ``SAME_MM``,
-#: are all meant.
+#: Maximum distance of a point from its path or contour, mm. Paths whose distances differ by at
+#: most `SAME_MM` all get the point.
 NEAR_MM, SAME_MM = 2.0, 0.01
 
 
 def pin_seams(
     plans: Sequence[Sequence[ToolPath]], part: Part, job: Job
 ) -> tuple[list[tuple[ToolPath, ...]], tuple[Note, ...]]:
-    """The paths of each of several operations on the flat ``part``, the closed ones begun where ``tour.seams`` says,
-    and a note on each point that has no effect. JobError for what is no point, and for one that is near no closed path.
+    """Rotate closed paths to start at the points of `tour.seams`.
+
+    plans: paths of each operation on the flat `part`.
+    Returns the paths of each operation, and a note on each point without effect. Raises JobError
+    for an invalid point and for one that is not near any closed path.
     """
     points = read_points(job)
-    places = [
-        (k, n) for k, paths in enumerate(plans) for n, path in enumerate(paths) if has_seam(path)
-    ]
-    closed = [plans[k][n] for k, n in places]
-    chosen, far = choose_points(points, closed, [k for k, _ in places], part)
+    places = []
+    for operation, paths in enumerate(plans):
+        places += [(operation, k) for k, path in enumerate(paths) if has_seam(path)]
+    closed = [plans[operation][k] for operation, k in places]
+    chosen, far = choose_points(points, closed, [operation for operation, _ in places], part)
     if far:
-        what = f"{_tell(points[far[0]])} is farther than {NEAR_MM:g} mm from every closed path and its contour"
+        point = _format_point(points[far[0]])
         raise JobError(
-            "job", what, "tour.seams", "give a point on a closed contour that is worked on"
+            "job",
+            f"{point} is farther than {NEAR_MM:g} mm from every closed path and its contour",
+            "tour.seams",
+            "give a point on a closed contour that is worked on",
         )
-    given = sorted(chosen)
-    begun = _begin([closed[i] for i in given], points[[chosen[i] for i in given]])
-    own = [list(paths) for paths in plans]
-    for i, path in zip(given, begun, strict=True):
-        k, n = places[i]
-        own[k][n] = path
-    used = set(chosen.values())
-    idle = [point for number, point in enumerate(points) if number not in used]
-    why = "another one is nearer to the paths that it is for"
+    pinned = sorted(chosen)
+    rotated = _rotate_paths([closed[i] for i in pinned], points[[chosen[i] for i in pinned]])
+    results = [list(paths) for paths in plans]
+    for i, path in zip(pinned, rotated, strict=True):
+        operation, k = places[i]
+        results[operation][k] = path
+
     notes = tuple(
-        Note("warning", f"tour.seams: {_tell(point)} has no effect", why) for point in idle
+        Note(
+            "warning",
+            f"tour.seams: {_format_point(points[k])} has no effect",
+            "another one is nearer to the paths that it is for",
+        )
+        for k in sorted(set(range(len(points))) - set(chosen.values()))
     )
-    return [tuple(paths) for paths in own], notes
+    return [tuple(paths) for paths in results], notes
 
 
 def has_seam(path: ToolPath) -> bool:
-    """Whether a path may begin elsewhere than it does."""
+    """True if the start point of a path may be moved along it."""
     return path.closed and len(path.position) > 1 and path.entry_radius == 0
 
 
 def choose_points(
     points: FloatArray, closed: Sequence[ToolPath], operations: Sequence[int], part: Part
 ) -> tuple[dict[int, int], list[int]]:
-    """The point (K, 2) that each of the ``closed`` paths begins at, by their numbers, for those that have one; and the
-    points that are farther than ``NEAR_MM`` from all of them. operations: by path.
+    """Assign `points` (K, 2), mm, to the `closed` paths.
+
+    operations: index of the operation of each path.
+    Returns the index of the point for each path that has one, and the indices of the points that
+    are farther than `NEAR_MM` from all paths.
     """
     chosen: dict[int, tuple[float, int]] = {}
     far: list[int] = []
@@ -77,104 +90,110 @@ def choose_points(
         if not near:
             far.append(number)
             continue
-        least = min(near.values())
-        away = {
-            path: project(closed[path], points[number])[2]
-            for path, apart in near.items()
-            if apart <= least + SAME_MM
-        }
-        for path, own in away.items():
-            # What goes along the contour elsewhere, as the passes about the islands of a pocket do, is not meant.
-            beside = min(away[other] for other in away if operations[other] == operations[path])
-            # Of several points on one contour the one on the path itself; the last of those that are as near.
-            if own <= beside + NEAR_MM and (path not in chosen or own <= chosen[path][0]):
-                chosen[path] = own, number
+        limit = min(near.values()) + SAME_MM
+        nearest_paths = [path for path, distance in near.items() if distance <= limit]
+        distances = {path: project(closed[path], points[number])[2] for path in nearest_paths}
+        for path, distance in distances.items():
+            # A pass elsewhere on the contour, as around an island of a pocket, is farther away than
+            # the nearest path of its operation, by more than `NEAR_MM`.
+            nearest = min(distances[k] for k in distances if operations[k] == operations[path])
+            # If several points are on a contour, the nearest to the path counts, or the last one.
+            is_nearest = path not in chosen or distance <= chosen[path][0]
+            if distance <= nearest + NEAR_MM and is_nearest:
+                chosen[path] = distance, number
     return {path: number for path, (_, number) in chosen.items()}, far
 
 
-def insist_on_order(part: Part, job: Job) -> None:
-    """JobError for an id of ``tour.order`` that the part has not, and for one that stands there twice."""
-    known, named = {one.id for one in part.contours} | {one.id for one in part.curves}, set[str]()
+def check_order(part: Part, job: Job) -> None:
+    """Raise JobError for an id in `tour.order` that the part does not have or that is repeated."""
+    known = {contour.id for contour in part.contours} | {curve.id for curve in part.curves}
+    named = set[str]()
     for name in job.tour.order:
         if name not in known:
-            what = f"there is no contour {name!r} in {part.source}"
-            raise JobError("job", what, "tour.order", "camgen inspect -v shows their ids")
-        if name in named:
             raise JobError(
-                "job", f"contour {name!r} stands there twice", "tour.order", "name it once"
+                "job",
+                f"there is no contour {name!r} in {part.source}",
+                "tour.order",
+                "camgen inspect -v shows their ids",
             )
+        if name in named:
+            raise JobError("job", f"contour {name!r} is listed twice", "tour.order", "name it once")
         named.add(name)
 
 
 def read_points(job: Job) -> FloatArray:
-    """(K, 2) mm. JobError for what is no point."""
+    """The points of `tour.seams` as (K, 2), mm. Raises JobError for a point without two numbers."""
     for point in job.tour.seams:
         if len(point) != 2:
-            what = f"{point} is no point of the work plane"
-            raise JobError("job", what, "tour.seams", "write [[x, y], ...], mm")
+            raise JobError(
+                "job",
+                f"{point} is not a point of the work plane",
+                "tour.seams",
+                "write [[x, y], ...], mm",
+            )
     return np.array(job.tour.seams, dtype=np.float64).reshape(-1, 2)
 
 
-def _tell(point: Sequence[float] | FloatArray) -> str:
+def _format_point(point: Sequence[float] | FloatArray) -> str:
     return f"[{', '.join(short(float(value), 3) for value in point)}]"
 
 
 def _find_near(
     points: FloatArray, closed: Sequence[ToolPath], part: Part
 ) -> list[dict[int, float]]:
-    """By point the closed paths that it is near to, with how far away it is from them or their contours, mm."""
-    found: list[dict[int, float]] = [{} for _ in points]
+    """For each point the closed paths near it, each with the distance of path or contour, mm."""
+    near: list[dict[int, float]] = [{} for _ in points]
     if not closed:
-        return found
-    of_paths = np.repeat(np.arange(len(closed)), [len(path.position) - 1 for path in closed])
-    works: dict[str, list[int]] = {}
+        return near
+    path_rows = np.repeat(np.arange(len(closed)), [len(path.position) - 1 for path in closed])
+    paths_by_contour: dict[str, list[int]] = {}
     for k, path in enumerate(closed):
         for name in path.contours:
-            works.setdefault(name, []).append(k)
-    contours = [one for one in part.contours if one.id in works and len(one.points) > 1]
+            paths_by_contour.setdefault(name, []).append(k)
+    contours = [c for c in part.contours if c.id in paths_by_contour and len(c.points) > 1]
     drawn = from_contours(contours)
-    for number, row, apart in _pairs(points, path_segments(closed)):
-        _note_nearer(found[number], [int(of_paths[row])], apart)
-    for number, row, apart in _pairs(points, drawn):
-        _note_nearer(found[number], works[contours[drawn.owner[row]].id], apart)
-    return found
+    for number, row, distance in _find_pairs(points, path_segments(closed)):
+        _note_nearer(near[number], [int(path_rows[row])], distance)
+    for number, row, distance in _find_pairs(points, drawn):
+        _note_nearer(near[number], paths_by_contour[contours[drawn.owner[row]].id], distance)
+    return near
 
 
-def _note_nearer(found: dict[int, float], paths: Sequence[int], apart: float) -> None:
+def _note_nearer(near: dict[int, float], paths: Sequence[int], distance: float) -> None:
     for k in paths:
-        found[k] = min(found.get(k, apart), apart)
+        near[k] = min(near.get(k, distance), distance)
 
 
-def _pairs(points: FloatArray, segments: Segments) -> list[tuple[int, int, float]]:
-    """Points and the segments within ``NEAR_MM`` of them: their numbers, and how far apart, mm."""
+def _find_pairs(points: FloatArray, segments: Segments) -> list[tuple[int, int, float]]:
+    """Index of a point, index of a segment within `NEAR_MM` of it, and their distance, mm."""
     if not len(segments):
         return []
     around = make_boxes(np.hstack([points - NEAR_MM, points + NEAR_MM]))
     number, row = shapely.STRtree(make_boxes(compute_bounds(segments))).query(around)
-    apart = measure_distances(points[number], segments, row)
-    near = apart <= NEAR_MM
-    return list(zip(number[near].tolist(), row[near].tolist(), apart[near].tolist(), strict=True))
+    distance = measure_distances(points[number], segments, row)
+    near = distance <= NEAR_MM
+    columns = number[near].tolist(), row[near].tolist(), distance[near].tolist()
+    return list(zip(*columns, strict=True))
 
 
-def _begin(paths: Sequence[ToolPath], points: FloatArray) -> list[ToolPath]:
-    """Each of the closed paths begun at its point of them that is nearest, and kept there."""
-    at = [project(path, point) for path, point in zip(paths, points, strict=True)]
-    made = starting_each(
-        paths, [segment for segment, _, _ in at], [fraction for _, fraction, _ in at]
-    )
-    return [replace(path, pinned=True) for path in made]
+def _rotate_paths(paths: Sequence[ToolPath], points: FloatArray) -> list[ToolPath]:
+    starts = [project(path, point) for path, point in zip(paths, points, strict=True)]
+    segments, fractions, _ = zip(*starts, strict=True) if starts else ((), (), ())
+    return [replace(path, pinned=True) for path in starting_each(paths, segments, fractions)]
 
 
 def project(path: ToolPath, point: FloatArray) -> tuple[int, float, float]:
-    """Where on ``path`` is nearest to ``point`` (2,): the segment as ``starting_at`` counts, the fraction 0..1 of it,
-    and how far away, mm. At a vertex where less than ``SEAM`` would be cut off the segment.
+    """The nearest point on `path` to `point` (2,).
+
+    Returns its segment, counted from 1 as by `starting_at`, the fraction 0 to 1 along it, and the
+    distance in mm. It is a vertex if the shorter part of the segment would be less than `SEAM`.
     """
     segments = path_segments([path])
-    every = np.arange(len(segments))
-    away = measure_distances(np.tile(point, (len(segments), 1)), segments, every)
-    best = int(np.argmin(away))
-    own = segments.take(every[best : best + 1])
-    fraction = float(np.clip(find_fractions(own, point[None]), 0.0, 1.0)[0])
-    if min(fraction, 1 - fraction) * float(own.length[0]) < SEAM:
+    rows = np.arange(len(segments))
+    distances = measure_distances(np.tile(point, (len(segments), 1)), segments, rows)
+    best = int(np.argmin(distances))
+    nearest = segments.take(rows[best : best + 1])
+    fraction = float(np.clip(find_fractions(nearest, point[None]), 0.0, 1.0)[0])
+    if min(fraction, 1 - fraction) * float(nearest.length[0]) < SEAM:
         fraction = float(round(fraction))
-    return best + 1, fraction, float(away[best])
+    return best + 1, fraction, float(distances[best])

@@ -1,4 +1,4 @@
-"""Lines and arcs of tool paths as columns, and the start of a closed path moved to any of their points."""
+"""Changes many tool paths at once: the start point of closed paths, the direction."""
 
 from __future__ import annotations
 
@@ -19,19 +19,22 @@ from camgen.model.tolerance import SAME_POINT_MM
 
 IntArray = NDArray[np.int64]
 
-#: No piece shorter than this is cut off a segment, mm. It would gain no travel, and the ends of a short arc, rounded
-#: to what a controller's text carries, lie on any circle.
+#: Minimum length of a piece that is cut off a segment, mm. A shorter one saves no travel, and the
+#: ends of a short arc, rounded to the digits of a program text, lie on any circle.
 SEAM = 0.1
 
-#: What speaks of vertices in the tables of paths, not of segments.
+#: Columns of a path that describe its vertices; the others describe segments.
 _AT_VERTICES = ("position", "axis")
 
 
 def starting_at(path: ToolPath, segment: int, fraction: float) -> ToolPath:
-    """The closed ``path`` begun at ``fraction`` 0..1 of segment ``segment`` (1..N-1, which ends at row ``segment``).
+    """Rotate the closed `path` to start at a fraction of one of its segments.
 
-    The segment is split there, unless a vertex is nearer than 1e-6 mm; both pieces keep its feed and force, and press
-    turns with the arc. Raises ValueError for an open path, a segment that it has not, or a fraction outside 0..1.
+    segment: 1 to N - 1, the row in which the segment ends.
+    fraction: 0 to 1 along the segment.
+    The segment is split there unless a vertex is nearer than 1e-6 mm. Both pieces keep its feed and
+    force; the direction of the force turns along the arc. Raises ValueError for an open path, an
+    unknown segment, or a fraction outside 0 to 1.
     """
     if not path.closed:
         raise ValueError("the start of an open path cannot be moved")
@@ -45,7 +48,7 @@ def starting_at(path: ToolPath, segment: int, fraction: float) -> ToolPath:
 def starting_each(
     paths: Sequence[ToolPath], segment: Sequence[int], fraction: Sequence[float]
 ) -> list[ToolPath]:
-    """``starting_at`` for many paths at once: the same, a hundred times faster per path."""
+    """`starting_at` for many paths at once, a hundred times as fast for each path."""
     if not paths:
         return []
     drawn = end_to_end(paths)
@@ -72,7 +75,7 @@ def starting_each(
 
 
 def reverse_each(paths: Sequence[ToolPath]) -> list[ToolPath]:
-    """``ToolPath.reversed`` for many paths at once."""
+    """`ToolPath.reversed` for many paths at once."""
     if not paths:
         return []
     drawn = end_to_end(paths)
@@ -80,8 +83,7 @@ def reverse_each(paths: Sequence[ToolPath]) -> list[ToolPath]:
     ends = np.cumsum(rows)
     firsts = ends - rows
     owner, step = owners(rows), ramp(rows)
-    vertex = ends[owner] - 1 - step
-    segment = ends[owner] - np.maximum(step, 1)
+    vertex, segment = ends[owner] - 1 - step, ends[owner] - np.maximum(step, 1)
     moved = replace(drawn, table=drawn.table[segment])
     for name in _AT_VERTICES:
         getattr(moved, name)[:] = getattr(drawn, name)[vertex]
@@ -98,17 +100,17 @@ def end_to_end(paths: Sequence[ToolPath]) -> ToolPath:
 def _snap(
     drawn: ToolPath, base: IntArray, rows: IntArray, segment: IntArray, fraction: FloatArray
 ) -> tuple[IntArray, FloatArray, Spans]:
-    """The segment at or in which each path begins, the fraction (0: at its first vertex), and these segments."""
+    """Start of each path: its segment, the fraction (0 for the first vertex), and the segments."""
 
-    def at(number: IntArray) -> Spans:
+    def spans_of(number: IntArray) -> Spans:
         row = base + number
         return make_spans(drawn.position[row - 1], drawn.via[row], drawn.position[row])
 
-    chosen = at(segment)
+    chosen = spans_of(segment)
     late = (1 - fraction) * chosen.length < SAME_POINT_MM
     segment = np.where(late, segment % (rows - 1) + 1, segment)
     fraction = np.where(late | (fraction * chosen.length < SAME_POINT_MM), 0.0, fraction)
-    return segment, fraction, at(segment) if late.any() else chosen
+    return segment, fraction, spans_of(segment) if late.any() else chosen
 
 
 def _split(
@@ -119,27 +121,32 @@ def _split(
     cut: Spans,
     fraction: FloatArray,
 ) -> None:
-    """Writes the two pieces of every split segment into the rows that begin and end its path."""
+    """Write both pieces of every split segment into the first and last row of its path.
+
+    ends: first and last rows of the paths.
+    """
     inside = np.flatnonzero(fraction > 0)
     cut, part, old = cut.pick(inside), fraction[inside], before[inside]
     first, last = ends[0][inside], ends[1][inside]
     moved.position[first] = moved.position[last] = cut.point(part)
-    moved.axis[first] = moved.axis[last] = between(drawn.axis[old], drawn.axis[old + 1], part)
+    moved.axis[first] = moved.axis[last] = interpolate_vectors(
+        drawn.axis[old], drawn.axis[old + 1], part
+    )
 
     c = cut.curved
     moved.via[first[c] + 1] = cut.point((1 + part) / 2)[c]
     moved.via[last[c]] = cut.point(part / 2)[c]
 
     press = drawn.force_direction[old + 1]
-    turned = between(press[:, 0], press[:, 1], part)
+    turned = interpolate_vectors(press[:, 0], press[:, 1], part)
     axle = cross(cut.towards[c], cut.along[c])
     turned[c] = turn_vectors(press[c, 0], axle, part[c] * cut.sweep[c])
     pressed = moved.force_direction
     pressed[first, 0] = pressed[first + 1, 0] = pressed[last, 1] = turned
 
 
-def between(a: FloatArray, b: FloatArray, fraction: FloatArray) -> FloatArray:
-    """Unit vectors (K, 3) that turn evenly from ``a`` to ``b``; where both are equal or zero, ``a`` itself."""
+def interpolate_vectors(a: FloatArray, b: FloatArray, fraction: FloatArray) -> FloatArray:
+    """Unit vectors (K, 3) interpolated by angle from `a` to `b`; `a` if both are equal or zero."""
     angle = angles(a, b)
     result = a.copy()
     turns = angle > 1e-12
@@ -150,17 +157,20 @@ def between(a: FloatArray, b: FloatArray, fraction: FloatArray) -> FloatArray:
 
 
 def ends_of(paths: Sequence[ToolPath]) -> tuple[FloatArray, FloatArray]:
-    """Where the paths begin and where they end, x y (K, 2) each, mm."""
-    # Number by number, which takes half the time of an array for each path.
-    numbers = (path.table.item(row, axis) for path in paths for row in (0, -1) for axis in (0, 1))
-    ends = np.fromiter(numbers, np.float64, 4 * len(paths)).reshape(-1, 2, 2)
+    """Start points and end points of the paths, x y (K, 2) each, mm."""
+    # One number at a time takes half the time of an array for each path.
+    numbers: list[float] = []
+    for path in paths:
+        item = path.table.item
+        numbers += item(0, 0), item(0, 1), item(-1, 0), item(-1, 1)
+    ends = np.array(numbers, np.float64).reshape(-1, 2, 2)
     return ends[:, 0], ends[:, 1]
 
 
 def _cut(paths: Sequence[ToolPath], table: FloatArray, ends: IntArray) -> list[ToolPath]:
-    """``paths`` with the rows that were made for all of them; views, for copies and ``replace`` would cost most.
+    """The paths with new rows, as views of `table`: copies and `replace` would take most time.
 
-    ValueError for a path that has a floor: tabs keep away from where it starts, so that is chosen before.
+    Raises ValueError for a path with tabs, since tabs are placed relative to its start.
     """
     held = next((path.id for path in paths if path.floor is not None), None)
     if held is not None:
@@ -168,8 +178,8 @@ def _cut(paths: Sequence[ToolPath], table: FloatArray, ends: IntArray) -> list[T
     table.flags.writeable = False
     return [
         ToolPath(
-            path.id, path.layer, table[a:b], path.closed, path.reversible, path.parent, path.depths, path.contours,
-            path.operation, None, path.entry_radius, path.pinned,
+            path.id, path.layer, table[a:b], path.closed, path.reversible, path.parent,
+            path.depths, path.contours, path.operation, None, path.entry_radius, path.pinned,
         )
         for path, (a, b) in zip(paths, pairwise([0, *ends.tolist()]), strict=True)
     ]  # fmt: skip

@@ -1,4 +1,4 @@
-"""Jobs with several operations: which contours each one works on, and in what order they run."""
+"""Splits a job with several operations: the contours of each, and the order in which they run."""
 
 from __future__ import annotations
 
@@ -19,20 +19,23 @@ from camgen.read.chosen import is_chosen_layer
 from camgen.read.colors import format_color, resolve_named
 from camgen.read.marks import can_drill_marks
 
-#: What is done first: holes, pockets, what is drawn on the part and at its edges, and last what cuts it out.
+#: Rank of each kind, lower ranks first: holes, pockets, lines on the part, edges, outlines.
 _RANKS = {"drill": 0, "bore": 0, "pocket": 1, "fill": 2, "trace": 2, "chamfer": 3, "follow": 4}
-#: The operations whose sides follow from all contours that bound material.
-_BESIDE = ("follow", "chamfer")
-#: The operations that look for circles themselves.
+#: Operations that need all contours that bound material, to find the side of the tool.
+_ALONG_MATERIAL = ("follow", "chamfer")
+#: Operations that search for circles themselves.
 _HOLES = ("drill", "bore")
-#: So many colors are named where there is not the one that is asked for.
-_SHOWN = 20
-#: A loop is a circle whose points and middles leave one by no more than this share of its radius.
-_ROUND = 0.002
+#: Maximum number of colors that a message lists.
+_LISTED_COLORS = 20
+#: Maximum deviation of a contour from a circle, as a fraction of its radius.
+_CIRCLE_DEVIATION = 0.002
 
 
 def job_of(job: Job, step: Step) -> Job:
-    """The job of one operation by itself. ``holes`` has chosen the contours of one that looks for no circles."""
+    """The job of one operation alone.
+
+    `holes` is removed if the operation does not search for circles: it has chosen the contours.
+    """
     operation = drop_inherited(step.operation, job.operation)
     if operation.kind not in _HOLES:
         operation = replace(operation, holes=None)
@@ -42,10 +45,7 @@ def job_of(job: Job, step: Step) -> Job:
 
 
 def name_drills(jobs: Sequence[Job]) -> list[ToolTable]:
-    """The tools of operations, each with the kind that its operations show.
-
-    An end mill is the default kind. An end mill that only drills is a drill.
-    """
+    """The tools of operations. An end mill that only drills gets the kind "drill"."""
     milling = [job.tool for job in jobs if job.operation.kind != "drill"]
     return [
         replace(job.tool, kind="drill")
@@ -56,8 +56,12 @@ def name_drills(jobs: Sequence[Job]) -> list[ToolTable]:
 
 
 class Share(Struct, frozen=True, eq=False):
-    """What one operation works on. number: its place in ``Job.operations``. part: with the contours that it works on,
-    and those that bound material where it runs beside them.
+    """The part of a job that one operation does.
+
+    number: index in `Job.operations`.
+    step: the operation.
+    part: the part with the contours of the operation. For `follow` and `chamfer` it has also those
+        that bound material.
     """
 
     number: int
@@ -66,104 +70,119 @@ class Share(Struct, frozen=True, eq=False):
 
 
 def share_out(part: Part, job: Job) -> tuple[list[Share], list[Note]]:
-    """What each operation of ``job`` does on the flat ``part``, as they are listed, and notes.
+    """The share of each operation of `job` in the flat `part`, as listed, with notes.
 
-    InputError where an operation has no contour, JobError for a part that is not flat.
+    Raises InputError if an operation has no contour, and JobError if the part is not flat.
     """
     if part.solid is not None or part.curves:
         raise JobError(
             "job", "several operations are for flat parts", "[[operations]]", "use [operation]"
         )
     chosen = _choose_each(part, job)
-    boundary = _bound_material(part, job.operations, chosen)
+    boundary = _find_bounding(part, job.operations, chosen)
     shares = []
     for number, step in enumerate(job.operations):
-        ids = boundary | chosen[number] if step.operation.kind in _BESIDE else chosen[number]
-        shown = tuple(c for c in part.contours if c.id in ids)
-        shares.append(
-            Share(number, step, replace(part, contours=shown, notes=(), worked=chosen[number]))
-        )
-    return shares, _left(part, chosen)
+        needs_boundary = step.operation.kind in _ALONG_MATERIAL
+        ids = boundary | chosen[number] if needs_boundary else chosen[number]
+        contours = tuple(c for c in part.contours if c.id in ids)
+        step_part = replace(part, contours=contours, notes=(), worked=chosen[number])
+        shares.append(Share(number, step, step_part))
+    return shares, _note_unused(part, chosen)
 
 
 def find_boundary(part: Part, job: Job) -> frozenset[str]:
     """The ids of the contours that bound material in a job with several operations."""
-    return _bound_material(part, job.operations, _choose_each(part, job))
+    return _find_bounding(part, job.operations, _choose_each(part, job))
 
 
 def _choose_each(part: Part, job: Job) -> list[frozenset[str]]:
-    """The ids of the contours that each operation of ``job`` works on."""
     return [_choose(part, step, number) for number, step in enumerate(job.operations)]
 
 
 def name_of(job: Job, number: int) -> str:
-    """An operation for messages: its place, counted from 0 as ``--set`` does, what it is, and its tool."""
+    """The name of an operation in messages: its index, counted from 0, its kind and its tool."""
     step = job.operations[number]
-    tool = step.tool.name or (
-        f"T{step.tool.number}" if step.tool.number else f"{step.tool.diameter:g} mm"
-    )
+    number_or_size = f"T{step.tool.number}" if step.tool.number else f"{step.tool.diameter:g} mm"
+    tool = step.tool.name or number_or_size
     return f"operation {number} {step.operation.kind} - {tool}"
 
 
-def _left(part: Part, chosen: Sequence[frozenset[str]]) -> list[Note]:
-    """A note on the contours that no operation works on."""
+def _note_unused(part: Part, chosen: Sequence[frozenset[str]]) -> list[Note]:
     used = frozenset[str]().union(*chosen)
     ids = tuple(c.id for c in part.contours if c.id not in used)
     if not ids:
         return []
     named = ", ".join(ids[:8]) + (" ..." if len(ids) > 8 else "")
-    what = f"{len(ids)} of {len(part.contours)} contours in no operation: {named}"
-    return [Note("assumed", what, "no row of [[operations]] chooses them", ids)]
+    return [
+        Note(
+            "assumed",
+            f"{len(ids)} of {len(part.contours)} contours in no operation: {named}",
+            "no row of [[operations]] chooses them",
+            ids,
+        )
+    ]
 
 
 def _choose(part: Part, step: Step, number: int) -> frozenset[str]:
-    """The ids of the contours that an operation works on. InputError for none, and for what the part has not."""
+    """The ids of the contours that an operation works on.
+
+    Raises InputError if it has none, or names something that the part does not have.
+    """
     choice, where = step.choice, f"operations.{number}"
     known = {c.id for c in part.contours}
-    strange = [name for name in choice.ids if name not in known]
-    if strange:
-        remedy = "camgen inspect -v shows their ids"
-        raise InputError(part.source, f"there is no contour {strange[0]!r}", f"{where}.ids", remedy)
-    colors = _chosen_colors(part, choice, where)
-    found = [
-        c
-        for c in part.contours
-        if is_chosen_layer(c.layer, choice.layers) and (not choice.ids or c.id in choice.ids)
-    ]
+    unknown = [name for name in choice.ids if name not in known]
+    if unknown:
+        raise InputError(
+            part.source,
+            f"there is no contour {unknown[0]!r}",
+            f"{where}.ids",
+            "camgen inspect -v shows their ids",
+        )
+    colors = _choose_colors(part, choice, where)
+    chosen = [c for c in part.contours if is_chosen_layer(c.layer, choice.layers)]
+    chosen = [c for c in chosen if not choice.ids or c.id in choice.ids]
     if not can_drill_marks(step.operation):
-        found = [c for c in found if not c.is_mark]
-    found = [c for c in found if not choice.colors or c.color in colors]
+        chosen = [c for c in chosen if not c.is_mark]
+    chosen = [c for c in chosen if not choice.colors or c.color in colors]
     if choice.nesting != "any":
         inner = find_enclosed(part)
         outer = {c.id for c in part.contours if c.closed} - inner
         check_outlines(part, outer, f"choose by layers or ids in place of {where}.nesting")
-        found = [c for c in found if (c.id in inner) == (choice.nesting == "inner") and c.closed]
+        chosen = [c for c in chosen if (c.id in inner) == (choice.nesting == "inner") and c.closed]
     holes = step.operation.holes
     if holes is not None and step.operation.kind not in _HOLES:
-        found = [c for c in found if _measure_circle(c, holes)]
-    if not found and part.raster is None:
+        chosen = [c for c in chosen if _has_diameter(c, holes)]
+    if not chosen and part.raster is None:
         what = "chooses no contour of the drawing"
-        remedy = "camgen inspect shows layers and colors; see layers, colors, ids, nesting and holes of the row"
-        raise InputError(part.source, what, where, remedy)
-    return frozenset(c.id for c in found)
+        shown = "camgen inspect shows layers and colors"
+        raise InputError(
+            part.source,
+            what,
+            where,
+            f"{shown}; see layers, colors, ids, nesting and holes of the row",
+        )
+    return frozenset(c.id for c in chosen)
 
 
-def _chosen_colors(part: Part, choice: Choice, where: str) -> frozenset[str]:
-    """The colors that are asked for. InputError for one that no contour has."""
-    there = {c.color for c in part.contours}
-    asked = [resolve_named(name) for name in choice.colors]
-    for name, colors in zip(choice.colors, asked, strict=True):
-        if there.isdisjoint(colors):
-            known = ", ".join(format_color(color) for color in sorted(there - {""})[:_SHOWN])
+def _choose_colors(part: Part, choice: Choice, where: str) -> frozenset[str]:
+    """The colors that a row names. Raises InputError for one that no contour has."""
+    part_colors = {c.color for c in part.contours}
+    chosen = frozenset[str]()
+    for name in choice.colors:
+        colors = resolve_named(name)
+        if part_colors.isdisjoint(colors):
+            listed = sorted(part_colors - {""})[:_LISTED_COLORS]
+            names = ", ".join(format_color(color) for color in listed)
             remedy = (
-                f"there are {known}"
-                if known
+                f"there are {names}"
+                if names
                 else "the input has no colors: choose by layers or ids"
             )
             raise InputError(
                 part.source, f"no contour has the color {name!r}", f"{where}.colors", remedy
             )
-    return frozenset[str]().union(*asked)
+        chosen = chosen.union(colors)
+    return chosen
 
 
 def find_enclosed(part: Part) -> frozenset[str]:
@@ -171,38 +190,38 @@ def find_enclosed(part: Part) -> frozenset[str]:
     closed = [c for c in part.contours if c.closed]
     if not closed:
         return frozenset()
-    from camgen.geometry.nesting import find_nesting  # noqa: PLC0415 (shapely is loaded only by what needs it)
+    from camgen.geometry.nesting import find_nesting  # noqa: PLC0415 (it loads shapely)
 
     depth = find_nesting(from_contours(closed), len(closed)).depth
     return frozenset(c.id for c, level in zip(closed, depth.tolist(), strict=True) if level > 0)
 
 
-def _measure_circle(contour: Contour, diameters: Sequence[float]) -> bool:
-    """Whether a contour is a circle with one of the diameters [from, to], mm."""
+def _has_diameter(contour: Contour, diameters: Sequence[float]) -> bool:
     if not contour.closed:
         return False
     segments = from_contours([contour])
     centre = segments.centre[0] if segments.is_arc[0] else contour.points.mean(axis=0)
-    away = np.linalg.norm(contour.points - centre, axis=1)
-    radius = float(away.mean())
-    rounded = np.abs(away - radius).max() <= _ROUND * radius and (
+    distances = np.linalg.norm(contour.points - centre, axis=1)
+    radius = float(distances.mean())
+    is_round = np.abs(distances - radius).max() <= _CIRCLE_DEVIATION * radius and (
         segments.is_arc.all() or len(contour.points) > 15
     )
-    least, most = diameters if len(diameters) == 2 else (np.inf, 0.0)
-    return bool(rounded) and least - SAME_POINT_MM <= 2 * radius <= most + SAME_POINT_MM
+    low, high = diameters if len(diameters) == 2 else (np.inf, 0.0)
+    return bool(is_round) and low - SAME_POINT_MM <= 2 * radius <= high + SAME_POINT_MM
 
 
-def _bound_material(
+def _find_bounding(
     part: Part, steps: Sequence[Step], chosen: Sequence[frozenset[str]]
 ) -> frozenset[str]:
-    """The contours that say where material is: those that operations run beside, and those that none works on. What is
-    drilled, cleared or drawn is on the material, not its border.
+    """The contours that bound material: of `follow`, of `chamfer`, and of no operation.
+
+    Contours that are drilled, cleared or drawn lie on the material.
     """
-    beside, others = set[str](), set[str]()
+    along, others = set[str](), set[str]()
     for step, ids in zip(steps, chosen, strict=True):
-        (beside if step.operation.kind in _BESIDE else others).update(ids)
+        (along if step.operation.kind in _ALONG_MATERIAL else others).update(ids)
     bounding = [c for c in part.contours if not c.is_mark]
-    return frozenset(c.id for c in bounding if c.id in beside or c.id not in others)
+    return frozenset(c.id for c in bounding if c.id in along or c.id not in others)
 
 
 def find_enclosed_by(part: Part, ids: frozenset[str]) -> frozenset[str]:
@@ -223,64 +242,65 @@ def find_enclosed_by(part: Part, ids: frozenset[str]) -> frozenset[str]:
     return frozenset(enclosed)
 
 
-def arrange(
+def order_steps(
     steps: Sequence[Step],
     worked: Sequence[frozenset[str]],
     enclosed: Sequence[frozenset[str]] = (),
 ) -> list[int]:
-    """The numbers of the operations in the order in which they run.
+    """The indices of the operations in the order in which they run.
 
-    Holes come before pockets before profiles, and profiles after those inside them. The tool stays
-    where that allows it. Two operations that work on one contour stay as they are listed.
+    Holes come before pockets before profiles, and profiles after those inside them. Operations
+    with the same tool follow each other if that allows it. Two operations that work on one contour
+    keep their order.
 
     worked: the contours of each operation.
     enclosed: the contours inside them, for operations that cut profiles; none for the others.
     """
-    first = _find_earlier(steps, worked, enclosed or [frozenset()] * len(steps))
-    ranks = _rank(steps, first)
-    left = list(range(len(steps)))
+    earlier = _find_earlier(steps, worked, enclosed or [frozenset()] * len(steps))
+    ranks = _rank(steps, earlier)
+    pending = list(range(len(steps)))
     order: list[int] = []
-    while left:
-        least = min(ranks[k] for k in left)
-        free = [k for k in left if ranks[k] == least and not first[k] & set(left)]
+    while pending:
+        lowest = min(ranks[k] for k in pending)
+        free = [k for k in pending if ranks[k] == lowest and not earlier[k] & set(pending)]
         same = [k for k in free if order and steps[k].tool == steps[order[-1]].tool]
         order.append((same or free)[0])
-        left.remove(order[-1])
+        pending.remove(order[-1])
     return order
 
 
 def _find_earlier(
     steps: Sequence[Step], worked: Sequence[frozenset[str]], enclosed: Sequence[frozenset[str]]
 ) -> list[set[int]]:
-    """The operations that come before each: listed before it for the same contours, or inside it."""
+    """The operations before each: listed before it for the same contours, or inside it."""
     count = range(len(steps))
-    first: list[set[int]] = [set() for _ in steps]
+    earlier: list[set[int]] = [set() for _ in steps]
     for k in count:
         for j in count:
             if j < k and worked[j] & worked[k]:
-                first[k].add(j)
+                earlier[k].add(j)
     for k in count:
         for j in count:
             inside = worked[j] & enclosed[k] and not worked[k] & enclosed[j]
-            if inside and not worked[j] & worked[k] and not _comes_before(first, k, j):
-                first[k].add(j)
-    return first
+            if inside and not worked[j] & worked[k] and not _comes_before(earlier, k, j):
+                earlier[k].add(j)
+    return earlier
 
 
-def _comes_before(first: Sequence[set[int]], early: int, late: int) -> bool:
-    """Whether an operation has to come before another one, directly or by way of others."""
-    waiting, seen = [late], set[int]()
+def _comes_before(earlier: Sequence[set[int]], first: int, second: int) -> bool:
+    """True if `first` has to come before `second`, directly or because of other operations."""
+    waiting, seen = [second], set[int]()
     while waiting:
-        for k in first[waiting.pop()] - seen:
+        for k in earlier[waiting.pop()] - seen:
             seen.add(k)
             waiting.append(k)
-    return early in seen
+    return first in seen
 
 
-def _rank(steps: Sequence[Step], first: Sequence[set[int]]) -> list[int]:
-    """When each is done: by its kind, and not before those that come first."""
+def _rank(steps: Sequence[Step], earlier: Sequence[set[int]]) -> list[int]:
+    """The rank of each operation: at least its kind's rank, and the ranks of those before it."""
     ranks = [_RANKS.get(step.operation.kind, _RANKS["follow"]) for step in steps]
     for _ in steps:
-        for k, before in enumerate(first):
+        for k, before in enumerate(earlier):
             ranks[k] = max([ranks[k], *(ranks[j] for j in before)])
     return ranks

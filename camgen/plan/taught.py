@@ -1,8 +1,8 @@
-"""Robot programs anew: what an old one does, as tool paths for another arm.
+"""Turns a robot program into tool paths for another arm.
 
-Joint values mean nothing to another arm. With ``operation.taught_on``, the arm that the program was written for, they
-become the pose that they gave there. Those with which the program begins and ends are that arm's home, for which the
-home of the cell stands.
+Joint values mean nothing to another arm. With `operation.taught_on`, the arm for which the program
+was written, they become poses. The joint values with which the program starts and ends are the
+home of that arm; the home of the cell replaces them.
 """
 
 from __future__ import annotations
@@ -24,53 +24,61 @@ from camgen.model.pose import Pose, frozen, to_vec3
 from camgen.model.program import Columns, Instruction, Joints, Motion, MoveC, MoveJ, MoveL, Output
 from camgen.model.text import counted
 from camgen.plan import ReplayPlan
-from camgen.plan.unused import no_idle
+from camgen.plan.unused import check_idle
 from camgen.robots.models import Robot
 from camgen.robots.workcell import Workcell
 
 
 def plan_taught(part: Taught, job: Job, cell: Cell | None) -> ReplayPlan:
-    """The program's motions as they stand in it; its paths are what it runs in lines and arcs, between motions of the
-    joints. InputError for a motion to joint values that cannot be told to another arm.
+    """Plan the motions of a program in its order; its lines and arcs are the paths.
+
+    Raises InputError for a program without poses, and for joint values that cannot be converted.
     """
-    no_idle(job, "a taught program")
-    body, lines, notes = _without_joints(part, job, cell)
+    check_idle(job, "a taught program")
+    body, lines, notes = _replace_joints(part, job, cell)
     if not any(isinstance(item, MoveJ | MoveL | MoveC) for item in body):
         raise InputError(
             part.source, "holds no motion to a pose", remedy="name its arm: operation.taught_on"
         )
     body, stops = _stop_before_others(body)
     if stops:
-        what = f"{counted(stops, 'motion stops', 'motions stop')} at the end instead of blending"
         notes.append(
             Note(
                 "assumed",
-                what,
-                "an output, a wait or the end comes next, which would act on the way",
+                f"{counted(stops, 'motion stops', 'motions stop')} at the end instead of blending",
+                "an output, a wait or the end comes next, which would take effect on the way",
             )
         )
-    body, in_place = _drop_joint_turns(body, cell)
-    if in_place:
-        count = counted(in_place, "joint motion")
-        what = f"{count} without the speed at which the tool turns"
-        why = "joint motions of this controller have none; with cell.robot they get a share"
-        notes.append(Note("skipped", what, why))
+    body, dropped = _drop_joint_turns(body, cell)
+    if dropped:
+        notes.append(
+            Note(
+                "skipped",
+                f"{counted(dropped, 'joint motion')} without the speed at which the tool turns",
+                "joint motions of this controller have none; with cell.robot they get a share",
+            )
+        )
     columns = Columns(body)
     unstated = int((columns.turned & (columns.turn == 0)).sum())
     if unstated:
         turns = counted(unstated, "motion only turns", "motions only turn")
-        what = f"{turns} the tool: at {job.process.turn:g} deg/s"
-        notes.append(Note("assumed", what, "the text states no speed of turning for them"))
+        notes.append(
+            Note(
+                "assumed",
+                f"{turns} the tool: at {job.process.turn:g} deg/s",
+                "the text states no speed of turning for them",
+            )
+        )
     run = replace(part.run, body=tuple(body), lines=tuple(lines))
     paths, travel = paths_of(body, lines)
-    every = (*part.notes, *notes, *_tell_frames(part, job))
-    return ReplayPlan(part, paths, every, run=run, travel=travel, made=paths)
+    notes = [*part.notes, *notes, *_note_frames(part, job)]
+    return ReplayPlan(part, paths, tuple(notes), run=run, travel=travel, made=paths)
 
 
 def _drop_joint_turns(body: list[Instruction], cell: Cell | None) -> tuple[list[Instruction], int]:
-    """Drops speeds of turning of joint motions for a controller without them.
+    """Drop the reorientation speeds of joint motions for a controller without them.
 
-    Returns the body and their number. With an arm they stay, and its joints get a share.
+    Returns the body and their number. With an arm they stay, and its joints get a fraction.
     """
     has_arm = isinstance(cell, Workcell) and cell.arm is not None
     if cell is None or cell.pace.turns or has_arm:
@@ -81,94 +89,78 @@ def _drop_joint_turns(body: list[Instruction], cell: Cell | None) -> tuple[list[
     return body, len(turns)
 
 
-def _tell_frames(part: Taught, job: Job) -> list[Note]:
-    """What the text does not say of its frames, and the job does not either."""
-    found = []
-    for frame, given, key, what in (
-        (
-            part.frames.flange_from_tool,
-            job.cell.flange_from_tool,
-            "cell.flange_from_tool",
-            f"tool {part.frames.tool}",
-        ),
-        (
-            part.frames.base_from_work,
-            job.cell.base_from_work,
-            "cell.base_from_work",
-            f"frame {part.frames.work}",
-        ),
-    ):
-        if frame is None and given is None:
-            found.append(
+def _note_frames(part: Taught, job: Job) -> list[Note]:
+    tool, work = f"tool {part.frames.tool}".strip(), f"frame {part.frames.work}".strip()
+    notes = []
+    for key, name in (("flange_from_tool", tool), ("base_from_work", work)):
+        if getattr(part.frames, key) is None and getattr(job.cell, key) is None:
+            notes.append(
                 Note(
                     "assumed",
-                    f"the {what.strip()} is that of the cell",
-                    f"no text says it; set {key}",
+                    f"the {name} is that of the cell",
+                    f"the text does not state it; set cell.{key}",
                 )
             )
-    return found
+    return notes
 
 
 # Joint values.
 
 
-def _without_joints(
+def _replace_joints(
     part: Taught, job: Job, cell: Cell | None
 ) -> tuple[list[Instruction], list[int], list[Note]]:
-    """The body with the home of the cell for the joint values with which it begins and ends, which it may go to in
-    between as well, and with poses for all others.
+    """The body with poses in place of joint values, its lines, and notes.
+
+    The joint values at the start and the end of the program, and equal ones in between, become the
+    home of the cell.
     """
     items = list(zip(part.run.body, part.run.lines, strict=True))
-    at = {
-        k: values for k, (item, _) in enumerate(items) if (values := _joints_of(item)) is not None
-    }
-    arm = _find_arm(job.operation.taught_on) if job.operation.taught_on else None
-    own = cell.arm if isinstance(cell, Workcell) else None
-    if not at or (arm is not None and own is not None and own.name == arm.name):
+    joints: dict[int, tuple[float, ...]] = {}
+    for k, (item, _) in enumerate(items):
+        if isinstance(item, MoveJ) and isinstance(item.target, Joints):
+            joints[k] = item.target.values
+    taught_arm = _find_arm(job.operation.taught_on) if job.operation.taught_on else None
+    cell_arm = cell.arm if isinstance(cell, Workcell) else None
+    is_same = taught_arm is not None and cell_arm is not None and cell_arm.name == taught_arm.name
+    if not joints or is_same:
         return list(part.run.body), list(part.run.lines), []
     moves = [k for k, (item, _) in enumerate(items) if isinstance(item, MoveJ | MoveL | MoveC)]
-    homes = {at[k] for k in (moves[0], moves[-1]) if k in at}
-    inner = 0
-    for k, values in at.items():
+    homes = {joints[k] for k in (moves[0], moves[-1]) if k in joints}
+    converted = 0
+    for k, values in joints.items():
         item, line = items[k]
         if values in homes:
             assert isinstance(item, MoveJ)
-            items[k] = (MoveJ(_home_of(cell), item.speed, turn=item.turn), line)
+            if cell is None:
+                raise JobError(
+                    "cell", "is not given", remedy="the program goes home, which is that of a cell"
+                )
+            items[k] = (MoveJ(cell.home, item.speed, turn=item.turn), line)
         else:
-            items[k] = (replace(item, target=_pose_of(values, arm, part, cell, line)), line)
-            inner += 1
-    # The program begins at home anyway.
-    kept = [pair for k, pair in enumerate(items) if k != moves[0] or k not in at]
-    notes = (
-        [_told(len(at) - inner, "values", "the home of this cell is meant")]
-        if len(at) > inner
-        else []
-    )
-    if arm is not None and inner:
-        notes.append(_told(inner, f"values of {arm.name}", "it goes to where these put the tool"))
-    return [item for item, _ in kept], [line for _, line in kept], notes
+            target = _convert_joints(values, taught_arm, part, cell, line)
+            items[k] = (replace(item, target=target), line)
+            converted += 1
+    # The program starts at home in any case.
+    if moves[0] in joints:
+        del items[moves[0]]
+    notes = []
+    if len(joints) > converted:
+        notes.append(
+            _note_joints(len(joints) - converted, "values", "the home of this cell replaces them")
+        )
+    if taught_arm is not None and converted:
+        what = "they become the pose of its tool"
+        notes.append(_note_joints(converted, f"values of {taught_arm.name}", what))
+    return [item for item, _ in items], [line for _, line in items], notes
 
 
-def _told(count: int, values: str, what: str) -> Note:
+def _note_joints(count: int, values: str, what: str) -> Note:
     return Note(
         "assumed",
         f"{counted(count, 'motion')} to joint {values}: {what}",
         "another arm has other joints",
     )
-
-
-def _joints_of(item: Instruction) -> tuple[float, ...] | None:
-    return (
-        item.target.values if isinstance(item, MoveJ) and isinstance(item.target, Joints) else None
-    )
-
-
-def _home_of(cell: Cell | None) -> Pose | Joints:
-    if cell is None:
-        raise JobError(
-            "cell", "is not given", remedy="the program goes home, which is that of a cell"
-        )
-    return cell.home
 
 
 def _find_arm(name: str) -> Robot:
@@ -181,7 +173,10 @@ def _find_arm(name: str) -> Robot:
 
 
 def find_flange(name: str) -> Reach:
-    """Where the flange of the arm ``name`` is in its base, from joint values. JobError where there is no such arm."""
+    """A function from joint values of the arm `name` to the pose of its flange in its base.
+
+    Raises JobError for an unknown arm.
+    """
     from camgen.robots.kinematics.forward import flange  # noqa: PLC0415 (only for what needs it)
 
     arm = _find_arm(name)
@@ -195,18 +190,28 @@ def find_flange(name: str) -> Reach:
     return reach
 
 
-def _pose_of(
+def _convert_joints(
     values: tuple[float, ...], arm: Robot | None, part: Taught, cell: Cell | None, line: int
 ) -> Pose:
-    """Where ``arm`` puts the tool, in the work frame. InputError where no arm is known, or it has other joints."""
+    """The pose of the tool in the work frame if `arm` has joint `values`.
+
+    Raises InputError if no arm is named or it has another number of joints.
+    """
     if arm is None:
-        what = "goes to joint values, which say nothing to another arm"
-        remedy = 'name the arm that it was written for: operation.taught_on = "abb_irb120"'
-        raise InputError(part.source, what, f"line {line}", remedy)
+        raise InputError(
+            part.source,
+            "goes to joint values, which mean nothing to another arm",
+            f"line {line}",
+            'name the arm that it was written for: operation.taught_on = "abb_irb120"',
+        )
     flange = find_flange(arm.name)(values)
     if flange is None:
-        what = f"{counted(len(values), 'joint value')}, and {arm.name} has {len(arm.joints)}"
-        raise InputError(part.source, what, f"line {line}", "name another arm: operation.taught_on")
+        raise InputError(
+            part.source,
+            f"{counted(len(values), 'joint value')}, and {arm.name} has {len(arm.joints)}",
+            f"line {line}",
+            "name another arm: operation.taught_on",
+        )
     tool = part.frames.flange_from_tool or (cell.flange_from_tool if cell else None)
     work = part.frames.base_from_work or (cell.base_from_work if cell else None)
     if tool is None or work is None:
@@ -214,14 +219,14 @@ def _pose_of(
     return work.inverse() @ flange @ tool
 
 
-# Corners and paths.
+# Blends and paths.
 
 
 def _stop_before_others(body: list[Instruction]) -> tuple[list[Instruction], int]:
     """The body with stops before instructions that are not motions, and their number.
 
-    The program for the new arm switches outputs on after the first motion if the text does so
-    before it. Then the first motion stops too.
+    An output that the text sets before the first motion is set after it in the program for the new
+    arm. So the first motion stops too.
     """
     moving = [isinstance(item, MoveJ | MoveL | MoveC) for item in body]
     first = moving.index(True)
@@ -238,53 +243,57 @@ def _stop_before_others(body: list[Instruction]) -> tuple[list[Instruction], int
 
 
 def stretches(moves: Sequence[Motion]) -> list[tuple[int, int]]:
-    """What is run in lines and arcs: from the motion of the joints before, if that goes to a pose, to before the next
-    one.
+    """The ranges of motions that are lines and arcs.
+
+    A range starts with the joint motion before, if its target is a pose: the start of the path.
     """
     if not moves:
         return []
     cuts = [0, *(k for k, move in enumerate(moves) if k and isinstance(move, MoveJ)), len(moves)]
-    found = [
-        (low if isinstance(moves[low].target, Pose) else low + 1, high)
-        for low, high in pairwise(cuts)
-    ]
-    return [(low, high) for low, high in found if high - low > 1]
+    ranges = []
+    for low, high in pairwise(cuts):
+        first = low if isinstance(moves[low].target, Pose) else low + 1
+        if high - first > 1:
+            ranges.append((first, high))
+    return ranges
 
 
 def paths_of(
     body: Sequence[Instruction], lines: Sequence[int]
 ) -> tuple[tuple[ToolPath, ...], float]:
-    """The stretches as paths, and mm of the motions of the joints."""
-    every = zip(body, lines, strict=True)
-    pairs = [(item, n) for item, n in every if isinstance(item, MoveJ | MoveL | MoveC)]
-    moves, at = [item for item, _ in pairs], [n for _, n in pairs]
-    found = stretches(moves)
-    paths = tuple(_path(k, at[low + 1], moves[low:high]) for k, (low, high) in enumerate(found, 1))
-    return paths, math.fsum(_apart(a, b) for a, b in pairwise(moves) if isinstance(b, MoveJ))
+    """The lines and arcs of a body as paths, and the length of its joint motions, mm."""
+    moves: list[Motion] = []
+    line_numbers = []
+    for item, line in zip(body, lines, strict=True):
+        if isinstance(item, MoveJ | MoveL | MoveC):
+            moves.append(item)
+            line_numbers.append(line)
+    paths = [
+        _make_path(k, line_numbers[low + 1], moves[low:high])
+        for k, (low, high) in enumerate(stretches(moves), 1)
+    ]
+    links = [_measure_distance(a, b) for a, b in pairwise(moves) if isinstance(b, MoveJ)]
+    return tuple(paths), math.fsum(links)
 
 
-def _apart(a: Motion, b: Motion) -> float:
+def _measure_distance(a: Motion, b: Motion) -> float:
     if not isinstance(a.target, Pose) or not isinstance(b.target, Pose):
         return 0.0
     return math.dist(a.target.origin, b.target.origin)
 
 
-def _path(number: int, line: int, rows: Sequence[Motion]) -> ToolPath:
-    count = len(rows)
+def _make_path(number: int, line: int, rows: Sequence[Motion]) -> ToolPath:
     poses = [row.target for row in rows if isinstance(row.target, Pose)]
-    via = [
-        row.via.origin if isinstance(row, MoveC) and k else (math.nan,) * 3
-        for k, row in enumerate(rows)
-    ]
-    feed = [rows[max(k, 1)].speed for k in range(count)]
+    none = (math.nan,) * 3
+    vias = [row.via.origin if isinstance(row, MoveC) else none for row in rows[1:]]
     return ToolPath(
         id=f"n{number}",
         layer=f"line {line}",
         table=waypoints(
             position=np.array([pose.origin for pose in poses]),
-            via=via,
+            via=[none, *vias],
             axis=[pose.rotation[:, 2] for pose in poses],
-            feed=feed,
+            feed=[rows[max(k, 1)].speed for k in range(len(rows))],
         ),
         closed=False,
         reversible=False,

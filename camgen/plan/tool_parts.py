@@ -1,4 +1,4 @@
-"""Old programs with tool changes: which part of one each tool runs, and which tool that is."""
+"""Splits an old program at its tool changes and assigns a tool of the job to each part."""
 
 from __future__ import annotations
 
@@ -17,9 +17,13 @@ from camgen.model.tolerance import SAME_POINT_MM
 
 
 class ToolPart(Struct, frozen=True, eq=False):
-    """What one tool runs. tool: None where the program is for the one that is in. known: the job says what it is, not
-    the machine's table alone. body, lines: as in ``ProgramRun``, without tool changes; it begins with a rapid motion.
-    entry: the feed at which an assumed start is reached, mm/s; 0: none is.
+    """The part of a program that one tool runs.
+
+    tool: the tool; None for the only tool of a program, which is the tool of the job.
+    known: the job describes the tool, not only the tool table of the machine.
+    body: instructions without tool changes; the first motion is a rapid motion.
+    lines: line of each instruction.
+    entry: feed to an assumed start, mm/s; 0 without one.
     """
 
     tool: ToolTable | None
@@ -29,9 +33,12 @@ class ToolPart(Struct, frozen=True, eq=False):
     entry: float = 0.0
 
 
-class _Cut(Struct, frozen=True, eq=False):
-    """The instructions from one tool change to the next, each with its line. line: of the change. number: of the tool,
-    None: that which is in.
+class _Section(Struct, frozen=True, eq=False):
+    """The instructions from one tool change to the next.
+
+    number: number of the tool, None for the tool that is loaded at the start.
+    line: line of the tool change.
+    rows: the instructions, each with its line.
     """
 
     number: int | None
@@ -40,135 +47,161 @@ class _Cut(Struct, frozen=True, eq=False):
 
     @property
     def cuts(self) -> bool:
-        """Whether anything is done at feed."""
+        """True if the section has a motion at feed."""
         return any(isinstance(item, MoveL | MoveC) for item, _ in self.rows)
 
 
 def split_by_tool(
-    part: Recorded, job: Job, one_length: bool
+    part: Recorded, job: Job, on_arm: bool
 ) -> tuple[tuple[ToolPart, ...], tuple[Note, ...]]:
-    """The program by its tools, in its order. one_length: whether each tool must be as long as it is, as at an arm.
+    """Split the program into one part per tool, in its order, with notes.
 
-    InputError where no text says which tool it is that cuts, or how long it is.
+    on_arm: an arm runs the program, so the length of each tool has to be known.
+    Raises InputError if the tool of a cut is not stated, or its length is not known.
     """
-    cuts, notes = _without_idle(_split(part))
-    if cuts[0].number is None and len(cuts) > 1:
-        what = f"changes to tool T{cuts[1].number} after the first cut: with which one it cuts before, it does not say"
+    sections, notes = _drop_unused(_split_at_changes(part))
+    first = sections[0].number
+    if first is None and len(sections) > 1:
         raise InputError(
             part.source,
-            what,
-            f"line {cuts[1].line}",
+            f"cuts before its first tool change, to T{sections[1].number}, "
+            "and does not state with which tool",
+            f"line {sections[1].line}",
             "begin it with the number of that tool and M6",
         )
-    rows: dict[int, ToolTable] = {row.number: row for row in job.tools if row.number}
-    rows |= {job.tool.number: job.tool} if job.tool.number and job.tool.number not in rows else {}
-    first = cuts[0].number
-    if len(cuts) == 1 and first not in rows:
+    tools: dict[int, ToolTable] = {row.number: row for row in job.tools if row.number}
+    if job.tool.number and job.tool.number not in tools:
+        tools[job.tool.number] = job.tool
+    if len(sections) == 1 and first not in tools:
         if first is not None:
-            why = "its length and diameter are in no program"
             notes.append(
-                Note("assumed", f"line {cuts[0].line}: tool T{first} is the tool of the job", why)
+                Note(
+                    "assumed",
+                    f"line {sections[0].line}: tool T{first} is the tool of the job",
+                    "its length and diameter are in no program",
+                )
             )
-        return (_part(cuts[0], None, False, part.run.entry),), tuple(notes)
-    if one_length:
-        _insist_on_rows(part.source, cuts, rows)
-    missing = [f"T{one.number}" for one in cuts if one.number not in rows]
+        return (_make_part(sections[0], None, False, part.run.entry),), tuple(notes)
+    if on_arm:
+        _check_tools(part.source, sections, tools)
+    missing = [f"T{section.number}" for section in sections if section.number not in tools]
     if missing:
-        what = f"{', '.join(dict.fromkeys(missing))}: of the machine's tool table"
-        notes.append(Note("assumed", what, "no row of [[tools]] says their length and diameter"))
-    found = []
-    for k, one in enumerate(cuts):
-        number = one.number or 0
-        tool = rows.get(number, ToolTable(name=f"T{number}", number=number))
-        begun = _begin(one, cuts[k - 1], job) if k else one
-        found.append(_part(begun, tool, number in rows, 0.0 if k else part.run.entry))
-    return tuple(found), tuple(notes)
+        notes.append(
+            Note(
+                "assumed",
+                f"{', '.join(dict.fromkeys(missing))}: of the machine's tool table",
+                "no row of [[tools]] has their length and diameter",
+            )
+        )
+    parts = []
+    for k, section in enumerate(sections):
+        number = section.number or 0
+        tool = tools.get(number, ToolTable(name=f"T{number}", number=number))
+        started = _add_start(section, sections[k - 1], job) if k else section
+        parts.append(_make_part(started, tool, number in tools, 0.0 if k else part.run.entry))
+    return tuple(parts), tuple(notes)
 
 
-def _part(one: _Cut, tool: ToolTable | None, known: bool, entry: float) -> ToolPart:
-    return ToolPart(
-        tool, known, tuple(item for item, _ in one.rows), tuple(line for _, line in one.rows), entry
-    )
+def _make_part(section: _Section, tool: ToolTable | None, known: bool, entry: float) -> ToolPart:
+    body = tuple(item for item, _ in section.rows)
+    return ToolPart(tool, known, body, tuple(line for _, line in section.rows), entry)
 
 
-def _insist_on_rows(source: str, cuts: Sequence[_Cut], rows: dict[int, ToolTable]) -> None:
-    for one in cuts:
-        if one.number not in rows:
-            what = f"changes to tool T{one.number}, and how long that is no text says"
-            remedy = "give each tool a row of [[tools]] with its number, length and diameter"
-            raise InputError(source, what, f"line {one.line}", remedy)
+def _check_tools(source: str, sections: Sequence[_Section], tools: dict[int, ToolTable]) -> None:
+    for section in sections:
+        if section.number not in tools:
+            raise InputError(
+                source,
+                f"changes to tool T{section.number}, whose length is not known",
+                f"line {section.line}",
+                "give each tool a row of [[tools]] with its number, length and diameter",
+            )
 
 
-def _split(part: Recorded) -> list[_Cut]:
-    """At each change to another tool."""
-    every = list(zip(part.run.body, part.run.lines, strict=True))
-    found = [_Cut(None, 0, [])]
-    for item, line in every:
+def _split_at_changes(part: Recorded) -> list[_Section]:
+    sections = [_Section(None, 0, [])]
+    for item, line in zip(part.run.body, part.run.lines, strict=True):
         if not isinstance(item, ToolChange):
-            found[-1].rows.append((item, line))
-        elif item.number != found[-1].number:
-            found.append(_Cut(item.number, line, []))
-    return found
+            sections[-1].rows.append((item, line))
+        elif item.number != sections[-1].number:
+            sections.append(_Section(item.number, line, []))
+    return sections
 
 
-def _without_idle(cuts: Sequence[_Cut]) -> tuple[list[_Cut], list[Note]]:
-    """Without tools that cut nothing: what is moved with them is left out, what is switched stays with the tool before,
-    or with the one that comes first.
+def _drop_unused(sections: Sequence[_Section]) -> tuple[list[_Section], list[Note]]:
+    """Drop the motions of tools that cut nothing, with a note each.
+
+    Their other instructions go to the section before, or to the first one that cuts.
     """
-    kept: list[_Cut] = []
+    cutting: list[_Section] = []
     notes: list[Note] = []
     waiting: list[tuple[Instruction, int]] = []
-    for one in cuts:
-        if one.cuts:
-            kept.append(_Cut(one.number, one.line, [*waiting, *one.rows]))
+    for section in sections:
+        if section.cuts:
+            cutting.append(_Section(section.number, section.line, [*waiting, *section.rows]))
             waiting = []
             continue
-        rest = [(item, line) for item, line in one.rows if not isinstance(item, MoveJ)]
-        (kept[-1].rows if kept else waiting).extend(rest)
-        if one.number:
-            what = f"line {one.line}: tool T{one.number} is changed to and cuts nothing"
-            notes.append(Note("skipped", what, "the change and its rapid motions are left out"))
-        elif len(rest) < len(one.rows) and one.number is None:
-            what = f"line {one.rows[0][1]}: rapid motions before the first tool change are left out"
-            notes.append(Note("assumed", what, "the machine comes from its home"))
-    joined = kept[:1]
-    for one in kept[1:]:
-        if one.number == joined[-1].number:
-            joined[-1].rows.extend(one.rows)
+        others = [(item, line) for item, line in section.rows if not isinstance(item, MoveJ)]
+        (cutting[-1].rows if cutting else waiting).extend(others)
+        if section.number:
+            notes.append(
+                Note(
+                    "skipped",
+                    f"line {section.line}: tool T{section.number} is loaded and cuts nothing",
+                    "the change and its rapid motions are left out",
+                )
+            )
+        elif len(others) < len(section.rows) and section.number is None:
+            line = section.rows[0][1]
+            notes.append(
+                Note(
+                    "assumed",
+                    f"line {line}: rapid motions before the first tool change are left out",
+                    "the machine comes from its home",
+                )
+            )
+    joined = cutting[:1]
+    for section in cutting[1:]:
+        if section.number == joined[-1].number:
+            joined[-1].rows.extend(section.rows)
         else:
-            joined.append(one)
+            joined.append(section)
     return joined, notes
 
 
-def _begin(one: _Cut, before: _Cut, job: Job) -> _Cut:
-    """A part behind another one: where the tool stands after a change no text says. Rapid motions that keep the old
-    height run at the height of travel; if the tool cuts from the old height on, it comes down to that at its feed.
+def _add_start(section: _Section, before: _Section, job: Job) -> _Section:
+    """Start a section after a tool change, whose end position the program does not state.
+
+    Rapid motions at the old height are replaced by one at the clearance height or above. If the
+    tool cuts from the old height on, it comes down to it at the feed of the cut.
     """
     last = next(
         item for item, _ in reversed(before.rows) if isinstance(item, MoveJ | MoveL | MoveC)
     )
-    old, rows = _at(last).origin[2], list(one.rows)
-    moves = {k: item for k, (item, _) in enumerate(rows) if isinstance(item, MoveJ | MoveL | MoveC)}
-    leading = list(takewhile(lambda k: _keeps_height(moves[k], old), moves))
-    first = next(k for k in moves if k not in leading)
-    if not leading and isinstance(moves[first], MoveJ):
-        return one
-    x, y, _ = _at(moves[leading[-1]] if leading else last).origin
+    height, rows = _get_target(last).origin[2], list(section.rows)
+    motions = {
+        k: item for k, (item, _) in enumerate(rows) if isinstance(item, MoveJ | MoveL | MoveC)
+    }
+    leading = list(takewhile(lambda k: _keeps_height(motions[k], height), motions))
+    first = next(k for k in motions if k not in leading)
+    if not leading and isinstance(motions[first], MoveJ):
+        return section
+    x, y, _ = _get_target(motions[leading[-1]] if leading else last).origin
     line = rows[first][1]
-    made: list[tuple[Instruction, int]] = [
-        (MoveJ(Pose(TOOL_DOWN, (x, y, max(old, job.process.clearance))), last.speed), line)
+    added: list[tuple[Instruction, int]] = [
+        (MoveJ(Pose(TOOL_DOWN, (x, y, max(height, job.process.clearance))), last.speed), line)
     ]
-    if not isinstance(moves[first], MoveJ):
-        made.append((MoveL(Pose(TOOL_DOWN, (x, y, old)), moves[first].speed), line))
-    rows[first:first] = made
-    return _Cut(one.number, one.line, [row for k, row in enumerate(rows) if k not in leading])
+    if not isinstance(motions[first], MoveJ):
+        added.append((MoveL(Pose(TOOL_DOWN, (x, y, height)), motions[first].speed), line))
+    rows[first:first] = added
+    kept = [row for k, row in enumerate(rows) if k not in leading]
+    return _Section(section.number, section.line, kept)
 
 
 def _keeps_height(item: Motion, height: float) -> bool:
-    return isinstance(item, MoveJ) and abs(_at(item).origin[2] - height) <= SAME_POINT_MM
+    return isinstance(item, MoveJ) and abs(_get_target(item).origin[2] - height) <= SAME_POINT_MM
 
 
-def _at(item: Motion) -> Pose:
-    """Where it ends; G-code has no joint values."""
-    assert isinstance(item.target, Pose)
+def _get_target(item: Motion) -> Pose:
+    assert isinstance(item.target, Pose)  # G-code has no joint values
     return item.target

@@ -23,7 +23,13 @@ from camgen.model.path import ToolPath
 from camgen.model.pose import frozen
 from camgen.model.text import counted, short
 from camgen.model.tolerance import SAME_POINT_MM
-from camgen.plan.columns import Label, SegmentWork, pass_depths, sideways, tool_paths
+from camgen.plan.columns import (
+    Label,
+    SegmentWork,
+    compute_depths,
+    compute_sideways,
+    make_tool_paths,
+)
 from camgen.plan.merge import merge
 
 
@@ -41,13 +47,13 @@ def trace(part: Part, job: Job) -> tuple[ToolPath, ...]:
         Label(c.id, c.layer, c.closed, True, around, c.sources or (c.id,))
         for c, around in zip(contours, parent, strict=True)
     ]
-    press = sideways(segments, 0)
+    press = compute_sideways(segments, 0)
     if job.process.force:
         press[:, :, 2] = -1.0
     force = np.full(len(segments), job.process.force)
     feed = np.full(len(segments), job.process.feed)
-    depths = pass_depths(job.operation.depth, job.operation.passes)
-    return tool_paths(segments, labels, SegmentWork(press, force, feed), depths, "trace")
+    depths = compute_depths(job.operation.depth, job.operation.passes)
+    return make_tool_paths(segments, labels, SegmentWork(press, force, feed), depths, "trace")
 
 
 def share_edges(part: Part, job: Job) -> tuple[Part, tuple[Note, ...]]:
@@ -61,9 +67,7 @@ def share_edges(part: Part, job: Job) -> tuple[Part, tuple[Note, ...]]:
     contours = [part.contours[k] for k in traced]
     segments = from_contours(contours)
     tolerance = max(min(job.input.join, SAME_CURVE_MM), 4 * SAME_POINT_MM)
-    rank = segments.owner
-    label = np.zeros(len(segments), np.int64)
-    covered = find_covered(segments, rank, label, tolerance)
+    covered = find_covered(segments, segments.owner, np.zeros(len(segments), np.int64), tolerance)
     if not covered:
         return part, ()
     parts_of: dict[int, dict[int, Parts]] = {}
@@ -89,7 +93,6 @@ def share_edges(part: Part, job: Job) -> tuple[Part, tuple[Note, ...]]:
 
 
 def _name_rests(contour: Contour, chains: list[Chain]) -> list[Contour]:
-    """The open chains that remain of a contour; the second one and so on are counted."""
     sources = contour.sources or (contour.id,)
     rests = []
     for number, (points, bulges) in enumerate(chains, 1):
@@ -127,7 +130,6 @@ def with_few_lifts(part: Part, job: Job) -> tuple[Part, tuple[Note, ...]]:
 
 
 def _parents_of(part: Part, mine: list[int]) -> list[int]:
-    """The index in `mine` of the nearest contour around each of these contours, -1 without one."""
     parents, index = _parents(part), {k: n for n, k in enumerate(mine)}
     nearest = []
     for k in mine:
@@ -139,7 +141,6 @@ def _parents_of(part: Part, mine: list[int]) -> list[int]:
 
 
 def _parents(part: Part) -> list[int]:
-    """The index of the closed contour around each contour, -1 without one."""
     closed = [k for k, c in enumerate(part.contours) if c.closed]
     parent = [-1] * len(part.contours)
     if closed:

@@ -1,4 +1,4 @@
-"""Settings that would have no effect on a kind of input: an error, not a belief."""
+"""Refuses settings that have no effect on an operation or on a kind of input."""
 
 from __future__ import annotations
 
@@ -14,21 +14,22 @@ from camgen.robots.workcell import Workcell
 
 _ALL = ("*",)
 _SETTING = re.compile(r"\b[a-z]+\.[a-z_]+\b")
-#: Of programs that are read.
+#: Settings of programs that are read.
 _PROGRAMS = ("dialect", "assume", "signals")
-#: How a tool stands along a curve in space.
-_STAND = ("axis", "angles")
+#: Settings of the tool axis along a curve in space.
+_TOOL_AXIS = ("axis", "angles")
 _EDGES = {
     "input": ("select", *_PROGRAMS),
     "operation": ("offset", "trim", "offset_along", "last_face", "taught_on", "compensation"),
-    "tool": ("axis_tilt", *_STAND),
+    "tool": ("axis_tilt", *_TOOL_AXIS),
 }
 _PICTURES = {"image": _ALL, "camera": _ALL}
 _REPLAYS = {"process": ("max_feed",)}
 _CONTOURS = (
-    "side", "planner", "waypoint_spacing", "waypoint_turn", "direction", "corner_radius", "inside_first", "stepover",
-    "holes", "rest", "depth", "passes", "lead_in", "lead_out", "overlap", "width", "finish", "entry", "entry_angle",
-    "tabs", "tab_spacing", "tab_width", "tab_height", "taught_on", "compensation", "shared",
+    "side", "planner", "waypoint_spacing", "waypoint_turn", "direction", "corner_radius",
+    "inside_first", "stepover", "holes", "rest", "depth", "passes", "lead_in", "lead_out",
+    "overlap", "width", "finish", "entry", "entry_angle", "tabs", "tab_spacing", "tab_width",
+    "tab_height", "taught_on", "compensation", "shared",
 )  # fmt: skip
 _CURVES: dict[str, tuple[str, ...]] = {
     **_PICTURES,
@@ -38,7 +39,7 @@ _CURVES: dict[str, tuple[str, ...]] = {
     "tolerance": ("arc_fit", "simplify"),
 }
 _WAYPOINTS = ("waypoint_spacing", "waypoint_turn")
-#: By what is built from: the settings that nothing reads.
+#: Settings without effect for each kind of input.
 _IDLE: dict[str, dict[str, tuple[str, ...]]] = {
     "a drawing": _EDGES | _PICTURES | _REPLAYS | {"operation": (*_EDGES["operation"], *_WAYPOINTS)},
     "a picture": _EDGES | _REPLAYS | {"input": (*_EDGES["input"], "origin")},
@@ -48,7 +49,7 @@ _IDLE: dict[str, dict[str, tuple[str, ...]]] = {
         "input": ("layers", "origin", "join", "min_length", *_PROGRAMS),
         "operation": _CONTOURS,
         "tour": ("seams", "order"),
-        "tool": ("orient", *_STAND),
+        "tool": ("orient", *_TOOL_AXIS),
         "process": ("clearance", "retract", "stay_down", *_REPLAYS["process"]),
     },
     "curves in space": _CURVES
@@ -76,7 +77,7 @@ _IDLE: dict[str, dict[str, tuple[str, ...]]] = {
             *(name for name in _CONTOURS if name != "compensation"),
             *("offset", "trim", "offset_along", "last_face"),
         ),
-        "tool": ("orient", "axis_tilt", "symmetric", "turn", *_STAND),
+        "tool": ("orient", "axis_tilt", "symmetric", "turn", *_TOOL_AXIS),
         "process": (
             *("feed", "force", "plunge", "max_feed_factor", "turn", "retract", "stay_down"),
             *("spindle", "signal", "switch", "dwell"),
@@ -84,7 +85,7 @@ _IDLE: dict[str, dict[str, tuple[str, ...]]] = {
         "tour": ("seams", "order"),
     },
 }
-#: A robot program says more itself, and may name its arm.
+#: A robot program states more settings itself, and may name its arm.
 _IDLE["a taught program"] = _IDLE["a replay"] | {
     "input": (*_IDLE["a replay"]["input"], "dialect"),
     "operation": (
@@ -100,8 +101,8 @@ for _kind, _tables in _IDLE.items():
     if _kind not in ("a 3-D part", "curves in space", "the geometric planner"):
         _tables["cell"] = ("rests_on",)
 
-#: Settings that only these operations read.
-_ONLY: dict[str, tuple[str, ...]] = {
+#: Operations that read a setting; all others do not.
+_READERS: dict[str, tuple[str, ...]] = {
     "entry": ("follow", "trace", "fill", "pocket", "bore"),
     "entry_angle": ("follow", "trace", "fill", "pocket", "bore"),
     "tabs": ("follow",),
@@ -116,8 +117,8 @@ _ONLY: dict[str, tuple[str, ...]] = {
     "holes": ("drill", "bore"),
     "shared": ("trace",),
 }
-#: Settings that say more of others, and have no effect without one of those.
-_MORE: dict[str, tuple[str, ...]] = {
+#: Settings that have no effect without one of the others.
+_PARTNERS: dict[str, tuple[str, ...]] = {
     "entry_angle": ("entry",),
     "tab_width": ("tabs", "tab_spacing"),
     "tab_height": ("tabs", "tab_spacing"),
@@ -126,22 +127,31 @@ _MORE: dict[str, tuple[str, ...]] = {
 _DEEP = ("entry", "tabs", "tab_spacing")
 
 
-def insist_on_use(job: Job, operation: str) -> None:
-    """JobError for a setting of [operation] that is not its default and that ``operation`` does not read."""
+def raise_first(*checks: tuple[bool, Exception]) -> None:
+    """Raise the error of the first check that is true."""
+    for is_wrong, error in checks:
+        if is_wrong:
+            raise error
+
+
+def check_use(job: Job, operation: str) -> None:
+    """Raise JobError for a changed setting of [operation] that `operation` does not read."""
     given, default = asdict(job.operation), asdict(Job().operation)
     changed = [key for key in given if given[key] != default[key]]
     for key in changed:
-        where, readers, others = (
-            f"operation.{key}",
-            _ONLY.get(key, (operation,)),
-            _MORE.get(key, (key,)),
-        )
+        where = f"operation.{key}"
+        readers = _READERS.get(key, (operation,))
+        partners = _PARTNERS.get(key, (key,))
         if operation not in readers:
-            remedy = f"leave it out; it is for {' and '.join(readers)}"
-            raise JobError("job", f"has no effect on {operation}", where, remedy)
-        if operation != "bore" and not any(other in changed for other in others):
             raise JobError(
-                "job", f"has no effect without operation.{others[0]}", where, "leave it out"
+                "job",
+                f"has no effect on {operation}",
+                where,
+                f"leave it out; it is for {' and '.join(readers)}",
+            )
+        if operation != "bore" and not any(partner in changed for partner in partners):
+            raise JobError(
+                "job", f"has no effect without operation.{partners[0]}", where, "leave it out"
             )
         if key in _DEEP and not given["depth"]:
             raise JobError(
@@ -152,62 +162,79 @@ def insist_on_use(job: Job, operation: str) -> None:
             )
 
 
-def insist_on_turns(job: Job, cell: Cell | None) -> None:
-    """JobError for a tool of a flat part that is free to turn where no arm turns it, or something else does."""
+def check_roll(job: Job, cell: Cell | None) -> None:
+    """Raise JobError for `tool.symmetric` or `tool.turn` unless an arm may choose the roll."""
     tool = job.tool
     if not tool.symmetric and tool.turn is None:
         return
     key = "tool.symmetric" if tool.symmetric else "tool.turn"
-    if cell is not None and isinstance(cell.home, Pose):
-        raise JobError(
-            "job", "has no effect on a machine, which turns no tool", key, "leave it out"
-        )
-    if not isinstance(cell, Workcell) or cell.arm is None:
-        raise JobError(
-            "job",
-            "has no effect without an arm that is checked",
-            key,
-            "set cell.robot, or leave it out",
-        )
-    if tool.orient == "follow":
-        raise JobError(
-            "job",
-            "a tool that turns with the contour has no turn to choose",
-            key,
-            "leave out one of the two",
-        )
-    if job.process.stay_down:
-        what = "a tool that is turned between the paths is lifted"
-        raise JobError("job", what, "process.stay_down", f"leave it out, or {key}")
+    raise_first(
+        (
+            cell is not None and isinstance(cell.home, Pose),
+            JobError("job", "has no effect on a machine, which turns no tool", key, "leave it out"),
+        ),
+        (
+            not isinstance(cell, Workcell) or cell.arm is None,
+            JobError(
+                "job",
+                "has no effect without an arm that is checked",
+                key,
+                "set cell.robot, or leave it out",
+            ),
+        ),
+        (
+            tool.orient == "follow",
+            JobError(
+                "job",
+                "a tool that turns with the contour has no turn to choose",
+                key,
+                "leave out one of the two",
+            ),
+        ),
+        (
+            job.process.stay_down,
+            JobError(
+                "job",
+                "a tool that is turned between the paths is lifted",
+                "process.stay_down",
+                f"leave it out, or {key}",
+            ),
+        ),
+    )
 
 
-def insist_on_height(job: Job, operation: str) -> None:
-    """JobError for a height of travel of 0 where the tool touches something."""
+def check_clearance(job: Job, operation: str) -> None:
+    """Raise JobError for a clearance height of 0 if the tool touches the part."""
     if job.process.clearance == 0 and (operation != "drill" or job.operation.depth):
-        remedy = "raise it; 0 is for drill without a depth: marks that the tool does not touch"
         raise JobError(
-            "job", "the tool travels at the height of the part", "process.clearance", remedy
+            "job",
+            "the tool travels at the height of the part",
+            "process.clearance",
+            "raise it; 0 is for drill without a depth: marks that the tool does not touch",
         )
 
 
-def drop_inherited(own: OperationTable, common: OperationTable) -> OperationTable:
-    """``own``, a row of [[operations]], without what it has from ``common``, [operation], and does not read: that is
-    for other rows.
+def drop_inherited(row: OperationTable, common: OperationTable) -> OperationTable:
+    """Set the settings that a row of [[operations]] inherits and does not read to their defaults.
+
+    common: [operation], from which the row inherits settings that other rows read.
     """
-    default, idle = OperationTable(), dict[str, object]()
-    for key, readers in _ONLY.items():
-        partners = _MORE.get(key, ())
-        alone = partners and all(getattr(own, one) == getattr(default, one) for one in partners)
-        if (own.kind not in (*readers, "auto") or alone) and getattr(own, key) == getattr(
-            common, key
-        ):
-            idle[key] = getattr(default, key)
-    return replace(own, **idle)
+    default, unread = OperationTable(), dict[str, object]()
+    for key, readers in _READERS.items():
+        is_inherited = getattr(row, key) == getattr(common, key)
+        is_read = row.kind in (*readers, "auto")
+        partners = _PARTNERS.get(key, ())
+        if partners and all(getattr(row, name) == getattr(default, name) for name in partners):
+            is_read = False
+        if is_inherited and not is_read:
+            unread[key] = getattr(default, key)
+    return replace(row, **unread)
 
 
-def no_idle(job: Job, source: str) -> None:
-    """JobError for a setting of ``job`` that is not its default and that nothing reads for ``source``, a key of
-    the table: "a drawing", "a 3-D part".
+def check_idle(job: Job, source: str) -> None:
+    """Raise JobError for a changed setting that nothing reads for `source`.
+
+    source: kind of input, a key of the table: "a drawing", "a 3-D part".
     """
     if job.tools and not job.operations and source != "a replay":
         raise JobError(
@@ -226,10 +253,9 @@ def no_idle(job: Job, source: str) -> None:
 
 
 def is_idle(text: str, source: str) -> bool:
-    """Whether ``text`` names a setting that nothing reads for ``source``."""
-    found = (name.split(".") for name in _SETTING.findall(text))
-    return any(
-        keys is _ALL or key in keys
-        for table, key in found
-        for keys in [_IDLE[source].get(table, ())]
-    )
+    """True if `text` names a setting that nothing reads for `source`."""
+    for name in _SETTING.findall(text):
+        table, key = name.split(".")
+        if key in _IDLE[source].get(table, ()) or _IDLE[source].get(table) is _ALL:
+            return True
+    return False

@@ -325,7 +325,7 @@ def test_a_feed_that_no_machine_runs_is_refused_with_its_line(tmp_path):
         with pytest.raises(InputError) as caught:
             built(tmp_path, FAST, post)
         assert str(caught.value) == (
-            "old.nc: asks for a feed of 16667 mm/s, and no machine here runs above 7000 (line 8); mend this line, or "
+            "old.nc: asks for a feed of 16667 mm/s, and no machine here runs above 7000 (line 8); fix this line, or "
             "set process.max_feed, mm/s: feeds above it become that"
         )
 

@@ -82,8 +82,8 @@ def test_each_tool_has_its_part_of_the_program(tmp_path):
         "MoveJ0 50 30", "spindle 0", "flood 0", "MoveJ0 0 50",
     ]  # fmt: skip
     assert [str(note) for note in result.notes if "tool" in note.what or "T1" in note.what] == [
-        "skipped: line 19: tool T1 is changed to and cuts nothing (the change and its rapid motions are left out)",
-        "assumed: T1, T2: of the machine's tool table (no row of [[tools]] says their length and diameter)",
+        "skipped: line 19: tool T1 is loaded and cuts nothing (the change and its rapid motions are left out)",
+        "assumed: T1, T2: of the machine's tool table (no row of [[tools]] has their length and diameter)",
         "assumed: line 7: z is that of the tip of the tool: its length (G43) is in no program",
     ]
     assert [
@@ -122,7 +122,7 @@ def test_an_arm_has_to_know_how_long_its_tools_are(tmp_path):
     with pytest.raises(InputError) as caught:
         built(tmp_path, post="rapid", tools=ROWS[:1])
     assert str(caught.value) == (
-        "old.nc: changes to tool T2, and how long that is no text says (line 11); give each tool a row of [[tools]] "
+        "old.nc: changes to tool T2, whose length is not known (line 11); give each tool a row of [[tools]] "
         "with its number, length and diameter"
     )
 
@@ -130,7 +130,7 @@ def test_an_arm_has_to_know_how_long_its_tools_are(tmp_path):
 def test_a_cut_before_the_first_change_is_by_a_tool_that_nobody_names(tmp_path):
     with pytest.raises(
         InputError,
-        match=r"changes to tool T2 after the first cut: with which one it cuts before, it",
+        match=r"cuts before its first tool change, to T2, and does not state with which tool",
     ):
         built(tmp_path, OLD.replace("T1 M6\nS9000", "S9000"))
     # Rapid motions before it are none: the machine comes from its home.

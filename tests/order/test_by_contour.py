@@ -23,7 +23,7 @@ from camgen.order.starts import starts
 from camgen.pipeline import Result, build
 from camgen.plan.leave_out import leave_out_paths
 from camgen.plan.seams import pin_seams
-from camgen.plan.unused import no_idle
+from camgen.plan.unused import check_idle
 from tests.order.test_tour import along, length, pieces, point
 from tests.order.test_tour_rules import mixed
 from tests.support import built
@@ -243,12 +243,12 @@ def test_the_order_of_a_job_is_that_of_its_program(plate: Path) -> None:
             {"order": ["c3", "c1"]}, "c1 would be run before path c2", id="before one of them"
         ),
         pytest.param({"order": ["c9"]}, "there is no contour 'c9'", id="no such contour"),
-        pytest.param({"order": ["c2", "c2"]}, "'c2' stands there twice", id="twice"),
+        pytest.param({"order": ["c2", "c2"]}, "'c2' is listed twice", id="twice"),
         pytest.param({"seams": [[500, 0]]}, "[500, 0] is farther than 2 mm", id="near nothing"),
         pytest.param(
             {"seams": [[50, 90]]}, "[50, 90] is farther than 2 mm", id="on an open contour"
         ),
-        pytest.param({"seams": [[50, 62, 0]]}, "is no point of the work plane", id="three numbers"),
+        pytest.param({"seams": [[50, 62, 0]]}, "is not a point of the", id="three numbers"),
         pytest.param(
             {"seams": [50, 62]}, "seams must be a list of lists of numbers", id="no list of points"
         ),
@@ -275,7 +275,7 @@ def test_what_cannot_be_meant_is_one_line(
 @pytest.mark.parametrize("tour", [TourTable(seams=[[0.0, 0.0]]), TourTable(order=["c1"])])
 def test_what_has_no_contours_refuses_them_by_name(source: str, tour: TourTable) -> None:
     with pytest.raises(JobError, match=r"tour\.(seams|order)"):
-        no_idle(Job(tour=tour), source)
+        check_idle(Job(tour=tour), source)
 
 
 def test_a_point_on_a_path_is_for_that_path_and_one_on_its_contour_for_all_of_it(

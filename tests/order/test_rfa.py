@@ -34,7 +34,7 @@ from camgen.order.edges.retract import Retraction, retractions
 from camgen.order.edges.route import Route, RouteCell, RouteOptions, route
 from camgen.order.edges.turns import list_turns
 from camgen.plan.edges.poses import poses, reach
-from camgen.plan.edges.select import select
+from camgen.plan.edges.select import select_edges
 from camgen.read.job_file import load_job
 from camgen.read.solid import mesh
 from camgen.robots.catalogue import robot
@@ -53,7 +53,7 @@ def cell(part: str) -> tuple[Setup, FreeSpace, tuple[EdgeMotion, ...]]:
     solid, job = mesh.read(source(PARTS / f"{part}.stl")), load_job(PARTS / f"{part}.toml")
     where = make_surroundings(job, equip(Rapid.cell(), job, ARM), solid)
     setup = make_setup(ARM, equip(Rapid.cell(), job), where)
-    chosen = select(solid, [job.input.select])
+    chosen = select_edges(solid, [job.input.select])
     edges = [edge for edge in solid.edges if edge.id in chosen]
     found = reach(edges, setup, 2.0, "mean", OrientationFreedom(math.radians(15), roll=True))
     return (

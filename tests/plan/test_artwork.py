@@ -16,7 +16,7 @@ from camgen.geometry.segments import flatten, from_contours
 from camgen.model.errors import InputError, JobError
 from camgen.model.part import Contour, Part
 from camgen.model.pose import frozen
-from camgen.plan.border_arcs import Stretches, circles_of, lines_of, turns_of
+from camgen.plan.border_arcs import Stretches, fit_circles, fit_lines, measure_turns
 from camgen.plan.page import on_page
 from camgen.plan.simplify import simplify, thin_out
 from camgen.read import read
@@ -182,7 +182,7 @@ def test_the_drawing_leaves_no_border_by_more_than_the_tolerance(
         for k, b in enumerate(trace_borders(ink))
     )
     raw = Part("a", "a.png", "mm", contours, ())
-    drawn = Part("a", "a.png", "mm", thin_out(contours, tolerance, arcs=True), ())
+    drawn = Part("a", "a.png", "mm", thin_out(contours, tolerance, fits_arcs=True), ())
     assert apart(raw, drawn, 0.02) <= tolerance + 1e-3
 
 
@@ -216,14 +216,14 @@ def test_a_border_does_not_hang_on_those_beside_it() -> None:
         for k, (p, c) in enumerate(lines)
     ]
     for some in (contours, contours[::-1], contours[:1]):
-        together = thin_out(some, 1.0, arcs=True)
+        together = thin_out(some, 1.0, fits_arcs=True)
         for contour, one in zip(some, together, strict=True):
-            (alone,) = thin_out([contour], 1.0, arcs=True)
+            (alone,) = thin_out([contour], 1.0, fits_arcs=True)
             assert one.id == contour.id
             np.testing.assert_array_equal(one.points, alone.points)
             np.testing.assert_array_equal(one.bulges, alone.bulges)
     assert sum(bool(c.bulges.any()) for c in together) == 1
-    several = thin_out(contours, 1.0, arcs=True)
+    several = thin_out(contours, 1.0, fits_arcs=True)
     assert len(several) > 10
     assert 3 < sum(bool(c.bulges.any()) for c in several) < len(several)
 
@@ -239,19 +239,19 @@ def test_circles_through_stretches_of_points_are_those_they_were_made_of() -> No
     line = np.append(line, np.arange(6) * (2 + 1j))
     low = np.array([0, 40, 80, 120])
     given = Stretches.between(line, low, np.array([39, 79, 119, 125]))
-    found, size, off = circles_of(given)
+    found, size, off = fit_circles(given)
     np.testing.assert_allclose(found[:3], centre, atol=1e-9)
     np.testing.assert_allclose(size[:3], radius, atol=1e-9)
     # Chords of turn / 39 cut off r (1 - cos(turn / 78)), which is chord^2 / 8 r but for a part (turn / 78)^2 / 4.
     np.testing.assert_allclose(off[:3], radius * (1 - np.cos(turn / 78)), rtol=2e-3)
     assert np.isnan(off[3])
-    np.testing.assert_allclose(turns_of(given, centre[[0, 1, 2, 0]])[:3], turn, atol=1e-9)
-    point, along, away = lines_of(given)
+    np.testing.assert_allclose(measure_turns(given, centre[[0, 1, 2, 0]])[:3], turn, atol=1e-9)
+    point, along, away = fit_lines(given)
     assert (along[3] / (2 + 1j)).imag == pytest.approx(0.0, abs=1e-12)
     assert point[3] == pytest.approx(5 + 2.5j)
     assert away[3] == pytest.approx(0.0, abs=1e-12)
     assert away[0] > 1.0
-    alone = circles_of(Stretches.one(line[40:80]))
+    alone = fit_circles(Stretches.single(line[40:80]))
     np.testing.assert_allclose(
         [alone[0][0], alone[1][0], alone[2][0]], [found[1], size[1], off[1]], rtol=1e-9
     )

@@ -11,7 +11,7 @@ from camgen.geometry import intersect, offset, stitch, uncross
 from camgen.geometry.segments import Segments, find_following, from_contours
 from camgen.model.part import Contour
 from camgen.plan import beside as beside_module
-from camgen.plan.beside import Beside, beside, only_along
+from camgen.plan.beside import OffsetCurve, make_offset_curve, select_segments
 from tests.support.drawn import circle, clockwise, contour, rectangle
 from tests.support.examples import fewer
 
@@ -40,10 +40,12 @@ def loops(draw: st.DrawFn) -> list[Contour]:
     return drawn
 
 
-def curve(drawn: list[Contour], distance: float, corner: float) -> Beside:
+def curve(drawn: list[Contour], distance: float, corner: float) -> OffsetCurve:
     source, closed = from_contours(drawn), np.ones(len(drawn), dtype=np.bool_)
     label = np.zeros(len(source), dtype=np.int64)
-    return beside(source, find_following(source, closed), closed, label, distance, corner)
+    return make_offset_curve(
+        source, find_following(source, closed), closed, label, distance, corner
+    )
 
 
 @fewer(10)
@@ -84,10 +86,10 @@ def test_a_stretch_of_a_closed_chain_goes_over_the_end_of_the_chain() -> None:
     segments = from_contours([triangle, rectangle(20, 0, 10, 10)])
     plain = np.zeros(7, np.bool_)
     closed = np.ones(2, np.bool_)
-    both = Beside(segments, closed, np.arange(7), np.zeros(7), plain, closed, np.full(7, -1))
+    both = OffsetCurve(segments, closed, np.arange(7), np.zeros(7), plain, closed, np.full(7, -1))
     chosen = np.ones(7, np.bool_)
     chosen[4] = False  # the right side of the rectangle
-    kept = only_along(both, chosen[both.source])
+    kept = select_segments(both, chosen[both.source])
     assert kept.closed.tolist() == [True, False]
     assert kept.segments.owner.tolist() == [0, 0, 0, 1, 1, 1]
     stretch = kept.segments.take(kept.segments.owner == 1)

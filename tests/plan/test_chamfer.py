@@ -10,7 +10,7 @@ from camgen.model.errors import JobError
 from camgen.model.job import Job, OperationTable, ProcessTable, ToolTable
 from camgen.model.part import Contour, Part
 from camgen.plan import Plan, plan
-from camgen.plan.chamfer import lay_bevel
+from camgen.plan.chamfer import compute_bevel
 from tests.support.drawn import circle, contour, part, rectangle
 from tests.support.swept import centre_line, enclosed
 
@@ -56,11 +56,11 @@ def test_the_cone_cuts_the_width_and_its_tip_clears_the_wall(tool: ToolTable, wi
 
 
 def test_the_gap_shrinks_where_the_tool_is_small() -> None:
-    assert lay_bevel(job(1.0)).offset == pytest.approx(0.5)
+    assert compute_bevel(job(1.0)).offset == pytest.approx(0.5)
     small = ToolTable(kind="v", diameter=2.6)
-    assert lay_bevel(job(1.0, small)).offset == pytest.approx(0.3)
+    assert compute_bevel(job(1.0, small)).offset == pytest.approx(0.3)
     with pytest.raises(JobError, match=r"operation\.width.*1\.2 mm at most"):
-        lay_bevel(job(1.21, small))
+        compute_bevel(job(1.21, small))
 
 
 def test_outside_of_the_outline_and_inside_of_holes() -> None:

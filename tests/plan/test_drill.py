@@ -96,7 +96,7 @@ def test_circles_of_a_drawing_by_diameter_the_inner_of_a_pad() -> None:
     told = [note.what for note in found.notes]
     assert "4 holes: 2 of 0.8 mm, 1 of 1 mm, 1 of 3 mm" in told
     assert "2 circles around holes taken for pads" in told
-    assert "1 contour is no circle and is not drilled" in told
+    assert "1 contour is not a circle and is not drilled" in told
     assert any("3 holes are drawn wider or narrower" in what for what in told)
     chosen = planned(part, 0.8, holes=[0.7, 0.9])
     assert [path.id for path in chosen.paths] == ["c1", "c2"]
@@ -205,7 +205,7 @@ def test_what_cannot_be_drilled_says_why() -> None:
     hole = part_with(circle(0, 0, 1))
     with pytest.raises(InputError, match="no hole to drill among 1 found"):
         planned(hole, holes=[0.5, 1.0])
-    with pytest.raises(JobError, match="is no range"):
+    with pytest.raises(JobError, match="is not a range of diameters"):
         planned(hole, holes=[2.0, 1.0])
     pressing = from_mapping({"operation": {"kind": "drill"}, "process": {"force": 2.0}})
     plunging = from_mapping({"operation": {"kind": "drill"}, "process": {"plunge": 2.0}})
@@ -224,4 +224,4 @@ def test_spaces_in_the_ink_that_are_no_circles_are_told() -> None:
         board, post="gcode", job={"operation": {"kind": "drill"}, "image": {"width_mm": 60}}
     )
     assert len(result.tour.paths) == 7
-    assert any("no circles and are not drilled" in note.what for note in result.notes)
+    assert any("not circles and are not drilled" in note.what for note in result.notes)

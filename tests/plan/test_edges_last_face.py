@@ -67,8 +67,8 @@ def test_the_default_is_the_upper_face() -> None:
 @pytest.mark.parametrize(
     ("value", "words"),
     [
-        ("f9", "no face f9"), ("bottom", '"bottom" is no face'), ("", "names no face"), ([0, 0, 0], "no direction"),
-        ([1, 0], "no direction"), ([0, 0, 1, 0], "no direction"),
+        ("f9", "no face f9"), ("bottom", '"bottom" is not a face'), ("", "names no face"),
+        ([0, 0, 0], "not a direction"), ([1, 0], "not a direction"), ([0, 0, 1, 0], "not a direction"),
     ],
 )  # fmt: skip
 def test_what_is_no_face_is_an_error(value: str | list[float], words: str) -> None:

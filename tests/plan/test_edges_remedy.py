@@ -10,7 +10,7 @@ import pytest
 import camgen
 from camgen.model.job import Job
 from camgen.motion.setup import EdgeMotion, UnreachableEdge
-from camgen.plan.edges.remedy import remedies
+from camgen.plan.edges.remedy import find_remedies
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 CELL = {
@@ -84,8 +84,8 @@ def nothing(_: Job, names: Sequence[str]) -> list[EdgeMotion | UnreachableEdge]:
 
 def test_many_edges_are_counted_and_a_shape_is_not_tried() -> None:
     lost = [UnreachableEdge(f"e{k}", "limit", "beyond") for k in range(1, 12)]
-    explained, notes = remedies(lost, camgen.job(), nothing)
+    explained, notes = find_remedies(lost, camgen.job(), nothing)
     assert [bool(edge.remedy) for edge in explained] == [True] * 8 + [False] * 3
     assert len(notes) == 1
     shape = [UnreachableEdge("e1", "shape", "its two faces are back to back")]
-    assert remedies(shape, camgen.job(), nothing) == (shape, [])
+    assert find_remedies(shape, camgen.job(), nothing) == (shape, [])

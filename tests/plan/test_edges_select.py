@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from camgen.model.errors import JobError
-from camgen.plan.edges.select import select
+from camgen.plan.edges.select import select_edges
 from camgen.read.solid import mesh
 from tests.support.files import source
 
@@ -20,30 +20,30 @@ def ids(*numbers: int) -> tuple[str, ...]:
 
 
 def test_as_in_the_paper_15_and_20_edges_are_left_without_the_bottom() -> None:
-    assert select(RFA1, ["convex", "not bottom"]) == ids(*range(1, 16))
-    assert len(select(RFA2, ["convex", "not bottom"])) == 20
+    assert select_edges(RFA1, ["convex", "not bottom"]) == ids(*range(1, 16))
+    assert len(select_edges(RFA2, ["convex", "not bottom"])) == 20
 
 
 def test_without_a_word_that_adds_convex_is_meant() -> None:
     convex = tuple(e.id for e in RFA2.edges if e.convex)
-    assert select(RFA2, []) == select(RFA2, ["convex"]) == convex
-    assert select(RFA2, ["not bottom"]) == select(RFA2, ["convex", "not bottom"])
+    assert select_edges(RFA2, []) == select_edges(RFA2, ["convex"]) == convex
+    assert select_edges(RFA2, ["not bottom"]) == select_edges(RFA2, ["convex", "not bottom"])
 
 
 def test_all_has_the_concave_ones_too() -> None:
-    assert select(RFA2, ["all"]) == tuple(e.id for e in RFA2.edges)
-    assert len(select(RFA2, ["all", "not convex"])) == 6
+    assert select_edges(RFA2, ["all"]) == tuple(e.id for e in RFA2.edges)
+    assert len(select_edges(RFA2, ["all", "not convex"])) == 6
 
 
 @pytest.mark.parametrize(
     "words", [["e7", "e3-e5", "e4"], ["e7, e3-e5"], ["e3-e8 not e6 not e8"], ["not e6,e3-e7"]]
 )
 def test_ids_and_ranges_come_in_the_order_of_the_part(words: list[str]) -> None:
-    assert select(RFA1, words) == (ids(3, 4, 5, 7))
+    assert select_edges(RFA1, words) == (ids(3, 4, 5, 7))
 
 
 def test_the_bottom_is_what_lies_on_the_lowest_plane_not_what_touches_it() -> None:
-    assert select(RFA1, ["bottom"]) == ids(*range(16, 22))
+    assert select_edges(RFA1, ["bottom"]) == ids(*range(16, 22))
 
 
 @pytest.mark.parametrize(
@@ -68,4 +68,4 @@ def test_the_bottom_is_what_lies_on_the_lowest_plane_not_what_touches_it() -> No
 )
 def test_what_is_no_word_is_refused_with_the_nearest(word: str, said: str) -> None:
     with pytest.raises(JobError, match="^" + re.escape(said)):
-        select(RFA1, [word])
+        select_edges(RFA1, [word])

@@ -20,7 +20,7 @@ from camgen.model.path import ToolPath
 from camgen.model.pose import frozen
 from camgen.plan import Plan, plan
 from camgen.plan.fill import fill
-from camgen.plan.fill.cover import measure, paint
+from camgen.plan.fill.cover import measure_areas, paint
 from camgen.read import read
 from camgen.read.job_file import from_mapping
 
@@ -244,7 +244,7 @@ def test_the_coverage_told_is_what_geos_measures() -> None:
 
 def test_coverage_of_a_stroke_by_hand() -> None:
     square = np.array([0, 10, 10 + 10j, 10j])
-    found = measure(
+    found = measure_areas(
         make_rings([4]), square, [np.array([5 + 5j, 15 + 5j])], [np.array([2 + 0j])], 1.0
     )
     assert found.copper == pytest.approx(100, rel=2e-3)

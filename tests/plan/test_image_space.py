@@ -14,19 +14,19 @@ from camgen.model.part import Note
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 from camgen.plan.image_space import image_space
-from camgen.plan.image_space.border import between_pixels
-from camgen.plan.image_space.field import Pixels, chains, gradient
-from camgen.plan.image_space.stretches import steady_ratio
+from camgen.plan.image_space.border import fit_border
+from camgen.plan.image_space.field import Pixels, compute_gradient, find_chains
+from camgen.plan.image_space.stretches import compute_ratios
 from camgen.plan.image_space.tool_path import (
     Limits,
     choose_needed,
-    feeds,
-    observe,
-    sharpen,
+    compute_feeds,
+    mark_spaced,
+    measure_runs,
+    sharpen_corners,
     smooth,
-    spaced,
 )
-from camgen.plan.unused import no_idle
+from camgen.plan.unused import check_idle
 
 SCALE = 0.143
 TOOL = 6.0
@@ -402,8 +402,8 @@ def test_the_geometric_planner_has_no_waypoints_to_space(setting: dict[str, floa
     with pytest.raises(
         JobError, match=r"no effect on the geometric planner \(operation\.waypoint_"
     ):
-        no_idle(job, "the geometric planner")
-    no_idle(job, "a picture")
+        check_idle(job, "the geometric planner")
+    check_idle(job, "a picture")
 
 
 def test_the_start_of_the_curve_does_not_matter_to_the_filter() -> None:
@@ -416,12 +416,12 @@ def test_the_start_of_the_curve_does_not_matter_to_the_filter() -> None:
     (filtered,) = smooth(table, count, slow + fast)
     assert filtered == pytest.approx(slow, abs=0.01)
     assert smooth(table, count, np.roll(slow + fast, 1))[0] == pytest.approx(np.roll(filtered, 1))
-    assert np.flatnonzero(spaced(table, count)).tolist() == list(range(0, 90, 3))
+    assert np.flatnonzero(mark_spaced(table, count)).tolist() == list(range(0, 90, 3))
 
 
 def test_waypoints_are_spaced_on_each_curve() -> None:
     table = make_rings([40, 60])
-    rows = np.flatnonzero(spaced(table, np.array([10, 25])))
+    rows = np.flatnonzero(mark_spaced(table, np.array([10, 25])))
     assert rows[:10].tolist() == list(range(0, 40, 4))
     assert len(rows) == 35
     assert set(np.diff(rows[10:]).tolist()) == {2, 3}
@@ -472,7 +472,7 @@ def test_the_window_follows_the_curvature(shift: int) -> None:
         (90, 1.0), (18, 4.0), (100, 1.0), (190, 0.73), (60, 1.0), (52, 0.0), noise=0.6
     )
     table = make_rings([len(true)])
-    found = np.roll(steady_ratio(table, np.roll(along, shift), np.ones(len(true)), 0.7), -shift)
+    found = np.roll(compute_ratios(table, np.roll(along, shift), np.ones(len(true)), 0.7), -shift)
     apart = np.min(
         [
             np.abs((np.arange(len(true)) - cut + 255) % 510 - 255)
@@ -489,7 +489,7 @@ def test_the_window_follows_the_curvature(shift: int) -> None:
 def test_a_smooth_curve_has_no_steps() -> None:
     true = 1 + 0.5 * np.sin(2 * np.pi * np.arange(800) / 800)
     off = np.random.default_rng(3).normal(0, 0.4, 800)
-    found = steady_ratio(make_rings([800]), true + off - np.roll(off, 1), np.ones(800), 0.7)
+    found = compute_ratios(make_rings([800]), true + off - np.roll(off, 1), np.ones(800), 0.7)
     assert found == pytest.approx(true, abs=0.1)
     assert np.abs(np.diff(found)).max() < 0.03
 
@@ -497,8 +497,8 @@ def test_a_smooth_curve_has_no_steps() -> None:
 def test_two_curves_know_nothing_of_each_other() -> None:
     along, _ = run_over((120, 1.0), (60, 0.0), (70, 2.0), noise=0.3)
     table = make_rings([250, 30])
-    both = steady_ratio(table, np.concatenate([along, np.full(30, 3.0)]), np.ones(280), 0.5)
-    assert both[:250] == pytest.approx(steady_ratio(make_rings([250]), along, np.ones(250), 0.5))
+    both = compute_ratios(table, np.concatenate([along, np.full(30, 3.0)]), np.ones(280), 0.5)
+    assert both[:250] == pytest.approx(compute_ratios(make_rings([250]), along, np.ones(250), 0.5))
     assert both[250:] == pytest.approx(3.0)
 
 
@@ -508,10 +508,10 @@ def test_a_corner_that_a_photo_rounds_is_sharp() -> None:
     ratio[100:160] = 0.1 - 1e-6
     along[100:160] = 0.1
     press = np.exp(1j * np.interp(np.arange(200), [99, 159], [0, np.pi / 2]))
-    found = sharpen(make_rings([200]), ratio, along, press, 0.1)
+    found = sharpen_corners(make_rings([200]), ratio, along, press, 0.1)
     # Its tangents meet 3.8 px before and after: so much of both ends belongs to the lines.
     assert np.flatnonzero(found < 0.5).tolist() == list(range(103, 157))
-    rolled = sharpen(
+    rolled = sharpen_corners(
         make_rings([200]), *(np.roll(one, 70) for one in (ratio, along)), np.roll(press, 70), 0.1
     )
     assert rolled == pytest.approx(np.roll(found, 70))
@@ -552,15 +552,15 @@ def test_diagonal_steps_are_no_slower_than_straight_ones() -> None:
         [0, 1, 2, 3, 4 + 1j, 5 + 2j, 6 + 3j, 5 + 3j, 4 + 3j, 3 + 3j, 2 + 2j, 1 + 1j], dtype=complex
     )
     table = make_rings([len(points)])
-    along, step = observe(table, points, points + 20 * 1j)
+    along, step = measure_runs(table, points, points + 20 * 1j)
     assert step.max() == pytest.approx(np.sqrt(2))
     assert along / step == pytest.approx(1.0)
-    assert feeds(along / step, np.ones(len(points), dtype=bool), 2.0) == pytest.approx(1.0)
+    assert compute_feeds(along / step, np.ones(len(points), dtype=bool), 2.0) == pytest.approx(1.0)
 
 
 def test_feed_is_capped_and_never_nothing() -> None:
     contact = np.array([True, True, True, False])
-    assert feeds(np.array([0.0, 0.8, 1e6, 5.0]), contact, 2.0) == pytest.approx(
+    assert compute_feeds(np.array([0.0, 0.8, 1e6, 5.0]), contact, 2.0) == pytest.approx(
         [2.0, 1.25, 0.02, 1.0]
     )
 
@@ -585,7 +585,7 @@ def test_the_gradient_of_a_plane_is_exact() -> None:
     u, v = grid(40)
     far = (0.6 * u - 0.8 * v + 50).astype(np.float32)
     for radius in (1, 2, 5):
-        assert gradient(far, np.array([20 + 20j, 12.3 + 25.8j]), radius) == pytest.approx(
+        assert compute_gradient(far, np.array([20 + 20j, 12.3 + 25.8j]), radius) == pytest.approx(
             0.6 - 0.8j, abs=1e-4
         )
 
@@ -594,7 +594,7 @@ def test_the_gradient_of_a_plane_is_exact() -> None:
 def test_the_border_lies_between_the_pixels(degrees: float) -> None:
     size, half, centre = 360, 120.0, complex(180.3, 179.6)
     corners = turned([(-half, -half), (half, -half), (half, half), (-half, half)], degrees, centre)
-    _, points = between_pixels(chains(mask(polygon(size, corners))))
+    _, points = fit_border(find_chains(mask(polygon(size, corners))))
     own = (points - centre) * np.exp(-1j * np.radians(degrees))
     off = np.maximum(np.abs(own.real), np.abs(own.imag)) - half
     side = np.minimum(np.abs(own.real), np.abs(own.imag)) < half - 8

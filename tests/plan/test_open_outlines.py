@@ -60,7 +60,7 @@ def follow_rows(**choice: object) -> dict[str, object]:
         ({}, "set operation.side"),
         ({"operation": {"kind": "chamfer", "width": 1.0}, "tool": V_TOOL}, "set operation.side"),
         ({"operation": {"kind": "pocket"}}, "leave it out of what is cleared"),
-        ({"operation": {"kind": "fill"}}, "leave it out of what is filled"),
+        ({"operation": {"kind": "fill"}}, "leave it out of the contours to fill"),
         (follow_rows(ids=["c2"]), "set operation.side"),
         (
             follow_rows(nesting="outer", side="outside"),

@@ -270,7 +270,7 @@ def test_a_turn_of_no_certain_sense_is_left_out(tmp_path: Path) -> None:
     file = points(tmp_path, "0 0 5 180 0 0\n60 0 9 180 0 175\n")
     said = refused(file, "rapid", {}, NoSafeProgram)
     assert (
-        "the tool turns by 175 deg from point 1 to the next, either way round: give points between them"
+        "the tool turns by 175 deg from point 1 to the next, too far to know in which direction"
         in said
     )
 

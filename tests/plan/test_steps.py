@@ -18,7 +18,7 @@ from camgen.model.pose import Pose, Vec3
 from camgen.model.program import MoveC, MoveJ, MoveL, Output, ToolChange
 from camgen.order import JobTour
 from camgen.pipeline.stock import why_unproven
-from camgen.plan.steps import arrange
+from camgen.plan.steps import order_steps
 from camgen.post.plugins import find_readback
 from fixtures.program_text import dump, parse
 from tests.support.built import build
@@ -57,26 +57,26 @@ def step(kind: str, tool: str) -> Step:
 def test_holes_come_before_pockets_before_profiles(
     listed: list[str], worked: list[str], run: list[str]
 ) -> None:
-    found = arrange([step(kind, kind) for kind in listed], [frozenset(ids) for ids in worked])
+    found = order_steps([step(kind, kind) for kind in listed], [frozenset(ids) for ids in worked])
     assert [listed[k] for k in found] == run
 
 
 def test_the_tool_stays_where_the_order_allows_it() -> None:
     steps = [step("drill", tool) for tool in ("a", "b", "a")]
-    assert arrange(steps, [frozenset("x"), frozenset("y"), frozenset("z")]) == [0, 2, 1]
+    assert order_steps(steps, [frozenset("x"), frozenset("y"), frozenset("z")]) == [0, 2, 1]
     # A countersink after its hole: the third works on the hole of the second.
-    assert arrange(steps, [frozenset("x"), frozenset("y"), frozenset("y")]) == [0, 1, 2]
+    assert order_steps(steps, [frozenset("x"), frozenset("y"), frozenset("y")]) == [0, 1, 2]
 
 
 def test_a_profile_comes_after_those_inside_it_though_the_tool_changes() -> None:
     steps = [step("follow", tool) for tool in ("a", "b", "a")]
     contours = [frozenset({"counterbore"}), frozenset({"slot"}), frozenset({"outline"})]
     inside = [frozenset[str](), frozenset[str](), frozenset({"counterbore", "slot"})]
-    assert arrange(steps, contours, inside) == [0, 1, 2]
-    assert arrange(steps, contours) == [0, 2, 1]
+    assert order_steps(steps, contours, inside) == [0, 1, 2]
+    assert order_steps(steps, contours) == [0, 2, 1]
     # Each lies inside a contour of the other: they stay as they are listed.
     mutual = [frozenset({"slot"}), frozenset({"counterbore"}), frozenset[str]()]
-    assert arrange(steps, contours, mutual) == [0, 2, 1]
+    assert order_steps(steps, contours, mutual) == [0, 2, 1]
 
 
 def test_each_operation_works_on_what_it_chooses_and_knows_its_side() -> None:
@@ -423,7 +423,7 @@ def test_an_operation_that_finds_nothing_costs_no_other_one() -> None:
 def test_of_a_picture_some_operations_take_all(row: dict[str, object], who: str) -> None:
     gear = BRACKET.parent / "gear.png"
     tables = {"image": {"width_mm": 60.0}, "tool": {"diameter": 2.0}}
-    with pytest.raises(JobError, match=f"of a picture {who} takes all, no single contours"):
+    with pytest.raises(JobError, match=f"{who} works on the whole picture, not on single contours"):
         camgen.build(gear, post="gcode", job=tables | {"operations": [row | {"ids": ["c1"]}]})
 
 

@@ -87,7 +87,7 @@ def test_lines_and_holes_that_are_worked_on() -> None:
     assert [(path.id, path.parent) for path in traced.paths] == [("c1", -1), ("c4", 0)]
     drilled = planned(PLATE, {"c3", "c4"}, kind="drill")
     assert [path.id for path in drilled.paths] == ["c3"]
-    assert "1 contour is no circle and is not drilled" in [note.what for note in drilled.notes]
+    assert "1 contour is not a circle and is not drilled" in [note.what for note in drilled.notes]
 
 
 def test_lines_that_are_not_worked_on_join_no_trail() -> None:

@@ -1,4 +1,4 @@
-"""Edges of a 3-D part that the job asks for, and motions along those that the arm reaches."""
+"""Plans motions along the selected edges of a 3-D part that the arm reaches."""
 
 from __future__ import annotations
 
@@ -41,11 +41,11 @@ from camgen.motion.setup import (
 from camgen.plan import EdgePlan, Watch
 from camgen.plan.edges.contact import find_contacts
 from camgen.plan.edges.last_face import offset_along
-from camgen.plan.edges.pieces import PieceSearch, Ways
+from camgen.plan.edges.pieces import LinePaths, PieceSearch
 from camgen.plan.edges.poses import poses
-from camgen.plan.edges.remedy import Attempt, remedies
-from camgen.plan.edges.select import select
-from camgen.plan.unused import no_idle
+from camgen.plan.edges.remedy import Attempt, find_remedies
+from camgen.plan.edges.select import select_edges
+from camgen.plan.unused import check_idle
 from camgen.robots.models import Robot
 from camgen.robots.workcell import Workcell
 
@@ -54,7 +54,7 @@ Surround = Callable[[Job, float], Surroundings]
 
 
 def plan_edges(part: Part, job: Job, cell: Cell | None, watch: Watch) -> EdgePlan:
-    """The processing motions along the selected edges of ``part`` that the arm of ``cell`` reaches.
+    """The processing motions along the selected edges of `part` that the arm of `cell` reaches.
 
     Raises InputError for a part without edges, JobError for settings that contradict each other and
     for a cell without an arm, NoSafeProgram if no edge can be processed.
@@ -72,28 +72,28 @@ def plan_edges(part: Part, job: Job, cell: Cell | None, watch: Watch) -> EdgePla
     def surround(other: Job, tip: float) -> Surroundings:
         return make_surroundings(other, cell, solid, tip)
 
-    ways = ((edge, poses(edge, job.operation.offset, direction)) for edge in edges.values())
-    task = LineTask(ways, surround, _note_contacts(contacts), "edge", contacts)
-    return plan_ways(part, job, cell, watch, task)
+    pose_paths = ((edge, poses(edge, job.operation.offset, direction)) for edge in edges.values())
+    task = LineTask(pose_paths, surround, _note_contacts(contacts), "edge", contacts)
+    return plan_lines(part, job, cell, watch, task)
 
 
 class LineTask(Struct, frozen=True, eq=False):
     """Lines of a part that are worked on.
 
-    ways: each line with its pose path, or the reason why it has none.
+    pose_paths: each line with its pose path, or the reason why it has none.
     surround: makes the surroundings of the arm.
     notes: notes besides those of the part and of the cell.
     noun: "edge" or "curve".
     contacts: depths by which rims enter the tool's tip, mm, by the ids of their lines.
     """
 
-    ways: Iterable[tuple[Line, PosePath | UnreachableEdge]]
+    pose_paths: Iterable[tuple[Line, PosePath | UnreachableEdge]]
     surround: Surround
     notes: Sequence[Note]
     noun: str
     contacts: Mapping[str, float] = {}
 
-    def by_contact(self, lines: Ways) -> list[tuple[Ways, float]]:
+    def by_contact(self, lines: LinePaths) -> list[tuple[LinePaths, float]]:
         """The lines without contact and the rims, both with the depth of their contact, mm."""
         plain = [pair for pair in lines if pair[0].id not in self.contacts]
         rims = [pair for pair in lines if pair[0].id in self.contacts]
@@ -101,20 +101,20 @@ class LineTask(Struct, frozen=True, eq=False):
         return [group for group in groups if group[0]]
 
 
-def plan_ways(part: Part, job: Job, cell: Workcell, watch: Watch, task: LineTask) -> EdgePlan:
+def plan_lines(part: Part, job: Job, cell: Workcell, watch: Watch, task: LineTask) -> EdgePlan:
     """The motions along the lines of a task. Raises NoSafeProgram if the arm reaches none."""
     assert cell.arm is not None
     noun, freedom = task.noun, find_freedom(job)
     where = task.surround(job, 0.0)
     find_home(cell.arm, cell, where.scene)
     watch("reaching")
-    listed = list(task.ways)
+    listed = list(task.pose_paths)
     lines = {line.id: line for line, _ in listed}
     reached: dict[str, EdgeMotion | UnreachableEdge] = {}
     pieces: dict[str, tuple[EdgeMotion, ...]] = {}
     search = PieceSearch(noun, watch, job.limits.stations)
 
-    def tell(done: int) -> None:
+    def report(done: int) -> None:
         watch(f"reaching {len(reached) + done} of {counted(len(lines), noun)}")
 
     for group, tip in task.by_contact(listed):
@@ -123,15 +123,14 @@ def plan_ways(part: Part, job: Job, cell: Workcell, watch: Watch, task: LineTask
             where = replace(at_rims, rims=frozenset(task.contacts), strict=where.work)
         setup = make_setup(cell.arm, cell, where)
         space = make_free_space(where, setup)
-        results = _clear_between(reach_paths(group, setup, freedom, tell), space)
-        coverage = Coverage(setup, space, freedom, job.process)
-        pieces |= search.find(group, results, coverage)
+        results = _clear_between(reach_paths(group, setup, freedom, report), space)
+        pieces |= search.find(group, results, Coverage(setup, space, freedom, job.process))
         reached |= {line.id: result for (line, _), result in zip(group, results, strict=True)}
     whole = [reached[name] for name in lines]
     watch("reaching, what would help others")
-    attempt = _attempt(job, cell, cell.arm, task, {line.id: (line, way) for line, way in listed})
+    attempt = _attempt(job, cell, cell.arm, task, {pair[0].id: pair for pair in listed})
     unreached = [result for result in whole if isinstance(result, UnreachableEdge)]
-    remedied, more = remedies(unreached, job, attempt, noun)
+    remedied, more = find_remedies(unreached, job, attempt, noun)
     explained = [search.explain(edge) for edge in remedied]
     lost = [edge for edge in explained if edge.id not in pieces]
     motions: list[EdgeMotion] = []
@@ -163,10 +162,8 @@ def _attempt(
     cell: Workcell,
     arm: Robot,
     task: LineTask,
-    ways: Mapping[str, tuple[Line, PosePath | UnreachableEdge]],
+    pose_paths: Mapping[str, tuple[Line, PosePath | UnreachableEdge]],
 ) -> Attempt:
-    """Tries ``ways`` of a task with other settings of the tool in the same cell."""
-
     @cache
     def place(tilt: float, tip: float) -> tuple[Setup, FreeSpace]:
         # The margin does not decide whether there is a path at all.
@@ -179,10 +176,10 @@ def _attempt(
     def attempt(other: Job, names: Sequence[str]) -> list[EdgeMotion | UnreachableEdge]:
         freedom = find_freedom(other)
         results: list[EdgeMotion | UnreachableEdge] = []
-        for group, tip in task.by_contact([ways[name] for name in names]):
+        for group, tip in task.by_contact([pose_paths[name] for name in names]):
             setup, space = place(other.tool.axis_tilt, tip)
-            shaped = [(line, way) for line, way in group if isinstance(way, PosePath)]
-            able = list(compress(shaped, can_end(setup, [way for _, way in shaped], freedom)))
+            shaped = [(line, path) for line, path in group if isinstance(path, PosePath)]
+            able = list(compress(shaped, can_end(setup, [path for _, path in shaped], freedom)))
             results += _clear_between(reach_paths(able, setup, freedom), space)
         return results
 
@@ -193,9 +190,14 @@ def _note_contacts(contacts: Mapping[str, float]) -> list[Note]:
     if not contacts:
         return []
     depth = short(max(contacts.values()), 2)
-    why = f"it bends into the tip by up to {depth} mm: tool.diameter, operation.offset"
-    what = f"the rim of {counted(len(contacts), 'edge')} may enter the tool's tip"
-    return [Note("assumed", what, why, tuple(contacts))]
+    return [
+        Note(
+            "assumed",
+            f"the rim of {counted(len(contacts), 'edge')} may enter the tool's tip",
+            f"it bends into the tip by up to {depth} mm: tool.diameter, operation.offset",
+            tuple(contacts),
+        )
+    ]
 
 
 def _clear_between(
@@ -215,7 +217,6 @@ def _clear_between(
 
 
 def _stop(motion: EdgeMotion, hit: Blockage | float) -> EdgeMotion | UnreachableEdge:
-    """The motion, or what stops it and where."""
     if not isinstance(hit, Blockage):
         return motion
     along = short(measure_to(motion.looks, hit.at), 1)
@@ -231,15 +232,22 @@ def choose(solid: Solid, job: Job) -> dict[str, Edge]:
         raise InputError(
             solid.source, "has no sharp edges", remedy="camgen inspect shows what is in it"
         )
-    chosen = set(select(solid, [job.input.select]))
+    chosen = set(select_edges(solid, [job.input.select]))
     if not chosen:
-        what = f"picks no edge; the part has {counted(len(solid.edges), 'edge')}"
-        raise JobError("job", what, "input.select", "camgen inspect lists them")
+        raise JobError(
+            "job",
+            f"picks no edge; the part has {counted(len(solid.edges), 'edge')}",
+            "input.select",
+            "camgen inspect lists them",
+        )
     if len(chosen) > job.limits.edges:
         count = counted(len(chosen), "edge")
-        what = f"{count} are to be processed, more than {format_limit(job.limits.edges)}"
-        remedy = "smooth the mesh, select some of them, or raise limits.edges"
-        raise InputError(solid.source, what, "input.select", remedy)
+        raise InputError(
+            solid.source,
+            f"{count} are to be processed, more than {format_limit(job.limits.edges)}",
+            "input.select",
+            "smooth the mesh, select some of them, or raise limits.edges",
+        )
     return {edge.id: edge for edge in solid.edges if edge.id in chosen}
 
 
@@ -255,7 +263,7 @@ def _check(job: Job, cell: Cell) -> None:
         raise JobError(
             "job", "edges of 3-D parts need an arm", "--post", "give rapid, pacscript or vplus"
         )
-    no_idle(job, "a 3-D part")
+    check_idle(job, "a 3-D part")
 
 
 def leave_out(

@@ -51,6 +51,6 @@ def _depth(edge: Edge, job: Job, radius: float, direction: Offset) -> float:
 
 
 def _enter(points: FloatArray, position: FloatArray, rotation: FloatArray, radius: float) -> float:
-    """Depth by which the bar must shrink to be free of ``points`` (N, 3), work frame, mm."""
+    """Depth by which the bar must shrink to be free of `points` (N, 3), work frame, mm."""
     x, y, z = ((points - position) @ rotation).T
     return float(np.minimum.reduce([radius - np.abs(x), radius - np.abs(y), -z]).max(initial=0.0))

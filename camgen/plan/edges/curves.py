@@ -1,4 +1,4 @@
-"""Curves in space for an arm, with the orientation of the tool by the job or by the points."""
+"""Plans curves in space for an arm, with the tool oriented by the job or by the points."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from camgen.model.limits import format_limit
 from camgen.model.part import Note, Part
 from camgen.model.text import counted, short
 from camgen.plan import EdgePlan, Watch
-from camgen.plan.edges import LineTask, plan_ways
-from camgen.plan.edges.stand import choose_axis, stand
+from camgen.plan.edges import LineTask, plan_lines
+from camgen.plan.edges.stand import choose_axis, plan_orientation
 from camgen.robots.workcell import Workcell
 
 #: Distance from the part beyond which a curve does not lie on it, mm.
@@ -22,15 +22,17 @@ _ON_IT = 0.01
 
 
 def plan_curves(part: Part, job: Job, cell: Cell, watch: Watch) -> EdgePlan:
-    """The motions along the curves of ``part`` that the arm of ``cell`` reaches, a path each.
+    """The motions along the curves of `part` that the arm of `cell` reaches, one path for each.
 
     Raises JobError for a cell without an arm and for settings that contradict each other,
     InputError for too many curves, NoSafeProgram if none can be followed.
     """
     if not isinstance(cell, Workcell) or cell.arm is None:
-        what = "an arm follows curves in space only where it is known"
         raise JobError(
-            "job", what, "cell.robot", "name it: camgen robots lists those that there are"
+            "job",
+            "an arm that follows curves in space has to be known",
+            "cell.robot",
+            "name it: camgen robots lists all",
         )
     if job.tour.method == "as-drawn":
         raise JobError(
@@ -41,11 +43,12 @@ def plan_curves(part: Part, job: Job, cell: Cell, watch: Watch) -> EdgePlan:
         )
     if len(part.curves) > job.limits.edges:
         count = counted(len(part.curves), "curve")
-        what = f"{count} in space, more than {format_limit(job.limits.edges)}"
         raise InputError(
-            part.source, what, remedy="build them in several programs, or raise limits.edges"
+            part.source,
+            f"{count} in space, more than {format_limit(job.limits.edges)}",
+            remedy="build them in several programs, or raise limits.edges",
         )
-    lines = [(curve, stand(curve, job, part.solid)) for curve in part.curves]
+    lines = [(curve, plan_orientation(curve, job, part.solid)) for curve in part.curves]
     points = np.concatenate(
         [np.concatenate([curve.points, curve.middles]) for curve in part.curves]
     )
@@ -54,11 +57,10 @@ def plan_curves(part: Part, job: Job, cell: Cell, watch: Watch) -> EdgePlan:
         return make_surroundings(other, cell, part.solid, tip, worked=points)
 
     task = LineTask(lines, surround, _note_faces(part, job), "curve")
-    return plan_ways(part, job, cell, watch, task)
+    return plan_lines(part, job, cell, watch, task)
 
 
 def _note_faces(part: Part, job: Job) -> tuple[Note, ...]:
-    """A note on curves that lie off the part to whose faces the tool is square."""
     solid = part.solid
     square = [curve for curve in part.curves if choose_axis(curve, job) == "normal"]
     if solid is None or not square:
@@ -67,5 +69,12 @@ def _note_faces(part: Part, job: Job) -> tuple[Note, ...]:
     far = tuple(name for name, distance in distances.items() if distance > _ON_IT)
     if not far:
         return ()
-    what = f"{counted(len(far), 'curve')} up to {short(max(distances.values()), 3)} mm off {solid.source}"
-    return (Note("assumed", what, "the tool is square to the nearest face, wherever that is", far),)
+    largest = short(max(distances.values()), 3)
+    return (
+        Note(
+            "assumed",
+            f"{counted(len(far), 'curve')} up to {largest} mm off {solid.source}",
+            "the tool is square to the nearest face, wherever that is",
+            far,
+        ),
+    )

@@ -1,4 +1,4 @@
-"""Which of the two faces of an edge was machined last: the burr stands in its plane (RFA paper, fig. 7 b)."""
+"""The face of an edge that was machined last: the burr is in its plane (RFA paper, fig. 7 b)."""
 
 from __future__ import annotations
 
@@ -21,35 +21,42 @@ _REMEDY = 'give "top", a normal as [x, y, z], or ids of faces as camgen inspect 
 
 
 class LastFace(Struct, frozen=True):
-    """looks: of two faces the one that looks more along it was machined later. ranks: by the id of an edge those of its
-    two faces, which come before that: the higher one was machined later.
+    """The rule that decides which of two faces was machined last.
+
+    direction: the face whose normal is more along this direction was machined last.
+    ranks: ranks of the two faces by the id of their edge. They decide first: the higher rank was
+        machined last.
     """
 
-    looks: Vec3 = (0.0, 0.0, 1.0)
+    direction: Vec3 = (0.0, 0.0, 1.0)
     ranks: Mapping[str, tuple[int, int]] = field(default_factory=dict)
 
-    def of(self, edge: Edge) -> int:
-        """0 or 1, which face of ``edge`` was machined last. Of two alike the flat one, then the first of the edge."""
+    def choose(self, edge: Edge) -> int:
+        """0 or 1, the face of `edge` that was machined last.
+
+        If the rule does not decide, it is the flat face, then the first one.
+        """
         mean = np.concatenate([edge.normals[:-1], edge.via_normals]).mean(axis=0)
-        along = mean @ np.asarray(self.looks)
-        flat = np.linalg.norm(mean, axis=1)
-        told = self.ranks.get(edge.id, (0, 0))
-        one, other = (
-            (told[k], round(float(along[k]), 6), round(float(flat[k]), 6)) for k in (0, 1)
+        along = mean @ np.asarray(self.direction)
+        flatness = np.linalg.norm(mean, axis=1)
+        ranks = self.ranks.get(edge.id, (0, 0))
+        first, second = (
+            (ranks[k], round(float(along[k]), 6), round(float(flatness[k]), 6)) for k in (0, 1)
         )
-        return int(other > one)
+        return int(second > first)
 
 
-#: A part does not say which of two faces was machined last: the one that looks up more is taken.
+#: The default rule: the face whose normal points up more was machined last.
 TOP = LastFace()
-#: mean: along the mean of the two outward normals (paper, fig. 7 a). A last face: square to the burr, which stands in
-#: the plane of the face machined last, so that the offset is this face's normal.
+#: Direction of the offset. "mean": along the mean of both outward normals (paper, fig. 7 a).
+#: A last face: along its normal, which is perpendicular to the burr in its plane.
 Offset = Literal["mean"] | LastFace
 
 
 def offset_along(job: Job, solid: Solid, edges: Iterable[Edge]) -> Offset:
-    """What ``operation.offset_along`` and ``last_face`` say of ``edges``. JobError for what is neither a direction nor
-    a face of the part, and for a last face that has no effect.
+    """The direction of the offset from `operation.offset_along` and `operation.last_face`.
+
+    Raises JobError for an invalid direction, an unknown face, and a last face without effect.
     """
     value = job.operation.last_face
     if job.operation.offset_along == "mean":
@@ -62,39 +69,34 @@ def offset_along(job: Job, solid: Solid, edges: Iterable[Edge]) -> Offset:
             )
         return "mean"
     if not isinstance(value, str):
-        return LastFace(_direction(value))
+        return LastFace(_make_direction(value))
     words = value.replace(",", " ").split()
-    return TOP if words == ["top"] else LastFace(ranks=_ranks(words, solid, edges))
+    return TOP if words == ["top"] else LastFace(ranks=_rank_faces(words, solid, edges))
 
 
-def _direction(values: list[float]) -> Vec3:
+def _make_direction(values: list[float]) -> Vec3:
     length = math.hypot(*values)
     if len(values) != 3 or not (math.isfinite(length) and length > 0):
-        raise JobError("job", f"{values} is no direction", _KEY, _REMEDY)
+        raise JobError("job", f"{values} is not a direction", _KEY, _REMEDY)
     x, y, z = (v / length for v in values)
     return x, y, z
 
 
-def _ranks(words: list[str], solid: Solid, edges: Iterable[Edge]) -> dict[str, tuple[int, int]]:
-    """Faces that are named were machined after all others, in the order in which they are named."""
+def _rank_faces(
+    words: list[str], solid: Solid, edges: Iterable[Edge]
+) -> dict[str, tuple[int, int]]:
     faces = make_faces(solid)
-    known = {face.id: k for k, face in enumerate(faces.listed)}
-    ranks = [0] * len(known)
+    index = {face.id: k for k, face in enumerate(faces.listed)}
+    ranks = [0] * len(index)
     if not words:
         raise JobError("job", "names no face", _KEY, _REMEDY)
     for rank, word in enumerate(words, start=1):
-        if word not in known:
-            what = (
-                f"{solid.source} has no face {word}"
-                if re.fullmatch("f[0-9]+", word)
-                else f'"{word}" is no face'
-            )
-            remedy = (
-                f"its faces are f1 to f{len(known)}" if re.fullmatch("f[0-9]+", word) else _REMEDY
-            )
+        if word not in index:
+            what, remedy = f'"{word}" is not a face', _REMEDY
+            if re.fullmatch("f[0-9]+", word):
+                what = f"{solid.source} has no face {word}"
+                remedy = f"its faces are f1 to f{len(index)}"
             raise JobError("job", what, _KEY, remedy)
-        ranks[known[word]] = rank
-    return {
-        name: (ranks[a], ranks[b])
-        for name, (a, b) in find_adjacent_faces(edges, solid, faces).items()
-    }
+        ranks[index[word]] = rank
+    adjacent = find_adjacent_faces(edges, solid, faces)
+    return {name: (ranks[a], ranks[b]) for name, (a, b) in adjacent.items()}

@@ -17,7 +17,7 @@ from camgen.plan import MAY_END, Watch, ignore_stages
 from camgen.plan.edges.poses import measure_line
 
 #: Lines with their pose paths, or with the reasons why they have none.
-Ways = Sequence[tuple[Line, PosePath | UnreachableEdge]]
+LinePaths = Sequence[tuple[Line, PosePath | UnreachableEdge]]
 
 
 class PieceSearch(Struct):
@@ -42,7 +42,7 @@ class PieceSearch(Struct):
 
     def find(
         self,
-        lines: Ways,
+        lines: LinePaths,
         whole: Sequence[EdgeMotion | UnreachableEdge],
         coverage: Coverage,
     ) -> dict[str, tuple[EdgeMotion, ...]]:
@@ -74,8 +74,7 @@ class PieceSearch(Struct):
         self.stations += stations
         try:
             self.watch(f"reaching, pieces of {self.noun} {line.id}, Ctrl-C {MAY_END}")
-            lengths = measure_line(line, whole_path)
-            result = coverage.find_pieces(line, whole_path, lengths, folded)
+            result = coverage.find_pieces(line, whole_path, measure_line(line, whole_path), folded)
         except KeyboardInterrupt:
             if self.watch is ignore_stages:
                 raise

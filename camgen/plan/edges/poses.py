@@ -33,14 +33,14 @@ _CLOSED = 1e-3
 
 
 def poses(edge: Edge, offset: float, direction: Offset = "mean") -> PosePath | UnreachableEdge:
-    """The TCP poses along ``edge``, ``offset`` mm away from it, in the direction of the edge.
+    """The TCP poses along `edge`, `offset` mm away from it, in the direction of the edge.
 
     FoldedEdge if the offset folds a part of the edge, UnreachableEdge if there are no poses.
 
-    work_from_tool is right-handed. Its z points against the offset, its y along the edge or against
-    it: so that x = y cross z points downwards on the whole. If x is level all along, y points
-    upwards at the start. If that is level too, x points along the x of the work, or else its y.
-    The direction of travel does not change the poses, see ``PosePath.reversed``.
+    work_from_tool is right-handed. Its z points against the offset. Its y points along the edge or
+    against it, so that x = y cross z points downwards on the whole. If x is level all along, y
+    points upwards at the start. If that is level too, x points along the x of the work, or else
+    its y. The direction of travel does not change the poses, see `PosePath.reversed`.
     """
     outward, middle = _directions(edge, direction)
     if not (np.isfinite(outward).all() and np.isfinite(middle).all()):
@@ -81,7 +81,7 @@ def poses(edge: Edge, offset: float, direction: Offset = "mean") -> PosePath | U
 
 
 def measure_line(line: Line, path: PosePath) -> FloatArray:
-    """Length of ``line`` along each segment of its pose path, mm."""
+    """Length of `line` along each segment of its pose path, mm."""
     if not isinstance(line, Edge):
         return path.length
     arc = are_bent(line.points[:-1], line.via, line.points[1:])
@@ -91,7 +91,6 @@ def measure_line(line: Line, path: PosePath) -> FloatArray:
 
 
 def _tangents(edge: Edge, arc: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """Unit tangents at the beginning and the end of each span."""
     return chain(edge.points, np.where(arc[:, None], edge.via, np.nan)).tangents()
 
 
@@ -104,7 +103,7 @@ def _directions(edge: Edge, direction: Offset) -> tuple[FloatArray, FloatArray]:
     """Unit offset directions at the rows (N, 3) and in the middles (N - 1, 3); NaN if undefined."""
     if direction == "mean":
         return _mean(edge.normals), _mean(edge.via_normals)
-    face = direction.of(edge)
+    face = direction.choose(edge)
     return edge.normals[:, face], edge.via_normals[:, face]
 
 
@@ -129,7 +128,7 @@ def _at_rows(edge: Edge, begins: FloatArray, ends: FloatArray) -> FloatArray:
 
 
 def _frames(outward: FloatArray, tangent: FloatArray, closed: bool) -> FloatArray:
-    """Frames (N, 3, 3) with z against ``outward``, NaN where it is parallel to the tangent.
+    """Frames (N, 3, 3) with z against `outward`, NaN where it is parallel to the tangent.
 
     The y of all of them points along the tangent, or of all of them against it.
     """
@@ -152,6 +151,6 @@ def reach(
     direction: Offset = "mean",
     freedom: OrientationFreedom = _NOMINAL,
 ) -> tuple[EdgeMotion | UnreachableEdge, ...]:
-    """Run the arm along ``edges``, ``offset`` mm away from them, as ``reach_paths`` says."""
+    """Run the arm along `edges`, `offset` mm away from them, as `reach_paths` says."""
     pose_paths = [(edge, poses(edge, offset, direction)) for edge in edges]
     return reach_paths(pose_paths, setup, freedom)

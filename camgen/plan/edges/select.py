@@ -1,4 +1,4 @@
-"""Which edges of a part are processed: words like ``convex``, ``all``, ``e3``, ``e5-e9``, ``not bottom``."""
+"""Selects edges of a part by words such as `convex`, `all`, `e3`, `e5-e9` and `not bottom`."""
 
 from __future__ import annotations
 
@@ -11,27 +11,27 @@ from camgen.model.errors import JobError
 from camgen.model.part import Edge, Solid
 from camgen.model.text import suggest
 
-#: mm above the lowest point: single precision and rounding in the file.
+#: Height above the lowest point that counts as the bottom, mm: single precision, rounded values.
 _LEVEL = 1e-3
 _ID = re.compile(r"e([1-9][0-9]*)")
 
 
-def select(solid: Solid, words: Sequence[str]) -> tuple[str, ...]:
-    """The ids of the edges that ``words`` pick, in the order of the part.
+def select_edges(solid: Solid, words: Sequence[str]) -> tuple[str, ...]:
+    """The ids of the edges that `words` select, in the order of the part.
 
-    all, convex (where burrs are), bottom (on the part's lowest plane), an id, or a range of ids. A word adds its edges;
-    ``not`` before it takes them away again, whatever the order. If no word adds any, convex is meant. JobError for what
-    is none of these.
+    A word is `all`, `convex` (edges with burrs), `bottom` (edges on the lowest plane), an id, or a
+    range of ids. It adds its edges; with `not` before it, it removes them, in any order. If no word
+    adds edges, `convex` is the default. Raises JobError for an unknown word.
     """
     known = {edge.id: edge for edge in solid.edges}
     added: set[str] = set()
-    taken: set[str] = set()
+    removed: set[str] = set()
     adds, negated = False, False
     for word in " ".join(words).replace(",", " ").split():
         if word == "not" and not negated:
             negated = True
             continue
-        (taken if negated else added).update(_resolve(solid, known, word))
+        (removed if negated else added).update(_resolve(solid, known, word))
         adds, negated = adds or not negated, False
     if negated:
         raise JobError(
@@ -41,7 +41,7 @@ def select(solid: Solid, words: Sequence[str]) -> tuple[str, ...]:
         )
     if not adds:
         added = {edge.id for edge in solid.edges if edge.convex}
-    return tuple(name for name in known if name in added - taken)
+    return tuple(name for name in known if name in added - removed)
 
 
 def _resolve(solid: Solid, known: dict[str, Edge], word: str) -> set[str]:
@@ -50,9 +50,9 @@ def _resolve(solid: Solid, known: dict[str, Edge], word: str) -> set[str]:
     if word == "convex":
         return {name for name, edge in known.items() if edge.convex}
     if word == "bottom":
-        return _bottom(solid)
+        return _find_bottom(solid)
     first, dash, last = word.partition("-")
-    ends = [_number(known, solid, end, word) for end in ((first, last) if dash else (first,))]
+    ends = [_parse_number(known, solid, end, word) for end in ((first, last) if dash else (first,))]
     if ends[0] > ends[-1]:
         raise JobError(
             "input.select", f'the range "{word}" runs backwards', remedy=f'write "{last}-{first}"'
@@ -60,20 +60,23 @@ def _resolve(solid: Solid, known: dict[str, Edge], word: str) -> set[str]:
     return {f"e{number}" for number in range(ends[0], ends[-1] + 1)}
 
 
-def _number(known: dict[str, Edge], solid: Solid, name: str, word: str) -> int:
+def _parse_number(known: dict[str, Edge], solid: Solid, name: str, word: str) -> int:
     if name in known:
         return int(name[1:])
     if _ID.fullmatch(name) and known:
-        remedy = f"its edges are e1 to e{len(known)}"
-        raise JobError("input.select", f"{solid.source} has no edge {name}", remedy=remedy)
-    what = f'"{word}" is neither an id nor one of all, convex, bottom, not'
+        raise JobError(
+            "input.select",
+            f"{solid.source} has no edge {name}",
+            remedy=f"its edges are e1 to e{len(known)}",
+        )
     raise JobError(
-        "input.select", what, remedy=suggest(word, ["all", "convex", "bottom", "not", *known])
+        "input.select",
+        f'"{word}" is neither an id nor one of all, convex, bottom, not',
+        remedy=suggest(word, ["all", "convex", "bottom", "not", *known]),
     )
 
 
-def _bottom(solid: Solid) -> set[str]:
-    """Edges that lie on the lowest plane of the part."""
+def _find_bottom(solid: Solid) -> set[str]:
     if not solid.edges:
         return set()
     level = float(solid.vertices[:, 2].min()) + _LEVEL

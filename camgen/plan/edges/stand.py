@@ -1,4 +1,4 @@
-"""How the tool stands along a curve in space: as it is fixed, as the points say, or square to the nearest face."""
+"""Tool orientation along a curve in space: fixed, given by the points, or normal to a face."""
 
 from __future__ import annotations
 
@@ -20,34 +20,47 @@ from camgen.model.text import counted, short
 from camgen.motion.pose_paths import PosePath, count_parts, divide
 from camgen.motion.setup import UnreachableEdge
 
-#: mm: a face is looked at so often along a curve; of the looks the rows stay that the axis needs to be so near, rad.
-_LOOK_MM, _AXIS = 1.0, math.radians(0.5)
-_NO_TURN = np.eye(3)
+#: Distance of the samples at which the normal of the nearest face is taken, mm.
+_SAMPLE_MM = 1.0
+#: Maximum deviation of the interpolated tool axis from the samples, rad. It decides which stay.
+_AXIS_DEVIATION = math.radians(0.5)
+_NO_ROTATION = np.eye(3)
 
 
-def stand(curve: Curve, job: Job, solid: Solid | None) -> PosePath | UnreachableEdge:
-    """The TCP poses along ``curve``, in its own direction. JobError where the job asks for what is not there."""
+def plan_orientation(curve: Curve, job: Job, solid: Solid | None) -> PosePath | UnreachableEdge:
+    """The TCP poses along `curve`, in its direction, or the reason why it has no poses.
+
+    Raises JobError if the job needs a part or angles that the input does not have.
+    """
     axis = choose_axis(curve, job)
     if axis == "normal":
         if solid is None:
-            what = '"normal" needs the part on whose faces the curves lie'
-            raise JobError("job", what, "tool.axis", "give its mesh or STEP file as another input")
-        return _square_to_faces(_bare(curve), curve.id, solid)
+            raise JobError(
+                "job",
+                '"normal" needs the part on whose faces the curves lie',
+                "tool.axis",
+                "give its mesh or STEP file as another input",
+            )
+        return _orient_to_faces(_make_bare_path(curve), curve.id, solid)
     if axis == "given":
-        return _as_given(curve)
-    turned = np.broadcast_to(fixed_rotation(job), (len(curve.points), 3, 3))
-    return PosePath(curve.points, _bare(curve).via, frozen(turned))
+        return _orient_as_given(curve)
+    rotations = np.broadcast_to(fixed_rotation(job), (len(curve.points), 3, 3))
+    return PosePath(curve.points, _make_bare_path(curve).via, frozen(rotations))
 
 
 def choose_axis(curve: Curve, job: Job) -> str:
-    """What holds for the tool along ``curve``: "fixed", "given" or "normal". JobError for what cannot be meant."""
+    """The kind of tool axis along `curve`: "fixed", "given" or "normal".
+
+    Raises JobError for settings that do not suit the curve.
+    """
     tool = job.tool
-    axis = tool.axis if tool.axis != "auto" else "given" if curve.rotations is not None else "fixed"
+    axis: str = tool.axis
+    if axis == "auto":
+        axis = "fixed" if curve.rotations is None else "given"
     if axis == "given" and curve.rotations is None:
-        what = f"curve {curve.id} has no angles"
         raise JobError(
             "job",
-            what,
+            f"curve {curve.id} has no angles",
             "tool.axis",
             'give points with x,y,z,rx,ry,rz, or set it to "fixed" or "normal"',
         )
@@ -59,7 +72,7 @@ def choose_axis(curve: Curve, job: Job) -> str:
 
 
 def fixed_rotation(job: Job) -> FloatArray:
-    """work_from_tool of a tool that does not turn. JobError for angles that are none."""
+    """The rotation work_from_tool of a fixed tool. Raises JobError for invalid angles."""
     values = job.tool.angles
     if values is None:
         return TOOL_DOWN
@@ -73,76 +86,82 @@ def fixed_rotation(job: Job) -> FloatArray:
     return rotation_from_fixed_xyz(*(math.radians(v) for v in values))
 
 
-def _bare(curve: Curve) -> PosePath:
-    """The places alone."""
+def _make_bare_path(curve: Curve) -> PosePath:
     via = np.concatenate([np.full((1, 3), np.nan), curve.via])
-    return PosePath(curve.points, frozen(via), np.broadcast_to(_NO_TURN, (len(curve.points), 3, 3)))
+    return PosePath(
+        curve.points, frozen(via), np.broadcast_to(_NO_ROTATION, (len(curve.points), 3, 3))
+    )
 
 
-def _as_given(curve: Curve) -> PosePath | UnreachableEdge:
+def _orient_as_given(curve: Curve) -> PosePath | UnreachableEdge:
     assert curve.rotations is not None
     turn = angles_between(curve.rotations[:-1], curve.rotations[1:])
     wide = np.flatnonzero(turn > SURE_TURN)
     if len(wide):
         k = int(wide[0])
-        what = f"the tool turns by {short(math.degrees(turn[k]), 1)} deg from point {k + 1} to the next"
         return UnreachableEdge(
-            curve.id, "shape", f"{what}, either way round: give points between them"
+            curve.id,
+            "shape",
+            f"the tool turns by {short(math.degrees(turn[k]), 1)} deg from point {k + 1} to the "
+            "next, too far to know in which direction: give points between them",
         )
-    return PosePath(curve.points, _bare(curve).via, curve.rotations)
+    return PosePath(curve.points, _make_bare_path(curve).via, curve.rotations)
 
 
-def _square_to_faces(way: PosePath, name: str, solid: Solid) -> PosePath | UnreachableEdge:
-    """The way with tool z against the normal of the nearest face, turned about it as little as it goes along."""
-    parts = count_parts(way, _LOOK_MM, math.tau)
-    looks = divide(way, parts)
-    axis = -find_nearest(solid, looks.position).normal
+def _orient_to_faces(pose_path: PosePath, name: str, solid: Solid) -> PosePath | UnreachableEdge:
+    """The path with tool z against the normal of the nearest face, and the least roll."""
+    parts = count_parts(pose_path, _SAMPLE_MM, math.tau)
+    samples = divide(pose_path, parts)
+    axis = -find_nearest(solid, samples.position).normal
     jump = angles(axis[:-1], axis[1:])
     wide = np.flatnonzero(jump > FEATURE_ANGLE)
     if len(wide):
         k = int(wide[0])
-        place = " ".join(short(v, 2) for v in looks.position[k].tolist())
-        what = f"the nearest face changes its direction by {short(math.degrees(jump[k]), 1)} deg at {place} mm"
+        place = " ".join(short(v, 2) for v in samples.position[k].tolist())
         return UnreachableEdge(
-            name, "shape", f"{what}: end the curve there, or fix the tool: tool.axis, tool.angles"
+            name,
+            "shape",
+            f"the nearest face changes its direction by {short(math.degrees(jump[k]), 1)} deg at "
+            f"{place} mm: end the curve there, or fix the tool: tool.axis, tool.angles",
         )
-    at = offsets(parts)
-    kept = each_once(np.concatenate([at, *(_needed(axis, a, b) for a, b in pairwise(at.tolist()))]))
-    return _keep(way, parts, looks, kept, _carry(axis[kept]))
+    vertices = offsets(parts)
+    needed = [_find_needed(axis, a, b) for a, b in pairwise(vertices.tolist())]
+    kept = each_once(np.concatenate([vertices, *needed]))
+    return _select_samples(pose_path, parts, samples, kept, _make_rotations(axis[kept]))
 
 
-def _needed(axis: FloatArray, low: int, high: int) -> IntArray:
-    """The rows between two that the turn from row to row needs, so that the axis is everywhere as at the looks."""
+def _find_needed(axis: FloatArray, low: int, high: int) -> IntArray:
+    """The samples between two that interpolation of the axis needs, within `_AXIS_DEVIATION`."""
     kept: list[int] = []
-    open_ = [(low, high)]
-    while open_:
-        a, b = open_.pop()
+    pending = [(low, high)]
+    while pending:
+        a, b = pending.pop()
         if b - a < 2:
             continue
-        share = (np.arange(a + 1, b) - a) / (b - a)
-        off = angles(_turning(axis[a], axis[b], share), axis[a + 1 : b])
-        worst = int(off.argmax())
-        if off[worst] > _AXIS:
+        fraction = (np.arange(a + 1, b) - a) / (b - a)
+        deviation = angles(_interpolate_axis(axis[a], axis[b], fraction), axis[a + 1 : b])
+        worst = int(deviation.argmax())
+        if deviation[worst] > _AXIS_DEVIATION:
             kept.append(a + 1 + worst)
-            open_ += [(a, a + 1 + worst), (a + 1 + worst, b)]
+            pending += [(a, a + 1 + worst), (a + 1 + worst, b)]
     return np.array(kept, dtype=np.int64)
 
 
-def _turning(a: FloatArray, b: FloatArray, share: FloatArray) -> FloatArray:
-    """Unit vectors at ``share`` (K,) of the shortest turn from ``a`` to ``b``."""
+def _interpolate_axis(a: FloatArray, b: FloatArray, fraction: FloatArray) -> FloatArray:
     normal = cross(a, b)
     size = float(np.linalg.norm(normal))
     angle = math.atan2(size, float(a @ b))
-    about = np.broadcast_to(normal / size if size > 0 else normal, (len(share), 3))
-    return turn_vectors(np.broadcast_to(a, (len(share), 3)), about, share * angle)
+    about = np.broadcast_to(normal / size if size > 0 else normal, (len(fraction), 3))
+    return turn_vectors(np.broadcast_to(a, (len(fraction), 3)), about, fraction * angle)
 
 
-def _carry(axis: FloatArray) -> FloatArray:
-    """Rotations (N, 3, 3) with z along ``axis``: x with the work's x at first (its y where that is along the axis), and
-    carried on from row to row without a turn about the axis.
+def _make_rotations(axis: FloatArray) -> FloatArray:
+    """Rotations (N, 3, 3) with z along `axis` (N, 3), carried from row to row without roll.
+
+    The first x axis is the work's x axis, or its y axis if `axis` is along x.
     """
     side = np.array([0.0, 1.0, 0.0]) if abs(axis[0, 0]) > 0.9 else np.array([1.0, 0.0, 0.0])
-    made = np.empty((len(axis), 3, 3))
+    rotations = np.empty((len(axis), 3, 3))
     for k, z in enumerate(axis):
         if k:
             about = cross(axis[k - 1], z)
@@ -151,18 +170,25 @@ def _carry(axis: FloatArray) -> FloatArray:
                 angle = math.atan2(size, float(axis[k - 1] @ z))
                 side = turn_vectors(side[None], (about / size)[None], np.array([angle]))[0]
         side = unit(side - z * float(side @ z))
-        made[k] = np.stack([side, cross(z, side), z], axis=1)
-    return made
+        rotations[k] = np.stack([side, cross(z, side), z], axis=1)
+    return rotations
 
 
-def _keep(
-    way: PosePath, parts: IntArray, looks: PosePath, kept: IntArray, rotations: FloatArray
+def _select_samples(
+    pose_path: PosePath,
+    parts: IntArray,
+    samples: PosePath,
+    kept: IntArray,
+    rotations: FloatArray,
 ) -> PosePath:
-    """The rows ``kept`` of the looks as a way of their own, arcs as arcs."""
-    at = offsets(parts)
-    segment = np.searchsorted(at, kept[1:], side="left") - 1
-    middle = ((kept[:-1] + kept[1:]) / 2 - at[segment]) / parts[segment]
-    via = chain(way.position, way.via[1:]).point(middle, segment)
-    via[np.isnan(way.via[1:, 0])[segment]] = np.nan
-    own = np.concatenate([np.full((1, 3), np.nan), via])
-    return PosePath(frozen(looks.position[kept]), frozen(own), frozen(rotations))
+    """The samples `kept` as a pose path with these rotations. Arcs stay arcs.
+
+    parts: number of samples of each segment of `pose_path`.
+    """
+    first = offsets(parts)
+    segment = np.searchsorted(first, kept[1:], side="left") - 1
+    middle = ((kept[:-1] + kept[1:]) / 2 - first[segment]) / parts[segment]
+    via = chain(pose_path.position, pose_path.via[1:]).point(middle, segment)
+    via[np.isnan(pose_path.via[1:, 0])[segment]] = np.nan
+    via = np.concatenate([np.full((1, 3), np.nan), via])
+    return PosePath(frozen(samples.position[kept]), frozen(via), frozen(rotations))

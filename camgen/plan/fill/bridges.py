@@ -1,13 +1,15 @@
-"""Passes joined by bridges, so that the tool covers a region without a lift.
+"""Joins passes by bridges, so that the tool covers a region without a lift.
 
-Where two passes are no farther apart than one pass from the next, and the tool has room on the straight way between
-them, it goes over there, once round, and back the same way. Of all such bridges the shortest that hold the passes
-together are taken (Kruskal 1956), so that the passes of a region become one closed stroke, which may begin anywhere.
+If two passes are about one spacing apart and the tool has room on the straight line between them,
+the tool crosses there, runs the other pass once, and returns on the same line. The shortest bridges
+that connect all passes are chosen (Kruskal 1956). The passes of a region then are one closed
+stroke, which may start anywhere.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from operator import itemgetter
 
 import cv2
 import numpy as np
@@ -19,19 +21,26 @@ from camgen.geometry.rings import ComplexArray
 from camgen.geometry.segments import BoolArray, IntArray
 from camgen.geometry.vectors import nearest_row
 from camgen.model.pose import FloatArray
-from camgen.plan.fill.ground import Ground
+from camgen.plan.fill.ground import FillGrid
 from camgen.plan.image_space.field import sample_field
 
-#: Passes are looked at within so many px when bridges are looked for.
+#: Tolerance to which passes are thinned out before bridges are searched, px.
 _NEAR_PX = 0.2
-#: A bridge may be longer than from pass to pass by this factor, and the tool nearer to the border by so many px.
-_LONGER, _ROOM_PX = 1.1, 0.75
-#: Places along a bridge where that is looked at.
+#: Maximum length of a bridge as a multiple of the spacing of the passes.
+_LONGER = 1.1
+#: Maximum length by which the tool may reach beyond the border on a bridge, px.
+_OVERLAP_PX = 0.75
+#: Sample positions along a bridge, as fractions.
 _PLACES = np.linspace(0.0, 1.0, 9)
 
 
 class Bridge(Struct, frozen=True):
-    """From the point with index ``leaves`` of one pass to the point ``arrives`` of the pass ``to``."""
+    """A bridge between two passes.
+
+    leaves: index of the point of this pass.
+    to: index of the other pass.
+    arrives: index of the point of the other pass.
+    """
 
     leaves: int
     to: int
@@ -39,82 +48,75 @@ class Bridge(Struct, frozen=True):
 
 
 def join_passes(
-    field: Ground, passes: Sequence[ComplexArray], radius: float, spacing: float
+    field: FillGrid, passes: Sequence[ComplexArray], radius: float, spacing: float
 ) -> list[ComplexArray]:
-    """Closed strokes (N,) px of the closed ``passes``, joined where they can be. No first point again.
+    """Join the closed `passes` to closed strokes (N,) px, without a repeated first point.
 
-    radius: of the tool, spacing: from pass to pass, both px.
+    radius: radius of the tool, px.
+    spacing: distance between neighbouring passes, px.
     """
     bridges: list[list[Bridge]] = [[] for _ in passes]
     group = list(range(len(passes)))
-    for one, other, start, end in _find_bridges(field, passes, radius, _LONGER * spacing):
-        a, b = _root(group, one), _root(group, other)
+    for first, second, start, end in _find_bridges(field, passes, radius, _LONGER * spacing):
+        a, b = _root(group, first), _root(group, second)
         if a != b:
             group[b] = a
-            leaves = nearest_row(passes[one], start)
-            arrives = nearest_row(passes[other], end)
-            bridges[one].append(Bridge(leaves, other, arrives))
-            bridges[other].append(Bridge(arrives, one, leaves))
+            leaves = nearest_row(passes[first], start)
+            arrives = nearest_row(passes[second], end)
+            bridges[first].append(Bridge(leaves, second, arrives))
+            bridges[second].append(Bridge(arrives, first, leaves))
     heads = [k for k in range(len(passes)) if _root(group, k) == k]
-    return [_walk(passes, bridges, k) if bridges[k] else passes[k] for k in heads]
+    return [_join_group(passes, bridges, k) if bridges[k] else passes[k] for k in heads]
 
 
 def _find_bridges(
-    field: Ground, passes: Sequence[ComplexArray], radius: float, most: float
+    field: FillGrid, passes: Sequence[ComplexArray], radius: float, max_length: float
 ) -> list[tuple[int, int, complex, complex]]:
-    """Pairs of passes and the ends of the shortest way between them, the shortest first, where the tool has room."""
-    thin = [_thinned(points) for points in passes]
-    lines = np.array([shapely.LineString(points) for points in thin], dtype=object)
-    one, other = _near_each_other(thin, most)
-    ends = shapely.get_coordinates(shapely.shortest_line(lines[one], lines[other])) @ np.array(
-        [1, 1j]
-    )
+    """Pairs of passes, with the ends of the line between them, the shortest line first.
+
+    Only lines on which the tool has room.
+    """
+    thinned = [_thin_out(points) for points in passes]
+    lines = np.array([shapely.LineString(points) for points in thinned], dtype=object)
+    first, second = _find_near_pairs(thinned, max_length)
+    shortest = shapely.get_coordinates(shapely.shortest_line(lines[first], lines[second]))
+    ends = shortest @ np.array([1, 1j])
     start, end = ends[::2], ends[1::2]
-    good = _has_room(field, start, end, radius)
     order = np.argsort(np.abs(end - start), kind="stable")
-    rows = order[good[order]]
-    return list(
-        zip(
-            one[rows].tolist(),
-            other[rows].tolist(),
-            start[rows].tolist(),
-            end[rows].tolist(),
-            strict=True,
-        )
-    )
+    rows = order[_has_room(field, start, end, radius)[order]]
+    columns = (column[rows].tolist() for column in (first, second, start, end))
+    return list(zip(*columns, strict=True))
 
 
-def _near_each_other(passes: Sequence[FloatArray], most: float) -> IntArray:
-    """(2, N) the pairs of ``passes`` no farther apart than ``most``.
+def _find_near_pairs(passes: Sequence[FloatArray], distance: float) -> IntArray:
+    """(2, N) indices of pairs of `passes` at most `distance` px apart.
 
-    Looked for among their lines, since the box around a whole pass holds many others.
+    Single segments are compared, since the box around a whole pass contains many other passes.
     """
     if not passes:
         return np.zeros((2, 0), dtype=np.int64)
     owner = owners([len(points) - 1 for points in passes])
-    ends = np.stack(
-        [np.concatenate([p[:-1] for p in passes]), np.concatenate([p[1:] for p in passes])], axis=1
-    )
-    lines = shapely.linestrings(ends)
-    low, high = ends.min(axis=1) - most, ends.max(axis=1) + most
+    starts, ends = np.concatenate([p[:-1] for p in passes]), np.concatenate([p[1:] for p in passes])
+    segments = np.stack([starts, ends], axis=1)
+    lines = shapely.linestrings(segments)
+    low, high = segments.min(axis=1) - distance, segments.max(axis=1) + distance
     pairs = shapely.STRtree(lines).query(shapely.box(*low.T, *high.T))
-    one, other = pairs[:, owner[pairs[0]] < owner[pairs[1]]]
-    near = shapely.dwithin(lines[one], lines[other], most)
-    return np.unique(owner[[one[near], other[near]]], axis=1)
+    first, second = pairs[:, owner[pairs[0]] < owner[pairs[1]]]
+    near = shapely.dwithin(lines[first], lines[second], distance)
+    return np.unique(owner[[first[near], second[near]]], axis=1)
 
 
-def _thinned(points: ComplexArray) -> FloatArray:
-    """(N, 2) of the closed line, the first point again."""
+def _thin_out(points: ComplexArray) -> FloatArray:
     flat = np.column_stack([points.real, points.imag]).astype(np.float32)[:, None]
     kept = cv2.approxPolyDP(flat, _NEAR_PX, True)[:, 0].astype(np.float64)
     return np.append(kept, kept[:1], axis=0)
 
 
-def _has_room(field: Ground, start: ComplexArray, end: ComplexArray, radius: float) -> BoolArray:
-    """Where (N,) the tool keeps its radius from the border all the way."""
-    way = start[:, None] + (end - start)[:, None] * _PLACES
-    depth = sample_field(field.depth, way.ravel()).reshape(way.shape)
-    return np.asarray((depth >= radius - _ROOM_PX).all(axis=1))
+def _has_room(field: FillGrid, start: ComplexArray, end: ComplexArray, radius: float) -> BoolArray:
+    """(N,) true if the tool keeps its radius from the border on a line, within `_OVERLAP_PX`."""
+    points = start[:, None] + (end - start)[:, None] * _PLACES
+    depth = sample_field(field.depth, points.ravel()).reshape(points.shape)
+    return np.asarray((depth >= radius - _OVERLAP_PX).all(axis=1))
 
 
 def _root(group: list[int], k: int) -> int:
@@ -124,38 +126,36 @@ def _root(group: list[int], k: int) -> int:
     return k
 
 
-def _walk(
+def _join_group(
     passes: Sequence[ComplexArray], bridges: Sequence[Sequence[Bridge]], head: int
 ) -> ComplexArray:
-    """Once round the pass ``head``, over each bridge on the way to what is beyond it, and back."""
+    """The pass `head` once, with a detour over each bridge to the passes beyond it."""
     pieces: list[ComplexArray] = []
-    # Of each pass that is not done: where it began, what is left of its bridges by the way there, and where it stands.
-    open_ = [(head, 0, _by_way(passes[head], bridges[head], 0, -1), 0)]
-    while open_:
-        k, begin, left, at = open_.pop()
+    # For each unfinished pass: its first point, its remaining bridges in order, and the steps done.
+    unfinished = [(head, 0, _sort_bridges(passes[head], bridges[head], 0, -1), 0)]
+    while unfinished:
+        k, begin, pending, done = unfinished.pop()
         size = len(passes[k])
-        if not left:
-            pieces.append(passes[k][_stretch(begin, at, size, size)])
+        if not pending:
+            pieces.append(passes[k][_list_rows(begin, done, size, size)])
             continue
-        place, bridge = left[0]
-        pieces.append(passes[k][_stretch(begin, at, place, size)])
-        open_.append((k, begin, left[1:], place))
-        there = _by_way(passes[bridge.to], bridges[bridge.to], bridge.arrives, k)
-        open_.append((bridge.to, bridge.arrives, there, 0))
+        place, bridge = pending[0]
+        pieces.append(passes[k][_list_rows(begin, done, place, size)])
+        unfinished.append((k, begin, pending[1:], place))
+        target = bridge.to
+        ordered = _sort_bridges(passes[target], bridges[target], bridge.arrives, k)
+        unfinished.append((target, bridge.arrives, ordered, 0))
     return np.concatenate(pieces)[:-1]
 
 
-def _by_way(
-    points: ComplexArray, bridges: Sequence[Bridge], begin: int, came: int
+def _sort_bridges(
+    points: ComplexArray, bridges: Sequence[Bridge], begin: int, source: int
 ) -> list[tuple[int, Bridge]]:
-    """The bridges of a pass but the one it was reached by, each with the steps from ``begin`` to it, in that order."""
-    others = [bridge for bridge in bridges if bridge.to != came]
-    return sorted(
-        (((bridge.leaves - begin) % len(points), bridge) for bridge in others),
-        key=lambda one: one[0],
-    )
+    """The bridges of a pass except that to `source`, with their steps from `begin`, in order."""
+    others = [bridge for bridge in bridges if bridge.to != source]
+    steps = [((bridge.leaves - begin) % len(points), bridge) for bridge in others]
+    return sorted(steps, key=itemgetter(0))
 
 
-def _stretch(begin: int, first: int, last: int, size: int) -> IntArray:
-    """The rows from step ``first`` to step ``last`` after ``begin`` of a closed line, both included."""
+def _list_rows(begin: int, first: int, last: int, size: int) -> IntArray:
     return np.asarray((begin + np.arange(first, last + 1)) % size)

@@ -1,4 +1,4 @@
-"""What strokes cover, as a value that goes from the planner to summary and report."""
+"""Measures and paints the area that the strokes of a round tool cover."""
 
 from __future__ import annotations
 
@@ -16,152 +16,173 @@ from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.tolerance import NONZERO
 from camgen.plan import Coverage
-from camgen.plan.fill.ground import Pixels, crossings, even_odd, outlines, spread
+from camgen.plan.fill.ground import (
+    Pixels,
+    expand_ranges,
+    find_crossings,
+    find_outlines,
+    mask_even_odd,
+)
 
-# What the strokes of a round tool cover: measured on the strokes as they will be run, by rows that cut them.
+# The covered area is measured on the strokes as they will be run, along rows across them.
 
-#: Rows by tool diameter; and how they lie: along no direction that boards are drawn in, so that every edge meets many.
+#: Number of rows per tool diameter, and their direction. No edge of a board is drawn along it, so
+#: every edge crosses many rows.
 _ROWS, _TURN = 12.7, np.exp(0.4j)
-#: Rows at most.
-_MOST_ROWS = 9000
-#: Border crossings of a row stay below the first, passes that lie on each other below the second.
+#: Maximum number of rows.
+_MAX_ROWS = 9000
+#: Weights that count three things in one number. A row has fewer border crossings than the first,
+#: and fewer overlapping passes than the second divided by the first.
 _PASS, _THIN = 1 << 20, 1 << 40
 
 
-def spans(
+def compute_spans(
     start: ComplexArray, end: ComplexArray, radius: float, pitch: float = 1.0
 ) -> tuple[IntArray, FloatArray, FloatArray]:
-    """What a disc of ``radius`` that runs along lines covers of the rows v = n ``pitch``: n, u from and u to, (M,)."""
+    """The intervals of the rows v = n `pitch` that a disc covers while it runs along lines.
+
+    Returns n, and u of both ends, (M,).
+    """
     low, high = np.minimum(start.imag, end.imag) - radius, np.maximum(start.imag, end.imag) + radius
-    line, row = spread(
+    line, row = expand_ranges(
         np.ceil(low / pitch).astype(np.int64), np.floor(high / pitch).astype(np.int64) + 1
     )
     v = row * pitch
     along = end - start
-    # The outline of a disc that ran along a line: on either side the disc is where the row meets the line that touches
-    # all of them, else at one of the two ends.
+    # On each side a row meets the line that touches all discs, or the disc at one of the ends.
     lean = np.sign(along.imag) * along.real * radius / np.maximum(np.abs(along), NONZERO)
     rise = np.where(along.imag == 0, NONZERO, along.imag)
     sides = []
-    for sign, towards in ((-1, lean), (1, -lean)):
+    for sign, shift in ((-1, lean), (1, -lean)):
         flat_end = (sign * along.real > 0) * 1.0
-        t = np.clip((v - (start.imag + towards)[line]) / rise[line], 0.0, 1.0)
+        t = np.clip((v - (start.imag + shift)[line]) / rise[line], 0.0, 1.0)
         t = np.where((along.imag == 0)[line], flat_end[line], t)
-        off = v - (start.imag[line] + t * along.imag[line])
-        sides.append(
-            start.real[line]
-            + t * along.real[line]
-            + sign * np.sqrt(np.maximum(radius**2 - off**2, 0.0))
-        )
+        height = v - (start.imag[line] + t * along.imag[line])
+        half = sign * np.sqrt(np.maximum(radius**2 - height**2, 0.0))
+        sides.append(start.real[line] + t * along.real[line] + half)
     left, right = sides
     return row, left, right
 
 
 def paint(start: ComplexArray, end: ComplexArray, radius: float, shape: tuple[int, int]) -> Pixels:
-    """255 for the pixels (H, W) whose centres the disc passes over."""
-    row, left, right = spans(start, end, radius)
+    """(H, W) 255 for the pixels over whose centres a disc passes along lines."""
+    row, left, right = compute_spans(start, end, radius)
     inside = (row >= 0) & (row < shape[0])
     row, left, right = row[inside], left[inside], right[inside]
     change = np.zeros((shape[0], shape[1] + 1), dtype=np.int16)
     flat = change.ravel()
     first, last = (
-        np.clip(x, 0, shape[1]).astype(np.int64) for x in (np.ceil(left), np.floor(right) + 1)
+        np.clip(u, 0, shape[1]).astype(np.int64) for u in (np.ceil(left), np.floor(right) + 1)
     )
     np.add.at(flat, row * (shape[1] + 1) + first, np.int16(1))
     np.add.at(flat, row * (shape[1] + 1) + last, np.int16(-1))
     return np.asarray((np.cumsum(change[:, :-1], axis=1, dtype=np.int16) > 0) * np.uint8(255))
 
 
-def lines_of(paths: Sequence[ComplexArray]) -> tuple[ComplexArray, ComplexArray]:
-    """The lines (M,) of polylines, from and to; a single point is a line of no length."""
+def split_lines(paths: Sequence[ComplexArray]) -> tuple[ComplexArray, ComplexArray]:
+    """Start and end (M,) of the lines of polylines. A single point is a line of length 0."""
     if not paths:
         return np.zeros(0, dtype=complex), np.zeros(0, dtype=complex)
     start = np.concatenate([p[: max(len(p) - 1, 1)] for p in paths])
     return start, np.concatenate([p[1:] if len(p) > 1 else p for p in paths])
 
 
-def measure(
+def measure_areas(
     table: Rings,
     borders: ComplexArray,
     passes: Sequence[ComplexArray],
     thin: Sequence[ComplexArray],
     radius: float,
 ) -> Coverage:
-    """The coverage of what ``borders`` enclose, even-odd, by polylines. All in mm."""
+    """The coverage of the area inside `borders`, even-odd, by polylines. All lengths in mm.
+
+    table: lengths of the borders.
+    passes: polylines whose ink outside is counted as `outside`.
+    thin: polylines whose ink outside is counted as `thin`.
+    radius: radius of the tool.
+    """
     borders = borders * _TURN
-    passes, thin = ([line * _TURN for line in lines] for lines in (passes, thin))
+    passes, thin = [line * _TURN for line in passes], [line * _TURN for line in thin]
     pitch = 2 * radius / _ROWS
-    tall = float(np.ptp(borders.imag)) if len(borders) else 0.0
-    pitch = max(pitch, tall / _MOST_ROWS)
+    height = float(np.ptp(borders.imag)) if len(borders) else 0.0
+    pitch = max(pitch, height / _MAX_ROWS)
     following = borders[table.shifted(1)]
-    edge, place = crossings(*(p.real + 1j * (p.imag / pitch) for p in (borders, following)))
+    start = borders.real + 1j * (borders.imag / pitch)
+    edge, place = find_crossings(start, following.real + 1j * (following.imag / pitch))
     events = [(edge, place, np.ones(len(edge), dtype=np.int64))]
-    # One number counts all three: crossings of the border, passes and thin strokes above each other's reach.
     for weight, paths in ((_PASS, passes), (_THIN, thin)):
-        own, left, right = spans(*lines_of(paths), radius, pitch)
-        count = np.full(len(own), weight)
-        events += [(own, left, count), (own, right, -count)]
+        rows, left, right = compute_spans(*split_lines(paths), radius, pitch)
+        count = np.full(len(rows), weight)
+        events += [(rows, left, count), (rows, right, -count)]
     row, place, weights = (np.concatenate(column) for column in zip(*events, strict=True))
     key = (row - row.min()) * (float(np.ptp(place)) + 1.0) + (place - place.min())
     order = np.argsort(key, kind="stable")
     count = np.cumsum(weights[order])[:-1]
     length = np.diff(key[order])
     copper = count & 1 == 1
-    thin_count, rest = np.divmod(count, _THIN)
-    by_pass = rest >= _PASS
+    thin_count, remainder = np.divmod(count, _THIN)
+    by_pass = remainder >= _PASS
     inked = by_pass | (thin_count > 0)
-    areas = (copper, copper & inked, ~copper & by_pass, ~copper & inked & ~by_pass)
-    # Between the last interval of a row and the first of the next nothing is open, so that it counts for none.
-    return Coverage(*(float(length[where].sum() * pitch) for where in areas))
+    # All counts are 0 between the last event of a row and the first of the next one.
+    masks = (copper, copper & inked, ~copper & by_pass, ~copper & inked & ~by_pass)
+    return Coverage(*(float(length[mask].sum() * pitch) for mask in masks))
 
 
-# A picture of what strokes cover: what is covered, what stays bare, what is inked beside.
+# A picture of the covered area, the bare area, and the ink outside.
 
-#: Neither, copper covered, copper bare, ink outside: blue, green, red.
+#: Colours (blue, green, red) of neither, covered copper, bare copper, and ink outside.
 COLOURS = ((255, 255, 255), (90, 160, 60), (40, 40, 220), (40, 190, 250))
 
 
-#: Arcs are looked at as chords that leave them by such a part of the tool's diameter.
+#: Tool diameter divided by the sagitta of the chords of an arc.
 SAG = 1000
 
 
 def run_along(path: ToolPath, sag: float) -> FloatArray:
-    """(N, 2) mm along the path, arcs as chords that leave them by ``sag`` mm at most."""
+    """(N, 2) points along a path, mm, with arcs as chords of a sagitta of at most `sag` mm."""
     if np.isnan(path.via).all():
         return path.position[:, :2]
-    found = chain(path.position, path.via[1:])
+    arcs = chain(path.position, path.via[1:])
     with np.errstate(divide="ignore"):
-        step = 2 * np.arccos(np.clip(1 - sag / found.radius, -1.0, 1.0))
-    count = np.ceil(found.sweep / np.maximum(step, 1e-3)).clip(1).astype(np.int64)
-    points = found.point((ramp(count) + 1) / count[owners(count)], owners(count))
+        step = 2 * np.arccos(np.clip(1 - sag / arcs.radius, -1.0, 1.0))
+    count = np.ceil(arcs.sweep / np.maximum(step, 1e-3)).clip(1).astype(np.int64)
+    points = arcs.point((ramp(count) + 1) / count[owners(count)], owners(count))
     return np.append(path.position[:1, :2], points[:, :2], axis=0)
 
 
 class Map(Struct, frozen=True, eq=False):
-    """pixels: (H, W, 3) in ``COLOURS``. work_from_map: (2, 3), mm of a pixel centre (u, v), v down."""
+    """A picture of the covered area.
+
+    pixels: (H, W, 3) in `COLOURS`.
+    work_from_map: (2, 3) matrix from a pixel centre (u, v), v down, to mm.
+    """
 
     pixels: Pixels
     work_from_map: FloatArray
 
 
-def coverage_map(part: Part, paths: Sequence[ToolPath], diameter: float, most: int = 1600) -> Map:
-    """What ``paths`` cover of the closed contours of ``part`` with a tool of ``diameter`` mm, at most ``most`` px."""
-    counts, points, work_from_grid, _ = outlines(part, diameter / 2)
-    border = (
-        np.column_stack([points.real, points.imag]) @ work_from_grid[:, :2].T + work_from_grid[:, 2]
-    )
+def coverage_map(part: Part, paths: Sequence[ToolPath], diameter: float, size: int = 1600) -> Map:
+    """A picture of the area that `paths` cover inside the closed contours of `part`.
+
+    diameter: diameter of the tool, mm.
+    size: number of pixels of the longer side.
+    """
+    counts, points, work_from_grid, _ = find_outlines(part, diameter / 2)
+    pixels = np.column_stack([points.real, points.imag])
+    border = pixels @ work_from_grid[:, :2].T + work_from_grid[:, 2]
     strokes = [run_along(path, diameter / SAG) for path in paths]
     everything = np.concatenate([border, *strokes])
     low, high = everything.min(axis=0) - diameter, everything.max(axis=0) + diameter
-    pixel = float((high - low).max()) / most
-    wide, tall = np.ceil((high - low) / pixel).astype(np.int64).tolist()
+    pixel = float((high - low).max()) / size
+    width, height = np.ceil((high - low) / pixel).astype(np.int64).tolist()
 
-    def at(places: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.complex128]]:
+    def to_pixels(places: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.complex128]]:
         return np.asarray(((places[:, 0] - low[0]) + 1j * (high[1] - places[:, 1])) / pixel)
 
-    shape = (tall, wide)
-    copper = even_odd(make_rings(counts), at(border), shape) > 0
-    ink = paint(*lines_of([at(stroke) for stroke in strokes]), diameter / 2 / pixel, shape) > 0
+    shape = (height, width)
+    copper = mask_even_odd(make_rings(counts), to_pixels(border), shape) > 0
+    lines = split_lines([to_pixels(stroke) for stroke in strokes])
+    ink = paint(*lines, diameter / 2 / pixel, shape) > 0
     kind = np.where(copper, np.where(ink, 1, 2), np.where(ink, 3, 0))
-    place = frozen([[pixel, 0.0, low[0]], [0.0, -pixel, high[1]]])
-    return Map(np.array(COLOURS, dtype=np.uint8)[kind], place)
+    work_from_map = frozen([[pixel, 0.0, low[0]], [0.0, -pixel, high[1]]])
+    return Map(np.array(COLOURS, dtype=np.uint8)[kind], work_from_map)

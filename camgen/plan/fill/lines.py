@@ -1,4 +1,4 @@
-"""Centre lines of what is too narrow for passes: its middle to a part of a pixel, and how far to go at its ends."""
+"""Centre lines of areas too narrow for passes, to a fraction of a pixel, with their ends."""
 
 from __future__ import annotations
 
@@ -11,167 +11,172 @@ from camgen.geometry.ragged import begins, owners, ramp
 from camgen.geometry.rings import ComplexArray, unit
 from camgen.geometry.segments import IntArray
 from camgen.model.pose import FloatArray
-from camgen.plan.fill.ground import Ground, Pixels
-from camgen.plan.image_space.border import CLOSE, foot, near
+from camgen.plan.fill.ground import FillGrid, Pixels
+from camgen.plan.image_space.border import CLOSE, find_foot, find_near
 from camgen.plan.image_space.field import sample_field
 from camgen.vision.skeleton import Stroke, join_strokes, make_graph, thin_mask
 
-#: How far to both sides the depth is compared to find the middle, of the depth there; more than the usual depth by this
-#: factor is a junction or a widening, where the sides say nothing.
-_SIDE, _USUAL = 0.6, 1.2
-#: The middle is moved by this much at most, px.
-_MOST_SHIFT_PX = 1.5
-#: A place wider than the tool by more than this factor takes two lines side by side.
+#: Distance to both sides at which the depth is compared to find the middle, as a fraction of the
+#: depth.
+_SIDE = 0.6
+#: Maximum depth as a multiple of the usual depth of a stroke. Beyond is a junction or a widening,
+#: in which the depths at the sides are not comparable.
+_USUAL = 1.2
+#: Maximum shift towards the middle, px.
+_MAX_SHIFT_PX = 1.5
+#: Width as a multiple of the tool diameter from which on two parallel lines are needed.
 _WIDER = 1.02
-#: Depth, px, that is seen between pixels where the border is.
+#: Depth interpolated between pixels at the border, px.
 _BORDER = 0.275
-#: A line shorter than this, in tool radii, is one touch of the tool.
+#: Minimum length of a line, in tool radii. A shorter one is one touch of the tool.
 _DOT = 0.3
 
 
 class CentreLine(Struct, frozen=True, eq=False):
-    """points: (N,) px, N = 1 for a dot, the first not repeated where closed. wide: half the width there, px."""
+    """A centre line.
+
+    points: (N,) px, one for a dot. The first point of a closed line is not repeated.
+    closed: the line ends at its start.
+    wide: half the width of the area there, px.
+    """
 
     points: ComplexArray
     closed: bool
     wide: float
 
 
-def centre_lines(field: Ground, radius: float, kept: Pixels) -> list[CentreLine]:
-    """The lines along the middle of ``field`` where it is not ``kept`` (H, W), for a tool of ``radius`` px."""
-    depth = field.depth
-    lines = thin_mask(field.mask, kept)
-    found = join_strokes(make_graph(lines, kept, depth))
-    if not found:
+def find_centre_lines(field: FillGrid, radius: float, kept: Pixels) -> list[CentreLine]:
+    """The centre lines of the area except `kept` (H, W), for a tool of `radius` px."""
+    strokes = join_strokes(make_graph(thin_mask(field.mask, kept), kept, field.depth))
+    if not strokes:
         return []
-    wide, points = centre(found, field, radius)
+    widths, points = centre_strokes(strokes, field, radius)
     result = []
-    for stroke, own, half in zip(found, points, wide, strict=True):
-        ends = own if stroke.closed else _close_ends(own, stroke, field, radius, half)
-        if half > _WIDER * radius and len(ends) > 2:
-            result += _side_by_side(ends, stroke.closed, half, radius)
+    for stroke, centred, half in zip(strokes, points, widths, strict=True):
+        is_open = not stroke.closed
+        line = _move_ends(centred, stroke, field, radius, half) if is_open else centred
+        if half > _WIDER * radius and len(line) > 2:
+            result += _make_parallel(line, stroke.closed, half, radius)
         else:
-            result.append(CentreLine(ends, stroke.closed and len(ends) > 2, half))
+            result.append(CentreLine(line, stroke.closed and len(line) > 2, half))
     return result
 
 
-def centre(
-    found: Sequence[Stroke], field: Ground, radius: float
+def centre_strokes(
+    strokes: Sequence[Stroke], field: FillGrid, radius: float
 ) -> tuple[list[float], list[ComplexArray]]:
-    """Half the usual width of each stroke, px, and its points in the middle."""
-    count = np.array([len(s.points) for s in found])
+    """Half the usual width of each stroke, px, and its points moved to the middle."""
+    count = np.array([len(s.points) for s in strokes])
     first, stroke, place = begins(count), owners(count), ramp(count)
-    closed = np.array([s.closed for s in found])
-    raw = np.concatenate([s.points for s in found])
-    # Farther than the longest stroke there is nothing to average.
+    closed = np.array([s.closed for s in strokes])
+    raw = np.concatenate([s.points for s in strokes])
+    # There are no points to average beyond the longest stroke.
     reach = min(max(2, round(radius / 2)), int(count.max()))
 
-    def along(by: int) -> IntArray:
+    def along(step: int) -> IntArray:
         size = count[stroke]
-        further = np.where(closed[stroke], (place + by) % size, np.clip(place + by, 0, size - 1))
+        further = np.where(
+            closed[stroke], (place + step) % size, np.clip(place + step, 0, size - 1)
+        )
         return np.asarray(first[stroke] + further)
 
-    points = _mean([raw[along(k)] for k in range(-reach, reach + 1)])
-    # The mean of what lies on one side only would draw the ends in.
+    neighbours = [raw[along(k)] for k in range(-reach, reach + 1)]
+    points: ComplexArray = np.asarray(sum(neighbours) / len(neighbours))
+    # At the tips the mean, with points on one side only, would shorten the stroke.
     tip = (np.minimum(place, count[stroke] - 1 - place) < reach) & ~closed[stroke]
     points[tip] = raw[tip]
     normal = 1j * unit(points[along(reach)] - points[along(-reach)])
-    here = sample_field(field.depth, points)
-    off = _SIDE * here
+    depth = sample_field(field.depth, points)
+    offset = _SIDE * depth
     left, right = (
-        _depths(field, points + side * off * normal, points + side * here * normal)
+        _measure_depths(field, points + side * offset * normal, points + side * depth * normal)
         for side in (1, -1)
     )
-    shift = np.clip((left - right) / 2, -_MOST_SHIFT_PX, _MOST_SHIFT_PX)
-    half = (left + right) / 2 + off
-    usual = np.array([float(np.median(part)) for part in np.split(here, first[1:])])
-    weight = np.where(here <= _USUAL * usual[stroke] + 0.5, 1.0, 1e-3)
-    ways = [along(k) for k in range(-2 * reach, 2 * reach + 1)]
-    even = np.asarray(sum((weight * shift)[at] for at in ways) / sum(weight[at] for at in ways))
-    points = points + normal * even
+    shift = np.clip((left - right) / 2, -_MAX_SHIFT_PX, _MAX_SHIFT_PX)
+    half = (left + right) / 2 + offset
+    usual = np.array([float(np.median(part)) for part in np.split(depth, first[1:])])
+    weight = np.where(depth <= _USUAL * usual[stroke] + 0.5, 1.0, 1e-3)
+    rows = [along(k) for k in range(-2 * reach, 2 * reach + 1)]
+    mean = np.asarray(sum((weight * shift)[row] for row in rows) / sum(weight[row] for row in rows))
+    points = points + normal * mean
     parts = zip(np.split(half, first[1:]), np.split(weight, first[1:]), strict=True)
-    wide = [float(np.median(part[good > 0.5])) for part, good in parts]
-    return wide, np.split(points, first[1:])
+    widths = [float(np.median(part[good > 0.5])) for part, good in parts]
+    return widths, np.split(points, first[1:])
 
 
-def _depths(field: Ground, points: ComplexArray, about: ComplexArray) -> FloatArray:
-    """Px (N,) from ``points`` to the border near ``about``; of the pixels where there is none."""
-    row = near(field.edge, about)
-    on, _ = foot(field.edge, points, np.maximum(row, 0), CLOSE)
-    seen, exact = sample_field(field.depth, points), np.abs(points - on)
-    return np.where((row >= 0) & (np.abs(exact - seen) < 1.5), exact, seen)
+def _measure_depths(field: FillGrid, points: ComplexArray, about: ComplexArray) -> FloatArray:
+    """(N,) distance from `points` to the border near `about`, px; from the pixels without one."""
+    row = find_near(field.edge, about)
+    foot, _ = find_foot(field.edge, points, np.maximum(row, 0), CLOSE)
+    sampled, exact = sample_field(field.depth, points), np.abs(points - foot)
+    return np.where((row >= 0) & (np.abs(exact - sampled) < 1.5), exact, sampled)
 
 
-def _mean(columns: Sequence[ComplexArray]) -> ComplexArray:
-    return np.asarray(sum(columns) / len(columns))
-
-
-def _close_ends(
-    points: ComplexArray, stroke: Stroke, field: Ground, radius: float, half: float
+def _move_ends(
+    points: ComplexArray, stroke: Stroke, field: FillGrid, radius: float, half: float
 ) -> ComplexArray:
-    """The line with its free ends where the tool's round end and the end of what it covers leave each other least."""
-    # As much of the end is missed as is inked beyond it where half of the end's width lies within the tool.
+    """The line with its free ends moved, so that the round end of the tool covers the tip best."""
+    # Bare area and ink outside are equal if half the width of the tip is inside the tool.
     from_tip = float(np.sqrt(radius**2 - min(half, radius) ** 2 / 4))
-    for free, back in ((stroke.start, True), (stroke.end, False)):
-        if free:
-            points = points[::-1] if back else points
-            points = _end_moved(points, field, from_tip, max(half, 1.0))
-            points = points[::-1] if back else points
-    short = float(np.abs(np.diff(points)).sum()) < _DOT * radius
-    return _in_the_middle(points[[0, -1]].mean(keepdims=True), field) if short else points
+    for is_free, is_start in ((stroke.start, True), (stroke.end, False)):
+        if is_free:
+            points = points[::-1] if is_start else points
+            points = _move_end(points, field, from_tip, max(half, 1.0))
+            points = points[::-1] if is_start else points
+    is_dot = float(np.abs(np.diff(points)).sum()) < _DOT * radius
+    return _centre_dot(points[[0, -1]].mean(keepdims=True), field) if is_dot else points
 
 
-def _end_moved(points: ComplexArray, field: Ground, from_tip: float, half: float) -> ComplexArray:
-    """The line with its last point ``from_tip`` px from where it would leave the ground."""
+def _move_end(points: ComplexArray, field: FillGrid, from_tip: float, half: float) -> ComplexArray:
+    """The line with its last point `from_tip` px before the border."""
     run = np.append(0.0, np.cumsum(np.abs(np.diff(points))))
     back = int(np.searchsorted(run, run[-1] - 3 * half))
-    way = points[-1] - points[back]
-    if abs(way) < 0.5:
+    direction = points[-1] - points[back]
+    if abs(direction) < 0.5:
         return points
-    way /= abs(way)
-    move = _tip(points[-1], way, field, half) - from_tip
+    direction /= abs(direction)
+    move = _measure_tip(points[-1], direction, field, half) - from_tip
     if move >= 0:
-        return np.append(points, points[-1] + move * way)
-    left = run[-1] + move
-    if left <= 0:
-        # The tool is longer than the line: it is put down once, in the middle.
+        return np.append(points, points[-1] + move * direction)
+    length = run[-1] + move
+    if length <= 0:
+        # The tool is longer than the line: one touch in the middle.
         return np.array([np.interp(run[-1] / 2, run, points)])
-    k = int(np.searchsorted(run, left))
-    return np.append(points[:k], np.interp(left, run, points))
+    k = int(np.searchsorted(run, length))
+    return np.append(points[:k], np.interp(length, run, points))
 
 
-def _tip(end: complex, way: complex, field: Ground, half: float) -> float:
-    """How far (px) from ``end`` along ``way`` (unit) the border is."""
+def _measure_tip(end: complex, direction: complex, field: FillGrid, half: float) -> float:
     step = np.arange(0.0, 4 * half + 2.0, 0.25)
-    inside = sample_field(field.depth, np.asarray(end + step * way)) > _BORDER
-    seen = float(step[np.argmin(inside)]) if not inside.all() else float(step[-1])
-    about = np.array([end + seen * way])
-    row = near(field.edge, about)
-    on, _ = foot(field.edge, about, np.maximum(row, 0), CLOSE)
-    exact = float(((on[0] - end) * way.conjugate()).real)
-    return exact if row[0] >= 0 and abs(exact - seen) < 1.0 else seen
+    inside = sample_field(field.depth, np.asarray(end + step * direction)) > _BORDER
+    sampled = float(step[np.argmin(inside)]) if not inside.all() else float(step[-1])
+    about = np.array([end + sampled * direction])
+    row = find_near(field.edge, about)
+    foot, _ = find_foot(field.edge, about, np.maximum(row, 0), CLOSE)
+    exact = float(((foot[0] - end) * direction.conjugate()).real)
+    return exact if row[0] >= 0 and abs(exact - sampled) < 1.0 else sampled
 
 
-def _in_the_middle(point: ComplexArray, field: Ground) -> ComplexArray:
-    """A dot (1,) moved to the middle between what is left and right, above and below of it."""
+def _centre_dot(point: ComplexArray, field: FillGrid) -> ComplexArray:
+    """A dot (1,) moved to the middle between the borders on its left and right, above and below."""
     for _ in range(2):
-        here = sample_field(field.depth, point)
-        for way in (1.0, 1j):
-            off = _SIDE * here * way
-            ahead, behind = (
-                _depths(field, point + s * off, point + s * here * way) for s in (1, -1)
-            )
-            point = point + way * np.clip((ahead - behind) / 2, -_MOST_SHIFT_PX, _MOST_SHIFT_PX)
+        depth = sample_field(field.depth, point)
+        for axis in (1.0, 1j):
+            offset = _SIDE * depth * axis
+            ahead = _measure_depths(field, point + offset, point + depth * axis)
+            back = _measure_depths(field, point - offset, point - depth * axis)
+            point = point + axis * np.clip((ahead - back) / 2, -_MAX_SHIFT_PX, _MAX_SHIFT_PX)
     return point
 
 
-def _side_by_side(
+def _make_parallel(
     points: ComplexArray, closed: bool, half: float, radius: float
 ) -> list[CentreLine]:
-    """Two lines that together reach both borders; of an open line they are one, there and back."""
+    """Two lines that together reach both borders, joined to one if the line is open."""
     ahead = np.roll(points, -1) - points if closed else np.diff(points, append=points[-1:])
-    behind = points - np.roll(points, 1) if closed else np.diff(points, prepend=points[:1])
-    off = 1j * unit(ahead + behind) * (half - radius)
+    back = points - np.roll(points, 1) if closed else np.diff(points, prepend=points[:1])
+    offset = 1j * unit(ahead + back) * (half - radius)
     if closed:
-        return [CentreLine(points + off, True, half), CentreLine(points - off, True, half)]
-    return [CentreLine(np.concatenate([points + off, (points - off)[::-1]]), True, half)]
+        return [CentreLine(points + offset, True, half), CentreLine(points - offset, True, half)]
+    both = np.concatenate([points + offset, (points - offset)[::-1]])
+    return [CentreLine(both, True, half)]

@@ -6,6 +6,7 @@ passes are exact offset curves of the walls: arcs stay arcs, and the last pass r
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -23,7 +24,14 @@ from camgen.model.part import Note, Part
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted, name_ranges
-from camgen.plan.columns import SLOWEST, Label, SegmentWork, pass_depths, sideways, tool_paths
+from camgen.plan.columns import (
+    SLOWEST,
+    Label,
+    SegmentWork,
+    compute_depths,
+    compute_sideways,
+    make_tool_paths,
+)
 from camgen.plan.open_outlines import check_outlines
 from camgen.plan.pocket.channel import Channel, plan_channels
 from camgen.plan.pocket.contours import Pockets, find_pockets
@@ -42,6 +50,7 @@ from camgen.plan.pocket.regions import (
     select_pockets,
 )
 from camgen.plan.pocket.slots import find_slots, plan_slots
+from camgen.plan.unused import raise_first
 
 #: Maximum stepover, as a fraction of the tool diameter. With a larger one, passes leave ridges on a
 #: real machine.
@@ -142,53 +151,75 @@ def _keep_rest(pockets: Pockets, part: Part, job: Job) -> tuple[Pockets, list[No
 
 
 def _check_settings(job: Job) -> None:
-    """Raises JobError for settings with which a pocket cannot be cleared."""
     operation, tool = job.operation, job.tool
-    if tool.kind == "drill":
-        raise JobError("job", "a drill does not cut sideways", "tool.kind", "choose a mill")
-    if job.process.force:
-        raise JobError(
-            "job",
-            "a pocket goes to a depth, not to a force",
-            "process.force",
-            "set process.force to 0",
-        )
-    if operation.stepover > _MAX_STEPOVER:
-        what = f"passes {operation.stepover:g} of the diameter apart leave ridges between them"
-        raise JobError("job", what, "operation.stepover", f"{_MAX_STEPOVER:g} at most")
+    engagement = math.inf if operation.engagement is None else operation.engagement
     min_engagement = operation.stepover + _MIN_MARGIN
-    if operation.engagement is not None and operation.engagement < min_engagement:
-        what = (
-            f"passes {operation.stepover:g} of the diameter apart engage more of it than "
-            f"{operation.engagement:g}"
-        )
-        remedy = f"{min_engagement:g} at least, or a smaller operation.stepover"
-        raise JobError("job", what, "operation.engagement", remedy)
-    if operation.finish > tool.radius:
-        what = (
-            f"{operation.finish:g} mm is more than the radius of the tool, "
-            "a last pass would leave some of it"
-        )
-        raise JobError("job", what, "operation.finish", "leave less at the walls")
-    if not operation.inside_first:
-        what = "pockets are cut from the middle outwards"
-        raise JobError("job", what, "operation.inside_first", "leave it out")
+    passes = f"passes {operation.stepover:g} of the diameter apart"
+    raise_first(
+        (
+            tool.kind == "drill",
+            JobError("job", "a drill does not cut sideways", "tool.kind", "choose a mill"),
+        ),
+        (
+            job.process.force != 0,
+            JobError(
+                "job",
+                "a pocket goes to a depth, not to a force",
+                "process.force",
+                "set process.force to 0",
+            ),
+        ),
+        (
+            operation.stepover > _MAX_STEPOVER,
+            JobError(
+                "job",
+                f"{passes} leave ridges between them",
+                "operation.stepover",
+                f"{_MAX_STEPOVER:g} at most",
+            ),
+        ),
+        (
+            engagement < min_engagement,
+            JobError(
+                "job",
+                f"{passes} engage more of it than {engagement:g}",
+                "operation.engagement",
+                f"{min_engagement:g} at least, or a smaller operation.stepover",
+            ),
+        ),
+        (
+            operation.finish > tool.radius,
+            JobError(
+                "job",
+                f"{operation.finish:g} mm is more than the radius of the tool, "
+                "a last pass would leave some of it",
+                "operation.finish",
+                "leave less at the walls",
+            ),
+        ),
+        (
+            not operation.inside_first,
+            JobError(
+                "job",
+                "pockets are cut from the middle outwards",
+                "operation.inside_first",
+                "leave it out",
+            ),
+        ),
+    )
 
 
 def _leave_out(regions: Sequence[OffsetRegion], pockets: frozenset[int]) -> list[OffsetRegion]:
-    """The regions outside of some pockets."""
     kept = [k for k, region in enumerate(regions) if region.pocket not in pockets]
     return _select_regions(regions, kept)
 
 
 def _select_regions(regions: Sequence[OffsetRegion], rows: Sequence[int]) -> list[OffsetRegion]:
-    """The regions of some rows, with their parents renumbered; `rows` has all their parents."""
     new_index = {k: n for n, k in enumerate(rows)}
     return [replace(regions[k], parent=new_index.get(regions[k].parent, -1)) for k in rows]
 
 
 def _make_limit(job: Job) -> EngagementLimit | None:
-    """The engagement limit of a job; None if there is no limit."""
     operation, radius = job.operation, job.tool.radius
     engagement = operation.engagement
     if engagement is None:
@@ -326,7 +357,6 @@ def _get_speeds(job: Job) -> Speeds:
 
 
 def _sort_by_pocket(linked: Sequence[LinkedPasses]) -> list[LinkedPasses]:
-    """The linked passes by pocket, with their successors renumbered."""
     order = sorted(range(len(linked)), key=lambda k: linked[k].pocket)
     new_index = {k: n for n, k in enumerate(order)}
     return [replace(linked[k], successor=new_index.get(linked[k].successor, -1)) for k in order]
@@ -378,10 +408,10 @@ def _make_paths(
     segments = concatenate([draft.chain for draft in drafts])
     sizes = [len(draft.chain) for draft in drafts]
     segments = replace(segments, owner=np.repeat(np.arange(len(drafts)), sizes))
-    depths = pass_depths(job.operation.depth, job.operation.passes)
+    depths = compute_depths(job.operation.depth, job.operation.passes)
     feeds = _compute_feeds(segments, drafts, pockets.walls.segments, job)
-    work = SegmentWork(sideways(segments, 0), np.zeros(len(segments)), feeds)
-    paths = tool_paths(segments, [draft.label for draft in drafts], work, depths, "pocket")
+    work = SegmentWork(compute_sideways(segments, 0), np.zeros(len(segments)), feeds)
+    paths = make_tool_paths(segments, [draft.label for draft in drafts], work, depths, "pocket")
     planned = []
     for path, draft in zip(paths, drafts, strict=True):
         path_depths = depths[-1:] if draft.full_depth else depths

@@ -272,7 +272,6 @@ def _cut_channel(
 
 
 def _make_rim(disc: Disc, ccw: bool) -> Segments:
-    """The circle of a disc as two half circles."""
     ends = np.array([[disc.x - disc.radius, disc.y], [disc.x + disc.radius, disc.y]])
     bulges = np.full(2, 1.0 if ccw else -1.0)
     return make(ends, ends[::-1], bulges, np.zeros(2, dtype=np.int64))
@@ -292,7 +291,6 @@ def _are_covered(
 
 
 def _clear_first_disc(builder: _ChannelBuilder, helix_radius: float) -> None:
-    """Clear the first disc: a spiral of half circles from its centre, and one turn on its rim."""
     limit, radius = builder.limit, builder.discs[0].radius
     centre = builder.corners[0]
     r, rho, side = limit.tool_radius, helix_radius, -1.0
@@ -374,8 +372,7 @@ def _compute_engagements(
     cosine = (cleared_radius**2 - from_disc**2 - r**2) / (2 * from_disc * r)
     half_span = np.arccos(np.clip(cosine, -1, 1))
     lean = np.arctan2(y, x) - phi
-    low = np.clip(lean - half_span, 0, np.pi)
-    high = np.clip(lean + half_span, 0, np.pi)
+    low, high = np.clip(lean - half_span, 0, np.pi), np.clip(lean + half_span, 0, np.pi)
     return np.asarray((np.cos(low) - np.cos(high)) / 2)
 
 
@@ -430,12 +427,10 @@ def _cut_front(builder: _ChannelBuilder, centre: FloatArray, radius: float) -> N
 
 
 def _make_table(discs: Sequence[Disc]) -> FloatArray:
-    """Centres and radii of D discs as an array (D, 3), mm."""
     return np.array([(disc.x, disc.y, disc.radius) for disc in discs])
 
 
 def _return_to(builder: _ChannelBuilder, target: int) -> None:
-    """Move from the current disc to the centre of another one over the cleared area."""
     if builder.current == target:
         return
     path = _find_disc_path(builder.discs, builder.current, target)
@@ -473,7 +468,6 @@ def _shorten_path(table: FloatArray, first: int, last: int) -> list[int]:
 
 
 def _is_covered(start: FloatArray, end: FloatArray, discs: FloatArray) -> bool:
-    """Whether the line from `start` to `end` (2,) lies in the union of `discs` (K, 3)."""
     length = math.dist(start, end)
     direction = (end - start) / max(length, _SAME_MM)
     steps = discs[:, :2] - start

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ from camgen.geometry.segments import (
 from camgen.geometry.uncross import find_slips, uncross_loops
 from camgen.model.part import Contour, Note
 from camgen.model.text import counted, name_ranges, short
-from camgen.plan.follow import turn_round
+from camgen.plan.follow import reverse_loops
 from camgen.plan.pocket.regions import (
     CHORD_MM,
     MIN_CORNERS,
@@ -59,23 +60,22 @@ def find_pockets(contours: Sequence[Contour]) -> tuple[Pockets, list[Note]]:
     crossings = _find_crossings(closed)
     for k in crossings:
         nesting.crossed[k] = k
-    unfit: list[tuple[list[Contour], str, str]] = []
-    for is_unfit, problem, why in _find_unfit(nesting, crossings):
-        unfit.append((_select_contours(closed, is_unfit), problem, why))
+    unfit = [
+        (_select_contours(closed, is_unfit), problem, why)
+        for is_unfit, problem, why in _find_unfit(nesting, crossings)
+    ]
     loose = [contour for contour in contours if not contour.closed]
     if loose:
-        why = "only what is closed has an inside; raise input.join to close gaps"
+        why = "only closed contours have an inside; raise input.join to close gaps"
         unfit.append((loose, "open", why))
     notes = [_note_not_cleared(chosen, problem, why) for chosen, problem, why in unfit if chosen]
     is_valid = (nesting.crossed < 0) & ~nesting.empty
     outer = np.flatnonzero(is_valid & (nesting.depth % 2 == 0))
-    unfit_contours: list[Contour] = []
-    for chosen, _, _ in unfit:
-        unfit_contours += chosen
+    unfit_contours = list(chain.from_iterable(chosen for chosen, _, _ in unfit))
     unclear = _find_unclear(closed, outer.tolist(), unfit_contours)
     if unclear:
         why = (
-            "what they are there for is not clear: as islands they would be cut away; "
+            "their purpose is not clear: as islands they would be cut away; "
             "repair them or leave them out"
         )
         problem = "with contours in them that are open or cross others"
@@ -103,7 +103,7 @@ def _make_pockets(
     for pocket_members in members:
         chosen += pocket_members
     is_reversed = (nesting.area[chosen] > 0) == (nesting.depth[chosen] % 2 == 0)
-    segments = turn_round(from_contours([closed[k] for k in chosen]), is_reversed)
+    segments = reverse_loops(from_contours([closed[k] for k in chosen]), is_reversed)
     following = find_following(segments, np.ones(len(chosen), dtype=bool))
     slips = find_slips(segments, following, len(chosen)) | _are_crossed(segments, len(chosen))
     segments, following = uncross_loops(segments, following, slips)
@@ -111,8 +111,7 @@ def _make_pockets(
     pocket = np.repeat(np.arange(len(members)), sizes)
     walls = PocketWalls(segments, following, pocket[segments.owner], len(members))
     outer = [closed[pocket_members[0]] for pocket_members in members]
-    names = [wall.id for wall in outer]
-    layers = [wall.layer for wall in outer]
+    names, layers = [wall.id for wall in outer], [wall.layer for wall in outer]
     contours = []
     for pocket_members in members:
         contours.append(_list_ids([closed[k] for k in pocket_members]))
@@ -141,8 +140,7 @@ def _find_overlaps(closed: Sequence[Contour], nesting: Nesting) -> Nesting:
     polygons[touching] = shapely.make_valid(polygons[touching])
     common = shapely.area(shapely.intersection(polygons[first], polygons[second]))
     smaller = np.minimum(shapely.area(polygons[first]), shapely.area(polygons[second]))
-    shorter = np.minimum(shapely.length(edges[first]), shapely.length(edges[second]))
-    slack = 2 * CHORD_MM * shorter
+    slack = 2 * CHORD_MM * np.minimum(shapely.length(edges[first]), shapely.length(edges[second]))
     overlaps = (common > slack) & (smaller - common > slack)
     first, second = tested[first[overlaps]], tested[second[overlaps]]
     crossed = nesting.crossed.copy()
@@ -151,12 +149,10 @@ def _find_overlaps(closed: Sequence[Contour], nesting: Nesting) -> Nesting:
 
 
 def _select_contours(closed: Sequence[Contour], is_chosen: Any) -> list[Contour]:
-    """The contours for which `is_chosen` (C,) is true."""
     return [closed[k] for k in np.flatnonzero(is_chosen).tolist()]
 
 
 def _are_crossed(loops: Segments, count: int) -> NDArray[np.bool_]:
-    """(count,) whether each closed loop, an owner of `loops`, crosses itself."""
     points, owner = flatten(loops, CHORD_MM)
     crossed = np.zeros(count, dtype=np.bool_)
     polygons = np.flatnonzero(np.bincount(owner, minlength=count) >= MIN_CORNERS)
@@ -216,9 +212,8 @@ def _find_unclear(
     polygons = [shapely.make_valid(shapely.Polygon(ring)) for ring in rings]
     chords, chord_owner = flatten(from_contours(unfit), CHORD_MM)
     ends = np.array([contour.points[0 if contour.closed else -1] for contour in unfit])
-    lines = []
-    for k, end in enumerate(ends):
-        lines.append(shapely.LineString(np.vstack([chords[chord_owner == k], end])))
+    rows = [np.vstack([chords[chord_owner == k], end]) for k, end in enumerate(ends)]
+    lines = [shapely.LineString(points) for points in rows]
     touched = shapely.STRtree(polygons).query(lines, predicate="intersects")[1]
     return [outer[k] for k in np.unique(touched).tolist()]
 

@@ -60,8 +60,7 @@ def measure_engagement(
     all_channels: list[Channel] = []
     for region_channels in channels:
         all_channels += region_channels
-    engagements = [np.zeros(0)]
-    lengths = [np.zeros(0)]
+    engagements, lengths = [np.zeros(0)], [np.zeros(0)]
     distance = np.array([region.distance for region in regions])
     parents = {region.parent for region in regions}
     has_channel = [bool(channels[root]) for root in find_outermost(regions)]
@@ -93,8 +92,8 @@ def _make_cleared_areas(
     polygons: dict[int, list[Any]] = {}
     for region, region_channels in zip(regions, channels, strict=True):
         of_pocket = polygons.setdefault(region.pocket, [])
-        for channel in region_channels:
-            of_pocket.append(channel.make_polygon(radius * (1 + _CHIP_FRACTION)))
+        grown = radius * (1 + _CHIP_FRACTION)
+        of_pocket += [channel.make_polygon(grown) for channel in region_channels]
     cleared = {pocket: shapely.union_all(parts) for pocket, parts in polygons.items() if parts}
     for area in cleared.values():
         shapely.prepare(area)
@@ -104,7 +103,6 @@ def _make_cleared_areas(
 def _gather_passes(
     regions: Sequence[OffsetRegion], rows: Sequence[int]
 ) -> tuple[Segments, IntArray]:
-    """All N segments of the passes of some regions, and the pocket (N,) of each."""
     passes: list[Segments] = []
     pockets: list[int] = []
     for k in rows:

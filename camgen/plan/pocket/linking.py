@@ -232,7 +232,6 @@ def link_passes(
 
 
 def _freeze_all(builders: Sequence[_PassBuilder]) -> list[LinkedPasses]:
-    """The finished linked passes, with indices of successors."""
     index = {id(builder): k for k, builder in enumerate(builders)}
     return [
         LinkedPasses(
@@ -249,7 +248,6 @@ def _freeze_all(builders: Sequence[_PassBuilder]) -> list[LinkedPasses]:
 
 
 def _order_inside_first(children: Sequence[Sequence[int]], roots: Sequence[int]) -> list[int]:
-    """All regions, each directly after those inside it."""
     order, stack = [], list(roots)
     while stack:
         order.append(stack.pop())
@@ -269,7 +267,6 @@ def find_outermost(regions: Sequence[OffsetRegion]) -> list[int]:
 
 
 def _start_with_channel(region: OffsetRegion, channel: Channel) -> _PassBuilder:
-    """Linked passes that start with a channel."""
     builder = _PassBuilder(region.pocket, channel.entry_radius)
     builder.parts.append(channel.chain)
     builder.channel_segments = len(channel.chain)
@@ -515,7 +512,6 @@ def _find_leaning_arc(
 
 
 def _is_linked(builder: _PassBuilder, end: FloatArray, limits: _LinkLimits) -> bool:
-    """Whether a straight link from the tool to `end` (1, 2) keeps the limits."""
     return len(_find_first_free(make_lines(builder.position, end), limits)) > 0
 
 
@@ -553,7 +549,6 @@ def _advance_on_ring(builder: _PassBuilder, ends: FloatArray, limits: _LinkLimit
 
 
 def _make_pairs(starts: FloatArray, ends: FloatArray) -> Segments:
-    """Lines from each of `starts` (M, 2) to the point of `ends` (M, 2) in the same row."""
     lines = make_lines(np.zeros(2), ends)
     return Segments(starts, lines.end, lines.bulge, lines.centre, lines.radius, lines.owner)
 

@@ -16,7 +16,7 @@ from camgen.model.job import Job
 from camgen.model.part import Note
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted, name_ranges, short
-from camgen.plan.beside import NO_HELIX, does_not_fit
+from camgen.plan.beside import NO_HELIX, explain_misfit
 from camgen.plan.pocket.channel import Channel
 from camgen.plan.pocket.contours import Pockets, format_not_cleared
 from camgen.plan.pocket.engagement import measure_engagement
@@ -53,7 +53,7 @@ def note_failed(
     why_narrow = "nothing is narrow"
     if narrow:
         regions = [make_pocket_polygon(pockets.walls, k) for k in narrow]
-        why_narrow = does_not_fit(regions, job.tool.diameter)
+        why_narrow = explain_misfit(regions, job.tool.diameter)
     why_failed = (
         "the border of the tool's way does not close there, as where edges lie on one line: "
         "draw one outline, or take another tool"
@@ -80,8 +80,13 @@ def note_slots(slots: Slots, pockets: Pockets) -> list[Note]:
         return []
     names = ", ".join(name_ranges([pockets.names[k] for k in dict.fromkeys(slots.pocket)]))
     length = short(sum(float(chain.length.sum()) for chain in slots.chains), 1)
-    what = f"{counted(len(slots.chains), 'channel')} as wide as the tool, {length} mm: {names}"
-    return [Note("assumed", what, "along the middle, with all of its width in the material")]
+    return [
+        Note(
+            "assumed",
+            f"{counted(len(slots.chains), 'channel')} as wide as the tool, {length} mm: {names}",
+            "along the middle, with all of its width in the material",
+        )
+    ]
 
 
 def note_passes(
@@ -141,7 +146,6 @@ def _format_engagement(engagement: FloatArray, length: FloatArray) -> str:
 def _count_slot_entries(
     regions: Sequence[OffsetRegion], channels: Sequence[Sequence[Channel]]
 ) -> int:
-    """Number of innermost regions without a channel: their first pass is a slot."""
     parents = {region.parent for region in regions}
     roots = find_outermost(regions)
     count = 0
@@ -151,7 +155,6 @@ def _count_slot_entries(
 
 
 def _percent(fraction: float) -> str:
-    """A fraction in whole percent, rounded up."""
     return f"{max(np.ceil(100 * fraction - 1e-6), 0.0):.0f}"
 
 
@@ -189,6 +192,5 @@ def note_rest_material(
 
 
 def _make_line(chain: Segments) -> Any:
-    """A chain as a shapely line of chords."""
     points, _ = flatten(chain, CHORD_MM)
     return shapely.LineString(np.vstack([points, chain.end[-1:]]))

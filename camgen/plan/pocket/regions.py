@@ -33,7 +33,7 @@ from camgen.geometry.segments import (
     from_contours,
     reverse_segments,
 )
-from camgen.plan.beside import Beside, beside
+from camgen.plan.beside import OffsetCurve, make_offset_curve
 from camgen.plan.pocket.chains import cut_out, sample_chain
 
 #: mm: maximum deviation of polygons from passes and walls. Polygons decide which region lies inside
@@ -211,7 +211,9 @@ def _compute_layer(
             break
         chosen = select_pockets(source, pending)
         closed = np.ones(int(chosen.segments.owner.max(initial=-1)) + 1, dtype=bool)
-        curve = beside(chosen.segments, chosen.following, closed, chosen.pocket, offset, 0.0)
+        curve = make_offset_curve(
+            chosen.segments, chosen.following, closed, chosen.pocket, offset, 0.0
+        )
         layers.append(_make_layer(curve, chosen, offset, climb))
         pending = layers[-1].failed
     regions: list[OffsetRegion] = []
@@ -259,7 +261,6 @@ def make_pocket_polygon(walls: PocketWalls, pocket: int) -> Any:
 
 
 def _join_walls(parts: Sequence[PocketWalls], pocket_count: int) -> PocketWalls:
-    """The borders of several layers, each of other pockets, as one."""
     if not parts:
         empty = np.zeros(0, dtype=np.int64)
         return PocketWalls(from_contours([]), empty, empty, pocket_count)
@@ -272,12 +273,11 @@ def _join_walls(parts: Sequence[PocketWalls], pocket_count: int) -> PocketWalls:
         owner_count += int(part.segments.owner.max(initial=-1)) + 1
     segments = replace(concatenate([part.segments for part in parts]), owner=np.concatenate(owner))
     pocket = np.concatenate([part.pocket for part in parts])
-    distance = parts[0].distance
-    return PocketWalls(segments, np.concatenate(following), pocket, pocket_count, distance)
+    return PocketWalls(segments, np.concatenate(following), pocket, pocket_count, parts[0].distance)
 
 
 def _lacks_border(
-    curve: Beside, chain_pocket: IntArray, pocket: int, borders: PocketWalls, distance: float
+    curve: OffsetCurve, chain_pocket: IntArray, pocket: int, borders: PocketWalls, distance: float
 ) -> bool:
     """Whether the closed chains of an offset curve are not the whole border of a pocket's regions.
 
@@ -295,7 +295,7 @@ def _lacks_border(
     return bool(abs(area - inside.area) > 2 * CHORD_MM * inside.length)
 
 
-def _make_layer(curve: Beside, borders: PocketWalls, offset: float, climb: bool) -> _Layer:
+def _make_layer(curve: OffsetCurve, borders: PocketWalls, offset: float, climb: bool) -> _Layer:
     """The offset regions that `curve` encloses, `offset` mm from `borders`."""
     distance = borders.distance + offset
     count = len(curve.closed)
@@ -334,7 +334,6 @@ def _make_layer(curve: Beside, borders: PocketWalls, offset: float, climb: bool)
 
 
 def _split_by_owner(segments: Segments, count: int) -> list[Segments]:
-    """The segments of each owner from 0 to `count` - 1."""
     edges = np.searchsorted(segments.owner, np.arange(count + 1))
     return [segments.take(np.arange(start, end)) for start, end in pairwise(edges.tolist())]
 

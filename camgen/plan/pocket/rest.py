@@ -54,9 +54,12 @@ def find_rest_of_pockets(pocket_walls: PocketWalls, part: Part, job: Job) -> Res
     """
     radius = job.tool.radius
     if part.earlier and max(run.radius for run in part.earlier) <= radius:
-        what = "no operation before it has a larger tool"
-        remedy = "list it after the operations of larger tools"
-        raise JobError("job", what, "operation.rest", remedy)
+        raise JobError(
+            "job",
+            "no operation before it has a larger tool",
+            "operation.rest",
+            "list it after the operations of larger tools",
+        )
     regions = [make_pocket_polygon(pocket_walls, k) for k in range(pocket_walls.pocket_count)]
     whole = shapely.union_all(regions)
     rest = find_rest(whole, part, job)

@@ -14,14 +14,14 @@ from camgen.geometry.segments import (
 from camgen.model.job import Job
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
-from camgen.plan.beside import centre_lines
+from camgen.plan.beside import find_channel_lines
 from camgen.plan.columns import (
     Label,
     SegmentWork,
-    pass_depths,
+    compute_depths,
+    compute_sideways,
+    make_tool_paths,
     plunge_path,
-    sideways,
-    tool_paths,
 )
 from camgen.plan.pocket.contours import Pockets
 from camgen.plan.pocket.regions import (
@@ -51,7 +51,7 @@ def find_slots(wall_passes: RegionForest, walls: PocketWalls, job: Job) -> Slots
     for region in wall_passes.regions:
         if region.parent < 0:
             passes += region.passes
-    lines = centre_lines(
+    lines = find_channel_lines(
         concatenate(passes),
         walls.segments,
         walls.following,
@@ -72,7 +72,7 @@ def plan_slots(slots: Slots, pockets: Pockets, job: Job) -> list[ToolPath]:
 
     There are no plunges without `tool.center_cutting`.
     """
-    depths = pass_depths(job.operation.depth, job.operation.passes)
+    depths = compute_depths(job.operation.depth, job.operation.passes)
     labels: list[Label] = []
     for k, pocket_index in enumerate(slots.pocket):
         name = f"{pockets.names[pocket_index]}.slot"
@@ -89,8 +89,8 @@ def plan_slots(slots: Slots, pockets: Pockets, job: Job) -> list[ToolPath]:
         sizes = [len(chain) for chain in slots.chains]
         segments = replace(segments, owner=np.repeat(np.arange(len(sizes)), sizes))
         zeros = np.zeros(len(segments))
-        work = SegmentWork(sideways(segments, 0), zeros, zeros + job.process.feed)
-        paths += tool_paths(segments, labels, work, depths, "pocket")
+        work = SegmentWork(compute_sideways(segments, 0), zeros, zeros + job.process.feed)
+        paths += make_tool_paths(segments, labels, work, depths, "pocket")
     if job.tool.center_cutting:
         for (x, y), pocket_index in zip(slots.holes.tolist(), slots.hole_pocket, strict=True):
             name, layer = pockets.names[pocket_index], pockets.layers[pocket_index]

@@ -237,13 +237,13 @@ def off_too_early(patch: Patch) -> None:
 
 def one_peck(patch: Patch) -> None:
     """Holes are drilled in one stroke."""
-    change_result(patch, "plan.drill", "_levels", lambda levels: levels[-1:])
+    change_result(patch, "plan.drill", "_plan_pecks", lambda levels: levels[-1:])
 
 
 def swapped_side(patch: Patch) -> None:
     """Outer contours are followed on their inside."""
     backwards = module("geometry.segments").reverse_segments
-    change_result(patch, "plan.follow", "turn_round", lambda drawn: backwards(drawn)[0])
+    change_result(patch, "plan.follow", "reverse_loops", lambda drawn: backwards(drawn)[0])
 
 
 LEADS = milled(lead_in=3.0, lead_out=2.0)

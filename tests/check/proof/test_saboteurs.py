@@ -132,7 +132,7 @@ def backwards(drawn: Any) -> Any:
 
 def swapped_side(patch: Patch) -> None:
     """Outer contours are followed on their inside, and holes on their outside."""
-    change_result(patch, "plan.follow", "turn_round", backwards)
+    change_result(patch, "plan.follow", "reverse_loops", backwards)
 
 
 def wrong_radius(patch: Patch) -> None:
@@ -147,7 +147,9 @@ def wrong_radius(patch: Patch) -> None:
 
 def half_depth(patch: Patch) -> None:
     """Every pass is half as deep."""
-    change_result(patch, "plan.follow", "pass_depths", lambda depths: tuple(d / 2 for d in depths))
+    change_result(
+        patch, "plan.follow", "compute_depths", lambda depths: tuple(d / 2 for d in depths)
+    )
 
 
 def lead_to_the_other_side(patch: Patch) -> None:
@@ -204,33 +206,35 @@ def without_force(patch: Patch) -> None:
 
 def neighbours_gouged(patch: Patch) -> None:
     """Other contours are not kept clear of."""
-    original = module("plan.follow").beside
+    original = module("plan.follow").make_offset_curve
 
     def changed(source: Any, following: Any, closed: Any, *given: Any) -> Any:
         return original(source, following, closed, source.owner, *given[1:])
 
-    patch.setattr(module("plan.follow"), "beside", changed)
+    patch.setattr(module("plan.follow"), "make_offset_curve", changed)
 
 
 def drilled_beside(patch: Patch) -> None:
     """Holes are drilled 0.2 mm beside their centres."""
-    original = module("plan.drill")._path
+    original = module("plan.drill")._make_path
 
     def changed(hole: Any, job: Any) -> Any:
         return original(replace(hole, x=hole.x + 0.2), job)
 
-    patch.setattr(module("plan.drill"), "_path", changed)
+    patch.setattr(module("plan.drill"), "_make_path", changed)
 
 
 def shallow_holes(patch: Patch) -> None:
     """Holes end 1 mm too early."""
-    change_result(patch, "plan.drill", "_levels", lambda levels: [z + 1.0 for z in levels])
+    change_result(patch, "plan.drill", "_plan_pecks", lambda levels: [z + 1.0 for z in levels])
 
 
 def narrow_bores(patch: Patch) -> None:
     """The last circle of a bore is missing."""
-    original = module("plan.bore")._round
-    patch.setattr(module("plan.bore"), "_round", lambda radius, sense: original(radius / 2, sense))
+    original = module("plan.bore")._make_circle
+    patch.setattr(
+        module("plan.bore"), "_make_circle", lambda radius, sense: original(radius / 2, sense)
+    )
 
 
 def half_cleared(patch: Patch) -> None:
