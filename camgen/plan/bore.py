@@ -23,7 +23,6 @@ from camgen.model.text import counted, short
 from camgen.plan.beside import NO_HELIX
 from camgen.plan.columns import SLOWEST, plunge_path
 from camgen.plan.drill import Hole, find_circles, read_diameters, select_innermost
-from camgen.plan.unused import raise_first
 
 #: Largest difference of two diameters that count as equal, mm.
 _SAME_MM = 0.01
@@ -38,26 +37,20 @@ def bore(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]:
 
     Raises InputError without any circle, and JobError for settings that do not suit a bore.
     """
-    raise_first(
-        (
-            job.process.force != 0,
-            JobError(
-                "job",
-                "a bore goes to a depth, not to a force",
-                "process.force",
-                "set process.force to 0",
-            ),
-        ),
-        (
-            job.tool.kind in ("drill", "v"),
-            JobError(
-                "job",
-                f'a tool of kind "{job.tool.kind}" cuts no straight wall',
-                "tool.kind",
-                "choose a mill",
-            ),
-        ),
-    )
+    if job.process.force != 0:
+        raise JobError(
+            "job",
+            "a bore goes to a depth, not to a force",
+            "process.force",
+            "set process.force to 0",
+        )
+    if job.tool.kind in ("drill", "v"):
+        raise JobError(
+            "job",
+            f'a tool of kind "{job.tool.kind}" cuts no straight wall',
+            "tool.kind",
+            "choose a mill",
+        )
     smallest, largest = limits = read_diameters(job)
     circles = find_circles(part)
     in_range = [hole for hole in circles if smallest <= hole.diameter <= largest]

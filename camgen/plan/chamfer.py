@@ -19,7 +19,6 @@ from camgen.model.part import Note, Part
 from camgen.model.path import ToolPath
 from camgen.plan.columns import compute_depths
 from camgen.plan.follow import run_beside
-from camgen.plan.unused import raise_first
 
 #: Usual and minimum distance of the tip from the wall, mm. Small tools run nearer than usual.
 _GAP, _MIN_GAP = 0.5, 0.1
@@ -62,35 +61,27 @@ def compute_bevel(job: Job) -> Bevel:
         raise JobError(
             "job", "a chamfer has a width", "operation.width", "set it, mm seen from above"
         )
-    raise_first(
-        (
-            job.operation.depth != 0,
-            JobError(
-                "job",
-                "the depth of a chamfer follows from its width",
-                "operation.depth",
-                "leave it out",
-            ),
-        ),
-        (
-            job.process.force != 0,
-            JobError(
-                "job",
-                "a chamfer has a width, not a force",
-                "process.force",
-                "set process.force to 0",
-            ),
-        ),
-        (
-            job.operation.side == "on",
-            JobError(
-                "job",
-                "a chamfer is beside a contour",
-                "operation.side",
-                "choose a side, or trace it",
-            ),
-        ),
-    )
+    if job.operation.depth != 0:
+        raise JobError(
+            "job",
+            "the depth of a chamfer follows from its width",
+            "operation.depth",
+            "leave it out",
+        )
+    if job.process.force != 0:
+        raise JobError(
+            "job",
+            "a chamfer has a width, not a force",
+            "process.force",
+            "set process.force to 0",
+        )
+    if job.operation.side == "on":
+        raise JobError(
+            "job",
+            "a chamfer is beside a contour",
+            "operation.side",
+            "choose a side, or trace it",
+        )
     tip = tool.tip_diameter / 2
     room = tool.radius - tip - width
     if room < _MIN_GAP - 1e-9:

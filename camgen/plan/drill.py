@@ -23,7 +23,6 @@ from camgen.model.path import ToolPath, waypoints
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted, short
 from camgen.model.tolerance import PECK_CLEARANCE_MM
-from camgen.plan.unused import raise_first
 
 #: Maximum deviation of a loop from a circle: in a drawing, mm or as a fraction of the radius, and
 #: in a picture, px.
@@ -61,21 +60,15 @@ def drill(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]
     Raises InputError without any hole, and JobError for settings that do not suit a drill.
     """
     smallest, largest = read_diameters(job)
-    raise_first(
-        (
-            job.process.force != 0,
-            JobError(
-                "job",
-                "a drill goes to a depth, not to a force",
-                "process.force",
-                "set process.force to 0",
-            ),
-        ),
-        (
-            job.process.plunge is not None,
-            JobError("job", "a drill goes down at process.feed", "process.plunge", "leave it out"),
-        ),
-    )
+    if job.process.force != 0:
+        raise JobError(
+            "job",
+            "a drill goes to a depth, not to a force",
+            "process.force",
+            "set process.force to 0",
+        )
+    if job.process.plunge is not None:
+        raise JobError("job", "a drill goes down at process.feed", "process.plunge", "leave it out")
     raster = part.raster
     holes, notes = _find_in_drawing(part) if raster is None else _find_in_picture(part, raster)
     chosen = [h for h in holes if not h.diameter or smallest <= h.diameter <= largest]

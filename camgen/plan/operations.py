@@ -11,7 +11,7 @@ from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.part import Note, Part
 from camgen.plan import Operation, Plan, Watch, kind_of
-from camgen.plan.unused import check_clearance, check_idle, check_roll, check_use, raise_first
+from camgen.plan.unused import check_clearance, check_idle, check_roll, check_use
 
 
 def _plan_flat(
@@ -40,26 +40,20 @@ def _plan_in_image(part: Part, job: Job) -> Plan:
             "operation.planner",
             'set operation.planner to "geometric"',
         )
-    raise_first(
-        (
-            job.operation.kind not in ("auto", "follow"),
-            JobError(
-                "job",
-                f"the image-space planner follows contours, it cannot {job.operation.kind}",
-                "operation.planner",
-                'set operation.planner to "geometric"',
-            ),
-        ),
-        (
-            job.operation.finish != 0,
-            JobError(
-                "job",
-                "the image-space planner makes no last passes",
-                "operation.finish",
-                'leave it out, or set operation.planner to "geometric"',
-            ),
-        ),
-    )
+    if job.operation.kind not in ("auto", "follow"):
+        raise JobError(
+            "job",
+            f"the image-space planner follows contours, it cannot {job.operation.kind}",
+            "operation.planner",
+            'set operation.planner to "geometric"',
+        )
+    if job.operation.finish != 0:
+        raise JobError(
+            "job",
+            "the image-space planner makes no last passes",
+            "operation.finish",
+            'leave it out, or set operation.planner to "geometric"',
+        )
     from camgen.plan.image_space import image_space  # noqa: PLC0415 (it loads OpenCV)
 
     raster = part.raster

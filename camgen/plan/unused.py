@@ -127,13 +127,6 @@ _PARTNERS: dict[str, tuple[str, ...]] = {
 _DEEP = ("entry", "tabs", "tab_spacing")
 
 
-def raise_first(*checks: tuple[bool, Exception]) -> None:
-    """Raise the error of the first check that is true."""
-    for is_wrong, error in checks:
-        if is_wrong:
-            raise error
-
-
 def check_use(job: Job, operation: str) -> None:
     """Raise JobError for a changed setting of [operation] that `operation` does not read."""
     given, default = asdict(job.operation), asdict(Job().operation)
@@ -168,39 +161,31 @@ def check_roll(job: Job, cell: Cell | None) -> None:
     if not tool.symmetric and tool.turn is None:
         return
     key = "tool.symmetric" if tool.symmetric else "tool.turn"
-    raise_first(
-        (
-            cell is not None and isinstance(cell.home, Pose),
-            JobError("job", "has no effect on a machine, which turns no tool", key, "leave it out"),
-        ),
-        (
-            not isinstance(cell, Workcell) or cell.arm is None,
-            JobError(
-                "job",
-                "has no effect without an arm that is checked",
-                key,
-                "set cell.robot, or leave it out",
-            ),
-        ),
-        (
-            tool.orient == "follow",
-            JobError(
-                "job",
-                "a tool that turns with the contour has no turn to choose",
-                key,
-                "leave out one of the two",
-            ),
-        ),
-        (
-            job.process.stay_down,
-            JobError(
-                "job",
-                "a tool that is turned between the paths is lifted",
-                "process.stay_down",
-                f"leave it out, or {key}",
-            ),
-        ),
-    )
+    if cell is not None and isinstance(cell.home, Pose):
+        raise JobError(
+            "job", "has no effect on a machine, which turns no tool", key, "leave it out"
+        )
+    if not isinstance(cell, Workcell) or cell.arm is None:
+        raise JobError(
+            "job",
+            "has no effect without an arm that is checked",
+            key,
+            "set cell.robot, or leave it out",
+        )
+    if tool.orient == "follow":
+        raise JobError(
+            "job",
+            "a tool that turns with the contour has no turn to choose",
+            key,
+            "leave out one of the two",
+        )
+    if job.process.stay_down:
+        raise JobError(
+            "job",
+            "a tool that is turned between the paths is lifted",
+            "process.stay_down",
+            f"leave it out, or {key}",
+        )
 
 
 def check_clearance(job: Job, operation: str) -> None:

@@ -59,7 +59,6 @@ from camgen.plan.image_space.tool_path import (
     smooth,
     spread_slow,
 )
-from camgen.plan.unused import raise_first
 from camgen.vision.similarity import measure_scale
 
 # Names of the paths of an image, and notes on contours without a path.
@@ -266,32 +265,24 @@ def _check_input(mask_pixels: Pixels, job: Job, distance: float) -> None:
             remedy="give (H, W) uint8",
         )
     rim = (mask_pixels[0], mask_pixels[-1], mask_pixels[:, 0], mask_pixels[:, -1])
-    raise_first(
-        (
-            job.operation.side != "auto",
-            JobError(
-                "job",
-                f'"{job.operation.side}" is not known to the image-space planner',
-                "operation.side",
-                "set operation.side to auto",
-            ),
-        ),
-        (
-            distance < _MIN_RADIUS_PX,
-            JobError(
-                "job",
-                f"{job.tool.diameter:g} mm is {2 * distance:.2g} px of the view",
-                "tool.diameter",
-                "use a larger tool or a finer view",
-            ),
-        ),
-        (
-            any(line.any() for line in rim),
-            InputError(
-                "mask", "the part touches the border of the view", remedy="show the whole part"
-            ),
-        ),
-    )
+    if job.operation.side != "auto":
+        raise JobError(
+            "job",
+            f'"{job.operation.side}" is not known to the image-space planner',
+            "operation.side",
+            "set operation.side to auto",
+        )
+    if distance < _MIN_RADIUS_PX:
+        raise JobError(
+            "job",
+            f"{job.tool.diameter:g} mm is {2 * distance:.2g} px of the view",
+            "tool.diameter",
+            "use a larger tool or a finer view",
+        )
+    if any(line.any() for line in rim):
+        raise InputError(
+            "mask", "the part touches the border of the view", remedy="show the whole part"
+        )
 
 
 def _make_waypoints(

@@ -50,7 +50,6 @@ from camgen.plan.pocket.regions import (
     select_pockets,
 )
 from camgen.plan.pocket.slots import find_slots, plan_slots
-from camgen.plan.unused import raise_first
 
 #: Maximum stepover, as a fraction of the tool diameter. With a larger one, passes leave ridges on a
 #: real machine.
@@ -155,58 +154,44 @@ def _check_settings(job: Job) -> None:
     engagement = math.inf if operation.engagement is None else operation.engagement
     min_engagement = operation.stepover + _MIN_MARGIN
     passes = f"passes {operation.stepover:g} of the diameter apart"
-    raise_first(
-        (
-            tool.kind == "drill",
-            JobError("job", "a drill does not cut sideways", "tool.kind", "choose a mill"),
-        ),
-        (
-            job.process.force != 0,
-            JobError(
-                "job",
-                "a pocket goes to a depth, not to a force",
-                "process.force",
-                "set process.force to 0",
-            ),
-        ),
-        (
-            operation.stepover > _MAX_STEPOVER,
-            JobError(
-                "job",
-                f"{passes} leave ridges between them",
-                "operation.stepover",
-                f"{_MAX_STEPOVER:g} at most",
-            ),
-        ),
-        (
-            engagement < min_engagement,
-            JobError(
-                "job",
-                f"{passes} engage more of it than {engagement:g}",
-                "operation.engagement",
-                f"{min_engagement:g} at least, or a smaller operation.stepover",
-            ),
-        ),
-        (
-            operation.finish > tool.radius,
-            JobError(
-                "job",
-                f"{operation.finish:g} mm is more than the radius of the tool, "
-                "a last pass would leave some of it",
-                "operation.finish",
-                "leave less at the walls",
-            ),
-        ),
-        (
-            not operation.inside_first,
-            JobError(
-                "job",
-                "pockets are cut from the middle outwards",
-                "operation.inside_first",
-                "leave it out",
-            ),
-        ),
-    )
+    if tool.kind == "drill":
+        raise JobError("job", "a drill does not cut sideways", "tool.kind", "choose a mill")
+    if job.process.force != 0:
+        raise JobError(
+            "job",
+            "a pocket goes to a depth, not to a force",
+            "process.force",
+            "set process.force to 0",
+        )
+    if operation.stepover > _MAX_STEPOVER:
+        raise JobError(
+            "job",
+            f"{passes} leave ridges between them",
+            "operation.stepover",
+            f"{_MAX_STEPOVER:g} at most",
+        )
+    if engagement < min_engagement:
+        raise JobError(
+            "job",
+            f"{passes} engage more of it than {engagement:g}",
+            "operation.engagement",
+            f"{min_engagement:g} at least, or a smaller operation.stepover",
+        )
+    if operation.finish > tool.radius:
+        raise JobError(
+            "job",
+            f"{operation.finish:g} mm is more than the radius of the tool, "
+            "a last pass would leave some of it",
+            "operation.finish",
+            "leave less at the walls",
+        )
+    if not operation.inside_first:
+        raise JobError(
+            "job",
+            "pockets are cut from the middle outwards",
+            "operation.inside_first",
+            "leave it out",
+        )
 
 
 def _leave_out(regions: Sequence[OffsetRegion], pockets: frozenset[int]) -> list[OffsetRegion]:
