@@ -129,12 +129,32 @@ def add_harm(executed: Executed, texts: Mapping[str, str]) -> Executed:
     from camgen.check.harm import find_harm  # noqa: PLC0415 (numpy: only where a program is judged)
 
     harm = [*find_harm(executed), *find_stale_frames(texts, executed.frames)]
-    if any(assumed.key not in _SCALES for assumed in executed.assumed):
+    if _is_assumed(executed):
         harm = [_if_as_assumed(finding) for finding in harm]
     findings = sorted(
         (*executed.findings, *harm), key=lambda finding: (finding.line, LEVELS.index(finding.level))
     )
     return replace(executed, findings=tuple(findings))
+
+
+def _is_assumed(executed: Executed) -> bool:
+    """Whether the path rests on an assumption."""
+    return any(assumed.key not in _SCALES for assumed in executed.assumed)
+
+
+def find_stop(executed: Executed) -> tuple[Finding, ...]:
+    """The end of a run before the end of its text, as a finding; nothing without one.
+
+    A limit that a path on assumptions reaches, such as a loop that an unknown input would end, is
+    only possible.
+    """
+    if executed.stopped is None:
+        return ()
+    line, what = executed.stopped
+    stop = Finding("refused", line, f"cannot be run on: {what}")
+    if executed.is_limited and _is_assumed(executed):
+        stop = Finding("possible", line, f"{stop.what}, if all is as assumed")
+    return (stop,)
 
 
 def _if_as_assumed(finding: Finding) -> Finding:
@@ -210,15 +230,16 @@ def _frames(frames: Sequence[Frames]) -> list[Row]:
 def tell_findings(executed: Executed, place: Places) -> str:
     """A line for each finding, in the order of the program."""
     found = [f"{place(one.line)}: {one.level}: {one.what}" for one in executed.findings]
-    if executed.stopped:
-        line, what = executed.stopped
-        found.append(f"{place(line)}: cannot be run on: {what}")
+    for stop in find_stop(executed):
+        level = "possible: " if stop.level == "possible" else ""
+        found.append(f"{place(stop.line)}: {level}{stop.what}")
     # What a file holds may be anything, to a terminal too.
     return "".join(f"{one_line(text)}\n" for text in found)
 
 
 def as_data(executed: Executed, place: Places) -> dict[str, object]:
     """Findings and assumptions for --json."""
+    coverage = executed.coverage
     return {
         "faults": [
             {"place": place(one.line), "what": one.what, "level": one.level}
@@ -230,6 +251,7 @@ def as_data(executed: Executed, place: Places) -> dict[str, object]:
         ],
         "stopped": executed.stopped
         and {"place": place(executed.stopped[0]), "what": executed.stopped[1]},
+        "coverage": coverage and coverage.as_data(),
     }
 
 
@@ -239,7 +261,7 @@ def verdict(executed: Executed, program: Path, place: Places) -> CamgenError | N
     if refused:
         what = f"{counted(len(refused), 'line is', 'lines are')} refused, first: {refused[0].what}"
         return InputError(str(program), what, place(refused[0].line), "correct the program")
-    if executed.stopped:
+    if executed.stopped and find_stop(executed)[0].level == "refused":
         line, what = executed.stopped
         return InputError(
             str(program), f"cannot be run to its end: {what}", place(line), "correct the program"

@@ -31,6 +31,7 @@ from camgen.cli.proven import Proven
 from camgen.cli.rebuild import Origin, Text, compare_rebuilt, pick_program, read_state, tell_state
 from camgen.cli.say import Voice, length, table
 from camgen.lang.alternatives import format_alternatives, run_alternatives
+from camgen.lang.coverage import format_coverage
 from camgen.lang.programs import CERTAIN, LANGUAGES, Executed, Finding, Frames, Places
 from camgen.lang.taught import Carried, as_far_as_known
 from camgen.lower.steps import split_tools
@@ -171,13 +172,16 @@ def _judge(asked: _Asked, says: Voice) -> int:
     rows = [("language", language.about), *_rows(motions, _lines(texts), executed.untimed)]
     rows += _list_extents(motions, executed.frames)
     rows += [*rows_of(executed, place), *format_alternatives(alternatives)]
+    rows += format_coverage(executed.coverage, place.find)
     rows += [("told", f"{note.what} ({note.why})") for note in told.notes]
     error = verdict(executed, paths[0], place)
     if arguments.report:
         _report(Path(arguments.report), asked, executed, told, rows, says)
     more = list(_UNEXAMINED)
     also = ""
-    if error is None:
+    if error is None and executed.stopped is not None:
+        more = [(name, "not proven: the run does not come to the end") for name, _ in _UNEXAMINED]
+    elif error is None:
         fixtures = _read_fixtures(language.name, job, files, drawing)
         on_arm = _is_for_arm(_post_of(language.name))
         dynamics = _dynamics_of_text(language.name)

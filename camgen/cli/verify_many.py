@@ -16,11 +16,12 @@ from pathlib import Path
 from msgspec import Struct
 
 from camgen.check.report import sum_up
-from camgen.cli.judge import add_harm, ask_of, find_own, name_files, tell_time, verdict
+from camgen.cli.judge import add_harm, ask_of, find_own, find_stop, name_files, tell_time, verdict
 from camgen.cli.program_texts import read_texts
 from camgen.cli.say import Voice, table
 from camgen.lang.alternatives import run_alternatives
-from camgen.lang.programs import LEVELS, Executed, Finding, Language, Places, list_languages
+from camgen.lang.coverage import Coverage
+from camgen.lang.programs import LEVELS, Finding, Language, Places, list_languages
 from camgen.lang.taught import as_far_as_known
 from camgen.model.errors import CamgenError, InputError, JobError
 from camgen.model.job import Job
@@ -59,6 +60,7 @@ class Judged(Struct, frozen=True, eq=False):
     untimed: number of motions of external axes, whose time is not known.
     exit_code: the code with which `camgen verify` ends for it alone.
     error: the line of its error, empty without one.
+    coverage: its statements and which of them ran, None if that is not known.
     """
 
     names: tuple[str, ...]
@@ -69,6 +71,7 @@ class Judged(Struct, frozen=True, eq=False):
     untimed: int
     exit_code: int
     error: str
+    coverage: Coverage | None = None
 
     def count(self, level: str) -> int:
         """Return the number of findings of a level."""
@@ -208,29 +211,23 @@ def _verify_group(
         executed = name_files(executed, place)
     refusal = verdict(executed, group[0], place)
     code = 0 if refusal is None else refusal.exit_code
-    findings = (*executed.findings, *_stop(executed))
+    findings = (*executed.findings, *find_stop(executed))
     carried = as_far_as_known(executed)
     seconds = sum_up(Columns(carried.body), carried.works).seconds
     untimed = executed.untimed
-    return Judged(names, language.name, findings, place, seconds, untimed, code, "")
-
-
-def _stop(executed: Executed) -> tuple[Finding, ...]:
-    """Return the end of a run before the end of its text, as a finding."""
-    if executed.stopped is None:
-        return ()
-    line, what = executed.stopped
-    return (Finding("refused", line, f"cannot be run on: {what}"),)
+    coverage = executed.coverage
+    return Judged(names, language.name, findings, place, seconds, untimed, code, "", coverage)
 
 
 def _as_table(judged: Sequence[Judged], others: int) -> str:
-    rows = [("program", "language", *LEVELS, "time", "exit code")]
+    rows = [("program", "language", *LEVELS, "coverage", "time", "exit code")]
     for program in judged:
         more = f" and {counted(len(program.names) - 1, 'more file')}"
         name = program.names[0] + (more if len(program.names) > 1 else "")
         counts = [str(program.count(level)) for level in LEVELS]
         time = program.error or tell_time(program.seconds, program.untimed)
-        rows.append((name, program.language or "-", *counts, time, str(program.exit_code)))
+        share = "-" if program.coverage is None else f"{int(100 * program.coverage.share)} %"
+        rows.append((name, program.language or "-", *counts, share, time, str(program.exit_code)))
     codes = Counter(program.exit_code for program in judged)
     summary = f"{counted(len(judged), 'program')}: {codes[0]} without refusal or danger"
     left = f"; {counted(others, 'other file')} in the folders" if others else ""
@@ -243,6 +240,7 @@ def _as_data(program: Judged) -> dict[str, object]:
         "language": program.language,
         "seconds": program.seconds,
         "untimed": program.untimed,
+        "coverage": program.coverage and program.coverage.as_data(),
         "exit_code": program.exit_code,
         "error": program.error,
         "findings": [

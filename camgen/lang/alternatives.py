@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping
 from msgspec import Struct
 from msgspec.structs import replace
 
+from camgen.lang.coverage import join_coverage
 from camgen.lang.log import IF_HERE
 from camgen.lang.programs import LEVELS, Ask, Executed, Finding, Language, OpenChoice
 from camgen.model.text import counted
@@ -115,7 +116,8 @@ def _join(runs: list[_Run], choices: Mapping[int, OpenChoice]) -> Executed:
             possible = _make_possible(finding, run.shifts or main.shifts, choices)
             findings.setdefault(_key(finding), possible)
     in_order = sorted(findings.values(), key=lambda item: (item.line, LEVELS.index(item.level)))
-    return replace(main.executed, findings=tuple(in_order))
+    coverage = join_coverage(run.executed.coverage for run in runs)
+    return replace(main.executed, findings=tuple(in_order), coverage=coverage)
 
 
 def _key(finding: Finding) -> _Key:

@@ -47,11 +47,13 @@ class Act(Step, kw_only=True, gc=False):
 
     do: called with the language and the operand. A step that it returns runs next, such as a
         jump whose label is known only then.
+    lines: number of lines of the statement, or of several statements in one step.
     """
 
     do: Callable[[Any, Any], object]
     operand: Any = None
     effect: Effect = Effect.NONE
+    lines: int = 1
 
 
 class Condition(Struct, frozen=True, gc=False):

@@ -51,7 +51,7 @@ from camgen.lang.code import (
     Step,
 )
 from camgen.lang.log import Log
-from camgen.lang.run import Budget, Ended, LoopRounds, Stopped
+from camgen.lang.run import Budget, Ended, LimitReached, LoopRounds, Stopped
 from camgen.lang.values import Unknown
 
 #: Calls of labels within a routine that may wait for their return.
@@ -221,9 +221,9 @@ class Flow:
         self._depth = 0
 
     def check_depth(self, reason: str) -> None:
-        """Stop the run with a reason if one more call is too deep."""
+        """LimitReached with a reason if one more call is too deep."""
         if self._depth > self._rules.depth_limit:
-            raise Stopped(reason)
+            raise LimitReached(reason)
 
     def run(self, code: Code, start: int = 0, within: range | None = None) -> None:
         """Run a routine to its end. Ended and Stopped end the program, Raised is an error of it.
@@ -236,6 +236,9 @@ class Flow:
         self._depth += 1
         try:
             self._run(CallFrame(code), start, within)
+        except LimitReached:
+            self._language.log.is_limited = True
+            raise
         finally:
             self._depth -= 1
             self._language.log.steps = self._budget.spent
@@ -243,9 +246,11 @@ class Flow:
     def _run(self, frame: CallFrame, at: int, within: range) -> None:
         steps = frame.code.steps
         begin, spend, faults = self._language.begin, self._budget.spend, self._language.faults
+        ran = self._language.log.ran
         while at in within:
             step = steps[at]
             begin(step)
+            ran.add(step.line)
             spend(step.cost)
             try:
                 at = _RUN[type(step)](self, frame, at, step)
@@ -268,6 +273,8 @@ class Flow:
         after = step.do(self._language, step.operand)
         if isinstance(after, Step):
             return _RUN[type(after)](self, frame, at, after)
+        if step.lines > 1:
+            self._language.log.ran.add(step.line + step.lines - 1)
         return at + 1
 
     # -- branches ------------------------------------------------------------------------------

@@ -36,6 +36,9 @@ class Log:
     line: function that returns the number of the line that runs, from 1 through all files.
     shifts: options that the run takes, see `Ask.shifts`.
     steps: number of steps of the run.
+    is_limited: whether the run ended at a limit, such as that of its steps.
+    ran: lines of the steps that the run came to. A step of several lines has its first line here,
+        and its last line once it is completed.
     is_uncertain: whether the run took a branch that the text does not determine. After that a line
         that the controller would refuse is a possible finding, not refused.
     assumed: assumptions by key and text.
@@ -49,6 +52,8 @@ class Log:
         self.line = line
         self.shifts = shifts
         self.steps = 0
+        self.is_limited = False
+        self.ran: set[int] = set()
         self.is_uncertain = False
         self.assumed: dict[tuple[str, str], Assumption] = {}
         self.facts: dict[str, dict[str, int]] = {}

@@ -16,11 +16,13 @@ import itertools
 from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import EntryPoint
+from types import NoneType
 from typing import Any, Literal
 
 from msgspec import Struct, field
 from msgspec.structs import replace
 
+from camgen.lang.coverage import Coverage
 from camgen.model.contract import (
     Member,
     be,
@@ -180,9 +182,11 @@ class Executed(Struct, frozen=True, eq=False):
     lost: line and text of effects without which no other machine may run the body.
     omitted: line and text of effects that another machine does without, such as accelerations.
     stopped: line and reason where the run ended too early, None if it ended as the text says.
+    is_limited: whether it ended there because of a limit, such as that of its steps.
     untimed: number of motions of external axes. Their time is not known.
     choices: open choices that the run came to, in order.
     steps: number of steps of the run, if it came to open choices.
+    coverage: statements of the program and which of them ran, None if that is not known.
     """
 
     body: Sequence[Instruction]
@@ -195,9 +199,11 @@ class Executed(Struct, frozen=True, eq=False):
     lost: tuple[tuple[int, str], ...] = ()
     omitted: tuple[tuple[int, str], ...] = ()
     stopped: tuple[int, str] | None = None
+    is_limited: bool = False
     untimed: int = 0
     choices: tuple[OpenChoice, ...] = ()
     steps: int = 0
+    coverage: Coverage | None = None
 
     @property
     def work(self) -> Pose | None:
@@ -328,9 +334,11 @@ _EXECUTED = {
     "facts": be(tuple, "a tuple of pairs of texts"),
     "lost": be(tuple, "a tuple of lines with texts"),
     "omitted": be(tuple, "a tuple of lines with texts"),
+    "is_limited": be(bool, "True or False"),
     "untimed": be(int, "a number of motions"),
     "choices": be_each(tuple, be(OpenChoice, "an OpenChoice"), "a tuple of OpenChoice"),
     "steps": be(int, "a number of steps"),
+    "coverage": be((Coverage, NoneType), "a Coverage"),
 }
 
 

@@ -18,6 +18,10 @@ class Stopped(Exception):
     """The run cannot continue. The text of the exception is the reason."""
 
 
+class LimitReached(Stopped):
+    """The run has reached a limit, such as that of its steps."""
+
+
 class Budget:
     """The steps that a run may take.
 
@@ -36,12 +40,12 @@ class Budget:
         self.key = key
 
     def spend(self, steps: int = 1) -> None:
-        """Take steps. Stopped if the budget has too few of them."""
+        """Take steps. LimitReached if the budget has too few of them."""
         self.left -= steps
         self.spent += steps
         if self.left < 0:
             steps_text = f"{format_limit(self.limit)} steps in loops and calls (limits.{self.key})"
-            raise Stopped(f"the program has not ended after {steps_text}")
+            raise LimitReached(f"the program has not ended after {steps_text}")
 
 
 class LoopRounds:

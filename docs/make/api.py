@@ -64,10 +64,11 @@ print(result.text)
 print(result.report["time_s"], result.deviation.max_mm)
 ```
 
-`build` writes and prints nothing. The package is typed (`py.typed`). All values are frozen. Inside camgen lengths
-are mm, angles rad, times s, forces N; job settings have the units that [the job file](job.md) names.
+`build` writes and prints nothing. The package is typed (`py.typed`). All values are frozen. Inside
+camgen lengths are mm, angles rad, times s, forces N; settings have the units of [the job
+file](job.md).
 
-What can go wrong is a `CamgenError`, with the exit code that the command line would return:
+Errors are `CamgenError`s, with the exit code that the command line would return:
 
 ```python
 from camgen import CamgenError
@@ -78,9 +79,9 @@ except CamgenError as error:
     print(error, error.exit_code)
 ```
 
-[Writing a post](writing-a-post.md) is the tutorial for posts and read-backs. [Architecture](architecture.md) says
-how the parts fit together. This page is generated from the docstrings (`python -m docs.make.pages`); a test keeps it
-current. What is not on it may change without a line in the changelog.
+[Python, by example](python.md) shows the stages, [writing a post](writing-a-post.md) posts and
+languages. This page is generated from the docstrings (`python -m docs.make.pages`); a test keeps it
+current. Names that are not on it may change without a line in the changelog.
 """
 
 

@@ -39,6 +39,20 @@ _RESTS = (
 _LONG = 180_000
 #: Drawings of at most so many bytes go into the page as they are, others as pictures of pixels.
 _MOST_SVG = 60_000
+#: Lines of a summary that the page shows of every task but the first, by their first word.
+_SHOWN = (
+    "input",
+    "skipped",
+    "warning",
+    "plan",
+    "coverage",
+    "operation",
+    "time",
+    "program",
+    "stock",
+    "reach",
+    "collision",
+)
 
 
 class Task(Struct, frozen=True):
@@ -301,6 +315,12 @@ def do(browser: Browser, task: Task, target: Path) -> Done:
         return Done(said, seconds, clicks, entered, opening, draw(task, typed, target))
 
 
+def shorten(summary: str) -> str:
+    """The lines of a summary that differ between tasks."""
+    lines = [line for line in summary.splitlines() if line.split(" ")[0] in _SHOWN]
+    return "\n".join(lines)
+
+
 def page_of(done: list[tuple[Task, Done]]) -> str:
     rows = []
     for k, (task, one) in enumerate(done, 1):
@@ -310,17 +330,20 @@ def page_of(done: list[tuple[Task, Done]]) -> str:
     for k, (task, one) in enumerate(done, 1):
         parts += [f"## {k} {task.name}", "", f"{task.about}.", ""]
         if task.job:
-            parts += [f"The job stands in `{Path(task.file).with_suffix('.toml')}` beside it.", ""]
-        parts += ["```console", f"$ {shlex.join(command_of(task))}", one.said.rstrip(), "```", ""]
+            parts += [f"The job is in `{Path(task.file).with_suffix('.toml')}`.", ""]
+        summary = one.said.rstrip() if k == 1 else shorten(one.said)
+        parts += ["```console", f"$ {shlex.join(command_of(task))}", summary, "```", ""]
         parts += [f"![{task.about}: the result]({one.picture})", ""]
     return "\n".join(parts)
 
 
 _HEAD = """# Gallery
 
-Twelve tasks, each done by one command, and by clicks in [the workbench](../workbench.md): both write the same
-program, byte for byte. `python -m docs.make.gallery` does them again and makes this page. Seconds are those of whole
-processes, in the workbench from `camgen open` to the saved program, clicked by a script. {machine}.
+Twelve tasks, each done by one command, and by clicks in [the workbench](../workbench.md): both
+write the same program, byte for byte. `python -m docs.make.gallery` makes this page. Seconds are
+those of whole processes, in the workbench from `camgen open` to the saved program, clicked by a
+script. {machine}. The first summary is whole. The others are without assumptions, tour, cell,
+motion, read-back, rounding and set-up.
 
 | task | file | controller | command, s | workbench: clicks | entries | s |
 |---|---|---|---|---|---|---|"""

@@ -24,44 +24,44 @@ _KINDS = {
 _CELLS = """
 ## Built-in cells
 
-A job without `[cell]` is made for the cell of its post. It is an example, so that a first program can be looked at;
-it is not checked for reach until `cell.robot` names an arm. Frames are x, y, z in mm and rx, ry, rz in deg, joints
-deg or mm. The length of the tool in a job replaces that of the cell.
+A job without `[cell]` is made for the cell of its post. It is an example for a first program,
+without a check of reach until `cell.robot` names an arm. Frames are x, y, z in mm and rx, ry, rz
+in deg, joints deg or mm. The length of the tool in a job replaces that of the cell.
 """
-#: Postures that the search for the reach goes on with.
+#: Postures with which the search for the reach continues.
 _KEPT = 10
 _INTRODUCTION = """\
 # Robots
 
-These arms are built in: `cell.robot = "IRB 1200"` in a [job](job.md) names one. `camgen robots` lists them,
-`camgen robots "IRB 120"` shows one with its boxes. Capitals, spaces and hyphens in a name do not matter. Any other
-arm can be read from a URDF file: [cells](cells.md).
+These robots are built in: `cell.robot = "IRB 1200"` in a [job](job.md) names one. `camgen robots`
+lists them, `camgen robots "IRB 120"` shows one with its boxes. Capitals, spaces and hyphens in a
+name do not matter. Any other arm can be read from a URDF file: [cells](cells.md).
 
-With `cell.robot` every motion is checked for reach, joint limits and collisions of the boxes. Without it nothing of
-this is checked, and the summary says so.
+With `cell.robot` every motion is checked for reach, joint limits and collisions of the boxes.
+Without it nothing of this is checked, as the summary says.
 
-The `3-axis mill` is a machine with linear axes, for the posts `gcode` and `grbl`. The others are
-arms, for the other posts. The travel of the mill is checked along the whole program:
+The `3-axis mill` is for the posts `gcode` and `grbl`, the arms are for the others. The travel of
+the mill is checked along the whole program:
 
     camgen build bracket.dxf --post gcode --set cell.robot="3-axis mill"
 
 A part that leaves the travel of an axis ends with exit code 3 and a line that names the axis, the
-limit and the value. `cell.base_from_work` is the work offset (G54) in machine coordinates. Without
-it the work zero is assumed at the position where the home of the job is the home of the machine;
-the summary gives the position.
+limit and the value. `cell.base_from_work` is the work offset (G54) in machine coordinates.
+Without it the home of the job is assumed to be the home of the machine; the summary gives the
+work zero.
 
-- **Reach** is how far the centre of the flange can come from axis 1, measured level, within the joint limits. It is
-  found by a search over the model, and is not the figure of a data sheet, which often ends at the wrist.
-- **Trust** says how well the numbers are known. *Confirmed*: two independent sources agree. *Derived*: one good
-  source, or worked out. *Uncertain*: check it before you rely on it.
-- **Speeds** are the greatest of each joint. They are used for times, to choose between two
-  ways, and to examine the feeds: the summary names each path on which a joint cannot keep
-  the feed, with the place, the axis and the speed that is left. `--strict` refuses it, and a
-  feed beyond all joints together is refused.
+- **Reach** is the maximum distance of the centre of the flange from axis 1, measured level,
+  within the joint limits. A search over the model finds it; a data sheet often ends at the wrist.
+- **Trust** grades the numbers. *Confirmed*: two independent sources agree. *Derived*: one good
+  source, or computed. *Uncertain*: check it before you rely on it.
+- **Speeds** are the maximum of each joint. They are used for times, to choose between two links,
+  and to examine the feeds: the summary names each path on which a joint cannot keep the feed,
+  with the place, the axis and the speed that is left. `--strict` refuses it, and a feed beyond
+  all joints together is refused.
 - **Joint values** are those that the controller shows.
 
-Numbers are mm, deg, mm/s and deg/s. This page is generated from the data of the models (`python -m docs.make.pages`); a
-test keeps it current.
+Joints are in deg and deg/s, sliding joints in mm and mm/s. This page is generated from the data
+of the models (`python -m docs.make.pages`); a test keeps it current.
 
 """
 
@@ -115,8 +115,8 @@ def _section(r: Robot) -> str:
     lines = [
         f"\n## {r.name}\n",
         f"{r.maker}, {r.controller}. {r.convention}\n",
-        "| joint | from | to | speed | home |",
-        "|---|---|---|---|---|",
+        "| joint | from, to | speed a second | home |",
+        "|---|---|---|---|",
         *_joints(r),
         "",
         f"- Trust: {trust}.",
@@ -130,10 +130,11 @@ def _section(r: Robot) -> str:
 def _joints(r: Robot) -> list[str]:
     rows = []
     for k, joint in enumerate(r.joints):
-        unit, name = (1.0, "mm") if joint.sliding else (math.degrees(1), "deg")
+        unit = 1.0 if joint.sliding else math.degrees(1)
+        name = f"{joint.name}, mm" if joint.sliding else joint.name
         low, high = (short(float(value) * unit, 3) for value in r.limits[k])
         speed, home = short(float(r.speeds[k]) * unit, 3), short(float(r.home[k]) * unit, 3)
-        rows.append(f"| {joint.name} | {low} {name} | {high} {name} | {speed} {name}/s | {home} |")
+        rows.append(f"| {name} | {low}, {high} | {speed} | {home} |")
     return rows
 
 
@@ -144,7 +145,10 @@ def _reach(r: Robot) -> str:
 
 
 def reach(r: Robot) -> float:
-    """How far the flange comes from axis 1, mm, within the limits: many postures at random, the best ones bettered."""
+    """The maximum distance of the flange from axis 1 within the limits, mm.
+
+    The search begins with random postures and improves the best ones.
+    """
     dice = np.random.default_rng(0)
     low, high = r.limits[:, 0], r.limits[:, 1]
     best = dice.uniform(low, high, (4000, len(low)))

@@ -143,6 +143,7 @@ SMOKES = [
     Smoke("languages.strict_runs 200", (6,), {"lines": (2000, 9000)}),
     Smoke("languages.public {here}/none gcode", (1,), {"programs": (60, 60), "tracebacks": (0, 0)}),
     Smoke("languages.longest {here}/none", (0,), {}),
+    Smoke("languages.coverage {here}/none", (0,), {}),
     Smoke("languages.verdicts {here}/none", (5, 0), {"programs": (25, 190), "examined": (0, 0)}),
     # They fork, as above.
     Smoke(

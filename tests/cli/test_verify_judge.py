@@ -256,3 +256,30 @@ def test_a_program_of_functions_alone_is_no_fault(capsys):
     code, page, lines, error = judged(capsys, write("data.pcs", text))
     assert (code, lines, error) == (0, [], "")
     assert page["program"].endswith("no instruction")
+
+
+START = "G21 G90\nG0 X0 Y0 Z5\nF100\n#100=0\n"
+COUNTING = f"{START}o1 while [1 EQ 1]\nG1 X[#100]\n#100=[#100+1]\no1 endwhile\nM2\n"
+
+
+def test_a_limit_of_steps_is_possible_if_an_input_may_end_the_loop(capsys):
+    waiting = COUNTING.replace("[1 EQ 1]", "[#5399 EQ 0]").replace("G1 X", "M66 P0 L0\nG1 X")
+    limit = ["--set", "limits.gcode_steps=200"]
+    code, page, lines, error = judged(capsys, write("wait.ngc", "M66 P0 L0\n" + waiting), *limit)
+    assert (code, error) == (0, "")
+    assert "din0" in page["assumed"]
+    (line,) = lines
+    assert ": possible: cannot be run on: the program has not ended after 200 steps" in line
+    assert line.endswith(", if all is as assumed")
+    assert page["motion"] == "not proven: the run does not come to the end"
+    code, page, lines, error = judged(capsys, write("count.ngc", COUNTING), *limit)
+    assert code == 2
+    assert "cannot be run to its end: the program has not ended after 200 steps" in error
+    assert page["coverage"] == "8 of 9 statements run (88 %), not run: count.ngc line 9"
+
+
+def test_coverage_is_in_the_data(capsys):
+    code = main(["verify", write("shop.mod", RAPID), "--json"])
+    assert code == 0
+    # The lines of main but ELSE and ENDIF run, and the motion of the other routine does not.
+    assert json.loads(capsys.readouterr().out)["coverage"] == {"statements": 8, "run": 7}

@@ -1,4 +1,4 @@
-"""docs/make/reading.py: the drawn modules, and the table of the answers about them."""
+"""docs/make/reading.py: the drawn texts, and the table of the answers about them."""
 
 from __future__ import annotations
 
@@ -8,24 +8,17 @@ from itertools import product
 
 import pytest
 
-from docs.make.reading import (
-    BASE,
-    DRAWN,
-    FOLDERS,
-    ROOT,
-    TIMES,
-    VERDICTS,
-    Answer,
-    draw_modules,
-    format_results,
-    read_answers,
-    read_questions,
-)
+from docs.make.reading import DATA, DRAWS, ROOT, TIMES, VERDICTS, Answer, Draw, format_results
+
+#: The draws whose questions are written.
+ASKED = tuple(draw for draw in DRAWS if (DATA / f"{draw.name}.toml").exists())
 
 
-def _has_base() -> bool:
-    command = ["git", "-C", str(ROOT), "cat-file", "-e", f"{BASE}^{{commit}}"]
-    return subprocess.run(command, check=False, capture_output=True).returncode == 0
+def _has_bases() -> bool:
+    names = [f"{draw.base}^{{commit}}" for draw in DRAWS]
+    commands = [["git", "-C", str(ROOT), "cat-file", "-e", name] for name in names]
+    runs = [subprocess.run(command, check=False, capture_output=True) for command in commands]
+    return all(run.returncode == 0 for run in runs)
 
 
 def _read_table(table: str) -> dict[str, list[int]]:
@@ -37,19 +30,25 @@ def _read_table(table: str) -> dict[str, list[int]]:
     return rows
 
 
-@pytest.mark.skipif(not _has_base(), reason="a source archive has no history to draw from")
-def test_three_modules_of_each_folder_are_drawn() -> None:
-    drawn = draw_modules()
-    assert Counter(path.split("/")[1] for path in drawn) == dict.fromkeys(FOLDERS, DRAWN)
-    assert len(set(drawn)) == len(drawn)
-    assert drawn == draw_modules()
-    assert [module.path for module in read_questions()] == drawn
+@pytest.mark.skipif(not _has_bases(), reason="a source archive has no history to draw from")
+@pytest.mark.parametrize("draw", DRAWS, ids=lambda draw: draw.name)
+def test_the_number_of_texts_is_drawn_from_each_folder(draw: Draw) -> None:
+    drawn = draw.list_texts()
+    assert len(set(drawn)) == len(drawn) == draw.number * len(draw.folders)
+    for folder in draw.folders:
+        assert sum(path.startswith(f"{folder}/") for path in drawn) == draw.number
+    assert drawn == draw.list_texts()
+    if draw in ASKED:
+        assert [module.path for module in draw.read_questions()] == drawn
 
 
-def test_each_module_has_ten_questions_with_an_answer() -> None:
-    modules = read_questions()
-    assert len(modules) == DRAWN * len(FOLDERS) == 24
-    for module in modules:
+def test_modules_and_pages_are_drawn_in_the_numbers_of_the_page() -> None:
+    assert [draw.number * len(draw.folders) for draw in DRAWS] == [24, 24, 12]
+
+
+@pytest.mark.parametrize("draw", ASKED, ids=lambda draw: draw.name)
+def test_each_text_has_ten_questions_with_an_answer(draw: Draw) -> None:
+    for module in draw.read_questions():
         assert len(module.questions) == 10, module.path
         assert all(question.text and question.answer for question in module.questions), module.path
 
@@ -68,15 +67,18 @@ def test_the_table_counts_each_verdict_once() -> None:
     }
 
 
-def test_the_table_of_the_data_has_all_its_verdicts() -> None:
-    answers = read_answers()
-    sums = _read_table(format_results([module.path for module in read_questions()], answers))["all"]
+@pytest.mark.parametrize("draw", ASKED, ids=lambda draw: draw.name)
+def test_the_table_of_the_data_has_all_its_verdicts(draw: Draw) -> None:
+    answers = draw.read_answers()
+    table = format_results([module.path for module in draw.read_questions()], answers)
+    sums = _read_table(table)["all"]
     counts = Counter((row.when, row.verdict) for row in answers)
     assert sums == [counts[when, verdict] for when, verdict in product(TIMES, VERDICTS)]
 
 
-def test_each_question_has_at_most_one_answer_before_and_one_after() -> None:
-    answers = read_answers()
+@pytest.mark.parametrize("draw", ASKED, ids=lambda draw: draw.name)
+def test_each_question_has_at_most_one_answer_before_and_one_after(draw: Draw) -> None:
+    answers = draw.read_answers()
     keys = [(row.module, row.question, row.when) for row in answers]
     assert len(set(keys)) == len(keys)
     assert {row.when for row in answers} <= set(TIMES)

@@ -18,7 +18,7 @@ FLOW_MODULES = ("code", "flow", "values")
 #: What only the log makes.
 ENTRIES = {"Finding", "Assumption"}
 #: All that a language on the engine needs of the end of a run. `Flow` watches the loops.
-ENDS = {"Budget", "Ended", "Stopped"}
+ENDS = {"Budget", "Ended", "LimitReached", "Stopped"}
 #: Depth of calls, choice of branches, and watch of loops.
 METHODS = {"check_depth", "_choose_branch", "_choose_case", "_repeat", "_is_repeated"}
 

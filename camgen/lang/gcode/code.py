@@ -48,9 +48,13 @@ _LOOPS = ("while", "do", "repeat")
 
 def compile_lines(count: int) -> Code:
     """Return the steps of a program without words of the flow. count: number of its lines."""
-    return Code(
-        [Act(1, cost=0, do=Interpreter.run_lines, operand=range(count)), End(count, cost=0)], {}
-    )
+    return Code([_run_lines(range(count)), End(count, cost=0)], {})
+
+
+def _run_lines(span: range) -> Act:
+    """The step of lines, from 0."""
+    first, count = span.start + 1, len(span)
+    return Act(first, cost=0, do=Interpreter.run_lines, operand=span, lines=count)
 
 
 def compile_program(lines: Sequence[str], grammar: Grammar, files: Mapping[str, int]) -> Code:
@@ -107,8 +111,7 @@ class _Program(Compiler):
     def _end_lines(self, number: int) -> None:
         """Add the step of the lines before a line, from 0."""
         if number > self._start:
-            lines = range(self._start, number)
-            self.add(Act(self._start + 1, cost=0, do=Interpreter.run_lines, operand=lines))
+            self.add(_run_lines(range(self._start, number)))
         self._start = number
 
     def _close_rest(self) -> None:

@@ -24,7 +24,7 @@ from camgen.lang.gcode.dialects import LINUXCNC, RAPID, Dialect
 from camgen.lang.gcode.rotation import Rotation
 from camgen.lang.gcode.words import Line, LineError, Parameters, UnknownWord
 from camgen.lang.log import Log
-from camgen.lang.run import Stopped
+from camgen.lang.run import LimitReached
 from camgen.model.limits import Limits as Bounds
 from camgen.model.limits import format_limit
 from camgen.model.pose import TOOL_DOWN, Pose, Vec3
@@ -324,9 +324,9 @@ class Machine:
             self.feed = self.given.get("feed", FEED) / 60.0
 
     def insist_on_size(self) -> None:
-        """Raises Stopped if the program has more instructions than the limit allows."""
+        """Raises LimitReached if the program has more instructions than the limit allows."""
         if len(self.body) >= self.most:
-            raise Stopped(
+            raise LimitReached(
                 f"more than {format_limit(self.most)} instructions are refused "
                 "(limits.gcode_motions)"
             )

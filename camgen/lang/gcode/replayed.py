@@ -51,7 +51,7 @@ def replay(
     chord: deviation of the lines of helices, mm.
     usual: dialect without one in ``ask``, None for that which the text shows.
     """
-    m, stopped = play(texts, ask, usual, chord)
+    m, stopped, _ = play(texts, ask, usual, chord)
     refused = [(item.line, item.what) for item in m.log.list_findings() if item.level == "refused"]
     stops = [*m.log.list_lost(), *([stopped] if stopped else []), *refused]
     reasons = sorted(stops, key=lambda stop: stop[0])

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from itertools import accumulate
+from itertools import accumulate, repeat
+from typing import NamedTuple
 
+import numpy as np
 from msgspec.structs import replace
 
+from camgen.lang.code import Code
+from camgen.lang.coverage import Coverage, measure_coverage
 from camgen.lang.gcode import third_party
 from camgen.lang.gcode.beam import Beam, sets_laser_mode
 from camgen.lang.gcode.code import compile_program
@@ -39,10 +43,23 @@ PROFILE = Profile(
 )
 
 
+class Played(NamedTuple):
+    """A program that was run.
+
+    machine: the machine after the run.
+    stopped: line and reason of a stop before the end, None without one.
+    code: steps of the program, None if it could not be compiled.
+    """
+
+    machine: Machine
+    stopped: tuple[int, str] | None = None
+    code: Code | None = None
+
+
 def play(
     files: Mapping[str, str], ask: Ask, usual: Dialect | None = None, chord: float | None = None
-) -> tuple[Machine, tuple[int, str] | None]:
-    """The machine after the first of ``files``, and the line and reason of its stop.
+) -> Played:
+    """Runs the first of ``files``.
 
     files: the program, and then files with its subprograms.
     usual: dialect without one in ``ask``, None for that which the text shows.
@@ -75,19 +92,19 @@ def play(
     m.log.fact("dialect", f"{dialect.name} ({sign[:30]})" if sign else dialect.name)
     other = find_other(text)
     if other is not None and not ask.dialect:
-        return m, (other[0], f"a program of {other[1]}: its language is not read")
+        return Played(m, (other[0], f"a program of {other[1]}: its language is not read"))
     try:
         code = compile_program(lines, third_party.read_grammar(m), starts)
     except LineError as error:
         what, line = error.args
-        return m, (line, what)
+        return Played(m, (line, what))
     third_party.judge_blanks(m, lines)
     try:
         Interpreter(m, lines, code).run(ask.entry)
         m.finish()
     except (LineError, Stopped) as error:
-        return m, (m.line, str(error))
-    return m, None
+        return Played(m, (m.line, str(error)), code)
+    return Played(m, None, code)
 
 
 def _set_beam(m: Machine, text: str) -> None:
@@ -102,7 +119,8 @@ def run(files: Mapping[str, str], ask: Ask, usual: Dialect | None = None) -> Exe
 
     usual: dialect without one in ``ask``, None for that which the text shows.
     """
-    m, stopped = play(files, ask, usual)
+    m, stopped, code = play(files, ask, usual)
+    coverage = None if code is None else _measure_coverage(files, code, m)
     if stopped is None:
         _judge_end(m, [_lines_of(text) for text in files.values()])
     frames, frame = _frames(m)
@@ -116,7 +134,20 @@ def run(files: Mapping[str, str], ask: Ask, usual: Dialect | None = None) -> Exe
         facts=_facts(m),
         lost=m.log.list_lost(),
         stopped=stopped,
+        is_limited=m.log.is_limited,
+        coverage=coverage,
     )
+
+
+def _measure_coverage(files: Mapping[str, str], code: Code, m: Machine) -> Coverage:
+    """The coverage of the lines that have more than a comment, a block skip or a per cent sign."""
+    has_statement: list[bool] = []
+    for text in files.values():
+        lines = map(COMMENT.sub, repeat(""), _lines_of(text))
+        has_statement += [bool(line.strip(" \t\r%/")) for line in lines]
+    coverage = measure_coverage([code], m.log.ran, m.line)
+    chosen = np.array(has_statement)[coverage.lines - 1]
+    return Coverage(coverage.lines[chosen], coverage.ran[chosen])
 
 
 def _lines_of(text: str) -> list[str]:

@@ -93,7 +93,8 @@ def _read_statements(statements: Sequence[Statement], compiler: _Compiler) -> No
 def make_motions(line: int, run: Run) -> Act:
     """The step of motions in the usual spelling. Each of them takes a step of the budget."""
     motions = list_motions(run, line)
-    return Act(line, cost=0, do=run_motions, operand=motions, effect=Effect.MOVES)
+    lines = len(motions)
+    return Act(line, cost=0, do=run_motions, operand=motions, effect=Effect.MOVES, lines=lines)
 
 
 _OPENS = {

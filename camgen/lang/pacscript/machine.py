@@ -19,7 +19,7 @@ from camgen.lang.pacscript.values import (
     name_place,
 )
 from camgen.lang.programs import Executed, Frames
-from camgen.lang.run import Stopped
+from camgen.lang.run import LimitReached
 from camgen.lang.values import Unknown
 from camgen.model.pose import IDENTITY, Pose, Vec3, frozen, to_vec3
 from camgen.model.program import (
@@ -130,7 +130,7 @@ class Machine:
     def emit(self, item: Instruction, base: str = "") -> None:
         """Adds an instruction of the present line. base: of a motion in the frame of a place that no text holds."""
         if len(self.body) >= _MOST_MOTIONS:
-            raise Stopped("more motions than a program can have")
+            raise LimitReached("more motions than a program can have")
         self.body.append(item)
         self.lines.append(self.line)
         if base not in self._frame_now:
@@ -361,6 +361,7 @@ class Machine:
             self.log.list_lost(),
             self.log.list_omitted(),
             stopped,
+            self.log.is_limited,
             self.log.untimed,
             self.log.list_choices(),
             self.log.steps,

@@ -9,6 +9,7 @@ from msgspec.structs import replace
 
 from camgen.lang.beside import sum_up
 from camgen.lang.code import Act, Branch, Effect, Step
+from camgen.lang.coverage import measure_coverage
 from camgen.lang.flow import Choice, Counter, Flow, Raised, Rules
 from camgen.lang.pacscript import motions
 from camgen.lang.pacscript.code import CountRange, ProcedureCode, compile_procedure
@@ -310,6 +311,7 @@ class ProgramRun(Run):
     def whole(self, beside: bool = True) -> Executed:
         """Runs the program. beside: whether the tasks that it starts are run too."""
         stopped = None
+        coverage = None
         try:
             stopped = self._start()
         except Ended:
@@ -322,8 +324,11 @@ class ProgramRun(Run):
             stopped = (self.machine.line or 1, "procedures and brackets nested too deep")
         if beside:
             self._read_rest()
+            end = self.machine.line
             self._look_beside()
-        return self.machine.finish(stopped)
+            codes = [procedure.code for procedure in self.codes.values()]
+            coverage = measure_coverage(codes, self.log.ran, end)
+        return replace(self.machine.finish(stopped), coverage=coverage)
 
     def _look_beside(self) -> None:
         """Runs the tasks that this one starts, each by itself: what they do is told, and what is wrong in them."""
@@ -338,6 +343,7 @@ class ProgramRun(Run):
                 machine.log.lose(f"another task, {name}, is not shown", line=line)
                 continue
             done = other.whole(beside=False)
+            self.log.ran |= other.log.ran
             machine.log.fact("other tasks", f"{name}: {sum_up(done.body)}, not shown")
             if done.body:
                 what = f"another task, {name}, is not shown: {sum_up(done.body)}"

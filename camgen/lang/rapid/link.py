@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from .code import Do, compile_routines, list_called, moves
 from .machine import Home, Machine
+from .polled import find_polled
 from .tokens import Wrong
 from .tree import Module, Record, Routine
 
@@ -26,10 +27,11 @@ def link(machine: Machine, modules: Sequence[Module], do: Do) -> Routine | None:
         _check_names(machine, module, seen)
     for module in modules:
         _enter(machine, module)
-    _value_all(machine)
     machine.codes = compile_routines(
         machine.homes, do, lambda routine, key: machine.find_routine(machine.homes[routine], key)
     )
+    machine.polled.update(find_polled(machine.data, machine.codes.values()))
+    _value_all(machine)
     return _find_entry(machine, modules)
 
 

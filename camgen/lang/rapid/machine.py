@@ -156,6 +156,7 @@ class Machine:
     come: set[Routine] = field(default_factory=set)  # TRAPs whose interrupt has come
     due: list[Routine] = field(default_factory=list)  # those that run next
     held: bool = False  # interrupts wait
+    polled: set[Variable] = field(default_factory=set)  # data that are set outside of the program
     call: Callable[[Routine, Calling], Value] = lambda _routine, _call: NOTHING
     function: Callable[[Machine, Calling], Value] = lambda _machine, _call: NOTHING
     interrupt: Callable[[Machine, Expr], None] = lambda _machine, _interrupt: None
@@ -281,6 +282,9 @@ class Machine:
         if variable.start is None and variable.storage == "pers":
             found = self.ask_for(f"{variable.name}, which has no value here", variable.name)
             return self.settled(variable.type, found)
+        if variable in self.polled:
+            what = f"{variable.name}, which is set outside of this program"
+            return self.settled(variable.type, self.ask_for(what, variable.name))
         sizes = [self.value(dim) for dim in variable.dims]
         if variable.start is None:
             return self._array(self.zero(variable.type), sizes)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from camgen.lang.coverage import measure_coverage
 from camgen.lang.programs import Ask, Executed, strip_mark
 from camgen.model.program import pack
 
@@ -67,6 +68,8 @@ def _answer(machine: Machine, stopped: tuple[int, str] | None) -> Executed:
         omitted=machine.log.list_omitted(),
         untimed=machine.log.untimed,
         stopped=stopped,
+        is_limited=machine.log.is_limited,
         choices=machine.log.list_choices(),
         steps=machine.log.steps,
+        coverage=measure_coverage(machine.codes.values(), machine.log.ran, machine.line),
     )

@@ -6,7 +6,7 @@ line, and what is no V+ is.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 
 from camgen.lang.log import Log
 from camgen.lang.programs import Ask
@@ -149,14 +149,14 @@ _LOOKS: Mapping[str, Callable[[_Reader, Routine, int, Statement], None]] = {
 }  # fmt: skip
 
 
-def check_rest(routines: Sequence[Routine], machine: Machine, log: Log) -> None:
-    """Tells what the controller would not take of the lines that ``machine`` has not carried out."""
+def check_rest(routines: Sequence[Routine], ran: Set[int], log: Log) -> None:
+    """Add what the controller refuses in the lines that were not run. ran: lines that were run."""
     told = Log()
     reader = _Reader((), Ask(), told)
     fine: set[tuple[str, str]] = set()
     for routine in routines:
         for index, statement in enumerate(routine.statements):
-            if not isinstance(statement, Statement) or statement.line in machine.done:
+            if not isinstance(statement, Statement) or statement.line in ran:
                 continue
             said = statement.word, statement.rest
             if said in fine:

@@ -136,7 +136,8 @@ class Translator:
         for index, statement in enumerate(routine.statements):
             cost = measure_cost(statement)
             if isinstance(statement, Stretch):
-                act = Act(statement.line, cost=cost, do=run_stretch, operand=statement)
+                lines = len(statement.poses)
+                act = Act(statement.line, cost=cost, do=run_stretch, operand=statement, lines=lines)
                 self.code.steps.append(act)
                 continue
             try:

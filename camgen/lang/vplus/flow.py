@@ -62,7 +62,6 @@ class Machine(Units):
         self._flow = Flow(self, self._budget, rules)
         self.stopped: tuple[int, str] | None = None
         self.ran: set[str] = set()
-        self.done: set[int] = set()
 
     def lay_beside(self, files: Mapping[str, str]) -> None:
         """Files that the programs may read, by name; each line of them may be read and worked with."""
@@ -101,11 +100,19 @@ class Machine(Units):
         self.ran.add(key)
         self.enter(self._kept.setdefault(key, {}))
         self._scopes[-1].others.update(arguments)
-        if key not in self._codes:
-            self._codes[key] = compile_routine(routine, Machine.act, Machine.run_stretch)
-        self._flow.run(self._codes[key])
+        self._flow.run(self._compile(routine))
         self.tell_inputs()
         self.leave()
+
+    def _compile(self, routine: Routine) -> Code:
+        key = canonical(routine.name)
+        if key not in self._codes:
+            self._codes[key] = compile_routine(routine, Machine.act, Machine.run_stretch)
+        return self._codes[key]
+
+    def compile_all(self) -> list[Code]:
+        """Return the steps of all programs."""
+        return [self._compile(routine) for routine in self._programs.values()]
 
     def run_stretch(self, plain: Stretch) -> None:
         """Carries out motions that were read together."""
@@ -140,7 +147,6 @@ class Machine(Units):
             self.tell_inputs()
         self.line = step.line
         self.doubt = False
-        self.done.add(step.line)
 
     def report(self, step: Step, error: Exception) -> None:
         """Tells that a step cannot be carried out."""

@@ -14,6 +14,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from camgen.lang.beside import sum_up
+from camgen.lang.coverage import measure_coverage
 from camgen.lang.log import Log
 from camgen.lang.motion_speed import Limit, pace_motion
 from camgen.lang.programs import Ask, Executed, Frames, carry_pose, strip_mark
@@ -58,11 +59,12 @@ def run_programs(files: Mapping[str, str], ask: Ask) -> Executed:
         return Executed((), (), findings=log.list_findings(), stopped=(1, what))
     log.fact("entry", entry.name)
     machine.run(entry)
+    end, ran = machine.line, frozenset(log.ran)
     short = replace(
         ask, limits=replace(ask.limits, vplus_steps=min(ask.limits.vplus_steps, _MOST_OF_A_TASK))
     )
     _look_beside(machine, log, lambda aside: _ready(routines, short, aside, beside, values))
-    check_rest(routines, machine, log)
+    check_rest(routines, ran, log)
     _tell_programs(routines, machine, log)
     placed = _place(machine)
     body = _pace(machine, placed)
@@ -77,8 +79,10 @@ def run_programs(files: Mapping[str, str], ask: Ask) -> Executed:
         lost=log.list_lost(),
         omitted=log.list_omitted(),
         stopped=machine.stopped,
+        is_limited=log.is_limited,
         choices=log.list_choices(),
         steps=log.steps,
+        coverage=measure_coverage(machine.compile_all(), log.ran, end),
     )
 
 
@@ -113,6 +117,7 @@ def _look_beside(machine: Machine, log: Log, ready: Callable[[Log], Machine]) ->
         log_beside = Log()
         other = ready(log_beside)
         other.run(routine)
+        log.ran |= log_beside.ran
         log.fact(label, f"{text}: {sum_up(other.body)}")
         if label.startswith("tasks") and other.body:
             log.lose(f"another task, {text}, is not shown: {sum_up(other.body)}", line=line)

@@ -791,3 +791,46 @@ def test_what_is_shown_otherwise_is_a_fact() -> None:
     effect = "what follows happens while the arm moves; here it waits for the motion"
     assert [what for _, what in executed.omitted] == [f"movel \\conc: {effect}"]
     assert facts["external axes"] == "move on their own and are not shown"
+
+
+ASKED = "WHILE n<3 DO\nIF place>0 THEN\nfound:=place;\nENDIF\nn:=n+1;\nENDWHILE\nn:=100/found;"
+DATA = "PERS num place:=0;\nVAR num found;\n"
+
+
+def polled(body: str, more: str = "", **assume: float) -> Executed:
+    return run(
+        {"m.mod": text(body, more).replace("PROC main", f"{DATA}PROC main")}, Ask(assume=assume)
+    )
+
+
+def test_data_that_a_loop_asks_and_nothing_sets_are_set_outside_of_the_program() -> None:
+    executed = polled(ASKED)
+    assert executed.findings == ()
+    (first, _) = executed.assumed
+    assert first.what.startswith("an IF asks place, which is set outside of this program")
+    assert first.key == "place"
+    assert polled(ASKED, place=5.0).findings == ()
+    (finding, *_) = polled(ASKED, place=0.0).findings
+    assert finding.what == "a division by 0"
+
+
+@pytest.mark.parametrize(
+    ("body", "more"),
+    [
+        # Asked once, outside of a loop.
+        ("IF place>0 THEN\nfound:=place;\nENDIF\nn:=100/found;", ""),
+        # Another routine sets it.
+        (ASKED, "PROC other()\nplace:=1;\nENDPROC"),
+        # An instruction may set it.
+        (ASKED, "PROC other()\nIncr place;\nENDPROC"),
+    ],
+)
+def test_other_data_have_the_value_of_the_text(body: str, more: str) -> None:
+    executed = polled(body, more)
+    assert [finding.what for finding in executed.findings] == ["a division by 0"]
+
+
+def test_a_variable_is_seen_by_its_program_alone() -> None:
+    program = text(ASKED).replace("PROC main", f"{DATA}PROC main").replace("PERS num", "VAR num")
+    executed = run({"m.mod": program}, Ask())
+    assert [finding.what for finding in executed.findings] == ["a division by 0"]
