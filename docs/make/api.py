@@ -53,6 +53,17 @@ SECTIONS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
         ("CamgenError", "InputError", "JobError", "NoSafeProgram", "Refused", "VerifyError"),
     ),
 )  # fmt: skip
+#: Sections for authors of plug-ins, who read the docstrings of the fields in the code.
+FOR_AUTHORS = frozenset(
+    {
+        "Readers",
+        "Posts",
+        "Languages",
+        "Machines",
+        "Plug-ins",
+        "Conformance kit",
+    }
+)
 _INTRODUCTION = """\
 # Python interface
 
@@ -81,7 +92,8 @@ except CamgenError as error:
 
 [Python, by example](python.md) shows the stages, [writing a post](writing-a-post.md) posts and
 languages. This page is generated from the docstrings (`python -m docs.make.pages`); a test keeps it
-current. Names that are not on it may change without a line in the changelog.
+current. Names that are not on it may change without a line in the changelog. Of the types for
+plug-ins it has the first paragraph; `help(camgen.lang.programs.Ask)`, for example, prints the rest.
 """
 
 
@@ -91,15 +103,18 @@ def api() -> str:
     for heading, module, names in SECTIONS:
         parts.append(f"\n## {heading}\n")
         parts.append(f"From `{module}`.\n")
-        parts += [_entry(module, name) for name in names]
+        parts += [_entry(module, name, is_whole=heading not in FOR_AUTHORS) for name in names]
     return "\n".join(parts).rstrip("\n") + "\n"
 
 
-def _entry(module: str, name: str) -> str:
+def _entry(module: str, name: str, *, is_whole: bool) -> str:
+    """Heading, outline and docstring of a name, or the first paragraph of the docstring."""
     found: object = importlib.import_module(module)
     for part in name.split("."):
         found = inspect.getattr_static(found, part)
     text = re.sub(r"``([^`]+)``", r"`\1`", inspect.getdoc(found) or "")
+    if not is_whole:
+        text = text.partition("\n\n")[0]
     return f"### `{name}`\n\n```python\n{_outline(module, name)}\n```\n\n{text}\n"
 
 
