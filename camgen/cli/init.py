@@ -273,8 +273,8 @@ def reference() -> str:
     lines = [_INTRODUCTION]
     for table, about in list_tables().items():
         lines += [f"\n## `[{table}]`\n", about[0].upper() + about[1:]]
-        if table == "post":
-            lines.append(_POST)
+        if table in _TEXTS:
+            lines.append(_TEXTS[table])
             continue
         lines += _keys([s for s in list_settings() if s.table == table])
     for table, about in list_row_tables().items():
@@ -290,11 +290,32 @@ _SHARED = ("tool", "operation", "process")
 
 def _keys(found: Sequence[Setting]) -> list[str]:
     """A table of settings."""
-    lines = ["\n| key | default | allowed | meaning |", "|---|---|---|---|"]
+    lines = ["\n| key | default, and allowed values | meaning |", "|---|---|---|"]
     for s in found:
         default = "not set" if s.default is None else f"`{toml(s.default)}`"
-        lines.append(f"| `{s.key}` | {default} | {_cell(s.allowed)} | {_cell(s.about)} |")
+        values = default + _shorten(s)
+        lines.append(f"| `{s.key}` | {values} | {_cell(s.about)} |")
     return lines
+
+
+def _shorten(setting: Setting) -> str:
+    """The possible values of a setting, as they follow its default on the page.
+
+    Returns "" if the default shows their type.
+    """
+    if setting.allowed in _SHOWN and setting.default is not None:
+        return ""
+    text = setting.allowed.replace(' or a text with its unit, "1200 mm/min"', ' or "1200 mm/min"')
+    if text.startswith("one of "):
+        others = text.removeprefix("one of ").replace(f"{toml(setting.default)}, ", "", 1)
+        return f" or {_cell(others)}"
+    for words, short in (("a number >", ">"), ("a whole number", "whole number")):
+        text = text.replace(words, short)
+    return ", " + _cell(text.replace("a list of", "list of").replace("a text", "text"))
+
+
+#: Types that a default shows.
+_SHOWN = ("a text", "true or false", "a table", "a list of texts")
 
 
 def _cell(text: str) -> str:
@@ -304,19 +325,27 @@ def _cell(text: str) -> str:
 _INTRODUCTION = """\
 # The job file
 
-A job file is TOML: tables of keys. All keys have a default, so a file holds only what differs. `camgen init part.dxf`
-writes `part.toml` with everything in it. `camgen build part.dxf` uses `part.toml` beside the drawing when it is there,
-and says so; `--job FILE` names another one. `--set table.key=value` sets one key and wins over the file. The value is
-read as TOML; what is not TOML is taken as text, so `--set operation.kind=trace` needs no quotes.
+A job file is TOML: tables of keys. All keys have a default, so a file holds only what differs.
+`camgen init part.dxf` writes `part.toml` with everything in it. `camgen build part.dxf` uses
+`part.toml` beside the drawing if it is there, and says so; `--job FILE` names another one.
+`--set table.key=value` sets one key and wins over the file. The value is read as TOML, else as
+text, so `--set operation.kind=trace` needs no quotes.
 
-Lengths are mm, angles deg, speeds mm/s, forces N, times s. A table or key that camgen does not know is an error that
-names the nearest known one.
+Lengths are mm, angles deg, speeds mm/s, forces N, times s. A bound alone stands for a number with
+this bound. An unknown table or key is an error that names the nearest known one.
 
 This page is generated from the settings; a test keeps it current."""
 
 _POST = """
-Which options there are depends on the post. `camgen init` writes them all into the job file, as comments. An option
-that the chosen post does not have is an error."""
+They depend on the post: see its page. `camgen init` writes them all into the job file, as comments.
+An option that the chosen post does not have is an error."""
+
+_LIMITS = """
+[The limits with their values](reliability.md#limits) are one table for jobs and commands."""
+
+
+#: Tables of which the page has no rows.
+_TEXTS = {"post": _POST, "limits": _LIMITS}
 
 
 if __name__ == "__main__":

@@ -92,8 +92,8 @@ class InputTable(Table, frozen=True):
     assume: Annotated[
         dict[str, float],
         Meta(
-            description="of programs: what no text holds, by the keys that `camgen verify` names, "
-            "{ di1 = 1 }"
+            description="of programs: values that the text does not hold, by the keys that `camgen "
+            "verify` names, { di1 = 1 }"
         ),
     ] = field(default_factory=dict)
     signals: Annotated[
@@ -103,7 +103,7 @@ class InputTable(Table, frozen=True):
 
 
 class ImageTable(Table, frozen=True):
-    """[image]: a picture of a part, its scale and what in it is the part."""
+    """[image]: a picture of a part, its scale, and how the part is found in it."""
 
     mm_per_px: Annotated[
         Positive | None, Meta(description="scale of a picture that is seen straight from above")
@@ -113,7 +113,7 @@ class ImageTable(Table, frozen=True):
     )
     region: Annotated[
         Values | None,
-        Meta(description="what to look at: [x from, y from, x to, y to], mm of the work plane"),
+        Meta(description="area to read: [x from, y from, x to, y to], mm of the work plane"),
     ] = None
     tones: Annotated[
         Literal["linear", "srgb"],
@@ -124,7 +124,7 @@ class ImageTable(Table, frozen=True):
     ] = "linear"
     mask: Annotated[
         Literal["auto", "otsu", "threshold", "color", "background", "adaptive", "alpha"],
-        Meta(description="how the part is told from the bench; auto chooses and says why"),
+        Meta(description="how part and bench are distinguished; auto chooses and says why"),
     ] = "auto"
     background: Annotated[
         str, Meta(description="photo of the empty bench, taken from the same place")
@@ -143,12 +143,12 @@ class ImageTable(Table, frozen=True):
     color: Annotated[
         Values | None, Meta(description="color of the bench or of the part: [red, green, blue]")
     ] = None
-    invert: Annotated[bool, Meta(description="the part is what was taken for the bench")] = False
+    invert: Annotated[bool, Meta(description="part and bench are exchanged")] = False
     lines: Annotated[
         Literal["auto", "centre", "border"],
         Meta(
-            description="of a drawing that is traced: ink along its middle (centre), along its "
-            "borders (border), or "
+            description="of a traced drawing: ink along its middle (centre), its borders "
+            "(border), or "
             "thin lines and lettering along their middle and the rest along its borders (auto)"
         ),
     ] = "auto"
@@ -158,10 +158,9 @@ class ImageTable(Table, frozen=True):
     accept: Annotated[
         list[Literal["outside", "specks", "edges"]],
         Meta(
-            description="what is built in spite of a doubt. outside: a part beside the points or "
-            "corners that gave the work plane, without camera.file. specks: small things beside "
-            "the part, as parts. edges: outlines without an edge in the grey picture, or "
-            "of a shadow alone"
+            description="doubts to build in spite of. outside: a part beside the points or corners "
+            "of the work plane, without camera.file. specks: small things as parts. edges: "
+            "outlines without an edge in the grey picture, or of a shadow alone"
         ),
     ] = []
 
@@ -185,8 +184,8 @@ class CameraTable(Table, frozen=True):
     markers: Annotated[
         str,
         Meta(
-            description='or what lies on the bench: a sheet of camgen markers, "A4", or a ChArUco '
-            'board, "7x5"'
+            description='or on the bench: a sheet of camgen markers, "A4", or a ChArUco board, '
+            '"7x5"'
         ),
     ] = ""
     marker: Annotated[Positive, Meta(description="width of the markers of sheet or board, mm")] = (
@@ -196,7 +195,7 @@ class CameraTable(Table, frozen=True):
         30.0
     )
     printed_length: Annotated[
-        Positive, Meta(description="what the sheet's ruler measures on the paper, mm")
+        Positive, Meta(description="length of the sheet's ruler on the paper, mm")
     ] = 100.0
     height: Annotated[
         float, Meta(description="height of the part's top face above points or markers, mm")
@@ -221,16 +220,14 @@ class OperationTable(Table, frozen=True):
         ],
         Meta(
             description="follow: the tool runs beside the contour; trace: its centre runs on the "
-            "line; fill: it covers "
-            "what closed contours enclose; pocket: it clears that, from the middle outwards; bore: "
-            "circles larger "
-            "than the tool, on a helix; chamfer: edges, with a V tool; drill: marks, rings and "
-            "circles; edges: of a "
-            "3-D part; replay: what a G-code or robot program does; auto: by the input"
+            "line; fill: it covers closed contours; pocket: it clears them, from the middle "
+            "outwards; bore: circles larger than the tool, on a helix; chamfer: edges, with a V "
+            "tool; drill: marks, rings and circles; edges: of a 3-D part; replay: a G-code or "
+            "robot program; auto: by the input"
         ),
     ] = "auto"
     options: Annotated[
-        dict[str, Any], Meta(description="settings of an operation that another package brings")
+        dict[str, Any], Meta(description="settings of an operation of another package")
     ] = {}
     side: Annotated[
         Literal["auto", "outside", "inside", "left", "right", "on"],
@@ -250,8 +247,7 @@ class OperationTable(Table, frozen=True):
         Positive | None,
         Meta(
             description="image planner: between waypoints before the redundant ones go, mm, a "
-            "pixel at least; "
-            "not set: chords of it leave a curve of half the tool's radius by tolerance.chord"
+            "pixel at least; not set: by tolerance.chord"
         ),
     ] = None
     waypoint_turn: Annotated[
@@ -266,14 +262,14 @@ class OperationTable(Table, frozen=True):
         Meta(description="climb: the part on the right of the travel"),
     ] = "climb"
     corner_radius: Annotated[
-        NotNegative, Meta(description="least radius of inner corners of the path, mm")
+        NotNegative, Meta(description="smallest radius of inner corners of the path, mm")
     ] = 0.0
     inside_first: Annotated[bool, Meta(description="holes before the outline around them")] = True
     shared: Annotated[
         Literal["once", "each"],
         Meta(
-            description="trace: edges that several contours share; once: as by a laser along a "
-            "common line; each: with each of the contours"
+            description="trace: edges that several contours share are run once, or with each "
+            "of them"
         ),
     ] = "once"
     stepover: Annotated[
@@ -287,10 +283,8 @@ class OperationTable(Table, frozen=True):
     engagement: Annotated[
         Share | None,
         Meta(
-            description="pocket: so much of the tool is in the material at most, as a share of its "
-            "diameter: corners, "
-            "necks and the middle are cleared in loops first; 1: no bound; not set: 0.15 more "
-            "than stepover",
+            description="pocket: largest width of the tool in the material, as a share of its "
+            "diameter; 1: no bound; not set: 0.15 more than stepover",
         ),
     ] = None
     width: Annotated[
@@ -319,9 +313,7 @@ class OperationTable(Table, frozen=True):
     depth: Annotated[
         NotNegative, Meta(description="depth of the tool tip below the top face, mm")
     ] = 0.0
-    passes: Annotated[
-        int, Meta(ge=1, description="the depth is reached in so many equal passes")
-    ] = 1
+    passes: Annotated[int, Meta(ge=1, description="number of equal passes to the depth")] = 1
     entry: Annotated[
         Literal["plunge", "ramp", "helix"],
         Meta(
@@ -342,7 +334,7 @@ class OperationTable(Table, frozen=True):
     ] = 0
     tab_spacing: Annotated[
         Positive | None,
-        Meta(description="or one bridge for so many mm of its length, two at least"),
+        Meta(description="or one bridge per this length of contour, two at least, mm"),
     ] = None
     tab_width: Annotated[Positive, Meta(description="length of a bridge along the contour, mm")] = (
         5.0
@@ -351,9 +343,9 @@ class OperationTable(Table, frozen=True):
         Positive, Meta(description="of a bridge above the depth of the operation, mm")
     ] = 1.0
     lead_in: Annotated[
-        NotNegative, Meta(description="length of the run-in to a followed contour, mm")
+        NotNegative, Meta(description="length of the lead-in to a followed contour, mm")
     ] = 0.0
-    lead_out: Annotated[NotNegative, Meta(description="length of the run-out, mm")] = 0.0
+    lead_out: Annotated[NotNegative, Meta(description="length of the lead-out, mm")] = 0.0
     overlap: Annotated[
         NotNegative, Meta(description="length run twice at the seam of a closed contour, mm")
     ] = 0.0
@@ -376,18 +368,16 @@ class OperationTable(Table, frozen=True):
     last_face: Annotated[
         str | Values,
         Meta(
-            description='burr: "top": of two faces the one that looks up more was machined last; '
-            "[x, y, z]: the one "
-            "that looks more that way; ids of faces as inspect prints them: after all others, in "
-            "this order"
+            description='burr: "top": of two faces the one that faces up more was machined last; '
+            "[x, y, z]: the one that faces this direction more; ids of faces as inspect prints "
+            "them: after all others, in this order"
         ),
     ] = "top"
     taught_on: Annotated[
         str,
         Meta(
             description="replay of a robot program: the arm that it was written for, one of "
-            "`camgen robots` or a URDF: "
-            "its joint values become what they are on the arm of the cell"
+            "`camgen robots` or a URDF, whose joint values are converted for the arm of the cell"
         ),
     ] = ""
     compensation: Annotated[
@@ -401,15 +391,16 @@ class OperationTable(Table, frozen=True):
 
 
 class ToolTable(Table, frozen=True):
-    """[tool]: the tool and how it is held."""
+    """[tool]: the tool (cutter, pen, laser) and how it is held."""
 
     file: Annotated[
         str,
         Meta(
-            description="another TOML file with [[tools]], which those of the job lie over by name"
+            description="library of tools: a TOML file with [[tools]], which the job changes "
+            "by name"
         ),
     ] = ""
-    name: Annotated[str, Meta(description="what it is called, by operations too")] = ""
+    name: Annotated[str, Meta(description="its name, for operations")] = ""
     number: Annotated[
         int, Meta(ge=0, le=99_999, description="its place in the machine's tool table; 0: none")
     ] = 0
@@ -417,7 +408,7 @@ class ToolTable(Table, frozen=True):
         Literal[
             "end mill", "ball mill", "bull nose", "drill", "v", "laser", "plasma", "knife", "pen"
         ],
-        Meta(description="its shape: what it leaves of the material follows from that"),
+        Meta(description="its shape"),
     ] = "end mill"
     corner_radius: Annotated[NotNegative, Meta(description="of a bull nose mill, mm")] = 0.0
     tip_angle: Annotated[
@@ -451,29 +442,25 @@ class ToolTable(Table, frozen=True):
         Meta(description="follow: tool x turns with the contour normal, towards the part"),
     ] = "fixed"
     axis_tilt: Annotated[
-        float, Meta(ge=0, le=60, description="the axis may lean by so much to reach an edge, deg")
+        float, Meta(ge=0, le=60, description="largest lean of the axis to reach an edge, deg")
     ] = 0.0
     symmetric: Annotated[
         bool,
-        Meta(
-            description="any turn of the tool about its axis is as good; for an arm, which chooses "
-            "it"
-        ),
+        Meta(description="an arm may choose any turn of the tool about its axis"),
     ] = False
     turn: Annotated[
         Values | None,
         Meta(
-            description="or only some turns about its axis are: [from, to, step], deg; 0 is the "
-            "nominal one, and the "
-            "multiples of the step between from and to are chosen from"
+            description="or the multiples of the step between from and to: [from, to, step], "
+            "deg; 0 is "
+            "the nominal turn"
         ),
     ] = None
     axis: Annotated[
         Literal["auto", "fixed", "given", "normal"],
         Meta(
-            description="along a curve in space; fixed: as angles says; given: by the angles of "
-            "the points; normal: "
-            "square to the nearest face of a part that is given too; auto: given where there are "
+            description="along a curve in space; fixed: by angles; given: by the angles of the "
+            "points; normal: square to the nearest face of a part; auto: given where there are "
             "angles, else fixed"
         ),
     ] = "auto"
@@ -487,8 +474,8 @@ class ToolTable(Table, frozen=True):
     holder: Annotated[
         Boxes | None,
         Meta(
-            description="what is between flange and tool, as boxes at the flange: [[x, y, z, x, y, "
-            "z], ...], mm"
+            description="boxes between flange and tool, at the flange: [[x, y, z, x, y, z], "
+            "...], mm"
         ),
     ] = None
 
@@ -536,16 +523,16 @@ class ProcessTable(Table, frozen=True):
     plunge: Annotated[
         Speed | None,
         Meta(
-            description="speed of going down from the approach to the contact, mm/s; not set: a "
-            "third of the feed"
+            description="speed from the approach down to the contact, mm/s; not set: a third "
+            "of the "
+            "feed"
         ),
     ] = None
     max_feed_factor: Annotated[
         float,
         Meta(
             ge=1,
-            description="the tool centre may run so many times faster than the feed on outer "
-            "curves",
+            description="largest speed of the tool centre on outer curves, in feeds",
         ),
     ] = 2.0
     max_feed: Annotated[
@@ -555,43 +542,39 @@ class ProcessTable(Table, frozen=True):
     travel: Annotated[
         Speed | None,
         Meta(
-            description="speed between contours, mm/s; not set: 100, and in free space between the "
-            "edges of a 3-D part and where an arm chooses its ways 250 for each point of the arm"
+            description="speed between contours, mm/s; not set: 100, and 250 for each point of "
+            "an arm "
+            "in free space"
         ),
     ] = None
     acceleration: Annotated[
         Positive | None,
         Meta(
-            description="of the machine, mm/s2: for the time, and for the corners that V+ and "
-            "PacScript round by it; "
-            "not set: what its post assumes"
+            description="of the machine, mm/s2: for the time, and for rounded corners of V+ and "
+            "PacScript; not set: by its post"
         ),
     ] = None
-    turn: Annotated[
-        Positive, Meta(description="speed of turning the tool where it stays in its place, deg/s")
-    ] = 60.0
+    turn: Annotated[Positive, Meta(description="speed of a turn on the spot, deg/s")] = 60.0
     approach: Annotated[
         NotNegative, Meta(description="height above the start where the feed begins, mm")
     ] = 2.0
     retract: Annotated[
         Positive,
-        Meta(
-            description="height above the top face to which a tool goes when it ends pressing, mm"
-        ),
+        Meta(description="height above the top face after pressing, mm"),
     ] = 5.0
     clearance: Annotated[
         NotNegative,
         Meta(
-            description="height of travel above the top face, mm; on a page 3 if not given; 0: "
-            "none, for marks that "
-            "the tool does not touch"
+            description="clearance height of links above the top face, mm; on a page 3 if not "
+            "given; "
+            "0: none, for marks that the tool does not touch"
         ),
     ] = 20.0
     stay_down: Annotated[
         bool,
         Meta(
-            description="no lift where the straight way keeps clear of part and fixtures; there is "
-            "no stock"
+            description="no lift where the straight link is clear of part and fixtures; for jobs "
+            "without stock"
         ),
     ] = False
     spindle: Annotated[
@@ -608,10 +591,8 @@ class ProcessTable(Table, frozen=True):
         Literal["auto", "contact", "air"],
         Meta(
             description="where the signal is switched; contact: on the part, for a laser, a plasma "
-            "torch or a pen; "
-            "air: above it, before the tool goes down and after it has left, for one that turns; "
-            "auto: air with a "
-            "depth or a force"
+            "torch or a pen; air: above it, for a tool that turns; auto: air with a depth or a "
+            "force"
         ),
     ] = "auto"
     dwell: Annotated[
@@ -633,22 +614,19 @@ class ProcessTable(Table, frozen=True):
 
 
 class Choice(Table, frozen=True):
-    """[[operations]]: one operation after the other, each with its tool and its contours; beside
-    these keys all of [operation] and [process], whose values hold where a row is silent.
+    """[[operations]]: one operation after the other, each with its tool and its contours. It may
+    also have all keys of [operation] and [process], else it has their values.
     """
 
     tool: Annotated[
         str | int, Meta(description="name or number of one of [[tools]]; not set: [tool]")
     ] = ""
-    layers: Annotated[list[str], Meta(description='of what layers, as globs; "!x" leaves out')] = (
-        field(default_factory=lambda: ["*"])
+    layers: Annotated[list[str], Meta(description='its layers, as globs; "!x" leaves out')] = field(
+        default_factory=lambda: ["*"]
     )
     colors: Annotated[
         list[str],
-        Meta(
-            description='of what colors: names ("red"), numbers of DXF ("1") or "#ff0000"; none: '
-            "all"
-        ),
+        Meta(description='its colors: names ("red"), numbers of DXF ("1") or "#ff0000"; none: all'),
     ] = field(default_factory=list)
     ids: Annotated[
         list[str], Meta(description="these contours, as inspect -v prints them; none: all")
@@ -674,20 +652,14 @@ class Step(Table, frozen=True):
 class StockTable(Table, frozen=True):
     """[stock]: the material that the part is cut from; its top face is z = 0."""
 
-    thickness: Annotated[
-        Positive | None, Meta(description="mm; not set: nothing is known of it")
-    ] = None
+    thickness: Annotated[Positive | None, Meta(description="mm; not set: unknown")] = None
     below: Annotated[
         NotNegative,
-        Meta(
-            description="a cut through the stock may end so far below it, a drill's tip apart, mm"
-        ),
+        Meta(description="how far a cut may end below the stock, without a drill's tip, mm"),
     ] = 0.5
     material: Annotated[
         MaterialName | None,
-        Meta(
-            description="by which feeds and speeds are checked; not set: by what no material bears"
-        ),
+        Meta(description="by which feeds and speeds are checked; not set: by the largest of all"),
     ] = None
     margin: Annotated[NotNegative, Meta(description="material around the drawing's size, mm")] = (
         10.0
@@ -711,16 +683,14 @@ class TourTable(Table, frozen=True):
     seconds: Annotated[
         NotNegative,
         Meta(
-            description="s of a clock until the search ends; 0: a fixed number of looks, the same "
-            "on every machine"
+            description="s of a clock until the search ends; 0: a fixed number of evaluations, the "
+            "same on every machine"
         ),
     ] = 0.0
     seed: Annotated[int, Meta(ge=0, description="another number, another search")] = 0
     layers: Annotated[
         list[str],
-        Meta(
-            description="layers in the order in which they are run, those that are not named last"
-        ),
+        Meta(description="layers in the order in which they are run; others come last"),
     ] = field(default_factory=list)
     seam: Annotated[
         Literal["any", "smooth"],
@@ -729,9 +699,9 @@ class TourTable(Table, frozen=True):
     seams: Annotated[
         Points,
         Meta(
-            description="or where some begin: [[x, y], ...], mm of the work frame; each is for the "
-            "closed path that it "
-            "is nearest to, or for all of the contour that it is nearest to"
+            description="or points where some begin: [[x, y], ...], mm of the work frame; each "
+            "is for "
+            "the nearest closed path, or for all of the nearest contour"
         ),
     ] = field(default_factory=list)
     order: Annotated[
@@ -752,7 +722,7 @@ class PageTable(Table, frozen=True):
             description='"A4", "A3 landscape", "letter", ... or [width, height] in mm; "": no page'
         ),
     ] = ""
-    margin: Annotated[NotNegative, Meta(description="border in which nothing is drawn, mm")] = 10.0
+    margin: Annotated[NotNegative, Meta(description="blank border, mm")] = 10.0
     scale: Annotated[
         Literal["fit", "true"] | Positive,
         Meta(
@@ -806,7 +776,7 @@ class CellTable(Table, frozen=True):
     ] = None
     joint_speeds: Annotated[
         Values | None,
-        Meta(description="greatest speeds of the joints, deg/s or mm/s; not set: the robot's own"),
+        Meta(description="maximum speeds of the joints, deg/s or mm/s; not set: the robot's own"),
     ] = None
     joint_accelerations: Annotated[
         Values | None,
@@ -818,32 +788,30 @@ class CellTable(Table, frozen=True):
     fixtures: Annotated[
         list[list[float] | str | DrawnFixture] | None,
         Meta(
-            description="clamps, vices and whatever else stands around the part: boxes "
-            "[x, y, z, x, y, z], mm, or mesh files, in the work frame, or the closed outlines of a "
-            'layer, { layer = "CLAMPS", top = 9.0, bottom = 0.0 }; travel of a mill passes over '
-            "them, and what they block is left out"
+            description="clamps, vices and other obstacles: boxes [x, y, z, x, y, z], mm, or mesh "
+            "files, in the work frame, or the closed outlines of a layer, "
+            '{ layer = "CLAMPS", top = 9.0, bottom = 0.0 }; travel of a mill passes over them'
         ),
     ] = None
     rests_on: Annotated[
         Values | None,
         Meta(
             description="outward normal [x, y, z] of the face on which a 3-D part rests, work "
-            "frame: the table that is assumed without fixtures lies under it; not set: the lowest "
-            "side, [0, 0, -1]"
+            "frame; not set: the lowest side, [0, 0, -1]"
         ),
     ] = None
     safety: Annotated[
         NotNegative,
         Meta(
-            description="room above part and fixtures on the way between edges, and of the travel "
-            "of a mill over fixtures, mm"
+            description="height of links above part and fixtures, for edges and on a mill over "
+            "fixtures, mm"
         ),
     ] = 10.0
     margin: Annotated[
         NotNegative,
         Meta(
-            description="room that arm, holder and tool keep from all but the place that is "
-            "worked, mm"
+            description="distance of arm, holder and tool from all bodies, except at the "
+            "contact, mm"
         ),
     ] = 2.0
 
@@ -864,17 +832,16 @@ class ToleranceTable(Table, frozen=True):
     corner: Annotated[
         NotNegative | None,
         Meta(
-            description="how far a corner may be rounded that the tool passes without a stop, mm; "
-            "not set: a twentieth "
-            "of tool.diameter, 0.05 at most, where it traces or fills, else tolerance.chord"
+            description="largest rounding of a corner that the tool passes without a stop, mm; not "
+            "set: a twentieth of tool.diameter, 0.05 at most, to trace or fill, else "
+            "tolerance.chord"
         ),
     ] = None
     simplify: Annotated[
         NotNegative | None,
         Meta(
             description="lines are thinned out within this, mm; not set: a third of a pixel of a "
-            "traced picture, one "
-            "pixel of one in two values, else none"
+            "traced picture, one pixel of one in two values, else 0"
         ),
     ] = None
 

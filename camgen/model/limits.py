@@ -19,7 +19,7 @@ def _most(about: str, top: float | None = None) -> Meta:
 
 
 class Limits(Struct, frozen=True, forbid_unknown_fields=True):
-    """[limits]: what is too much and is refused; whoever means more raises its limit."""
+    """[limits]: largest inputs; a larger one is refused until its limit is raised."""
 
     file_bytes: Annotated[float, _most("bytes of any file, and of standard input")] = 1_000_000_000
     number: Annotated[
@@ -96,7 +96,7 @@ class Limits(Struct, frozen=True, forbid_unknown_fields=True):
 def format_limit(value: float) -> str:
     """A limit as text for a message.
 
-    >>> tell(1e6), tell(0.01), tell(1e-6)
+    >>> format_limit(1e6), format_limit(0.01), format_limit(1e-6)
     ('1,000,000', '0.01', '1e-06')
     """
     return f"{value:,.10g}"

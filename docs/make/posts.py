@@ -7,14 +7,12 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from types import UnionType
-from typing import Literal, Union, get_args, get_origin, get_type_hints
+from typing import Literal, get_args, get_origin, get_type_hints
 
 from camgen.model.toml import toml
 from camgen.post.plugins import find_post
 
 _MARKS = ("<!-- options: made by docs/make/pages.py -->\n", "<!-- end of options -->")
-_WORDS = {bool: "true, false", int: "whole number", float: "number", str: "text"}
 
 
 def with_options(text: str, name: str) -> str:
@@ -28,16 +26,16 @@ def with_options(text: str, name: str) -> str:
 
 
 def options(name: str) -> str:
-    """The table: option, default, what may stand there, meaning."""
+    """The table: option, default, meaning, which begins with the choices if there are any."""
     post = find_post(name)
     hints = get_type_hints(post)
-    rows = ["| option | default | allowed | meaning |", "|---|---|---|---|"]
+    rows = ["| option | default | meaning |", "|---|---|---|"]
     for field in dataclasses.fields(post):
         if field.init:
             about = field.metadata["help"].replace("|", "\\|")
-            rows.append(
-                f"| `{field.name}` | `{toml(_default(field))}` | {allowed(hints[field.name])} | {about} |"
-            )
+            choices = list_choices(hints[field.name])
+            meaning = f"{choices}; {about}" if choices else about
+            rows.append(f"| `{field.name}` | `{toml(_default(field))}` | {meaning} |")
     return "\n".join(rows) + "\n"
 
 
@@ -47,16 +45,9 @@ def _default(field: dataclasses.Field[object]) -> object:
     )
 
 
-def allowed(hint: object) -> str:
-    """A type in words."""
+def list_choices(hint: object) -> str:
+    """The values that an option may have; "" if it has a type, which its default shows."""
     origin, inner = get_origin(hint), get_args(hint)
     if origin is Literal:
         return ", ".join(f"`{toml(value)}`" for value in inner)
-    if origin in (Union, UnionType):
-        return " or ".join(allowed(one) for one in inner)
-    if origin is list:
-        return f"list: {allowed(inner[0])}"
-    if origin is dict:
-        return f"table: {allowed(inner[1])} by name"
-    assert isinstance(hint, type)
-    return _WORDS[hint]
+    return list_choices(inner[0]) if origin is list else ""
