@@ -32,7 +32,7 @@ from camgen.motion.corners import compute_corner_tolerance, limit_blends
 from camgen.motion.pose_paths import PosePath
 from camgen.motion.setup import EdgeMotion, compute_feed
 from camgen.order import EdgeTour
-from camgen.order.edges.links import JointLink, PathLink, Piece
+from camgen.order.edges.links import JointLink, LinkMotion, PathLink
 
 
 def lower_edges(
@@ -80,13 +80,13 @@ def _belonging(items: Iterable[Instruction], path: int, work: bool) -> Iterator[
         )
 
 
-def _split(link: Sequence[Piece]) -> tuple[Sequence[Piece], Sequence[Piece]]:
+def _split(link: Sequence[LinkMotion]) -> tuple[Sequence[LinkMotion], Sequence[LinkMotion]]:
     """The way up from the edge before, and that to the next one."""
     count = int(bool(link) and isinstance(link[0], PathLink) and link[0].kind == "retraction")
     return link[:count], link[count:]
 
 
-def _link(link: Sequence[Piece], job: Job) -> Iterator[Instruction]:
+def _link(link: Sequence[LinkMotion], job: Job) -> Iterator[Instruction]:
     """The pieces of a link; a tool that turns is switched on before it comes to the part, and off where it has left."""
     process, air = job.process, in_air(job)
     turned = False
