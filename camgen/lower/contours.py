@@ -193,7 +193,7 @@ def run_paths(
     columns.work()
     columns.leave(ends.stays)
     if isinstance(tour, ArmTour):
-        draft.add(*_go(tour.back, tour.back_paces, before + len(tour.paths) - 1))
+        draft.add(*_go(tour.back, tour.back_speeds, before + len(tour.paths) - 1))
 
 
 def _go(
@@ -208,7 +208,7 @@ def turns_of(runs: Sequence[Run], tour: ArmTour, before: int) -> FloatArray:
     """The turns of the tool at the rows of all runs, one after the other. before: as for ``run_paths``."""
     turns = []
     for run in runs:
-        own, path = tour.turns[run.number - before], tour.paths[run.number - before]
+        own, path = tour.rolls[run.number - before], tour.paths[run.number - before]
         count = len(run.path.position)
         if (own == own[0]).all():
             turns.append(np.full(count, own[0]))
@@ -540,8 +540,8 @@ def _chosen_ways(runs: Sequence[Run], tour: ArmTour, before: int) -> dict[int, l
     chosen = {}
     for k, run in enumerate(runs):
         own = run.number - before
-        if not (run.linked or run.low or run.down) and len(tour.ways[own]):
-            chosen[k] = [*_go(tour.ways[own], tour.paces[own], run.number)]
+        if not (run.linked or run.low or run.down) and len(tour.links[own]):
+            chosen[k] = [*_go(tour.links[own], tour.link_speeds[own], run.number)]
     return chosen
 
 
