@@ -1,4 +1,4 @@
-"""Tours with more than their paths: the links of an arm, a program that was read, several operations."""
+"""Tours with more than their paths: links of an arm, a program that was read, operations."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ class ArmTour(Tour, frozen=True, eq=False, kw_only=True):
     rolls: (N,) roll from the nominal orientation at the waypoints of each path, rad.
     links: joint values (J,) that lead to above the start of each path; empty for a straight line.
     back: joint values (J,) that lead from the last path to home.
-    link_speeds, back_speeds: speeds of these motions: of the TCP, mm/s, and the fraction of the maximum
-        joint speeds; 0 if the first alone applies.
+    link_speeds, back_speeds: speeds of these motions: of the TCP, mm/s, and the fraction of the
+        maximum joint speeds; 0 if the first alone applies.
     seconds: time of all links, s.
     made: the paths.
     """
@@ -67,8 +67,8 @@ class JobTour(Tour, frozen=True, eq=False, kw_only=True):
     steps: the steps of the job.
     numbers: indices of the operations in `Job.operations`.
     tours: the tour of each operation; their paths, one after the other, are the paths.
-    links: points (K, 3) in mm on which the tool comes to the first path of each operation at working
-        height, from the operation before; None if the tool is lifted.
+    links: points (K, 3) in mm on which the tool comes to the first path of each operation at
+        working height, from the operation before; None if the tool is lifted.
     """
 
     steps: tuple[Step, ...]

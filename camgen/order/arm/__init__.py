@@ -1,4 +1,4 @@
-"""Orders the paths of a flat part for an arm, by the time of its joints, with postures and rolls."""
+"""Orders the paths of a flat part for an arm by joint time, with postures and rolls."""
 
 from __future__ import annotations
 

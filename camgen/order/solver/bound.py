@@ -15,9 +15,9 @@ from camgen.geometry.nearest import IntArray, find_nearest_items
 from camgen.geometry.ragged import begins, first_of_each, owners, ramp
 from camgen.model.pose import FloatArray
 from camgen.order.solver.kernel import CLOSED
-from camgen.order.solver.plane import Items, discs_of, ends_apart
+from camgen.order.solver.plane import Items, make_discs, split_ends
 
-__all__ = ["Dense", "at_least"]
+__all__ = ["DensePoints", "compute_lower_bound"]
 
 #: Near ends among which the tree is looked for; all others count as no farther than the farthest of these.
 _NEAR_ENDS = 8
@@ -43,7 +43,7 @@ class _Graph(Struct, frozen=True, eq=False):
     forced: IntArray
 
 
-class Dense(Struct, frozen=True, eq=False):
+class DensePoints(Struct, frozen=True, eq=False):
     """Points close along the items: first (N + 1,) of each item's, points (P, 2) mm, radius (N,) mm: no place of an
     item is farther than that from one of its points.
     """
@@ -53,8 +53,12 @@ class Dense(Struct, frozen=True, eq=False):
     radius: FloatArray
 
 
-def at_least(
-    items: Items, home: FloatArray | None, known: float, rounds: int, dense: Dense | None = None
+def compute_lower_bound(
+    items: Items,
+    home: FloatArray | None,
+    known: float,
+    rounds: int,
+    dense: DensePoints | None = None,
 ) -> float:
     """A length, mm, that no tour of ``items`` is below, whatever the order, the directions and the starts.
 
@@ -82,8 +86,8 @@ def at_least(
     return max(0.0, best * (1 - 1e-12) - 1e-9)
 
 
-def _graph(items: Items, home: FloatArray | None, dense: Dense | None) -> _Graph:
-    nodes, first = ends_apart(items, discs_of(items))
+def _graph(items: Items, home: FloatArray | None, dense: DensePoints | None) -> _Graph:
+    nodes, first = split_ends(items, make_discs(items))
     count = int(nodes.owner.max()) + 1
     near = find_nearest_items(nodes, count, _NEAR_ENDS)
     closed = items.kind == CLOSED
@@ -108,7 +112,9 @@ def _graph(items: Items, home: FloatArray | None, dense: Dense | None) -> _Graph
     return _Graph(one, two, apart, near.sure, far, links, forced)
 
 
-def _measure(dense: Dense, closed: NDArray[np.bool_], one: IntArray, two: IntArray) -> FloatArray:
+def _measure(
+    dense: DensePoints, closed: NDArray[np.bool_], one: IntArray, two: IntArray
+) -> FloatArray:
     """(E,) what the nodes of each pair are apart at least: their nearest points, less what lies between these."""
     item = np.repeat(np.arange(len(closed)), np.where(closed, 1, 2))
     last = np.concatenate([item[1:] != item[:-1], [True]])

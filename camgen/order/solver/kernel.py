@@ -97,7 +97,7 @@ class Run(NamedTuple):
     marks: Ints
 
 
-def way(s: Scene, p: int, q: int) -> float:
+def measure_distance(s: Scene, p: int, q: int) -> float:
     """Distance of two points in the plane, mm."""
     x, y, nowhere = s.x, s.y, s.nowhere
     if nowhere >= 0 and nowhere in (p, q):
@@ -110,7 +110,7 @@ def link_cost(s: Scene, p: int, q: int) -> float:
     """Cost of the link from point ``p`` to point ``q``, by the table or in the plane."""
     if len(s.table) > 0:
         return s.table[p * len(s.kind) + q]
-    return way(s, p, q)
+    return measure_distance(s, p, q)
 
 
 def after(r: Run, item: int) -> int:
@@ -252,7 +252,7 @@ def choose_sample(s: Scene, item: int, p: int, q: int, now: int) -> int:
     px, py, qx, qy = x[p], y[p], x[q], y[q]
     ax, ay, bx, by = px - x[now], py - y[now], qx - x[now], qy - y[now]
     best = sqrt(ax * ax + ay * ay) + sqrt(bx * bx + by * by) - EPS
-    if best <= way(s, p, q):
+    if best <= measure_distance(s, p, q):
         return now
     choice = now
     k = s.first[item]
@@ -274,7 +274,12 @@ def settle(s: Scene, r: Run, item: int) -> float:
     """Starts a closed item at its best point, or reverses an open item in its place; the change."""
     p, q, now, end = r.leave[ahead(r, item)], r.enter[after(r, item)], r.enter[item], r.leave[item]
     if s.kind[item] == BOTH_WAYS:
-        change = way(s, p, end) + way(s, now, q) - way(s, p, now) - way(s, end, q)
+        change = (
+            measure_distance(s, p, end)
+            + measure_distance(s, now, q)
+            - measure_distance(s, p, now)
+            - measure_distance(s, end, q)
+        )
         if change > -EPS:
             return 0.0
         turn(s, r, r.place[item], r.place[item])
@@ -285,7 +290,12 @@ def settle(s: Scene, r: Run, item: int) -> float:
     if point == now:
         return 0.0
     set_point(r, item, point)
-    return way(s, p, point) + way(s, point, q) - way(s, p, now) - way(s, now, q)
+    return (
+        measure_distance(s, p, point)
+        + measure_distance(s, point, q)
+        - measure_distance(s, p, now)
+        - measure_distance(s, now, q)
+    )
 
 
 def may_turn(s: Scene, r: Run, low: int, high: int) -> bool:

@@ -22,14 +22,14 @@ __all__ = [
     "TIMED",
     "Clock",
     "Items",
+    "OnFraction",
     "Problem",
     "Start",
-    "Tell",
-    "both_ends",
-    "discs_of",
-    "ends_apart",
-    "shorten",
-    "with_home",
+    "add_home",
+    "make_discs",
+    "shorten_tour",
+    "split_ends",
+    "sum_ends",
 ]
 
 #: Nearest items to which moves are tried.
@@ -45,7 +45,7 @@ _TICK = (300, 10_000)
 #: The end of a search: by its budget or because nothing is left, by the clock, by an interrupt.
 DONE, TIMED, STOPPED = 0, 1, 2
 #: Callback that gets the used fraction of the budget, 0 to 1.
-Tell = Callable[[float], None]
+OnFraction = Callable[[float], None]
 
 
 class Items(Struct, frozen=True, eq=False):
@@ -113,7 +113,7 @@ class Clock(Struct, frozen=True):
         return min(max(1 - self.left() / self.seconds, 0.0), 1.0)
 
 
-def discs_of(items: Items) -> Discs:
+def make_discs(items: Items) -> Discs:
     """Discs that cover all points of the items, one for each end of an open item."""
     count = np.diff(items.first)
     owner = np.repeat(np.arange(len(count)), count)
@@ -141,7 +141,7 @@ def discs_of(items: Items) -> Discs:
     return Discs(np.concatenate(owners), np.concatenate(centre), np.concatenate(radius))
 
 
-def ends_apart(items: Items, discs: Discs) -> tuple[Discs, IntArray]:
+def split_ends(items: Items, discs: Discs) -> tuple[Discs, IntArray]:
     """The discs with both ends of an open item as owners, and the first owner of each item."""
     closed = items.kind == CLOSED
     first = begins(np.where(closed, 1, 2))
@@ -168,12 +168,12 @@ def _stretches(items: Items, loops: IntArray) -> tuple[IntArray, IntArray]:
     return number, stretch
 
 
-def shorten(
+def shorten_tour(
     problem: Problem,
     start: Start,
     budget: int,
     seed: int,
-    tell: Tell | None = None,
+    tell: OnFraction | None = None,
     clock: Clock | None = None,
 ) -> Start:
     """The tour ``start`` shortened within ``budget`` evaluations of an item.
@@ -240,7 +240,7 @@ def _make(problem: Problem, start: Start, seed: int) -> tuple[Scene, Run]:
     place = np.zeros((1, 2)) if home is None else np.asarray(home, dtype=np.float64)[None, :]
     xy = np.concatenate([items.points, place])
     table, apart = problem.near.table(count, WIDTH)
-    table, apart = with_home(items, xy[-1], table, apart, home is None)
+    table, apart = add_home(items, xy[-1], table, apart, home is None)
     children = np.argsort(items.parent, kind="stable")
     children = children[np.sort(items.parent) >= 0]
     counts = np.bincount(items.parent[items.parent >= 0], minlength=count + 1)
@@ -276,7 +276,7 @@ def _make(problem: Problem, start: Start, seed: int) -> tuple[Scene, Run]:
     where = np.empty(count + 1, dtype=np.int64)
     where[ring] = np.arange(count + 1)
     enter = np.concatenate([start.enter, [points]])
-    turned = (both_ends(items) - start.enter) if count else start.enter
+    turned = (sum_ends(items) - start.enter) if count else start.enter
     leave = np.concatenate([np.where(items.kind == CLOSED, start.enter, turned), [points]])
     run = Run(
         ring=ring.tolist(),
@@ -291,12 +291,12 @@ def _make(problem: Problem, start: Start, seed: int) -> tuple[Scene, Run]:
     return scene, run
 
 
-def both_ends(items: Items) -> IntArray:
+def sum_ends(items: Items) -> IntArray:
     """The sum of the first and the last point of each item: less one end it is the other end."""
     return items.first[:-1] + items.first[1:] - 1
 
 
-def with_home(
+def add_home(
     items: Items, home: FloatArray, table: IntArray, apart: FloatArray, nowhere: bool
 ) -> tuple[IntArray, FloatArray]:
     """The table of near items with a row for home, which is empty for a home that is nowhere."""
