@@ -180,9 +180,9 @@ def test_compiled_and_plain_searches_find_the_same_tour(
     items = scene(random.Random(7), 150, rules=rules)
     # Ranks and parents of ``scene`` are kept by the drawn order.
     near = near_of(items)
-    monkeypatch.setattr(plane, "_WORTH", 10**9)
+    monkeypatch.setattr(plane, "_MIN_COMPILED_EVALUATIONS", 10**9)
     plain = shorten_tour(Problem(items, near, HOME), drawn(items), 3000, 5)
-    monkeypatch.setattr(plane, "_WORTH", 0)
+    monkeypatch.setattr(plane, "_MIN_COMPILED_EVALUATIONS", 0)
     fast = shorten_tour(Problem(items, near, HOME), drawn(items), 3000, 5)
     assert plain.order.tolist() == fast.order.tolist()
     assert plain.enter.tolist() == fast.enter.tolist()
@@ -194,7 +194,7 @@ def test_a_shuffle_is_undone_and_every_change_is_what_it_says(
     seed: int, count: int, rules: bool
 ) -> None:
     items = scene(random.Random(seed), count, rules=rules)
-    parts, run = plane._make(Problem(items, near_of(items), HOME), drawn(items), seed)
+    parts, run = plane._make_scene(Problem(items, near_of(items), HOME), drawn(items), seed)
 
     def length() -> float:
         ring = np.array(run.ring)
@@ -257,7 +257,7 @@ def test_a_search_in_slices_is_the_search_in_one_go(
 ) -> None:
     items = scene(random.Random(11), 120, rules=rules)
     near = near_of(items)
-    monkeypatch.setattr(plane, "_WORTH", 10**9)
+    monkeypatch.setattr(plane, "_MIN_COMPILED_EVALUATIONS", 10**9)
     monkeypatch.setattr(plane, "_PAUSE", (37, 37))
     whole = shorten_tour(Problem(items, near, HOME), drawn(items), budget, 3)
     told: list[float] = []
@@ -275,7 +275,7 @@ def test_an_interrupt_gives_the_best_tour_so_far_wherever_it_comes(
     rules: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     items = scene(random.Random(12), 80, rules=rules)
-    monkeypatch.setattr(plane, "_WORTH", 10**9)
+    monkeypatch.setattr(plane, "_MIN_COMPILED_EVALUATIONS", 10**9)
     monkeypatch.setattr(plane, "_PAUSE", (100, 100))
     plain = local_search.search
     lengths = []

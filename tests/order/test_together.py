@@ -78,10 +78,10 @@ def test_rules_are_kept_and_each_move_changes_what_it_says(
 
 def watch(patch: pytest.MonkeyPatch, saved: list[float]) -> None:
     """Each time moves are made, that the tour is shorter by what they say; ``saved`` gets it, mm, below 0."""
-    apply, made = together._apply, list[tuple[int, ...]]()
+    apply, made = together._make_moves, list[tuple[int, ...]]()
 
     def length(now: together._Tour) -> float:
-        return float(np.nansum(now.way(now.leave[now.order[:-1]], now.enter[now.order[1:]])))
+        return float(np.nansum(now.measure(now.leave[now.order[:-1]], now.enter[now.order[1:]])))
 
     def noted(name: str) -> None:
         make = getattr(together, name)
@@ -90,7 +90,12 @@ def watch(patch: pytest.MonkeyPatch, saved: list[float]) -> None:
             cut: tuple[int, ...] = make(now, *items)
             if cut:
                 made.append(
-                    (*items[:4], together._JOIN if name == "_join" else together._CARRY + items[4])
+                    (
+                        *items[:4],
+                        together._JOIN
+                        if name == "_reverse_section"
+                        else together._CARRY + items[4],
+                    )
                 )
             return cut
 
@@ -115,9 +120,9 @@ def watch(patch: pytest.MonkeyPatch, saved: list[float]) -> None:
         saved.append(change)
         return touched
 
-    noted("_join")
-    noted("_carry")
-    patch.setattr(together, "_apply", checked)
+    noted("_reverse_section")
+    noted("_relocate")
+    patch.setattr(together, "_make_moves", checked)
 
 
 def test_crossings_are_undone_and_strays_brought_home() -> None:

@@ -104,7 +104,7 @@ def make_groups(items: Items) -> IntArray:
 
 
 def _join_group(items: Items, discs: Discs, group: IntArray) -> tuple[IntArray, IntArray]:
-    """The items of the group in the order of one greedy path, and the points where they are entered."""
+    """The items of the group in the order of one greedy path, and the point where each begins."""
     if len(group) == 1:
         return group, items.first[group]
     nodes, first = split_ends(items, discs)

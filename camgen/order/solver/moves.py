@@ -16,12 +16,12 @@ from camgen.order.solver.kernel import (
     ahead,
     carry,
     choose_sample,
+    improve_item,
     may_carry,
     may_turn,
     measure_distance,
     push,
     set_point,
-    settle,
     turn,
 )
 
@@ -76,7 +76,7 @@ def relink(s: Scene, r: Run, a: int, forward: bool) -> float:
     na, nb, nc, nd = pa, pb, pa, pb
     for k in range(a * s.width, (a + 1) * s.width):
         c = s.near[k]
-        if c < 0 or s.apart[k] >= old + own_a:
+        if c < 0 or s.min_cost[k] >= old + own_a:
             break
         d = ring[place[c] + after_of]
         if c == b or d == a:
@@ -174,7 +174,7 @@ def insert(s: Scene, r: Run, a: int, count: int, leading: bool) -> float:  # noq
     best, best_past, best_back, best_point = -EPS, 0, 0, -1
     for k in range(a * s.width, (a + 1) * s.width):
         c = s.near[k]
-        if c < 0 or s.apart[k] >= saved:
+        if c < 0 or s.min_cost[k] >= saved:
             break
         offset = (r.place[c] - low) % size
         if offset < count:
@@ -214,7 +214,7 @@ def shorter(s: Scene, low: int, count: int, past: int, size: int) -> int:
 
 def improve_in_plane(s: Scene, r: Run, a: int) -> float:
     """Makes a move of the first kind that shortens the tour at ``a``; the change, 0 for no move."""
-    change = settle(s, r, a)
+    change = improve_item(s, r, a)
     if change < 0.0:
         for item in (ahead(r, a), after(r, a), a):
             push(r, item)

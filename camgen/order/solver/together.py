@@ -45,7 +45,7 @@ class _Tour(Struct, frozen=True, eq=False):
     x, y: coordinates of all points, mm; NaN for a home that is nowhere, so no move there is better.
     group: (N + 2,) result of `greedy.make_groups`, -1 for home.
     near: (N + 2, WIDTH) near items, -1 for none.
-    apart: (N + 2, WIDTH) minimum distance of these, mm.
+    distance: (N + 2, WIDTH) minimum distance of these, mm.
     """
 
     order: IntArray
@@ -56,7 +56,7 @@ class _Tour(Struct, frozen=True, eq=False):
     y: FloatArray
     group: IntArray
     near: IntArray
-    apart: FloatArray
+    distance: FloatArray
 
     def measure(self, first: IntArray, second: IntArray) -> FloatArray:
         """Distances of points, mm."""
@@ -159,7 +159,7 @@ def _find_joins(tour: _Tour, touched: IntArray, step: int) -> _Moves:
     a = touched[_has_next(tour, touched, step)]
     b = tour.order[tour.place[a] + step]
     old = tour.measure(leave[a], enter[b])
-    row, column = np.nonzero((tour.near[a] >= 0) & (tour.apart[a] < old[:, None]))
+    row, column = np.nonzero((tour.near[a] >= 0) & (tour.distance[a] < old[:, None]))
     a, b, c, old = a[row], b[row], tour.near[a[row], column], old[row]
     inside = _has_next(tour, c, step)
     a, b, c, old = a[inside], b[inside], c[inside], old[inside]
@@ -176,7 +176,7 @@ def _find_carries(tour: _Tour, touched: IntArray) -> list[_Moves]:
     out, back = tour.leave[before], tour.enter[after]
     saved = tour.measure(out, tour.enter[a]) + tour.measure(tour.leave[a], back)
     saved = saved - tour.measure(out, back)
-    row, column = np.nonzero((tour.near[a] >= 0) & (tour.apart[a] < saved[:, None]))
+    row, column = np.nonzero((tour.near[a] >= 0) & (tour.distance[a] < saved[:, None]))
     a, before, c, saved = a[row], before[row], tour.near[a[row], column], saved[row]
     moves = []
     for step in (1, -1):
