@@ -1,8 +1,10 @@
-"""Run-in, run-out and overlap of followed contours: a pass over the tour, when it is known where each path starts.
+"""Run-in, run-out and overlap of followed contours: a pass over the tour, when it is known where
+each path starts.
 
-A closed path is entered on a quarter of a circle from the free side and left on another, an open one along its own
-tangent. A lead is used only where the tool keeps its distance from everything drawn; otherwise a shorter one is tried,
-then another place of a closed path, then none, with a note.
+A closed path is entered on a quarter of a circle from the free side and left on another, an open
+one along its own tangent. A lead is used only where the tool keeps its distance from everything
+drawn; otherwise a shorter one is tried, then another place of a closed path, then none, with a
+note.
 """
 
 from __future__ import annotations
@@ -140,9 +142,11 @@ def _overlap(path: ToolPath, overlap: float) -> ToolPath:
 
 
 def _lead(path: ToolPath, length: float, way: int, ring: bool, feed: float) -> _Lead | None:
-    """The run-in (way -1) or run-out (+1): a quarter of a circle to a ring, along its tangent to an open path.
+    """The run-in (way -1) or run-out (+1): a quarter of a circle to a ring, along its tangent to an
+    open path.
 
-    It never runs faster than ``feed``: a path may, but only where the tool rolls about an outer corner.
+    It never runs faster than ``feed``: a path may, but only where the tool rolls about an outer
+    corner.
     """
     if length == 0.0:
         return None

@@ -1,10 +1,10 @@
 """Links at working height: which ways between paths may do without a lift, proven by geometry.
 
-A link is the straight way of the tool's centre from the end of one path to the start of the next. It stays down where
-its distance from every line and arc that was drawn is no less than the tool's radius, and from
-every fixture beside the tool's edge no less than that and ``cell.margin``.
-Both ends are beside contours that were followed, hence outside the material; a way from there that
-comes near no contour stays outside. Nothing is proven of stock around the part.
+A link is the straight way of the tool's centre from the end of one path to the start of the next.
+It stays down where its distance from every line and arc that was drawn is no less than the tool's
+radius, and from every fixture beside the tool's edge no less than that and ``cell.margin``. Both
+ends are beside contours that were followed, hence outside the material; a way from there that comes
+near no contour stays outside. Nothing is proven of stock around the part.
 
 Between two operations with one tool the way leads beside the contour just worked: away from it,
 back along it, and to it again.
@@ -32,10 +32,12 @@ CLEARANCE_SLACK_MM = 0.005
 
 
 def stay_down(tour: Tour, part: Part, job: Job) -> tuple[Tour, tuple[Note, ...]]:
-    """The tour with the paths that are reached without a lift, and a note on how many; nothing unless the job asks.
+    """The tour with the paths that are reached without a lift, and a note on how many; nothing
+    unless the job asks.
 
-    Only one pass beside a contour, without force, with the tool straight down and not turned with the contour, is left
-    and entered so, at one height. With a mesh or a drawn fixture every link is lifted.
+    Only one pass beside a contour, without force, with the tool straight down and not turned with
+    the contour, is left and entered so, at one height. With a mesh or a drawn fixture every link is
+    lifted.
     """
     if not job.process.stay_down or len(tour.paths) < 2:
         return tour, ()

@@ -4,12 +4,12 @@ They stand on the outlines of parts, and on the holes around these, since a part
 with the slug to which it is joined. If an operation cuts no part out, they stand on its holes and
 hold slugs that are larger than a chip.
 
-Over a tab the tool rises to `tab_height` above the depth by 45 degrees. It runs level for `tab_width`
-and its own diameter, so that the width is left. It goes down by `entry_angle`, or by 45 degrees where
-it may plunge: there is material after the tab. The places are spread evenly from the seam on. Each is
-moved to the nearest one that is clear of corners, of the seam with its leads and overlap, and of the
-other tabs. A corner is a vertex where the tangent turns, or an arc on which the tool only rolls about
-a point.
+Over a tab the tool rises to `tab_height` above the depth by 45 degrees. It runs level for
+`tab_width` and its own diameter, so that the width is left. It goes down by `entry_angle`, or by 45
+degrees where it may plunge: there is material after the tab. The places are spread evenly from the
+seam on. Each is moved to the nearest one that is clear of corners, of the seam with its leads and
+overlap, and of the other tabs. A corner is a vertex where the tangent turns, or an arc on which the
+tool only rolls about a point.
 """
 
 from __future__ import annotations
@@ -83,9 +83,11 @@ class _Tab(Struct, frozen=True):
 
 
 class _Loop(Struct, frozen=True, eq=False):
-    """The closed part of a path. number: of its path. begin: where it starts there, mm. round: it once round.
+    """The closed part of a path. number: of its path. begin: where it starts there, mm. round: it
+    once round.
 
-    seam: (low, high), mm from its start, what is kept free of tabs, low below 0. corners: (C, 2), from where to where.
+    seam: (low, high), mm from its start, what is kept free of tabs, low below 0. corners: (C, 2),
+        from where to where.
     """
 
     number: int
@@ -104,9 +106,11 @@ class _Loop(Struct, frozen=True, eq=False):
 def add_tabs(
     planned: Sequence[ToolPath], led: Sequence[ToolPath], job: Job
 ) -> tuple[list[ToolPath], list[Note]]:
-    """The paths ``led`` with the floors of their tabs, and notes on how many there are, and on those that are not.
+    """The paths ``led`` with the floors of their tabs, and notes on how many there are, and on
+    those that are not.
 
-    planned: the same paths before they had leads. Paths beside one contour, of which one finishes what the other left,
+    planned: the same paths before they had leads. Paths beside one contour, of which one finishes
+        what the other left,
     have their tabs at the same places. JobError for tabs that the depth has no room for.
     """
     operation = job.operation
@@ -385,7 +389,8 @@ def _place(
     ideals: Sequence[float],
     crowded: Sequence[tuple[float, float]],
 ) -> tuple[list[float], bool]:
-    """The middles of the tabs, mm from the start of the first loop, and whether some are near corners.
+    """The middles of the tabs, mm from the start of the first loop, and whether some are near
+    corners.
 
     All seams of the `group` are kept free.
 

@@ -1,8 +1,10 @@
-"""The points where paths may begin, in a tree of boxes: the nearest one is found while paths come and go.
+"""The points where paths may begin, in a tree of boxes: the nearest one is found while paths come
+and go.
 
-A closed path may begin anywhere on its segments, an open one at its start and, where it is reversible, at its end.
-The boxes are packed once along a Hilbert curve. A path that has been run leaves its boxes, and a box that is left
-empty leaves its parent, so that the search for the few paths that remain far away stays short.
+A closed path may begin anywhere on its segments, an open one at its start and, where it is
+reversible, at its end. The boxes are packed once along a Hilbert curve. A path that has been run
+leaves its boxes, and a box that is left empty leaves its parent, so that the search for the few
+paths that remain far away stays short.
 """
 
 from __future__ import annotations
@@ -33,8 +35,9 @@ _GRID = 65535
 class StartTree:
     """The starts of the paths that may be run next.
 
-    Of starts at the same distance the lowest number wins. But a start that is touched (within 1e-6 mm) is taken as
-    soon as it is met: where thousands of paths share a point, a look at all of them each time would be quadratic.
+    Of starts at the same distance the lowest number wins. But a start that is touched (within 1e-6
+    mm) is taken as soon as it is met: where thousands of paths share a point, a look at all of them
+    each time would be quadratic.
     """
 
     def __init__(self, where: Starts) -> None:
@@ -110,7 +113,8 @@ class StartTree:
         return node
 
     def project(self, start: int, x: float, y: float) -> tuple[float, float, float]:
-        """Where ``start`` is begun from x, y: the fraction 0..1 of its segment, and that point's x, y.
+        """Where ``start`` is begun from x, y: the fraction 0..1 of its segment, and that point's x,
+        y.
 
         The nearest point, or the end of the segment if that is nearer to it than ``SEAM``.
         """
@@ -210,8 +214,8 @@ def _items(shape: Spans) -> list[Line | Arc]:
 def _pieces(shape: Spans) -> tuple[IntArray, FloatArray, FloatArray]:
     """Segments cut so that boxes fit: each piece's segment, and its box from (P, 2) to (P, 2), mm.
 
-    A piece is no longer than the mean segment, so that there are at most twice as many, and no arc is more than a
-    quarter of a circle.
+    A piece is no longer than the mean segment, so that there are at most twice as many, and no arc
+    is more than a quarter of a circle.
     """
     count = np.maximum(1, np.ceil(shape.sweep / (math.pi / 2) - 1e-9))
     if shape.length.any():

@@ -201,7 +201,8 @@ def insert(s: Scene, r: Run, a: int, count: int, leading: bool) -> float:  # noq
 
 
 def shorter(s: Scene, low: int, count: int, past: int, size: int) -> int:
-    """The number of items to pass, negative for backwards, where a stretch goes past ``past`` items.
+    """The number of items to pass, negative for backwards, where a stretch goes past ``past``
+    items.
 
     Going back past all others leads to the same tour. A directed tour must not pass home; else
     the smaller number is chosen.
