@@ -96,7 +96,7 @@ def plan_unwinding(rows: Rows, orientations: Orientations) -> list[list[FloatArr
 
 
 def _list_roll_steps(a: FloatArray, b: FloatArray, turn: float) -> list[FloatArray]:
-    """Rotations from `a` to `b` (3, 3), in steps of a roll about tool z by `turn`, rad; `b` last."""
+    """Rotations from `a` to `b` (3, 3), in steps of a roll about tool z by `turn` rad, `b` last."""
     count = math.ceil(abs(turn) / SURE_TURN - 1e-9)
     angles = [turn * k / count for k in range(1, count)]
     return [*(frozen(a @ _about_z(angle)) for angle in angles), frozen(b)]
@@ -108,7 +108,6 @@ def _about_z(angle: float) -> FloatArray:
 
 
 def _check_size(tour: Tour, limit: float) -> None:
-    """Raise JobError for more motions than `limits.motions`, before they are made."""
     motions = sum(len(path) * len(path.depths) for path in tour.paths)
     if motions > limit:
         what = f"paths and passes need {motions:,} motions; the limit is {format_limit(limit)}"
@@ -204,7 +203,6 @@ def add_paths(
 def _make_joint_motions(
     joints: Sequence[FloatArray], speeds: Sequence[tuple[float, float]], path: int
 ) -> Iterator[MoveJ]:
-    """Motions to joint values (J,), each with its TCP speed and its speed fraction."""
     for values, (speed, fraction) in zip(joints, speeds, strict=True):
         yield MoveJ(make_joint_target(values), speed, path=path, share=fraction)
 
@@ -505,7 +503,6 @@ class _PassDraft(Struct, frozen=True, eq=False):
         return chosen
 
     def _insert_each(self, rows: Indices, items: Iterable[Instruction]) -> None:
-        """All instructions at each of `rows`."""
         for item in items:
             self.draft.insert(rows, [item] * len(rows))
 
@@ -683,7 +680,6 @@ def switch_on(process: ProcessTable) -> Iterator[Instruction]:
 
 
 def _make_forces(rows: Rows, ends: Indices) -> list[Instruction]:
-    """Force on for the segments that end in these rows."""
     directions = map(to_vec3, rows.force_direction[ends, 0]) if len(ends) else ()
     return list(map(Force, rows.force[ends].tolist(), directions))
 

@@ -80,7 +80,6 @@ def lower_edges(
 
 
 def _with_path(items: Iterable[Instruction], path: int, work: bool) -> Iterator[Instruction]:
-    """The instructions, the motions among them with their path."""
     for item in items:
         yield (
             replace(item, path=path, work=work) if isinstance(item, (MoveJ, MoveL, MoveC)) else item

@@ -80,7 +80,6 @@ def lower_steps(tour: JobTour, cell: Cell, job: Job, name: str, header: tuple[st
 
 
 def _check_lengths(tour: JobTour) -> None:
-    """Raise JobError if tools of several lengths would all have the one frame of the job."""
     if len({step.tool.length for step in tour.steps}) > 1:
         what = "is one frame, and the tools have several lengths"
         raise JobError(

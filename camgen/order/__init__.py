@@ -221,7 +221,6 @@ def _order_paths(plan: Plan, job: Job, cell: Cell | None, watch: Watch, ways: bo
 
 
 def _note_end(tour: Tour, seconds: float) -> list[Note]:
-    """Notes on a search that was ended by the user or by the clock."""
     notes = []
     if tour.stopped:
         why = (
@@ -236,7 +235,6 @@ def _note_end(tour: Tour, seconds: float) -> list[Note]:
 
 
 def _rules(plan: Plan, tour: Tour, job: Job) -> Rules:
-    """The precedence of the paths, by their index in `tour`."""
     from camgen.order.arrange import make_rules  # noqa: PLC0415 (5 ms, which edges do not need)
 
     inside_first, settings = job.operation.inside_first, job.tour

@@ -179,7 +179,6 @@ def _compute_ranks(
 def _check_inside_first(
     paths: Sequence[ToolPath], ranks: Sequence[int], order: Sequence[str]
 ) -> None:
-    """Raise JobError if `order` has a path before one that it encloses."""
     for path, rank in zip(paths, ranks, strict=True):
         parent, steps = path.parent, 0
         while parent >= 0 and steps < len(paths):
@@ -317,7 +316,6 @@ def _walk_rank(
 
 
 def _count_waits(later: Sequence[int]) -> list[int]:
-    """The number of paths that have to come before each path."""
     counts = [0] * len(later)
     for parent in later:
         if parent >= 0:

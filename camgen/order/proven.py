@@ -219,7 +219,6 @@ def _improve_guide(
 
 
 def _choose_shorter(first: _Tour, second: _Tour) -> _Tour:
-    """The shorter tour; the first one if they are equally good."""
     return second if second.length < first.length - _GAP_MM else first
 
 
@@ -397,7 +396,6 @@ def _merge_sections(costs: StepCosts) -> StepCosts:
 def _measure_travel(
     known: Sampled, order: IntArray, along: FloatArray, home: FloatArray | None
 ) -> float:
-    """Length of the links between the items, from and to home, mm."""
     enter, leave = compute_ends(known, along)
     gaps = enter[order[1:]] - leave[order[:-1]]
     if home is not None:

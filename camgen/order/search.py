@@ -285,7 +285,6 @@ def search_tour(
 
 
 def _measure_travel(items: Items, tour: Start, home: FloatArray | None) -> float:
-    """Length of the links between the items, from and to home, mm."""
     leave = np.where(items.kind == CLOSED, tour.enter, sum_ends(items) - tour.enter)
     begins, ends = items.points[tour.enter[tour.order]], items.points[leave[tour.order]]
     if home is not None:

@@ -147,7 +147,6 @@ class _LinkEnds(Struct, frozen=True, eq=False):
 def _gather_ends(
     problem: TourProblem, states: Sequence[States], order: Sequence[int]
 ) -> list[_LinkEnds]:
-    """The ends of the links along `order`, from and back to home."""
     home = States.fixed(problem.cost_model.home)
     links = []
     for before, after in pairwise([-1, *order, -1]):
@@ -186,7 +185,6 @@ def reject_links(
 def _joints_of(
     problem: TourProblem, solution: Solution, pair: tuple[int, int]
 ) -> tuple[FloatArray, FloatArray]:
-    """The joint values (J,) of two items of a solution, -1 for home."""
     home, enter = problem.cost_model.home, solution.states.enter
     return (home if pair[0] < 0 else enter[pair[0]], home if pair[1] < 0 else enter[pair[1]])
 

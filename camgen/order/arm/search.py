@@ -221,7 +221,6 @@ def choose_states(
 
 
 def _is_known(problem: TourProblem, current: States, known: States | None, item: int) -> bool:
-    """Whether the state of an item needs no test."""
     if current.branch[item] < 0 or make_state_key(current, item) in problem.free:
         return True
     if known is None:
@@ -241,7 +240,6 @@ def make_state_key(states: States, row: int, item: int | None = None) -> bytes:
 def _compute_state_joints(
     problem: TourProblem, item_indices: Sequence[int], states: States
 ) -> StateJoints:
-    """The joint values at all samples of E states, of the items with these indices (E,)."""
     items = [problem.cost_model.items[k] for k in item_indices]
     closed = np.array([item.closed for item in items], dtype=np.bool_)
     forward = closed | (states.gate[:, 0] == 0)
@@ -625,7 +623,6 @@ def learn_blocked_links(problem: TourProblem, solution: Solution) -> set[int]:
 def _ends_of(
     problem: TourProblem, current: States, pair: tuple[int, int]
 ) -> tuple[FloatArray, FloatArray]:
-    """The joint values at both ends of the link between two items, -1 for home."""
     home, (a, b) = problem.cost_model.home, pair
     return (home if a < 0 else current.leave[a], home if b < 0 else current.enter[b])
 

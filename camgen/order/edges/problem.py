@@ -184,7 +184,6 @@ def _find_vertices(motion: EdgeMotion, edge: Line) -> FloatArray:
 def _bar_links(
     direct: FloatArray, motions: Sequence[EdgeMotion], barred: frozenset[frozenset[str]]
 ) -> None:
-    """Set the times of direct links between barred pairs of motions to inf, in `direct`."""
     index_of = {motion.id: k for k, motion in enumerate(motions)}
     for pair in barred:
         if pair <= index_of.keys():

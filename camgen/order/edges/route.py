@@ -194,7 +194,6 @@ def _find_retractable(
 def _retract_all(
     cell: RouteCell, motions: Sequence[EdgeMotion], speeds: LinkSpeeds
 ) -> list[list[Retraction | str]]:
-    """The retractions of both ends of each motion, or the reasons against them."""
     of_motions: list[list[Retraction | str]] = [[] for _ in motions]
     for space in cell.spaces:
         chosen = [k for k, motion in enumerate(motions) if cell.space_of(motion) is space]

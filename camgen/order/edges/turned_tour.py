@@ -193,7 +193,6 @@ def _find_turns(
 def _turn_blocks(
     problem: RouteProblem, blocks: Sequence[_Block], chosen: Sequence[int]
 ) -> RouteProblem:
-    """The problem with each block moved by its turns of the index in `chosen`."""
     motions, outs, ends = list(problem.motions), list(problem.out), problem.ends
     joints, safe = ends.joints.copy(), ends.safe.copy()
     for block, index in zip(blocks, chosen, strict=True):

@@ -290,7 +290,6 @@ def _find_limits(states: IntArray, rules: Rules) -> tuple[IntArray, IntArray]:
 
 
 def _keeps_rules(states: IntArray, rules: Rules) -> bool:
-    """Whether an order (n + 2,) keeps the rules."""
     items = states[1:-1] >> 1
     place = np.empty(len(items), dtype=np.int64)
     place[items] = np.arange(len(items))

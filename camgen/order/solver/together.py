@@ -198,7 +198,6 @@ def _has_next(tour: _Tour, item: IntArray, step: int) -> BoolArray:
 
 
 def _select_better(change: FloatArray, *columns: IntArray) -> _Moves:
-    """The moves that shorten the tour."""
     kept = np.flatnonzero(change < -EPS)
     return _Moves(change[kept], *(column[kept] for column in columns))
 
