@@ -507,7 +507,6 @@ class _PassDraft(Struct, frozen=True, eq=False):
             self.draft.insert(rows, [item] * len(rows))
 
     def _insert_several(self, rows: Indices, items: Mapping[int, Sequence[Instruction]]) -> None:
-        """At the rows (R,) of the passes that are keys of `items`, the instructions of each."""
         counts = list(map(len, items.values()))
         places = np.repeat(rows[np.array(list(items), np.intp)], counts)
         self.draft.insert(places, [*chain.from_iterable(items.values())])

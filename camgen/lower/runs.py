@@ -125,10 +125,11 @@ def _plan_passes(directions: _Directions, job: Job, descent: _Descent, down: boo
     """The passes of a path. down: whether it is reached at its depth."""
     path, entry = directions[0], job.operation.entry
     if entry == "plunge" or max(path.depths) <= 0 or lengths_along(path)[-1] < SAME_POINT_MM:
-        passes = []
-        for directed, depth in zip(directions, path.depths, strict=True):
-            passes.append(_Pass(_raise_over_tabs(directed, depth, descent.plunge), depth))
-        return passes
+        pairs = zip(directions, path.depths, strict=True)
+        return [
+            _Pass(_raise_over_tabs(directed, depth, descent.plunge), depth)
+            for directed, depth in pairs
+        ]
     helix = entry == "helix" and path.entry_radius > 0
     _check_entry(path, job, down, helix)
     if path.closed and not helix:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
@@ -111,7 +111,7 @@ def _order_steps(plan: JobPlan, job: Job, cell: Cell | None, watch: Watch, ways:
         frozenset(down),
         any(tour.stopped for tour in tours),
         any(tour.timed for tour in tours),
-        (*(note for tour in tours for note in tour.notes), *_note_later(plan, paths, job)),
+        (*chain.from_iterable(tour.notes for tour in tours), *_note_later(plan, paths, job)),
         steps=plan.steps,
         numbers=plan.numbers,
         tours=tuple(tours),

@@ -143,7 +143,6 @@ def is_free(paths: Sequence[ToolPath], later: Sequence[int], ranks: Sequence[int
 
 
 def _is_cyclic(later: Sequence[int], path: int) -> bool:
-    """Whether the chain of paths after `path` has no end."""
     for _ in range(len(later)):
         path = later[path]
         if path < 0:

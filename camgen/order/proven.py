@@ -35,8 +35,6 @@ from camgen.order.solver.exact import StepCosts, find_best_through, find_steps, 
 from camgen.order.solver.kernel import BOTH_WAYS, CLOSED, ONE_WAY
 from camgen.order.solver.plane import Start
 
-__all__ = ["MAX_PROVEN_PATHS", "improve_few", "is_proven"]
-
 #: Maximum number of paths: the proof needs up to 2^n sets.
 MAX_PROVEN_PATHS = 12
 #: Sections of a closed path at first.
@@ -53,7 +51,7 @@ _MIN_SETS = 40
 _MAX_ORDERS = 6
 #: Number of times that the starts of a tour are moved to their best points.
 _POLISH_ROUNDS = 3
-#: mm: gap between tour and bound at which the search ends; also the least gain of a better tour.
+#: mm: gap between tour and bound at which the search ends; also the least gain of a new tour.
 _GAP_MM = 1e-3
 #: The same as a fraction of the travel.
 _GAP_FRACTION = 4e-4
@@ -278,7 +276,6 @@ def _make_first_sections(known: Sampled) -> _Sections:
 
 
 def _divide(sections: _Sections, kept: BoolArray, loop: BoolArray) -> _Sections:
-    """The kept sections; those of closed paths are each divided into `_PARTS`."""
     count = np.where(loop[sections.item[kept]], _PARTS, 1)
     owner, number = np.flatnonzero(kept)[owners(count)], ramp(count)
     size = np.where(loop[sections.item[owner]], sections.size[owner] / _PARTS, 0.0)

@@ -34,18 +34,6 @@ from camgen.order.solver.together import shorten_together
 from camgen.order.starts import Starts
 from camgen.plan.starting import SEAM
 
-__all__ = [
-    "Choices",
-    "Sampled",
-    "compute_lower_bound",
-    "is_bound_affordable",
-    "is_compiled",
-    "is_crowd",
-    "is_large",
-    "sample_paths",
-    "search_tour",
-]
-
 #: Minimum number of samples of a closed path.
 _MIN_SAMPLES = 8
 #: Maximum number of samples of a closed path.
@@ -431,7 +419,7 @@ def _find_best_starts(
 ) -> FloatArray:
     """Find the positions near `length` with the shortest links from `before` and to `after`, mm."""
     shift = np.linspace(-1.0, 1.0, 2 * _POINTS_TO_EACH_SIDE + 1)
-    # The present position comes first, so that it stays if none is better.
+    # The present position comes first, so that it stays if all others cost as much.
     shift = shift[np.argsort(np.abs(shift), kind="stable"), None]
     best = np.empty(len(path))
     for begin in range(0, len(path), _AT_ONCE):

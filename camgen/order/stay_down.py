@@ -25,8 +25,6 @@ from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import BESIDE_WORKED_MM, SAME_POINT_MM
 
-__all__ = ["CLEARANCE_SLACK_MM", "lead_beside", "stay_down"]
-
 #: mm: distance by which a link or a lead may be nearer than the tool radius, as a path may.
 CLEARANCE_SLACK_MM = 0.005
 

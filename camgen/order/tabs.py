@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from itertools import chain as join
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
@@ -213,7 +213,6 @@ def _choose_paths(planned: Sequence[ToolPath], job: Job) -> dict[int, list[int]]
 
 
 def _leaves_slug(path: ToolPath, job: Job) -> bool:
-    """Whether a slug is left within the path that is larger than a chip."""
     import shapely  # noqa: PLC0415 (only for what needs it)
 
     slug = shapely.buffer(_make_polygon(path), -job.tool.radius)
@@ -278,7 +277,7 @@ def _find_loop(number: int, before: ToolPath, path: ToolPath, job: Job, tab: _Ta
 
 
 def _find_row_once_around(path: ToolPath, row: int, length: float) -> int:
-    """The row that is at the same point as `row`, `length` mm later; 0 if there is none."""
+    """The row that is at the same point as `row`, `length` mm later; 0 without one."""
     along = lengths_along(path)
     difference = np.abs(along - along[row] - length)
     last = int(np.argmin(difference))
@@ -426,14 +425,15 @@ def _repeat_around(
     stretches: Sequence[tuple[float, float]], length: float
 ) -> list[tuple[float, float]]:
     """The sections of a loop, and the same once around before and after."""
-    return [(a + turn, b + turn) for a, b in stretches for turn in (-length, 0.0, length)]
+    shifted = product(stretches, (-length, 0.0, length))
+    return [(a + shift, b + shift) for (a, b), shift in shifted]
 
 
 def _find_nearest_place(
     ideal: float, closed: Sequence[tuple[float, float]], length: float
 ) -> float | None:
     """The position nearest to `ideal` that is in none of the sections `closed`; None if none is."""
-    places = [ideal, *(end for stretch in closed for end in stretch if 0 <= end <= length)]
+    places = [ideal, *(end for end in join.from_iterable(closed) if 0 <= end <= length)]
     return min(
         (p for p in places if _is_open(p, closed)),
         key=lambda place: abs(place - ideal),
@@ -454,7 +454,7 @@ def _find_farthest_place(
     """
     around = sorted(_repeat_around([(a, b) for a, b in corners.tolist()], length))
     middles = [(before[1] + after[0]) / 2 for before, after in pairwise(around)]
-    ends = [end for stretch in closed for end in stretch]
+    ends = list(join.from_iterable(closed))
     places = [p for p in (*middles, *ends) if 0 <= p <= length and _is_open(p, closed)]
 
     def badness(place: float) -> tuple[float, float]:

@@ -103,7 +103,7 @@ class StartTree:
         return choice
 
     def _neighbour(self, node: int, x: float, y: float) -> int:
-        """A leaf near the leaf `node` that is not empty, to begin the search; -1 if all are empty."""
+        """A leaf near the leaf `node` that is not empty, to begin the search; -1 if all are."""
         while node >= 0 and not (
             self.pots[node] if node < self.leaves else self.kids[node - self.leaves]
         ):
@@ -127,14 +127,14 @@ class StartTree:
             fraction = min(max(((x - px) * dx + (y - py) * dy) * inverse, 0.0), 1.0)
             fraction = _snap_to_ends(fraction, math.hypot(dx, dy))
             return fraction, px + fraction * dx, py + fraction * dy
-        _, cx, cy, radius, mx, my, _, ax, ay, bx, by, sweep = item
+        _, cx, cy, radius, mx, my, _, ax, ay, end_x, end_y, sweep = item
         vx, vy = x - cx, y - cy
         fraction = 0.5 + math.atan2(mx * vy - my * vx, mx * vx + my * vy) / sweep
         if not 0 <= fraction <= 1:
-            fraction = float(math.hypot(x - ax, y - ay) > math.hypot(x - bx, y - by))
+            fraction = float(math.hypot(x - ax, y - ay) > math.hypot(x - end_x, y - end_y))
         fraction = _snap_to_ends(fraction, radius * abs(sweep))
         if fraction in (0.0, 1.0):
-            return (1.0, bx, by) if fraction else (0.0, ax, ay)
+            return (1.0, end_x, end_y) if fraction else (0.0, ax, ay)
         scale = radius / math.hypot(vx, vy) if vx or vy else 0.0
         return (
             (fraction, cx + scale * vx, cy + scale * vy)
@@ -176,13 +176,13 @@ def _scan(pot: list[Line | Arc], x: float, y: float, best: float, choice: int) -
                 vy -= part * dy
             distance = vx * vx + vy * vy
         else:
-            _, cx, cy, radius, mx, my, cosine, ax, ay, bx, by, _ = item
+            _, cx, cy, radius, mx, my, cosine, ax, ay, end_x, end_y, _ = item
             vx, vy = x - cx, y - cy
             arm = math.sqrt(vx * vx + vy * vy)
             if vx * mx + vy * my >= arm * cosine:
                 distance = (arm - radius) ** 2
             else:
-                distance = min((x - ax) ** 2 + (y - ay) ** 2, (x - bx) ** 2 + (y - by) ** 2)
+                distance = min((x - ax) ** 2 + (y - ay) ** 2, (x - end_x) ** 2 + (y - end_y) ** 2)
         if distance < best or (distance == best and item[0] < choice):
             best, choice = distance, item[0]
     return best, choice

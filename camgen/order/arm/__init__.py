@@ -21,6 +21,7 @@ from camgen.motion.pose_paths import PosePath
 from camgen.motion.reach import reach_along
 from camgen.motion.rolls import find_freedom, list_rolls
 from camgen.motion.setup import EdgeMotion, OrientationFreedom, Setup, UnreachableEdge
+from camgen.order.arm.detours import ClearTest
 from camgen.order.arm.items import (
     Item,
     States,
@@ -33,7 +34,7 @@ from camgen.order.arm.items import (
 from camgen.order.arm.lattice import GRAZE_MM
 from camgen.order.arm.layers import FORBIDDEN, CostModel
 from camgen.order.arm.links import LinkedTour, link_paths
-from camgen.order.arm.margin import ClearTest, insert_items, make_clear_test, make_margin_test
+from camgen.order.arm.margin import insert_items, make_clear_test, make_margin_test
 from camgen.order.arm.points import are_points, find_point_tour
 from camgen.order.arm.search import (
     OnProgress,
@@ -97,7 +98,7 @@ class _Rolls(Struct, frozen=True):
     """The rolls that are tried.
 
     angles: rolls of which one is to reach a whole path, rad.
-    free: freedom of the roll along a path that none of `angles` reaches; None if there is none.
+    free: freedom of the roll along a path that none of `angles` reaches; None for a fixed roll.
     """
 
     angles: Sequence[float]
@@ -343,10 +344,8 @@ def _find_other_states(
 
 def _find_contacts(problem: TourProblem, lost: Container[int]) -> FloatArray:
     """(K, J) joint values in contact at the start of some of the paths."""
-    paths = []
-    for k, states in enumerate(problem.states):
-        if k not in lost and len(states) and states.branch[0] >= 0:
-            paths.append(k)
+    indices = [k for k in range(len(problem.states)) if k not in lost and len(problem.states[k])]
+    paths = [k for k in indices if problem.states[k].branch[0] >= 0]
     paths = paths[:: max(len(paths) // _CONTACTS, 1)]
     if not paths:
         return np.zeros((0, len(problem.cost_model.home)))
@@ -368,7 +367,7 @@ def _list_neighbours(rolls: FloatArray) -> IntArray:
 def _change_roll_along(
     setup: Setup, path: ToolPath, item: Item, job: Job, free: OrientationFreedom
 ) -> tuple[RollProfile, States] | UnreachableEdge:
-    """Find the one state of a path along which the roll changes, or why there is none."""
+    """Find the one state of a path along which the roll changes, or why it has no state."""
     last_gate = 0 if item.closed else len(item.gates) - 1
     start, end = item.position[[0]], item.position[[item.gates[last_gate]]]
     depth = np.array([0.0, 0.0, max(path.depths)])

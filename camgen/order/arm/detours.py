@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray
 from camgen.motion.limits import MotionLimits
 from camgen.robots.models import Robot
@@ -23,7 +24,7 @@ _DISTANCE = 1.0
 #: A test of joint motions, each from and to (J,): which are blocked.
 BlockedTest = Callable[[Sequence[tuple[FloatArray, FloatArray]]], list[bool]]
 #: A test of joint values (N, J): which are clear, (N,).
-ClearTest = Callable[[FloatArray], "np.ndarray[tuple[int, ...], np.dtype[np.bool_]]"]
+ClearTest = Callable[[FloatArray], BoolArray]
 
 
 def find_detour(
@@ -103,9 +104,7 @@ def _try_candidates(
     if not leaving or not arriving:
         return None
     pairs: list[tuple[FloatArray, FloatArray]] = list(itertools.product(leaving, arriving))
-    times = []
-    for p, q in pairs:
-        times.append(limits.seconds(np.stack([p - a, q - p, b - q]), 0.0).sum())
+    times = [limits.seconds(np.stack([p - a, q - p, b - q]), 0.0).sum() for p, q in pairs]
     tried = [pairs[int(k)] for k in np.argsort(np.array(times), kind="stable")[: 2 * _TRIED]]
     for pair, is_pair_blocked in zip(tried, blocked(tried), strict=True):
         if not is_pair_blocked:

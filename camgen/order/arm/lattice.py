@@ -161,7 +161,6 @@ def _add_rejections(
     table: FloatArray,
     rejected: Sequence[tuple[FloatArray, FloatArray, float]],
 ) -> None:
-    """Add `_NO_DETOUR` to the links in `table` that are near to rejected ones."""
     for a, b, radius in rejected:
         is_start = np.abs(ends.start.leave - a).max(axis=1) < radius
         is_end = np.abs(ends.end.enter - b).max(axis=1) < radius
@@ -295,7 +294,6 @@ def _sum_times(tables: Sequence[FloatArray]) -> tuple[list[FloatArray], list[Flo
 
 
 def _trace(tables: Sequence[FloatArray], ahead: Sequence[FloatArray]) -> list[int]:
-    """The state of each item, in order, on the fastest tour."""
     row = 0
     chosen = []
     for table, cost in zip(reversed(tables[1:]), reversed(ahead), strict=True):

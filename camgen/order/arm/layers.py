@@ -149,9 +149,8 @@ def time_links(
     joined = join_states([states[k] for k in order])
     tips = [compute_gate_positions(cost_model.items[k], states[k].gate) for k in order]
     enter, leave, branch = joined.enter[rows], joined.leave[rows], joined.branch[rows]
-    tip_enter, tip_leave = (
-        np.concatenate([of_item[:, side] for of_item in tips])[rows] for side in (0, 1)
-    )
+    all_tips = np.concatenate(tips)
+    tip_enter, tip_leave = all_tips[:, 0][rows], all_tips[:, 1][rows]
     distance = np.sqrt(((tip_enter[1:, None] - tip_leave[:-1, :, None]) ** 2).sum(axis=-1))
     seconds = cost_model.limits.between(leave[:-1], enter[1:], distance)
     seconds += posture_cost * (branch[:-1, :, None] != branch[1:, None])

@@ -5,7 +5,8 @@ The margin is tested at samples. The check of the program reports the clearance 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import itertools
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -14,14 +15,12 @@ from camgen.collision.hits import find_collisions, measure_clearance
 from camgen.collision.scene import Scene, narrow
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray
+from camgen.order.arm.detours import ClearTest
 from camgen.order.arm.search import Solution, TourProblem
 from camgen.order.solver import matrix
 
 #: mm: added to the margin, because most links come nearer by at most this between two samples.
 _SLACK_MM = 0.25
-
-#: A test of joint values (N, J): which are clear, (N,).
-ClearTest = Callable[[FloatArray], BoolArray]
 
 
 def make_clear_test(scene: Scene, distance: float = 0.0) -> ClearTest:
@@ -29,7 +28,8 @@ def make_clear_test(scene: Scene, distance: float = 0.0) -> ClearTest:
 
     Pairs with a mesh are tested last, because most collisions are with boxes.
     """
-    meshed = sorted({int(pair) for target in scene.targets for pair in target.of_strike})
+    of_targets = itertools.chain.from_iterable(target.of_strike for target in scene.targets)
+    meshed = sorted({int(pair) for pair in of_targets})
     boxed = narrow(scene, [k for k in range(len(scene.pairs)) if k not in meshed])
     at_mesh = narrow(scene, meshed)
 
@@ -51,10 +51,8 @@ def make_margin_test(where: Surroundings, home: FloatArray, contacts: FloatArray
     contacts: (K, J) joint values at which the tool is in contact.
     """
     scene, distance = where.with_margin, where.margin + _SLACK_MM
-    kept = []
-    for k in range(len(scene.pairs)):
-        if not _is_close(narrow(scene, [k]), home, contacts, distance):
-            kept.append(k)
+    pairs = range(len(scene.pairs))
+    kept = [k for k in pairs if not _is_close(narrow(scene, [k]), home, contacts, distance)]
     kept_pairs = {scene.pairs[k] for k in kept}
     others = [k for k, pair in enumerate(where.scene.pairs) if pair not in kept_pairs]
     keeps_margin = make_clear_test(narrow(scene, kept), distance)

@@ -80,18 +80,15 @@ def are_points(problem: TourProblem, kept: Sequence[int]) -> bool:
     Each is entered and left at one position, they may come in any order, and there are `MIN_POINTS`
     to `MAX_POINTS` of them.
     """
-    items = list(kept)
-    options, rules = problem.options, problem.rules
-    if not options.may_reorder or not options.any_roll:
+    items, rules = list(kept), problem.rules
+    if not problem.options.may_reorder or not problem.options.any_roll:
         return False
     if not MIN_POINTS <= len(items) <= MAX_POINTS:
         return False
     if (rules.parent[items] >= 0).any() or len(set(rules.rank[items].tolist())) > 1:
         return False
-    for k in items:
-        if len(problem.cost_model.items[k].gates) != 1 or problem.states[k].branch.min() < 0:
-            return False
-    return True
+    has_one_gate = all(len(problem.cost_model.items[k].gates) == 1 for k in items)
+    return has_one_gate and all(problem.states[k].branch.min() >= 0 for k in items)
 
 
 def find_point_tour(
@@ -241,7 +238,6 @@ def _refine(
 
 
 def _find_posture_changes(solution: Solution, order: Sequence[int]) -> set[int]:
-    """The items next to home, or next to an item in another posture."""
     items = {order[0], order[-1]}
     for before, after in pairwise(order):
         if solution.states.branch[before] != solution.states.branch[after]:
@@ -250,7 +246,6 @@ def _find_posture_changes(solution: Solution, order: Sequence[int]) -> set[int]:
 
 
 def _select_near(problem: TourProblem, current: States, item: int) -> States:
-    """The states of an item whose joint values are near to those of the chosen state."""
     states = problem.states[item]
     return states.pick(np.abs(states.enter - current.enter[item]).max(axis=1) < _NEAR_STATE)
 

@@ -208,9 +208,8 @@ def choose_states(
         collides = find_colliding_states(problem, untested, tested_states)
         if not collides.any():
             return Solution(order, current, cost)
-        to_reduce = []
-        for k in np.array(untested)[collides].tolist():
-            to_reduce.append((k, states[k], int(chosen[k])))
+        blocked_items = np.array(untested)[collides].tolist()
+        to_reduce = [(k, states[k], int(chosen[k])) for k in blocked_items]
         for (k, _, _), kept in zip(to_reduce, _remove_colliding(problem, to_reduce), strict=True):
             if not len(kept):
                 problem.lost.add(k)
@@ -221,12 +220,10 @@ def choose_states(
 
 
 def _is_known(problem: TourProblem, current: States, known: States | None, item: int) -> bool:
-    if current.branch[item] < 0 or make_state_key(current, item) in problem.free:
+    branch, roll = current.branch[item], current.roll[item]
+    if known is not None and known.roll[item] == roll and known.branch[item] == branch:
         return True
-    if known is None:
-        return False
-    has_same_roll = known.roll[item] == current.roll[item]
-    return bool(has_same_roll and known.branch[item] == current.branch[item])
+    return bool(branch < 0 or make_state_key(current, item) in problem.free)
 
 
 def make_state_key(states: States, row: int, item: int | None = None) -> bytes:
@@ -310,11 +307,12 @@ def _remove_colliding(
     for _, states, chosen in to_reduce:
         same = (states.branch == states.branch[chosen]) & (states.roll == states.roll[chosen])
         kept.append(states.pick(~same))
-    pending = []
+    pending: list[int] = []
+    items: list[int] = []
     for place, (item, states, _) in enumerate(to_reduce):
         if item not in problem.tested or states is not problem.states[item]:
             pending.append(place)
-    items = [to_reduce[place][0] for place in pending for _ in range(len(kept[place]))]
+            items += [item] * len(kept[place])
     if items:
         of_pending = [kept[place] for place in pending]
         others = join_states(of_pending)
@@ -583,10 +581,8 @@ def find_blocked_paths(problem: TourProblem, solution: Solution) -> set[int]:
         for gate in item.gates[1:].tolist():
             motions.append(SampledMotion(joints[[item.before[gate], gate]]))
         owner += [k] * len(item.gates)
-    blocked = set()
-    for k, result in zip(owner, problem.free_space.look(motions), strict=True):
-        if isinstance(result, Blockage):
-            blocked.add(k)
+    results = problem.free_space.look(motions)
+    blocked = {k for k, result in zip(owner, results, strict=True) if isinstance(result, Blockage)}
     keys = [make_state_key(states, k) for k in blocked]
     problem.colliding.update(keys)
     problem.free.difference_update(keys)
@@ -717,7 +713,7 @@ def make_blocked_link(
 def find_known_detour(
     problem: TourProblem, a: FloatArray, b: FloatArray
 ) -> tuple[FloatArray, ...] | None:
-    """The detour that was found for a link in either direction, None if there is none."""
+    """The detour that was found for a link in either direction; None without one."""
     if a.tobytes() + b.tobytes() in problem.detours:
         return problem.detours[a.tobytes() + b.tobytes()]
     back = problem.detours.get(b.tobytes() + a.tobytes())

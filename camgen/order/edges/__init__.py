@@ -59,9 +59,7 @@ def order_edges(plan: EdgePlan, job: Job, cell: Cell | None, watch: Watch) -> Ed
     # The margin must not cost an edge. If the motion that keeps the margin has no link, the one
     # that would be preferred without a margin may have one.
     dropped = {motion.id for motion in route.dropped}
-    motions = []
-    for motion in plan.motions:
-        motions.append(motion.nearer if motion.nearer and motion.id in dropped else motion)
+    motions = [m.nearer if m.nearer and m.id in dropped else m for m in plan.motions]
     if any(motion is not old for motion, old in zip(motions, plan.motions, strict=True)):
         second_route = link(motions)
         if len(second_route.legs) > len(route.legs):
@@ -82,19 +80,15 @@ def order_edges(plan: EdgePlan, job: Job, cell: Cell | None, watch: Watch) -> Ed
     return EdgeTour(paths, travel, method, notes=notes, route=route, lengths=lengths, made=paths)
 
 
-def _note_freed(route: Route, noun: str) -> list[Note]:
-    """Notes on the edges that the arm reaches with a tilt or roll alone."""
-    notes = []
+def _note_freed(route: Route, noun: str) -> Iterator[Note]:
     for leg in route.legs:
         if leg.motion.freed is not None:
             tilt, roll = (short(value, 1) for value in leg.motion.freed)
             what = f"{noun} {leg.motion.id} is reached with {tilt} deg of tilt, {roll} deg of roll"
-            notes.append(Note("assumed", what))
-    return notes
+            yield Note("assumed", what)
 
 
 def _note_feeds(route: Route, lengths: Sequence[float], job: Job, noun: str) -> Iterator[Note]:
-    """A note on the edges along which the contact runs slower than the feed of the job."""
     process = job.process
     factors = [
         compute_feed_factor(leg.motion, n) for leg, n in zip(route.legs, lengths, strict=True)
@@ -108,7 +102,7 @@ def _note_feeds(route: Route, lengths: Sequence[float], job: Job, noun: str) -> 
     yield note_contact_feed(what, route.legs[slowest].motion.id, factors[slowest], process, names)
 
 
-def _note_links(route: Route, noun: str) -> list[Note]:
+def _note_links(route: Route, noun: str) -> Iterator[Note]:
     with_approach, shared = 0, 0
     for leg in route.legs:
         kinds = [motion.kind for motion in leg.link if isinstance(motion, PathLink)]
@@ -122,11 +116,10 @@ def _note_links(route: Route, noun: str) -> list[Note]:
         f"{len(route.legs) - with_approach} direct, {counted(shared, noun)} run idle; "
         f"{short(route.seconds, 1)} s, nearest neighbour {nearest}"
     )
-    notes = [Note("assumed", what)]
+    yield Note("assumed", what)
     if route.searched:
         detours = f"the link home from {counted(route.searched, noun)} is a detour found by search"
-        notes.append(Note("assumed", detours, "the direct motion from its retract collides"))
-    return notes
+        yield Note("assumed", detours, "the direct motion from its retract collides")
 
 
 def _measure_travel(route: Route, setup: Setup, home: FloatArray) -> float:

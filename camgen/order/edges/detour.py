@@ -170,7 +170,6 @@ def _grow(space: _Space, tree: _Tree, targets: FloatArray, max_length: float) ->
 
 
 def _find_node(tree: _Tree, nodes: Sequence[int], joints: FloatArray) -> int | None:
-    """The first of `nodes` with these joint values (J,); None if there is none."""
     for node in nodes:
         if np.abs(tree.joints[node] - joints).max() < 1e-9:
             return node

@@ -257,10 +257,8 @@ def classify_joint_motions(
         "clear" if is_clear else "blocked" for is_clear in all_clear.tolist()
     ]
     for space in cell.spaces:
-        chosen = []
-        for k, (_, linked) in enumerate(tests):
-            if verdicts[k] == "clear" and cell.space_of(*linked) is space:
-                chosen.append(k)
+        of_space = [cell.space_of(*linked) is space for _, linked in tests]
+        chosen = [k for k, verdict in enumerate(verdicts) if verdict == "clear" and of_space[k]]
         results = space.look([SampledMotion(tests[k][0]) for k in chosen])
         for k, result in zip(chosen, results, strict=True):
             if isinstance(result, Blockage):

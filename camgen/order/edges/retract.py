@@ -79,7 +79,7 @@ _Candidate = tuple[str, PosePath]
 def find_retractions(
     setup: Setup, space: FreeSpace, ends: Sequence[tuple[PosePath, FloatArray]], speeds: LinkSpeeds
 ) -> list[Retraction | str]:
-    """Find a retraction for each end, or the reason why there is none.
+    """Find a retraction for each end, or the reason against it.
 
     It is the first candidate that is free and keeps the margin, or the clearance of its end if that
     is smaller. Without one it is the free candidate with the largest clearance.
@@ -174,7 +174,6 @@ def _follow(
 def _list_candidates(
     setup: Setup, space: FreeSpace, end: PosePath, joints: FloatArray
 ) -> Iterator[_Candidate]:
-    """Yield the candidates of a retraction, in the order in which they are tried."""
     start, back = _locate(setup, end)
     up = np.array([0.0, 0.0, 1.0])
     straight = _make_straight(setup, space, end, back)
@@ -189,11 +188,9 @@ def _list_candidates(
     yield "back and up", _make_path(setup, end, [start, outside, top])
     angles = np.arange(_DIRECTIONS) * (math.tau / _DIRECTIONS) + math.atan2(back[1], back[0])
     order = sorted(range(_DIRECTIONS), key=lambda k: (min(k, _DIRECTIONS - k), k))
-    directions = [("up", up)]
-    for k in order:
-        slope = np.array([math.cos(angles[k]), math.sin(angles[k]), 1.0]) / math.sqrt(2)
-        directions.append(("up aside", slope))
-    for name, direction in directions:
+    vectors = [np.array([math.cos(angles[k]), math.sin(angles[k]), 1.0]) for k in order]
+    slopes = [vector / math.sqrt(2) for vector in vectors]
+    for name, direction in [("up", up), *(("up aside", slope) for slope in slopes)]:
         path = _make_straight(setup, space, end, direction)
         if path is not None:
             yield name, path

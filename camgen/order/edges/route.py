@@ -277,7 +277,7 @@ def _find_unlinked(problem: RouteProblem, candidate: TourCandidate, strictly: bo
     lost = {end // 2 for end in (states[0][0], states[-1][1]) if no_home[end]}
     for (_, a), (b, _) in pairwise(states):
         if math.isinf(between[a, b]) and a // 2 not in lost:
-            # One of the two cannot go home, otherwise the link would go by way of home.
+            # At least one end cannot go home, otherwise the link would go by way of home.
             lost.add(b // 2 if no_home[b] else a // 2)
     if strictly:
         lost |= {end // 2 for end in np.flatnonzero(no_home).tolist()}
@@ -332,9 +332,10 @@ def _turn_unlinked(
         detours.turned.add(motion.id)
         joints = np.concatenate([motion.dense, both[0].dense, both[1].dense])
         turns = list_turns(cell.setup.robot, joints, cell.home)[1:]
-        tests = []
-        for whole, out in itertools.product(turns, both):
-            tests.append((np.stack([out.joints[-1] + math.tau * whole, cell.home]), (motion,)))
+        turned = [
+            out.joints[-1] + math.tau * whole for whole, out in itertools.product(turns, both)
+        ]
+        tests = [(np.stack([joints, cell.home]), (motion,)) for joints in turned]
         verdicts = classify_joint_motions(cell, tests)
         if "clear" in verdicts:
             whole = turns[verdicts.index("clear") // 2]

@@ -18,8 +18,6 @@ from camgen.model.pose import FloatArray
 from camgen.order.solver.kernel import CLOSED
 from camgen.order.solver.plane import Items, make_discs, split_ends
 
-__all__ = ["DensePoints", "compute_lower_bound"]
-
 #: Near ends among which the tree is searched; all others count as no farther than the farthest one.
 _NEAR_ENDS = 8
 #: First step of the prices, as a fraction of the gap to the known tour. Measured: twice as much

@@ -14,8 +14,6 @@ from msgspec import Struct
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 
-__all__ = ["StepCosts", "find_best_through", "find_steps", "list_first_sets"]
-
 
 class StepCosts(Struct, frozen=True, eq=False):
     """The ways to run N items, P in all, and the costs of the steps between them.

@@ -17,8 +17,6 @@ from camgen.model.pose import FloatArray
 from camgen.order.solver.kernel import CLOSED, ONE_WAY
 from camgen.order.solver.plane import Items, Start, split_ends, sum_ends
 
-__all__ = ["choose_all_samples", "join_greedily", "make_groups"]
-
 #: Near ends among which the next link is searched.
 _NEAR_ENDS = 5
 #: Rounds in which every closed item starts at its best sample.

@@ -322,7 +322,7 @@ def _improve_orders(states: IntArray, steps: FloatArray, rules: Rules | None = N
 
 
 def _make_moves(states: IntArray, moves: list[_Move]) -> None:
-    """Make the sorted moves of one order, except those that overlap with a better one."""
+    """Make the sorted moves of one order, except those that overlap with an earlier one."""
     taken = bytearray(len(states))
     for low, high, begin, size, is_reversed, _ in moves:
         # A move depends on the links into and out of its range, which must be unchanged.

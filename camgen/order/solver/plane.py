@@ -16,22 +16,6 @@ from camgen.model.tolerance import NONZERO
 from camgen.order.solver import kernel, local_search, speed
 from camgen.order.solver.kernel import CLOSED, Run, Scene
 
-__all__ = [
-    "DONE",
-    "STOPPED",
-    "TIMED",
-    "Clock",
-    "Items",
-    "OnFraction",
-    "Problem",
-    "Start",
-    "add_home",
-    "make_discs",
-    "shorten_tour",
-    "split_ends",
-    "sum_ends",
-]
-
 #: Nearest items to which moves are tried.
 WIDTH = 8
 #: Evaluations from which the compiled search saves more time than its start takes.

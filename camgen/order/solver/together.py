@@ -17,6 +17,7 @@ from itertools import pairwise
 
 import numpy as np
 from msgspec import Struct
+from msgspec.structs import astuple
 
 from camgen.geometry.nearest import IntArray
 from camgen.model.part import BoolArray
@@ -24,8 +25,6 @@ from camgen.model.pose import FloatArray
 from camgen.order.solver.greedy import choose_all_samples, make_groups
 from camgen.order.solver.kernel import CLOSED, EPS
 from camgen.order.solver.plane import WIDTH, Problem, Start, add_home, sum_ends
-
-__all__ = ["shorten_together"]
 
 #: Passes, each of moves until none is left and of new starts of closed items.
 _PASSES = 2
@@ -42,7 +41,7 @@ class _Tour(Struct, frozen=True, eq=False):
     order: (N + 2,) items in order.
     place: (N + 2,) place of each item in `order`.
     enter, leave: (N + 2,) points at which each item is entered and left.
-    x, y: coordinates of all points, mm; NaN for a home that is nowhere, so no move there is better.
+    x, y: coordinates of all points, mm; NaN for a home that is nowhere: no move there is made.
     group: (N + 2,) result of `greedy.make_groups`, -1 for home.
     near: (N + 2, WIDTH) near items, -1 for none.
     distance: (N + 2, WIDTH) minimum distance of these, mm.
@@ -203,14 +202,11 @@ def _select_better(change: FloatArray, *columns: IntArray) -> _Moves:
 
 
 def _make_moves(tour: _Tour, moves: list[_Moves]) -> IntArray:
-    """Make the best moves whose links no better one has cut.
+    """Make the moves, the best first, except those whose links were cut before.
 
     Returns the items at their links, in increasing order.
     """
-    change, *columns = (
-        np.concatenate([getattr(group, name) for group in moves])
-        for name in _Moves.__struct_fields__
-    )
+    change, *columns = map(np.concatenate, zip(*map(astuple, moves), strict=True))
     order = np.argsort(change, kind="stable")
     # A link remains until one of its items is touched; its direction may have changed.
     touched: set[int] = set()
