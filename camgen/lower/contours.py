@@ -123,7 +123,7 @@ def _check_home_height(cell: Cell, job: Job) -> None:
     clearance = job.process.clearance
     if isinstance(cell.home, Pose) and cell.home.origin[2] < clearance - SAME_POINT_MM:
         height = cell.home.origin[2]
-        what = f"home at z {height:g} mm is below the clearance height, {clearance:g} mm"
+        what = f"a home at z {height:g} mm is below the clearance height, {clearance:g} mm"
         raise JobError("job", what, "cell.home", "raise it, or lower process.clearance")
 
 
