@@ -1,4 +1,4 @@
-"""From a tour to a program: what the arm or the machine does, instruction by instruction."""
+"""Makes a program from a tour: the motions of an arm or a machine, instruction by instruction."""
 
 from __future__ import annotations
 
@@ -14,23 +14,27 @@ from camgen.robots.workcell import Workcell
 def lower(
     tour: Tour, cell: Cell, job: Job, name: str = "part", header: tuple[str, ...] = ()
 ) -> Program:
-    """The program that runs ``tour`` from and back to the home position of ``cell``, in its frames.
+    """The program that runs a tour from and back to the home position of the cell, in its frames.
 
-    name, header: of the program. Raises JobError for settings that do not go together, NoSafeProgram when there is no
-    path.
+    Raises JobError for settings that contradict each other, NoSafeProgram if there is no path.
+
+    name, header: name of the program, lines of its header.
     """
     if isinstance(tour, (ArmTour, EdgeTour, ReplayTour)) and tour.paths is not tour.made:
         raise changed_paths()
     if isinstance(tour, EdgeTour):
-        from camgen.lower.edges import lower_edges  # noqa: PLC0415 (robots, only for what needs them)
+        from camgen.lower.edges import lower_edges  # noqa: PLC0415 (robots: only for edges)
 
         return lower_edges(tour, cell, job, name, header)
     if isinstance(tour, ReplayTour):
-        from camgen.lower.replay import lower_replay, lower_taught  # noqa: PLC0415 (only for what needs them)
+        from camgen.lower.replay import (  # noqa: PLC0415 (only for replays)
+            lower_replay,
+            lower_taught,
+        )
 
         return (lower_taught if tour.run.whole else lower_replay)(tour, cell, job, name, header)
     if isinstance(tour, JobTour):
-        from camgen.lower.steps import lower_steps  # noqa: PLC0415 (only for jobs with several operations)
+        from camgen.lower.steps import lower_steps  # noqa: PLC0415 (only for several operations)
 
         program = lower_steps(tour, cell, job, name, header)
         steps = zip(tour.steps, tour.tours, strict=True)

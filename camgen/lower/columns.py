@@ -1,4 +1,4 @@
-"""What ``lower`` computes by column over the rows of all paths at once: tangents, blends and tool orientations."""
+"""Tangents, blends and tool orientations by column, over the rows of all paths at once."""
 
 from __future__ import annotations
 
@@ -27,15 +27,18 @@ from camgen.motion.corners import JUMP, blend_corners
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 Places = NDArray[np.int32]
-Middle = Callable[[Indices], FloatArray]
+#: Gives the directions of tool x half-way along arcs of these indices.
+MidpointAxes = Callable[[Indices], FloatArray]
 
-#: So many rows are worked on at a time where many columns come in between: they stay in the processor's cache.
+#: Rows that are processed at a time: small enough for their columns to stay in the cache.
 _BLOCK = 16384
 
 
 class Rows(Struct, frozen=True, eq=False):
-    """The columns of ``ToolPath``, one path after the other. first, last: row indices of each path. force_direction: of
-    no row where nobody looks at it.
+    """The columns of `ToolPath`, one path after the other.
+
+    first, last: row indices of each path.
+    force_direction: empty if no path has a force and the tool does not turn with the contour.
     """
 
     position: FloatArray
@@ -49,16 +52,16 @@ class Rows(Struct, frozen=True, eq=False):
 
     @property
     def arc(self) -> Mask:
-        """(N,): the segment that ends in the row is an arc."""
+        """(N,) whether the segment that ends in the row is an arc."""
         return ~np.isnan(self.via[:, 0])
 
     @property
     def spans(self) -> Spans:
-        """The N segments that end in the rows; that of a path's first row is the way from the path before."""
+        """The N segments that end in the rows; a path's first one comes from the path before."""
         return make_spans(np.roll(self.position, 1, axis=0), self.via, self.position)
 
     def stretch(self, within: slice) -> Rows:
-        """Some rows, as if they were of one path."""
+        """Some rows, as if they belonged to one path."""
         columns = {name: getattr(self, name)[within] for name in _COLUMNS}
         size = len(columns["position"])
         return Rows(**columns, first=np.array([0]), last=np.array([size - 1]))
@@ -68,10 +71,15 @@ _COLUMNS = ("position", "via", "axis", "force_direction", "force", "feed")
 
 
 class Orientations(Struct, frozen=True, eq=False):
-    """Rotations work_from_tool by row, as places (N,) in a table in which equal neighbours are one object.
+    """Rotations work_from_tool by row, as indices (N,) into a table.
 
-    begins, ends: at the start and the end of the segment that ends in the row, at a path's first row both at its
-    start. vias: half-way along an arc. turns: (N,), the tool turns where it stands before the segment.
+    Equal neighbours are one object.
+
+    table: the rotations (3, 3).
+    begins, ends: rotations at the start and the end of the segment that ends in the row; for the
+        first row of a path both at its start.
+    vias: rotations half-way along an arc.
+    turns: (N,) whether the tool turns at a fixed TCP before the segment.
     """
 
     table: list[FloatArray]
@@ -81,51 +89,53 @@ class Orientations(Struct, frozen=True, eq=False):
     turns: Mask
 
 
-def gather(paths: Sequence[ToolPath], depths: Sequence[float], follow: bool = False) -> Rows:
-    """The rows of all ``paths``, each ``depths`` mm below where it was planned. follow: the tool turns with what is
-    beside the paths.
+def gather_rows(paths: Sequence[ToolPath], depths: Sequence[float], follow: bool = False) -> Rows:
+    """The rows of all paths, each `depths` mm below its planned height.
+
+    follow: whether the tool turns with the surface beside the paths.
     """
     counts = np.array([len(path) for path in paths])
     last = np.cumsum(counts) - 1
     table = np.concatenate([path.table for path in paths])
-    sink = np.repeat(np.asarray(depths, dtype=np.float64), counts)
-    columns = {
-        name: table[:, place].copy() for name, place in PLACES.items() if name != "force_direction"
-    }
-    for name in ("position", "via"):
-        columns[name][:, 2] -= sink
-    beside = (
-        table[:, PLACES["force_direction"]].copy()
-        if follow or columns["force"].any()
-        else np.empty((0, 6))
-    )
-    return Rows(
-        **columns, force_direction=beside.reshape(-1, 2, 3), first=last - counts + 1, last=last
-    )
+    columns = {}
+    for name, place in PLACES.items():
+        if name != "force_direction":
+            columns[name] = table[:, place].copy()
+    below = np.repeat(np.asarray(depths, dtype=np.float64), counts)
+    columns["position"][:, 2] -= below
+    columns["via"][:, 2] -= below
+    direction = np.empty((0, 6))
+    if follow or columns["force"].any():
+        direction = table[:, PLACES["force_direction"]].copy()
+    first = last - counts + 1
+    return Rows(**columns, force_direction=direction.reshape(-1, 2, 3), first=first, last=last)
 
 
-def blends(rows: Rows, tolerance: FloatArray, pace: Dynamics) -> FloatArray:
-    """Blend radius (N,) at the end of each segment, which leaves its corner by ``tolerance`` (N,) mm at most; 0 at the
-    ends of a path, along the tool, and where force begins or ends. pace: how the machine rounds corners.
+def compute_blends(rows: Rows, tolerance: FloatArray, pace: Dynamics) -> FloatArray:
+    """Blend radius (N,) at the end of each segment, mm.
+
+    The corner path stays within `tolerance` (N,) mm of the corner. The radius is 0 at the ends of a
+    path, along the tool, and where force begins or ends.
+
+    pace: dynamics with which the machine rounds corners.
     """
     blend = np.zeros(len(rows.position))
-    # A row needs its neighbours, and the row before the first one of a path does not matter.
+    # A row needs its neighbours. The row before the first one of a path does not matter.
     for low in range(0, len(blend), _BLOCK):
         within = slice(max(low - 1, 0), low + _BLOCK + 1)
-        blend[low : low + _BLOCK] = _blends(rows.stretch(within), tolerance[within], pace)[
-            low - within.start :
-        ][:_BLOCK]
+        of_block = _compute_block(rows.stretch(within), tolerance[within], pace)
+        blend[low : low + _BLOCK] = of_block[low - within.start :][:_BLOCK]
     blend[rows.first] = blend[rows.last] = 0.0
     return blend
 
 
-def _blends(rows: Rows, tolerance: FloatArray, pace: Dynamics) -> FloatArray:
-    """``blends`` as if all rows were of one path, 0 at the last one."""
+def _compute_block(rows: Rows, tolerance: FloatArray, pace: Dynamics) -> FloatArray:
+    """The blends as if all rows were of one path, 0 at the last one."""
     blend = np.zeros(len(rows.position))
     blend[:-1] = blend_corners(rows.spans, rows.feed, tolerance[:-1], pace)
     pressing = rows.force > 0
     blend[:-1][pressing[:-1] != pressing[1:]] = 0.0
-    # Nothing is rounded on the way into the part: where a peck begins, the material is a quarter of a millimetre below.
+    # The approach into the part is not rounded: where a peck begins, the material is 0.25 mm below.
     step = np.diff(rows.position, axis=0, prepend=rows.position[:1])
     plunge = np.abs(dots(step, rows.axis)) > (1 - 1e-9) * np.sqrt(dots(step, step))
     blend[:-1][plunge[:-1] | plunge[1:]] = 0.0
@@ -133,40 +143,46 @@ def _blends(rows: Rows, tolerance: FloatArray, pace: Dynamics) -> FloatArray:
 
 
 def orient_fixed(rows: Rows) -> Orientations:
-    """Tool z along the axis, tool x along the work x (along its y where the axis is parallel to x)."""
+    """Tool z along the axis, tool x along the work x, or the work y for an axis parallel to x."""
     axis = rows.axis
     if (axis == axis[0]).all():
-        one = (
-            TOOL_DOWN
-            if axis[0].tolist() == [0.0, 0.0, -1.0]
-            else frozen(from_axes(axis[:1], find_sideways(axis[:1]))[0])
-        )
+        rotation = TOOL_DOWN
+        if axis[0].tolist() != [0.0, 0.0, -1.0]:
+            rotation = frozen(from_axes(axis[:1], find_sideways(axis[:1]))[0])
         same = np.zeros(len(axis), np.int32)
-        return Orientations([one], same, same, same, np.zeros(len(axis), dtype=bool))
+        return Orientations([rotation], same, same, same, np.zeros(len(axis), dtype=bool))
     x = find_sideways(axis)
-    return _orientations(rows, np.roll(x, 1, axis=0), x, lambda arc: find_sideways(axis[arc]))
+    return _make_orientations(rows, np.roll(x, 1, axis=0), x, lambda arc: find_sideways(axis[arc]))
 
 
-def orient_turned(rows: Rows, turns: FloatArray) -> Orientations:
-    """Tool z along the axis, tool x turned about it by ``turns`` (N,) from ``orient_fixed``, evenly along segments."""
-    before, turned = np.roll(rows.axis, 1, axis=0), np.roll(turns, 1)
-    before[rows.first], turned[rows.first] = rows.axis[rows.first], turns[rows.first]
+def orient_turned(rows: Rows, rolls: FloatArray) -> Orientations:
+    """Tool z along the axis, tool x rolled from `orient_fixed`, evenly along segments.
+
+    rolls: (N,) rad.
+    """
+    before, roll_before = np.roll(rows.axis, 1, axis=0), np.roll(rolls, 1)
+    before[rows.first], roll_before[rows.first] = rows.axis[rows.first], rolls[rows.first]
     middle = unit(before + rows.axis)
-    columns = (
-        from_axes(axis, find_sideways(axis)) @ turned_about_z(turn)
-        for axis, turn in ((before, turned), (rows.axis, turns), (middle, (turned + turns) / 2))
-    )
     table: list[FloatArray] = []
-    begins, ends, vias = (_share(column, table) for column in columns)
-    return Orientations(table, begins, ends, vias, np.zeros(len(turns), dtype=bool))
+
+    def add(axis: FloatArray, roll: FloatArray) -> Places:
+        rotations = from_axes(axis, find_sideways(axis)) @ turned_about_z(roll)
+        return _add_to_table(rotations, table)
+
+    begins, ends = add(before, roll_before), add(rows.axis, rolls)
+    vias = add(middle, (roll_before + rolls) / 2)
+    return Orientations(table, begins, ends, vias, np.zeros(len(rolls), dtype=bool))
 
 
 def orient_along(rows: Rows) -> Orientations:
-    """Tool z along the axis, tool x along the press direction. Every row needs one (``find_unfollowed``)."""
+    """Tool z along the axis, tool x along the press direction, which every row needs.
+
+    See `find_unfollowed` for rows without one.
+    """
     end = rows.force_direction[:, 1].copy()
     end[rows.first] = rows.force_direction[rows.first, 0]
     spans = rows.spans
-    return _orientations(
+    return _make_orientations(
         rows,
         rows.force_direction[:, 0],
         end,
@@ -175,13 +191,13 @@ def orient_along(rows: Rows) -> Orientations:
 
 
 def find_unfollowed(rows: Rows) -> Indices:
-    """Rows whose press direction cannot be tool x: none given, or along the axis."""
+    """Rows whose press direction cannot be tool x: it is missing or along the axis."""
     sides = np.cross(rows.force_direction, rows.axis[:, None, :])
     return np.flatnonzero((np.einsum("nij,nij->ni", sides, sides) < 1e-6).any(axis=1))
 
 
-def halve(rows: Rows) -> Rows:
-    """``rows`` with every arc along which the press direction turns by more than 120 deg as two arcs."""
+def halve_arcs(rows: Rows) -> Rows:
+    """The rows with every arc whose press direction turns by more than 120 deg as two arcs."""
     wide = rows.arc & (angles(rows.force_direction[:, 0], rows.force_direction[:, 1]) > SURE_TURN)
     if not wide.any():
         return rows
@@ -205,8 +221,10 @@ def halve(rows: Rows) -> Rows:
     return out
 
 
-def _orientations(rows: Rows, begin: FloatArray, end: FloatArray, middle: Middle) -> Orientations:
-    """Orientations with tool x along ``begin``, ``end`` (N, 3) and ``middle`` (of the arcs)."""
+def _make_orientations(
+    rows: Rows, begin: FloatArray, end: FloatArray, middle: MidpointAxes
+) -> Orientations:
+    """Orientations with tool x along `begin`, `end` (N, 3) and `middle` (of the arcs)."""
     before = np.roll(rows.axis, 1, axis=0)
     before[rows.first] = rows.axis[rows.first]
     starts, stops = from_axes(before, begin), from_axes(rows.axis, end)
@@ -214,17 +232,17 @@ def _orientations(rows: Rows, begin: FloatArray, end: FloatArray, middle: Middle
     turns = angles_between(np.roll(stops, 1, axis=0), starts) > JUMP
     turns[rows.first] = False
     table: list[FloatArray] = []
-    ends = _share(stops, table)
+    ends = _add_to_table(stops, table)
     vias = ends.copy()
     arc = np.flatnonzero(rows.arc)
     if len(arc):
-        vias[arc] = _share(from_axes(unit(before[arc] + rows.axis[arc]), middle(arc)), table)
-    return Orientations(table, _share(starts, table), ends, vias, turns)
+        vias[arc] = _add_to_table(from_axes(unit(before[arc] + rows.axis[arc]), middle(arc)), table)
+    return Orientations(table, _add_to_table(starts, table), ends, vias, turns)
 
 
-def _share(matrices: FloatArray, table: list[FloatArray]) -> Places:
-    """The places (N,) in ``table`` of ``matrices`` (N, 3, 3), which are put there, equal neighbours as one object."""
-    new = starts_run(matrices)
-    places = np.cumsum(new, dtype=np.int32) - 1 + np.int32(len(table))
-    table.extend(frozen(matrices[new]))
+def _add_to_table(matrices: FloatArray, table: list[FloatArray]) -> Places:
+    """Add rotations (N, 3, 3) to a table, equal neighbours as one object; returns their indices."""
+    is_new = starts_run(matrices)
+    places = np.cumsum(is_new, dtype=np.int32) - 1 + np.int32(len(table))
+    table.extend(frozen(matrices[is_new]))
     return places

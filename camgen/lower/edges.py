@@ -1,4 +1,4 @@
-"""From a route over the edges of a part to a program: link, approach, process on, along the edge, process off."""
+"""Makes a program from a route over edges: link, process on, along the edge, process off."""
 
 from __future__ import annotations
 
@@ -9,8 +9,15 @@ import numpy as np
 from msgspec.structs import replace
 
 from camgen.geometry.rotations import interpolate_rotations, vectors_of
-from camgen.lower.columns import blends, gather
-from camgen.lower.contours import dwell, finish, in_air, joints_of, signal, switch_on
+from camgen.lower.columns import compute_blends, gather_rows
+from camgen.lower.contours import (
+    find_signal,
+    finish_program,
+    is_switched_in_air,
+    make_dwell,
+    make_joint_target,
+    switch_on,
+)
 from camgen.lower.runs import plunge
 from camgen.model.cell import Cell, Dynamics
 from camgen.model.job import Job, ProcessTable
@@ -32,168 +39,185 @@ from camgen.motion.corners import compute_corner_tolerance, limit_blends
 from camgen.motion.pose_paths import PosePath
 from camgen.motion.setup import EdgeMotion, compute_feed
 from camgen.order import EdgeTour
-from camgen.order.edges.links import JointLink, PathLink, Piece
+from camgen.order.edges.links import JointLink, LinkMotion, PathLink
 
 
 def lower_edges(
     tour: EdgeTour, cell: Cell, job: Job, name: str = "part", header: tuple[str, ...] = ()
 ) -> Program:
-    """The program that runs the route of ``tour`` from and back to the home position of ``cell``.
+    """The program that runs the route of a tour from and back to the home position of the cell.
 
-    name, header: of the program.
+    name, header: name of the program, lines of its header.
     """
     route, lengths = tour.route, tour.lengths
     process = job.process
     assert isinstance(cell.home, Joints)
     body: list[Instruction] = [MoveJ(cell.home, process.travel_speed)]
     if process.spindle > 0:
-        body += [Output("spindle", process.spindle), *dwell(process)]
+        body += [Output("spindle", process.spindle), *make_dwell(process)]
     for number, (leg, length) in enumerate(zip(route.legs, lengths, strict=True)):
-        out, way = _split(leg.link)
-        body += _belonging(_link(out, job), number - 1, False)
+        out, to_next = _split_link(leg.link)
+        body += _with_path(_run_link(out, job), number - 1, False)
         noun = "edge" if tour.paths[number].operation == "edges" else "curve"
         body.append(Comment(f"{noun} {leg.motion.id}"))
-        link = [*_link(way, job)]
+        link = [*_run_link(to_next, job)]
         if isinstance(leg.link[-1], JointLink):
-            link += _state(leg.motion.way, process)
-        body += _belonging(link, number, False)
+            link += _state_pose(leg.motion.way, process)
+        body += _with_path(link, number, False)
         feed = compute_feed(leg.motion, length, process)
-        blend = _blends(leg.motion, tour.paths[number], feed, job, cell.pace)
-        body += _belonging(_work(leg.motion, feed, blend, job), number, True)
-    out, way = _split(route.back[:-1])
-    body += _belonging(_link(out, job), len(route.legs) - 1, False)
+        blend = _compute_blends(leg.motion, tour.paths[number], feed, job, cell.pace)
+        body += _with_path(_run_edge(leg.motion, feed, blend, job), number, True)
+    out, to_next = _split_link(route.back[:-1])
+    body += _with_path(_run_link(out, job), len(route.legs) - 1, False)
     body.append(Comment("back to home"))
-    body += _link(way, job)
+    body += _run_link(to_next, job)
     if process.spindle > 0:
         body.append(Output("spindle", 0.0))
     last = route.back[-1]
     assert isinstance(last, JointLink)
-    body.append(_turn(last))
-    return finish(body, tour.paths, cell, job, name, header)
+    body.append(_make_joint_motion(last))
+    return finish_program(body, tour.paths, cell, job, name, header)
 
 
-def _belonging(items: Iterable[Instruction], path: int, work: bool) -> Iterator[Instruction]:
-    """``items`` with the path of the motions among them."""
+def _with_path(items: Iterable[Instruction], path: int, work: bool) -> Iterator[Instruction]:
     for item in items:
         yield (
             replace(item, path=path, work=work) if isinstance(item, (MoveJ, MoveL, MoveC)) else item
         )
 
 
-def _split(link: Sequence[Piece]) -> tuple[Sequence[Piece], Sequence[Piece]]:
-    """The way up from the edge before, and that to the next one."""
+def _split_link(link: Sequence[LinkMotion]) -> tuple[Sequence[LinkMotion], Sequence[LinkMotion]]:
+    """The retract from the edge before, and the rest of the link."""
     count = int(bool(link) and isinstance(link[0], PathLink) and link[0].kind == "retraction")
     return link[:count], link[count:]
 
 
-def _link(link: Sequence[Piece], job: Job) -> Iterator[Instruction]:
-    """The pieces of a link; a tool that turns is switched on before it comes to the part, and off where it has left."""
-    process, air = job.process, in_air(job)
-    turned = False
-    for piece in link:
-        if isinstance(piece, JointLink):
-            yield _turn(piece)
-        elif piece.kind == "approach":
+def _run_link(link: Sequence[LinkMotion], job: Job) -> Iterator[Instruction]:
+    """Yield the motions of a link.
+
+    A tool that turns is switched on before it comes to the part, and off after it has left.
+    """
+    process, air = job.process, is_switched_in_air(job)
+    after_joints = False
+    for motion in link:
+        if isinstance(motion, JointLink):
+            yield _make_joint_motion(motion)
+        elif motion.kind == "approach":
             yield from switch_on(process) if air else ()
-            yield from _approach(piece, process)
+            yield from _run_approach(motion, process)
         else:
-            yield from _state(piece.way, process) if turned else ()
-            yield from _along(piece.way, piece.speed)
-            if air and signal(process) and piece.kind == "retraction":
-                yield Output(signal(process), 0.0)
-        turned = isinstance(piece, JointLink)
+            yield from _state_pose(motion.way, process) if after_joints else ()
+            yield from _run_path(motion.way, motion.speed)
+            if air and find_signal(process) and motion.kind == "retraction":
+                yield Output(find_signal(process), 0.0)
+        after_joints = isinstance(motion, JointLink)
 
 
-def _turn(piece: JointLink) -> MoveJ:
-    return MoveJ(joints_of(piece.joints), piece.speed, share=piece.share)
+def _make_joint_motion(link: JointLink) -> MoveJ:
+    return MoveJ(make_joint_target(link.joints), link.speed, share=link.share)
 
 
-def _state(way: PosePath, process: ProcessTable) -> Iterator[Instruction]:
-    """After a motion to joints an arc has no start that the text knows: a motion to where the tool is states it."""
-    if not math.isnan(way.via[1, 0]):
-        yield MoveL(_pose(way.rotation[0], way.position[0]), process.travel_speed)
+def _state_pose(pose_path: PosePath, process: ProcessTable) -> Iterator[Instruction]:
+    """Yield a motion to the present pose, if an arc follows a joint motion.
+
+    The text would not hold the start of the arc otherwise.
+    """
+    if not math.isnan(pose_path.via[1, 0]):
+        yield MoveL(_make_pose(pose_path.rotation[0], pose_path.position[0]), process.travel_speed)
 
 
-def _approach(piece: PathLink, process: ProcessTable) -> Iterator[Instruction]:
-    """At its speed but for the last ``process.approach`` mm, which are run at the speed of plunging."""
-    way = piece.way
-    last = float(way.length[-1])
+def _run_approach(link: PathLink, process: ProcessTable) -> Iterator[Instruction]:
+    """Yield an approach at its speed, with the last `process.approach` mm at the plunge speed."""
+    pose_path = link.way
+    last = float(pose_path.length[-1])
     slow = min(process.approach, last)
-    if slow <= 0 or not np.isnan(way.via[-1, 0]):
-        yield from _along(way, piece.speed)
+    if slow <= 0 or not np.isnan(pose_path.via[-1, 0]):
+        yield from _run_path(pose_path, link.speed)
         return
-    ahead = _cut(way, 1 - slow / last) if slow < last else way.slice(0, len(way) - 1)
-    yield from _along(ahead, piece.speed)
-    yield MoveL(_pose(way.rotation[-1], way.position[-1]), plunge(process))
+    first_part = (
+        _shorten_last(pose_path, 1 - slow / last)
+        if slow < last
+        else pose_path.slice(0, len(pose_path) - 1)
+    )
+    yield from _run_path(first_part, link.speed)
+    yield MoveL(_make_pose(pose_path.rotation[-1], pose_path.position[-1]), plunge(process))
 
 
-def _cut(way: PosePath, share: float) -> PosePath:
-    """``way`` with its last segment, a straight one, only up to ``share`` of it."""
-    position, rotation = way.position.copy(), way.rotation.copy()
-    position[-1] = way.position[-2] + share * (way.position[-1] - way.position[-2])
+def _shorten_last(pose_path: PosePath, fraction: float) -> PosePath:
+    """The pose path with its last segment, a straight one, only up to a fraction of its length."""
+    position, rotation = pose_path.position.copy(), pose_path.rotation.copy()
+    position[-1] = pose_path.position[-2] + fraction * (
+        pose_path.position[-1] - pose_path.position[-2]
+    )
     rotation[-1] = interpolate_rotations(
-        way.rotation[-2:-1], way.rotation[-1:], np.array([0]), np.array([share])
+        pose_path.rotation[-2:-1], pose_path.rotation[-1:], np.array([0]), np.array([fraction])
     )[0]
-    return PosePath(frozen(position), way.via, frozen(rotation))
+    return PosePath(frozen(position), pose_path.via, frozen(rotation))
 
 
-def _along(way: PosePath, speed: FloatArray) -> Iterator[Instruction]:
-    for row in range(1, len(way)):
-        yield _segment(way, row, float(speed[row - 1]), 0.0)
+def _run_path(pose_path: PosePath, speed: FloatArray) -> Iterator[Instruction]:
+    for row in range(1, len(pose_path)):
+        yield _make_segment(pose_path, row, float(speed[row - 1]), 0.0)
 
 
-def _blends(
+def _compute_blends(
     motion: EdgeMotion, path: ToolPath, feed: float, job: Job, pace: Dynamics
 ) -> list[float]:
-    """The blend at the end of each row of ``path``: the tool runs on where that rounds the way by no more than
-    ``tolerance.corner`` at ``feed`` and hardly changes how it stands; it stops at both ends and where it turns on the
-    spot.
+    """The blend radius at the end of each row of a path, mm.
+
+    The corner path stays within `tolerance.corner` at this feed, and the orientation changes
+    evenly. The tool stops at both ends and at reorientations.
     """
-    run = np.full(len(path.position), feed)
-    rows = replace(gather([path], [0.0]), feed=run)
-    blend = blends(rows, np.full_like(run, compute_corner_tolerance(job, path.operation)), pace)
-    blend[1:-1] = limit_blends(blend[1:-1], _bends(motion.way), pace)
+    feeds = np.full(len(path.position), feed)
+    rows = replace(gather_rows([path], [0.0]), feed=feeds)
+    blend = compute_blends(
+        rows, np.full_like(feeds, compute_corner_tolerance(job, path.operation)), pace
+    )
+    blend[1:-1] = limit_blends(blend[1:-1], _measure_bends(motion.way), pace)
     return [float(radius) for radius in blend]
 
 
-def _bends(way: PosePath) -> FloatArray:
-    """(N - 2,) rad/mm by which the turning of the tool changes at the rows between two segments."""
-    turn = vectors_of(way.rotation[1:] @ np.swapaxes(way.rotation[:-1], 1, 2))
-    rate = turn / np.maximum(way.length, SAME_POINT_MM)[:, None]
+def _measure_bends(pose_path: PosePath) -> FloatArray:
+    """(N - 2,) change of the rotation rate at the rows between two segments, rad/mm."""
+    rotation = vectors_of(pose_path.rotation[1:] @ np.swapaxes(pose_path.rotation[:-1], 1, 2))
+    rate = rotation / np.maximum(pose_path.length, SAME_POINT_MM)[:, None]
     return np.asarray(np.linalg.norm(np.diff(rate, axis=0), axis=1))
 
 
-def _work(
+def _run_edge(
     motion: EdgeMotion, feed: float, blend: Sequence[float], job: Job
 ) -> Iterator[Instruction]:
-    """The processing motion between force on, process on and process off, force off."""
+    """Yield the processing motion between force on, process on and process off, force off."""
     process, force = job.process, job.process.force
-    name = "" if in_air(job) else signal(process)
+    name = "" if is_switched_in_air(job) else find_signal(process)
     if force > 0:
         yield Force(force, to_vec3(motion.way.rotation[0, :, 2]))
     if name:
         yield from switch_on(process)
     for row in range(1, len(motion.way)):
-        yield _segment(motion.way, row, feed, force, blend[row])
+        yield _make_segment(motion.way, row, feed, force, blend[row])
     if name:
         yield Output(name, 0.0)
     if force > 0:
         yield Force(0.0)
 
 
-def _segment(
-    way: PosePath, row: int, speed: float, force: float, blend: float = 0.0
+def _make_segment(
+    pose_path: PosePath, row: int, speed: float, force: float, blend: float = 0.0
 ) -> MoveL | MoveC:
-    """One motion; it presses along the tool."""
-    target = _pose(way.rotation[row], way.position[row])
-    press = to_vec3(way.rotation[row, :, 2]) if force > 0 else (0.0, 0.0, 0.0)
-    if math.isnan(way.via[row, 0]):
+    """One motion; a force is along the tool."""
+    target = _make_pose(pose_path.rotation[row], pose_path.position[row])
+    press = to_vec3(pose_path.rotation[row, :, 2]) if force > 0 else (0.0, 0.0, 0.0)
+    if math.isnan(pose_path.via[row, 0]):
         return MoveL(target, speed, blend, force, press)
     rotation = interpolate_rotations(
-        way.rotation[row - 1 : row], way.rotation[row : row + 1], np.array([0]), np.array([0.5])
+        pose_path.rotation[row - 1 : row],
+        pose_path.rotation[row : row + 1],
+        np.array([0]),
+        np.array([0.5]),
     )[0]
-    return MoveC(_pose(rotation, way.via[row]), target, speed, blend, force, press)
+    return MoveC(_make_pose(rotation, pose_path.via[row]), target, speed, blend, force, press)
 
 
-def _pose(rotation: FloatArray, origin: FloatArray) -> Pose:
+def _make_pose(rotation: FloatArray, origin: FloatArray) -> Pose:
     return Pose(frozen(rotation), to_vec3(origin))

@@ -100,14 +100,12 @@ def _lift(
 
 
 def _at_height(move: MoveJ, point: FloatArray, height: float) -> MoveJ:
-    """A rapid motion like `move` to above a point (3,)."""
     assert isinstance(move.target, Pose)
     x, y = point[:2].tolist()
     return replace(move, target=replace(move.target, origin=(x, y, height)), blend=0.0)
 
 
 def _goes_straight(program: Program, motion: int, up: bool) -> bool:
-    """Whether a motion is rapid and goes straight up, or straight down."""
     columns = program.columns
     if motion < 1 or not columns.moves_are(MoveJ)[motion]:
         return False
@@ -116,7 +114,6 @@ def _goes_straight(program: Program, motion: int, up: bool) -> bool:
 
 
 def _goes_on_down(program: Program, link: int) -> bool:
-    """Whether the next instruction is a rapid motion straight down."""
     columns = program.columns
     follows = link + 1 < len(columns.at) and columns.at[link + 1] == columns.at[link] + 1
     return bool(follows) and _goes_straight(program, link + 1, up=False)

@@ -14,7 +14,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from camgen.geometry.arcs import chain
-from camgen.lower.contours import finish
+from camgen.lower.contours import finish_program
 from camgen.lower.steps import frame_of
 from camgen.model.cell import Cell, Dynamics
 from camgen.model.job import Job
@@ -44,9 +44,9 @@ _TURNING = ("end mill", "ball mill", "bull nose", "drill", "v")
 def lower_replay(
     tour: ReplayTour, cell: Cell, job: Job, name: str = "part", header: tuple[str, ...] = ()
 ) -> Program:
-    """The program of the machine in ``cell``, with the frames and the home of the cell.
+    """The program of the machine in the cell, with the frames and the home of the cell.
 
-    With each tool it approaches the first position from the height of travel and leaves the last
+    With each tool it approaches the first position from the clearance height and leaves the last
     one upwards. Tools are changed at home, with all outputs off. An output that was on before the
     change is switched on again at the first position after it.
 
@@ -59,23 +59,25 @@ def lower_replay(
     for k, part in enumerate(tour.parts):
         on = _find_on(out)
         if k:
-            out += [*(Output(one.signal, 0.0) for one in on), home]
+            out += [*(Output(output.signal, 0.0) for output in on), home]
         if part.tool is not None:
-            out.append(_change(part, job, cell))
+            out.append(_make_tool_change(part, job, cell))
         body = [*on, *moving(part.body)]
         out.append(home)
-        out += _run(body, part, before, cell, job)
+        out += _run_tool(body, part, before, cell, job)
         before += 1 + max(owners(Columns(body)))
-    out += [*_left_on(out), home]
+    out += [*_switch_off_rest(out), home]
     frame = (
-        None if tour.parts[0].tool is None else _change(tour.parts[0], job, cell).flange_from_tool
+        None
+        if tour.parts[0].tool is None
+        else _make_tool_change(tour.parts[0], job, cell).flange_from_tool
     )
     framed = cell if frame is None else replace(cell, flange_from_tool=frame)
-    return finish(out, tour.paths, framed, job, name, header)
+    return finish_program(out, tour.paths, framed, job, name, header)
 
 
-def _change(part: ToolPart, job: Job, cell: Cell) -> ToolChange:
-    """To the tool of ``part``: of one that the machine alone knows only the number is told."""
+def _make_tool_change(part: ToolPart, job: Job, cell: Cell) -> ToolChange:
+    """The change to a tool; for a tool that only the machine knows it has the number alone."""
     tool = part.tool
     assert tool is not None
     if not part.known:
@@ -86,57 +88,59 @@ def _change(part: ToolPart, job: Job, cell: Cell) -> ToolChange:
 
 
 def _find_on(body: Sequence[Instruction]) -> list[Output]:
-    """The outputs that are on behind ``body``, as they were switched last."""
+    """The outputs that are on after these instructions, with their last values."""
     last = {item.signal: item for item in body if isinstance(item, Output)}
     return [item for item in last.values() if item.value]
 
 
-def _run(
+def _run_tool(
     body: list[Instruction], part: ToolPart, before: int, cell: Cell, job: Job
 ) -> list[Instruction]:
     """The motions of one tool, from above its first position to above its last.
 
-    body: the instructions of the part, behind the outputs that were on before it.
+    body: the instructions of the part, after the outputs that were on before it.
     before: number of paths of the program that come before its own.
     """
     cartesian, travel = isinstance(cell.home, Pose), job.process.travel_speed
     first = next(k for k, item in enumerate(body) if isinstance(item, MoveJ))
     columns = Columns(body)
     path, *following = [owner + before if owner >= 0 else -1 for owner in owners(columns)]
-    arrival = _arrive(body[first], cartesian, job, part.entry)  # type: ignore[arg-type]  # a MoveJ, found above
+    arrival = _plan_arrival(body[first], cartesian, job, part.entry)  # type: ignore[arg-type]
     motions = [replace(item, path=path) for item in arrival]
     tool = job.tool if part.tool is None else part.tool
     above = 1 if tool.kind in _TURNING else len(motions)
     out = [*_switch_on_after(body[:first], motions[:above]), *motions[above:]]
-    manner = zip(
-        _blends(columns, compute_corner_tolerance(job, "replay"), cell.pace).tolist()[1:],
+    blends_and_paths = zip(
+        _compute_blends(columns, compute_corner_tolerance(job, "replay"), cell.pace).tolist()[1:],
         following,
         strict=True,
     )
     last: MoveJ | MoveL | MoveC = body[first]  # type: ignore[assignment]
     for item in body[first + 1 :]:
         if isinstance(item, MoveJ):
-            _, path = next(manner)
-            out.append(replace(_rapid(item.target, cartesian, travel), path=path))  # type: ignore[arg-type]  # poses
+            _, path = next(blends_and_paths)
+            rapid = _make_rapid(item.target, cartesian, travel)  # type: ignore[arg-type]
+            out.append(replace(rapid, path=path))
             last = item
         elif isinstance(item, MoveL):
-            blend, path = next(manner)
+            blend, path = next(blends_and_paths)
             out.append(MoveL(item.target, item.speed, blend, path=path, work=True))
             last = item
         elif isinstance(item, MoveC):
-            blend, path = next(manner)
+            blend, path = next(blends_and_paths)
             out.append(MoveC(item.via, item.target, item.speed, blend, path=path, work=True))
             last = item
         else:
             out.append(item)
-    out += _leave(last.target, cartesian, job)  # type: ignore[arg-type]
+    out += _plan_departure(last.target, cartesian, job)  # type: ignore[arg-type]
     return out
 
 
 def lower_taught(
     tour: ReplayTour, cell: Cell, job: Job, name: str = "part", header: tuple[str, ...] = ()
 ) -> Program:
-    """The program of a robot for the machine in ``cell``: from home to the first motion and on.
+    """The program of a robot for the machine in the cell: from home to the first motion, then as it
+    is.
 
     Outputs that it leaves on are switched off at its end.
     """
@@ -149,15 +153,15 @@ def lower_taught(
     following = iter(zip(moves, owner.tolist(), strict=True))
     first = next((k for k, item in enumerate(body) if isinstance(item, MoveJ | MoveL | MoveC)), 0)
     ordered = [*_switch_on_after(body[:first], body[first : first + 1]), *body[first + 1 :]]
-    off = list(takewhile(_is_off, ordered))
-    out: list[Instruction] = [*off, MoveJ(cell.home, job.process.travel_speed)]
-    for item in ordered[len(off) :]:
+    first_outputs = list(takewhile(_is_off, ordered))
+    out: list[Instruction] = [*first_outputs, MoveJ(cell.home, job.process.travel_speed)]
+    for item in ordered[len(first_outputs) :]:
         if isinstance(item, MoveJ | MoveL | MoveC):
             _, path = next(following)
             out.append(replace(item, path=path, work=path >= 0 and not isinstance(item, MoveJ)))
         else:
             out.append(item)
-    return finish([*out, *_left_on(out)], tour.paths, cell, job, name, header)
+    return finish_program([*out, *_switch_off_rest(out)], tour.paths, cell, job, name, header)
 
 
 def _switch_on_after(
@@ -166,10 +170,10 @@ def _switch_on_after(
     """Instructions before the first place and the motions to it, in the order in which they run.
 
     The first output that is switched on waits for the motions, and so does each instruction after
-    it: no text states the position of the tool before the first place.
+    it: the position of the tool before the first motion is unknown.
     """
-    off = list(takewhile(lambda item: not _is_on(item), leading))
-    return [*off, *motions, *leading[len(off) :]]
+    before_first_on = list(takewhile(lambda item: not _is_on(item), leading))
+    return [*before_first_on, *motions, *leading[len(before_first_on) :]]
 
 
 def _is_on(item: Instruction) -> bool:
@@ -180,42 +184,47 @@ def _is_off(item: Instruction) -> bool:
     return isinstance(item, Output) and item.value == 0
 
 
-def _left_on(body: list[Instruction]) -> list[Instruction]:
-    """What switches off the outputs that a program leaves on: the end of its own machine's program did."""
+def _switch_off_rest(body: list[Instruction]) -> list[Instruction]:
+    """Instructions that switch off what a program leaves on, as its own machine did at the end."""
     last = {item.signal: item.value for item in body if isinstance(item, Output)}
     pressing = next((item.newtons for item in reversed(body) if isinstance(item, Force)), 0.0)
     force = [Force(0.0)] if pressing else []
     return [*(Output(name, 0.0) for name, value in last.items() if value), *force]
 
 
-def _rapid(target: Pose, cartesian: bool, speed: float) -> MoveJ | MoveL:
+def _make_rapid(target: Pose, cartesian: bool, speed: float) -> MoveJ | MoveL:
     return MoveJ(target, speed) if cartesian else MoveL(target, speed)
 
 
-def _arrive(first: MoveJ, cartesian: bool, job: Job, entry: float) -> list[MoveJ | MoveL]:
-    """From home to where the program begins. entry: the feed of the last way down, where the start was assumed."""
+def _plan_arrival(first: MoveJ, cartesian: bool, job: Job, entry: float) -> list[MoveJ | MoveL]:
+    """Motions from home to the start of the program.
+
+    entry: feed of the last plunge, mm/s, if the start was assumed; otherwise 0.
+    """
     x, y, z = first.target.origin  # type: ignore[union-attr]  # recorded in poses
     speed, high = job.process.travel_speed, job.process.clearance
     arrival: list[MoveJ | MoveL] = [MoveJ(Pose(TOOL_DOWN, (x, y, max(z, high))), speed)]
     if z < high - SAME_POINT_MM:
         down = Pose(TOOL_DOWN, (x, y, z))
-        arrival.append(MoveL(down, min(entry, speed)) if entry else _rapid(down, cartesian, speed))
+        arrival.append(
+            MoveL(down, min(entry, speed)) if entry else _make_rapid(down, cartesian, speed)
+        )
     return arrival
 
 
-def _leave(last: Pose, cartesian: bool, job: Job) -> list[Instruction]:
+def _plan_departure(last: Pose, cartesian: bool, job: Job) -> list[Instruction]:
     x, y, z = last.origin
     high = job.process.clearance
-    return (
-        [_rapid(Pose(TOOL_DOWN, (x, y, high)), cartesian, job.process.travel_speed)]
-        if z < high - SAME_POINT_MM
-        else []
-    )
+    if z >= high - SAME_POINT_MM:
+        return []
+    return [_make_rapid(Pose(TOOL_DOWN, (x, y, high)), cartesian, job.process.travel_speed)]
 
 
-def _blends(columns: Columns, tolerance: float, pace: Dynamics) -> FloatArray:
-    """Blend radius (M,) at the end of each motion: as ``columns.blends``, where both motions are at feed, nothing is
-    switched between them and the program allows it (a recorded blend above 0).
+def _compute_blends(columns: Columns, tolerance: float, pace: Dynamics) -> FloatArray:
+    """Blend radius (M,) at the end of each motion, mm, as `columns.compute_blends`.
+
+    It is 0 unless both motions are at feed, nothing is switched between them, and the program
+    allows it by a recorded blend above 0.
     """
     ends, vias = columns.ends, columns.vias
     blend = np.zeros(len(ends))

@@ -1,8 +1,8 @@
-"""Runs: one pass each along a path at one depth, how it gets down there, and over the tabs.
+"""Tool passes: one along a path at one depth, with its entry into the material and over the tabs.
 
-A path with three depths gives three runs. The columns of a run are those of its path with what leads into the material
-before them; heights that are not those of the pass stand in them as seen from its depth, so that the depth is taken off
-all of them alike. What goes down slantwise is chords: controllers have arcs in a plane only.
+A path with three depths gives three passes. The rows of a pass are those of its path, after those
+of its entry. Heights are given as seen from the depth of the pass, so that the depth is subtracted
+from all of them alike. Slanted segments are chords: controllers have arcs in a plane only.
 """
 
 from __future__ import annotations
@@ -23,11 +23,17 @@ from camgen.model.tolerance import SAME_POINT_MM
 from camgen.plan.pieces import begin_at, chorded, head, lengths_along, shortest, stretch
 
 
-class Run(Struct, frozen=True, gc=False):
-    """One pass. number: of its path in the program. depth: mm, to be taken off the heights of ``path``. begin: mm below
-    the plan where it starts. linked: it starts where the run before it ended, so that nothing lies between them but the
-    plunge. down: it is reached straight from there, without a lift. low: it starts there too, but the tool is turned
-    back before, above the material and no higher.
+class ToolPass(Struct, frozen=True, gc=False):
+    """One pass of the tool along a path.
+
+    path: the path with the entry of the pass.
+    number: index of the path in the program.
+    depth: depth below the heights of `path`, mm.
+    linked: whether it starts where the pass before ended, with only the plunge between them.
+    begin: depth at which it starts, mm below the plan.
+    down: whether it is reached straight from the path before, without a lift.
+    low: whether it starts where the pass before ended, but the tool is first turned back, above the
+        material and no higher.
     """
 
     path: ToolPath
@@ -40,147 +46,154 @@ class Run(Struct, frozen=True, gc=False):
 
 
 class _Descent(Struct, frozen=True):
-    """How a tool goes down. slope: the tangent of the entry angle. chord: mm. plunge: mm/s. most: motions."""
+    """The limits of an entry.
+
+    slope: tangent of the entry angle.
+    chord: chord tolerance, mm.
+    plunge: speed, mm/s.
+    most: maximum number of motions.
+    """
 
     slope: float
     chord: float
     plunge: float
-    most: float
+    limit: float
 
 
 class _Pass(Struct, frozen=True, gc=False):
-    """path: with its entry, heights as seen from its depth. begin: mm below the plan where it starts."""
+    """A pass of one path.
+
+    path: the path with its entry, heights as seen from its depth.
+    begin: depth at which it starts, mm below the plan.
+    """
 
     path: ToolPath
     begin: float
 
 
-_Ways = list[ToolPath]
+#: A path as each pass runs it, one for each depth.
+_Directions = list[ToolPath]
 
 
-def make_runs(tour: Tour, job: Job, winds: bool, before: int = 0) -> list[Run]:
-    """The runs of all paths in their order.
+def make_passes(tour: Tour, job: Job, winds: bool, before: int = 0) -> list[ToolPass]:
+    """The passes of all paths in their order.
 
-    before: how many paths of the program come before those of the tour. winds: the tool turns with the contour, once
-    round for every pass, and has to be turned back in the air. Raises JobError for an entry that does not go with what
-    else the job asks for.
+    Raises JobError for an entry that contradicts other settings of the job.
+
+    before: number of paths of the program that come before those of the tour.
+    winds: whether the tool turns with the contour, once around in every pass, and has to be turned
+        back in the air.
     """
     slope = math.tan(math.radians(job.operation.entry_angle))
     descent = _Descent(slope, job.tolerance.chord, plunge(job.process), job.limits.motions)
-    runs = []
+    passes = []
     for index, path in enumerate(tour.paths):
-        # Of a single pass nobody asks how it goes on from the one before it.
+        # A single pass is not linked with another one.
         several, at_depth = len(path.depths) > 1, index in tour.down
-        # With force on, the motion after each pass has to leave the surface, so it goes up and comes down again.
+        # With force on, the motion after each pass has to leave the surface, so the tool is lifted.
         pressed = (several or at_depth) and bool(path.force.any())
-        meets = (
-            several
-            and math.dist(path.position[0].tolist(), path.position[-1].tolist()) < SAME_POINT_MM
-        )
+        gap = math.dist(path.position[0].tolist(), path.position[-1].tolist()) if several else 0.0
+        meets = several and gap < SAME_POINT_MM
         zigzag = several and path.reversible and not meets
-        ways = [path.reversed() if zigzag and k % 2 else path for k in range(len(path.depths))]
+        directions = [
+            path.reversed() if zigzag and k % 2 else path for k in range(len(path.depths))
+        ]
         linked = (zigzag or (meets and not winds)) and not pressed
         low = meets and not linked and not pressed
-        for k, (depth, one) in enumerate(
-            zip(path.depths, _passes(ways, job, descent, at_depth), strict=True)
-        ):
-            down = k == 0 and at_depth and not pressed
-            runs.append(
-                Run(
-                    one.path,
-                    before + index,
-                    depth,
-                    linked and k > 0,
-                    one.begin,
-                    down,
-                    low and k > 0,
+        planned = _plan_passes(directions, job, descent, at_depth)
+        for k, (depth, path_pass) in enumerate(zip(path.depths, planned, strict=True)):
+            passes.append(
+                ToolPass(
+                    path=path_pass.path,
+                    number=before + index,
+                    depth=depth,
+                    linked=linked and k > 0,
+                    begin=path_pass.begin,
+                    down=k == 0 and at_depth and not pressed,
+                    low=low and k > 0,
                 )
             )
-    return runs
-
-
-def plunge(process: ProcessTable) -> float:
-    """The speed of going down to the contact, mm/s."""
-    return process.plunge or process.feed / 3
-
-
-def _passes(ways: _Ways, job: Job, descent: _Descent, down: bool) -> list[_Pass]:
-    """The passes of a path that is run in ``ways``. down: it is reached at its depth."""
-    path, entry = ways[0], job.operation.entry
-    if entry == "plunge" or max(path.depths) <= 0 or lengths_along(path)[-1] < SAME_POINT_MM:
-        return [
-            _Pass(_over_tabs(way, depth, descent.plunge), depth)
-            for way, depth in zip(ways, path.depths, strict=True)
-        ]
-    helix = entry == "helix" and path.entry_radius > 0
-    _insist_on_room(path, job, down, helix)
-    if helix:
-        return _go_down(
-            ways, descent, lambda way, from_z, to_z: _enter_by_helix(way, from_z, to_z, descent)
-        )
-    if path.closed:
-        return _go_round(ways, descent)
-    return _go_down(
-        ways, descent, lambda path, from_z, to_z: _enter_to_and_fro(path, from_z, to_z, descent)
-    )
-
-
-def _insist_on_room(path: ToolPath, job: Job, down: bool, helix: bool) -> None:
-    """JobError where a path cannot be entered on a slant. helix: it is entered on one."""
-    entry, remedy = job.operation.entry, 'set operation.entry to "plunge"'
-    if path.force.any():
-        raise JobError(
-            "job", f"a {entry} into the material and a force against it", "process.force", remedy
-        )
-    if job.tool.orient == "follow":
-        what = f"a tool that turns with the contour goes straight down, not on a {entry}"
-        raise JobError("job", what, "tool.orient", remedy)
-    if down:
-        what = f"a way at working height has no material to go down into on a {entry}"
-        raise JobError("job", what, "process.stay_down", remedy)
-    if not helix and len({*path.position[:, 2].tolist()}) > 1:
-        raise JobError(
-            "job",
-            f"path {path.id} is not level: no {entry} goes into it",
-            "operation.entry",
-            remedy,
-        )
-
-
-def _steps(depths: tuple[float, ...]) -> list[float]:
-    """By how much each pass goes down, mm, never up."""
-    return [max(0.0, depth - before) for before, depth in zip((0.0, *depths), depths, strict=False)]
-
-
-def _go_down(
-    ways: _Ways, descent: _Descent, enter: Callable[[ToolPath, float, float], ToolPath]
-) -> list[_Pass]:
-    """Passes that each begin with what ``enter`` makes of a way and the two heights, both below the plan."""
-    passes = []
-    for way, depth, step in zip(ways, ways[0].depths, _steps(ways[0].depths), strict=True):
-        loop = _over_tabs(way, depth, descent.plunge)
-        if step > SAME_POINT_MM:
-            ramp = enter(way, step - depth, -depth)
-            loop = join_paths([_at_depth(ramp, depth), loop])
-        passes.append(_Pass(loop, depth - step))
     return passes
 
 
-def _enter_to_and_fro(path: ToolPath, from_z: float, to_z: float, descent: _Descent) -> ToolPath:
-    """The descent along the first stretch of an open path, before its first tab.
+def plunge(process: ProcessTable) -> float:
+    """Speed of the plunge to the contact, mm/s."""
+    return process.plunge or process.feed / 3
 
-    It ends where it starts, and runs back and forth as often as it takes.
+
+def _plan_passes(directions: _Directions, job: Job, descent: _Descent, down: bool) -> list[_Pass]:
+    """The passes of a path. down: whether it is reached at its depth."""
+    path, entry = directions[0], job.operation.entry
+    if entry == "plunge" or max(path.depths) <= 0 or lengths_along(path)[-1] < SAME_POINT_MM:
+        pairs = zip(directions, path.depths, strict=True)
+        return [
+            _Pass(_raise_over_tabs(directed, depth, descent.plunge), depth)
+            for directed, depth in pairs
+        ]
+    helix = entry == "helix" and path.entry_radius > 0
+    _check_entry(path, job, down, helix)
+    if path.closed and not helix:
+        return _enter_around(directions, descent)
+    return _enter_each(directions, descent, _enter_by_helix if helix else _enter_back_and_forth)
+
+
+def _check_entry(path: ToolPath, job: Job, down: bool, helix: bool) -> None:
+    """Raise JobError if a path cannot be entered on a slant. helix: whether a helix is used."""
+    entry, remedy = job.operation.entry, 'set operation.entry to "plunge"'
+    what, key = "", ""
+    if path.force.any():
+        what, key = f"a {entry} into the material and a force against it", "process.force"
+    elif job.tool.orient == "follow":
+        what = f"a tool that turns with the contour goes straight down, not on a {entry}"
+        key = "tool.orient"
+    elif down:
+        what = f"a path that is reached at working height cannot be entered on a {entry}"
+        key = "process.stay_down"
+    elif not helix and len({*path.position[:, 2].tolist()}) > 1:
+        what = f"path {path.id} is not level, so it cannot be entered on a {entry}"
+        key = "operation.entry"
+    if what:
+        raise JobError("job", what, key, remedy)
+
+
+def _list_steps(depths: tuple[float, ...]) -> list[float]:
+    """The step down to each pass, mm, never negative."""
+    return [max(0.0, depth - before) for before, depth in zip((0.0, *depths), depths, strict=False)]
+
+
+def _enter_each(
+    directions: _Directions,
+    descent: _Descent,
+    enter: Callable[[ToolPath, float, float, _Descent], ToolPath],
+) -> list[_Pass]:
+    """Passes that each begin with an entry. enter: gets the two heights of an entry, mm."""
+    passes, depths = [], directions[0].depths
+    for directed, depth, step in zip(directions, depths, _list_steps(depths), strict=True):
+        path = _raise_over_tabs(directed, depth, descent.plunge)
+        if step > SAME_POINT_MM:
+            ramp = enter(directed, step - depth, -depth, descent)
+            path = join_paths([_seen_from_depth(ramp, depth), path])
+        passes.append(_Pass(path, depth - step))
+    return passes
+
+
+def _enter_back_and_forth(
+    path: ToolPath, from_z: float, to_z: float, descent: _Descent
+) -> ToolPath:
+    """The entry along the first section of an open path, before its first tab.
+
+    It ends where it starts, and runs back and forth as often as necessary.
     """
-    need = (from_z - to_z) / (descent.slope * shortest(path, descent.chord))
-    length = _length_before_tabs(path)
-    turns = math.ceil(need / (2 * length) - 1e-9)
-    forth = chorded(head(path, need / (2 * turns)), descent.chord)
-    _insist_on_count(2 * turns * len(forth.position), descent)
-    return _slope(join_paths([forth, forth.reversed()] * turns), from_z, to_z, descent.plunge)
+    needed = (from_z - to_z) / (descent.slope * shortest(path, descent.chord))
+    length = _measure_before_tabs(path)
+    turns = math.ceil(needed / (2 * length) - 1e-9)
+    forth = chorded(head(path, needed / (2 * turns)), descent.chord)
+    _check_count(2 * turns * len(forth.position), descent)
+    return _descend(join_paths([forth, forth.reversed()] * turns), from_z, to_z, descent.plunge)
 
 
-def _length_before_tabs(path: ToolPath) -> float:
-    """The length of a path up to the slope of its first tab, mm; all of it without tabs."""
+def _measure_before_tabs(path: ToolPath) -> float:
+    """Length of a path up to the slope of its first tab, mm; its whole length without tabs."""
     along = lengths_along(path)
     if path.floor is None:
         return float(along[-1])
@@ -188,104 +201,108 @@ def _length_before_tabs(path: ToolPath) -> float:
     return float(along[raised[0] - 1]) if len(raised) and raised[0] else float(along[-1])
 
 
-def _go_round(ways: _Ways, descent: _Descent) -> list[_Pass]:
-    """Passes along a closed path, each down along it and then once round at its depth.
+def _enter_around(directions: _Directions, descent: _Descent) -> list[_Pass]:
+    """Passes along a closed path, each with a ramp along it and then once around at its depth.
 
-    They follow each other without a break, and the last one ends where the path was planned to start: the first one
-    begins so much before that as all ramps take.
+    They follow each other without a break. The last one ends at the planned start of the path, so
+    the first one begins before it by the length of all ramps.
     """
-    path = ways[0]
-    flat, whole = shortest(path, descent.chord), float(lengths_along(path)[-1])
-    steps = _steps(path.depths)
-    needs = [step / (descent.slope * flat) for step in steps]
-    _insist_on_count(sum(needs) / whole * len(chorded(path, descent.chord).position), descent)
+    path = directions[0]
+    chord_fraction, whole = shortest(path, descent.chord), float(lengths_along(path)[-1])
+    steps = _list_steps(path.depths)
+    ramps = [step / (descent.slope * chord_fraction) for step in steps]
+    _check_count(sum(ramps) / whole * len(chorded(path, descent.chord).position), descent)
     passes = []
-    for k, (depth, step, need) in enumerate(zip(path.depths, steps, needs, strict=True)):
-        begin, end = -sum(needs[k:]) % whole, -sum(needs[k + 1 :]) % whole
-        loop = _over_tabs(begin_at(path, end), depth, descent.plunge)
+    for k, (depth, step, ramp) in enumerate(zip(path.depths, steps, ramps, strict=True)):
+        begin, end = -sum(ramps[k:]) % whole, -sum(ramps[k + 1 :]) % whole
+        loop = _raise_over_tabs(begin_at(path, end), depth, descent.plunge)
         if step > SAME_POINT_MM:
-            way = chorded(stretch(path, begin, need), descent.chord)
-            loop = join_paths(
-                [_at_depth(_slope(way, step - depth, -depth, descent.plunge), depth), loop]
-            )
+            chords = chorded(stretch(path, begin, ramp), descent.chord)
+            entry = _descend(chords, step - depth, -depth, descent.plunge)
+            loop = join_paths([_seen_from_depth(entry, depth), loop])
         passes.append(_Pass(loop, depth - float(loop.position[0, 2] - path.position[0, 2])))
     return passes
 
 
-def _enter_by_helix(way: ToolPath, from_z: float, to_z: float, descent: _Descent) -> ToolPath:
-    radius = way.entry_radius
-    _insist_on_count(
-        (from_z - to_z) / (descent.slope * radius * _helix_step(radius, descent.chord)), descent
-    )
-    helix = helix_entry(way, from_z, to_z, radius, math.atan(descent.slope), descent.chord)
-    down = np.diff(helix.position[:, 2], prepend=np.inf) < 0
-    return helix.with_columns(
-        feed=np.where(down, np.minimum(helix.feed, descent.plunge), helix.feed)
-    )
+def _enter_by_helix(path: ToolPath, from_z: float, to_z: float, descent: _Descent) -> ToolPath:
+    radius = path.entry_radius
+    step = _compute_helix_step(radius, descent.chord)
+    _check_count((from_z - to_z) / (descent.slope * radius * step), descent)
+    angle = math.atan(descent.slope)
+    helix = make_helix_entry(path, from_z, to_z, radius, angle, descent.chord)
+    is_down = np.diff(helix.position[:, 2], prepend=np.inf) < 0
+    slow = np.minimum(helix.feed, descent.plunge)
+    return helix.with_columns(feed=np.where(is_down, slow, helix.feed))
 
 
-def _insist_on_count(motions: float, descent: _Descent) -> None:
-    if motions > descent.most:
-        what = (
-            f"{motions:,.0f} motions come of a ramp so flat, more than {format_limit(descent.most)}"
-        )
-        raise JobError(
-            "job", what, "operation.entry_angle", "take a steeper one, or raise limits.motions"
-        )
+def _check_count(motions: float, descent: _Descent) -> None:
+    if motions > descent.limit:
+        limit = format_limit(descent.limit)
+        what = f"a ramp at this angle needs {motions:,.0f} motions; the limit is {limit}"
+        remedy = "use a steeper angle, or raise limits.motions"
+        raise JobError("job", what, "operation.entry_angle", remedy)
 
 
-def _slope(way: ToolPath, from_z: float, to_z: float, speed: float) -> ToolPath:
-    """``way``, chords at the height of the plan, down from ``from_z`` to ``to_z`` below that, but over the tabs."""
-    along = lengths_along(way)
+def _descend(chords: ToolPath, from_z: float, to_z: float, speed: float) -> ToolPath:
+    """Chords at the height of the plan, lowered from `from_z` to `to_z`, but over the tabs, mm."""
+    along, height = lengths_along(chords), chords.position[:, 2]
     z = from_z + (to_z - from_z) * along / along[-1]
     z[-1] = to_z
-    if way.floor is not None:
-        z = np.maximum(z, way.floor - way.position[:, 2])
-    return _at_heights(way.with_columns(feed=np.minimum(way.feed, speed)), way.position[:, 2] + z)
+    if chords.floor is not None:
+        z = np.maximum(z, chords.floor - height)
+    slow = chords.with_columns(feed=np.minimum(chords.feed, speed))
+    return _with_heights(slow, height + z)
 
 
-def _at_depth(path: ToolPath, depth: float) -> ToolPath:
-    """``path`` as seen from ``depth`` mm below the plan."""
-    return _at_heights(path, path.position[:, 2] + depth)
+def _seen_from_depth(path: ToolPath, depth: float) -> ToolPath:
+    """The path as seen from `depth` mm below the plan."""
+    return _with_heights(path, path.position[:, 2] + depth)
 
 
-def _over_tabs(path: ToolPath, depth: float, speed: float) -> ToolPath:
-    """A pass as seen from its depth, over the tabs; down behind them it goes no deeper than ``speed`` mm a second."""
+def _raise_over_tabs(path: ToolPath, depth: float, speed: float) -> ToolPath:
+    """A pass as seen from its depth, raised over the tabs.
+
+    After a tab it goes down at no more than `speed` mm/s.
+    """
     if path.floor is None:
         return path
     z = np.maximum(path.position[:, 2], path.floor + depth)
     if (z == path.position[:, 2]).all():
         return path
-    held = _at_heights(path, z)
-    drop, way = -np.diff(z), np.diff(lengths_along(held))
-    down = drop > SAME_POINT_MM
+    raised = _with_heights(path, z)
+    drop, length = -np.diff(z), np.diff(lengths_along(raised))
+    is_down = drop > SAME_POINT_MM
     feed = path.feed.copy()
-    feed[1:][down] = np.minimum(feed[1:][down], speed * way[down] / drop[down])
-    return held.with_columns(feed=feed)
+    feed[1:][is_down] = np.minimum(feed[1:][is_down], speed * length[is_down] / drop[is_down])
+    return raised.with_columns(feed=feed)
 
 
-def _at_heights(path: ToolPath, z: FloatArray) -> ToolPath:
-    """``path`` with its waypoints at ``z`` (N,); arcs have both ends at one height."""
+def _with_heights(path: ToolPath, z: FloatArray) -> ToolPath:
+    """The path with its waypoints at heights `z` (N,); both ends of an arc are at one height."""
     position, via = path.position.copy(), path.via.copy()
     position[:, 2] = z
     via[:, 2] = np.where(np.isnan(via[:, 0]), np.nan, z)
     return path.with_columns(position=position, via=via)
 
 
-def helix_entry(
+def make_helix_entry(
     path: ToolPath, from_z: float, to_z: float, radius: float, angle: float, chord: float
 ) -> ToolPath:
-    """Down a helix about the first point of ``path``, once round at its foot, and to that point.
+    """A helix down about the first point of a path, once around at its foot, and to that point.
 
-    from_z, to_z: mm, against the height of the path. radius: mm. angle: rad, against the level. chord: mm, the helix
-    is chords that leave it by no more. It turns as the path would beside a wall around it: with the wall on the right,
-    as a climb cut has it, counter-clockwise.
+    It turns as the path would beside a wall around it: counter-clockwise with the wall on the
+    right, as in climb cutting.
+
+    from_z, to_z: heights relative to the path, mm.
+    radius: radius of the helix, mm.
+    angle: angle to the horizontal, rad.
+    chord: largest distance of the helix from its chords, mm.
     """
-    # A chord is shorter than its arc: the helix is made longer by so much, for its slope.
-    step = _helix_step(radius, chord)
+    # A chord is shorter than its arc, so the helix is made longer by that factor to keep its slope.
+    step = _compute_helix_step(radius, chord)
     sweep = (from_z - to_z) / (math.tan(angle) * radius * math.sin(step / 2) / (step / 2))
     count = math.ceil(sweep / step)
-    sense = _sense(path)
+    sense = _find_turn_direction(path)
     turn = sense * np.concatenate(
         [np.linspace(0.0, sweep, count + 1), sweep + np.array([0.5, 1.0, 1.5, 2.0]) * np.pi]
     )
@@ -307,13 +324,13 @@ def helix_entry(
     )
 
 
-def _helix_step(radius: float, chord: float) -> float:
-    """The angle, rad, whose chord leaves a circle of ``radius`` by ``chord`` at most."""
+def _compute_helix_step(radius: float, chord: float) -> float:
+    """Angle whose chord is at most `chord` mm from a circle of this radius, rad."""
     return min(2 * math.acos(max(0.0, 1 - chord / radius)), math.radians(30))
 
 
-def _sense(path: ToolPath) -> float:
-    """+1 counter-clockwise, unless what the path presses on is on its left."""
+def _find_turn_direction(path: ToolPath) -> float:
+    """+1 for counter-clockwise, -1 if the path presses on its left."""
     ahead = (path.position[1] if np.isnan(path.via[1, 0]) else path.via[1]) - path.position[0]
     press = path.force_direction[1, 0]
     return -1.0 if ahead[0] * press[1] - ahead[1] * press[0] > 0 else 1.0

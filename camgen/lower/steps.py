@@ -1,4 +1,4 @@
-"""From a tour over several operations to one program, with a tool change wherever the tool is another one."""
+"""Makes one program from a tour over several operations, with a tool change for each other tool."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from itertools import dropwhile, pairwise
 
 from msgspec.structs import replace
 
-from camgen.lower.contours import TourEnds, finish, run_paths, turn_on
+from camgen.lower.contours import TourEnds, add_paths, finish_program, start_spindle
 from camgen.lower.draft import Draft
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError, NoSafeProgram
@@ -27,20 +27,23 @@ from camgen.model.text import short
 from camgen.order.tours import JobTour
 from camgen.plan.steps import job_of, name_of
 
-#: The beginning of the line of a header that states a tool.
+#: Start of the line of a header that states a tool.
 _TOOL = "tool: "
 
 
 def lower_steps(tour: JobTour, cell: Cell, job: Job, name: str, header: tuple[str, ...]) -> Program:
-    """The program of all operations. The spindle rests and the tool is at home where it is changed, and goes from
-    operation to operation at the height of travel where it stays.
+    """The program of all operations.
 
-    cell: whose tool frame holds for every tool where the job says it; else each is as long as its ``length``.
+    For a tool change the spindle stops and the tool is at home. With the same tool it goes from
+    operation to operation at the clearance height.
+
+    cell: its tool frame applies to every tool if the job sets it; otherwise each tool is as long as
+        its `length`.
     """
     if not tour.paths:
         raise NoSafeProgram(name, "no path to run")
     if job.cell.flange_from_tool is not None and isinstance(cell.home, Joints):
-        _insist_on_one_length(tour)
+        _check_lengths(tour)
     draft = Draft()
     tool: ToolTable | None = None
     spindle = 0.0
@@ -55,27 +58,28 @@ def lower_steps(tour: JobTour, cell: Cell, job: Job, name: str, header: tuple[st
     ):
         if not part.paths:
             continue
-        own = job_of(job, step)
+        step_job = job_of(job, step)
         home = MoveJ(cell.home, step.process.travel_speed)
-        other = step.tool != tool
-        if before and (other or step.process.spindle != spindle):
-            draft.add(*_rest(spindle))
-        if other:
+        changes_tool = step.tool != tool
+        if before and (changes_tool or step.process.spindle != spindle):
+            draft.add(*_stop_spindle(spindle))
+        if changes_tool:
             draft.add(*([home] if before else []))
-            draft.add(*([_change(step.tool, frame_of(own, cell))] if changes else []))
-        draft.add(Comment(name_of(job, number)), *([home] if other else []))
-        if other or step.process.spindle != spindle or not spindle:
-            draft.add(*turn_on(own, cell))
+            draft.add(
+                *([_make_tool_change(step.tool, frame_of(step_job, cell))] if changes else [])
+            )
+        draft.add(Comment(name_of(job, number)), *([home] if changes_tool else []))
+        if changes_tool or step.process.spindle != spindle or not spindle:
+            draft.add(*start_spindle(step_job, cell))
         tool, spindle = step.tool, step.process.spindle
-        run_paths(draft, part, cell, own, before, ends)
+        add_paths(draft, part, cell, step_job, before, ends)
         before += len(part.paths)
-    draft.add(*_rest(spindle), MoveJ(cell.home, job.process.travel_speed))
+    draft.add(*_stop_spindle(spindle), MoveJ(cell.home, job.process.travel_speed))
     framed = replace(cell, flange_from_tool=frame_of(job_of(job, tour.steps[0]), cell))
-    return finish(draft.body(), tour.paths, framed, job, name, header)
+    return finish_program(draft.body(), tour.paths, framed, job, name, header)
 
 
-def _insist_on_one_length(tour: JobTour) -> None:
-    """JobError for tools of several lengths that would all have the one frame that the job gives."""
+def _check_lengths(tour: JobTour) -> None:
     if len({step.tool.length for step in tour.steps}) > 1:
         what = "is one frame, and the tools have several lengths"
         raise JobError(
@@ -83,21 +87,19 @@ def _insist_on_one_length(tour: JobTour) -> None:
         )
 
 
-def _change(tool: ToolTable, frame: Pose) -> ToolChange:
+def _make_tool_change(tool: ToolTable, frame: Pose) -> ToolChange:
     return ToolChange(tool.number, tool.name, tool.diameter, tool.length, frame)
 
 
-def _rest(spindle: float) -> list[Instruction]:
+def _stop_spindle(spindle: float) -> list[Instruction]:
     return [Output("spindle", 0.0)] if spindle else []
 
 
 def frame_of(job: Job, cell: Cell) -> Pose:
-    """The frame of the tool of ``job`` at the flange."""
-    return (
-        cell.flange_from_tool
-        if job.cell.flange_from_tool is not None
-        else translation(0.0, 0.0, job.tool.length)
-    )
+    """The tool frame of a job at the flange."""
+    if job.cell.flange_from_tool is not None:
+        return cell.flange_from_tool
+    return translation(0.0, 0.0, job.tool.length)
 
 
 def _is_off(item: Instruction) -> bool:
@@ -112,10 +114,10 @@ def tell_tool(name: str, diameter: float, frame: Pose) -> str:
     return f"{_TOOL}{named}diameter {short(diameter, 3)} mm - frame {format_frame(frame)}"
 
 
-def _head(program: Program, change: ToolChange, frame: Pose, place: str) -> tuple[str, ...]:
+def _make_header(program: Program, change: ToolChange, frame: Pose, place: str) -> tuple[str, ...]:
     """The header of the program of one tool: without the lines of other tools.
 
-    place: the place of the program among all programs.
+    place: text for the place of the program among all programs.
     """
     tool = tell_tool(change.name, change.diameter, frame)
     lines = [line for line in program.header if line == tool or not line.startswith(_TOOL)]
@@ -123,9 +125,10 @@ def _head(program: Program, change: ToolChange, frame: Pose, place: str) -> tupl
 
 
 def split_tools(program: Program) -> tuple[Program, ...]:
-    """A program a tool, to be run one after the other: for controllers whose programs change none.
+    """One program per tool, for controllers whose programs have no tool change.
 
-    They are called ``NAME_1`` and on, and have the frame of their tool. One without a tool change is what it was.
+    They are called `NAME_1`, `NAME_2`, and have the frame of their tool. A program without a tool
+    change is returned unchanged.
     """
     changes = [k for k, item in enumerate(program.body) if isinstance(item, ToolChange)]
     if not changes:
@@ -138,7 +141,9 @@ def split_tools(program: Program) -> tuple[Program, ...]:
         assert isinstance(change, ToolChange)
         body = switch_off_first(tuple(dropwhile(_is_off, program.body[start + 1 : end])))
         frame = change.flange_from_tool or program.flange_from_tool
-        header = _head(program, change, frame, f"program {k} of {len(changes)}")
-        own = replace(program, body=body, flange_from_tool=frame, header=header)
-        programs.append(own if len(changes) == 1 else replace(own, name=f"{program.name}_{k}"))
+        header = _make_header(program, change, frame, f"program {k} of {len(changes)}")
+        of_tool = replace(program, body=body, flange_from_tool=frame, header=header)
+        programs.append(
+            of_tool if len(changes) == 1 else replace(of_tool, name=f"{program.name}_{k}")
+        )
     return tuple(programs)

@@ -1,9 +1,9 @@
-"""Ordering: from a plan to one tour, as short as it gets, with leads, and down where nothing is in between."""
+"""Orders the paths of a plan into one short tour, adds leads and tabs, and keeps the tool down."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
@@ -33,18 +33,21 @@ __all__ = [
 
 
 def may_end_early(stage: str) -> bool:
-    """Whether a stage is a search that KeyboardInterrupt ends alone: its best result is taken."""
+    """Whether a stage is a search that KeyboardInterrupt ends alone: its best result is used."""
     return stage.endswith(MAY_END)
 
 
 def order(
     plan: Plan, job: Job, cell: Cell | None = None, watch: Watch = ignore_stages, ways: bool = False
 ) -> Tour:
-    """The paths of ``plan`` in the order in which they are run, from and back to the home of ``cell`` if there is one.
+    """The paths of `plan` in the order in which they are run, from and back to the home of `cell`.
 
-    watch: is told how far a search is. ways: the arm chooses how it goes from path to path of a flat part, in free ways
-    of its joints, where its tool has one turn only too. NoSafeProgram where no free way leads to any edge of a
-    3-D part.
+    Raises NoSafeProgram if no edge of a 3-D part has a collision-free link, and JobError if paths
+    of edges or of a replay were changed.
+
+    watch: callback that gets the progress of a search.
+    ways: whether an arm links the paths of a flat part by joint motions, even if its tool has only
+        one roll.
     """
     if isinstance(plan, (EdgePlan, ReplayPlan)) and plan.paths is not plan.made:
         raise changed_paths()
@@ -53,7 +56,7 @@ def order(
             plan.paths, plan.travel, "as-drawn", run=plan.run, made=plan.paths, parts=plan.parts
         )
     if isinstance(plan, EdgePlan):
-        from camgen.order.edges import order_edges  # noqa: PLC0415 (fcl is loaded only by what needs it)
+        from camgen.order.edges import order_edges  # noqa: PLC0415 (fcl: only for edges)
 
         return order_edges(plan, job, cell, watch)
     if isinstance(plan, JobPlan):
@@ -63,21 +66,25 @@ def order(
 
 
 def may_choose_ways(job: Job) -> bool:
-    """Whether an arm can go from path to path as its joints like: of several operations, in one of them at least."""
+    """Whether an arm may link paths by joint motions, in at least one operation of the job."""
     jobs = [job]
     if job.operations:
-        from camgen.plan.steps import job_of  # noqa: PLC0415 (shapely is loaded only by what needs it)
+        from camgen.plan.steps import job_of  # noqa: PLC0415 (shapely: only for operations)
 
         jobs = [job_of(job, step) for step in job.operations]
-    return any(_may_choose(one) for one in jobs)
+    return any(_may_lift_freely(job_of_step) for job_of_step in jobs)
 
 
-def _turns(job: Job) -> bool:
+def _may_roll(job: Job) -> bool:
     return job.tool.symmetric or job.tool.turn is not None
 
 
-def _may_choose(job: Job) -> bool:
-    """A tool that turns with its contour winds up between the paths, and one that stays down has no way in the air."""
+def _may_lift_freely(job: Job) -> bool:
+    """Whether links may be joint motions.
+
+    A tool that follows its contour winds up between the paths, and one that stays down does not
+    leave the part.
+    """
     return job.tool.orient != "follow" and not job.process.stay_down
 
 
@@ -87,8 +94,8 @@ def _order_steps(plan: JobPlan, job: Job, cell: Cell | None, watch: Watch, ways:
 
     watch("ordering")
     tours = [
-        _order_paths(one, job_of(job, step), cell, watch, ways)
-        for one, step in zip(plan.plans, plan.steps, strict=True)
+        _order_paths(step_plan, job_of(job, step), cell, watch, ways)
+        for step_plan, step in zip(plan.plans, plan.steps, strict=True)
     ]
     paths: list[ToolPath] = []
     down: list[int] = []
@@ -104,7 +111,7 @@ def _order_steps(plan: JobPlan, job: Job, cell: Cell | None, watch: Watch, ways:
         frozenset(down),
         any(tour.stopped for tour in tours),
         any(tour.timed for tour in tours),
-        (*(note for tour in tours for note in tour.notes), *_note_later(plan, paths, job)),
+        (*chain.from_iterable(tour.notes for tour in tours), *_note_later(plan, paths, job)),
         steps=plan.steps,
         numbers=plan.numbers,
         tours=tuple(tours),
@@ -113,7 +120,7 @@ def _order_steps(plan: JobPlan, job: Job, cell: Cell | None, watch: Watch, ways:
 
 
 def _link_steps(plan: JobPlan, tours: Sequence[Tour], job: Job) -> tuple[FloatArray | None, ...]:
-    """The ways at working height from operation to operation, see `JobTour`."""
+    """The links at working height from operation to operation, see `JobTour`."""
     from camgen.order.stay_down import lead_beside  # noqa: PLC0415
     from camgen.plan.steps import job_of  # noqa: PLC0415 (shapely is loaded only by what needs it)
 
@@ -130,25 +137,28 @@ def _link_steps(plan: JobPlan, tours: Sequence[Tour], job: Job) -> tuple[FloatAr
 
 
 def _note_later(plan: JobPlan, paths: Sequence[ToolPath], job: Job) -> list[Note]:
-    """A note where contours of ``tour.order`` are not run as they stand there: operations keep their own order."""
+    """A note if contours are not run in the order of `tour.order`: operations keep theirs."""
     first: dict[str, int] = {}
+    owner = []
+    for number, step_plan in zip(plan.numbers, plan.plans, strict=True):
+        owner += [number] * len(step_plan.paths)
     for place, path in enumerate(paths):
         for name in path.contours:
             first.setdefault(name, place)
     named = [name for name in job.tour.order if name in first]
-    late = next(((one, two) for one, two in pairwise(named) if first[two] < first[one]), None)
-    if late is None:
-        return []
-    owner = [
-        number for number, one in zip(plan.numbers, plan.plans, strict=True) for _ in one.paths
-    ]
-    one, two = late
-    why = f"operation {owner[first[two]]} runs before operation {owner[first[one]]}; the order holds within each"
-    return [Note("warning", f"tour.order: contour {two} is run before {one}", why, late)]
+    for before, after in pairwise(named):
+        if first[after] < first[before]:
+            why = (
+                f"operation {owner[first[after]]} runs before operation {owner[first[before]]}; "
+                "the order holds within each"
+            )
+            what = f"tour.order: contour {after} is run before {before}"
+            return [Note("warning", what, why, (before, after))]
+    return []
 
 
 def changed_paths() -> JobError:
-    """The error where paths were changed that are not what is run: their motions are."""
+    """The error for changed paths of edges or of a replay: their motions would not change."""
     return JobError(
         "paths",
         "of edges and of replays follow from the job",
@@ -157,19 +167,18 @@ def changed_paths() -> JobError:
 
 
 def _order_paths(plan: Plan, job: Job, cell: Cell | None, watch: Watch, ways: bool) -> Tour:
-    """The paths of a flat part with their leads."""
-    from camgen.order.arrange import Search, arrange, measure_travel  # noqa: PLC0415 (5 ms, which edges do not need)
-    from camgen.order.leads import add_leads  # noqa: PLC0415 (shapely is loaded only by what needs it)
+    """The paths of a flat part with their leads, tabs and, for an arm, rolls."""
+    from camgen.order.arrange import Search, arrange, measure_travel  # noqa: PLC0415 (5 ms)
+    from camgen.order.leads import add_leads  # noqa: PLC0415 (shapely: only for flat parts)
     from camgen.order.stay_down import stay_down  # noqa: PLC0415
     from camgen.order.tabs import add_tabs  # noqa: PLC0415 (only for what needs it)
 
     start = cell.home.origin[:2] if cell is not None and isinstance(cell.home, Pose) else None
     choice, operation = job.tour, job.operation
 
-    def tell(part: float) -> None:
-        watch(f"ordering {part:.0%}, Ctrl-C {MAY_END}")
+    def report(fraction: float) -> None:
+        watch(f"ordering {fraction:.0%}, Ctrl-C {MAY_END}")
 
-    told = None if watch is ignore_stages else tell
     settings = Search(
         choice.method,
         start,
@@ -180,68 +189,70 @@ def _order_paths(plan: Plan, job: Job, cell: Cell | None, watch: Watch, ways: bo
         choice.seam,
         choice.order,
     )
-    found = arrange(plan.paths, settings, told)
+    tour = arrange(plan.paths, settings, None if watch is ignore_stages else report)
     arm = None
     # The travel of a machine whose home is a pose is that of the plane already.
     if isinstance(cell, Workcell) and cell.arm is not None and start is None and plan.paths:
         arm = cell
-    free = arm is not None and (_turns(job) or (ways and _may_choose(job)))
-    # Leads and tabs change the paths that turns are chosen for: order and starts first, turns at the end.
-    later = free and any(
-        (
-            operation.lead_in,
-            operation.lead_out,
-            operation.overlap,
-            operation.tabs,
-            operation.tab_spacing,
-        )
-    )
-    if arm is not None and choice.method == "best" and (later or not free):
-        found = _order_on_arm(plan, found, job, arm, watch, free)
+    free = arm is not None and (_may_roll(job) or (ways and _may_lift_freely(job)))
+    # Leads and tabs change the paths for which rolls are chosen. Order and starts come first then,
+    # and rolls at the end.
+    has_leads = operation.lead_in or operation.lead_out or operation.overlap
+    rolls_later = free and bool(has_leads or operation.tabs or operation.tab_spacing)
+    if arm is not None and choice.method == "best" and (rolls_later or not free):
+        tour = _order_on_arm(plan, tour, job, arm, watch, free)
     fixtures = cell.fixtures if isinstance(cell, Workcell) else None
-    led, notes = add_leads(found.paths, plan.part, job, fixtures)
-    led, more = add_tabs(found.paths, led, job)
-    notes = [*found.notes, *notes, *more]
-    if found.stopped:
-        why = "the best tour so far is used; the same job gives another one when its search is not interrupted"
-        notes = [*notes, Note("warning", "the search for a short tour was stopped", why)]
-    if found.timed:
-        what = (
-            f"the search for a short tour was ended by the clock, tour.seconds = {choice.seconds:g}"
-        )
-        why = "the order may differ from run to run; without tour.seconds it does not"
-        notes = [*notes, Note("assumed", what, why)]
+    led, lead_notes = add_leads(tour.paths, plan.part, job, fixtures)
+    led, tab_notes = add_tabs(tour.paths, led, job)
+    notes = [*tour.notes, *lead_notes, *tab_notes, *_note_end(tour, choice.seconds)]
     # Leads move the ends of a path by no more than their lengths.
     moved = len(plan.paths) * (operation.lead_in + operation.lead_out + operation.overlap)
-    bound = None if found.bound is None else max(0.0, found.bound - moved)
-    tour = replace(found, paths=tuple(led), travel=measure_travel(led, start), bound=bound)
-    tour, saved = stay_down(tour, plan.part, job)
-    tour = replace(tour, notes=(*notes, *saved))
+    bound = None if tour.bound is None else max(0.0, tour.bound - moved)
+    tour = replace(tour, paths=tuple(led), travel=measure_travel(led, start), bound=bound)
+    tour, link_notes = stay_down(tour, plan.part, job)
+    tour = replace(tour, notes=(*notes, *link_notes))
     if arm is None or not free:
         return tour
-    from camgen.order.arm import TourRequest, order_with_turns  # noqa: PLC0415 (kinematics, fcl: only for arms)
+    from camgen.order.arm import TourRequest, order_with_turns  # noqa: PLC0415 (fcl: only for arms)
 
-    request = TourRequest(tour, _rules(plan, tour, job), later or choice.method != "best")
+    request = TourRequest(tour, _rules(plan, tour, job), rolls_later or choice.method != "best")
     tour = order_with_turns(request, job, arm, watch)
     return replace(tour, travel=measure_travel(tour.paths, start))
 
 
+def _note_end(tour: Tour, seconds: float) -> list[Note]:
+    notes = []
+    if tour.stopped:
+        why = (
+            "the best tour so far is used; without the interrupt the same job may give another one"
+        )
+        notes.append(Note("warning", "the search for a short tour was stopped", why))
+    if tour.timed:
+        what = f"the search for a short tour was ended by the clock, tour.seconds = {seconds:g}"
+        why = "the order may differ from run to run; without tour.seconds it does not"
+        notes.append(Note("assumed", what, why))
+    return notes
+
+
 def _rules(plan: Plan, tour: Tour, job: Job) -> Rules:
-    """The precedence of the paths, by their index in ``tour``."""
-    from camgen.order.arrange import rules_of  # noqa: PLC0415 (5 ms, which edges do not need)
+    from camgen.order.arrange import make_rules  # noqa: PLC0415 (5 ms, which edges do not need)
 
     inside_first, settings = job.operation.inside_first, job.tour
-    return rules_of(plan.paths, tour.paths, inside_first, settings.layers, settings.order)
+    return make_rules(plan.paths, tour.paths, inside_first, settings.layers, settings.order)
 
 
 def _order_on_arm(
     plan: Plan, tour: Tour, job: Job, cell: Workcell, watch: Watch, free: bool
 ) -> Tour:
-    """``tour`` by the time of the joints, without a test for collisions.
+    """The tour ordered by the time of the joints, without a test for collisions.
 
     free: the rolls that the tool may have are chosen, and links are joint motions.
     """
-    from camgen.order.arm import TourRequest, order_by_time, order_with_turns  # noqa: PLC0415 (kinematics, fcl: only for arms)
+    from camgen.order.arm import (  # noqa: PLC0415 (fcl: only for arms)
+        TourRequest,
+        order_by_time,
+        order_with_turns,
+    )
 
     request = TourRequest(tour, _rules(plan, tour, job))
     if free:

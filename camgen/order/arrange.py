@@ -1,9 +1,8 @@
-"""The order of the paths of a plan: as drawn, the nearest next one, or a search that begins with that.
+"""Orders the paths of a plan: as drawn, by the nearest neighbour, or by a search that starts there.
 
-The nearest next one ("Following a continuous path", section 3.1):
-
-from where the tool is, the nearest start comes next. An open path may begin at either end, a closed one at any point
-of any of its segments: the paper takes vertices only, but with long lines and arcs most of the gain is between them.
+Nearest neighbour ("Following a continuous path", section 3.1): the nearest start to the tool comes
+next. An open path may begin at either end, a closed one at any point of its segments. The paper
+takes vertices alone, but with long lines and arcs most of the gain is between them.
 """
 
 from __future__ import annotations
@@ -17,44 +16,44 @@ from msgspec import Struct
 
 from camgen.model.errors import JobError
 from camgen.model.path import PLAIN, ToolPath, Tour
-from camgen.order.proven import FEW, improve_few, is_proven
+from camgen.order.proven import MAX_PROVEN_PATHS, improve_few, is_proven
 from camgen.order.search import (
     Choices,
-    is_bound_worth,
+    compute_lower_bound,
+    is_bound_affordable,
     is_compiled,
     is_crowd,
     is_large,
-    lower_bound,
     sample_paths,
-    search,
+    search_tour,
 )
 from camgen.order.solver.matrix import Rules
-from camgen.order.solver.plane import DONE, STOPPED, TIMED, Clock, Tell
-from camgen.order.starts import Starts, starts
+from camgen.order.solver.plane import DONE, STOPPED, TIMED, Clock, OnFraction
+from camgen.order.starts import Starts, make_starts
 from camgen.order.tree import StartTree
 from camgen.plan.starting import ends_of, reverse_each, starting_each
 
-#: The methods and what the summary calls them.
+#: The methods, and their names in the summary.
 _METHODS = {"as-drawn": "as drawn", "nearest": "nearest neighbour", "best": "local search"}
 
-#: A share of the paths: as many may be around others where a greedy tour is a good start.
-_FEW_AROUND = 0.001
+#: Fraction of the paths that may enclose others if a greedy tour is to be a good start.
+_MAX_ENCLOSING = 0.001
 
 
 class Search(Struct, frozen=True):
     """The settings of a tour.
 
-    method: "as-drawn" keeps the order and the paths, whatever ``inside_first`` says; "nearest" takes
+    method: "as-drawn" keeps the order and the paths, whatever `inside_first` is; "nearest" takes
         the nearest start next; "best" shortens that by a search.
     start: x, y in the work frame where the tool starts and ends, mm; None for nowhere: then the
         leftmost start is the first of "nearest".
     inside_first: whether a path is run after all paths that it encloses.
     seconds: duration of the search by the clock, s, in which every path is evaluated at least once;
         0 for a number of evaluations, so that the search is the same on every machine.
-    seed: seed of the shuffles.
+    seed: seed of the perturbations.
     layers: layers in the order in which they are run; others come last.
     seam: "any" for a start anywhere on a closed path, "smooth" for one off its corners.
-    order: contours that come first, before ``layers`` counts.
+    order: contours that come first; the ranks of `layers` come after them.
     """
 
     method: str
@@ -67,61 +66,61 @@ class Search(Struct, frozen=True):
     order: Sequence[str] = ()
 
 
-def arrange(paths: Sequence[ToolPath], settings: Search, tell: Tell | None = None) -> Tour:
+def arrange(
+    paths: Sequence[ToolPath], settings: Search, on_progress: OnFraction | None = None
+) -> Tour:
     """The paths in the order in which they are run, each once.
 
-    tell: callback that gets the used fraction of the search, 0 to 1; see ``plane.shorten``.
+    Distances and arcs are those in the plane. `parent` of a path remains the index in `paths`.
+    Raises JobError if `Search.order` has a path before one that it encloses, against
+    `inside_first`, and ValueError for an unknown method, or for parents that enclose each other.
 
-    Distances are measured in the plane, and arcs are taken to lie in it. ``parent`` of a path remains
-    the index in ``paths``. JobError where ``Search.order`` has a path before one that it encloses,
-    against ``inside_first``. ValueError for an unknown method, or for parents that enclose each other.
+    on_progress: callback that gets the used fraction of the search, see `plane.shorten_tour`.
     """
     method, start, seconds = settings.method, settings.start, settings.seconds
     if method not in _METHODS:
         raise ValueError(f"unknown method {method!r}")
     if not paths:
         return Tour((), 0.0, _METHODS[method], 0.0)
-    begun, count = time.monotonic(), len(paths)
-    where = starts(paths, settings.seam)
-    ranks = _ranks(paths, settings.layers, settings.order)
+    start_time, count = time.monotonic(), len(paths)
+    where = make_starts(paths, settings.seam)
+    ranks = _compute_ranks(paths, settings.layers, settings.order)
     if settings.inside_first and method != "as-drawn":
-        _insist_inside_first(paths, ranks, settings.order)
-    waits_for = _waits_for(paths, ranks) if settings.inside_first else [-1] * count
+        _check_inside_first(paths, ranks, settings.order)
+    later = _find_later_paths(paths, ranks) if settings.inside_first else [-1] * count
     searched = method == "best" and count > 1
-    told = is_bound_worth(seconds, count)
-    known = sample_paths(paths, where, waits_for, ranks) if searched or told else None
-    arranged = [paths[i] for i in sorted(range(count), key=ranks.__getitem__)]
+    has_bound = is_bound_affordable(seconds, count)
+    sampled = sample_paths(paths, where, later, ranks) if searched or has_bound else None
+    ordered = [paths[i] for i in sorted(range(count), key=ranks.__getitem__)]
     chosen, end = None, DONE
-    if method != "as-drawn" and not (
-        searched and is_crowd(count) and is_free(paths, waits_for, ranks)
-    ):
-        chosen = _nearest_neighbour(paths, where, start, waits_for, ranks)
-        arranged = _arrange(paths, chosen)
-    if searched and known:
-        clock = Clock(begun + seconds, seconds) if seconds else None
-        found = search(known, chosen, start, settings.seed, tell, clock)
-        end = found.end
-        better = _arrange(paths, found)
-        # A short search from samples may end above the first tour, whose starts lie anywhere.
-        if not chosen or measure_travel(better, start) < measure_travel(arranged, start):
-            arranged, chosen = better, found
-    length, bound = measure_travel(arranged, start), None
-    if known and chosen and method == "best" and count <= FEW:
-        solved, bound = improve_few(known, chosen, start)
-        arranged = min(
-            [arranged, _arrange(paths, solved)], key=lambda tour: measure_travel(tour, start)
-        )
-        length, end = measure_travel(arranged, start), DONE
-    if known and told and (bound is None or not is_proven(length, bound)):
-        bound = max(
-            bound or 0.0, lower_bound(known, start, length, 0.0 if end == STOPPED else seconds)
-        )
-    kind = _METHODS[method] + (_kind(seconds, count) if searched else "")
-    return Tour(tuple(arranged), length, kind, bound, stopped=end == STOPPED, timed=end == TIMED)
+    starts_greedy = searched and is_crowd(count) and is_free(paths, later, ranks)
+    if method != "as-drawn" and not starts_greedy:
+        chosen = _find_nearest_order(paths, where, start, later, ranks)
+        ordered = _run_paths(paths, chosen)
+    if searched and sampled:
+        clock = Clock(start_time + seconds, seconds) if seconds else None
+        solution = search_tour(sampled, chosen, start, settings.seed, on_progress, clock)
+        end = solution.end
+        better = _run_paths(paths, solution)
+        # A short search over samples may end above the first tour, whose starts are anywhere.
+        if not chosen or measure_travel(better, start) < measure_travel(ordered, start):
+            ordered, chosen = better, solution
+    length, bound = measure_travel(ordered, start), None
+    if sampled and chosen and method == "best" and count <= MAX_PROVEN_PATHS:
+        proven, bound = improve_few(sampled, chosen, start)
+        candidates = [ordered, _run_paths(paths, proven)]
+        ordered = min(candidates, key=lambda tour: measure_travel(tour, start))
+        length, end = measure_travel(ordered, start), DONE
+    if sampled and has_bound and (bound is None or not is_proven(length, bound)):
+        bound_seconds = 0.0 if end == STOPPED else seconds
+        tree_bound = compute_lower_bound(sampled, start, length, bound_seconds)
+        bound = max(bound or 0.0, tree_bound)
+    kind = _METHODS[method] + (_describe_search(seconds, count) if searched else "")
+    return Tour(tuple(ordered), length, kind, bound, stopped=end == STOPPED, timed=end == TIMED)
 
 
-def _kind(seconds: float, count: int) -> str:
-    """Which search it was, where it is not the same one everywhere."""
+def _describe_search(seconds: float, count: int) -> str:
+    """The duration or the kind of the search, if its result is not the same on every machine."""
     if seconds:
         return f" of {seconds:g} s"
     if not is_large(count):
@@ -129,28 +128,30 @@ def _kind(seconds: float, count: int) -> str:
     return ", compiled" if is_compiled(count) else f", {PLAIN}"
 
 
-def is_free(paths: Sequence[ToolPath], waits_for: Sequence[int], ranks: Sequence[int]) -> bool:
-    """Each path may be run either way, and but for a few, such as the outline of a sheet, none has to wait for another
-    one: a greedy tour is a good start.
+def is_free(paths: Sequence[ToolPath], later: Sequence[int], ranks: Sequence[int]) -> bool:
+    """Whether a greedy tour is a good start.
+
+    Each path may be reversed, all have one rank, and only a few, such as the outline of a sheet,
+    have to come after others. later: result of `_find_later_paths`.
     """
-    around = {parent for parent in waits_for if parent >= 0}
-    few = len(around) <= _FEW_AROUND * len(paths) and not any(
-        _is_in_circle(waits_for, one) for one in around
-    )
-    return few and len(set(ranks)) == 1 and all(path.closed or path.reversible for path in paths)
+    enclosing = {parent for parent in later if parent >= 0}
+    if len(enclosing) > _MAX_ENCLOSING * len(paths) or len(set(ranks)) != 1:
+        return False
+    if any(_is_cyclic(later, path) for path in enclosing):
+        return False
+    return all(path.closed or path.reversible for path in paths)
 
 
-def _is_in_circle(waits_for: Sequence[int], path: int) -> bool:
-    """Whether what comes after ``path`` has no end."""
-    for _ in range(len(waits_for)):
-        path = waits_for[path]
+def _is_cyclic(later: Sequence[int], path: int) -> bool:
+    for _ in range(len(later)):
+        path = later[path]
         if path < 0:
             return False
     return True
 
 
 def measure_travel(paths: Sequence[ToolPath], start: tuple[float, float] | None) -> float:
-    """Distance in the plane, mm, from each path's end to the next one's start, from and back to ``start`` if given."""
+    """Length of the links in the plane, from and to `start` if that is given, mm."""
     if not paths:
         return 0.0
     begins, ends = ends_of(paths)
@@ -160,82 +161,89 @@ def measure_travel(paths: Sequence[ToolPath], start: tuple[float, float] | None)
     return math.fsum(np.hypot(gaps[:, 0], gaps[:, 1]).tolist())
 
 
-def _ranks(paths: Sequence[ToolPath], layers: Sequence[str], order: Sequence[str]) -> list[int]:
-    """The place of each path's first contour in ``order``; of others that of its layer among ``layers``, behind."""
-    places = {name: place for place, name in reversed(list(enumerate(layers)))}
-    behind = [len(order) + places.get(path.layer, len(layers)) for path in paths]
-    if not order:
-        return behind
-    own = {name: place for place, name in enumerate(order)}
-    return [
-        min((own[name] for name in path.contours if name in own), default=rank)
-        for path, rank in zip(paths, behind, strict=True)
-    ]
+def _compute_ranks(
+    paths: Sequence[ToolPath], layers: Sequence[str], order: Sequence[str]
+) -> list[int]:
+    """The rank of each path: the place of its first contour in `order`, otherwise of its layer."""
+    of_layer = {name: place for place, name in reversed(list(enumerate(layers)))}
+    of_contour = {name: place for place, name in enumerate(order)}
+    ranks = []
+    for path in paths:
+        rank = len(order) + of_layer.get(path.layer, len(layers))
+        named = [of_contour[name] for name in path.contours if name in of_contour]
+        ranks.append(min(named, default=rank))
+    return ranks
 
 
-def _insist_inside_first(
+def _check_inside_first(
     paths: Sequence[ToolPath], ranks: Sequence[int], order: Sequence[str]
 ) -> None:
-    """JobError where ``order`` has what is around a path before it."""
     for path, rank in zip(paths, ranks, strict=True):
-        around, steps = path.parent, 0
-        while around >= 0 and steps < len(paths):
-            if ranks[around] < rank and ranks[around] < len(order):
-                what = f"{order[ranks[around]]} would be run before path {path.id}, which lies inside it or comes first"
-                remedy = "put what is inside before it, or set operation.inside_first = false"
+        parent, steps = path.parent, 0
+        while parent >= 0 and steps < len(paths):
+            if ranks[parent] < rank and ranks[parent] < len(order):
+                what = (
+                    f"{order[ranks[parent]]} would be run before path {path.id}, "
+                    "which lies inside it or comes first"
+                )
+                remedy = "put the inner path first, or set operation.inside_first = false"
                 raise JobError("job", what, "tour.order", remedy)
-            around, steps = paths[around].parent, steps + 1
+            parent, steps = paths[parent].parent, steps + 1
 
 
-def _waits_for(paths: Sequence[ToolPath], ranks: Sequence[int]) -> list[int]:
-    """For each path the nearest one around it of its own rank, which comes later; -1 if there is none.
+def _find_later_paths(paths: Sequence[ToolPath], ranks: Sequence[int]) -> list[int]:
+    """For each path the nearest one around it of its own rank, which comes later; -1 for none.
 
-    Between ranks the order of layers decides, also where it takes what is around before what is inside.
+    Between ranks the order of layers decides, even if an outer path comes before an inner one.
     """
-    found = []
+    later = []
     for path, rank in zip(paths, ranks, strict=True):
         parent, steps = path.parent, 0
         while parent >= 0 and ranks[parent] != rank and steps < len(paths):
             parent, steps = paths[parent].parent, steps + 1
-        found.append(parent)
-    return found
+        later.append(parent)
+    return later
 
 
-def rules_of(
+def make_rules(
     paths: Sequence[ToolPath],
     arranged: Sequence[ToolPath],
     inside_first: bool,
     layers: Sequence[str],
     order: Sequence[str] = (),
 ) -> Rules:
-    """What comes before what, by the places of ``paths`` in ``arranged``, which may be some of them."""
-    ranks = _ranks(paths, layers, order)
-    waits_for = _waits_for(paths, ranks) if inside_first else [-1] * len(paths)
+    """The precedence of the paths `arranged`, which may be some of `paths`."""
+    ranks = _compute_ranks(paths, layers, order)
+    later = _find_later_paths(paths, ranks) if inside_first else [-1] * len(paths)
     place = {path.id: k for k, path in enumerate(arranged)}
-    number = {path.id: k for k, path in enumerate(paths)}
-    own = [number[path.id] for path in arranged]
-    parents = []
-    for k in own:
-        parent = waits_for[k]
+    index_of = {path.id: k for k, path in enumerate(paths)}
+    parents, arranged_ranks = [], []
+    for path in arranged:
+        parent = later[index_of[path.id]]
         while parent >= 0 and paths[parent].id not in place:
-            parent = waits_for[parent]
+            parent = later[parent]
         parents.append(place[paths[parent].id] if parent >= 0 else -1)
-    return Rules(
-        np.array(parents, dtype=np.int64), np.array([ranks[k] for k in own], dtype=np.int64)
-    )
+        arranged_ranks.append(ranks[index_of[path.id]])
+    return Rules(np.array(parents, dtype=np.int64), np.array(arranged_ranks, dtype=np.int64))
 
 
-class _Walk(Struct, frozen=True, eq=False):
-    """What a walk from path to path knows. waits_for: by path, the one that comes later, or -1. ranks: by path.
+class _NearestWalk(Struct, frozen=True, eq=False):
+    """A walk from each path to the nearest next one.
 
-    waits: by path, how many have to come before it; that and ``tree`` and ``chosen`` change on the way. begins, ends:
-    by path, x, y mm.
+    paths: the paths.
+    where: their starts.
+    tree: starts of the paths that may come next, changed on the walk.
+    later: the path that comes after each path, or -1.
+    ranks: rank of each path.
+    waits: number of paths that have to come before each one, changed on the walk.
+    begins, ends: x, y of each path's ends, mm.
+    chosen: the order so far, changed on the walk.
     """
 
     paths: Sequence[ToolPath]
     where: Starts
     tree: StartTree
-    waits_for: Sequence[int]
+    later: Sequence[int]
     ranks: Sequence[int]
     waits: list[int]
     begins: list[tuple[float, float]]
@@ -243,47 +251,50 @@ class _Walk(Struct, frozen=True, eq=False):
     chosen: Choices
 
 
-def _nearest_neighbour(
+def _find_nearest_order(
     paths: Sequence[ToolPath],
     where: Starts,
     start: tuple[float, float] | None,
-    waits_for: Sequence[int],
+    later: Sequence[int],
     ranks: Sequence[int],
 ) -> Choices:
-    """The nearest next path of all whose turn it is: those with nothing left inside, rank by rank."""
-    begins, ends = (column.tolist() for column in (where.begin, where.end))
+    """The order by the nearest neighbour, rank by rank, of paths with nothing left inside."""
+    begins, ends = where.begin.tolist(), where.end.tolist()
     chosen = Choices([], [0] * len(paths), [0.0] * len(paths))
-    walk = _Walk(
-        paths, where, StartTree(where), waits_for, ranks, _enclose(waits_for), begins, ends, chosen
-    )
-    turns = sorted(set(ranks))
-    ready = [not count and rank == turns[0] for count, rank in zip(walk.waits, ranks, strict=True)]
-    for index, may in enumerate(ready):
-        if not may:
-            walk.tree.remove(index)
-    at = where.leftmost(ready) if start is None else (walk.tree.nearest(*start), *start)
-    of_turn: dict[int, list[int]] = {}
+    tree, waits = StartTree(where), _count_waits(later)
+    walk = _NearestWalk(paths, where, tree, later, ranks, waits, begins, ends, chosen)
+    of_rank: dict[int, list[int]] = {rank: [] for rank in sorted(set(ranks))}
+    first_rank = min(ranks)
+    ready = []
     for index, rank in enumerate(ranks):
-        of_turn.setdefault(rank, []).append(index)
-    for turn in turns:
-        if turn != turns[0]:
-            for index in of_turn[turn]:
-                if not walk.waits[index]:
-                    walk.tree.add(index)
-            at = (walk.tree.nearest(*at[1:], near=at[0]), *at[1:])
-        at = _walk(walk, turn, at)
+        of_rank[rank].append(index)
+        ready.append(not waits[index] and rank == first_rank)
+        if not ready[index]:
+            tree.remove(index)
+    position = where.leftmost(ready) if start is None else (tree.nearest(*start), *start)
+    for rank, indices in of_rank.items():
+        if rank != first_rank:
+            for index in indices:
+                if not waits[index]:
+                    tree.add(index)
+            position = (tree.nearest(*position[1:], near=position[0]), *position[1:])
+        position = _walk_rank(walk, rank, position)
     if len(chosen.order) != len(paths):
         raise ValueError("paths enclose each other in a circle")
     return chosen
 
 
-def _walk(walk: _Walk, turn: int, at: tuple[int, float, float]) -> tuple[int, float, float]:
-    """All paths of one rank, from the start ``at``: its number and where the tool is; the last start and place."""
+def _walk_rank(
+    walk: _NearestWalk, rank: int, position: tuple[int, float, float]
+) -> tuple[int, float, float]:
+    """Run all paths of one rank from a start: its index, and x, y of the tool, mm.
+
+    Returns the last start and position.
+    """
     where, tree, chosen, waits = walk.where, walk.tree, walk.chosen, walk.waits
-    path_of, row_of, low, span = (
-        column.tolist() for column in (where.path, where.row, where.low, where.span)
-    )
-    number, x, y = at
+    path_of, row_of = where.path.tolist(), where.row.tolist()
+    low, span = where.low.tolist(), where.span.tolist()
+    number, x, y = position
     last = max(number, 0)
     while number >= 0:
         index, row = path_of[number], row_of[number]
@@ -294,35 +305,31 @@ def _walk(walk: _Walk, turn: int, at: tuple[int, float, float]) -> tuple[int, fl
             x, y = walk.begins[index] if row else walk.ends[index]
             number = where.other_end(number)
         tree.remove(index)
-        parent = walk.waits_for[index]
+        parent = walk.later[index]
         if parent >= 0:
             waits[parent] -= 1
-            if not waits[parent] and walk.ranks[parent] == turn:
+            if not waits[parent] and walk.ranks[parent] == rank:
                 tree.add(parent)
         last, number = number, tree.nearest(x, y, near=number)
     return last, x, y
 
 
-def _enclose(waits_for: Sequence[int]) -> list[int]:
-    """How many paths each one has to wait for."""
-    counts = [0] * len(waits_for)
-    for parent in waits_for:
+def _count_waits(later: Sequence[int]) -> list[int]:
+    counts = [0] * len(later)
+    for parent in later:
         if parent >= 0:
             counts[parent] += 1
     return counts
 
 
-def _arrange(paths: Sequence[ToolPath], chosen: Choices) -> list[ToolPath]:
-    """The chosen paths, reversed where they begin at their end, closed ones begun where they were met."""
+def _run_paths(paths: Sequence[ToolPath], chosen: Choices) -> list[ToolPath]:
+    """The chosen paths, open ones reversed and closed ones rotated to their starts."""
     loops = [i for i, path in enumerate(paths) if path.closed and chosen.row[i]]
-    turned = [i for i, path in enumerate(paths) if chosen.row[i] and not path.closed]
-    begun = starting_each(
-        [paths[i] for i in loops],
-        [chosen.row[i] for i in loops],
-        [chosen.fraction[i] for i in loops],
-    )
-    back = reverse_each([paths[i] for i in turned])
+    reversed_open = [i for i, path in enumerate(paths) if chosen.row[i] and not path.closed]
+    rows, fractions = [chosen.row[i] for i in loops], [chosen.fraction[i] for i in loops]
+    rotated = starting_each([paths[i] for i in loops], rows, fractions)
+    back = reverse_each([paths[i] for i in reversed_open])
     result = list(paths)
-    for i, path in zip([*loops, *turned], [*begun, *back], strict=True):
+    for i, path in zip([*loops, *reversed_open], [*rotated, *back], strict=True):
         result[i] = path
     return [result[i] for i in chosen.order]

@@ -1,8 +1,9 @@
-"""Run-in, run-out and overlap of followed contours: a pass over the tour, when it is known where each path starts.
+"""Adds lead-ins, lead-outs and overlaps to followed contours, when the start of each path is known.
 
-A closed path is entered on a quarter of a circle from the free side and left on another, an open one along its own
-tangent. A lead is used only where the tool keeps its distance from everything drawn; otherwise a shorter one is tried,
-then another place of a closed path, then none, with a note.
+A closed path is entered on a quarter of a circle from the free side and left on another. An open
+path has leads along its own tangent. A lead is used only where the tool keeps its distance from all
+drawn contours. Otherwise a shorter one is tried, then another start of a closed path, then none,
+with a note.
 """
 
 from __future__ import annotations
@@ -29,16 +30,20 @@ from camgen.order.stay_down import CLEARANCE_SLACK_MM
 from camgen.plan.clear_fixtures import find_blocked
 from camgen.plan.starting import starting_at
 
-#: What is tried of the length asked for, the longest first.
+#: Fractions of the requested length that are tried, the longest first.
 _SCALES = (1.0, 0.5, 0.25)
-#: Points of a lead that are measured.
+#: Points of a lead at which distances are measured.
 _LEAD_SAMPLES = 65
-#: Other places of a closed path at which a lead is tried: the middles of its longest segments.
-_PLACES = 16
+#: Other starts of a closed path that are tried: the middles of its longest segments.
+_MAX_OTHER_STARTS = 16
 
 
 class _Lead(Struct, frozen=True, eq=False):
-    """A run-in or run-out. path: of one segment. samples: (M, 2) points along it."""
+    """A lead-in or lead-out.
+
+    path: path of one segment.
+    samples: (M, 2) points along it, mm.
+    """
 
     path: ToolPath
     samples: FloatArray
@@ -62,7 +67,7 @@ def add_leads(
     short: list[ToolPath] = []
     without: list[ToolPath] = []
     for path in paths:
-        # Only what runs beside a contour has a free side to lead in from.
+        # Only a path beside a contour has a free side for a lead.
         followed = bool(path.force_direction[:, :, :2].any())
         led, scale = _with_leads(path, job, obstacles, blocked) if followed else (path, 1.0)
         result.append(led)
@@ -77,11 +82,11 @@ def add_leads(
         (without, "without a lead", nowhere),
     ):
         if shorter:
-            notes.append(_tell(shorter, how, why))
+            notes.append(_note_leads(shorter, how, why))
     return result, notes
 
 
-def _tell(paths: Sequence[ToolPath], how: str, why: str) -> Note:
+def _note_leads(paths: Sequence[ToolPath], how: str, why: str) -> Note:
     ids = tuple(chain.from_iterable(path.contours for path in paths))
     names = name_first([path.id for path in paths])
     return Note("warning", f"{counted(len(paths), 'path')} {how}: {names}", why, ids, lacks="leads")
@@ -90,77 +95,85 @@ def _tell(paths: Sequence[ToolPath], how: str, why: str) -> Note:
 def _with_leads(
     path: ToolPath, job: Job, obstacles: Obstacles, blocked: Any
 ) -> tuple[ToolPath, float]:
-    """The path with the longest leads that fit, and what part of the wanted length that is.
+    """The path with the longest leads that fit, and their fraction of the requested length.
 
-    blocked: area in which the tool's axis must not be for a fixture.
+    blocked: area in which the tool axis would come too near to a fixture.
     """
     operation, feed = job.operation, job.process.feed
     ends = ((operation.lead_in, -1), (operation.lead_out, 1))
     for scale in _SCALES:
-        for start in _starts(path):
-            run = _overlap(start, operation.overlap)
-            leads = [_lead(run, length * scale, way, path.closed, feed) for length, way in ends]
+        for start in _list_starts(path):
+            overlapped = _add_overlap(start, operation.overlap)
+            leads = [
+                _make_lead(overlapped, length * scale, side, path.closed, feed)
+                for length, side in ends
+            ]
             if all(
                 lead is None
-                or (_is_clear(lead, obstacles, job.tool.diameter / 2) and _is_off(lead, blocked))
+                or (
+                    _is_clear(lead, obstacles, job.tool.diameter / 2) and _is_outside(lead, blocked)
+                )
                 for lead in leads
             ):
                 before, after = ([] if lead is None else [lead.path] for lead in leads)
-                pieces = [*before, run, *after]
-                return (join_paths(pieces) if len(pieces) > 1 else run), scale
-    return _overlap(path, operation.overlap), 0.0
+                pieces = [*before, overlapped, *after]
+                return (join_paths(pieces) if len(pieces) > 1 else overlapped), scale
+    return _add_overlap(path, operation.overlap), 0.0
 
 
-def _is_off(lead: _Lead, blocked: Any) -> bool:
+def _is_outside(lead: _Lead, blocked: Any) -> bool:
     """Whether a lead keeps out of an area."""
     return not shapely.contains_xy(blocked, lead.samples).any()
 
 
-def _starts(path: ToolPath) -> list[ToolPath]:
-    """The path as it starts now, and a closed one that is not pinned there in the middle of its longer segments."""
+def _list_starts(path: ToolPath) -> list[ToolPath]:
+    """The path, and a closed one that is not pinned also started in its longest segments."""
     if not path.closed or path.pinned:
         return [path]
-    longest = np.argsort(-measure_spans(path.position, path.via[1:]), kind="stable")[:_PLACES]
+    longest = np.argsort(-measure_spans(path.position, path.via[1:]), kind="stable")[
+        :_MAX_OTHER_STARTS
+    ]
     return [path, *(starting_at(path, int(k) + 1, 0.5) for k in longest)]
 
 
-def _overlap(path: ToolPath, overlap: float) -> ToolPath:
-    """A closed path that runs on for ``overlap`` mm beyond its start, at most once round."""
+def _add_overlap(path: ToolPath, overlap: float) -> ToolPath:
+    """A closed path that continues for `overlap` mm beyond its start, at most once around."""
     if overlap == 0.0 or not path.closed:
         return path
     ends = np.cumsum(measure_spans(path.position, path.via[1:]))
     if overlap >= ends[-1]:
         return join_paths([path, path])
-    k = int(np.searchsorted(ends, overlap, side="right"))
-    done = ends[k - 1] if k else 0.0
-    cut = starting_at(path, k + 1, float((overlap - done) / (ends[k] - done)))
+    row = int(np.searchsorted(ends, overlap, side="right"))
+    before = ends[row - 1] if row else 0.0
+    restarted = starting_at(path, row + 1, float((overlap - before) / (ends[row] - before)))
     # Started there, the path ends with what we want: the stretch from the old start.
-    old = int(np.argmin(np.abs(cut.position - path.position[0]).sum(axis=1)))
-    return join_paths([path, cut.rows(old, len(cut.position))])
+    old_start = int(np.argmin(np.abs(restarted.position - path.position[0]).sum(axis=1)))
+    return join_paths([path, restarted.rows(old_start, len(restarted.position))])
 
 
-def _lead(path: ToolPath, length: float, way: int, ring: bool, feed: float) -> _Lead | None:
-    """The run-in (way -1) or run-out (+1): a quarter of a circle to a ring, along its tangent to an open path.
+def _make_lead(path: ToolPath, length: float, side: int, closed: bool, feed: float) -> _Lead | None:
+    """The lead-in (side -1) or lead-out (+1); None without a length.
 
-    It never runs faster than ``feed``: a path may, but only where the tool rolls about an outer corner.
+    It is a quarter of a circle for a closed path, and along the tangent of an open one. It is never
+    faster than `feed`: a path may be, but only where the tool rolls about an outer corner.
     """
     if length == 0.0:
         return None
-    row, end, at = (1, 0, path.position[0]) if way < 0 else (-1, 1, path.position[-1])
+    row, end, point = (1, 0, path.position[0]) if side < 0 else (-1, 1, path.position[-1])
     press, axis = path.force_direction[row, end], path.axis[row]
-    away = way * _travel_sign(path) * np.cross(press, axis)
+    direction = side * _travel_sign(path) * np.cross(press, axis)
     t = np.linspace(0.0, 1.0, _LEAD_SAMPLES)[:, None]
-    if ring:
-        size = length / (np.pi / 2)
+    if closed:
+        radius = length / (np.pi / 2)
         angle = t * np.pi / 2
-        points = at + size * ((np.cos(angle) - 1) * press + np.sin(angle) * away)
-        turned = away
+        points = point + radius * ((np.cos(angle) - 1) * press + np.sin(angle) * direction)
+        turned = direction
     else:
-        points = at + t * length * away
+        points = point + t * length * direction
         turned = press
-    rows = points[[0, -1]][::way]
-    middle = points[_LEAD_SAMPLES // 2] if ring else np.full(3, np.nan)
-    presses = np.array([press, turned])[::way]
+    rows = points[[0, -1]][::side]
+    middle = points[_LEAD_SAMPLES // 2] if closed else np.full(3, np.nan)
+    press_directions = np.array([press, turned])[::side]
     lead = replace(
         path,
         table=waypoints(
@@ -168,7 +181,7 @@ def _lead(path: ToolPath, length: float, way: int, ring: bool, feed: float) -> _
             [np.full(3, np.nan), middle],
             min(path.feed[row], feed),
             axis=axis,
-            force_direction=presses,
+            force_direction=press_directions,
         ),
         closed=False,
     )
@@ -176,12 +189,12 @@ def _lead(path: ToolPath, length: float, way: int, ring: bool, feed: float) -> _
 
 
 def _travel_sign(path: ToolPath) -> float:
-    """+1 where press x axis points along the travel, else -1; the same all along a path beside a contour."""
+    """+1 if press x axis points along the travel, else -1; the same all along a path."""
     ahead = (path.position[1] if np.isnan(path.via[1, 0]) else path.via[1]) - path.position[0]
     return float(np.sign(np.cross(path.force_direction[1, 0], path.axis[0]) @ ahead))
 
 
 def _is_clear(lead: _Lead, obstacles: Obstacles, radius: float) -> bool:
-    """Whether the tool keeps its radius from everything drawn all along the lead."""
+    """Whether the tool keeps its radius from all drawn contours along the lead."""
     gap = obstacles.nearest(lead.samples, np.zeros(len(lead.samples), dtype=np.int64), radius)
     return bool((gap >= radius - CLEARANCE_SLACK_MM).all())

@@ -1,12 +1,15 @@
-"""Tours of a few paths that are proven to be the best: what no order, direction and start can undercut, closed in on.
+"""Proves that the tour of a few paths is the shortest one, or shortens it, and gives a lower bound.
 
-Closed paths are cut into stretches that may be entered anywhere. The best tour over stretches, each step as short as
-two stretches allow, is below every tour; stretches through which no tour can be better than the known one are dropped,
-the others cut finer, until what is left between the two is nothing that can be told.
+A closed path is divided into sections, in any point of which the tool may enter. The shortest tour
+over sections (dynamic programming over sets of paths), with each link as short as its two sections
+allow, is a lower bound for all tours. Sections that no tour shorter than the known one can use are
+dropped, the others are halved. The search ends when tour and bound differ by at most 0.001 mm or
+0.04 % of the travel, or when its budget is used up.
 
-A step charges each stretch for being left far along a direction and pays that back where the stretch is entered as far
-(Lagrange): the direction is the mean of those in which the known tour comes and goes. So near the best tour, where it
-cannot gain by moving along a path, a step loses only what is of second order in the length of a stretch.
+The cost of a link includes a charge for each section (Lagrange): how far along a direction the path
+is left there. It is paid back where the section is entered. The direction is the mean of those in
+which the known tour enters and leaves the section. So near the best tour, which cannot gain by
+moving a start along its path, a link loses only a part of second order in the length of a section.
 """
 
 from __future__ import annotations
@@ -21,49 +24,67 @@ from camgen.model.tolerance import NONZERO
 from camgen.order.search import (
     Choices,
     Sampled,
-    ends_at,
-    lengths,
+    compute_ends,
+    compute_points,
+    measure_sections,
+    measure_starts,
     place_starts,
-    point_at,
     polish_starts,
-    real_length,
 )
-from camgen.order.solver.exact import Ways, best_through, find_steps, first_sets
+from camgen.order.solver.exact import StepCosts, find_best_through, find_steps, list_first_sets
 from camgen.order.solver.kernel import BOTH_WAYS, CLOSED, ONE_WAY
 from camgen.order.solver.plane import Start
 
-__all__ = ["FEW", "improve_few", "is_proven"]
+#: Maximum number of paths: the proof needs up to 2^n sets.
+MAX_PROVEN_PATHS = 12
+#: Sections of a closed path at first.
+_FIRST_SECTIONS = 8
+#: Sections into which a section is divided.
+_PARTS = 2
+#: Maximum number of rounds of division.
+_ROUNDS = 16
+#: Budget: sums of costs over all sets of paths, about 0.25 s.
+_BUDGET = 1_000_000_000
+#: Minimum number of sets that a round counts for.
+_MIN_SETS = 40
+#: Maximum number of orders that are examined one by one.
+_MAX_ORDERS = 6
+#: Number of times that the starts of a tour are moved to their best points.
+_POLISH_ROUNDS = 3
+#: mm: gap between tour and bound at which the search ends; also the least gain of a new tour.
+_GAP_MM = 1e-3
+#: The same as a fraction of the travel.
+_GAP_FRACTION = 4e-4
+#: Fraction of the travel up to which a tour counts as proven.
+_PROVEN_FRACTION = 5e-4
+#: Fraction of the length of a section by which rounding may enlarge it.
+_ROUNDING = 1e-7
 
-#: So many paths are solved: 2^n sets.
-FEW = 12
-#: Stretches of a closed path at first, into how many each is cut, how often, and the most sums of costs in all
-#: sets of paths (as many sets at least), about 0.25 s.
-_STRETCHES, _CUT, _ROUNDS, _MOST, _LEAST_WORK = 8, 2, 16, 1_000_000_000, 40
-#: Orders that are closed in on one by one.
-_ORDERS = 6
-#: So often the starts of what was found are moved to their best places.
-_POLISH = 3
-#: The bound is near enough: so many mm, and such a part of the travel.
-_NEAR, _NEAR_PART, _PROVEN = 1e-3, 4e-4, 5e-4
-#: What roundings may add to the size of a stretch, of its length.
-_ROUNDED = 1e-7
 
+class _Sections(Struct, frozen=True, eq=False):
+    """Ways to run the items, P in all: sections of closed paths, directions of open ones.
 
-class _Stretches(Struct, frozen=True, eq=False):
-    """Ways to run items, P in all: (P,) the item of each; low: mm along a closed path where its stretch begins, of
-    others 1 for backwards; (P,) how long it is, mm along the starts.
+    item: (P,) item of each.
+    low: (P,) position along a closed path at which the section begins, mm; 1 for a reversed open
+        path, else 0.
+    size: (P,) length of the section along the starts, mm; 0 for an open path.
     """
 
     item: IntArray
     low: FloatArray
-    long: FloatArray
+    size: FloatArray
 
     def middle(self) -> FloatArray:
-        return self.low + self.long / 2
+        return self.low + self.size / 2
 
 
 class _Tour(Struct, frozen=True, eq=False):
-    """order: of the items. along: by item, where it is entered, see ``lengths``. length: mm."""
+    """A tour.
+
+    order: order of the items.
+    along: result of `measure_starts`, position at which each item is entered.
+    length: length of its links, mm.
+    """
 
     order: IntArray
     along: FloatArray
@@ -71,283 +92,281 @@ class _Tour(Struct, frozen=True, eq=False):
 
 
 class _Subproblem(Struct, frozen=True, eq=False):
-    """One branch of the proof: the tours that begin with some sets and run through some stretches.
+    """One branch of the proof: the tours that begin with some sets and use some sections.
 
     sets: sets of items (bits) with which the tours begin.
-    pieces: stretches through which the tours run.
+    sections: sections that the tours use.
     guide: a short tour of the branch.
-    bound: lower bound of all tours, mm; of a branch of a single order the bound of that order.
+    bound: lower bound of all tours, mm; for a branch of a single order the bound of that order.
     """
 
     sets: IntArray
-    pieces: _Stretches
+    sections: _Sections
     guide: _Tour
     bound: float
 
 
 class _Ellipses(Struct, frozen=True, eq=False):
-    """The ellipse about its middle that encloses each of P stretches.
+    """The ellipse about its middle that encloses each of P sections.
 
-    enter, leave: (P, 2) points, mm; of a closed path both are the middle.
-    along: (P, 2) unit vector of the first axis.
-    half, wide: (P,) half of the first and of the second axis, mm.
+    enter, leave: (P, 2) points, mm; for a closed path both are the middle.
+    axis: (P, 2) unit vector of the first axis.
+    half, width: (P,) half of the first and of the second axis, mm.
     """
 
     enter: FloatArray
     leave: FloatArray
-    along: FloatArray
+    axis: FloatArray
     half: FloatArray
-    wide: FloatArray
+    width: FloatArray
 
-    def charge(self, rows: IntArray, towards: FloatArray) -> tuple[FloatArray, ...]:
-        """Both axes of the ellipses ``rows``, and how far the ellipses reach in a direction.
+    def charge(self, towards: FloatArray) -> tuple[FloatArray, ...]:
+        """Both axes of the ellipses, and how far the ellipses extend in a direction.
 
         towards: (P, 2) the direction.
 
-        Returns x, y and the component along ``towards`` of the first and of the second axis, and
-        last the distance from the centre to the edge along ``towards``.
+        Returns x, y and the component along `towards` of the first and of the second axis, and
+        last the distance from the centre to the edge along `towards`.
         """
-        t, half, wide = self.along[rows], self.half[rows], self.wide[rows]
-        x, y = towards[rows, 0], towards[rows, 1]
-        along, across = (half * t[..., 0], half * t[..., 1]), (-wide * t[..., 1], wide * t[..., 0])
-        one, two = along[0] * x + along[1] * y, across[0] * x + across[1] * y
-        return (*along, one, *across, two, np.sqrt(one * one + two * two))
+        t, half, width = self.axis, self.half, self.width
+        x, y = towards[:, 0], towards[:, 1]
+        along, across = (half * t[:, 0], half * t[:, 1]), (-width * t[:, 1], width * t[:, 0])
+        first, second = along[0] * x + along[1] * y, across[0] * x + across[1] * y
+        edge = np.sqrt(first * first + second * second)
+        return (*along, first, *across, second, edge)
 
 
 def improve_few(
     known: Sampled, start: Choices, home: tuple[float, float] | None
 ) -> tuple[Choices, float]:
-    """The tour ``start`` or a shorter one; and what no tour is below, mm.
+    """The tour `start` or a shorter one, and a lower bound of all tours, mm.
 
-    home: x, y where it begins and ends, None: nowhere. 1 to FEW paths.
+    home: x, y where tours begin and end; None for nowhere. There are 1 to `MAX_PROVEN_PATHS` paths.
     """
-    place = None if home is None else np.array(home)
-    order, along = np.array(start.order), lengths(known, start)
-    first = _Tour(order, along, _travel(known, order, along, place))
-    family = _Subproblem(first_sets(_needs(known, order)), _whole(known), first, 0.0)
-    best, family, left = _close_in(known, family, first, place, _MOST)
-    bound, orders = family.bound, _orders(family.sets, len(order))
+    point = None if home is None else np.array(home)
+    order, along = np.array(start.order), measure_starts(known, start)
+    first = _Tour(order, along, _measure_travel(known, order, along, point))
+    sets, sections = list_first_sets(_find_precedence(known, order)), _make_first_sections(known)
+    whole = _Subproblem(sets, sections, first, 0.0)
+    best, whole, budget = _narrow(known, whole, first, point, _BUDGET)
+    bound, orders = whole.bound, _list_orders(whole.sets, len(order))
     if not _is_closed(best, bound) and len(orders) > 1:
         bounds = []
-        for rank, one in enumerate(orders):
-            # Prices suit one order: others that are as good are closed in on by themselves.
-            own, share = (
-                _settle(known, np.array(one), best.along, place),
-                left // (len(orders) - rank),
-            )
-            best = _better(best, own)
-            alone = _Subproblem(np.cumsum(1 << own.order), family.pieces, own, family.bound)
-            best, alone, rest = _close_in(known, alone, best, place, share)
-            left -= share - rest
-            bounds.append(alone.bound)
+        for rank, items in enumerate(orders):
+            # The charges suit one order, so other orders that are as good are examined alone.
+            guide = _polish_tour(known, np.array(items), best.along, point)
+            share = budget // (len(orders) - rank)
+            best = _choose_shorter(best, guide)
+            branch = _Subproblem(np.cumsum(1 << guide.order), whole.sections, guide, whole.bound)
+            best, branch, unused = _narrow(known, branch, best, point, share)
+            budget -= share - unused
+            bounds.append(branch.bound)
         bound = min(bounds)
-    return start if best is first else _choose(known, best), max(
-        0.0, min(bound, best.length) * (1 - 1e-12) - 1e-9
-    )
+    # Rounding of the sums must not lift the bound above the best tour.
+    bound = max(0.0, min(bound, best.length) * (1 - 1e-12) - 1e-9)
+    return start if best is first else _make_choices(known, best), bound
 
 
-def _close_in(
-    known: Sampled, family: _Subproblem, best: _Tour, home: FloatArray | None, work: int
+def _narrow(
+    known: Sampled, branch: _Subproblem, best: _Tour, home: FloatArray | None, budget: int
 ) -> tuple[_Tour, _Subproblem, int]:
-    """The best tour; what is left of the family, once it is closed in on or of a few orders; what is left of the work.
+    """Divide and drop the sections of a branch until it is closed or has a few orders.
 
-    A family whose tours all are above the best one has that one's length as its bound.
+    Returns the best tour, the rest of the branch, and the rest of the budget. The bound of a branch
+    whose tours are all longer than the best one is the length of that one.
     """
-    sets, pieces, guide, bound = family.sets, family.pieces, family.guide, family.bound
-    loop, fresh = _loops(known), len(sets) > len(guide.order)
+    sets, sections, guide, bound = branch.sets, branch.sections, branch.guide, branch.bound
+    loop, is_first = _find_loops(known), len(sets) > len(guide.order)
+    limit = best.length + _GAP_MM
     for _ in range(_ROUNDS):
-        ellipses = _make_ellipses(known, pieces)
-        towards = _towards(known, ellipses, pieces.item, guide, home)
-        ways = _ways(ellipses, pieces.item, find_steps(sets, len(loop)), towards, home)
-        if fresh:
-            sets, fresh = best_through(_by_item(ways), sets, best.length + _NEAR)[2], False
-        through, tour, sets = best_through(ways, sets, best.length + _NEAR)
+        ellipses = _make_ellipses(known, sections)
+        towards = _compute_directions(known, ellipses, sections.item, guide, home)
+        steps = find_steps(sets, len(loop))
+        costs = _compute_step_costs(ellipses, sections.item, steps, towards, home)
+        if is_first:
+            sets, is_first = find_best_through(_merge_sections(costs), sets, limit)[2], False
+        through, tour, sets = find_best_through(costs, sets, limit)
         bound = max(bound, min(float(through.min()), best.length))
         if not len(sets):
             break
-        guide = _shorter(known, pieces, tour, guide, home)
-        best = _better(best, guide)
-        cut = _cut(pieces, through <= best.length + _NEAR, loop)
-        work -= max(len(sets), _LEAST_WORK) * len(cut.item) ** 2
-        if _is_closed(best, bound) or not loop.any() or work < 0:
+        guide = _improve_guide(known, sections, tour, guide, home)
+        best = _choose_shorter(best, guide)
+        limit = best.length + _GAP_MM
+        divided = _divide(sections, through <= limit, loop)
+        budget -= max(len(sets), _MIN_SETS) * len(divided.item) ** 2
+        if _is_closed(best, bound) or not loop.any() or budget < 0:
             break
-        pieces = cut
-        if len(_orders(sets, len(loop))) > 1:
+        sections = divided
+        if len(_list_orders(sets, len(loop))) > 1:
             break
-    return best, _Subproblem(sets, pieces, guide, bound), max(work, 0)
+    return best, _Subproblem(sets, sections, guide, bound), max(budget, 0)
 
 
-def _shorter(
-    known: Sampled, pieces: _Stretches, tour: list[int], guide: _Tour, home: FloatArray | None
+def _improve_guide(
+    known: Sampled, sections: _Sections, tour: list[int], guide: _Tour, home: FloatArray | None
 ) -> _Tour:
-    """``guide``, or the ``tour`` through stretches, where that can be made shorter."""
-    item, loop = pieces.item[tour], _loops(known)
+    """The tour through these sections with its best starts, if that is shorter than `guide`."""
+    item, loop = sections.item[tour], _find_loops(known)
     along = guide.along.copy()
-    along[item] = np.where(loop[item], pieces.middle()[tour], pieces.low[tour])
-    away = np.abs(along - guide.along)
-    away = np.where(loop, np.minimum(away, known.whole - away), away)[item]
-    if (item == guide.order).all() and (away <= pieces.long[tour]).all():
+    along[item] = np.where(loop[item], sections.middle()[tour], sections.low[tour])
+    distance = np.abs(along - guide.along)
+    distance = np.where(loop, np.minimum(distance, known.whole - distance), distance)[item]
+    if (item == guide.order).all() and (distance <= sections.size[tour]).all():
         return guide
-    settled = _settle(known, item, along, home)
-    return _better(guide, settled)
+    return _choose_shorter(guide, _polish_tour(known, item, along, home))
 
 
-def _better(one: _Tour, other: _Tour) -> _Tour:
-    """The shorter one, the first of those that are as good."""
-    return other if other.length < one.length - _NEAR else one
+def _choose_shorter(first: _Tour, second: _Tour) -> _Tour:
+    return second if second.length < first.length - _GAP_MM else first
 
 
-def _orders(sets: IntArray, count: int) -> list[list[int]]:
-    """The orders whose beginnings are all among the sets; none for more than ``_ORDERS``."""
-    held = set(sets.tolist())
+def _list_orders(sets: IntArray, count: int) -> list[list[int]]:
+    """The orders whose beginnings are all among the sets; none if more than `_MAX_ORDERS`."""
+    allowed = set(sets.tolist())
     orders: list[list[int]] = [[]]
     for _ in range(count):
-        orders = [
-            [*order, one]
-            for order in orders
-            for one in range(count)
-            if one not in order and sum(1 << k for k in order) | 1 << one in held
-        ]
-        if len(orders) > _ORDERS:
+        longer = []
+        for order in orders:
+            used = sum(1 << k for k in order)
+            for item in range(count):
+                if item not in order and used | 1 << item in allowed:
+                    longer.append([*order, item])
+        orders = longer
+        if len(orders) > _MAX_ORDERS:
             return []
     return orders
 
 
 def _is_closed(best: _Tour, bound: float) -> bool:
-    return best.length - bound <= max(_NEAR, _NEAR_PART * best.length)
+    return best.length - bound <= max(_GAP_MM, _GAP_FRACTION * best.length)
 
 
 def is_proven(travel: float, bound: float) -> bool:
-    """Whether a tour is the best there is, to 0.05 % or 0.002 mm."""
-    return travel - bound <= max(2 * _NEAR, _PROVEN * travel)
+    """Whether no tour is shorter by more than 0.05 % or 0.002 mm."""
+    return travel - bound <= max(2 * _GAP_MM, _PROVEN_FRACTION * travel)
 
 
-def _loops(known: Sampled) -> BoolArray:
+def _find_loops(known: Sampled) -> BoolArray:
     """Which paths may be entered anywhere."""
     return np.asarray((known.items.kind == CLOSED) & (np.diff(known.items.first) > 1))
 
 
-def _needs(known: Sampled, order: IntArray) -> list[int]:
-    """By item, the set of items that come before it: those inside, and all of a lower rank.
+def _find_precedence(known: Sampled, order: IntArray) -> list[int]:
+    """For each item, the set of items that come before it: those inside, and all of a lower rank.
 
-    Where every tour may be run backwards as well, the first one of ``order`` comes before its last one.
+    If every tour may be reversed, the first item of `order` comes before its last one.
     """
     items = known.items
-    needs = [
-        sum(
-            1 << int(k)
-            for k in np.flatnonzero((items.parent == one) | (items.rank < items.rank[one]))
-        )
-        for one in range(len(order))
-    ]
+    needs = []
+    for item in range(len(order)):
+        before = (items.parent == item) | (items.rank < items.rank[item])
+        needs.append(sum(1 << int(k) for k in np.flatnonzero(before)))
     if not any(needs) and (items.kind != ONE_WAY).all() and len(order) > 1:
         needs[int(order[-1])] |= 1 << int(order[0])
     return needs
 
 
-def _whole(known: Sampled) -> _Stretches:
-    """The first few stretches of closed paths, the directions of others."""
-    loop = _loops(known)
-    count = np.where(loop, _STRETCHES, np.where(known.items.kind == BOTH_WAYS, 2, 1))
+def _make_first_sections(known: Sampled) -> _Sections:
+    loop = _find_loops(known)
+    directions = np.where(known.items.kind == BOTH_WAYS, 2, 1)
+    count = np.where(loop, _FIRST_SECTIONS, directions)
     item, number = owners(count), ramp(count)
-    long = np.where(loop, known.whole / _STRETCHES, 0.0)[item]
-    return _Stretches(item, np.where(loop[item], number * long, number), long)
+    size = np.where(loop, known.whole / _FIRST_SECTIONS, 0.0)[item]
+    return _Sections(item, np.where(loop[item], number * size, number), size)
 
 
-def _cut(pieces: _Stretches, kept: BoolArray, loop: BoolArray) -> _Stretches:
-    """Those that are kept, of closed paths each in ``_CUT``."""
-    count = np.where(loop[pieces.item[kept]], _CUT, 1)
+def _divide(sections: _Sections, kept: BoolArray, loop: BoolArray) -> _Sections:
+    count = np.where(loop[sections.item[kept]], _PARTS, 1)
     owner, number = np.flatnonzero(kept)[owners(count)], ramp(count)
-    long = np.where(loop[pieces.item[owner]], pieces.long[owner] / _CUT, 0.0)
-    return _Stretches(pieces.item[owner], pieces.low[owner] + number * long, long)
+    size = np.where(loop[sections.item[owner]], sections.size[owner] / _PARTS, 0.0)
+    return _Sections(sections.item[owner], sections.low[owner] + number * size, size)
 
 
-def _make_ellipses(known: Sampled, pieces: _Stretches) -> _Ellipses:
-    """Of what runs from one end to the other no point is outside the ellipse about both that is as long as the way."""
-    items, item, loop = known.items, pieces.item, _loops(known)
-    back = ~loop[item] & (pieces.low > 0)
+def _make_ellipses(known: Sampled, sections: _Sections) -> _Ellipses:
+    """The ellipses around sections.
+
+    A curve stays inside the ellipse about its two ends whose first axis is as long as the curve.
+    """
+    items, item, loop = known.items, sections.item, _find_loops(known)
+    back = (~loop[item] & (sections.low > 0))[:, None]
     first, last = items.points[items.first[:-1][item]], items.points[items.first[1:][item] - 1]
-    enter, leave = (np.where(back[:, None], b, a) for a, b in ((first, last), (last, first)))
-    half, wide, along = (
-        np.zeros(len(item)),
-        np.zeros(len(item)),
-        np.tile([1.0, 0.0], (len(item), 1)),
-    )
-    own = np.flatnonzero(loop[item])
-    low, high = pieces.low[own], pieces.low[own] + pieces.long[own]
-    one, two = point_at(known, item[own], low), point_at(known, item[own], high)
-    chord = two - one
-    apart = np.sqrt((chord**2).sum(axis=1))
-    way = real_length(known, item[own], low, high)
-    half[own] = way * (0.5 + _ROUNDED)
-    wide[own] = np.sqrt(np.maximum(half[own] ** 2 - (apart / 2) ** 2, 0.0))
-    straight = apart > 0
-    along[own[straight]] = chord[straight] / apart[straight, None]
-    enter[own] = leave[own] = (one + two) / 2
-    return _Ellipses(enter, leave, along, half, wide)
+    enter, leave = np.where(back, last, first), np.where(back, first, last)
+    half, width = np.zeros(len(item)), np.zeros(len(item))
+    axis = np.tile([1.0, 0.0], (len(item), 1))
+    rows = np.flatnonzero(loop[item])
+    low, high = sections.low[rows], sections.low[rows] + sections.size[rows]
+    start, end = compute_points(known, item[rows], low), compute_points(known, item[rows], high)
+    chord = end - start
+    distance = np.sqrt((chord**2).sum(axis=1))
+    half[rows] = measure_sections(known, item[rows], low, high) * (0.5 + _ROUNDING)
+    width[rows] = np.sqrt(np.maximum(half[rows] ** 2 - (distance / 2) ** 2, 0.0))
+    has_chord = distance > 0
+    axis[rows[has_chord]] = chord[has_chord] / distance[has_chord, None]
+    enter[rows] = leave[rows] = (start + end) / 2
+    return _Ellipses(enter, leave, axis, half, width)
 
 
-def _towards(
+def _compute_directions(
     known: Sampled, ellipses: _Ellipses, item: IntArray, tour: _Tour, home: FloatArray | None
 ) -> FloatArray:
-    """(P, 2) the mean of the directions in which the tour comes to and leaves each stretch; 0 for open paths."""
-    enter, leave = ends_at(known, tour.along)
+    """(P, 2) mean of the directions in which a tour enters and leaves each section; 0 if open."""
+    enter, leave = compute_ends(known, tour.along)
     order, place = tour.order, np.argsort(tour.order)[item]
-    nowhere = np.full((1, 2), np.nan) if home is None else home[None]
-    before = np.concatenate([nowhere, leave[order]])[place]
-    after = np.concatenate([enter[order], nowhere])[place + 1]
-    towards: FloatArray = (_units(ellipses.enter - before) + _units(after - ellipses.leave)) / 2
+    home_point = np.full((1, 2), np.nan) if home is None else home[None]
+    before = np.concatenate([home_point, leave[order]])[place]
+    after = np.concatenate([enter[order], home_point])[place + 1]
+    into, out = _normalize(ellipses.enter - before), _normalize(after - ellipses.leave)
+    towards: FloatArray = (into + out) / 2
     towards[ellipses.half == 0] = 0.0
     return towards
 
 
-def _units(vectors: FloatArray) -> FloatArray:
-    """Of length 1; 0 for 0 and for nan."""
-    far = np.sqrt((vectors**2).sum(axis=-1, keepdims=True))
-    return np.asarray(np.divide(vectors, far, out=np.zeros_like(vectors), where=far > 0))
+def _normalize(vectors: FloatArray) -> FloatArray:
+    """The vectors with length 1; 0 for 0 and for nan."""
+    length = np.sqrt((vectors**2).sum(axis=-1, keepdims=True))
+    return np.asarray(np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0))
 
 
-def _ways(
+def _compute_step_costs(
     ellipses: _Ellipses,
     item: IntArray,
     steps: BoolArray,
     towards: FloatArray,
     home: FloatArray | None,
-) -> Ways:
-    """What each step costs at least, when every stretch is charged for how far along ``towards`` it is left."""
-    charges = ellipses.charge(np.arange(len(item)), towards)
+) -> StepCosts:
+    """The least costs of all steps, with the charges for `towards`."""
+    charges = ellipses.charge(towards)
     enter, leave = ellipses.enter.T.copy(), ellipses.leave.T.copy()
     cost = np.zeros((len(item), len(item)))
     for number in range(len(steps)):
         others = np.flatnonzero(steps[number][item])
         if not len(others):
             continue
-        first, last = np.searchsorted(item, (number, number + 1)).tolist()
-        rows = slice(first, last)
+        rows = slice(*np.searchsorted(item, (number, number + 1)).tolist())
+        of_rows = tuple(charge[rows, None] for charge in charges)
+        of_others = tuple(charge[others] for charge in charges)
         # Axis by axis, which numpy does in half the time.
-        cost[rows, others] = _least(
-            enter[0, others] - leave[0, rows, None],
-            enter[1, others] - leave[1, rows, None],
-            [
-                tuple(charge[rows, None] for charge in charges),
-                tuple(charge[others] for charge in charges),
-            ],
-        )
+        x = enter[0, others] - leave[0, rows, None]
+        y = enter[1, others] - leave[1, rows, None]
+        cost[rows, others] = _compute_least_costs(x, y, [of_rows, of_others])
     if home is None:
-        free = charges[-1]
-        return Ways(item, cost, -free, -free)
-    out_x, out_y = enter - home[:, None]
-    back_x, back_y = home[:, None] - leave
-    return Ways(item, cost, _least(out_x, out_y, [charges]), _least(back_x, back_y, [charges]))
+        edge = charges[-1]
+        return StepCosts(item, cost, -edge, -edge)
+    out, back = enter - home[:, None], home[:, None] - leave
+    out_cost = _compute_least_costs(out[0], out[1], [charges])
+    back_cost = _compute_least_costs(back[0], back[1], [charges])
+    return StepCosts(item, cost, out_cost, back_cost)
 
 
-def _least(x: FloatArray, y: FloatArray, charges: list[tuple[FloatArray, ...]]) -> FloatArray:
-    """Costs of steps x, y mm between the middles of ellipses, with what both may take off."""
-    found: FloatArray = np.sqrt(x * x + y * y)
-    far = np.maximum(found, NONZERO)
-    x, y = x / far, y / far
+def _compute_least_costs(
+    x: FloatArray, y: FloatArray, charges: list[tuple[FloatArray, ...]]
+) -> FloatArray:
+    """The least costs of steps between ellipses whose middles are x, y apart, mm."""
+    cost: FloatArray = np.sqrt(x * x + y * y)
+    distance = np.maximum(cost, NONZERO)
+    x, y = x / distance, y / distance
     floor = np.zeros(())
-    for along_x, along_y, along_charged, across_x, across_y, across_charged, free in charges:
+    for along_x, along_y, along_charged, across_x, across_y, across_charged, edge in charges:
         along = x * along_x
         along += y * along_y
         along -= along_charged
@@ -357,47 +376,46 @@ def _least(x: FloatArray, y: FloatArray, charges: list[tuple[FloatArray, ...]]) 
         along *= along
         across *= across
         along += across
-        found -= np.sqrt(along, out=along)
-        floor = floor - free
-    np.maximum(found, floor, out=found)
-    return found
+        cost -= np.sqrt(along, out=along)
+        floor = floor - edge
+    np.maximum(cost, floor, out=cost)
+    return cost
 
 
-def _by_item(ways: Ways) -> Ways:
-    """One way for each item, each step as cheap as the cheapest of its ways."""
-    first = np.searchsorted(ways.item, np.arange(int(ways.item[-1]) + 1))
-    cost = np.minimum.reduceat(np.minimum.reduceat(ways.cost, first, axis=0), first, axis=1)
-    return Ways(
-        np.arange(len(first)),
-        cost,
-        np.minimum.reduceat(ways.out, first),
-        np.minimum.reduceat(ways.back, first),
-    )
+def _merge_sections(costs: StepCosts) -> StepCosts:
+    """One way to run each item, with the cheapest step of all its sections."""
+    first = np.searchsorted(costs.item, np.arange(int(costs.item[-1]) + 1))
+    cost = np.minimum.reduceat(np.minimum.reduceat(costs.cost, first, axis=0), first, axis=1)
+    out, back = np.minimum.reduceat(costs.out, first), np.minimum.reduceat(costs.back, first)
+    return StepCosts(np.arange(len(first)), cost, out, back)
 
 
-def _travel(known: Sampled, order: IntArray, along: FloatArray, home: FloatArray | None) -> float:
-    """Between the items, from and to home, mm."""
-    enter, leave = ends_at(known, along)
+def _measure_travel(
+    known: Sampled, order: IntArray, along: FloatArray, home: FloatArray | None
+) -> float:
+    enter, leave = compute_ends(known, along)
     gaps = enter[order[1:]] - leave[order[:-1]]
     if home is not None:
         gaps = np.concatenate([gaps, [enter[order[0]] - home, leave[order[-1]] - home]])
     return float(np.sqrt((gaps**2).sum(axis=1)).sum())
 
 
-def _settle(known: Sampled, order: IntArray, along: FloatArray, home: FloatArray | None) -> _Tour:
-    """The tour in this order, the starts of closed items moved to their best places near ``along``."""
-    loop, items = _loops(known), known.items
+def _polish_tour(
+    known: Sampled, order: IntArray, along: FloatArray, home: FloatArray | None
+) -> _Tour:
+    """The tour in this order, with the starts of closed paths at their best points near `along`."""
+    loop, items = _find_loops(known), known.items
     back = ~loop & (along > 0)
     enter = np.where(back, items.first[1:] - 1, items.first[:-1])
     length = np.where(loop, along, 0.0)
-    for _ in range(_POLISH):
+    for _ in range(_POLISH_ROUNDS):
         length = polish_starts(known, Start(order, enter), home, length)
     along = np.where(loop, length, along)
-    return _Tour(order, along, _travel(known, order, along, home))
+    return _Tour(order, along, _measure_travel(known, order, along, home))
 
 
-def _choose(known: Sampled, tour: _Tour) -> Choices:
-    loop, along = _loops(known), tour.along
+def _make_choices(known: Sampled, tour: _Tour) -> Choices:
+    loop, along = _find_loops(known), tour.along
     row, fraction = place_starts(known, np.where(loop, along, 0.0))
     last = known.where.row[known.where.first[1:] - 1]
     row = np.where(loop, row, np.where(along > 0, last, 0))

@@ -1,4 +1,4 @@
-"""Where paths may begin: all of a closed one, or what of it is off its corners, and the ends of an open one."""
+"""The points at which paths may begin: anywhere on closed paths or off their corners, or ends."""
 
 from __future__ import annotations
 
@@ -16,18 +16,22 @@ from camgen.model.pose import FloatArray
 from camgen.model.tolerance import NONZERO
 from camgen.plan.starting import SEAM, end_to_end
 
-#: A turn of the travel that makes a vertex a corner, rad, and how far from one a smooth place is at least, mm; a third
-#: of the segment where that is shorter.
-_CORNER, _AWAY = math.radians(10), 1.0
+#: rad: change of the direction of travel from which a vertex is a corner.
+_CORNER = math.radians(10)
+#: mm: distance of a smooth start from a corner; a third of the segment if that is shorter.
+_CORNER_DISTANCE_MM = 1.0
 
 
 class Starts(Struct, frozen=True, eq=False):
-    """Where paths may begin: S starts in the order of paths and of rows.
+    """The S starts of paths, in the order of paths and of rows.
 
-    path: (S,) index of the path. row: (S,) the segment that ends at this row, for an open path its first or last row,
-    for a pinned one its first. shape: the S segments, of no length for what is no segment. first: (paths + 1,) of each
-    path's starts. low, span: (S,) where on the segment of its row ``shape`` begins, and how much of it that is,
-    fractions. begin, end: x, y (paths, 2) mm of the first and the last row of each path.
+    path: (S,) index of the path.
+    row: (S,) row at which the segment of the start ends; for an open path its first or last row,
+        for a pinned one its first.
+    shape: the S segments; one without length for an open or pinned path.
+    first: (paths + 1,) first start of each path.
+    low, span: (S,) start and length of `shape` on the segment of its row, as fractions of that.
+    begin, end: (paths, 2) x, y of the first and the last row of each path, mm.
     """
 
     path: IntArray
@@ -40,26 +44,31 @@ class Starts(Struct, frozen=True, eq=False):
     end: FloatArray
 
     def other_end(self, number: int) -> int:
-        """The start at the other end of the open path of start ``number``, itself if that is its only one."""
+        """The start at the other end of an open path; `number` itself if that is its only one."""
         path = self.path[number]
         return int(self.first[path] + self.first[path + 1]) - 1 - number
 
     def leftmost(self, allowed: Sequence[bool]) -> tuple[int, float, float]:
-        """The leftmost start of the allowed paths, the first of equal ones: its number (-1 if none) and point x, y."""
+        """The leftmost start of the allowed paths, the first of equal ones, with its point x, y.
+
+        Its index is -1 if no path is allowed.
+        """
         shape = self.shape
         x = np.minimum(shape.start[:, 0], shape.end[:, 0])
         y = np.where(shape.end[:, 0] < shape.start[:, 0], shape.end[:, 1], shape.start[:, 1])
-        over = shape.curved & (-shape.towards[:, 0] >= np.cos(shape.sweep / 2))
-        centre = shape.via[over] - shape.radius[over, None] * shape.towards[over]
-        x[over], y[over] = centre[:, 0] - shape.radius[over], centre[:, 1]
-        open_to = np.array(allowed)[self.path]
-        number = int(np.argmin(np.where(open_to, x, np.inf)))
-        return number if open_to[number] else -1, float(x[number]), float(y[number])
+        has_left_point = shape.curved & (-shape.towards[:, 0] >= np.cos(shape.sweep / 2))
+        radius = shape.radius[has_left_point]
+        centre = shape.via[has_left_point] - radius[:, None] * shape.towards[has_left_point]
+        x[has_left_point], y[has_left_point] = centre[:, 0] - radius, centre[:, 1]
+        is_allowed = np.array(allowed)[self.path]
+        number = int(np.argmin(np.where(is_allowed, x, np.inf)))
+        return number if is_allowed[number] else -1, float(x[number]), float(y[number])
 
 
-def starts(paths: Sequence[ToolPath], seam: str = "any") -> Starts:
-    """All starts of ``paths``: of one that is pinned its own. seam: "smooth" leaves out what is near a corner of a
-    closed path.
+def make_starts(paths: Sequence[ToolPath], seam: str = "any") -> Starts:
+    """All starts of `paths`; a pinned path has its own alone.
+
+    seam: "smooth" excludes the corners of closed paths.
     """
     rows = np.array([len(path) for path in paths], dtype=np.int64)
     closed = np.array([path.closed for path in paths]) & (rows > 1)
@@ -70,39 +79,31 @@ def starts(paths: Sequence[ToolPath], seam: str = "any") -> Starts:
     row = np.where(loop[owner], step + 1, step * (rows[owner] - 1))
     drawn = end_to_end(paths)
     top = begins(rows)
-    at = top[owner] + row
+    end = top[owner] + row
     inside = loop[owner]
-    shape = make_spans(
-        drawn.position[at - inside],
-        np.where(inside[:, None], drawn.via[at], np.nan),
-        drawn.position[at],
-    )
+    via = np.where(inside[:, None], drawn.via[end], np.nan)
+    shape = make_spans(drawn.position[end - inside], via, drawn.position[end])
     low, span = np.zeros(len(owner)), np.ones(len(owner))
     if seam == "smooth":
-        low, span = _off_corners(shape, inside, first)
-        middle = np.where(shape.curved[:, None], shape.point(low + span / 2), np.nan)
-        shape = make_spans(shape.point(low), middle, shape.point(low + span))
-    return Starts(
-        owner,
-        row,
-        shape,
-        first,
-        low,
-        span,
-        drawn.position[top, :2],
-        drawn.position[top + rows - 1, :2],
-    )
+        low, span = _exclude_corners(shape, inside, first)
+        via = np.where(shape.curved[:, None], shape.point(low + span / 2), np.nan)
+        shape = make_spans(shape.point(low), via, shape.point(low + span))
+    first_point, last_point = drawn.position[top, :2], drawn.position[top + rows - 1, :2]
+    return Starts(owner, row, shape, first, low, span, first_point, last_point)
 
 
-def _off_corners(shape: Spans, closed: BoolArray, first: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Where the part of each segment begins that is off the corners, and how long it is, fractions (S,) of it."""
-    ahead, behind = shape.tangents()
+def _exclude_corners(
+    shape: Spans, closed: BoolArray, first: IntArray
+) -> tuple[FloatArray, FloatArray]:
+    """Start and length of the part of each segment that is off the corners, as fractions (S,)."""
+    at_start, at_end = shape.tangents()
     before = np.arange(-1, len(closed) - 1)
     before[first[:-1]] = first[1:] - 1
-    corner = closed & ((behind[before] * ahead).sum(axis=1) < np.cos(_CORNER))
-    after = np.zeros(len(closed), dtype=bool)
-    after[before[corner]] = True
-    # What is too short to be cut in three may begin anywhere.
-    part = np.minimum(_AWAY / np.maximum(shape.length, NONZERO), 1 / 3) * (shape.length > 3 * SEAM)
-    low = np.where(corner, part, 0.0)
-    return low, 1.0 - low - np.where(after, part, 0.0)
+    has_corner = closed & ((at_end[before] * at_start).sum(axis=1) < np.cos(_CORNER))
+    has_corner_at_end = np.zeros(len(closed), dtype=bool)
+    has_corner_at_end[before[has_corner]] = True
+    # A segment that is too short to be divided in three may begin anywhere.
+    is_long = shape.length > 3 * SEAM
+    part = np.minimum(_CORNER_DISTANCE_MM / np.maximum(shape.length, NONZERO), 1 / 3) * is_long
+    low = np.where(has_corner, part, 0.0)
+    return low, 1.0 - low - np.where(has_corner_at_end, part, 0.0)

@@ -1,12 +1,12 @@
-"""Links at working height: which ways between paths may do without a lift, proven by geometry.
+"""Links at working height: links between paths that need no lift, proven by geometry.
 
-A link is the straight way of the tool's centre from the end of one path to the start of the next. It stays down where
-its distance from every line and arc that was drawn is no less than the tool's radius, and from
-every fixture beside the tool's edge no less than that and ``cell.margin``.
-Both ends are beside contours that were followed, hence outside the material; a way from there that
-comes near no contour stays outside. Nothing is proven of stock around the part.
+A link is the straight line of the tool centre from the end of one path to the start of the next. It
+stays down if its distance from every drawn line and arc is at least the tool radius, and from every
+fixture beside the tool edge at least that and `cell.margin`. Both ends are beside contours that
+were followed, so they are outside the material, and a link from there that comes near no contour
+stays outside. Nothing is proven about stock around the part.
 
-Between two operations with one tool the way leads beside the contour just worked: away from it,
+Between two operations with one tool the link leads beside the contour just worked: away from it,
 back along it, and to it again.
 """
 
@@ -25,17 +25,16 @@ from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import BESIDE_WORKED_MM, SAME_POINT_MM
 
-__all__ = ["CLEARANCE_SLACK_MM", "lead_beside", "stay_down"]
-
-#: By how much (mm) a link or a lead may be nearer than the tool's radius: a path keeps its distance within this.
+#: mm: distance by which a link or a lead may be nearer than the tool radius, as a path may.
 CLEARANCE_SLACK_MM = 0.005
 
 
 def stay_down(tour: Tour, part: Part, job: Job) -> tuple[Tour, tuple[Note, ...]]:
-    """The tour with the paths that are reached without a lift, and a note on how many; nothing unless the job asks.
+    """The tour with the paths that are reached without a lift, and a note on their number.
 
-    Only one pass beside a contour, without force, with the tool straight down and not turned with the contour, is left
-    and entered so, at one height. With a mesh or a drawn fixture every link is lifted.
+    It is unchanged unless the job asks for it. Such a link joins single passes beside contours,
+    without force, at one height, with the tool straight down and not turned with the contour. With
+    a mesh or a drawn fixture every link is lifted.
     """
     if not job.process.stay_down or len(tour.paths) < 2:
         return tour, ()
@@ -44,27 +43,30 @@ def stay_down(tour: Tour, part: Part, job: Job) -> tuple[Tour, tuple[Note, ...]]
         level = level[:0]
     start = np.array([path.position[-1, :2] for path in tour.paths[:-1]])
     end = np.array([path.position[0, :2] for path in tour.paths[1:]])
-    low = np.array([_low(path) for path in tour.paths[:-1]])
+    low = np.array([_get_end_height(path) for path in tour.paths[:-1]])
     links = make(start[level], end[level], np.zeros(len(level)), level)
     clear = _are_clear(links, low[level], part, job)
     down = frozenset((level[clear] + 1).tolist())
-    why = "these ways keep the tool's radius from all that is drawn and from fixtures; of stock nothing is known"
-    if not _are_boxes(job):
-        why = "fixtures other than boxes are not looked at here: every way is lifted over them"
-    note = Note(
-        "assumed" if down else "warning", f"lifts saved: {len(down)} of {len(tour.paths) - 1}", why
+    why = (
+        "these links keep the tool's radius from all drawn contours and from fixtures; "
+        "the stock is unknown"
     )
-    return replace(tour, down=down), (note,)
+    if not _are_boxes(job):
+        why = (
+            "only fixtures that are boxes are tested here, so every link is lifted over the others"
+        )
+    what = f"lifts saved: {len(down)} of {len(tour.paths) - 1}"
+    return replace(tour, down=down), (Note("assumed" if down else "warning", what, why),)
 
 
 def lead_beside(before: ToolPath, path: ToolPath, part: Part, job: Job) -> FloatArray | None:
-    """Two points (2, 3), mm, on the way from the path before to ``path`` at working height.
+    """Two points (2, 3) on the link from a path to the next one at working height, mm.
 
     The tool leaves the contour by `BESIDE_WORKED_MM`, returns beside it, and goes to the start of
-    ``path``. On its return it keeps that distance from all that is drawn, so that it does not touch
-    a burr that still stands there. None: the tool is lifted.
+    `path`. On its return it keeps that distance from all drawn contours, so that it does not touch
+    a burr that is still there. Returns None if the tool has to be lifted.
 
-    job: settings of the operation of ``path``.
+    job: settings of the operation of `path`.
     """
     if not (job.process.stay_down and job.operation.entry == "plunge" and _are_boxes(job)):
         return None
@@ -74,7 +76,7 @@ def lead_beside(before: ToolPath, path: ToolPath, part: Part, job: Job) -> Float
     out = left - BESIDE_WORKED_MM * before.force_direction[-1, 1]
     back = met - BESIDE_WORKED_MM * path.force_direction[1, 0]
     points = np.array([left, out, back, met])
-    points[:, 2] = _low(path)
+    points[:, 2] = _get_end_height(path)
     links = make(points[:-1, :2], points[1:, :2], np.zeros(3), np.arange(3))
     low = points[:-1, 2]
     middle = links.take(np.array([1]))
@@ -85,38 +87,38 @@ def lead_beside(before: ToolPath, path: ToolPath, part: Part, job: Job) -> Float
 
 def _are_level(paths: Sequence[ToolPath], job: Job) -> BoolArray:
     """(P - 1,) whether each path and the next one may be linked at their one height."""
-    fair = _plain(paths, job)
-    left = np.array([_low(path) for path in paths])
-    met = np.array([path.position[0, 2] - path.depths[0] for path in paths])
-    return np.asarray(fair[:-1] & fair[1:] & (np.abs(left[:-1] - met[1:]) < SAME_POINT_MM))
+    plain = _are_plain(paths, job)
+    end_heights = np.array([_get_end_height(path) for path in paths])
+    start_heights = np.array([path.position[0, 2] - path.depths[0] for path in paths])
+    return np.asarray(
+        plain[:-1] & plain[1:] & (np.abs(end_heights[:-1] - start_heights[1:]) < SAME_POINT_MM)
+    )
 
 
-def _low(path: ToolPath) -> float:
-    """The height at which a path ends, mm."""
+def _get_end_height(path: ToolPath) -> float:
     return float(path.position[-1, 2] - path.depths[0])
 
 
 def _are_boxes(job: Job) -> bool:
-    """Whether all fixtures of a job are boxes."""
     return all(isinstance(box, list) for box in job.cell.fixtures or [])
 
 
 def _are_clear(
-    links: Segments, low: FloatArray, part: Part, job: Job, more: float = 0.0
+    links: Segments, low: FloatArray, part: Part, job: Job, extra: float = 0.0
 ) -> BoolArray:
-    """(L,) whether the tool on links at the heights ``low`` (L,) is clear of part and fixtures.
+    """(L,) whether the tool on links at heights `low` (L,) is clear of part and fixtures.
 
-    more: distance from the part beyond the tool's radius, mm.
+    more: distance from the part beyond the tool radius, mm.
     """
     radius = job.tool.diameter / 2 - CLEARANCE_SLACK_MM
-    reach = radius + more
+    reach = radius + extra
     boxes = [box for box in job.cell.fixtures or [] if isinstance(box, list)]
     table = np.array(boxes, dtype=np.float64).reshape(-1, 6)
     clear = measure_gaps(links, from_contours(part.contours), reach) >= reach
-    return np.asarray(clear & _past(links, low, table, radius + job.cell.margin))
+    return np.asarray(clear & _are_past_boxes(links, low, table, radius + job.cell.margin))
 
 
-def _plain(paths: Sequence[ToolPath], job: Job) -> BoolArray:
+def _are_plain(paths: Sequence[ToolPath], job: Job) -> BoolArray:
     """(P,) which paths may be left and entered from the side."""
     if job.tool.orient == "follow":
         return np.zeros(len(paths), dtype=bool)
@@ -131,8 +133,10 @@ def _plain(paths: Sequence[ToolPath], job: Job) -> BoolArray:
     )
 
 
-def _past(links: Segments, low: FloatArray, boxes: FloatArray, radius: float) -> BoolArray:
-    """(L,) whether each link keeps clear of every box that reaches above the height ``low`` (L,) of the tool's edge."""
+def _are_past_boxes(
+    links: Segments, low: FloatArray, boxes: FloatArray, radius: float
+) -> BoolArray:
+    """(L,) whether links keep clear of every box above the height `low` (L,) of the tool edge."""
     clear = np.ones(len(links), dtype=bool)
     for box in boxes.reshape(-1, 2, 3):
         (x0, y0, _), (x1, y1, top) = box.min(axis=0), box.max(axis=0)

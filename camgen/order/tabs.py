@@ -1,15 +1,15 @@
 """Tabs: bridges that hold parts in their stock until they are cut by hand.
 
-They stand on the outlines of parts, and on the holes around these, since a part would come loose
-with the slug to which it is joined. If an operation cuts no part out, they stand on its holes and
-hold slugs that are larger than a chip.
+They are on the outlines of parts, and on the holes around these, since a part would come loose with
+the slug to which it is joined. If an operation cuts no part out, they are on its holes and hold
+slugs that are larger than a chip.
 
-Over a tab the tool rises to `tab_height` above the depth by 45 degrees. It runs level for `tab_width`
-and its own diameter, so that the width is left. It goes down by `entry_angle`, or by 45 degrees where
-it may plunge: there is material after the tab. The places are spread evenly from the seam on. Each is
-moved to the nearest one that is clear of corners, of the seam with its leads and overlap, and of the
-other tabs. A corner is a vertex where the tangent turns, or an arc on which the tool only rolls about
-a point.
+Over a tab the tool rises to `tab_height` above the depth by 45 degrees. It runs level for
+`tab_width` and its own diameter, so that the width is left. It goes down by `entry_angle`, or by 45
+degrees if it may plunge: there is material after the tab. Tabs are spread evenly from the seam on.
+Each is moved to the nearest position that is clear of corners, of the seam with its leads and
+overlap, and of the other tabs. A corner is a vertex where the tangent turns, or an arc on which the
+tool only rolls about a point.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from itertools import chain as join
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
@@ -46,18 +46,19 @@ from camgen.plan.pieces import (
     split_at,
 )
 
-#: A turn of the tangent that makes a corner, rad: curves that were drawn as many lines turn by less.
+#: rad: change of the tangent from which a vertex is a corner. Curves that were drawn as many lines
+#: change by less.
 _CORNER = math.radians(5)
-#: How much of an arc may touch the part that rolls about a point, as a part of its radius.
-_POINT = 1e-3
-#: The path is level again after a tab for at least this before its end, mm.
+#: Fraction of its radius by which an arc may be larger if the tool only rolls about a point.
+_POINT_SLACK = 1e-3
+#: mm: the path is level after a tab for at least this length before its end.
 _LEVEL_MM = 0.2
-#: Curves as chords that leave them by at most this, mm, where only the inside matters.
+#: mm: chord tolerance of curves of which only the inside matters.
 _CHORD_MM = 0.01
-#: Distance of the places of a loop at which other paths are looked for, mm.
-_LOOK_MM = 0.5
-#: Points of a loop are found again within this, mm.
-_FOUND = 1e-4
+#: mm: distance of the samples of a loop at which other paths are searched.
+_SAMPLE_MM = 0.5
+#: mm: tolerance with which points of a loop are found again.
+_SAME_POINT = 1e-4
 
 
 class _Tab(Struct, frozen=True):
@@ -83,78 +84,85 @@ class _Tab(Struct, frozen=True):
 
 
 class _Loop(Struct, frozen=True, eq=False):
-    """The closed part of a path. number: of its path. begin: where it starts there, mm. round: it once round.
+    """The closed part of a path.
 
-    seam: (low, high), mm from its start, what is kept free of tabs, low below 0. corners: (C, 2), from where to where.
+    number: index of the path.
+    path: the path with its leads.
+    begin: position of the loop's start along the path, mm.
+    once: the loop, once around.
+    seam: positions (low, high) from its start that are kept free of tabs, low below 0, mm.
+    corners: (C, 2) start and end of each corner from the start of the loop, mm.
     """
 
     number: int
     path: ToolPath
     begin: float
-    round: ToolPath
+    once: ToolPath
     seam: tuple[float, float]
     corners: FloatArray
 
     @property
     def length(self) -> float:
-        """Once round, mm."""
-        return float(lengths_along(self.round)[-1])
+        """Length of the loop, mm."""
+        return float(lengths_along(self.once)[-1])
 
 
 def add_tabs(
     planned: Sequence[ToolPath], led: Sequence[ToolPath], job: Job
 ) -> tuple[list[ToolPath], list[Note]]:
-    """The paths ``led`` with the floors of their tabs, and notes on how many there are, and on those that are not.
+    """The paths `led` with the floors of their tabs, and notes on tabs and on missing ones.
 
-    planned: the same paths before they had leads. Paths beside one contour, of which one finishes what the other left,
-    have their tabs at the same places. JobError for tabs that the depth has no room for.
+    Paths beside one contour, of which one finishes what the other left, have their tabs at the same
+    positions. Raises JobError for tabs that are too high for the depth.
+
+    planned: paths before they had leads.
     """
     operation = job.operation
     if not (operation.tabs or operation.tab_spacing):
         return list(led), []
-    _insist(job)
-    chosen = _choose(planned, job)
-    tab = _size(job, min((shortest(planned[k], job.tolerance.chord) for k in chosen), default=1.0))
+    _check_settings(job)
+    chosen = _choose_paths(planned, job)
+    chord_fractions = (shortest(planned[k], job.tolerance.chord) for k in chosen)
+    tab = _compute_size(job, min(chord_fractions, default=1.0))
     loops = [_find_loop(k, planned[k], led[k], job, tab) for k in chosen]
     result = list(led)
     held: list[str] = []
-    near: list[str] = []
+    near_corners: list[str] = []
     without: list[_Loop] = []
     middles: list[tuple[float, float]] = []
     placed: dict[int, list[FloatArray]] = {}
-    for group in _beside_each_other(loops, job.tool.diameter):
+    for group in _group_loops(loops, job.tool.diameter):
         first, ids = group[0], [loop.path.id for loop in group]
-        wanted = operation.tabs or max(
-            2, math.ceil(first.length / (operation.tab_spacing or math.inf) - 1e-9)
-        )
+        by_spacing = math.ceil(first.length / (operation.tab_spacing or math.inf) - 1e-9)
+        wanted = operation.tabs or max(2, by_spacing)
         ideals = [(k + 0.5) / wanted * first.length for k in range(wanted)]
-        within = list(join.from_iterable(placed.get(k, []) for k in chosen[first.number]))
-        if len(within) == wanted:
-            # Where the kerfs meet, bridges hold only beside each other.
-            ideals = [nearest(first.round, point)[0] for point in within]
-        crowded = _find_crowded(first.round, group, planned, job.tool.diameter)
-        places, close = _place(group, tab, ideals, crowded)
-        points = [point_at(first.round, place) for place in places]
+        inner_tabs = list(join.from_iterable(placed.get(k, []) for k in chosen[first.number]))
+        if len(inner_tabs) == wanted:
+            # Where the kerfs meet, tabs hold only if they are next to each other.
+            ideals = [nearest(first.once, point)[0] for point in inner_tabs]
+        crowded = _find_crowded(first.once, group, planned, job.tool.diameter)
+        places, is_near_corner = _choose_places(group, tab, ideals, crowded)
+        points = [point_at(first.once, place) for place in places]
         placed[first.number] = points
         for loop in group:
-            here = sorted(nearest(loop.round, point)[0] for point in points)
-            result[loop.number] = _hold(loop, tab, here, job.tolerance.chord)
+            on_loop = sorted(nearest(loop.once, point)[0] for point in points)
+            result[loop.number] = _raise_floor(loop, tab, on_loop, job.tolerance.chord)
         middles += [(x, y) for x, y, _ in map(np.ndarray.tolist, points)]
         held += ids if places else []
-        near += ids if close else []
+        near_corners += ids if is_near_corner else []
         without += group if len(places) < wanted else []
     pieces = [path for path in planned if path.operation == "follow" and not path.closed]
-    return result, _tell(held, middles, near, without, pieces, job)
+    return result, _note_tabs(held, middles, near_corners, without, pieces, job)
 
 
-def _beside_each_other(loops: Sequence[_Loop], within: float) -> list[list[_Loop]]:
-    """The loops in groups that run beside the same contours, no farther than ``within`` mm from the first of them."""
+def _group_loops(loops: Sequence[_Loop], distance: float) -> list[list[_Loop]]:
+    """The loops in groups beside the same contours, within a distance of the first loop, mm."""
     groups: list[list[_Loop]] = []
     for loop in loops:
-        start = loop.round.position[0]
+        start = loop.once.position[0]
         for group in groups:
-            first = group[0].round
-            if first.contours == loop.round.contours and nearest(first, start)[1] < within:
+            first = group[0].once
+            if first.contours == loop.once.contours and nearest(first, start)[1] < distance:
                 group.append(loop)
                 break
         else:
@@ -162,36 +170,40 @@ def _beside_each_other(loops: Sequence[_Loop], within: float) -> list[list[_Loop
     return groups
 
 
-def _size(job: Job, flat: float) -> _Tab:
-    """The size of the tabs. flat: the least length of chords for each mm of an arc, where slopes are steepest."""
+def _compute_size(job: Job, chord_fraction: float) -> _Tab:
+    """The size of the tabs.
+
+    chord_fraction: shortest chords for each mm of an arc, where slopes are steepest.
+    """
     operation = job.operation
     top = operation.tab_width / 2 + job.tool.diameter / 2
     slope = 1.0 if operation.entry == "plunge" else math.tan(math.radians(operation.entry_angle))
-    rise, fall = (top + operation.tab_height / (tangent * flat) for tangent in (1.0, slope))
+    rise, fall = (
+        top + operation.tab_height / (tangent * chord_fraction) for tangent in (1.0, slope)
+    )
     return _Tab(top, rise, fall, operation.depth, operation.tab_height)
 
 
-def _insist(job: Job) -> None:
+def _check_settings(job: Job) -> None:
     operation, kind = job.operation, job.tool.kind
     if operation.tabs and operation.tab_spacing:
-        what = "their number is given, and so is their spacing"
+        what = "both their number and their spacing are given"
         raise JobError("job", what, "operation.tab_spacing", "leave out one of the two")
     if operation.tab_height >= operation.depth:
-        what = f"tabs of {short(operation.tab_height, 3)} mm in a depth of {short(operation.depth, 3)} mm"
-        remedy = (
-            "make it less than operation.depth"
-            if operation.depth
-            else "set operation.depth to what is cut through"
-        )
+        height, depth = short(operation.tab_height, 3), short(operation.depth, 3)
+        what = f"tabs of {height} mm in a depth of {depth} mm"
+        remedy = "set operation.depth to the thickness that is cut through"
+        if operation.depth:
+            remedy = "make it less than operation.depth"
         raise JobError("job", what, "operation.tab_height", remedy)
     if kind in ("laser", "plasma"):
-        what = f"a {kind} cuts through tabs, however high its head stands"
+        what = f"a {kind} cuts through tabs at any height of its head"
         raise JobError("job", what, "operation.tabs", "leave them out")
 
 
-def _choose(planned: Sequence[ToolPath], job: Job) -> dict[int, list[int]]:
+def _choose_paths(planned: Sequence[ToolPath], job: Job) -> dict[int, list[int]]:
     """The paths that have tabs, inner ones first, each with the paths around parts within it."""
-    closed = [k for k, path in enumerate(planned) if _runs_round(path)]
+    closed = [k for k, path in enumerate(planned) if _is_loop(path)]
     outer = [k for k in closed if _cuts_out(planned[k])]
     holes = [k for k in closed if k not in set(outer)]
     if not outer:
@@ -201,15 +213,13 @@ def _choose(planned: Sequence[ToolPath], job: Job) -> dict[int, list[int]]:
 
 
 def _leaves_slug(path: ToolPath, job: Job) -> bool:
-    """Whether a slug is left within the path that is larger than a chip."""
     import shapely  # noqa: PLC0415 (only for what needs it)
 
-    slug = shapely.buffer(_draw_room(path), -job.tool.radius)
+    slug = shapely.buffer(_make_polygon(path), -job.tool.radius)
     return bool(shapely.area(shapely.get_parts(slug)).max(initial=0.0) >= job.tool.chip_area)
 
 
-def _draw_room(path: ToolPath) -> Any:
-    """The polygon within a closed path."""
+def _make_polygon(path: ToolPath) -> Any:
     import shapely  # noqa: PLC0415 (only for what needs it)
 
     points = flatten(path_segments((path,)), _CHORD_MM)[0]
@@ -222,7 +232,7 @@ def _find_around(
     """The paths around parts within each of the paths in holes."""
     import shapely  # noqa: PLC0415 (only for what needs it)
 
-    rooms = np.array([_draw_room(planned[k]) for k in holes], dtype=object)
+    rooms = np.array([_make_polygon(planned[k]) for k in holes], dtype=object)
     starts = shapely.points([planned[k].position[0, :2] for k in outer])
     start, room = shapely.STRtree(rooms).query(starts, predicate="within")
     around: dict[int, list[int]] = {k: [] for k in holes}
@@ -231,7 +241,7 @@ def _find_around(
     return around
 
 
-def _runs_round(path: ToolPath) -> bool:
+def _is_loop(path: ToolPath) -> bool:
     return path.closed and path.operation == "follow" and len(path.position) >= 3
 
 
@@ -247,90 +257,84 @@ def _cuts_out(path: ToolPath) -> bool:
 
 
 def _find_loop(number: int, before: ToolPath, path: ToolPath, job: Job, tab: _Tab) -> _Loop:
-    """Where the closed path ``before`` is in ``path``, which has a lead of one segment before it, or none."""
+    """The closed path `before` within `path`, which may have a lead of one segment before it."""
     length, along = float(lengths_along(before)[-1]), lengths_along(path)
-    row = next((row for row in (0, 1) if _once_round(path, row, length)), 0)
-    last = _once_round(path, row, length)
+    row = next((row for row in (0, 1) if _find_row_once_around(path, row, length)), 0)
+    last = _find_row_once_around(path, row, length)
     if not last:
-        raise ValueError(f"path {path.id} does not hold the loop that it was made of")
+        raise ValueError(f"path {path.id} does not hold the loop from which it was made")
     begin, overlap = float(along[row]), min(job.operation.overlap, length)
-    # A lead is a quarter of a circle: it reaches its radius along the contour, and the tool is wider by its own.
+    # A lead is a quarter of a circle. It extends by its radius along the contour, and the tool is
+    # wider by its own radius.
     after = max(0.0, float(along[-1]) - begin - length - overlap)
     low = max(tab.fall + _LEVEL_MM, tab.top + begin / (math.pi / 2))
     high = max(tab.rise, tab.top + after / (math.pi / 2))
     if job.operation.entry != "plunge":
         high += job.tool.diameter  # an entry runs back and forth before the first tab
     once = path.rows(row, last + 1)
-    return _Loop(
-        number,
-        path,
-        begin,
-        once,
-        (-low, overlap + high),
-        _corners(once, job.tool.diameter / 2 + job.operation.finish),
-    )
+    corners = _find_corners(once, job.tool.diameter / 2 + job.operation.finish)
+    return _Loop(number, path, begin, once, (-low, overlap + high), corners)
 
 
-def _once_round(path: ToolPath, row: int, length: float) -> int:
-    """The row at which ``path`` is where it was at ``row``, ``length`` mm later; 0 if it is not."""
+def _find_row_once_around(path: ToolPath, row: int, length: float) -> int:
+    """The row that is at the same point as `row`, `length` mm later; 0 without one."""
     along = lengths_along(path)
-    last = int(np.argmin(np.abs(along - along[row] - length)))
-    apart = math.dist(path.position[last].tolist(), path.position[row].tolist())
-    return last if abs(along[last] - along[row] - length) < _FOUND and apart < _FOUND else 0
+    difference = np.abs(along - along[row] - length)
+    last = int(np.argmin(difference))
+    gap = math.dist(path.position[last].tolist(), path.position[row].tolist())
+    return last if difference[last] < _SAME_POINT and gap < _SAME_POINT else 0
 
 
-def _corners(once: ToolPath, radius: float) -> FloatArray:
-    """(C, 2) mm from the start of a loop: its corners, each from where to where. radius: of an arc about a corner."""
+def _find_corners(once: ToolPath, radius: float) -> FloatArray:
+    """(C, 2) start and end of each corner from the start of a loop, mm.
+
+    radius: radius of an arc about a corner, mm.
+    """
     along, shape = lengths_along(once), chain(once.position, once.via[1:])
     leaves, arrives = shape.tangents()
     sharp = angles(arrives, np.roll(leaves, -1, axis=0)) > _CORNER
     centre = shape.via - shape.radius[:, None] * shape.towards
     inwards = dots(once.force_direction[1:, 0], centre - shape.start) > 0
-    rolls = (
-        shape.curved & inwards & (shape.radius < radius * (1 + _POINT)) & (shape.sweep > _CORNER)
-    )
-    return np.concatenate(
-        [
-            np.column_stack([along[1:], along[1:]])[sharp],
-            np.column_stack([along[:-1], along[1:]])[rolls],
-        ]
-    )
+    is_small = shape.radius < radius * (1 + _POINT_SLACK)
+    rolls = shape.curved & inwards & is_small & (shape.sweep > _CORNER)
+    vertices = np.column_stack([along[1:], along[1:]])[sharp]
+    return np.concatenate([vertices, np.column_stack([along[:-1], along[1:]])[rolls]])
 
 
 def _find_crowded(
     once: ToolPath, group: Sequence[_Loop], planned: Sequence[ToolPath], distance: float
 ) -> list[tuple[float, float]]:
-    """Stretches of a loop at which a path is nearer than a kerf and cuts tabs off, mm.
+    """Sections of a loop at which a path is nearer than a kerf and cuts tabs off, mm.
 
-    That is another path, or the loop itself on the other side of a narrow room.
+    That is another path, or the loop itself on the other side of a narrow place.
     """
     import shapely  # noqa: PLC0415 (only for what needs it)
 
     members = {loop.number for loop in group}
     others = [path for k, path in enumerate(planned) if k not in members]
-    lines = np.array([_draw_line(path) for path in others], dtype=object)
-    near = lines[shapely.STRtree(lines).query(_draw_line(once), "dwithin", distance=distance)]
+    lines = np.array([_make_line(path) for path in others], dtype=object)
+    near = lines[shapely.STRtree(lines).query(_make_line(once), "dwithin", distance=distance)]
     length = float(lengths_along(once)[-1])
-    places = np.linspace(0.0, length, max(2, math.ceil(length / _LOOK_MM)) + 1)
+    places = np.linspace(0.0, length, max(2, math.ceil(length / _SAMPLE_MM)) + 1)
     points = points_at(once, places)[:, :2]
-    close = _come_back(points, places, distance)
+    close = _are_narrow(points, places, distance)
     if len(near):
         close |= shapely.distance(shapely.union_all(near), shapely.points(points)) < distance
     step = float(places[1])
     return [(place - step, place + step) for place in places[close].tolist()]
 
 
-def _come_back(points: FloatArray, places: FloatArray, distance: float) -> NDArray[np.bool_]:
-    """(P,) whether a loop comes back to its points at another place.
+def _are_narrow(points: FloatArray, places: FloatArray, distance: float) -> NDArray[np.bool_]:
+    """(P,) whether a loop comes back near to its points at another position.
 
-    points: (P, 2) of the loop, mm.
-    places: (P,) their lengths along the loop, mm, the last one once round.
-    distance: distance below which both places are near, mm.
+    points: (P, 2) points of the loop, mm.
+    places: (P,) their positions along the loop, mm, the last one once around.
+    distance: distance below which two points are near, mm.
     """
     import shapely  # noqa: PLC0415 (only for what needs it)
 
     close = np.zeros(len(places), np.bool_)
-    # A loop that only rounds a corner is this long at most.
+    # Maximum length of a section that only rounds a corner.
     corner = math.pi * distance
     which = _list_near_points(points, places, distance, corner)
     chosen = shapely.points(points[which])
@@ -343,10 +347,10 @@ def _come_back(points: FloatArray, places: FloatArray, distance: float) -> NDArr
 def _list_near_points(
     points: FloatArray, places: FloatArray, distance: float, corner: float
 ) -> NDArray[np.intp]:
-    """Numbers of the points that may be within `distance` of another one, `corner` mm along.
+    """Indices of the points that may be within `distance` of another one, `corner` mm along.
 
-    The loop is compared in pieces as long as the distance. On a line, pieces within the distance
-    of each other are neighbours, which are too near to each other along the loop.
+    The loop is compared in pieces as long as the distance. On a line, pieces within the distance of
+    each other are neighbours, which are too near to each other along the loop.
     """
     import shapely  # noqa: PLC0415 (only for what needs it)
 
@@ -363,13 +367,12 @@ def _list_near_points(
 
 
 def _measure_along(lengths: FloatArray, once: float) -> FloatArray:
-    """Distances along a loop of `once` mm of places whose lengths differ by `lengths` mm."""
+    """Distances along a loop of `once` mm, for differences `lengths` of positions, mm."""
     along = np.abs(lengths)
     return np.minimum(along, once - along)
 
 
-def _draw_line(path: ToolPath) -> Any:
-    """A path, seen from above."""
+def _make_line(path: ToolPath) -> Any:
     import shapely  # noqa: PLC0415 (only for what needs it)
 
     last = path.position[-1:, :2]
@@ -379,131 +382,136 @@ def _draw_line(path: ToolPath) -> Any:
     return shapely.LineString(np.concatenate([points, last]))
 
 
-def _place(
+def _choose_places(
     group: Sequence[_Loop],
     tab: _Tab,
     ideals: Sequence[float],
     crowded: Sequence[tuple[float, float]],
 ) -> tuple[list[float], bool]:
-    """The middles of the tabs, mm from the start of the first loop, and whether some are near corners.
+    """The middles of the tabs along the first loop, mm, and whether some are near corners.
 
-    All seams of the `group` are kept free.
+    All seams of the group are kept free.
 
-    ideals: places that the tabs should have, mm.
-    crowded: stretches to avoid if there is another place, mm.
+    ideals: positions that the tabs should have, mm.
+    crowded: sections that are avoided if there is another position, mm.
     """
-    loop, places, near = group[0], list[float](), False
+    loop, places, near_corner = group[0], list[float](), False
     length = loop.length
-    # Tabs that are apart on one path may be nearer to each other on the path beside it.
-    nearer = max(abs(beside.length - length) for beside in group)
-    starts = [nearest(loop.round, one.round.position[0])[0] for one in group]
-    seams = [
-        (start + one.seam[0], start + one.seam[1]) for start, one in zip(starts, group, strict=True)
-    ]
-    spacing = tab.whole + nearer
+    # Tabs may be nearer to each other on the other paths of the group.
+    largest_difference = max(abs(other.length - length) for other in group)
+    spacing = tab.whole + largest_difference
+    seams = []
+    for member in group:
+        start = nearest(loop.once, member.once.position[0])[0]
+        seams.append((start + member.seam[0], start + member.seam[1]))
+    corners = [(a - tab.top, b + tab.top) for a, b in loop.corners.tolist()]
+    near_corners = _repeat_around(corners, length)
+    taken = _repeat_around([(a - tab.fall, b + tab.rise) for a, b in crowded], length)
     for ideal in ideals:
         others = [(place - spacing, place + spacing) for place in places]
-        closed = _round([*seams, *others], length)
-        clear = [
-            *closed,
-            *_round([(a - tab.top, b + tab.top) for a, b in loop.corners.tolist()], length),
-        ]
-        taken = _round([(a - tab.fall, b + tab.rise) for a, b in crowded], length)
-        place = _nearest(ideal, [*clear, *taken], length)
+        closed = _repeat_around([*seams, *others], length)
+        place = _find_nearest_place(ideal, [*closed, *near_corners, *taken], length)
         if place is None:
-            place = _nearest(ideal, clear, length)
+            place = _find_nearest_place(ideal, [*closed, *near_corners], length)
         if place is None:
-            place = _farthest(ideal, closed, loop.corners, length)
-            near |= place is not None
+            place = _find_farthest_place(ideal, closed, loop.corners, length)
+            near_corner |= place is not None
         if place is not None:
             places.append(place)
-    return places, near
+    return places, near_corner
 
 
-def _round(stretches: Sequence[tuple[float, float]], length: float) -> list[tuple[float, float]]:
-    """The stretches of a loop, and the same once round before and after."""
-    return [(a + turn, b + turn) for a, b in stretches for turn in (-length, 0.0, length)]
+def _repeat_around(
+    stretches: Sequence[tuple[float, float]], length: float
+) -> list[tuple[float, float]]:
+    """The sections of a loop, and the same once around before and after."""
+    shifted = product(stretches, (-length, 0.0, length))
+    return [(a + shift, b + shift) for (a, b), shift in shifted]
 
 
-def _nearest(ideal: float, closed: Sequence[tuple[float, float]], length: float) -> float | None:
-    """The place nearest to ``ideal`` that is within none of ``closed``."""
-    places = [ideal, *(end for stretch in closed for end in stretch if 0 <= end <= length)]
+def _find_nearest_place(
+    ideal: float, closed: Sequence[tuple[float, float]], length: float
+) -> float | None:
+    """The position nearest to `ideal` that is in none of the sections `closed`; None if none is."""
+    places = [ideal, *(end for end in join.from_iterable(closed) if 0 <= end <= length)]
     return min(
-        (p for p in places if _open(p, closed)), key=lambda place: abs(place - ideal), default=None
+        (p for p in places if _is_open(p, closed)),
+        key=lambda place: abs(place - ideal),
+        default=None,
     )
 
 
-def _open(place: float, closed: Sequence[tuple[float, float]]) -> bool:
+def _is_open(place: float, closed: Sequence[tuple[float, float]]) -> bool:
     return all(not low + SAME_POINT_MM < place < high - SAME_POINT_MM for low, high in closed)
 
 
-def _farthest(
+def _find_farthest_place(
     ideal: float, closed: Sequence[tuple[float, float]], corners: FloatArray, length: float
 ) -> float | None:
-    """The place farthest from all corners within none of ``closed``; of equal ones that nearest to ``ideal``."""
-    around = sorted(_round([(a, b) for a, b in corners.tolist()], length))
-    middles = [(one[1] + two[0]) / 2 for one, two in pairwise(around)]
-    ends = [end for stretch in closed for end in stretch]
-    places = [p for p in (*middles, *ends) if 0 <= p <= length and _open(p, closed)]
+    """The position farthest from all corners that is in none of `closed`; None without any.
+
+    The one nearest to `ideal` is taken if several are equally far.
+    """
+    around = sorted(_repeat_around([(a, b) for a, b in corners.tolist()], length))
+    middles = [(before[1] + after[0]) / 2 for before, after in pairwise(around)]
+    ends = list(join.from_iterable(closed))
+    places = [p for p in (*middles, *ends) if 0 <= p <= length and _is_open(p, closed)]
 
     def badness(place: float) -> tuple[float, float]:
-        room = min(max(low - place, place - high, 0.0) for low, high in around)
-        return -round(room, 3), abs(place - ideal)
+        distance = min(max(low - place, place - high, 0.0) for low, high in around)
+        return -round(distance, 3), abs(place - ideal)
 
     return min(places, key=badness, default=None)
 
 
-def _hold(loop: _Loop, tab: _Tab, places: Sequence[float], chord: float) -> ToolPath:
-    """The path with the floor of its tabs; what runs up and down is chords."""
+def _raise_floor(loop: _Loop, tab: _Tab, places: Sequence[float], chord: float) -> ToolPath:
+    """The path with the floor of its tabs; slopes are chords."""
     if not places:
         return loop.path
     middles = loop.begin + np.array(places)
     ends = np.array([-tab.rise, -tab.top, tab.top, tab.fall])
-    at = (middles[:, None] + ends).ravel()
+    positions = (middles[:, None] + ends).ravel()
     low, high = -tab.depth, tab.height - tab.depth
-    split = split_at(loop.path, at)
-    floor = np.interp(lengths_along(split), at, np.tile([low, high, high, low], len(places)))
+    split = split_at(loop.path, positions)
+    heights = np.tile([low, high, high, low], len(places))
+    floor = np.interp(lengths_along(split), positions, heights)
     for level in (low, high):
         floor[np.abs(floor - level) < SAME_POINT_MM] = level
-    return chorded(
-        replace(split, floor=frozen(floor)), chord, np.abs(np.diff(floor)) > SAME_POINT_MM
-    )
+    slopes = np.abs(np.diff(floor)) > SAME_POINT_MM
+    return chorded(replace(split, floor=frozen(floor)), chord, slopes)
 
 
-def _tell(
+def _note_tabs(
     held: Sequence[str],
     middles: Sequence[tuple[float, float]],
-    near: Sequence[str],
+    near_corners: Sequence[str],
     without: Sequence[_Loop],
     pieces: Sequence[ToolPath],
     job: Job,
 ) -> list[Note]:
-    """How many tabs there are, of what size and where; and what is not as it was asked."""
+    """Notes on the tabs: their number, size and positions, and the paths with fewer or none."""
     size = f"{short(job.operation.tab_width, 3)} x {short(job.operation.tab_height, 3)} mm"
     notes = []
     if held:
         what = f"{counted(len(middles), 'tab')} of {size} on {name_first(held)}"
-        notes.append(
-            Note(
-                "assumed",
-                what,
-                "they hold the part; cut them when it is out",
-                places=tuple(middles),
-            )
-        )
+        why = "they hold the part; cut them when it is out"
+        notes.append(Note("assumed", what, why, places=tuple(middles)))
     elif not without:
         why = "only a path all around a part, or a slug larger than a chip, has them"
         notes.append(Note("warning", "no tabs: no path cuts anything out", why))
-    if near:
+    if near_corners:
         why = "no place is as far from all corners as the tool's radius and half the tab's width"
-        notes.append(Note("warning", f"tabs near corners on {name_first(near)}", why))
+        notes.append(Note("warning", f"tabs near corners on {name_first(near_corners)}", why))
     if without:
-        why = "there is no room for them beside the seam, its leads and each other; fewer or shorter ones may fit"
-        what = f"fewer tabs than asked on {name_first([loop.path.id for loop in without])}"
+        why = (
+            "there is no room for more beside the seam, its leads and each other; "
+            "fewer or shorter ones may fit"
+        )
+        what = f"fewer tabs than requested on {name_first([loop.path.id for loop in without])}"
         ids = tuple(join.from_iterable(loop.path.contours for loop in without))
         notes.append(Note("warning", what, why, ids, lacks="tabs"))
     if pieces and (held or without):
-        why = "only a path that runs all round has tabs; what others cut free comes loose"
+        why = "only a closed path has tabs; a piece that other paths cut free comes loose"
         what = f"no tabs on {name_first([path.id for path in pieces])}"
         ids = tuple(join.from_iterable(path.contours for path in pieces))
         notes.append(Note("warning", what, why, ids, lacks="tabs"))

@@ -1,6 +1,4 @@
-"""Tours that know more than their paths: how an arm gets from edge to edge, what a program did between its cuts, which
-operations they are of.
-"""
+"""Tours with more than their paths: links of an arm, a program that was read, operations."""
 
 from __future__ import annotations
 
@@ -17,8 +15,11 @@ if TYPE_CHECKING:
 
 
 class EdgeTour(Tour, frozen=True, eq=False, kw_only=True):
-    """Edges of a 3-D part. route: the motions with the links that lead to them. lengths: mm of each leg's edge. made:
-    the paths.
+    """A tour of edges of a 3-D part.
+
+    route: the motions with the links that lead to them.
+    lengths: length of the edge of each leg, mm.
+    made: the paths.
     """
 
     route: Route
@@ -27,24 +28,33 @@ class EdgeTour(Tour, frozen=True, eq=False, kw_only=True):
 
 
 class ArmTour(Tour, frozen=True, eq=False, kw_only=True):
-    """Paths of a flat part by an arm that chooses how its tool is turned about its axis. turns: by path, (N,) rad from
-    the nominal orientation at its waypoints. ways: by path, the joint values (J,) that lead to above its start, one
-    after the other; none: a straight line does. back: those that lead from the last path to home. paces, back_paces: of
-    each of these motions the speed of the TCP, mm/s, and the share of the joints' greatest speeds, 0 where the speed
-    alone holds. seconds: of all ways between the paths. made: the paths.
+    """A tour of paths of a flat part by an arm that chooses the roll of its tool.
+
+    rolls: (N,) roll from the nominal orientation at the waypoints of each path, rad.
+    links: joint values (J,) that lead to above the start of each path; empty for a straight line.
+    back: joint values (J,) that lead from the last path to home.
+    link_speeds, back_speeds: speeds of these motions: of the TCP, mm/s, and the fraction of the
+        maximum joint speeds; 0 if the first alone applies.
+    seconds: time of all links, s.
+    made: the paths.
     """
 
-    turns: tuple[FloatArray, ...]
-    ways: tuple[tuple[FloatArray, ...], ...]
+    rolls: tuple[FloatArray, ...]
+    links: tuple[tuple[FloatArray, ...], ...]
     back: tuple[FloatArray, ...]
-    paces: tuple[tuple[tuple[float, float], ...], ...]
-    back_paces: tuple[tuple[float, float], ...]
+    link_speeds: tuple[tuple[tuple[float, float], ...], ...]
+    back_speeds: tuple[tuple[float, float], ...]
     seconds: float
     made: tuple[ToolPath, ...]
 
 
 class ReplayTour(Tour, frozen=True, eq=False, kw_only=True):
-    """The paths of a program that was read, and what it does. made: the paths. parts: as in ``ReplayPlan``."""
+    """The paths of a program that was read, and the run of that program.
+
+    run: the program as it was run.
+    made: the paths.
+    parts: parts of the program by tool, as in `ReplayPlan`.
+    """
 
     run: ProgramRun
     made: tuple[ToolPath, ...]
@@ -52,11 +62,13 @@ class ReplayTour(Tour, frozen=True, eq=False, kw_only=True):
 
 
 class JobTour(Tour, frozen=True, eq=False, kw_only=True):
-    """Several operations one after the other. numbers: their places in ``Job.operations``. tours: of each, whose paths,
-    one after the other, are the paths.
+    """Several operations one after the other.
 
-    links: points (K, 3), mm, for each operation, on which the tool comes to its first path at
-        working height, from the operation before. None: the tool is lifted.
+    steps: the steps of the job.
+    numbers: indices of the operations in `Job.operations`.
+    tours: the tour of each operation; their paths, one after the other, are the paths.
+    links: points (K, 3) in mm on which the tool comes to the first path of each operation at
+        working height, from the operation before; None if the tool is lifted.
     """
 
     steps: tuple[Step, ...]

@@ -1,8 +1,9 @@
-"""The points where paths may begin, in a tree of boxes: the nearest one is found while paths come and go.
+"""The starts of paths in a tree of boxes: finds the nearest one while paths are removed and added.
 
-A closed path may begin anywhere on its segments, an open one at its start and, where it is reversible, at its end.
-The boxes are packed once along a Hilbert curve. A path that has been run leaves its boxes, and a box that is left
-empty leaves its parent, so that the search for the few paths that remain far away stays short.
+A closed path may begin anywhere on its segments, an open one at its start and, if it is reversible,
+at its end. The boxes are packed once along a Hilbert curve. A path that has been run leaves its
+boxes, and an empty box leaves its parent, so that the search for the few paths that remain far away
+stays short.
 """
 
 from __future__ import annotations
@@ -19,10 +20,12 @@ from camgen.model.tolerance import NONZERO, SAME_POINT_MM
 from camgen.order.starts import Starts
 from camgen.plan.starting import SEAM
 
-#: key, start x y, to the end x y, 1 / length^2 (0: a single point).
+#: key, start x y, vector to the end x y, 1 / length^2 (0 for a single point).
 Line = tuple[int, float, float, float, float, float]
-#: key, centre x y, radius, unit direction of the middle x y, cosine of half the sweep, ends x y x y, signed sweep.
+#: key, centre x y, radius, unit direction of the middle x y, cosine of half the sweep, start x y,
+#: end x y, signed sweep.
 Arc = tuple[int, float, float, float, float, float, float, float, float, float, float, float]
+#: Lower corner x y, upper corner x y, node.
 Entry = tuple[float, float, float, float, int]
 
 #: Pieces in a leaf and boxes in a box. 4 to 12 are equally fast.
@@ -33,14 +36,15 @@ _GRID = 65535
 class StartTree:
     """The starts of the paths that may be run next.
 
-    Of starts at the same distance the lowest number wins. But a start that is touched (within 1e-6 mm) is taken as
-    soon as it is met: where thousands of paths share a point, a look at all of them each time would be quadratic.
+    If several starts are equally near, the lowest number is found. But a start that is touched
+    (within 1e-6 mm) is taken at once: where thousands of paths share a point, testing all of them
+    each time would be quadratic.
     """
 
     def __init__(self, where: Starts) -> None:
-        number, low, high = _pieces(where.shape)
-        order = np.argsort(_along_curve((low + high) / 2), kind="stable")
-        self.items = _items(where.shape)
+        number, low, high = _divide_segments(where.shape)
+        order = np.argsort(_order_along_curve((low + high) / 2), kind="stable")
+        self.items = _make_items(where.shape)
         self.leaves = -(-len(number) // _FAN)
         place = np.empty(len(number), dtype=np.int64)
         place[order] = np.arange(len(number)) // _FAN
@@ -50,10 +54,10 @@ class StartTree:
         self.start_of: list[int] = where.first.tolist()
         sorted_items = [self.items[i] for i in number[order].tolist()]
         self.pots = [sorted_items[i : i + _FAN] for i in range(0, len(sorted_items), _FAN)]
-        self.entries, self.parents, self.kids = _levels(low[order], high[order])
+        self.entries, self.parents, self.kids = _build_levels(low[order], high[order])
 
     def remove(self, path: int) -> None:
-        """``path`` is not to be found any more."""
+        """Removes the starts of `path` from the search."""
         for start in range(self.start_of[path], self.start_of[path + 1]):
             for leaf in self.leaf_of[self.piece_of[start] : self.piece_of[start + 1]]:
                 self.pots[leaf].remove(self.items[start])
@@ -61,7 +65,7 @@ class StartTree:
                     self._close(leaf)
 
     def add(self, path: int) -> None:
-        """``path``, removed before, may be found again."""
+        """Adds the starts of `path`, removed before, to the search again."""
         for start in range(self.start_of[path], self.start_of[path + 1]):
             for leaf in self.leaf_of[self.piece_of[start] : self.piece_of[start + 1]]:
                 if not self.pots[leaf]:
@@ -69,7 +73,10 @@ class StartTree:
                 self.pots[leaf].append(self.items[start])
 
     def nearest(self, x: float, y: float, near: int = 0) -> int:
-        """The number of the start nearest to x, y (mm); -1 if no path is left. ``near``: a start that was near it."""
+        """The index of the start nearest to x, y in mm; -1 if no path is left.
+
+        near: a start that was near before.
+        """
         leaf = self._neighbour(self.leaf_of[self.piece_of[near]], x, y)
         if leaf < 0:
             return -1
@@ -77,14 +84,14 @@ class StartTree:
         if best < SAME_POINT_MM**2:
             return choice
         reach = math.sqrt(best)
-        left, right, under, over = x - reach, x + reach, y - reach, y + reach
+        left, right, bottom, top = x - reach, x + reach, y - reach, y + reach
         pots, kids, leaves = self.pots, self.kids, self.leaves
         stack = [len(self.entries) - 1]
         while stack:
             node = stack.pop()
             if node >= leaves:
                 for x0, y0, x1, y1, child in kids[node - leaves]:
-                    if x0 <= right and x1 >= left and y0 <= over and y1 >= under:
+                    if x0 <= right and x1 >= left and y0 <= top and y1 >= bottom:
                         stack.append(child)
             elif node != leaf:
                 least, choice = _scan(pots[node], x, y, best, choice)
@@ -92,11 +99,11 @@ class StartTree:
                     return choice
                 if least < best:
                     best, reach = least, math.sqrt(least)
-                    left, right, under, over = x - reach, x + reach, y - reach, y + reach
+                    left, right, bottom, top = x - reach, x + reach, y - reach, y + reach
         return choice
 
     def _neighbour(self, node: int, x: float, y: float) -> int:
-        """A leaf not far from the leaf ``node`` that is not empty, to begin the search with; -1 if there is none."""
+        """A leaf near the leaf `node` that is not empty, to begin the search; -1 if all are."""
         while node >= 0 and not (
             self.pots[node] if node < self.leaves else self.kids[node - self.leaves]
         ):
@@ -110,24 +117,24 @@ class StartTree:
         return node
 
     def project(self, start: int, x: float, y: float) -> tuple[float, float, float]:
-        """Where ``start`` is begun from x, y: the fraction 0..1 of its segment, and that point's x, y.
+        """The point of a start nearest to x, y: its fraction 0..1 of the segment, and its x, y.
 
-        The nearest point, or the end of the segment if that is nearer to it than ``SEAM``.
+        It is the end of the segment if that is nearer to it than `SEAM`.
         """
         item = self.items[start]
         if len(item) == 6:
             _, px, py, dx, dy, inverse = item
             fraction = min(max(((x - px) * dx + (y - py) * dy) * inverse, 0.0), 1.0)
-            fraction = _off_the_ends(fraction, math.hypot(dx, dy))
+            fraction = _snap_to_ends(fraction, math.hypot(dx, dy))
             return fraction, px + fraction * dx, py + fraction * dy
-        _, cx, cy, radius, mx, my, _, ax, ay, bx, by, sweep = item
+        _, cx, cy, radius, mx, my, _, ax, ay, end_x, end_y, sweep = item
         vx, vy = x - cx, y - cy
         fraction = 0.5 + math.atan2(mx * vy - my * vx, mx * vx + my * vy) / sweep
         if not 0 <= fraction <= 1:
-            fraction = float(math.hypot(x - ax, y - ay) > math.hypot(x - bx, y - by))
-        fraction = _off_the_ends(fraction, radius * abs(sweep))
+            fraction = float(math.hypot(x - ax, y - ay) > math.hypot(x - end_x, y - end_y))
+        fraction = _snap_to_ends(fraction, radius * abs(sweep))
         if fraction in (0.0, 1.0):
-            return (1.0, bx, by) if fraction else (0.0, ax, ay)
+            return (1.0, end_x, end_y) if fraction else (0.0, ax, ay)
         scale = radius / math.hypot(vx, vy) if vx or vy else 0.0
         return (
             (fraction, cx + scale * vx, cy + scale * vy)
@@ -150,13 +157,13 @@ class StartTree:
             self.kids[parent - self.leaves].append(self.entries[node])
 
 
-def _off_the_ends(fraction: float, length: float) -> float:
-    """``fraction``, or 0 or 1 where it would cut a piece shorter than SEAM off a segment of ``length`` mm."""
+def _snap_to_ends(fraction: float, length: float) -> float:
+    """The fraction; 0 or 1 if it would cut a piece shorter than SEAM off a segment, mm."""
     return fraction if min(fraction, 1 - fraction) * length >= SEAM else float(round(fraction))
 
 
 def _scan(pot: list[Line | Arc], x: float, y: float, best: float, choice: int) -> tuple[float, int]:
-    """The least squared distance from x, y to a start of ``pot`` and its number, if not above ``best``."""
+    """The least squared distance from x, y to a start of `pot` and its index, if below `best`."""
     # Written out, without a function per shape: this loop is most of the time of a tour.
     for item in pot:
         if len(item) == 6:
@@ -169,19 +176,19 @@ def _scan(pot: list[Line | Arc], x: float, y: float, best: float, choice: int) -
                 vy -= part * dy
             distance = vx * vx + vy * vy
         else:
-            _, cx, cy, radius, mx, my, cosine, ax, ay, bx, by, _ = item
+            _, cx, cy, radius, mx, my, cosine, ax, ay, end_x, end_y, _ = item
             vx, vy = x - cx, y - cy
             arm = math.sqrt(vx * vx + vy * vy)
             if vx * mx + vy * my >= arm * cosine:
                 distance = (arm - radius) ** 2
             else:
-                distance = min((x - ax) ** 2 + (y - ay) ** 2, (x - bx) ** 2 + (y - by) ** 2)
+                distance = min((x - ax) ** 2 + (y - ay) ** 2, (x - end_x) ** 2 + (y - end_y) ** 2)
         if distance < best or (distance == best and item[0] < choice):
             best, choice = distance, item[0]
     return best, choice
 
 
-def _items(shape: Spans) -> list[Line | Arc]:
+def _make_items(shape: Spans) -> list[Line | Arc]:
     """The segments as tuples of plain numbers: faster than arrays for one at a time."""
     reach = shape.end - shape.start
     square = reach[:, 0] ** 2 + reach[:, 1] ** 2
@@ -207,11 +214,12 @@ def _items(shape: Spans) -> list[Line | Arc]:
     return items
 
 
-def _pieces(shape: Spans) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Segments cut so that boxes fit: each piece's segment, and its box from (P, 2) to (P, 2), mm.
+def _divide_segments(shape: Spans) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Divide segments so that boxes fit: the segment of each piece, and its box (P, 2) to (P, 2),
+    mm.
 
-    A piece is no longer than the mean segment, so that there are at most twice as many, and no arc is more than a
-    quarter of a circle.
+    A piece is no longer than the mean segment, so that there are at most twice as many. No arc is
+    more than a quarter of a circle.
     """
     count = np.maximum(1, np.ceil(shape.sweep / (math.pi / 2) - 1e-9))
     if shape.length.any():
@@ -225,8 +233,8 @@ def _pieces(shape: Spans) -> tuple[IntArray, FloatArray, FloatArray]:
     return number, np.minimum(a, b) - swell, np.maximum(a, b) + swell
 
 
-def _along_curve(points: FloatArray) -> IntArray:
-    """The place of each point (P, 2) along a Hilbert curve through their square: near on the curve is near."""
+def _order_along_curve(points: FloatArray) -> IntArray:
+    """The place of each point (P, 2) along a Hilbert curve, on which neighbours are near."""
     low = points.min(axis=0)
     side = max(float((points.max(axis=0) - low).max()), NONZERO)
     x, y = ((points - low) / side * _GRID).astype(np.int64).T
@@ -240,8 +248,13 @@ def _along_curve(points: FloatArray) -> IntArray:
     return place
 
 
-def _levels(low: FloatArray, high: FloatArray) -> tuple[list[Entry], list[int], list[list[Entry]]]:
-    """Boxes over the sorted pieces: entries and parents by node (leaves first, root last), kids of the inner nodes."""
+def _build_levels(
+    low: FloatArray, high: FloatArray
+) -> tuple[list[Entry], list[int], list[list[Entry]]]:
+    """Boxes over the sorted pieces, level by level.
+
+    Returns entries and parents by node (leaves first, root last), and the kids of the inner nodes.
+    """
     entries: list[Entry] = []
     parents: list[int] = []
     kids: list[list[Entry]] = []

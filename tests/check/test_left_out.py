@@ -131,9 +131,9 @@ def test_a_wall_across_the_ways_costs_no_path(tmp_path: Path) -> None:
     assert lost(result) == {}
     assert len(result.tour.paths) == 6
     assert isinstance(result.tour, ArmTour)
-    assert all((turns == 0).all() for turns in result.tour.turns)
+    assert all((turns == 0).all() for turns in result.tour.rolls)
     assert checks == 2
-    assert any("ways between the paths" in note.what for note in result.notes)
+    assert any("links between the paths" in note.what for note in result.notes)
     free, _ = built(holes, cell=NEAR, operation={"kind": "drill"})
     assert not isinstance(free.tour, ArmTour)
 

@@ -15,8 +15,9 @@ from camgen.motion.cell import make_free_space, make_setup
 from camgen.motion.limits import LinkSpeeds
 from camgen.motion.pose_paths import PosePath
 from camgen.motion.setup import Blockage, EdgeMotion, SampledMotion
-from camgen.order.edges.retract import Retraction, retractions
-from camgen.order.edges.route import RouteCell, RouteOptions, route
+from camgen.order.edges.problem import RouteCell, RouteOptions
+from camgen.order.edges.retract import Retraction, find_retractions
+from camgen.order.edges.route import find_route
 from camgen.pipeline import Result
 from camgen.plan.edges.poses import reach
 from camgen.read.solid import mesh
@@ -124,7 +125,9 @@ def test_of_two_ways_out_the_one_with_room_is_taken_and_else_the_one_with_most()
         (PosePath(m.way.position[[0]], bare, m.way.rotation[[0]]), m.joints[0]) for m in motions[:4]
     ]
     first = [
-        one.name for one in retractions(setup, room, ends, SPEEDS) if isinstance(one, Retraction)
+        one.name
+        for one in find_retractions(setup, room, ends, SPEEDS)
+        if isinstance(one, Retraction)
     ]
     gaps = iter([0.5, 1.0, 0.25])
 
@@ -133,7 +136,7 @@ def test_of_two_ways_out_the_one_with_room_is_taken_and_else_the_one_with_most()
 
     seen = [
         one
-        for one in retractions(setup, replace(room, look=crowded), ends[:1], SPEEDS)
+        for one in find_retractions(setup, replace(room, look=crowded), ends[:1], SPEEDS)
         if isinstance(one, Retraction)
     ]
     assert len(first) == 4
@@ -161,7 +164,7 @@ def test_a_free_motion_that_comes_near_is_taken_only_where_no_other_leads() -> N
         return [hit if isinstance(hit, Blockage) else 0.1 for hit in room.look(tracks)]
 
     plain, by_home, near = (
-        route(
+        find_route(
             RouteCell(setup, replace(room, look=look), home),
             motions,
             SOLID.edges,

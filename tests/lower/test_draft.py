@@ -58,7 +58,7 @@ def run(steps: list[Step], packed: bool) -> tuple[list[Instruction], list[Instru
             slots.append(items)
         else:
             places = [at % (len(slots) - begin) for at, _ in chosen]
-            draft.put(np.array(places, np.intp), pack(items) if packed else items)
+            draft.insert(np.array(places, np.intp), pack(items) if packed else items)
             for place, item in zip(places, items, strict=True):
                 slots[begin + place].append(item)
     return list(draft.body()), [item for slot in slots for item in slot]
@@ -74,8 +74,8 @@ def test_what_is_put_first_comes_first_at_a_place_and_places_come_before_that() 
     draft = Draft()
     draft.add(Comment("begin"))
     draft.open(3)
-    draft.put(np.array([2, 0]), [Comment("c first"), Comment("a first")])
-    draft.put(np.array([0, 1, 2]), [Comment("a second"), Comment("b"), Comment("c second")])
+    draft.insert(np.array([2, 0]), [Comment("c first"), Comment("a first")])
+    draft.insert(np.array([0, 1, 2]), [Comment("a second"), Comment("b"), Comment("c second")])
     draft.add(Comment("end"), Comment("of all"))
     found = [item.text for item in draft.body() if isinstance(item, Comment)]
     assert found == ["begin", "a first", "a second", "b", "c first", "c second", "end", "of all"]

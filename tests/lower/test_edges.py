@@ -12,7 +12,7 @@ import trimesh
 
 import camgen
 from camgen.cli import main
-from camgen.lower.edges import _approach
+from camgen.lower.edges import _run_approach
 from camgen.model.errors import InputError, JobError, NoSafeProgram
 from camgen.model.job import Job
 from camgen.model.pose import FloatArray, Pose
@@ -163,7 +163,7 @@ def test_an_approach_with_a_short_last_piece_keeps_the_others() -> None:
     piece = PathLink(way, np.zeros((4, 6)), np.array([700.0, 400, 90]), "approach")
     found = [
         (item.target.origin, item.speed)
-        for item in _approach(piece, Job().process)
+        for item in _run_approach(piece, Job().process)
         if isinstance(item, MoveL)
     ]
     assert found == [((0, 0, 50), 700), ((0, 0, 1), 400), ((0, 0, 0), pytest.approx(20 / 3))]

@@ -15,7 +15,7 @@ PLATE = Path(__file__).parents[2] / "fixtures" / "parts" / "plate.dxf"
 @pytest.mark.parametrize("post", ["gcode", "grbl"])
 def test_a_home_below_the_height_of_travel_is_refused(post: str, height: float) -> None:
     job = {"cell": {"home": [0.0, 0.0, height]}, "process": {"clearance": 20.0}}
-    with pytest.raises(JobError, match=r"below the height of travel, 20 mm \(cell.home\)"):
+    with pytest.raises(JobError, match=r"below the clearance height, 20 mm \(cell.home\)"):
         camgen.build(PLATE, post=post, job=job)
 
 

@@ -17,7 +17,7 @@ import camgen
 from camgen.geometry.arcs import measure_path
 from camgen.geometry.intersect import measure_gaps
 from camgen.geometry.segments import from_contours, make
-from camgen.lower.runs import helix_entry
+from camgen.lower.runs import make_helix_entry
 from camgen.model.errors import JobError
 from camgen.model.part import Contour
 from camgen.model.path import ToolPath
@@ -295,7 +295,7 @@ def test_without_room_for_a_helix_there_is_a_ramp() -> None:
 @given(st.floats(0.05, 20), st.floats(0.3, 45), st.floats(0.01, 5), st.floats(1e-3, 0.2))
 def test_a_helix_of_any_size(radius, angle, depth, chord) -> None:
     _, path = pocket(2.7)
-    made = helix_entry(path, -1.0, -1.0 - depth, radius, math.radians(angle), chord)
+    made = make_helix_entry(path, -1.0, -1.0 - depth, radius, math.radians(angle), chord)
     away = np.linalg.norm(made.position[:-1, :2] - path.position[0, :2], axis=1)
     assert away == pytest.approx(radius)
     drop = -np.diff(made.position[:, 2])
@@ -373,7 +373,7 @@ def test_linuxcnc_runs_entries_and_tabs_as_planned(operation) -> None:
         ),
         (
             {"operation": {"entry": "ramp", "depth": 2.0, "entry_angle": 1e-4}},
-            "motions come of a ramp so flat, more than 3,000,000 (operation.entry_angle)",
+            "motions; the limit is 3,000,000 (operation.entry_angle)",
         ),
     ],
 )
@@ -391,7 +391,8 @@ def test_a_way_at_working_height_has_no_ramp() -> None:
     }
     shapes = [circle(0, 0, 10), circle(40, 0, 10, "c2")]
     with pytest.raises(
-        JobError, match=r"no material to go down into on a ramp .process\.stay_down."
+        JobError,
+        match=r"reached at working height cannot be entered on a ramp .process\.stay_down.",
     ):
         build(part(*shapes), post="gcode", job=job)
 

@@ -97,7 +97,7 @@ def test_only_turns_that_the_tool_has_are_chosen() -> None:
     assert {round(turn_of(pose), 6) for pose in poses(result)} <= asked
     assert isinstance(result.tour, ArmTour)
     assert {
-        round(math.degrees(turn), 6) for turns in result.tour.turns for turn in turns.tolist()
+        round(math.degrees(turn), 6) for turns in result.tour.rolls for turn in turns.tolist()
     } <= asked
 
 

@@ -19,7 +19,7 @@ from camgen.model.part import Part
 from camgen.model.path import ToolPath
 from camgen.order import ArmTour
 from camgen.order.arrange import Search, arrange, measure_travel
-from camgen.order.starts import starts
+from camgen.order.starts import make_starts
 from camgen.pipeline import Result, build
 from camgen.plan.leave_out import leave_out_paths
 from camgen.plan.seams import pin_seams
@@ -217,7 +217,7 @@ def test_few_paths_with_seams_and_an_order_are_solved_and_no_other_start_or_orde
     assert [path.id for path in tour.paths] == ["c2", "c1", "c0"]
     assert tour.travel == pytest.approx(80.0)
     assert tour.bound == pytest.approx(80.0, abs=0.01)
-    assert len(starts([replace(one, pinned=True) for one in row]).row) == 3
+    assert len(make_starts([replace(one, pinned=True) for one in row]).row) == 3
 
 
 def test_the_order_of_a_job_is_that_of_its_program(plate: Path) -> None:

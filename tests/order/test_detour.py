@@ -89,7 +89,7 @@ def test_what_is_shut_in_has_no_way_and_the_search_ends(monkeypatch: pytest.Monk
             np.abs(joints - RIGHT).max(axis=1) < 0.3
         )
 
-    monkeypatch.setattr(detour, "LOOKS", 5000)
+    monkeypatch.setattr(detour, "MAX_SAMPLES", 5000)
     assert find_detour(replace(setup, clear=shut, roomy=shut), room, RIGHT, LEFT) is None
     # With the margin and without it, and what is asked together at the end.
     assert 5000 < sum(asked) < 3 * 5000
@@ -159,5 +159,5 @@ def test_after_some_searches_in_vain_no_more_is_searched(monkeypatch: pytest.Mon
     asked = []
     monkeypatch.setattr(ROUTE, "find_detour", lambda *found: asked.append(found))
     detours = ROUTE._Detours(ROUTE.RouteCell(*scene(WALL), LEFT))
-    assert all(detours.lead_home(RIGHT) is None for _ in range(40))
-    assert len(asked) == ROUTE._FRUITLESS
+    assert all(detours.find_home(RIGHT) is None for _ in range(40))
+    assert len(asked) == ROUTE._MAX_FRUITLESS

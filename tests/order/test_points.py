@@ -11,17 +11,17 @@ from msgspec.structs import replace
 import camgen
 from bench.robots import robotsp
 from camgen.model.pose import FloatArray
-from camgen.order.arm.blocks import find_blocks, leave_clear, narrow_states
+from camgen.order.arm.blocks import find_blocks, narrow_states, select_clear_states
 from camgen.order.arm.lattice import (
-    AROUND,
-    Barred,
-    bar_links,
+    DETOUR_GUESS,
+    RejectedLinks,
+    add_detours,
     choose_point_states,
-    go_round,
     prove_links,
+    reject_links,
 )
-from camgen.order.arm.points import are_points, find_points
-from camgen.order.arm.search import TourProblem, find_blocked_paths, find_met
+from camgen.order.arm.points import are_points, find_point_tour
+from camgen.order.arm.search import TourProblem, find_blocked_paths, find_colliding_links
 
 ARM = importlib.import_module("camgen.order.arm")
 
@@ -49,7 +49,7 @@ def problem(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> TourProblem:
 
 def thin(problem: TourProblem, items: list[int], count: int) -> TourProblem:
     """``problem`` with so many clear states of each of ``items``, evenly taken."""
-    leave_clear(problem, items)
+    select_clear_states(problem, items)
     states = list(problem.states)
     for k in items:
         states[k] = states[k].pick(
@@ -73,7 +73,9 @@ def test_the_states_are_the_soonest_of_all_where_a_link_that_collides_costs_a_wa
         for a, start in enumerate(starts)
         for b, end in enumerate(ends)
     }
-    met = dict(zip(links, find_met(problem, list(links.values())).tolist(), strict=True))
+    met = dict(
+        zip(links, find_colliding_links(problem, list(links.values())).tolist(), strict=True)
+    )
     assert any(met.values())
     branch = [problem.states[k].branch for k in order]
     for chosen in itertools.product(*(range(len(own)) for own in rows)):
@@ -81,7 +83,8 @@ def test_the_states_are_the_soonest_of_all_where_a_link_that_collides_costs_a_wa
         for one, (a, b) in enumerate(itertools.pairwise([0, *chosen, 0])):
             start, end = links[one, a, b]
             seconds += (
-                float(problem.cost_model.limits.seconds(end - start, 0.0)) + AROUND * met[one, a, b]
+                float(problem.cost_model.limits.seconds(end - start, 0.0))
+                + DETOUR_GUESS * met[one, a, b]
             )
             # A change of the posture is weighed with a second.
             seconds += 0 < one < len(order) and branch[one - 1][a] != branch[one][b]
@@ -112,21 +115,21 @@ def test_what_was_tested_is_not_tested_again(problem: TourProblem) -> None:
 def test_a_tour_of_points_is_proved_and_as_long_as_it_says(problem: TourProblem) -> None:
     kept = list(range(12))
     assert are_points(problem, kept)
-    solution = find_points(problem, kept, lambda _: None)
+    solution = find_point_tour(problem, kept, lambda _: None)
     assert solution is not None
     assert sorted(solution.order) == kept
     assert not find_blocked_paths(problem, solution)
     assert not prove_links(problem, solution)
-    assert go_round(problem, solution).seconds == pytest.approx(solution.seconds, abs=1e-9)
+    assert add_detours(problem, solution).seconds == pytest.approx(solution.seconds, abs=1e-9)
 
 
 def test_links_beside_one_that_was_turned_down_are_left(problem: TourProblem) -> None:
     order = list(range(12))
     first = choose_point_states(problem, order, problem.states, {})
     assert first is not None
-    barred: Barred = {}
+    barred: RejectedLinks = {}
     for places in ([0, 5], [0, 5], [0, 5], [0, 5], [0, 5], [0, 5], [5]):
-        bar_links(problem, first, places, barred)
+        reject_links(problem, first, places, barred)
     again = choose_point_states(problem, order, problem.states, {}, barred)
     assert again is not None
     assert again.seconds >= first.seconds
@@ -145,7 +148,7 @@ def test_links_beside_one_that_was_turned_down_are_left(problem: TourProblem) ->
 
 def test_blocks_have_the_fewest_postures_that_reach_all(problem: TourProblem) -> None:
     kept = list(range(12))
-    leave_clear(problem, kept)
+    select_clear_states(problem, kept)
     found = find_blocks(problem, kept, 3)
     assert found
     for blocks in found:

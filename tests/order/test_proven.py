@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from camgen.model.path import ToolPath, waypoints
 from camgen.order.arrange import Search, arrange
-from camgen.order.proven import FEW, is_proven
-from camgen.order.starts import starts
+from camgen.order.proven import MAX_PROVEN_PATHS, is_proven
+from camgen.order.starts import make_starts
 from camgen.plan.starting import SEAM
 from tests.order.test_tour import circle, ids, line
 from tests.support.examples import fewer
@@ -136,7 +136,7 @@ def test_no_place_on_polygons_is_better_than_the_bound(
             for _ in range(count)
         ]
     )
-    where = starts(paths, seam)
+    where = make_starts(paths, seam)
     ways: list[list[Way]] = [[] for _ in paths]
     for part in np.linspace(0.0, 1.0, 1 + -(-60 // corners)):
         for owner, place in zip(
@@ -184,9 +184,9 @@ def test_twelve_are_proven_and_thirteen_are_searched() -> None:
     rng = random.Random(4)
     paths = [
         line((x, y), (x + 3, y))
-        for x, y in ((rng.uniform(0, 90), rng.uniform(0, 90)) for _ in range(FEW + 1))
+        for x, y in ((rng.uniform(0, 90), rng.uniform(0, 90)) for _ in range(MAX_PROVEN_PATHS + 1))
     ]
-    some = arrange(ids(paths[:FEW]), Search("best", (0, 0), False))
+    some = arrange(ids(paths[:MAX_PROVEN_PATHS]), Search("best", (0, 0), False))
     assert some.bound is not None
     assert is_proven(some.travel, some.bound)
     more = arrange(ids(paths), Search("best", (0, 0), False))

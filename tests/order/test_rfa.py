@@ -29,9 +29,18 @@ from camgen.motion.setup import (
     SampledMotion,
     Setup,
 )
-from camgen.order.edges.links import BY_HOME, FREE, JointLink, MotionEnds, PathLink, along, steps
-from camgen.order.edges.retract import Retraction, retractions
-from camgen.order.edges.route import Route, RouteCell, RouteOptions, route
+from camgen.order.edges.links import (
+    BY_HOME,
+    FREE,
+    JointLink,
+    MotionEnds,
+    PathLink,
+    choose_links,
+    find_links_at_part,
+)
+from camgen.order.edges.problem import RouteCell, RouteOptions
+from camgen.order.edges.retract import Retraction, find_retractions
+from camgen.order.edges.route import Route, find_route
 from camgen.order.edges.turns import list_turns
 from camgen.plan.edges.poses import poses, reach
 from camgen.plan.edges.select import select_edges
@@ -72,7 +81,7 @@ def no_turns(*_: object) -> IntArray:
 def routed(part: str, best: bool = True) -> Route:
     setup, room, motions = cell(part)
     edges = mesh.read(source(PARTS / f"{part}.stl")).edges
-    return route(RouteCell(setup, room, ARM.home), motions, edges, RouteOptions(SPEEDS, best))
+    return find_route(RouteCell(setup, room, ARM.home), motions, edges, RouteOptions(SPEEDS, best))
 
 
 def matrix(pose: Pose) -> FloatArray:
@@ -108,7 +117,7 @@ def ends(motions: tuple[EdgeMotion, ...]) -> list[tuple[PosePath, FloatArray]]:
 @pytest.mark.parametrize("part", ["rfa1", "rfa2"])
 def test_a_way_out_ends_above_the_level_and_the_joints_follow_it(part: str) -> None:
     setup, room, motions = cell(part)
-    found = retractions(setup, room, ends(motions), SPEEDS)
+    found = find_retractions(setup, room, ends(motions), SPEEDS)
     ways = [one for one in found if isinstance(one, Retraction)]
     assert len(ways) >= len(found) - 2
     for end, one in zip(ends(motions), found, strict=True):
@@ -144,7 +153,7 @@ def test_a_tool_that_leans_goes_back_along_itself() -> None:
     setup, room, motions = cell("rfa1")
     one = next(
         way
-        for way in retractions(setup, room, ends(motions), SPEEDS)
+        for way in find_retractions(setup, room, ends(motions), SPEEDS)
         if isinstance(way, Retraction) and way.name == "along the tool" and len(way.way) == 2
     )
     start, stop = in_base(setup, one.way)
@@ -167,7 +176,7 @@ def test_with_the_last_two_links_below_the_level_the_tool_goes_over_the_wrist() 
     chosen = ends(motions)
     found = [
         one
-        for one in retractions(setup, deep, chosen, SPEEDS)
+        for one in find_retractions(setup, deep, chosen, SPEEDS)
         if isinstance(one, Retraction) and "wrist" in one.name
     ]
     assert found
@@ -183,7 +192,7 @@ def test_with_the_last_two_links_below_the_level_the_tool_goes_over_the_wrist() 
 def test_an_end_without_a_way_says_what_stands_in_it() -> None:
     setup, room, motions = cell("rfa1")
     walled = replace(room, look=lambda several: [WALL] * len(several))
-    (found,) = retractions(setup, walled, ends(motions)[:1], SPEEDS)
+    (found,) = find_retractions(setup, walled, ends(motions)[:1], SPEEDS)
     assert isinstance(found, str)
     assert "link 5 against wall" in found
 
@@ -219,7 +228,7 @@ def test_the_cheapest_link_is_that_of_a_plain_search(seed: int) -> None:
     home = np.random.default_rng(seed).uniform(1, 2, n)
     blocked = np.random.default_rng(seed + 99).random((n, n)) < 0.3
     blocked |= blocked.T
-    best, first = steps(ends_, along(ends_), blocked, home)
+    best, first = choose_links(ends_, find_links_at_part(ends_), blocked, home)
     hop = ends_.direct.copy()
     for k in range(n):
         hop[k, k ^ 1] = ends_.through[k // 2]
@@ -286,7 +295,7 @@ def test_edges_that_share_a_corner_are_linked_at_it() -> None:
 def test_where_a_force_presses_every_link_leaves_the_part() -> None:
     setup, room, motions = cell("rfa1")
     edges = mesh.read(source(PARTS / "rfa1.stl")).edges
-    made = route(
+    made = find_route(
         RouteCell(setup, room, ARM.home),
         motions,
         edges,
@@ -319,7 +328,7 @@ def test_a_free_motion_that_collides_is_not_taken() -> None:
         ]
 
     edges = mesh.read(source(PARTS / "rfa2.stl")).edges
-    made = route(
+    made = find_route(
         RouteCell(setup, replace(room, look=walled), ARM.home),
         motions,
         edges,
@@ -337,13 +346,16 @@ def test_what_no_way_leads_to_is_left_out_and_nothing_is_tested_twice(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """All free motions to one motion are walled off: it alone is left out, and what is known of the others is kept."""
-    module = importlib.import_module("camgen.order.edges.route")
+    module, turned_tour = (
+        importlib.import_module(f"camgen.order.edges.{name}") for name in ("route", "turned_tour")
+    )
     monkeypatch.setattr(module, "find_detour", lambda *_: None)
     monkeypatch.setattr(module, "list_turns", no_turns)
+    monkeypatch.setattr(turned_tour, "list_turns", no_turns)
     setup, room, motions = cell("rfa1")
     edges = mesh.read(source(PARTS / "rfa1.stl")).edges
     lost = motions[1]
-    outs = retractions(
+    outs = find_retractions(
         setup, room, [(_end(one, k), one.joints[k]) for one in motions for k in (0, -1)], SPEEDS
     )
     safe = [out.joints[-1].tobytes() for out in outs if isinstance(out, Retraction)]
@@ -363,7 +375,7 @@ def test_what_no_way_leads_to_is_left_out_and_nothing_is_tested_twice(
 
     told: list[str] = []
     options = RouteOptions(SPEEDS, best=True, lifted=True)
-    made = route(
+    made = find_route(
         RouteCell(setup, replace(room, look=walled), ARM.home), motions, edges, options, told.append
     )
     assert [one.id for one in made.dropped] == [lost.id]
@@ -372,7 +384,10 @@ def test_what_no_way_leads_to_is_left_out_and_nothing_is_tested_twice(
     assert told[0] == f"{len(motions)} edges, tour 1"
     assert told[-1].startswith(f"{len(motions) - 1} edge")
     monkeypatch.setattr(module, "list_turns", list_turns)
-    opened = route(RouteCell(setup, replace(room, look=walled), ARM.home), motions, edges, options)
+    monkeypatch.setattr(turned_tour, "list_turns", list_turns)
+    opened = find_route(
+        RouteCell(setup, replace(room, look=walled), ARM.home), motions, edges, options
+    )
     assert not opened.dropped
     (leg,) = [leg for leg in opened.legs if leg.motion.id == lost.id]
     assert np.abs(leg.motion.joints[0] - lost.joints[-leg.motion.backwards]).max() > math.pi
@@ -397,7 +412,7 @@ def test_a_search_that_finds_no_end_is_ended() -> None:
 
     told: list[str] = []
     options = RouteOptions(SPEEDS, best=True, lifted=True)
-    made = route(
+    made = find_route(
         RouteCell(setup, replace(room, look=walled), ARM.home), motions, edges, options, told.append
     )
     assert not made.dropped
@@ -416,7 +431,7 @@ def test_the_tip_may_enter_the_part_on_links_of_rims_alone() -> None:
     names = [motion.id for motion in pair]
     for count in (1, 2):
         cell_of_rims = RouteCell(setup, room, ARM.home, frozenset(names[:count]), strict)
-        tour = route(cell_of_rims, pair, edges, RouteOptions(SPEEDS, best=True))
+        tour = find_route(cell_of_rims, pair, edges, RouteOptions(SPEEDS, best=True))
         assert sorted(leg.motion.id for leg in tour.legs) == sorted(names[:count])
         assert [edge.id for edge in tour.dropped] == names[count:]
 
@@ -446,6 +461,6 @@ def test_between_barred_motions_the_tool_leaves_the_part() -> None:
     stays = list_stays(routed("rfa2"))
     assert stays
     options = RouteOptions(SPEEDS, best=True, barred=frozenset(stays))
-    tour = route(RouteCell(setup, room, ARM.home), motions, edges, options)
+    tour = find_route(RouteCell(setup, room, ARM.home), motions, edges, options)
     assert {leg.motion.id for leg in tour.legs} == {leg.motion.id for leg in routed("rfa2").legs}
     assert not list_stays(tour) & stays

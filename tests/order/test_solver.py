@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from camgen.geometry.nearest import Discs, find_nearest_items
 from camgen.order.solver import local_search, plane
-from camgen.order.solver.bound import at_least
+from camgen.order.solver.bound import compute_lower_bound
 from camgen.order.solver.kernel import (
     BOTH_WAYS,
     CLOSED,
@@ -24,7 +24,7 @@ from camgen.order.solver.kernel import (
     Scene,
     undo,
 )
-from camgen.order.solver.plane import Items, Problem, Start, discs_of, shorten
+from camgen.order.solver.plane import Items, Problem, Start, make_discs, shorten_tour
 from tests.support.examples import fewer
 
 HOME = np.array([0.0, 0.0])
@@ -86,7 +86,7 @@ def travel(items: Items, tour: Start, home: np.ndarray | None) -> float:
 
 
 def near_of(items: Items) -> object:
-    return find_nearest_items(discs_of(items), len(items.kind), 10)
+    return find_nearest_items(make_discs(items), len(items.kind), 10)
 
 
 def check_rules(items: Items, tour: Start) -> None:
@@ -107,7 +107,7 @@ def test_a_search_keeps_all_items_and_rules_and_never_lengthens(
 ) -> None:
     items = scene(random.Random(seed), count, rules=rules)
     home = HOME if at else None
-    tour = shorten(Problem(items, near_of(items), home), drawn(items), 300, seed)
+    tour = shorten_tour(Problem(items, near_of(items), home), drawn(items), 300, seed)
     check_rules(items, tour)
     assert travel(items, tour, home) <= travel(items, drawn(items), home) + 1e-6
 
@@ -125,9 +125,9 @@ def test_small_scenes_are_solved_and_no_tour_is_below_the_bound(
     for order in itertools.permutations(range(count)):
         for enter in itertools.islice(itertools.product(*rings), 100):
             best = min(best, travel(items, Start(np.array(order), np.array(enter)), home))
-    assert at_least(items, home, best, 30) <= best + 1e-6
+    assert compute_lower_bound(items, home, best, 30) <= best + 1e-6
     if not rules:
-        tour = shorten(Problem(items, near_of(items), home), drawn(items), 400, seed)
+        tour = shorten_tour(Problem(items, near_of(items), home), drawn(items), 400, seed)
         # The search sees all samples, the trial every third one, and not all of these.
         assert travel(items, tour, home) <= best * 1.1 + 1.0
 
@@ -137,8 +137,10 @@ def test_small_scenes_are_solved_and_no_tour_is_below_the_bound(
 def test_the_bound_is_below_every_tour_found(seed: int, count: int, at: bool) -> None:
     items = scene(random.Random(seed), count, spread=random.Random(seed).choice([0.5, 20.0, 200.0]))
     home = HOME if at else None
-    found = travel(items, shorten(Problem(items, near_of(items), home), drawn(items), 500, 0), home)
-    bounds = [at_least(items, home, found, rounds) for rounds in (1, 10, 100)]
+    found = travel(
+        items, shorten_tour(Problem(items, near_of(items), home), drawn(items), 500, 0), home
+    )
+    bounds = [compute_lower_bound(items, home, found, rounds) for rounds in (1, 10, 100)]
     assert 0 <= bounds[0] <= bounds[1] <= bounds[2] <= found + 1e-9
 
 
@@ -148,11 +150,11 @@ def test_the_bound_is_exact_where_that_can_be_seen() -> None:
     points = np.stack([np.arange(1.0, count + 1), np.zeros(count)], axis=1)
     none, flat = np.full(count, -1), np.zeros(count, dtype=np.int64)
     items = Items(np.arange(count + 1), points, np.full(count, CLOSED), np.ones(count), none, flat)
-    assert at_least(items, None, 8.0, 50) == pytest.approx(8.0)
-    assert 16.0 < at_least(items, HOME, 18.0, 200) <= 18.0
+    assert compute_lower_bound(items, None, 8.0, 50) == pytest.approx(8.0)
+    assert 16.0 < compute_lower_bound(items, HOME, 18.0, 200) <= 18.0
     lone = Items(np.array([0, 1]), points[:1], np.array([CLOSED]), np.ones(1), none[:1], flat[:1])
-    assert at_least(lone, HOME, 2.0, 1) == pytest.approx(2.0)
-    assert at_least(lone, None, 0.0, 1) == 0.0
+    assert compute_lower_bound(lone, HOME, 2.0, 1) == pytest.approx(2.0)
+    assert compute_lower_bound(lone, None, 0.0, 1) == 0.0
 
 
 def test_the_bound_is_near_the_best_for_short_lines() -> None:
@@ -163,9 +165,9 @@ def test_the_bound_is_near_the_best_for_short_lines() -> None:
     zeros = np.zeros(120, dtype=np.int64)
     items = Items(first, points, zeros, np.ones(120), zeros - 1, zeros)
     found = travel(
-        items, shorten(Problem(items, near_of(items), HOME), drawn(items), 6000, 0), HOME
+        items, shorten_tour(Problem(items, near_of(items), HOME), drawn(items), 6000, 0), HOME
     )
-    assert 0.88 * found < at_least(items, HOME, found, 100) <= found
+    assert 0.88 * found < compute_lower_bound(items, HOME, found, 100) <= found
 
 
 @pytest.mark.skipif(
@@ -178,10 +180,10 @@ def test_compiled_and_plain_searches_find_the_same_tour(
     items = scene(random.Random(7), 150, rules=rules)
     # Ranks and parents of ``scene`` are kept by the drawn order.
     near = near_of(items)
-    monkeypatch.setattr(plane, "_WORTH", 10**9)
-    plain = shorten(Problem(items, near, HOME), drawn(items), 3000, 5)
-    monkeypatch.setattr(plane, "_WORTH", 0)
-    fast = shorten(Problem(items, near, HOME), drawn(items), 3000, 5)
+    monkeypatch.setattr(plane, "_MIN_COMPILED_EVALUATIONS", 10**9)
+    plain = shorten_tour(Problem(items, near, HOME), drawn(items), 3000, 5)
+    monkeypatch.setattr(plane, "_MIN_COMPILED_EVALUATIONS", 0)
+    fast = shorten_tour(Problem(items, near, HOME), drawn(items), 3000, 5)
     assert plain.order.tolist() == fast.order.tolist()
     assert plain.enter.tolist() == fast.enter.tolist()
     assert travel(items, plain, HOME) < 0.5 * travel(items, drawn(items), HOME)
@@ -192,7 +194,7 @@ def test_a_shuffle_is_undone_and_every_change_is_what_it_says(
     seed: int, count: int, rules: bool
 ) -> None:
     items = scene(random.Random(seed), count, rules=rules)
-    parts, run = plane._make(Problem(items, near_of(items), HOME), drawn(items), seed)
+    parts, run = plane._make_scene(Problem(items, near_of(items), HOME), drawn(items), seed)
 
     def length() -> float:
         ring = np.array(run.ring)
@@ -255,11 +257,11 @@ def test_a_search_in_slices_is_the_search_in_one_go(
 ) -> None:
     items = scene(random.Random(11), 120, rules=rules)
     near = near_of(items)
-    monkeypatch.setattr(plane, "_WORTH", 10**9)
+    monkeypatch.setattr(plane, "_MIN_COMPILED_EVALUATIONS", 10**9)
     monkeypatch.setattr(plane, "_PAUSE", (37, 37))
-    whole = shorten(Problem(items, near, HOME), drawn(items), budget, 3)
+    whole = shorten_tour(Problem(items, near, HOME), drawn(items), budget, 3)
     told: list[float] = []
-    sliced = shorten(Problem(items, near, HOME), drawn(items), budget, 3, told.append)
+    sliced = shorten_tour(Problem(items, near, HOME), drawn(items), budget, 3, told.append)
     assert sliced.order.tolist() == whole.order.tolist()
     assert sliced.enter.tolist() == whole.enter.tolist()
     assert sliced.end == plane.DONE
@@ -273,7 +275,7 @@ def test_an_interrupt_gives_the_best_tour_so_far_wherever_it_comes(
     rules: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     items = scene(random.Random(12), 80, rules=rules)
-    monkeypatch.setattr(plane, "_WORTH", 10**9)
+    monkeypatch.setattr(plane, "_MIN_COMPILED_EVALUATIONS", 10**9)
     monkeypatch.setattr(plane, "_PAUSE", (100, 100))
     plain = local_search.search
     lengths = []
@@ -289,13 +291,15 @@ def test_an_interrupt_gives_the_best_tour_so_far_wherever_it_comes(
             return plain(s, r, budget, pause)
 
         monkeypatch.setattr(local_search, "search", search)
-        tour = shorten(Problem(items, near_of(items), HOME), drawn(items), 3000, 1, lambda _: None)
+        tour = shorten_tour(
+            Problem(items, near_of(items), HOME), drawn(items), 3000, 1, lambda _: None
+        )
         assert tour.end == plane.STOPPED
         check_rules(items, tour)
         lengths.append(travel(items, tour, HOME))
         left[0] = 0
         with pytest.raises(KeyboardInterrupt):
-            shorten(Problem(items, near_of(items), HOME), drawn(items), 3000, 1)
+            shorten_tour(Problem(items, near_of(items), HOME), drawn(items), 3000, 1)
     assert lengths[0] == pytest.approx(travel(items, drawn(items), HOME))
     assert lengths == sorted(lengths, reverse=True)
     assert lengths[-1] < lengths[0]

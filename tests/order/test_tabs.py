@@ -20,7 +20,7 @@ from camgen.model.errors import JobError, NoSafeProgram
 from camgen.model.part import Contour
 from camgen.model.path import ToolPath, join_paths
 from camgen.model.pose import frozen
-from camgen.order.tabs import _come_back, add_tabs
+from camgen.order.tabs import _are_narrow, add_tabs
 from camgen.pipeline import Result, build
 from camgen.plan.pieces import (
     begin_at,
@@ -194,7 +194,7 @@ def test_where_every_place_is_near_a_corner_the_best_one_is_taken_and_told() -> 
 def test_a_loop_that_is_too_short_for_its_tabs_says_so() -> None:
     result = built([circle(0, 0, 4)], tabs=6)
     (note,) = [note for note in result.notes if note.what.startswith("fewer")]
-    assert note.what == "fewer tabs than asked on c1"
+    assert note.what == "fewer tabs than requested on c1"
     # 2 pi 7 = 44 mm, of which each tab takes 5 + 6 + 2 x 1.5 = 14, beside the seam: three of them.
     assert len(bridges(result, -3.0)) == 3
 
@@ -393,11 +393,11 @@ def test_tabs_of_any_size_on_anything(shape, tool, width, height, count, lead) -
         ),
         (
             {"operation": {"tabs": 2, "tab_spacing": 9.0, "depth": 2.0}},
-            "job: their number is given, and so is their spacing (operation.tab_spacing)",
+            "job: both their number and their spacing are given (operation.tab_spacing)",
         ),
         (
             {"operation": {"tabs": 2, "depth": 2.0}, "tool": {"kind": "laser"}},
-            "job: a laser cuts through tabs, however high its head stands (operation.tabs)",
+            "job: a laser cuts through tabs at any height of its head (operation.tabs)",
         ),
     ],
 )
@@ -522,5 +522,5 @@ def test_a_loop_comes_back_where_two_of_its_points_are_near_but_not_along_it(nar
     gaps = np.minimum(gaps, places[-1] - gaps)
     near = np.hypot(*(points[:, None] - points).transpose(2, 0, 1)) <= 3.0
     expected = (near & (gaps > math.pi * 3.0)).any(axis=1)
-    assert _come_back(points, places, 3.0).tolist() == expected.tolist()
+    assert _are_narrow(points, places, 3.0).tolist() == expected.tolist()
     assert expected.any() == (narrow < 3.0)

@@ -11,7 +11,7 @@ from camgen.geometry.nearest import find_nearest_items
 from camgen.order.solver import together
 from camgen.order.solver.greedy import join_greedily
 from camgen.order.solver.kernel import BOTH_WAYS, CLOSED
-from camgen.order.solver.plane import Items, Problem, Start, discs_of
+from camgen.order.solver.plane import Items, Problem, Start, make_discs
 from camgen.order.solver.together import shorten_together
 
 
@@ -54,7 +54,7 @@ def test_rules_are_kept_and_each_move_changes_what_it_says(
     seed: int, count: int, at: bool, rules: bool
 ) -> None:
     items, home = scene(random.Random(seed), count, rules), np.array([30.0, 0.0]) if at else None
-    discs = discs_of(items)
+    discs = make_discs(items)
     begun = join_greedily(items, discs, home)
     assert begun is not None
     near = find_nearest_items(discs, count, 10)
@@ -78,10 +78,10 @@ def test_rules_are_kept_and_each_move_changes_what_it_says(
 
 def watch(patch: pytest.MonkeyPatch, saved: list[float]) -> None:
     """Each time moves are made, that the tour is shorter by what they say; ``saved`` gets it, mm, below 0."""
-    apply, made = together._apply, list[tuple[int, ...]]()
+    apply, made = together._make_moves, list[tuple[int, ...]]()
 
     def length(now: together._Tour) -> float:
-        return float(np.nansum(now.way(now.leave[now.order[:-1]], now.enter[now.order[1:]])))
+        return float(np.nansum(now.measure(now.leave[now.order[:-1]], now.enter[now.order[1:]])))
 
     def noted(name: str) -> None:
         make = getattr(together, name)
@@ -90,7 +90,12 @@ def watch(patch: pytest.MonkeyPatch, saved: list[float]) -> None:
             cut: tuple[int, ...] = make(now, *items)
             if cut:
                 made.append(
-                    (*items[:4], together._JOIN if name == "_join" else together._CARRY + items[4])
+                    (
+                        *items[:4],
+                        together._JOIN
+                        if name == "_reverse_section"
+                        else together._CARRY + items[4],
+                    )
                 )
             return cut
 
@@ -115,9 +120,9 @@ def watch(patch: pytest.MonkeyPatch, saved: list[float]) -> None:
         saved.append(change)
         return touched
 
-    noted("_join")
-    noted("_carry")
-    patch.setattr(together, "_apply", checked)
+    noted("_reverse_section")
+    noted("_relocate")
+    patch.setattr(together, "_make_moves", checked)
 
 
 def test_crossings_are_undone_and_strays_brought_home() -> None:
@@ -128,6 +133,6 @@ def test_crossings_are_undone_and_strays_brought_home() -> None:
                   np.zeros(count, dtype=np.int64))  # fmt: skip
     order = np.array([0, 1, 2, 14, 13, 12, 11, 10, 9, 8, 6, 5, 4, 3, 15, 16, 17, 18, 19, 7])
     home = np.array([0.0, 3.5])
-    near = find_nearest_items(discs_of(items), count, 10)
+    near = find_nearest_items(make_discs(items), count, 10)
     found = shorten_together(Problem(items, near, home), Start(order, np.arange(count)))
     assert travel(items, found, home) == pytest.approx(2 * 90 + 7 + 2 * 3.5)

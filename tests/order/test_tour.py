@@ -19,8 +19,8 @@ from camgen.order import search, tree
 from camgen.order.arrange import Search, arrange, measure_travel
 from camgen.order.solver import speed
 from camgen.order.solver.greedy import join_greedily
-from camgen.order.solver.plane import discs_of
-from camgen.order.starts import starts
+from camgen.order.solver.plane import make_discs
+from camgen.order.starts import make_starts
 from camgen.plan.starting import SEAM, reverse_each, starting_at
 from tests.support.examples import fewer
 
@@ -326,8 +326,8 @@ def test_a_greedy_tour_runs_every_item_after_those_inside(
               for k in range(count)]  # fmt: skip
     rank = [int(rules and k > count / 2) for k in range(count)]
     parent = [p if p < 0 or rank[p] == rank[k] else -1 for k, p in enumerate(parent)]
-    items = search.sample_paths(paths, starts(paths, "any"), parent, rank).items
-    tour = join_greedily(items, discs_of(items), np.zeros(2) if home else None)
+    items = search.sample_paths(paths, make_starts(paths, "any"), parent, rank).items
+    tour = join_greedily(items, make_discs(items), np.zeros(2) if home else None)
     assert tour is not None
     order = tour.order.tolist()
     assert sorted(order) == list(range(count))

@@ -9,14 +9,17 @@ import pytest
 
 from camgen.motion.limits import LinkSpeeds
 from camgen.motion.setup import EdgeMotion
-from camgen.order.edges.route import Route, RouteCell, RouteOptions, route
+from camgen.order.edges.problem import RouteCell, RouteOptions
+from camgen.order.edges.route import Route, find_route
 from camgen.order.edges.turns import MOST_TURNS, find_cheapest, list_turns, turn_motion
 from camgen.read.solid import mesh
 from camgen.robots.kinematics.joint_limits import are_within_limits
 from tests.order.test_rfa import ARM, PARTS, cell, no_turns
 from tests.support.files import source
 
-ROUTE = importlib.import_module("camgen.order.edges.route")
+CALLERS = [
+    importlib.import_module(f"camgen.order.edges.{name}") for name in ("route", "turned_tour")
+]
 #: The joints alone decide how long a link takes.
 FAST = LinkSpeeds(100.0, 5000.0, 0.0)
 LAST = np.array([0, 0, 0, 0, 0, 1])
@@ -34,7 +37,9 @@ def turned() -> list[EdgeMotion]:
 def link(motions: list[EdgeMotion]) -> Route:
     setup, room, _ = cell("rfa1")
     edges = mesh.read(source(PARTS / "rfa1.stl")).edges
-    return route(RouteCell(setup, room, ARM.home), motions, edges, RouteOptions(FAST, best=True))
+    return find_route(
+        RouteCell(setup, room, ARM.home), motions, edges, RouteOptions(FAST, best=True)
+    )
 
 
 def test_the_cheapest_turns_are_those_of_all_choices() -> None:
@@ -69,7 +74,8 @@ def test_motions_are_run_in_the_turns_that_take_least_time(monkeypatch: pytest.M
     motions = [motion for motion in turned() if motion.id in {"e7", "e8", "e14"}]
     assert sum(motion.dense[:, 5].min() < -math.pi for motion in motions) == 2
     chosen = link(motions)
-    monkeypatch.setattr(ROUTE, "list_turns", no_turns)
+    for module in CALLERS:
+        monkeypatch.setattr(module, "list_turns", no_turns)
     kept = link(motions)
     assert chosen.seconds < kept.seconds - 0.1
     by_id = {motion.id: motion for motion in motions}

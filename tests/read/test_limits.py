@@ -75,7 +75,7 @@ CASES = {
     "passes": Case("a.dxf", DXF, 2, "passes must be 2 at most, not 3", ("operation.passes=3",)),
     "stepover": Case("a.dxf", DXF, 0.8, "stepover must be 0.8 at least, not 0.7"),
     "chord": Case("a.dxf", DXF, 0.1, "chord must be 0.1 at least, not 0.01"),
-    "motions": Case("a.dxf", DXF, 3, "motions come of its paths and passes, more than 3"),
+    "motions": Case("a.dxf", DXF, 3, "motions; the limit is 3"),
     "edges": Case("a.stl", STL, 3, "edges are to be processed, more than 3"),
     "dxf_depth": Case(
         "a.dxf", nested(4, 1).encode(), 3, "blocks stand more than 3 deep within each other"

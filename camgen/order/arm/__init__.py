@@ -1,4 +1,4 @@
-"""The paths of a flat part in the order, postures and turns in which an arm is through with them soonest."""
+"""Orders the paths of a flat part for an arm by joint time, with postures and rolls."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from camgen.collision.cell import make_surroundings
 from camgen.model.job import Job
-from camgen.model.part import Note
+from camgen.model.part import IntArray, Note
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
@@ -21,24 +21,25 @@ from camgen.motion.pose_paths import PosePath
 from camgen.motion.reach import reach_along
 from camgen.motion.rolls import find_freedom, list_rolls
 from camgen.motion.setup import EdgeMotion, OrientationFreedom, Setup, UnreachableEdge
+from camgen.order.arm.detours import ClearTest
 from camgen.order.arm.items import (
     Item,
     States,
     compute_state_joints,
     find_states,
     join_states,
-    lay_out,
-    turn_round,
+    reverse_states,
+    sample_path,
 )
-from camgen.order.arm.lattice import GRAZE
+from camgen.order.arm.lattice import GRAZE_MM
 from camgen.order.arm.layers import FORBIDDEN, CostModel
-from camgen.order.arm.links import LinkedTour, link_up
-from camgen.order.arm.margin import Clear, clear_of, put_in, roomy_of
-from camgen.order.arm.points import are_points, find_points
+from camgen.order.arm.links import LinkedTour, link_paths
+from camgen.order.arm.margin import insert_items, make_clear_test, make_margin_test
+from camgen.order.arm.points import are_points, find_point_tour
 from camgen.order.arm.search import (
+    OnProgress,
     SearchOptions,
     Solution,
-    Tell,
     TourProblem,
     find_tour,
     improve_tour,
@@ -50,28 +51,33 @@ from camgen.plan import Watch
 from camgen.plan.pieces import begin_at, lengths_along, split_at
 from camgen.robots.workcell import Workcell
 
-#: Turns of a tool that may have any, from which the finer ones are found; of an arm whose joints are iterated, fewer.
-_TURNS, _FEW_TURNS = 24, 12
-#: So often a tour is begun at most, and one that is proved is bettered once more.
-_BEGINNINGS, _AGAIN = 4, 1
-#: If more than this share of all paths cannot keep the margin, the tour is found without it.
-_TIGHT = 0.25
-#: Contacts at which pairs are looked at that are meant to be near.
+#: Rolls that are tried if the tool may have any; finer steps are searched around them.
+_ROLLS = 24
+#: The same for an arm whose joint values are iterated.
+_ITERATED_ROLLS = 12
+#: Maximum number of searches, each with what the searches before have learnt.
+_MAX_SEARCHES = 4
+#: Times that a proved tour is improved again.
+_IMPROVEMENTS = 1
+#: Fraction of all paths that may fail to keep the margin. If there are more, the whole tour is
+#: searched without it.
+_MAX_TIGHT_FRACTION = 0.25
+#: Contacts at which the clearance of each pair is measured.
 _CONTACTS = 40
-#: rad: turns that differ by no more are the same.
-_SAME_TURN = 1e-6
+#: rad: rolls that differ by no more are the same.
+_SAME_ROLL = 1e-6
 
 
 class RollProfile(Struct, frozen=True, eq=False):
-    """The roll of the tool along a path where it changes.
+    """The roll of the tool along a path if it changes.
 
-    at: (K,) positions along the path, mm.
-    turn: (K,) roll at these positions, rad.
+    positions: (K,) positions along the path, mm.
+    roll: (K,) roll at these positions, rad.
     vertices: (V,) positions at which the program needs a waypoint, mm.
     """
 
-    at: FloatArray
-    turn: FloatArray
+    positions: FloatArray
+    roll: FloatArray
     vertices: FloatArray
 
 
@@ -79,7 +85,7 @@ class TourRequest(Struct, frozen=True, eq=False):
     """A tour that an arm is to run in less time.
 
     tour: paths in the order from which the search starts.
-    rules: precedence of the paths, by their index in ``tour``.
+    rules: precedence of the paths, by their index in `tour`.
     fixed: whether order, directions and starts stay.
     """
 
@@ -92,7 +98,7 @@ class _Rolls(Struct, frozen=True):
     """The rolls that are tried.
 
     angles: rolls of which one is to reach a whole path, rad.
-    free: freedom for a path that none of ``angles`` reaches, None: such a path has no state.
+    free: freedom of the roll along a path that none of `angles` reaches; None for a fixed roll.
     """
 
     angles: Sequence[float]
@@ -103,40 +109,41 @@ class _Preparation(Struct, frozen=True, eq=False):
     """The problem before the search.
 
     problem: the items with their states.
-    profiles: by path, the roll that changes along it, where no single roll reaches all of it.
-    lost: by path, why it has no state.
-    roomy: test of joint values for the margin, None where there is no margin.
+    profiles: roll that changes along a path, by path, if no single roll reaches all of it.
+    lost: reason why a path has no state, by path.
+    keeps_margin: test of joint values for the margin, None if there is no margin.
     """
 
     problem: TourProblem
     profiles: dict[int, RollProfile]
     lost: dict[int, str]
-    roomy: Clear | None
+    keeps_margin: ClearTest | None
 
 
 def order_by_time(request: TourRequest, job: Job, cell: Workcell, watch: Watch) -> Tour:
     """The tour that takes the joints least time, where the tool keeps its roll.
 
-    The TCP goes straight from path to path. The tour is unchanged where no posture reaches all of
-    its paths.
+    The TCP goes straight from path to path. The tour is unchanged if no posture reaches all of its
+    paths.
     """
     tour = request.tour
     problem = _prepare(request, job, cell, _Rolls((0.0,)), lines=True).problem
     if not all(len(states) for states in problem.states):
         return tour
-
-    def tell(message: str) -> None:
-        watch(f"ordering, {message}")
-
-    solution = find_tour(problem, range(len(tour.paths)), False, tell)
-    solution = improve_tour(problem, solution, False, tell)
+    on_progress = _report_to(watch)
+    solution = find_tour(problem, range(len(tour.paths)), False, on_progress)
+    solution = improve_tour(problem, solution, False, on_progress)
     if solution.seconds >= FORBIDDEN:
         return tour
     items = problem.cost_model.items
-    paths = [_run(tour.paths[k], items[k], solution.states, k)[0] for k in solution.order]
+    paths = [_turn_path(tour.paths[k], items[k], solution.states, k)[0] for k in solution.order]
     if all(path is before for path, before in zip(paths, tour.paths, strict=True)):
         return tour
     return replace(tour, paths=tuple(paths), method="joint time", bound=None)
+
+
+def _report_to(watch: Watch) -> OnProgress:
+    return lambda message: watch(f"ordering, {message}")
 
 
 def order_with_turns(
@@ -149,53 +156,55 @@ def order_with_turns(
     assert cell.arm is not None
     tour = request.tour
     freedom = replace(find_freedom(job), tilt=0.0)
-    rolls = list_rolls(freedom, _TURNS if cell.arm.arm is not None else _FEW_TURNS)
+    rolls = list_rolls(freedom, _ROLLS if cell.arm.arm is not None else _ITERATED_ROLLS)
     prepared = _prepare(request, job, cell, _Rolls(rolls.angles, freedom), lines=False)
     problem, lost = prepared.problem, prepared.lost
     kept = [k for k in range(len(tour.paths)) if k not in lost]
-
-    def tell(message: str) -> None:
-        watch(f"ordering, {message}")
-
+    on_progress = _report_to(watch)
     linked = LinkedTour(Solution([], problem.states[0], 0.0))
     if kept and prove:
-        problem, linked = _search_with_margin(prepared, kept, request.fixed, tell)
+        problem, linked = _search_with_margin(prepared, kept, request.fixed, on_progress)
     elif kept:
-        linked = _search(problem, kept, prove, tell)
+        linked = _search(problem, kept, prove, on_progress)
     for k in sorted(problem.lost):
-        lost[k] = "it collides in every posture and with every turn that is tried"
+        lost[k] = "it collides in every posture and with every roll of the tool that is tried"
     prepared = replace(prepared, problem=problem, lost=lost | linked.lost)
-    what = "turns of the tool" if freedom.roll else "ways between the paths"
+    what = "rolls of the tool" if freedom.roll else "links between the paths"
     speeds = choose_link_speeds(job.process, cell.pace)
     return _make_tour(tour, prepared, linked, f"{what} chosen by joint time", speeds)
 
 
 def _search_with_margin(
-    prepared: _Preparation, kept: Sequence[int], fixed: bool, tell: Tell
+    prepared: _Preparation, kept: Sequence[int], fixed: bool, on_progress: OnProgress
 ) -> tuple[TourProblem, LinkedTour]:
-    """The tour over the paths ``kept`` with the margin, and the problem that it solves.
+    """The tour over the paths `kept` with the margin, and the problem that it solves.
 
-    Paths that cannot keep the margin, or to which no link does, are added to the tour of the others.
+    Paths that cannot keep the margin, or have no link that does, are inserted into the tour of the
+    others.
     """
     problem = prepared.problem
-    if prepared.roomy is None:
-        return problem, _search(problem, kept, True, tell)
-    every = list(problem.states)
-    wide = _restart(problem, every, replace(problem.setup, clear=prepared.roomy))
-    # Of points the margin blocks so many links that their tables take minutes: 245 holes.
-    linked = _search_paths(wide, kept, True, tell)
+    if prepared.keeps_margin is None:
+        return problem, _search(problem, kept, True, on_progress)
+    all_states = list(problem.states)
+    with_margin = _restart(problem, all_states, replace(problem.setup, clear=prepared.keeps_margin))
+    # Points are searched as paths here. The margin blocks most of their links, and the tables of
+    # 245 holes would take minutes.
+    linked = _search_paths(with_margin, kept, True, on_progress)
     solution = linked.solution
     tight = [k for k in kept if k not in solution.order]
     if not tight:
-        return wide, linked
-    if len(tight) > _TIGHT * len(kept):
-        return problem, _search(problem, kept, True, tell)
-    states = [every[k] if k in tight else solution.states.single(k) for k in range(len(every))]
+        return with_margin, linked
+    if len(tight) > _MAX_TIGHT_FRACTION * len(kept):
+        return problem, _search(problem, kept, True, on_progress)
+    states = solution.states.split()
+    for k in tight:
+        states[k] = all_states[k]
     rest = _restart(problem, states, problem.setup)
-    rest = replace(rest, free=wide.free, detours=wide.detours)
+    rest = replace(rest, free=with_margin.free, detours=with_margin.detours)
     rest = replace(rest, options=replace(problem.options, any_roll=False))
-    order = put_in(rest, solution, tight, fixed)
-    return rest, link_up(rest, prove_tour(rest, find_tour(rest, order, True, tell), tell))
+    order = insert_items(rest, solution, tight, fixed)
+    solution = prove_tour(rest, find_tour(rest, order, True, on_progress), on_progress)
+    return rest, link_paths(rest, solution)
 
 
 def _restart(problem: TourProblem, states: Sequence[States], setup: Setup) -> TourProblem:
@@ -210,36 +219,39 @@ def _restart(problem: TourProblem, states: Sequence[States], setup: Setup) -> To
     )
 
 
-def _search(problem: TourProblem, kept: Sequence[int], prove: bool, tell: Tell) -> LinkedTour:
-    """The tour over the paths ``kept`` with its links, as points where they are points."""
+def _search(
+    problem: TourProblem, kept: Sequence[int], prove: bool, on_progress: OnProgress
+) -> LinkedTour:
+    """The tour over the paths `kept` with its links, searched as points if they are points."""
     best = None
     if prove and are_points(problem, kept):
-        solution = find_points(problem, kept, tell)
-        best = None if solution is None else link_up(problem, solution)
+        solution = find_point_tour(problem, kept, on_progress)
+        best = None if solution is None else link_paths(problem, solution)
     if best is not None and not best.lost:
         return best
-    return _search_paths(problem, kept, prove, tell, best)
+    return _search_paths(problem, kept, prove, on_progress, best)
 
 
 def _search_paths(
     problem: TourProblem,
     kept: Sequence[int],
     prove: bool,
-    tell: Tell,
+    on_progress: OnProgress,
     best: LinkedTour | None = None,
 ) -> LinkedTour:
-    """The tour over the paths ``kept`` with its links, for paths of any kind.
+    """The tour over the paths `kept` with its links, for paths of any kind.
 
     While the tour leaves out a path, the search starts again with what it has learnt.
+
     best: the best tour so far, None before the first.
     """
-    for _ in range(_BEGINNINGS if prove else 1):
+    for _ in range(_MAX_SEARCHES if prove else 1):
         order = [k for k in kept if k not in problem.lost]
-        linked = LinkedTour(find_tour(problem, order, prove, tell))
+        linked = LinkedTour(find_tour(problem, order, prove, on_progress))
         if linked.solution.order:
-            linked = LinkedTour(improve_tour(problem, linked.solution, prove, tell))
+            linked = LinkedTour(improve_tour(problem, linked.solution, prove, on_progress))
         if linked.solution.order and prove:
-            linked = link_up(problem, _prove_again(problem, linked.solution, tell))
+            linked = link_paths(problem, _prove_again(problem, linked.solution, on_progress))
         if best is None or len(linked.solution.order) > len(best.solution.order):
             best = linked
         if not linked.lost:
@@ -248,11 +260,12 @@ def _search_paths(
     return best
 
 
-def _prove_again(problem: TourProblem, solution: Solution, tell: Tell) -> Solution:
-    """The best tour of some that are proved: what is learnt of links that collide goes into the next one."""
-    best = prove_tour(problem, solution, tell)
-    for _ in range(_AGAIN):
-        other = prove_tour(problem, improve_tour(problem, best, True, tell), tell)
+def _prove_again(problem: TourProblem, solution: Solution, on_progress: OnProgress) -> Solution:
+    """Prove a tour, improve it with what the proof has learnt, and prove it again."""
+    best = prove_tour(problem, solution, on_progress)
+    for _ in range(_IMPROVEMENTS):
+        improved = improve_tour(problem, best, True, on_progress)
+        other = prove_tour(problem, improved, on_progress)
         if (len(other.order), -other.seconds) <= (len(best.order), -best.seconds):
             break
         best = other
@@ -262,24 +275,24 @@ def _prove_again(problem: TourProblem, solution: Solution, tell: Tell) -> Soluti
 def _prepare(
     request: TourRequest, job: Job, cell: Workcell, rolls: _Rolls, lines: bool
 ) -> _Preparation:
-    """The problem of ``request``. lines: whether the TCP goes straight from path to path."""
+    """The problem of a request. lines: whether the TCP goes straight from path to path."""
     arm = cell.arm
     assert arm is not None
-    # The search tests for collisions without the margin, which ``roomy`` tests beside it.
-    wide = make_surroundings(job, cell, None)
-    scene = replace(wide, margin=0.0)
-    setup = replace(make_setup(arm, cell, scene), clear=clear_of(scene.scene))
+    # The search tests for collisions without the margin, which has a test of its own.
+    with_margin = make_surroundings(job, cell, None)
+    scene = replace(with_margin, margin=0.0)
+    setup = replace(make_setup(arm, cell, scene), clear=make_clear_test(scene.scene))
     seams = job.tour.seam == "any" and not request.fixed and arm.arm is not None
-    paths = request.tour.paths
-    items = [lay_out(path, job.process.clearance, seams and not path.pinned) for path in paths]
+    paths, clearance = request.tour.paths, job.process.clearance
+    items = [sample_path(path, clearance, seams and not path.pinned) for path in paths]
     if request.fixed:
         items = [replace(item, reversible=False) for item in items]
     angles = np.array(rolls.angles)
-    states = find_states(setup, items, angles, _beside(angles))
+    states = find_states(setup, items, angles, _list_neighbours(angles))
     profiles: dict[int, RollProfile] = {}
     lost: dict[int, str] = {}
     if rolls.free is not None:
-        profiles, lost = _find_others(setup, paths, items, states, rolls, job)
+        profiles, lost = _find_other_states(setup, paths, items, states, rolls, job)
     limits = make_limits(arm, cell.pace, job.process.travel_speed)
     cost_model = CostModel(tuple(items), limits, find_home(arm, cell, scene.scene), lines)
     options = SearchOptions(
@@ -287,15 +300,16 @@ def _prepare(
         any_roll=job.tool.symmetric and arm.arm is not None,
         least_height=job.process.least_height,
     )
-    free_space = make_free_space(replace(scene, margin=GRAZE), setup)
+    free_space = make_free_space(replace(scene, margin=GRAZE_MM), setup)
     problem = TourProblem(setup, free_space, cost_model, states, request.rules, options)
-    roomy = None
-    if rolls.free is not None and wide.margin != 0:
-        roomy = roomy_of(wide, cost_model.home, _find_contacts(problem, lost))
-    return _Preparation(problem, profiles, lost, roomy)
+    keeps_margin = None
+    if rolls.free is not None and with_margin.margin != 0:
+        contacts = _find_contacts(problem, lost)
+        keeps_margin = make_margin_test(with_margin, cost_model.home, contacts)
+    return _Preparation(problem, profiles, lost, keeps_margin)
 
 
-def _find_others(
+def _find_other_states(
     setup: Setup,
     paths: Sequence[ToolPath],
     items: list[Item],
@@ -303,117 +317,114 @@ def _find_others(
     rolls: _Rolls,
     job: Job,
 ) -> tuple[dict[int, RollProfile], dict[int, str]]:
-    """States for the paths that no single roll reaches, which are put into ``items`` and ``states``.
+    """Find states for the paths that no single roll reaches, and put them into `items`, `states`.
 
     First the roll may change along the path. Then the path may come near a singularity, where the
-    joints go on without a jump. Returns by path the rolls that change, and why it has no state.
+    joint values do not jump. Returns by path the rolls that change, and why it has no state.
     """
     assert rolls.free is not None
     profiles: dict[int, RollProfile] = {}
     lost: dict[int, str] = {}
     angles = np.array(rolls.angles)
     for k in [k for k, path_states in enumerate(states) if not len(path_states)]:
-        turned = _turn_along(setup, paths[k], items[k], job, rolls.free)
-        if not isinstance(turned, UnreachableEdge):
-            profiles[k], states[k] = turned
+        with_profile = _change_roll_along(setup, paths[k], items[k], job, rolls.free)
+        if not isinstance(with_profile, UnreachableEdge):
+            profiles[k], states[k] = with_profile
             continue
-        near = replace(items[k], off=0.0)
-        close = find_states(setup, [near], angles, _beside(angles))[0]
-        if len(close):
-            items[k], states[k] = near, close
+        item = replace(items[k], min_distance=0.0)
+        near_singularity = find_states(setup, [item], angles, _list_neighbours(angles))[0]
+        if len(near_singularity):
+            items[k], states[k] = item, near_singularity
         else:
             # A lost path has a state for the tables, and is in no order.
-            lost[k] = turned.text
+            lost[k] = with_profile.text
             states[k] = States.fixed(setup.robot.home)
     return profiles, lost
 
 
 def _find_contacts(problem: TourProblem, lost: Container[int]) -> FloatArray:
-    """(K, J) joint values where some of the paths begin, at the contact."""
-    some = [
-        k
-        for k, states in enumerate(problem.states)
-        if k not in lost and len(states) and states.branch[0] >= 0
-    ]
-    some = some[:: max(len(some) // _CONTACTS, 1)]
-    if not some:
+    """(K, J) joint values in contact at the start of some of the paths."""
+    indices = [k for k in range(len(problem.states)) if k not in lost and len(problem.states[k])]
+    paths = [k for k in indices if problem.states[k].branch[0] >= 0]
+    paths = paths[:: max(len(paths) // _CONTACTS, 1)]
+    if not paths:
         return np.zeros((0, len(problem.cost_model.home)))
-    one = join_states([problem.states[k].single(0) for k in some])
-    items = [problem.cost_model.items[k] for k in some]
+    first = join_states([problem.states[k].single(0) for k in paths])
+    items = [problem.cost_model.items[k] for k in paths]
     state_joints = compute_state_joints(
-        problem.setup, items, one.turn, one.branch, one.gate[:, 0], one.enter
+        problem.setup, items, first.roll, first.branch, first.gate[:, 0], first.enter
     )
     joints = state_joints.joints[state_joints.first[:-1] + 1]
     return joints[state_joints.is_valid & np.isfinite(joints).all(axis=1)]
 
 
-def _beside(turns: FloatArray) -> np.ndarray[tuple[int, ...], np.dtype[np.int64]]:
-    """(3, C) the turn itself, and those beside it, from which its joints are followed."""
-    own = np.arange(len(turns))
-    return np.stack([own, own - 1, np.where(own + 1 < len(own), own + 1, -1)])
+def _list_neighbours(rolls: FloatArray) -> IntArray:
+    """(3, C) index of each roll and of its neighbours, from which its joint values are followed."""
+    index = np.arange(len(rolls))
+    return np.stack([index, index - 1, np.where(index + 1 < len(index), index + 1, -1)])
 
 
-def _turn_along(
+def _change_roll_along(
     setup: Setup, path: ToolPath, item: Item, job: Job, free: OrientationFreedom
 ) -> tuple[RollProfile, States] | UnreachableEdge:
-    """The one state of a path along which the turn changes, or why there is none."""
-    begin, end = item.position[[0]], item.position[[item.gates[-1] if not item.closed else 0]]
+    """Find the one state of a path along which the roll changes, or why it has no state."""
+    last_gate = 0 if item.closed else len(item.gates) - 1
+    start, end = item.position[[0]], item.position[[item.gates[last_gate]]]
     depth = np.array([0.0, 0.0, max(path.depths)])
-    nominal = item.rotation[0]
-    none = np.full((1, 3), np.nan)
-    way = PosePath(
-        frozen(np.concatenate([begin, path.position - depth, end])),
-        frozen(np.concatenate([none, none, path.via[1:] - depth, none])),
-        frozen(np.broadcast_to(nominal, (len(path.position) + 2, 3, 3))),
+    no_via = np.full((1, 3), np.nan)
+    pose_path = PosePath(
+        frozen(np.concatenate([start, path.position - depth, end])),
+        frozen(np.concatenate([no_via, no_via, path.via[1:] - depth, no_via])),
+        frozen(np.broadcast_to(item.rotation[0], (len(path.position) + 2, 3, 3))),
     )
-    made = reach_along(setup, path.id, way, free)
-    if isinstance(made, UnreachableEdge):
-        return made
-    if not _goes_with_passes(path, made, job.operation.entry):
-        return UnreachableEdge(
-            path.id,
-            "jump",
-            "no single turn reaches all of it, and its passes do not go on from a turned end",
+    motion = reach_along(setup, path.id, pose_path, free)
+    if isinstance(motion, UnreachableEdge):
+        return motion
+    if not _allows_passes(path, motion, job.operation.entry):
+        reason = (
+            "no single roll of the tool reaches all of it, "
+            "and its next pass cannot start with the roll at which a pass ends"
         )
-    lengths = np.append(0.0, np.cumsum(made.looks.length)) - float(
-        np.linalg.norm(begin[0] - way.position[1])
-    )
+        return UnreachableEdge(path.id, "jump", reason)
+    approach = float(np.linalg.norm(start[0] - pose_path.position[1]))
+    lengths = np.append(0.0, np.cumsum(motion.looks.length)) - approach
     whole = float(lengths_along(path)[-1])
-    inside = np.clip(lengths[made.at], 0.0, whole)
-    profile = RollProfile(np.clip(lengths, 0.0, whole), np.unwrap(made.roll), np.unique(inside))
-    last = 0 if item.closed else len(item.gates) - 1
-    one = States(
-        made.joints[[0]], made.joints[[-1]], np.array([[0, last]]), np.zeros(1), np.array([-1])
-    )
-    return profile, join_states([one, turn_round(one)]) if item.reversible else one
+    vertices = np.unique(np.clip(lengths[motion.at], 0.0, whole))
+    profile = RollProfile(np.clip(lengths, 0.0, whole), np.unwrap(motion.roll), vertices)
+    gate = np.array([[0, last_gate]])
+    state = States(motion.joints[[0]], motion.joints[[-1]], gate, np.zeros(1), np.array([-1]))
+    if item.reversible:
+        state = join_states([state, reverse_states(state)])
+    return profile, state
 
 
-def _goes_with_passes(path: ToolPath, made: EdgeMotion, entry: str) -> bool:
-    """Whether every pass can begin with the turn that the one before ended with: there and back, or once round."""
+def _allows_passes(path: ToolPath, motion: EdgeMotion, entry: str) -> bool:
+    """Whether every pass can start with the roll at which the pass before it ends.
+
+    Passes go back and forth, or once around a closed path.
+    """
     if max(path.depths) > 0 and entry != "plunge":
         return False
-    turned = abs(float(np.unwrap(made.roll)[-1] - made.roll[0])) > _SAME_TURN
-    return len(path.depths) == 1 or not (path.closed and turned)
+    changes = abs(float(np.unwrap(motion.roll)[-1] - motion.roll[0])) > _SAME_ROLL
+    return len(path.depths) == 1 or not (path.closed and changes)
 
 
-def _run(
+def _turn_path(
     path: ToolPath, item: Item, current: States, k: int, profile: RollProfile | None = None
 ) -> tuple[ToolPath, FloatArray]:
-    """The path as its state runs it, and its turns (N,)."""
+    """The path as its state runs it, and its rolls (N,), rad."""
     gate = int(current.gate[k, 0])
     if profile is not None:
-        made = split_at(path, profile.vertices)
-        turn = np.interp(lengths_along(made), profile.at, profile.turn)
-        return (made.reversed(), turn[::-1]) if gate else (made, turn)
-    if item.closed:
-        made = begin_at(path, float(item.along[gate])) if gate else path
-    else:
-        made = path.reversed() if gate else path
-    return made, np.full(len(made.position), current.turn[k])
+        divided = split_at(path, profile.vertices)
+        roll = np.interp(lengths_along(divided), profile.positions, profile.roll)
+        return (divided.reversed(), roll[::-1]) if gate else (divided, roll)
+    if gate:
+        path = begin_at(path, float(item.along[gate])) if item.closed else path.reversed()
+    return path, np.full(len(path.position), current.roll[k])
 
 
 def _time_links(problem: TourProblem, linked: LinkedTour) -> float:
-    """Seconds of all links, as the joints go; of straight links the time that the joints would take."""
+    """Time of all links, s. A straight link counts with the time of its joint motion."""
     cost_model, states = problem.cost_model, linked.solution.states
     rows = [cost_model.home]
     total = 0.0
@@ -428,7 +439,7 @@ def _time_links(problem: TourProblem, linked: LinkedTour) -> float:
 def _choose_speeds(
     problem: TourProblem, linked: LinkedTour, speeds: LinkSpeeds
 ) -> list[tuple[tuple[float, float], ...]]:
-    """The speeds of the joint motions to each path, and last of those back to home."""
+    """The speeds of the joint motions to each path, and at the end those back to home."""
     start, chosen = problem.cost_model.home, []
     for k in [*linked.solution.order, -1]:
         rows = [start, *(linked.back if k < 0 else linked.to.get(k, ()))]
@@ -442,13 +453,16 @@ def _choose_speeds(
 def _make_tour(
     tour: Tour, prepared: _Preparation, linked: LinkedTour, what: str, speeds: LinkSpeeds
 ) -> ArmTour:
-    """The result: the paths as their states run them, with the links. what: text of the note."""
+    """The result: the paths as their states run them, with the links.
+
+    what: text of the note.
+    """
     problem, profiles, order = prepared.problem, prepared.profiles, linked.solution.order
     paths: list[ToolPath] = []
     rolls: list[FloatArray] = []
     for k in order:
         item, states = problem.cost_model.items[k], linked.solution.states
-        path, roll = _run(tour.paths[k], item, states, k, profiles.get(k))
+        path, roll = _turn_path(tour.paths[k], item, states, k, profiles.get(k))
         paths.append(path)
         rolls.append(frozen(roll))
     notes = []
@@ -458,23 +472,23 @@ def _make_tour(
     changed = [tour.paths[k].id for k in order if k in profiles]
     if changed:
         count, names = counted(len(changed), "path"), ", ".join(changed[:8])
-        turned = f"{count} along which the tool is turned: {names}"
-        notes.append(Note("assumed", turned, "no single turn reaches all of it"))
+        along = f"{count} along which the tool is rolled: {names}"
+        notes.append(Note("assumed", along, "no single roll of the tool reaches all of it"))
     seconds = _time_links(problem, linked) if order else 0.0
-    paces = _choose_speeds(problem, linked, speeds)
+    *link_speeds, home_speeds = _choose_speeds(problem, linked, speeds)
     notes.append(Note("assumed", f"{what}: {short(seconds, 1)} s between the paths"))
-    made = tuple(paths)
+    result = tuple(paths)
     return ArmTour(
-        made,
+        result,
         tour.travel,
         "joint time",
         notes=(*tour.notes, *notes),
         stopped=tour.stopped,
-        turns=tuple(rolls),
-        ways=tuple(linked.to.get(k, ()) for k in order),
+        rolls=tuple(rolls),
+        links=tuple(linked.to.get(k, ()) for k in order),
         back=linked.back,
-        paces=tuple(paces[:-1]),
-        back_paces=paces[-1],
+        link_speeds=tuple(link_speeds),
+        back_speeds=home_speeds,
         seconds=seconds,
-        made=made,
+        made=result,
     )

@@ -1,6 +1,6 @@
-"""Points in blocks of one posture each: the fewest postures that reach them all.
+"""Divides points into blocks of one posture each: the fewest postures that reach them all.
 
-An arm changes its posture seldom: most such motions collide, and those that do not take seconds.
+An arm should change its posture rarely: most such motions collide, and the others take seconds.
 """
 
 from __future__ import annotations
@@ -14,19 +14,23 @@ from msgspec import Struct
 
 from camgen.model.part import IntArray
 from camgen.model.pose import frozen
-from camgen.order.arm.items import States, find_states, join_states
-from camgen.order.arm.search import TourProblem, find_hits, find_met
+from camgen.order.arm.items import States, find_states, join_states, select_states
+from camgen.order.arm.search import TourProblem, find_colliding_links, find_colliding_states
 
-#: So many states of a posture, and so many of the quickest links between two, tell whether one leads to the other.
-_SAMPLED, _ASKED = 400, 48
-#: Postures of a tour at most.
-_POSTURES = 3
-#: A point with so many turns is easily reached.
-_EASY = 4
-#: Turns that are tried of a point that has fewer clear ones than that.
-_FINER, _FEW_TURNS = 72, 12
+#: States of a posture among which links to another posture are searched.
+_MAX_STATES = 400
+#: Fastest links between two postures that are tested.
+_TESTED_LINKS = 48
+#: Maximum number of postures of a tour.
+_MAX_POSTURES = 3
+#: Number of rolls from which a point is easy to reach in a posture.
+_EASY_ROLLS = 4
+#: Rolls that are tried for a point with few clear ones.
+_FINE_ROLLS = 72
+#: Number of clear rolls below which more are tried.
+_FEW_ROLLS = 12
 
-#: Home among the items.
+#: Index of home among the items.
 HOME = -1
 
 
@@ -34,7 +38,7 @@ class PostureBlocks(Struct, frozen=True):
     """Items in blocks of one posture each.
 
     branches: branch of each block, in the order of the blocks.
-    branch: by item, the branch of its block, -1 for an item in no block.
+    branch: branch of the block of each item; -1 for an item in no block.
     seconds: time of the links between the blocks, s.
     """
 
@@ -43,124 +47,121 @@ class PostureBlocks(Struct, frozen=True):
     seconds: float
 
 
-def leave_clear(problem: TourProblem, kept: Sequence[int]) -> None:
-    """Leaves those states of the items ``kept`` that collide with nothing."""
+def select_clear_states(problem: TourProblem, kept: Sequence[int]) -> None:
+    """Remove from `problem` the states of the items `kept` that collide."""
     states, owner = _gather(problem, kept)
-    bad = find_hits(problem, owner.tolist(), states, 0)
-    ends = np.cumsum([len(problem.states[k]) for k in kept])[:-1]
-    for k, own in zip(kept, np.split(~bad, ends), strict=True):
-        problem.tested.add(k)
-        if own.any():
-            problem.states[k] = problem.states[k].pick(own)
+    collides = find_colliding_states(problem, owner.tolist(), states, 0)
+    of_items = [problem.states[k] for k in kept]
+    problem.tested.update(kept)
+    for k, clear_states in zip(kept, select_states(of_items, ~collides), strict=True):
+        if len(clear_states):
+            problem.states[k] = clear_states
         else:
-            # One that is lost keeps a state to stand in a table, and is in no order.
+            # A lost item keeps a state for the tables, and is in no order.
             problem.lost.add(k)
             problem.states[k] = problem.states[k].single(0)
 
 
-def find_blocks(problem: TourProblem, kept: Sequence[int], most: int) -> list[PostureBlocks]:
-    """Ways to part the items ``kept`` into blocks, at most so many, those first whose links take least time; none where
-    ``_POSTURES`` are not enough, or no links between them are found.
+def find_blocks(problem: TourProblem, kept: Sequence[int], max_results: int) -> list[PostureBlocks]:
+    """Find divisions of the items `kept` into blocks, those with the fastest links first.
+
+    Returns an empty list if more than `_MAX_POSTURES` postures are needed, or no links between the
+    blocks are found.
     """
     states, owner = _gather(problem, kept)
     branches = np.unique(states.branch).tolist()
     reached = {b: set(owner[states.branch == b].tolist()) for b in branches}
-    every = set(kept)
-    took: dict[tuple[int, int], float] = {}
-    for count in range(1, _POSTURES + 1):
-        some = [
-            s
-            for s in itertools.combinations(branches, count)
-            if set().union(*(reached[b] for b in s)) == every
-        ]
-        found = []
-        for chosen in some:
+    link_times: dict[tuple[int, int], float] = {}
+    for count in range(1, _MAX_POSTURES + 1):
+        blocks = []
+        for chosen in itertools.combinations(branches, count):
+            if set().union(*(reached[b] for b in chosen)) != set(kept):
+                continue
             for ring in itertools.permutations(chosen):
                 if ring > ring[::-1]:
                     continue
-                seconds = sum(
-                    _cross(problem, states, pair, took)
-                    for pair in itertools.pairwise([HOME, *ring, HOME])
-                )
+                pairs = itertools.pairwise([HOME, *ring, HOME])
+                seconds = sum(_time_link(problem, states, pair, link_times) for pair in pairs)
                 if math.isfinite(seconds):
-                    found.append(PostureBlocks(ring, _assign(problem, ring, reached), seconds))
-        if found:
-            return sorted(found, key=lambda one: (one.seconds, one.branches))[:most]
+                    blocks.append(PostureBlocks(ring, _assign(problem, ring, reached), seconds))
+        if blocks:
+            return sorted(blocks, key=lambda division: (division.seconds, division.branches))[
+                :max_results
+            ]
     return []
 
 
 def _assign(
     problem: TourProblem, ring: Sequence[int], reached: dict[int, set[int]]
 ) -> tuple[int, ...]:
-    """By item the posture of its block: that which reaches most, where it leaves the item ``_EASY`` turns; else that
-    which leaves it most.
+    """Choose the posture of each item's block, -1 for none.
+
+    It is the posture that reaches most items, among those with `_EASY_ROLLS` rolls for the item.
+    Without one it is the posture with most rolls for it.
     """
     branch = [-1] * len(problem.states)
-    falling = sorted(ring, key=lambda b: (-len(reached[b]), b))
+    by_reach = sorted(ring, key=lambda b: (-len(reached[b]), b))
     for k in sorted(set().union(*(reached[b] for b in ring))):
-        own = problem.states[k]
-        turns = [len(np.unique(own.turn[own.branch == b])) for b in falling]
-        branch[k] = next((b for b, count in zip(falling, turns, strict=True) if count >= _EASY), -1)
-        if branch[k] < 0:
-            branch[k] = falling[int(np.argmax(turns))]
+        states = problem.states[k]
+        rolls = [len(np.unique(states.roll[states.branch == b])) for b in by_reach]
+        is_easy = [count >= _EASY_ROLLS for count in rolls]
+        branch[k] = by_reach[int(np.argmax(is_easy if any(is_easy) else rolls))]
     return tuple(branch)
 
 
 def _gather(problem: TourProblem, items: Sequence[int]) -> tuple[States, IntArray]:
-    """All states of ``items``, and the item of each."""
+    """All states of `items`, and the item of each."""
     count = [len(problem.states[k]) for k in items]
     return join_states([problem.states[k] for k in items]), np.repeat(np.array(items), count)
 
 
-def _cross(
+def _time_link(
     problem: TourProblem,
     states: States,
     pair: tuple[int, int],
-    took: dict[tuple[int, int], float],
+    link_times: dict[tuple[int, int], float],
 ) -> float:
-    """Seconds of the quickest link that is found to be clear from a posture to another, or home; inf: none is."""
+    """Time of the fastest clear link between two postures, or a posture and home, s.
+
+    It is inf if none of the tested links is clear. link_times: results so far, added to.
+    """
     pair = min(pair, pair[::-1])
-    if pair not in took:
+    if pair not in link_times:
         home = States.fixed(problem.cost_model.home)
         start, end = (home if b == HOME else _sample(states, b) for b in pair)
         seconds = problem.cost_model.limits.between(start.leave, end.enter, 0.0)
-        # Of each state the quickest link, so that they differ.
+        # The fastest link of each state, so that the links differ.
         best = seconds.argmin(axis=0)
-        own = seconds[best, np.arange(len(best))]
-        asked = np.argsort(own, kind="stable")[:_ASKED]
-        links = [(start.leave[best[k]], end.enter[k]) for k in asked.tolist()]
-        clear = ~find_met(problem, links)
-        took[pair] = float(own[asked[clear]].min()) if clear.any() else math.inf
-    return took[pair]
+        fastest = seconds[best, np.arange(len(best))]
+        tested = np.argsort(fastest, kind="stable")[:_TESTED_LINKS]
+        links = [(start.leave[best[k]], end.enter[k]) for k in tested.tolist()]
+        clear = ~find_colliding_links(problem, links)
+        link_times[pair] = float(fastest[tested[clear]].min()) if clear.any() else math.inf
+    return link_times[pair]
 
 
 def _sample(states: States, branch: int) -> States:
-    """At most ``_SAMPLED`` states of a branch, evenly taken."""
+    """At most `_MAX_STATES` states of a branch, evenly spaced."""
     rows = np.flatnonzero(states.branch == branch)
-    return states.pick(rows[:: math.ceil(len(rows) / _SAMPLED)])
+    return states.pick(rows[:: math.ceil(len(rows) / _MAX_STATES)])
 
 
 def narrow_states(problem: TourProblem, blocks: PostureBlocks) -> list[States]:
-    """By item the states of its block's posture; of an item with few of them also those with turns in between."""
-    made = [
-        own if b < 0 else own.pick(own.branch == b)
-        for own, b in zip(problem.states, blocks.branch, strict=True)
-    ]
-    few = [
-        k
-        for k, b in enumerate(blocks.branch)
-        if b >= 0 and len(np.unique(made[k].turn)) < _FEW_TURNS
-    ]
-    finer = frozen(np.arange(_FINER) * (math.tau / _FINER) - math.pi)
-    items = [problem.cost_model.items[k] for k in few]
-    found = find_states(problem.setup, items, finer, np.arange(_FINER)[None]) if few else []
-    more = [own.pick(own.branch == blocks.branch[k]) for k, own in zip(few, found, strict=True)]
-    if more:
-        clear = ~find_hits(
-            problem, np.repeat(few, [len(own) for own in more]).tolist(), join_states(more)
-        )
-        for k, own, good in zip(
-            few, more, np.split(clear, np.cumsum([len(own) for own in more])[:-1]), strict=True
-        ):
-            made[k] = join_states([made[k], own.pick(good)])
-    return made
+    """The states of each item in its block's posture, with more rolls if it has few."""
+    narrowed, with_few_rolls = [], []
+    for k, (states, branch) in enumerate(zip(problem.states, blocks.branch, strict=True)):
+        narrowed.append(states if branch < 0 else states.pick(states.branch == branch))
+        if branch >= 0 and len(np.unique(narrowed[k].roll)) < _FEW_ROLLS:
+            with_few_rolls.append(k)
+    if not with_few_rolls:
+        return narrowed
+    rolls = frozen(np.arange(_FINE_ROLLS) * (math.tau / _FINE_ROLLS) - math.pi)
+    items = [problem.cost_model.items[k] for k in with_few_rolls]
+    fine = find_states(problem.setup, items, rolls, np.arange(_FINE_ROLLS)[None])
+    for place, k in enumerate(with_few_rolls):
+        fine[place] = fine[place].pick(fine[place].branch == blocks.branch[k])
+    owner = np.repeat(with_few_rolls, [len(states) for states in fine]).tolist()
+    clear = ~find_colliding_states(problem, owner, join_states(fine))
+    for k, clear_states in zip(with_few_rolls, select_states(fine, clear), strict=True):
+        narrowed[k] = join_states([narrowed[k], clear_states])
+    return narrowed

@@ -1,4 +1,4 @@
-"""A way of the joints round what collides, by one place in between or two, where a tour has no better state."""
+"""Searches a detour of the joints through one or two intermediate joint values."""
 
 from __future__ import annotations
 
@@ -7,19 +7,24 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray
 from camgen.motion.limits import MotionLimits
 from camgen.robots.models import Robot
 
-#: So many of the quickest places are tried at a time, of those that are clear, and so many rounds with more.
-_TRIED, _ROUNDS = 24, 3
-#: Places that are drawn by lot in a round, and how far beside the straight way, rad or as a share of a slide's range.
-_DRAWN, _BESIDE = 48, 1.0
+#: Fastest clear candidates that are tried at a time.
+_TRIED = 24
+#: Rounds with more candidates.
+_ROUNDS = 3
+#: Random candidates in a round.
+_DRAWN = 48
+#: Largest distance of these from the direct motion, rad, or as a fraction of a slide's range.
+_DISTANCE = 1.0
 
-#: Which of several motions of the joints, each from and to (J,), are blocked.
-Blocked = Callable[[Sequence[tuple[FloatArray, FloatArray]]], list[bool]]
-#: Which joint values (N, J) are clear (N,).
-Clear = Callable[[FloatArray], "np.ndarray[tuple[int, ...], np.dtype[np.bool_]]"]
+#: A test of joint motions, each from and to (J,): which are blocked.
+BlockedTest = Callable[[Sequence[tuple[FloatArray, FloatArray]]], list[bool]]
+#: A test of joint values (N, J): which are clear, (N,).
+ClearTest = Callable[[FloatArray], BoolArray]
 
 
 def find_detour(
@@ -27,72 +32,81 @@ def find_detour(
     limits: MotionLimits,
     ends: tuple[FloatArray, FloatArray],
     others: FloatArray,
-    clear: Clear,
-    blocked: Blocked,
+    clear: ClearTest,
+    blocked: BlockedTest,
 ) -> tuple[FloatArray, ...] | None:
-    """The joint values (J,) to go through between both ``ends``, or None where none are found.
+    """Find the joint values (J,) to pass through between both ends; None if none are found.
 
-    others: (K, J) places that may do, tried with all those that have some joints of one end and some of the other; then
-    places drawn by lot, the same each time.
+    Candidates are mixtures of both ends and `others`, then random joint values, the same each time.
+
+    others: (K, J) joint values.
     """
     a, b = ends
-    lot = np.random.Generator(np.random.PCG64(0))
-    out: list[FloatArray] = []
-    into: list[FloatArray] = []
-    places = np.concatenate([_mixes(a, b), others])
+    rng = np.random.Generator(np.random.PCG64(0))
+    low, high = robot.limits[:, 0], robot.limits[:, 1]
+    sliding = np.array([joint.sliding for joint in robot.joints])
+    widths = np.where(sliding, high - low, 1.0)
+    leaving: list[FloatArray] = []
+    arriving: list[FloatArray] = []
+    candidates = np.concatenate([_mix_ends(a, b), others])
     for _ in range(_ROUNDS):
-        found = _try(limits, ends, places[clear(places)], blocked, out, into)
-        if found is not None:
-            return found
-        share = lot.random((_DRAWN, 1))
-        wide = _BESIDE * (2 * lot.random((_DRAWN, len(a))) - 1)
-        wide *= [
-            limit[1] - limit[0] if joint.sliding else 1.0
-            for joint, limit in zip(robot.joints, robot.limits, strict=True)
-        ]
-        places = np.clip(a + share * (b - a) + wide, robot.limits[:, 0], robot.limits[:, 1])
+        clear_candidates = candidates[clear(candidates)]
+        detour = _try_candidates(limits, ends, clear_candidates, blocked, (leaving, arriving))
+        if detour is not None:
+            return detour
+        fraction = rng.random((_DRAWN, 1))
+        offset = _DISTANCE * (2 * rng.random((_DRAWN, len(a))) - 1) * widths
+        candidates = np.clip(a + fraction * (b - a) + offset, low, high)
     return None
 
 
-def _mixes(a: FloatArray, b: FloatArray) -> FloatArray:
-    """All places with some joints of one end and some of the other."""
+def _mix_ends(a: FloatArray, b: FloatArray) -> FloatArray:
+    """All joint values with some joints of one end and the others of the other end."""
     moved = np.flatnonzero(np.abs(b - a) > 1e-9)
     rows = []
     for count in range(1, len(moved)):
-        for some in itertools.combinations(moved.tolist(), count):
-            place = a.copy()
-            place[list(some)] = b[list(some)]
-            rows.append(place)
+        for joints in itertools.combinations(moved.tolist(), count):
+            row = a.copy()
+            row[list(joints)] = b[list(joints)]
+            rows.append(row)
     return np.array(rows).reshape(-1, len(a))
 
 
-def _try(
+def _try_candidates(
     limits: MotionLimits,
     ends: tuple[FloatArray, FloatArray],
-    places: FloatArray,
-    blocked: Blocked,
-    out: list[FloatArray],
-    into: list[FloatArray],
+    candidates: FloatArray,
+    blocked: BlockedTest,
+    half_linked: tuple[list[FloatArray], list[FloatArray]],
 ) -> tuple[FloatArray, ...] | None:
-    """The quickest way by one of ``places`` (K, J), or by one that is reached and one that leads on; these are added to
-    ``out`` and ``into``.
+    """Find the fastest detour through a candidate (K, J), or through two with half a link each.
+
+    half_linked: joint values that are linked with the first end, and with the second end. The
+        candidates are added to them.
     """
     a, b = ends
-    if len(places):
-        took = limits.seconds(places - a, 0.0) + limits.seconds(b - places, 0.0)
-        best = places[np.argsort(took, kind="stable")[:_TRIED]]
-        stops = blocked([(a, place) for place in best] + [(place, b) for place in best])
-        first, second = stops[: len(best)], stops[len(best) :]
-        for place, one, two in zip(best, first, second, strict=True):
-            if not one and not two:
-                return (place,)
-            if not one:
-                out.append(place)
-            if not two:
-                into.append(place)
-    if not out or not into:
+    leaving, arriving = half_linked
+    if len(candidates):
+        seconds = limits.seconds(candidates - a, 0.0) + limits.seconds(b - candidates, 0.0)
+        fastest = candidates[np.argsort(seconds, kind="stable")[:_TRIED]]
+        links = [(a, joints) for joints in fastest] + [(joints, b) for joints in fastest]
+        is_blocked = blocked(links)
+        count = len(fastest)
+        for joints, first, second in zip(
+            fastest, is_blocked[:count], is_blocked[count:], strict=True
+        ):
+            if not first and not second:
+                return (joints,)
+            if not first:
+                leaving.append(joints)
+            if not second:
+                arriving.append(joints)
+    if not leaving or not arriving:
         return None
-    ways = [(p, q) for p in out for q in into]
-    took = np.array([limits.seconds(np.stack([p - a, q - p, b - q]), 0.0).sum() for p, q in ways])
-    tried = [ways[k] for k in np.argsort(took, kind="stable")[: 2 * _TRIED]]
-    return next((way for way, stop in zip(tried, blocked(tried), strict=True) if not stop), None)
+    pairs: list[tuple[FloatArray, FloatArray]] = list(itertools.product(leaving, arriving))
+    times = [limits.seconds(np.stack([p - a, q - p, b - q]), 0.0).sum() for p, q in pairs]
+    tried = [pairs[int(k)] for k in np.argsort(np.array(times), kind="stable")[: 2 * _TRIED]]
+    for pair, is_pair_blocked in zip(tried, blocked(tried), strict=True):
+        if not is_pair_blocked:
+            return pair
+    return None

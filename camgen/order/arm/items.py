@@ -1,14 +1,13 @@
-"""Paths of a flat part as an arm runs them: the poses that it is looked at in, and the joints of each posture and turn.
+"""Paths of a flat part as an arm runs them: sampled poses, and joint values by posture and roll.
 
-A path is looked at along its deepest pass, every 10 mm, and above the places where it may begin and end: its gates.
-The tool comes and leaves there at the height of travel.
+A path is sampled every 10 mm along its deepest pass, and above its gates: the points where it may
+begin and end. There the tool approaches and retracts at the clearance height.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import pairwise
 
 import numpy as np
 from msgspec import Struct
@@ -31,23 +30,37 @@ from camgen.robots.kinematics.joint_limits import (
 from camgen.robots.kinematics.singular import measure_singularity_distance
 from camgen.robots.models import Robot
 
-#: mm between two looks along a path, and the most looks at one.
-_LOOK_MM, _MOST_LOOKS = 10.0, 120
-#: Gates of a closed path: at least, at most, and mm of it for each.
-_LEAST_GATES, _MOST_GATES, _GATE_MM = 4, 12, 10.0
-#: rad: no joint turns by more from one look to the next.
+#: mm between two samples of a path.
+_SAMPLE_MM = 10.0
+#: Maximum number of samples of a path.
+_MAX_SAMPLES = 120
+#: Minimum number of gates of a closed path.
+_MIN_GATES = 4
+#: Maximum number of gates.
+_MAX_GATES = 12
+#: mm of a closed path for each gate.
+_GATE_MM = 10.0
+#: rad: largest motion of a joint from one sample to the next.
 _JUMP = math.radians(40)
-#: Poses that joints are found for at once: bounds the memory.
-_POSES = 40_000
-#: Of the joint values that differ by whole turns, so many of those nearest to home are kept.
-_COPIES = 2
+#: Poses whose joint values are computed at once: bounds the memory.
+_MAX_POSES = 40_000
+#: Joint values that are kept of those that differ by whole turns: the nearest to home.
+_MAX_COPIES = 2
 
 
 class Item(Struct, frozen=True, eq=False):
-    """A path. position (R, 3), rotation (R, 3, 3): the looks, work frame, with the nominal turn: above the first gate,
-    along the path, and above the other gates. before: (R,) the look from which each is reached, -1: none. gates: (G,)
-    the looks above. along: (G,) mm along the path where the gates are. closed: it is left where it is entered.
-    reversible: it may be run from its last gate to its first. off: rad that it keeps from singularities.
+    """A path of a flat part as R tool poses, its samples.
+
+    First the pose above the first gate, then those along the path, then those above other gates.
+
+    position: (R, 3) TCP in the work frame, mm.
+    rotation: (R, 3, 3) nominal orientation, which is roll 0.
+    before: (R,) index of the sample from which each one is reached, -1 for the first.
+    gates: (G,) indices of the samples above the gates.
+    along: (G,) positions of the gates along the path, mm.
+    closed: whether the path ends at the point where it starts.
+    reversible: whether the path may run from its last gate to its first.
+    min_distance: minimum singularity distance, rad.
     """
 
     position: FloatArray
@@ -57,91 +70,96 @@ class Item(Struct, frozen=True, eq=False):
     along: FloatArray
     closed: bool
     reversible: bool
-    off: float = MARGIN
+    min_distance: float = MARGIN
 
     def __len__(self) -> int:
         return len(self.position)
 
     @property
     def last(self) -> int:
-        """The look at the end of the path."""
+        """Index of the sample at the end of the path."""
         return len(self.position) - len(self.gates)
 
 
-def lay_out(path: ToolPath, clearance: float, seams: bool) -> Item:
-    """``path`` as it is looked at. clearance: the height of travel. seams: a closed one may begin elsewhere."""
+def sample_path(path: ToolPath, clearance: float, seams: bool) -> Item:
+    """The samples of a path.
+
+    clearance: the clearance height, mm.
+    seams: whether a closed path may begin elsewhere.
+    """
     length = lengths_along(path)
     whole = float(length[-1])
     closed = path.closed and whole > 0
-    count = min(math.ceil(whole / _LOOK_MM), _MOST_LOOKS) if whole > 0 else 0
-    gates = (
-        min(max(_LEAST_GATES, math.ceil(whole / _GATE_MM)), _MOST_GATES) if closed and seams else 1
-    )
-    count = max(count, gates if closed else 1) if whole > 0 else 0
-    looked = np.linspace(0.0, whole, count + 1)
-    position, axis = _at(path, length, looked)
-    lift = -axis * _lifts(position, axis, clearance)[:, None]
-    low = position - [0.0, 0.0, max(path.depths)]
-    # A gate is at a look.
-    at = np.round(np.arange(gates) * (count / gates)).astype(np.int64)
+    gate_count, count = 1, 0
+    if closed and seams:
+        gate_count = min(max(_MIN_GATES, math.ceil(whole / _GATE_MM)), _MAX_GATES)
+    if whole > 0:
+        count = min(math.ceil(whole / _SAMPLE_MM), _MAX_SAMPLES)
+        count = max(count, gate_count)
+    along = np.linspace(0.0, whole, count + 1)
+    position, axis = _interpolate(path, length, along)
+    lift = -axis * _measure_lifts(position, axis, clearance)[:, None]
+    lowest = position - [0.0, 0.0, max(path.depths)]
+    # Each gate is above a sample.
+    gates = np.round(np.arange(gate_count) * (count / gate_count)).astype(np.int64)
     if not closed and count:
-        at = np.array([0, count])
-    rows = np.concatenate([at[:1], np.arange(count + 1), at[1:]])
-    above = np.concatenate([[0], np.arange(count + 2, count + 1 + len(at))])
-    before = np.arange(-1, count + 1)
-    before = np.concatenate([before, 1 + at[1:]])
-    place = low[rows]
-    place[above] = (position + lift)[rows[above]]
+        gates = np.array([0, count])
+    rows = np.concatenate([gates[:1], np.arange(count + 1), gates[1:]])
+    above = np.concatenate([[0], np.arange(count + 2, count + 1 + len(gates))])
+    before = np.concatenate([np.arange(-1, count + 1), 1 + gates[1:]])
+    samples = lowest[rows]
+    samples[above] = (position + lift)[rows[above]]
     nominal = from_axes(axis, find_sideways(axis))[rows]
     reversible = path.reversible and not closed and count > 0
-    return Item(place, nominal, before, above, looked[at], closed, reversible)
+    return Item(samples, nominal, before, above, along[gates], closed, reversible)
 
 
-def _at(path: ToolPath, length: FloatArray, looked: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Places and axes (K, 3), ``looked`` mm along the path."""
+def _interpolate(
+    path: ToolPath, length: FloatArray, along: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Positions and tool axes (K, 3) at `along` mm along the path."""
     if len(path.position) == 1:
-        return path.position[[0] * len(looked)], path.axis[[0] * len(looked)]
-    segment = np.clip(np.searchsorted(length, looked, side="left") - 1, 0, len(length) - 2)
+        return path.position[[0] * len(along)], path.axis[[0] * len(along)]
+    segment = np.clip(np.searchsorted(length, along, side="left") - 1, 0, len(length) - 2)
     whole = length[segment + 1] - length[segment]
-    part = np.divide(looked - length[segment], whole, out=np.zeros(len(looked)), where=whole > 0)
+    part = np.divide(along - length[segment], whole, out=np.zeros(len(along)), where=whole > 0)
     axis = path.axis[segment] + part[:, None] * (path.axis[segment + 1] - path.axis[segment])
-    return chain(path.position, path.via[1:]).point(part, segment), axis / np.linalg.norm(
-        axis, axis=1
-    )[:, None]
+    position = chain(path.position, path.via[1:]).point(part, segment)
+    return position, axis / np.linalg.norm(axis, axis=1)[:, None]
 
 
-def _lifts(position: FloatArray, axis: FloatArray, clearance: float) -> FloatArray:
-    """Mm along the axis up to the height of travel, as ``lower`` has it."""
-    straight = axis[:, 2] < -1 + 1e-12
-    return np.where(straight, clearance - position[:, 2], clearance)
+def _measure_lifts(position: FloatArray, axis: FloatArray, clearance: float) -> FloatArray:
+    """Distances along the axis up to the clearance height, mm, as `lower` has them."""
+    is_vertical = axis[:, 2] < -1 + 1e-12
+    return np.where(is_vertical, clearance - position[:, 2], clearance)
 
 
 class States(Struct, frozen=True, eq=False):
     """M states: ways to run an item.
 
-    enter, leave: (M, J) joint values where the item is entered and left.
+    enter, leave: (M, J) joint values at which the item is entered and left.
     gate: (M, 2) index of the gate of both.
-    turn: (M,) roll from the nominal orientation, rad.
-    branch: (M,) the column of ``inverse``; -1 for joint values that do not follow from a roll.
+    roll: (M,) roll from the nominal orientation, rad.
+    branch: (M,) the column of `inverse`; -1 for joint values that do not follow from a roll.
     """
 
     enter: FloatArray
     leave: FloatArray
     gate: IntArray
-    turn: FloatArray
+    roll: FloatArray
     branch: IntArray
 
     def __len__(self) -> int:
-        return len(self.turn)
+        return len(self.roll)
 
     @classmethod
     def fixed(cls, joints: FloatArray) -> States:
-        """One state with the joint values (J,), which has no branch."""
+        """One state with these joint values (J,), which has no branch."""
         rows = joints[None]
         return cls(rows, rows, np.zeros((1, 2), np.int64), np.zeros(1), np.array([-1]))
 
     def single(self, row: int) -> States:
-        """One of the states."""
+        """The state of this index."""
         return self.pick(np.array([row]))
 
     def split(self) -> list[States]:
@@ -149,53 +167,65 @@ class States(Struct, frozen=True, eq=False):
         return [self.single(row) for row in range(len(self))]
 
     def pick(self, rows: IntArray | BoolArray) -> States:
-        """Some of the states."""
+        """The states of these indices or of this mask."""
         return States(
-            self.enter[rows], self.leave[rows], self.gate[rows], self.turn[rows], self.branch[rows]
+            self.enter[rows], self.leave[rows], self.gate[rows], self.roll[rows], self.branch[rows]
         )
 
 
 def join_states(several: Sequence[States]) -> States:
-    """All of ``several``, in order."""
-    columns = (
-        np.concatenate([getattr(one, name) for one in several]) for name in States.__struct_fields__
-    )
+    """All states of `several`, in order."""
+    columns = []
+    for name in States.__struct_fields__:
+        columns.append(np.concatenate([getattr(states, name) for states in several]))
     return States(*columns)
+
+
+def select_states(several: Sequence[States], is_kept: BoolArray) -> list[States]:
+    """The kept states of each of `several`. is_kept: (M,) for all their states in order."""
+    ends = np.cumsum([len(states) for states in several])[:-1]
+    return [
+        states.pick(rows) for states, rows in zip(several, np.split(is_kept, ends), strict=True)
+    ]
 
 
 def find_states(
     setup: Setup, items: Sequence[Item], angles: FloatArray, around: IntArray
 ) -> list[States]:
-    """For each item all postures and turns, of ``angles`` (C,), in which it can be run as a whole with one turn, from
-    its first gate to its last, or, of a closed one, from its first: joints keep their limits, 2 deg from singularities
-    and go on without a jump. around: (M, C) as ``Grid.moves``, for arms whose joints are followed.
+    """For each item, the states in which the arm can run all of it with one posture and one roll.
+
+    A state leads from the first gate to the last, or from the first to itself on a closed path. Its
+    joint values keep the limits and the singularity distance of the item, and do not jump.
+
+    angles: (C,) rolls that are tried, rad.
+    around: (M, C) as `Grid.moves`, for arms whose joint values are followed from sample to sample.
     """
-    robot, table = setup.robot, list_turn_counts(setup.robot)
-    spin = turned_about_z(angles)
-    found: list[States] = []
-    for group in _groups(items, len(angles)):
+    robot, turn_counts = setup.robot, list_turn_counts(setup.robot)
+    rolled = turned_about_z(angles)
+    results: list[States] = []
+    for group in _group(items, len(angles)):
         position = np.concatenate([item.position for item in group])
-        rotation = np.concatenate([item.rotation for item in group])[:, None] @ spin
+        rotation = np.concatenate([item.rotation for item in group])[:, None] @ rolled
         goal = compute_flange_poses(setup, position[:, None], rotation)
         ends = offsets([len(item) for item in group])
-        # Without a closed form the joints of a row depend on those before it along its path.
+        # Without a closed form the joint values of a sample depend on those before it on its path.
         if robot.arm:
             joints = np.split(find_solutions(robot, *goal, around), ends[1:-1])
         else:
-            rows = [slice(*pair) for pair in pairwise(ends.tolist())]
-            joints = [find_solutions(robot, goal[0][own], goal[1][own], around) for own in rows]
-        found += [
-            _states(robot, item, own, table, angles)
-            for item, own in zip(group, joints, strict=True)
-        ]
-    return found
+            joints = []
+            for rows in map(slice, ends[:-1].tolist(), ends[1:].tolist()):
+                joints.append(find_solutions(robot, goal[0][rows], goal[1][rows], around))
+        for item, of_item in zip(group, joints, strict=True):
+            results.append(_select_valid(robot, item, of_item, turn_counts, angles))
+    return results
 
 
-def _groups(items: Sequence[Item], choices: int) -> list[list[Item]]:
+def _group(items: Sequence[Item], choices: int) -> list[list[Item]]:
+    """Items in groups of at most `_MAX_POSES` poses. choices: rolls of each item."""
     groups: list[list[Item]] = []
     size = 0
     for item in items:
-        if not groups or size + len(item) * choices > _POSES:
+        if not groups or size + len(item) * choices > _MAX_POSES:
             groups.append([])
             size = 0
         groups[-1].append(item)
@@ -203,38 +233,37 @@ def _groups(items: Sequence[Item], choices: int) -> list[list[Item]]:
     return groups
 
 
-def _states(
-    robot: Robot, item: Item, found: FloatArray, table: IntArray, angles: FloatArray
+def _select_valid(
+    robot: Robot, item: Item, joints: FloatArray, turn_counts: IntArray, angles: FloatArray
 ) -> States:
-    """The states of an item with joints (R, C, B, J)."""
-    unwound, all_steady = _unwind(robot, [item], found, np.array([0, len(item)]))
-    steady = all_steady[0]
-    there = np.isfinite(found).all(axis=(0, 3))
-    away = measure_singularity_distance(robot, np.where(np.isfinite(found), found, 0.0)).min(
-        axis=(0, -1), initial=math.inf
+    """The states of an item with joint values (R, C, B, J) that are valid at all samples."""
+    unwound, all_steady = _unwind(robot, [item], joints, np.array([0, len(item)]))
+    exists = np.isfinite(joints).all(axis=(0, 3))
+    known = np.where(np.isfinite(joints), joints, 0.0)
+    distance = measure_singularity_distance(robot, known).min(axis=(0, -1), initial=math.inf)
+    is_valid: BoolArray = np.logical_and.reduce(
+        [all_steady[0], exists, distance >= item.min_distance]
     )
-    sound: BoolArray = np.logical_and.reduce([steady, there, away >= item.off])
-    good = sound.reshape(*sound.shape, 1) & np.logical_and.reduce(
-        are_turned_within_limits(robot, unwound, table), axis=0
-    )
-    turn, branch, copy = np.nonzero(good)
-    shift = math.tau * table[copy]
-    enter = unwound[item.gates[0], turn, branch] + shift
-    far = (np.abs(enter - robot.home) / robot.fastest).max(axis=1)
-    order = np.lexsort((far, branch, turn))
-    key = turn[order] * found.shape[2] + branch[order]
+    within_limits = are_turned_within_limits(robot, unwound, turn_counts)
+    is_state = is_valid.reshape(*is_valid.shape, 1) & np.logical_and.reduce(within_limits, axis=0)
+    roll, branch, copy = np.nonzero(is_state)
+    shift = math.tau * turn_counts[copy]
+    enter = unwound[item.gates[0], roll, branch] + shift
+    seconds = (np.abs(enter - robot.home) / robot.fastest).max(axis=1)
+    order = np.lexsort((seconds, branch, roll))
+    key = roll[order] * joints.shape[2] + branch[order]
     rank = np.arange(len(key)) - np.searchsorted(key, key)
-    kept = np.sort(order[rank < _COPIES])
-    out = item.gates[0 if item.closed else -1]
-    leave = unwound[out, turn, branch] + shift
-    gate = np.tile([0, 0 if item.closed else len(item.gates) - 1], (len(turn), 1))
-    states = States(enter, leave, gate, angles[turn], branch).pick(kept)
-    return join_states([states, turn_round(states)]) if item.reversible else states
+    kept = np.sort(order[rank < _MAX_COPIES])
+    last_gate = 0 if item.closed else len(item.gates) - 1
+    leave = unwound[item.gates[last_gate], roll, branch] + shift
+    gate = np.tile([0, last_gate], (len(roll), 1))
+    states = States(enter, leave, gate, angles[roll], branch).pick(kept)
+    return join_states([states, reverse_states(states)]) if item.reversible else states
 
 
-def turn_round(states: States) -> States:
-    """The same run the other way."""
-    return States(states.leave, states.enter, states.gate[:, ::-1], states.turn, states.branch)
+def reverse_states(states: States) -> States:
+    """The states run in the opposite direction."""
+    return States(states.leave, states.enter, states.gate[:, ::-1], states.roll, states.branch)
 
 
 class StateJoints(Struct, frozen=True, eq=False):
@@ -253,47 +282,46 @@ class StateJoints(Struct, frozen=True, eq=False):
 def compute_state_joints(
     setup: Setup,
     items: Sequence[Item],
-    turn: FloatArray,
+    roll: FloatArray,
     branch: IntArray,
     gate: IntArray,
     near: FloatArray,
 ) -> StateJoints:
-    """Items (E) each with one turn (E,), in one branch (E,), with joints near to ``near`` (E, J) above ``gate`` (E,);
-    of an arm without a closed form that is the first.
+    """The joint values of E items, each with one roll (E,) in one branch (E,), rad.
+
+    gate: (E,) the gate above which the joint values are nearest to `near`.
+    near: (E, J) joint values; for an arm without a closed form those above the first gate.
     """
     robot = setup.robot
     first = offsets([len(item) for item in items])
     owner = owners(np.diff(first))
-    rotation = np.concatenate([item.rotation for item in items]) @ turned_about_z(turn)[owner]
+    rotation = np.concatenate([item.rotation for item in items]) @ turned_about_z(roll)[owner]
     goal = compute_flange_poses(setup, np.concatenate([item.position for item in items]), rotation)
     if robot.arm is None:
-        found = _follow(robot, goal, items, first, near)
+        solutions = _follow(robot, goal, items, first, near)
     else:
-        found = inverse(robot, *goal, robot.home)[np.arange(len(owner)), branch[owner]]
-    unwound, steady = _unwind(robot, items, found, first)
-    off = (
-        near
-        - unwound[
-            first[:-1] + [item.gates[g] for item, g in zip(items, gate.tolist(), strict=True)]
-        ]
-    )
-    off = np.where(
-        robot.revolute & np.isfinite(off),
-        np.rint(np.where(np.isfinite(off), off, 0.0) / math.tau) * math.tau,
-        0.0,
-    )
-    joints = unwound + off[owner]
-    off = np.array([item.off for item in items])[owner]
-    sound = are_within_limits(robot, joints) & (
-        measure_singularity_distance(robot, joints).min(axis=-1, initial=math.inf) >= off
-    )
-    return StateJoints(joints, first, steady & np.logical_and.reduceat(sound, first[:-1]))
+        solutions = inverse(robot, *goal, robot.home)[np.arange(len(owner)), branch[owner]]
+    unwound, steady = _unwind(robot, items, solutions, first)
+    at_gates = [item.gates[g] for item, g in zip(items, gate.tolist(), strict=True)]
+    turns = _count_turns(robot, near - unwound[first[:-1] + at_gates]) * math.tau
+    joints = unwound + turns[owner]
+    min_distance = np.array([item.min_distance for item in items])[owner]
+    distance = measure_singularity_distance(robot, joints).min(axis=-1, initial=math.inf)
+    is_valid = are_within_limits(robot, joints) & (distance >= min_distance)
+    return StateJoints(joints, first, steady & np.logical_and.reduceat(is_valid, first[:-1]))
+
+
+def _count_turns(robot: Robot, moved: FloatArray) -> FloatArray:
+    """The whole turns in motions of the joints (..., J), 0 for slides and infinite motions."""
+    is_finite = np.isfinite(moved)
+    turns = np.rint(np.where(is_finite, moved, 0.0) / math.tau)
+    return np.where(robot.revolute & is_finite, turns, 0.0)
 
 
 def _unwind(
     robot: Robot, items: Sequence[Item], joints: FloatArray, first: IntArray
 ) -> tuple[FloatArray, BoolArray]:
-    """``joints`` without whole turns between samples, and whether no joint jumps in each item (E, ...).
+    """`joints` without whole turns between samples, and which items have no joint jump (E, ...).
 
     joints: (S, ..., J) at the samples of E items, one item after the other.
     first: (E + 1,) the first row of each item.
@@ -302,23 +330,18 @@ def _unwind(
     before = np.concatenate([item.before for item in items]) + first[owner]
     before[first[:-1]] = first[:-1]
     moved = np.nan_to_num(joints - joints[before], nan=math.inf)
-    whole = np.where(
-        robot.revolute & np.isfinite(moved),
-        np.rint(np.where(np.isfinite(moved), moved, 0.0) / math.tau),
-        0.0,
-    )
-    jumps = (np.abs(moved - math.tau * whole) > _JUMP)[..., robot.revolute].any(axis=-1)
+    turns = _count_turns(robot, moved)
+    jumps = (np.abs(moved - math.tau * turns) > _JUMP)[..., robot.revolute].any(axis=-1)
     steady = ~np.logical_or.reduceat(jumps, first[:-1], axis=0)
-    sums = np.cumsum(whole, axis=0)
+    sums = np.cumsum(turns, axis=0)
     sums -= sums[first[:-1]][owner]
-    # The samples above other gates are reached from along the path, all others from the one before.
-    extra = np.flatnonzero(
-        (before != np.arange(-1, len(before) - 1)) & (before != np.arange(len(before)))
-    )
-    sums[extra] = sums[before[extra]] + whole[extra]
+    # Samples above other gates are reached from the path, all others from the sample before.
+    rows = np.arange(len(before))
+    above = np.flatnonzero((before != rows - 1) & (before != rows))
+    sums[above] = sums[before[above]] + turns[above]
     loops = np.array([k for k, item in enumerate(items) if item.closed], dtype=np.int64)
     if len(loops):
-        # Round the arm's own axis a path ends a whole turn from where it started.
+        # On a path around the arm's own axis a joint ends a whole turn from where it started.
         last = first[loops] + [items[k].last for k in loops.tolist()]
         steady[loops] &= (np.abs(sums[last] - sums[first[loops] + 1]) < 0.5).all(axis=-1)
     return joints - math.tau * sums, steady
@@ -331,12 +354,15 @@ def _follow(
     first: IntArray,
     near: FloatArray,
 ) -> FloatArray:
-    """Joints (S, J) of looks followed one after the other, of all items together."""
-    found = np.full((first[-1], near.shape[1]), np.nan)
-    for look in range(max(len(item) for item in items)):
-        some = [k for k, item in enumerate(items) if look < len(item)]
-        at = first[some] + look
-        guess = found[first[some] + [items[k].before[look] for k in some]] if look else near[some]
-        known = np.flatnonzero(np.isfinite(guess).all(axis=1))
-        found[at[known]] = find_nearest(robot, goal[0][at[known]], goal[1][at[known]], guess[known])
-    return found
+    """Joint values (S, J) at all samples, each found from the one before, of all items together."""
+    joints = np.full((first[-1], near.shape[1]), np.nan)
+    for sample in range(max(len(item) for item in items)):
+        group = [k for k, item in enumerate(items) if sample < len(item)]
+        rows = first[group] + sample
+        guess = near[group]
+        if sample:
+            guess = joints[first[group] + [items[k].before[sample] for k in group]]
+        known = np.isfinite(guess).all(axis=1)
+        goals = (goal[0][rows[known]], goal[1][rows[known]])
+        joints[rows[known]] = find_nearest(robot, *goals, guess[known])
+    return joints

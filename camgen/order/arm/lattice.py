@@ -1,8 +1,8 @@
-"""The states of a tour's points that cost least together and collide with nothing, tested only where a tour goes.
+"""Chooses the states of a tour's points that take least time together and do not collide.
 
-The links from each point to the next are a table of all their states. The soonest way through all tables is tested; a
-link that collides is out, with those beside it that would be next, and the way is found again: a table less a few
-entries is no new search.
+The links from each point to the next are a table over all states of both. The fastest tour through
+all tables is tested. If a link collides, the time of a detour is added to it and to others that
+would be used next, and the tour is computed again. Only links that a tour uses are tested.
 """
 
 from __future__ import annotations
@@ -17,110 +17,125 @@ from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 from camgen.motion.setup import Blockage, SampledMotion
 from camgen.order.arm.items import States, join_states
-from camgen.order.arm.layers import CHANGE, all_links
+from camgen.order.arm.layers import POSTURE_COST, time_links
 from camgen.order.arm.search import (
     Solution,
     TourProblem,
-    find_hits,
-    find_met,
-    key_of,
-    link_key,
+    find_colliding_links,
+    find_colliding_states,
     make_blocked_link,
+    make_link_key,
+    make_state_key,
 )
 
-#: Largest number of tours through the tables that are tested.
-_WAYS = 60
-#: Links that are tested together when a link collides: at first, the factor for the next time, and
-#: the largest number.
-_BATCH, _MORE, _MOST = 24, 2, 192
-#: Cost of a detour beside its link, s, before a detour is found for a link of the same two points,
-#: and where no detour exists.
-AROUND, _NO_WAY = 2.0, 10.0
+#: Maximum number of tours through the tables that are tested.
+_MAX_TOURS = 60
+#: When the link of a tour collides, this many of the fastest links between the same two items are
+#: tested together.
+_FIRST_BATCH = 24
+#: Factor on the batch each time a link between these two items collides again.
+_BATCH_GROWTH = 2
+#: Largest batch.
+_MAX_BATCH = 192
+#: s: time that a detour is expected to add to its link, before one is found for a link of the same
+#: two points.
+DETOUR_GUESS = 2.0
+#: s: cost of a link without a detour.
+_NO_DETOUR = 10.0
 
-#: Distance that a link keeps if its ends do, mm. The check of the program tests other samples of a
-#: link, and finds it nearer by less than this.
-GRAZE, _EPS = 0.3, 1e-3
+#: mm: clearance that a link keeps if its ends do. The check of the program tests other samples of a
+#: link, and finds a clearance that is smaller by less than this.
+GRAZE_MM = 0.3
+#: mm: tolerance of that clearance.
+_CLEARANCE_EPS_MM = 1e-3
 
-#: Least seconds of a link between two items, the lower index first, -1 for home.
-Known = dict[tuple[int, int], float]
+#: Least time of a link between two items, s; the lower index first, -1 for home.
+KnownLinks = dict[tuple[int, int], float]
 #: Rejected links between an item and the next, -1 for home: the joint values of both ends, and the
 #: radius around them in which other links are rejected too, rad or mm.
-Barred = dict[tuple[int, int], list[tuple[FloatArray, FloatArray, float]]]
-_NO_BARS: Barred = {}
-#: Links between two items that are rejected singly, before links near to them are rejected too.
-_PATIENCE = 5
-#: First radius around a rejected link and the largest, rad or mm. It doubles with each rejection.
-_NEAR, _NEAREST = 0.02, 0.5
+RejectedLinks = dict[tuple[int, int], list[tuple[FloatArray, FloatArray, float]]]
+_NOTHING_REJECTED: RejectedLinks = {}
+#: Links between two items that are rejected alone. Later ones reject the links near to them too.
+_REJECTED_ALONE = 5
+#: rad or mm: first radius around a rejected link. It doubles with each rejection.
+_FIRST_RADIUS = 0.02
+#: rad or mm: largest radius around a rejected link.
+_MAX_RADIUS = 0.5
 
 
 def choose_point_states(
     problem: TourProblem,
     order: Sequence[int],
     states: Sequence[States],
-    known: Known,
-    barred: Barred = _NO_BARS,
+    known: KnownLinks,
+    rejected: RejectedLinks = _NOTHING_REJECTED,
 ) -> Solution | None:
-    """The soonest of ``states`` along ``order``, from home and back, with detours for blocked links.
+    """Choose one state per item so that the tour home, `order`, home takes least time.
 
-    known: gets the seconds of links whose quickest ones collide.
-    barred: links that are rejected.
+    Only states and links of the fastest tour are tested. A colliding state is removed, a colliding
+    link gets the time of a detour. Then the tour is computed again, at most `_MAX_TOURS` times.
+    Returns None if every state of an item collides.
 
-    None where every state of an item collides.
+    known: gets the least time of a link for each pair of items with a colliding link, s.
+    rejected: links that cost `_NO_DETOUR` more.
     """
-    tables = _lay(problem, order, states)
+    home = problem.cost_model.home
+    tables = _make_tables(problem, order, states)
     links = _gather_ends(problem, states, order)
     for ends, table in zip(links, tables, strict=True):
-        _bar(ends, table, barred.get(ends.items, ()))
-    weighed = [np.zeros(table.shape, dtype=np.bool_) for table in tables]
-    looked: list[set[tuple[int, int]]] = [set() for _ in tables]
-    asked = [_BATCH] * len(tables)
-    pairs = [(min(pair), max(pair)) for pair in pairwise([-1, *order, -1])]
-    for _ in range(_WAYS):
-        ahead, back = _add_up(tables)
+        _add_rejections(ends, table, rejected.get(ends.items, ()))
+    has_detour = [np.zeros(table.shape, dtype=np.bool_) for table in tables]
+    tested: list[set[tuple[int, int]]] = [set() for _ in tables]
+    batches = [_FIRST_BATCH] * len(tables)
+    for _ in range(_MAX_TOURS):
+        ahead, back = _sum_times(tables)
         chosen = _trace(tables, ahead)
         seconds = float((ahead[-1] + tables[-1][:, 0]).min())
         if not np.isfinite(seconds):
             return None
-        current = [states[k].single(at) for k, at in zip(order, chosen, strict=True)]
-        hit = _find_hits(problem, order, states, join_states(current))
-        for place, bad in hit:
-            tables[place][:, bad] = np.inf
-            tables[place + 1][bad] = np.inf
-        if hit:
+        current = [states[k].single(row) for k, row in zip(order, chosen, strict=True)]
+        colliding = _find_colliding(problem, order, states, join_states(current))
+        for place, rows in colliding:
+            tables[place][:, rows] = np.inf
+            tables[place + 1][rows] = np.inf
+        if colliding:
             continue
-        home = problem.cost_model.home
         joints = [home, *(state.enter[0] for state in current), home]
-        steps = list(enumerate(pairwise([0, *chosen, 0])))
-        new = [place for place, step in steps if step not in looked[place]]
-        stops = _find_met(problem, [(joints[place], joints[place + 1]) for place in new])
-        for place in new:
-            looked[place].add(steps[place][1])
-        met = [
-            p for p, stop in zip(new, stops, strict=True) if stop and not weighed[p][steps[p][1]]
-        ]
-        if not met:
-            break
-        for place in met:
+        steps = list(pairwise([0, *chosen, 0]))
+        untested = [place for place, step in enumerate(steps) if step not in tested[place]]
+        results = _test_links(problem, [(joints[place], joints[place + 1]) for place in untested])
+        is_done = True
+        for place, collides in zip(untested, results, strict=True):
+            tested[place].add(steps[place])
+            if not collides or has_detour[place][steps[place]]:
+                continue
+            is_done = False
             table = tables[place]
             before = ahead[place - 1][:, None] if place else 0.0
             after = back[place] if place < len(order) else 0.0
             through = before + table + after
-            _weigh(problem, links[place], table, weighed[place], through, asked[place])
-            asked[place] = min(asked[place] * _MORE, _MOST)
-            known[pairs[place]] = float(table.min())
-    every = list(states)
-    for k, one in zip(order, current, strict=True):
-        every[k] = one
-    chosen_now = join_states([one.single(0) for one in every])
-    branch = chosen_now.branch[list(order)]
+            through[has_detour[place]] = np.inf
+            fastest = np.argsort(through.ravel(), kind="stable")[: batches[place]]
+            fastest = fastest[np.isfinite(through.ravel()[fastest])]
+            _add_guesses(problem, links[place], table, has_detour[place], fastest)
+            batches[place] = min(batches[place] * _BATCH_GROWTH, _MAX_BATCH)
+            item, next_item = links[place].items
+            known[min(item, next_item), max(item, next_item)] = float(table.min())
+        if is_done:
+            break
+    first_states = [of_item.single(0) for of_item in states]
+    for k, state in zip(order, current, strict=True):
+        first_states[k] = state
+    solution_states = join_states(first_states)
+    branch = solution_states.branch[list(order)]
     changes = int((branch[1:] != branch[:-1]).sum())
-    return Solution(list(order), chosen_now, seconds - CHANGE * changes)
+    return Solution(list(order), solution_states, seconds - POSTURE_COST * changes)
 
 
 class _LinkEnds(Struct, frozen=True, eq=False):
     """The states between which the links of a table go.
 
-    items: the item that is left and the item that is entered, -1 for home.
+    items: index of the item that is left and of the item that is entered, -1 for home.
     start, end: (M) and (K) states of these items.
     """
 
@@ -132,141 +147,143 @@ class _LinkEnds(Struct, frozen=True, eq=False):
 def _gather_ends(
     problem: TourProblem, states: Sequence[States], order: Sequence[int]
 ) -> list[_LinkEnds]:
-    """The ends of the links along ``order``, from and back to home."""
     home = States.fixed(problem.cost_model.home)
     links = []
-    for one, other in pairwise([-1, *order, -1]):
-        start = home if one < 0 else states[one]
-        end = home if other < 0 else states[other]
-        links.append(_LinkEnds((one, other), start, end))
+    for before, after in pairwise([-1, *order, -1]):
+        start = home if before < 0 else states[before]
+        end = home if after < 0 else states[after]
+        links.append(_LinkEnds((before, after), start, end))
     return links
 
 
-def _bar(
+def _add_rejections(
     ends: _LinkEnds,
     table: FloatArray,
-    bars: Sequence[tuple[FloatArray, FloatArray, float]],
+    rejected: Sequence[tuple[FloatArray, FloatArray, float]],
 ) -> None:
-    """Adds the cost of a link without a detour to the links that are near to rejected ones."""
-    for a, b, near in bars:
-        is_start = np.abs(ends.start.leave - a).max(axis=1) < near
-        is_end = np.abs(ends.end.enter - b).max(axis=1) < near
-        table[np.outer(is_start, is_end)] += _NO_WAY
+    for a, b, radius in rejected:
+        is_start = np.abs(ends.start.leave - a).max(axis=1) < radius
+        is_end = np.abs(ends.end.enter - b).max(axis=1) < radius
+        table[np.outer(is_start, is_end)] += _NO_DETOUR
 
 
-def bar_links(
-    problem: TourProblem, solution: Solution, places: Sequence[int], barred: Barred
+def reject_links(
+    problem: TourProblem, solution: Solution, places: Sequence[int], rejected: RejectedLinks
 ) -> None:
-    """Adds the links of ``solution`` at these indices, counted from home, to the rejected ones."""
+    """Add the links of a solution at these indices, counted from home, to the rejected ones."""
     stops = [-1, *solution.order, -1]
     for place in places:
-        one, other = stops[place], stops[place + 1]
-        a, b = (
-            problem.cost_model.home if k < 0 else solution.states.enter[k] for k in (one, other)
-        )
-        bars = barred.setdefault((one, other), [])
-        more = len(bars) - _PATIENCE
-        bars.append((a, b, min(_NEAR * 2**more, _NEAREST) if more >= 0 else 0.0))
+        pair = (stops[place], stops[place + 1])
+        a, b = _joints_of(problem, solution, pair)
+        of_pair = rejected.setdefault(pair, [])
+        doublings = len(of_pair) - _REJECTED_ALONE
+        radius = min(_FIRST_RADIUS * 2**doublings, _MAX_RADIUS) if doublings >= 0 else 0.0
+        of_pair.append((a, b, radius))
 
 
-def go_round(problem: TourProblem, solution: Solution) -> Solution:
-    """``solution`` with its time, after detours for its blocked links were searched."""
+def _joints_of(
+    problem: TourProblem, solution: Solution, pair: tuple[int, int]
+) -> tuple[FloatArray, FloatArray]:
+    home, enter = problem.cost_model.home, solution.states.enter
+    return (home if pair[0] < 0 else enter[pair[0]], home if pair[1] < 0 else enter[pair[1]])
+
+
+def add_detours(problem: TourProblem, solution: Solution) -> Solution:
+    """Search the detours of the blocked links of a solution, and add their time to its own."""
     seconds = 0.0
-    current, home = solution.states, problem.cost_model.home
-    for one, other in pairwise([-1, *solution.order, -1]):
-        a, b = (home if k < 0 else current.enter[k] for k in (one, other))
-        key = link_key(a, b)
-        if key in problem.shut and key not in problem.around:
-            more = make_blocked_link(problem, a, b, 0.0).cost
-            problem.around[key] = more
-            cost = min(more, _NO_WAY)
-            kind = _kind_key(*(-1 if k < 0 else int(current.branch[k]) for k in (one, other)))
-            problem.around[pair_key(one, other)] = cost
-            problem.around[kind] = min(problem.around.get(kind, cost), cost)
-        seconds += float(
-            problem.cost_model.limits.seconds(b - a, _measure_way(problem, one, other))
-        ) + problem.around.get(key, 0.0)
-    return Solution(solution.order, current, seconds)
+    limits, branch = problem.cost_model.limits, solution.states.branch
+    for pair in pairwise([-1, *solution.order, -1]):
+        a, b = _joints_of(problem, solution, pair)
+        key = make_link_key(a, b)
+        known = problem.detour_seconds
+        if key in problem.colliding and key not in known:
+            extra = make_blocked_link(problem, a, b, 0.0).cost
+            known[key] = extra
+            cost = min(extra, _NO_DETOUR)
+            postures = _make_posture_key(*(-1 if k < 0 else int(branch[k]) for k in pair))
+            known[make_pair_key(*pair)] = cost
+            known[postures] = min(known.get(postures, cost), cost)
+        link_seconds = limits.seconds(b - a, _measure_distance(problem, *pair))
+        seconds += float(link_seconds) + known.get(key, 0.0)
+    return Solution(solution.order, solution.states, seconds)
 
 
-def _guess_around(
+def _guess_detour(
     problem: TourProblem,
     link: tuple[FloatArray, FloatArray],
     items: tuple[int, int],
     branches: tuple[int, int],
 ) -> float:
-    """Cost of the detour of a link, s, or of a link of the same items or the same postures."""
-    for key in (link_key(*link), pair_key(*items)):
-        if key in problem.around:
-            return problem.around[key]
-    return (
-        problem.around.get(_kind_key(*branches), AROUND) if branches[0] != branches[1] else AROUND
-    )
+    """Time that the detour of a link adds, s; if unknown, that of the same items or postures."""
+    known = problem.detour_seconds
+    for key in (make_link_key(*link), make_pair_key(*items)):
+        if key in known:
+            return known[key]
+    if branches[0] == branches[1]:
+        return DETOUR_GUESS
+    return known.get(_make_posture_key(*branches), DETOUR_GUESS)
 
 
-def _kind_key(one: int, other: int) -> bytes:
+def _make_posture_key(first: int, second: int) -> bytes:
     """The key of the links between two postures, -1 for home."""
-    return b"postures %d:%d" % (min(one, other), max(one, other))
+    return b"postures %d:%d" % (min(first, second), max(first, second))
 
 
 def prove_links(problem: TourProblem, solution: Solution) -> list[int]:
-    """The links that seemed clear and collide between the places that were looked at, or come within ``GRAZE`` where
-    their ends do not: the check of the program looks at other places. They are known from now on.
+    """Prove the links of a solution; returns the indices of those that fail, counted from home.
+
+    A link fails if it collides between the samples, or if its clearance is below `GRAZE_MM` while
+    that of its ends is not. The results are added to `problem`.
     """
-    home = problem.cost_model.home
-    ends = list(pairwise([home, *(solution.states.enter[k] for k in solution.order), home]))
-    keys = [link_key(*pair) for pair in ends]
-    new = [
-        k
-        for k, key in enumerate(keys)
-        if b"wide " + key not in problem.free and key not in problem.shut
-    ]
-    stops = problem.free_space.look([SampledMotion(np.stack(ends[k])) for k in new])
-    bad = [isinstance(stop, Blockage) for stop in stops]
-    for row, stop in enumerate(stops):
-        if not isinstance(stop, Blockage) and stop < GRAZE - _EPS:
-            bad[row] = bool(problem.free_space.gaps(np.stack(ends[new[row]])).min() >= GRAZE - _EPS)
-    for k, met in zip(new, bad, strict=True):
-        if met:
-            problem.shut.add(keys[k])
+    links, keys, unproved = [], [], []
+    for place, pair in enumerate(pairwise([-1, *solution.order, -1])):
+        links.append(np.stack(_joints_of(problem, solution, pair)))
+        keys.append(make_link_key(*links[place]))
+        if b"wide " + keys[place] not in problem.free and keys[place] not in problem.colliding:
+            unproved.append(place)
+    failed = []
+    space, limit = problem.free_space, GRAZE_MM - _CLEARANCE_EPS_MM
+    results = space.look([SampledMotion(links[place]) for place in unproved])
+    for place, result in zip(unproved, results, strict=True):
+        fails = isinstance(result, Blockage)
+        if not isinstance(result, Blockage) and result < limit:
+            fails = bool(space.gaps(links[place]).min() >= limit)
+        if fails:
+            failed.append(place)
+            problem.colliding.add(keys[place])
         else:
-            problem.free.update((keys[k], b"wide " + keys[k]))
-    return [k for k, met in zip(new, bad, strict=True) if met]
+            problem.free.update((keys[place], b"wide " + keys[place]))
+    return failed
 
 
-def _measure_way(problem: TourProblem, one: int, other: int) -> float:
+def _measure_distance(problem: TourProblem, start: int, end: int) -> float:
     """Distance of the TCP from point to point, mm; 0 from and to home, where the joints count."""
-    if min(one, other) < 0:
+    if min(start, end) < 0:
         return 0.0
-    items = problem.cost_model.items
-    return float(
-        np.linalg.norm(
-            items[one].position[items[one].gates[0]] - items[other].position[items[other].gates[0]]
-        )
-    )
+    first, second = problem.cost_model.items[start], problem.cost_model.items[end]
+    moved = first.position[first.gates[0]] - second.position[second.gates[0]]
+    return float(np.linalg.norm(moved))
 
 
-def pair_key(one: int, other: int) -> bytes:
+def make_pair_key(first: int, second: int) -> bytes:
     """The key of the links between two items, -1 for home."""
-    return b"pair %d:%d" % (min(one, other), max(one, other))
+    return b"pair %d:%d" % (min(first, second), max(first, second))
 
 
-def _lay(problem: TourProblem, order: Sequence[int], states: Sequence[States]) -> list[FloatArray]:
-    """Seconds from home to each state of the first item, from each item to the next, and back home."""
+def _make_tables(
+    problem: TourProblem, order: Sequence[int], states: Sequence[States]
+) -> list[FloatArray]:
+    """Times from home to each state of the first item, between items, and back home, s."""
     cost_model = problem.cost_model
-    home = [
-        cost_model.limits.seconds(states[k].enter - cost_model.home, 0.0)
-        for k in (order[0], order[-1])
-    ]
-    return [
-        home[0][None],
-        *(table.copy() for table in all_links(cost_model, order, states, CHANGE)),
-        home[1][:, None],
-    ]
+    first, last = states[order[0]].enter, states[order[-1]].enter
+    from_home = cost_model.limits.seconds(first - cost_model.home, 0.0)
+    to_home = cost_model.limits.seconds(last - cost_model.home, 0.0)
+    between = [table.copy() for table in time_links(cost_model, order, states, POSTURE_COST)]
+    return [from_home[None], *between, to_home[:, None]]
 
 
-def _add_up(tables: Sequence[FloatArray]) -> tuple[list[FloatArray], list[FloatArray]]:
-    """The least seconds from home to each state of each item, and from each state back home."""
+def _sum_times(tables: Sequence[FloatArray]) -> tuple[list[FloatArray], list[FloatArray]]:
+    """The least times from home to each state of each item, and from each state back home, s."""
     ahead = [tables[0][0]]
     for table in tables[1:-1]:
         ahead.append((ahead[-1][:, None] + table).min(axis=0))
@@ -277,94 +294,84 @@ def _add_up(tables: Sequence[FloatArray]) -> tuple[list[FloatArray], list[FloatA
 
 
 def _trace(tables: Sequence[FloatArray], ahead: Sequence[FloatArray]) -> list[int]:
-    """The state of each item, in order, on the soonest tour."""
-    at = 0
+    row = 0
     chosen = []
     for table, cost in zip(reversed(tables[1:]), reversed(ahead), strict=True):
-        at = int((cost + table[:, at]).argmin())
-        chosen.append(at)
+        row = int((cost + table[:, row]).argmin())
+        chosen.append(row)
     return chosen[::-1]
 
 
-def _find_hits(
+def _find_colliding(
     problem: TourProblem, order: Sequence[int], states: Sequence[States], current: States
 ) -> list[tuple[int, IntArray]]:
-    """By place in the order where the chosen state collides: all states of that item that do."""
-    new = [p for p, k in enumerate(order) if key_of(current, p, k) not in problem.free]
-    if not new:
-        return []
-    _learn(problem, [order[p] for p in new], current.pick(np.array(new)))
-    bad = [p for p in new if key_of(current, p, order[p]) in problem.shut]
-    found = []
-    for p in bad:
-        k, own = order[p], states[order[p]]
-        _learn(problem, [k] * len(own), own)
-        found.append(
-            (p, np.flatnonzero([key_of(own, row, k) in problem.shut for row in range(len(own))]))
-        )
-    return found
+    """The places in `order` where the chosen state collides, with all colliding states there."""
+    _test_states(problem, order, current)
+    colliding = []
+    for place, k in enumerate(order):
+        key = make_state_key(current, place, k)
+        if key in problem.colliding and key not in problem.free:
+            keys = _test_states(problem, [k] * len(states[k]), states[k])
+            rows = np.flatnonzero([key in problem.colliding for key in keys])
+            colliding.append((place, rows))
+    return colliding
 
 
-def _learn(problem: TourProblem, numbers: Sequence[int], states: States) -> None:
-    """Tests those of the states (E,) of the items ``numbers`` that are not known."""
-    keys = [key_of(states, row, k) for row, k in enumerate(numbers)]
-    new = [
-        row for row, key in enumerate(keys) if key not in problem.free and key not in problem.shut
-    ]
-    if new:
-        hit = find_hits(problem, [numbers[row] for row in new], states.pick(np.array(new)))
-        problem.shut.update(
-            keys[row] for row, stops in zip(new, hit.tolist(), strict=True) if stops
-        )
+def _test_states(problem: TourProblem, item_indices: Sequence[int], states: States) -> list[bytes]:
+    """Test those of the states (E,) of these items that are not known; returns the keys of all."""
+    keys = [make_state_key(states, row, k) for row, k in enumerate(item_indices)]
+    rows = []
+    for row, key in enumerate(keys):
+        if key not in problem.free and key not in problem.colliding:
+            rows.append(row)
+    if rows:
+        items = [item_indices[row] for row in rows]
+        collides = find_colliding_states(problem, items, states.pick(np.array(rows)))
+        for row in np.array(rows)[collides].tolist():
+            problem.colliding.add(keys[row])
+    return keys
 
 
-def _find_met(
-    problem: TourProblem, links: Sequence[tuple[FloatArray, FloatArray]], few: bool = False
+def _test_links(
+    problem: TourProblem, links: Sequence[tuple[FloatArray, FloatArray]], coarse: bool = False
 ) -> list[bool]:
-    """Which links collide, as far as is seen at places on the way, or at ``few`` of them; what is seen is kept."""
-    keys = [link_key(*pair) for pair in links]
-    enough = (b"", b"seen ", b"few ") if few else (b"", b"seen ")
-    new = [
-        k
-        for k, key in enumerate(keys)
-        if key not in problem.shut and not any(how + key in problem.free for how in enough)
-    ]
-    if new:
-        for k, met in zip(
-            new, find_met(problem, [links[k] for k in new], few).tolist(), strict=True
-        ):
-            if met:
-                problem.shut.add(keys[k])
+    """Which links collide at samples; results are kept. coarse: every eighth sample is tested."""
+    keys = [make_link_key(*pair) for pair in links]
+    prefixes = (b"", b"seen ", b"few ") if coarse else (b"", b"seen ")
+    untested = []
+    for k, key in enumerate(keys):
+        is_clear = not problem.free.isdisjoint([prefix + key for prefix in prefixes])
+        if key not in problem.colliding and not is_clear:
+            untested.append(k)
+    if untested:
+        results = find_colliding_links(problem, [links[k] for k in untested], coarse).tolist()
+        for k, collides in zip(untested, results, strict=True):
+            if collides:
+                problem.colliding.add(keys[k])
             else:
-                problem.free.add((b"few " if few else b"seen ") + keys[k])
-    return [key in problem.shut for key in keys]
+                problem.free.add(prefixes[-1] + keys[k])
+    return [key in problem.colliding for key in keys]
 
 
-def _weigh(
+def _add_guesses(
     problem: TourProblem,
     ends: _LinkEnds,
     table: FloatArray,
-    weighed: BoolArray,
-    through: FloatArray,
-    count: int,
+    has_detour: BoolArray,
+    links: IntArray,
 ) -> None:
-    """Adds the detour to those of the ``count`` soonest links of a table that collide.
+    """Add the time of a detour to those links of a table that collide.
 
-    table: (M, K) seconds of the links, changed.
-    weighed: (M, K) whether a link has its detour already, changed.
-    through: (M, K) seconds of the soonest tour through each link, changed.
+    table: (M, K) times of the links, s, changed.
+    has_detour: (M, K) whether a link has its detour already, changed.
+    links: indices into the flattened table.
     """
-    cost = through.ravel()
-    cost[weighed.ravel()] = np.inf
-    rows = np.argsort(cost, kind="stable")[:count]
-    rows = rows[np.isfinite(cost[rows])]
-    start, end = np.divmod(rows, table.shape[1])
-    links = list(zip(ends.start.leave[start], ends.end.enter[end], strict=True))
-    collides = np.array(_find_met(problem, links, few=True), dtype=np.bool_)
-    branches = zip(ends.start.branch[start].tolist(), ends.end.branch[end].tolist(), strict=True)
-    detours = [
-        _guess_around(problem, link, ends.items, pair)
-        for link, pair in zip(links, branches, strict=True)
-    ]
-    table[start[collides], end[collides]] += np.array(detours)[collides]
-    weighed[start[collides], end[collides]] = True
+    rows, columns = np.divmod(links, table.shape[1])
+    joints = list(zip(ends.start.leave[rows], ends.end.enter[columns], strict=True))
+    branches = zip(ends.start.branch[rows].tolist(), ends.end.branch[columns].tolist(), strict=True)
+    detours = []
+    collides = np.array(_test_links(problem, joints, coarse=True), dtype=np.bool_)
+    for link, pair in zip(joints, branches, strict=True):
+        detours.append(_guess_detour(problem, link, ends.items, pair))
+    table[rows[collides], columns[collides]] += np.array(detours)[collides]
+    has_detour[rows[collides], columns[collides]] = True

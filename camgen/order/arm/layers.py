@@ -1,4 +1,4 @@
-"""The states of a tour that cost least together, by dynamic programming from item to item."""
+"""Chooses the states of a tour that take least time together, by dynamic programming."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from camgen.order.arm.items import Item, States, join_states
 
 #: Cost of a link that is not allowed, s: more than any tour takes, and still a number.
 FORBIDDEN = 1e6
-#: Cost of a change of the posture beside its time, s: most such links collide or need a detour.
-CHANGE = 1.0
-#: Links of a tour that are worked out together: bounds the memory.
-_AT_ONCE = 1_000_000
+#: Cost of a change of the posture besides its time, s: most such links collide or need a detour.
+POSTURE_COST = 1.0
+#: Links of a tour that are computed together: bounds the memory.
+_MAX_LINKS_AT_ONCE = 1_000_000
 #: rad or mm: joint values that are no farther apart are the same.
 SAME = 1e-6
 
@@ -30,7 +30,7 @@ class CostModel(Struct, frozen=True, eq=False):
     items: the paths.
     limits: maximum speeds and accelerations.
     home: (J,) joint values.
-    lines: whether the TCP goes straight from path to path, and the arm stays in its posture.
+    lines: whether the TCP goes straight from path to path, and the arm keeps its posture.
     """
 
     items: tuple[Item, ...]
@@ -44,7 +44,7 @@ class BlockedLink(Struct, frozen=True, eq=False):
 
     start, end: (J,) joint values of its ends.
     radius: largest difference of a joint value at an end that is near, rad or mm.
-    cost: time of the detour beside that of the link, s; ``FORBIDDEN`` without a detour.
+    cost: time of the detour minus that of the link, s; `FORBIDDEN` without a detour.
     """
 
     start: FloatArray
@@ -56,20 +56,22 @@ class BlockedLink(Struct, frozen=True, eq=False):
 BlockedLinks = Sequence[BlockedLink]
 
 
-def gate_places(item: Item, gate: IntArray) -> FloatArray:
-    """TCP positions (M, 3) above the gates (M,), mm."""
+def compute_gate_positions(item: Item, gate: IntArray) -> FloatArray:
+    """TCP positions (M, 3) above gates of these indices (M,), mm."""
     return item.position[item.gates[gate]]
 
 
-def change_cost(cost_model: CostModel, start: IntArray, end: IntArray) -> FloatArray:
+def compute_posture_costs(cost_model: CostModel, start: IntArray, end: IntArray) -> FloatArray:
     """Cost (M, K) of a change of the posture from branches (M,) to branches (K,), s."""
-    return np.asarray((FORBIDDEN if cost_model.lines else CHANGE) * (start[:, None] != end[None]))
+    return np.asarray(
+        (FORBIDDEN if cost_model.lines else POSTURE_COST) * (start[:, None] != end[None])
+    )
 
 
-def home_seconds(
+def time_links_home(
     cost_model: CostModel, joints: FloatArray, blocked_links: BlockedLinks
 ) -> FloatArray:
-    """Seconds (M,) of the links between home and joint values (M, J)."""
+    """Times (M,) of the links between home and joint values (M, J), s."""
     cost = cost_model.limits.seconds(joints - cost_model.home, 0.0)[None]
     return np.asarray(add_blocked_costs(cost, cost_model.home[None], joints, blocked_links)[0])
 
@@ -77,114 +79,110 @@ def home_seconds(
 def add_blocked_costs(
     cost: FloatArray, start: FloatArray, end: FloatArray, blocked_links: BlockedLinks
 ) -> FloatArray:
-    """``cost`` (M, K) of links from ``start`` (M, J) to ``end`` (K, J), blocked links included."""
+    """`cost` (M, K) of links from `start` (M, J) to `end` (K, J) with that of their detours, s."""
     extra = np.zeros((len(start), len(end)))
     for blocked in blocked_links:
         for a, b in ((blocked.start, blocked.end), (blocked.end, blocked.start)):
-            one = np.abs(start - a).max(axis=1) < blocked.radius
-            if one.any():
-                both = one[:, None] & (np.abs(end - b).max(axis=1) < blocked.radius)[None]
-                extra = np.maximum(extra, blocked.cost * both)
+            near_start = np.abs(start - a).max(axis=1) < blocked.radius
+            if near_start.any():
+                near_both = (
+                    near_start[:, None] & (np.abs(end - b).max(axis=1) < blocked.radius)[None]
+                )
+                extra = np.maximum(extra, blocked.cost * near_both)
     return np.asarray(cost + extra)
 
 
-class _Near(Struct, frozen=True, eq=False):
+class _NearStates(Struct, frozen=True, eq=False):
     """The states of all items, one item after the other, that are near to an end of a blocked link.
 
     enter, leave: (W, 2, S) whether a state is entered, or left, near to an end of a link.
     first: (items + 1,) the first state of each item.
+    blocked_links: the W links.
     """
 
     enter: BoolArray
     leave: BoolArray
     first: IntArray
+    blocked_links: BlockedLinks
 
-    def add(
-        self, cost: FloatArray, one: int, other: int, blocked_links: BlockedLinks
-    ) -> FloatArray:
-        """``cost`` (M, K) from item to item with what its walls add."""
-        start = self.leave[:, :, self.first[one] : self.first[one + 1]]
-        end = self.enter[:, :, self.first[other] : self.first[other + 1]]
-        extra: FloatArray = np.zeros((1, 1))
-        if not blocked_links:
+    def add_costs(self, cost: FloatArray, item: int, next_item: int) -> FloatArray:
+        """`cost` (M, K) of the links from item to item with that of their detours, s."""
+        start = self.leave[:, :, self.first[item] : self.first[item + 1]]
+        end = self.enter[:, :, self.first[next_item] : self.first[next_item + 1]]
+        if not self.blocked_links:
             return cost
-        for blocked, side in np.argwhere(start.any(axis=2) & end[:, ::-1].any(axis=2)).tolist():
-            more = blocked_links[blocked].cost * (
-                start[blocked, side, :, None] & end[blocked, 1 - side, None]
-            )
-            extra = np.maximum(extra, more)
+        extra: FloatArray = np.zeros((1, 1))
+        for k, side in np.argwhere(start.any(axis=2) & end[:, ::-1].any(axis=2)).tolist():
+            is_near = start[k, side, :, None] & end[k, 1 - side, None]
+            extra = np.maximum(extra, self.blocked_links[k].cost * is_near)
         return np.asarray(cost + extra)
 
 
-def _find_near(states: Sequence[States], blocked_links: BlockedLinks) -> _Near:
-    first = offsets([len(one) for one in states])
-    if not blocked_links:
-        none: BoolArray = np.zeros((0, 2, 0), dtype=np.bool_)
-        return _Near(none, none, first)
-    enter, leave = (
-        np.concatenate([getattr(one, name) for one in states]) for name in ("enter", "leave")
-    )
-    shape = (len(blocked_links), 2, len(enter))
-    near = np.zeros((2, *shape), dtype=np.bool_)
-    for k, blocked in enumerate(blocked_links):
-        for side, joints in enumerate((blocked.start, blocked.end)):
-            for table, own in zip(near, (enter, leave), strict=True):
-                table[k, side] = np.abs(own - joints).max(axis=1) < blocked.radius
-    return _Near(near[0], near[1], first)
+def _find_near(states: Sequence[States], blocked_links: BlockedLinks) -> _NearStates:
+    first = offsets([len(of_item) for of_item in states])
+    shape = (len(blocked_links), 2, first[-1] if blocked_links else 0)
+    near_enter, near_leave = np.zeros(shape, dtype=np.bool_), np.zeros(shape, dtype=np.bool_)
+    if blocked_links:
+        enter = np.concatenate([of_item.enter for of_item in states])
+        leave = np.concatenate([of_item.leave for of_item in states])
+    for k, link in enumerate(blocked_links):
+        for side, joints in enumerate((link.start, link.end)):
+            near_enter[k, side] = np.abs(enter - joints).max(axis=1) < link.radius
+            near_leave[k, side] = np.abs(leave - joints).max(axis=1) < link.radius
+    return _NearStates(near_enter, near_leave, first, blocked_links)
 
 
-def all_links(
-    cost_model: CostModel, order: Sequence[int], states: Sequence[States], change: float
+def time_links(
+    cost_model: CostModel, order: Sequence[int], states: Sequence[States], posture_cost: float
 ) -> Iterator[FloatArray]:
-    """Seconds (M, K) from each state of an item to each state of the next, collisions aside.
+    """Yield the times (M, K) from each state of an item to each state of the next, s.
 
-    change: cost of another posture, s.
+    posture_cost: cost of another posture, s. Collisions have no cost here.
     """
     count = np.array([len(states[k]) for k in order])
-    most = int(count.max())
-    if len(order) > 2 and most * most * len(order) > _AT_ONCE:
+    largest = int(count.max())
+    if len(order) > 2 and largest * largest * len(order) > _MAX_LINKS_AT_ONCE:
         for pair in pairwise(order):
-            yield from all_links(cost_model, pair, states, change)
+            yield from time_links(cost_model, pair, states, posture_cost)
         return
-    rows = np.minimum(np.arange(most), count[:, None] - 1) + offsets(count)[:-1, None]
-    every = join_states([states[k] for k in order])
-    gates = [gate_places(cost_model.items[k], states[k].gate) for k in order]
-    enter, leave, branch = every.enter[rows], every.leave[rows], every.branch[rows]
-    into, out = (np.concatenate([places[:, side] for places in gates])[rows] for side in (0, 1))
-    way = np.sqrt(((into[1:, None] - out[:-1, :, None]) ** 2).sum(axis=-1))
-    seconds = cost_model.limits.between(leave[:-1], enter[1:], way)
-    seconds += change * (branch[:-1, :, None] != branch[1:, None])
+    rows = np.minimum(np.arange(largest), count[:, None] - 1) + offsets(count)[:-1, None]
+    joined = join_states([states[k] for k in order])
+    tips = [compute_gate_positions(cost_model.items[k], states[k].gate) for k in order]
+    enter, leave, branch = joined.enter[rows], joined.leave[rows], joined.branch[rows]
+    all_tips = np.concatenate(tips)
+    tip_enter, tip_leave = all_tips[:, 0][rows], all_tips[:, 1][rows]
+    distance = np.sqrt(((tip_enter[1:, None] - tip_leave[:-1, :, None]) ** 2).sum(axis=-1))
+    seconds = cost_model.limits.between(leave[:-1], enter[1:], distance)
+    seconds += posture_cost * (branch[:-1, :, None] != branch[1:, None])
     for k, table in enumerate(seconds):
         yield table[: count[k], : count[k + 1]]
 
 
-def choose(
+def choose_fastest_states(
     cost_model: CostModel,
     order: Sequence[int],
     states: Sequence[States],
     blocked_links: BlockedLinks,
 ) -> tuple[float, IntArray]:
-    """The states with the least time from home and back: seconds, and the state of each item."""
+    """Choose the states with the least time from home, along `order` and back.
+
+    Returns that time, s, and the index of the state of each item.
+    """
     near = _find_near(states, blocked_links)
-    first = order[0]
-    cost = home_seconds(cost_model, states[first].enter, blocked_links)
-    backs: list[IntArray] = []
-    before = first
-    for item, links in zip(
-        order[1:],
-        all_links(cost_model, order, states, FORBIDDEN if cost_model.lines else CHANGE),
-        strict=True,
-    ):
-        total = cost[:, None] + near.add(links, before, item, blocked_links)
+    cost = time_links_home(cost_model, states[order[0]].enter, blocked_links)
+    sources: list[IntArray] = []
+    posture_cost = FORBIDDEN if cost_model.lines else POSTURE_COST
+    tables = time_links(cost_model, order, states, posture_cost)
+    for (item, next_item), table in zip(pairwise(order), tables, strict=True):
+        total = cost[:, None] + near.add_costs(table, item, next_item)
         best = total.argmin(axis=0)
-        backs.append(best)
+        sources.append(best)
         cost = total[best, np.arange(total.shape[1])]
-        before = item
-    cost = cost + home_seconds(cost_model, states[before].leave, blocked_links)
+    cost = cost + time_links_home(cost_model, states[order[-1]].leave, blocked_links)
     chosen = np.zeros(len(states), dtype=np.int64)
-    at = int(cost.argmin())
+    row = int(cost.argmin())
     for place in range(len(order) - 1, -1, -1):
-        chosen[order[place]] = at
+        chosen[order[place]] = row
         if place:
-            at = int(backs[place - 1][at])
+            row = int(sources[place - 1][row])
     return float(cost.min()), chosen

@@ -1,4 +1,4 @@
-"""How the arm gets from path to path: its joints evenly; where that collides, straight; or by way of home."""
+"""Chooses the links of an arm between paths: joint motions, detours, straight lines, or by home."""
 
 from __future__ import annotations
 
@@ -14,26 +14,27 @@ from camgen.order.arm.layers import SAME
 from camgen.order.arm.search import (
     Solution,
     TourProblem,
-    detour_of,
-    find_blocked,
+    find_blocked_links,
     find_blocked_paths,
+    find_known_detour,
     learn_blocked_links,
-    link_key,
     make_blocked_link,
+    make_link_key,
 )
 from camgen.robots.kinematics.continuity import Choice, follow
 
-_NO_WAY = f"no free motion leads to it: {ANOTHER_PLACE}, clearance or home may help"
-_COLLIDES = "it collides with every turn that is tried"
+_NO_LINK = f"no collision-free link to this path: {ANOTHER_PLACE}, clearance or home may help"
+_COLLIDES = "it collides with every roll of the tool that is tried"
 
 
 class LinkedTour(Struct, frozen=True):
     """A tour with its links.
 
     solution: the order, and the state of each path.
-    to: by path, the joint values (J,) that lead to above its start; empty for a straight line.
+    to: joint values (J,) that lead to above the start of a path, by path; empty for a straight
+        line.
     back: joint values (J,) between the last path and home.
-    lost: by path that is left out, the reason.
+    lost: reason why a path is left out, by path.
     """
 
     solution: Solution
@@ -42,76 +43,82 @@ class LinkedTour(Struct, frozen=True):
     lost: dict[int, str] = field(default_factory=dict)
 
 
-def link_up(problem: TourProblem, solution: Solution) -> LinkedTour:
+#: Joint values (J,) of a link: those to pass through, and its end.
+_Link = tuple[FloatArray, ...]
+
+
+def link_paths(problem: TourProblem, solution: Solution) -> LinkedTour:
     """The tour with a link to each of its paths. A path without one is left out."""
     lost = dict.fromkeys(sorted(find_blocked_paths(problem, solution)), _COLLIDES)
     order = [k for k in solution.order if k not in lost]
     while order:
         solution = Solution(order, solution.states, solution.seconds)
         learn_blocked_links(problem, solution)
-        ways, bad = _ways(problem, solution)
-        if bad is None:
-            back = _way(problem, solution.states.leave[order[-1]], problem.cost_model.home)
+        links, unlinked = _link_all(problem, solution)
+        if unlinked is None:
+            leave = solution.states.leave[order[-1]]
+            back = _link_joints(problem, leave, problem.cost_model.home)
             if back is not None:
-                return LinkedTour(solution, ways, back[:-1], lost)
-            bad = order[-1]
-        lost[bad] = _NO_WAY
-        order = [k for k in order if k != bad]
+                return LinkedTour(solution, links, back[:-1], lost)
+            unlinked = order[-1]
+        lost[unlinked] = _NO_LINK
+        order = [k for k in order if k != unlinked]
     return LinkedTour(Solution([], solution.states, 0.0), lost=lost)
 
 
-def _ways(
-    problem: TourProblem, solution: Solution
-) -> tuple[dict[int, tuple[FloatArray, ...]], int | None]:
-    """The ways to the paths, and the first one to which there is none."""
+def _link_all(problem: TourProblem, solution: Solution) -> tuple[dict[int, _Link], int | None]:
+    """The links to the paths in order, and the first path without one, None if all have one."""
     current, home, order = solution.states, problem.cost_model.home, solution.order
-    ways: dict[int, tuple[FloatArray, ...]] = {}
+    links: dict[int, _Link] = {}
     for before, k in zip([-1, *order[:-1]], order, strict=True):
         start = home if before < 0 else current.leave[before]
-        way = _way(problem, start, current.enter[k])
-        if way is None and before >= 0 and _goes_straight(problem, solution, before, k):
-            way = ()
-        if way is None and before >= 0:
-            legs = _way(problem, start, home), _way(problem, home, current.enter[k])
-            way = None if legs[0] is None or legs[1] is None else (*legs[0], *legs[1])
-        if way is None:
-            return ways, k
-        ways[k] = way
-    return ways, None
+        link = _link_joints(problem, start, current.enter[k])
+        if link is None and before >= 0 and _goes_straight(problem, solution, before, k):
+            link = ()
+        if link is None and before >= 0:
+            to_home = _link_joints(problem, start, home)
+            from_home = _link_joints(problem, home, current.enter[k])
+            if to_home is not None and from_home is not None:
+                link = (*to_home, *from_home)
+        if link is None:
+            return links, k
+        links[k] = link
+    return links, None
 
 
-def _way(problem: TourProblem, start: FloatArray, end: FloatArray) -> tuple[FloatArray, ...] | None:
-    """The joint values that lead from ``start`` to ``end``, which is the last of them."""
-    detour = detour_of(problem, start, end)
-    if detour is not None:
-        return (*detour, end)
-    if link_key(start, end) in problem.free or not find_blocked(problem, [(start, end)])[0]:
-        return (end,)
-    problem.blocked_links.append(make_blocked_link(problem, start, end, 0.0))
-    detour = detour_of(problem, start, end)
+def _link_joints(problem: TourProblem, start: FloatArray, end: FloatArray) -> _Link | None:
+    """The joint motion from `start` to `end`, or its detour; None if both collide."""
+    detour = find_known_detour(problem, start, end)
+    if detour is None:
+        is_free = make_link_key(start, end) in problem.free
+        if is_free or not find_blocked_links(problem, [(start, end)])[0]:
+            return (end,)
+        problem.blocked_links.append(make_blocked_link(problem, start, end, 0.0))
+        detour = find_known_detour(problem, start, end)
     return None if detour is None else (*detour, end)
 
 
-def _goes_straight(problem: TourProblem, solution: Solution, one: int, other: int) -> bool:
-    """Whether the TCP can go straight from above the end of a path to above the start of another."""
-    current, items = solution.states, problem.cost_model.items
-    if min(current.branch[one], current.branch[other]) < 0:
+def _goes_straight(problem: TourProblem, solution: Solution, before: int, after: int) -> bool:
+    """Whether the TCP can go straight from above the end of a path to the start of the next."""
+    current, setup = solution.states, problem.setup
+    first, second = problem.cost_model.items[before], problem.cost_model.items[after]
+    if min(current.branch[before], current.branch[after]) < 0:
         return False
-    at = [items[one].gates[current.gate[one, 1]], items[other].gates[current.gate[other, 0]]]
-    turned = turned_about_z(current.turn[[one, other]])
-    way = PosePath(
-        frozen([items[one].position[at[0]], items[other].position[at[1]]]),
+    start, end = first.gates[current.gate[before, 1]], second.gates[current.gate[after, 0]]
+    rolled = turned_about_z(current.roll[[before, after]])
+    path = PosePath(
+        frozen([first.position[start], second.position[end]]),
         frozen(np.full((2, 3), np.nan)),
-        frozen(np.stack([items[one].rotation[at[0]], items[other].rotation[at[1]]]) @ turned),
+        frozen(np.stack([first.rotation[start], second.rotation[end]]) @ rolled),
     )
-    dense = divide(way, count_samples(way))
-    goal = compute_flange_poses(problem.setup, dense.position, dense.rotation)
-    made = follow(
-        problem.setup.robot, goal, current.leave[one], min(items[one].off, items[other].off), JUMP
-    )
-    if not isinstance(made, Choice):
+    dense = divide(path, count_samples(path))
+    goal = compute_flange_poses(setup, dense.position, dense.rotation)
+    min_distance = min(first.min_distance, second.min_distance)
+    choice = follow(setup.robot, goal, current.leave[before], min_distance, JUMP)
+    if not isinstance(choice, Choice):
         return False
-    ends = np.abs(made.joints[[0, -1]] - [current.leave[one], current.enter[other]]).max()
-    return bool(ends < SAME) and not isinstance(
-        problem.free_space.look([SampledMotion(made.joints, dense)])[0], Blockage
-    )
+    ends = [current.leave[before], current.enter[after]]
+    if np.abs(choice.joints[[0, -1]] - ends).max() >= SAME:
+        return False
+    (result,) = problem.free_space.look([SampledMotion(choice.joints, dense)])
+    return not isinstance(result, Blockage)

@@ -1,11 +1,12 @@
-"""``cell.margin`` where an arm chooses: everything is asked to keep it first; what cannot is put in beside the rest.
+"""Applies `cell.margin` to tours of an arm: paths that cannot keep it are inserted at the end.
 
-Joint values that are looked at are asked to be no nearer; the check of the program says what is in between.
+The margin is tested at samples. The check of the program reports the clearance between them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import itertools
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -14,89 +15,104 @@ from camgen.collision.hits import find_collisions, measure_clearance
 from camgen.collision.scene import Scene, narrow
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray
+from camgen.order.arm.detours import ClearTest
 from camgen.order.arm.search import Solution, TourProblem
+from camgen.order.solver import matrix
 
-#: mm: between two looks a link comes nearer by so much at most, mostly.
-_SLACK = 0.25
-
-Clear = Callable[[FloatArray], BoolArray]
+#: mm: added to the margin, because most links come nearer by at most this between two samples.
+_SLACK_MM = 0.25
 
 
-def clear_of(scene: Scene, near: float = 0.0) -> Clear:
-    """Which joint values come no nearer than ``near`` mm. Most of those that do are near a box: meshes come last."""
-    meshed = sorted({int(pair) for target in scene.targets for pair in target.of_strike})
+def make_clear_test(scene: Scene, distance: float = 0.0) -> ClearTest:
+    """A test of joint values that keeps all pairs farther apart than `distance`, mm.
+
+    Pairs with a mesh are tested last, because most collisions are with boxes.
+    """
+    of_targets = itertools.chain.from_iterable(target.of_strike for target in scene.targets)
+    meshed = sorted({int(pair) for pair in of_targets})
     boxed = narrow(scene, [k for k in range(len(scene.pairs)) if k not in meshed])
     at_mesh = narrow(scene, meshed)
 
-    def clear(joints: FloatArray) -> BoolArray:
-        good: BoolArray = np.asarray(find_collisions(boxed, joints, near=near) < 0)
-        if meshed and good.any():
-            good[good] = find_collisions(at_mesh, joints[good], near=near) < 0
-        return good
+    def is_clear(joints: FloatArray) -> BoolArray:
+        clear: BoolArray = np.asarray(find_collisions(boxed, joints, near=distance) < 0)
+        if meshed and clear.any():
+            clear[clear] = find_collisions(at_mesh, joints[clear], near=distance) < 0
+        return clear
 
-    return clear
+    return is_clear
 
 
-def roomy_of(where: Surroundings, home: FloatArray, worked: FloatArray) -> Clear:
-    """Which joint values keep the margin, of all pairs that have it at home (J,). worked: (K, J) joint values at the
-    tool's contact: what the tool is nearer to in most of them, however it is turned, it is meant to be near to.
+def make_margin_test(where: Surroundings, home: FloatArray, contacts: FloatArray) -> ClearTest:
+    """A test of joint values for the margin, of all pairs that keep it at home (J,).
+
+    A pair of the tool that does not keep it at most contacts is tested without it: the tool has to
+    come near to that body.
+
+    contacts: (K, J) joint values at which the tool is in contact.
     """
-    scene, near = where.with_margin, where.margin + _SLACK
-    kept = [
-        k for k in range(len(scene.pairs)) if not _is_close(narrow(scene, [k]), home, worked, near)
-    ]
+    scene, distance = where.with_margin, where.margin + _SLACK_MM
+    pairs = range(len(scene.pairs))
+    kept = [k for k in pairs if not _is_close(narrow(scene, [k]), home, contacts, distance)]
     kept_pairs = {scene.pairs[k] for k in kept}
-    bare = [k for k, pair in enumerate(where.scene.pairs) if pair not in kept_pairs]
-    apart, beside = clear_of(narrow(scene, kept), near), clear_of(narrow(where.scene, bare))
+    others = [k for k, pair in enumerate(where.scene.pairs) if pair not in kept_pairs]
+    keeps_margin = make_clear_test(narrow(scene, kept), distance)
+    are_others_clear = make_clear_test(narrow(where.scene, others))
 
-    def clear(joints: FloatArray) -> BoolArray:
-        good = apart(joints)
-        good[good] = beside(joints[good])
-        return good
+    def is_clear(joints: FloatArray) -> BoolArray:
+        clear = keeps_margin(joints)
+        clear[clear] = are_others_clear(joints[clear])
+        return clear
 
-    return clear
+    return is_clear
 
 
-def _is_close(scene: Scene, home: FloatArray, worked: FloatArray, near: float) -> bool:
-    """Whether the one pair of ``scene`` is nearer at home, or at most of the contacts."""
-    if measure_clearance(scene, home[None], near)[0] < near:
+def _is_close(scene: Scene, home: FloatArray, contacts: FloatArray, distance: float) -> bool:
+    """Whether the only pair of `scene` is nearer than `distance` at home or at most contacts."""
+    if measure_clearance(scene, home[None], distance)[0] < distance:
         return True
-    if "tool" not in scene.pairs[0] or {link.name for link in scene.robot.links} & set(
-        scene.pairs[0]
-    ):
+    pair, links = scene.pairs[0], {link.name for link in scene.robot.links}
+    if "tool" not in pair or not links.isdisjoint(pair) or not len(contacts):
         return False
-    return bool(
-        len(worked)
-        and np.count_nonzero(find_collisions(scene, worked, near=near) >= 0) > len(worked) / 2
-    )
+    near = find_collisions(scene, contacts, near=distance) >= 0
+    return bool(np.count_nonzero(near) > len(contacts) / 2)
 
 
-def put_in(problem: TourProblem, solution: Solution, more: Sequence[int], fixed: bool) -> list[int]:
-    """The order of ``solution`` with the items ``more``, each where its quickest state takes least time, and where the
-    rules have it. fixed: in the order of their numbers.
+def insert_items(
+    problem: TourProblem, solution: Solution, added: Sequence[int], fixed: bool
+) -> list[int]:
+    """Insert each item of `added` where its fastest state takes least time and the rules allow it.
+
+    fixed: whether items stay in the order of their indices.
     """
     order = list(solution.order)
     current, limits, rules = solution.states, problem.cost_model.limits, problem.rules
-    own = {k: problem.states[k] for k in more} | {k: current.single(k) for k in order}
-    for k in more:
-        ranks = rules.rank[order]
-        low = int(np.count_nonzero(ranks < rules.rank[k]))
-        high = int(np.count_nonzero(ranks <= rules.rank[k]))
-        if fixed:
-            low = high = int(np.count_nonzero(np.array(order) < k))
-        places = {item: at for at, item in enumerate(order)}
-        low = max([low, *(places[item] + 1 for item in order if rules.parent[item] == k)])
-        high = max(
-            min([high, *([places[rules.parent[k]]] if rules.parent[k] in places else [])]), low
-        )
-        leave = [problem.cost_model.home[None], *(own[item].leave for item in order)]
-        enter = [*(own[item].enter for item in order), problem.cost_model.home[None]]
-        cost = [
-            (
-                limits.between(leave[at], own[k].enter, 0.0).min(axis=0)
-                + limits.between(own[k].leave, enter[at], 0.0).min(axis=1)
-            ).min()
-            for at in range(low, high + 1)
-        ]
+    states = {k: problem.states[k] for k in added} | {k: current.single(k) for k in order}
+    home = problem.cost_model.home[None]
+    for k in added:
+        low, high = _find_allowed_places(rules, order, k, fixed)
+        leave = [home, *(states[item].leave for item in order)]
+        enter = [*(states[item].enter for item in order), home]
+        cost = []
+        for place in range(low, high + 1):
+            into = limits.between(leave[place], states[k].enter, 0.0).min(axis=0)
+            out = limits.between(states[k].leave, enter[place], 0.0).min(axis=1)
+            cost.append((into + out).min())
         order.insert(low + int(np.argmin(cost)), k)
     return order
+
+
+def _find_allowed_places(
+    rules: matrix.Rules, order: list[int], item: int, fixed: bool
+) -> tuple[int, int]:
+    """The first and the last index in `order` at which the rules allow an item."""
+    ranks = rules.rank[order]
+    low = int(np.count_nonzero(ranks < rules.rank[item]))
+    high = int(np.count_nonzero(ranks <= rules.rank[item]))
+    if fixed:
+        low = high = int(np.count_nonzero(np.array(order) < item))
+    for place, other in enumerate(order):
+        if rules.parent[other] == item:
+            low = max(low, place + 1)
+        if other == rules.parent[item]:
+            high = min(high, place)
+    return low, max(high, low)

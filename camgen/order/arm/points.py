@@ -1,4 +1,4 @@
-"""A tour through points that may come in any order: blocks of one posture each, order and turns bettered in turn."""
+"""Searches a tour of points that may come in any order: posture blocks, then order and rolls."""
 
 from __future__ import annotations
 
@@ -10,244 +10,273 @@ import numpy as np
 from msgspec.structs import replace
 
 from camgen.motion.limits import time_from_rest
-from camgen.order.arm.blocks import find_blocks, leave_clear, narrow_states
+from camgen.order.arm.blocks import find_blocks, narrow_states, select_clear_states
 from camgen.order.arm.items import States, join_states
 from camgen.order.arm.lattice import (
-    Barred,
-    Known,
-    bar_links,
+    KnownLinks,
+    RejectedLinks,
+    add_detours,
     choose_point_states,
-    go_round,
-    pair_key,
+    make_pair_key,
     prove_links,
+    reject_links,
 )
-from camgen.order.arm.layers import FORBIDDEN, change_cost
+from camgen.order.arm.layers import FORBIDDEN, compute_posture_costs
 from camgen.order.arm.search import (
-    STEPS,
+    ROLL_STEPS,
+    OnProgress,
     Solution,
-    Tell,
     TourProblem,
+    add_shifted_rolls,
     find_blocked_paths,
-    measure_soonest_links,
-    shift_turns,
+    measure_fastest_links,
 )
 from camgen.order.solver.ring import shorten_ring
 
-#: More points than this are searched as paths are; the fewest that are worth it.
-MOST, LEAST = 300, 5
-#: s: what a link costs that is not a door, where there should be one.
-_FAR = 12.0
-#: Rounds, and those in a row that gain nothing.
-_ROUNDS, _IDLE = 12, 4
-#: Exchanges for each point in the first round and in later ones.
-_KICKS, _LATER = 8, 4
-#: Ways to part the points into blocks whose postures are used, and s by which they may be worse than the best of them.
-_TRIED, _WORSE = 4, 1.5
-#: So few points are also searched with one posture each to begin with, and longer.
-_FEW = 120
-#: rad or mm: states that are as near to that which is chosen are tried with another order.
-_BESIDE = 1.5
-_GAIN, _FINER = 5e-4, 1e-3
-#: rad: steps of the turns with which an order is looked for as if every link had those that suit it best; 0: with the
-#: turns as they are.
-_ANY_ROLL_ROUNDS = (STEPS[0], STEPS[1], 0.0, STEPS[2], 0.0)
-#: An order of few points whose first states take so many times as long as the best tour so far is left; of more points
-#: one that takes longer.
-_HOPELESS = 1.03
-#: rad: steps in which the turns of the best tour are moved at last.
-_LAST = (math.radians(0.7), math.radians(0.25))
-#: So often states are chosen anew where no way round a link is found.
-_AGAIN = 6
-#: Rounds of proof.
-_PROOFS = 40
+#: Maximum number of points that are searched together; more are searched as paths are.
+MAX_POINTS = 300
+#: Number of points below which the search has nothing to gain.
+MIN_POINTS = 5
+#: s: maximum cost of a blocked link in the search for an order.
+_MAX_BLOCKED_COST = 12.0
+#: Maximum number of rounds.
+_ROUNDS = 12
+#: Rounds in a row without gain after which the search ends.
+_IDLE_ROUNDS = 4
+#: Perturbations of the order for each point in the first round.
+_FIRST_PERTURBATIONS = 8
+#: The same in later rounds.
+_LATER_PERTURBATIONS = 4
+#: Divisions into blocks whose postures are used.
+_MAX_DIVISIONS = 4
+#: s: time above that of the best division up to which others are used.
+_WORSE_DIVISION = 1.5
+#: Number of points up to which the search also starts with one posture each, and takes longer.
+_FEW_POINTS = 120
+#: rad or mm: states whose joint values are nearer than this to the chosen state are tried with
+#: another order.
+_NEAR_STATE = 1.5
+#: Fraction of the time that a round must gain.
+_MIN_GAIN = 5e-4
+#: Fraction of the time that a change of the rolls must gain.
+_MIN_ROLL_GAIN = 1e-3
+#: rad: by round, the steps of rolls with which an order is searched as if each link had the rolls
+#: that suit it best; 0 for the chosen rolls.
+_ORDER_STEPS = (ROLL_STEPS[0], ROLL_STEPS[1], 0.0, ROLL_STEPS[2], 0.0)
+#: Factor on the time of the best tour above which the first states of a new order are not refined,
+#: for few points. For more points it is 1.
+_HOPELESS_FACTOR = 1.03
+#: rad: steps by which the rolls of the best tour are moved at the end.
+_LAST_STEPS = (math.radians(0.7), math.radians(0.25))
+#: Maximum number of times that states are chosen again because a link has no detour.
+_MAX_REPEATS = 6
+#: Maximum number of rounds of proof.
+_MAX_PROOFS = 40
 
 
 def are_points(problem: TourProblem, kept: Sequence[int]) -> bool:
-    """Whether the items ``kept`` are each entered and left at one place, may come in any order, and are neither too
-    many nor too few to be searched as points.
+    """Whether the items `kept` are searched as points.
+
+    Each is entered and left at one position, they may come in any order, and there are `MIN_POINTS`
+    to `MAX_POINTS` of them.
     """
-    some = list(kept)
-    if (
-        not problem.options.may_reorder
-        or not problem.options.any_roll
-        or not LEAST <= len(some) <= MOST
-    ):
+    items, rules = list(kept), problem.rules
+    if not problem.options.may_reorder or not problem.options.any_roll:
         return False
-    if (problem.rules.parent[some] >= 0).any() or len(set(problem.rules.rank[some].tolist())) > 1:
+    if not MIN_POINTS <= len(items) <= MAX_POINTS:
         return False
-    return all(
-        len(problem.cost_model.items[k].gates) == 1 and problem.states[k].branch.min() >= 0
-        for k in some
-    )
+    if (rules.parent[items] >= 0).any() or len(set(rules.rank[items].tolist())) > 1:
+        return False
+    has_one_gate = all(len(problem.cost_model.items[k].gates) == 1 for k in items)
+    return has_one_gate and all(problem.states[k].branch.min() >= 0 for k in items)
 
 
-def find_points(problem: TourProblem, kept: Sequence[int], tell: Tell) -> Solution | None:
-    """The soonest tour that is found through the points ``kept``; None where there is none.
+def find_point_tour(
+    problem: TourProblem, kept: Sequence[int], on_progress: OnProgress
+) -> Solution | None:
+    """Find the fastest tour through the points `kept`; None if no tour is found.
 
-    Leaves out the states that collide, as ``problem.lost`` tells the points that have none.
+    Colliding states are removed from `problem`. Points without any other are added to its `lost`.
     """
-    leave_clear(problem, kept)
+    select_clear_states(problem, kept)
     order = [k for k in kept if k not in problem.lost]
-    if len(order) < LEAST:
+    if len(order) < MIN_POINTS:
         return None
-    known: Known = {}
+    known: KnownLinks = {}
     best: Solution | None = None
-    for narrow, begun, states in _begin(problem, order):
-        found = _search(narrow, begun, states, known, tell)
-        if found is not None and (best is None or found.seconds < best.seconds):
-            best = found
-        if best is not None and best.seconds < FORBIDDEN and len(order) > _FEW:
+    for narrowed, first_order, states in _list_starts(problem, order):
+        solution = _search(narrowed, first_order, states, known, on_progress)
+        if solution is not None and (best is None or solution.seconds < best.seconds):
+            best = solution
+        if best is not None and best.seconds < FORBIDDEN and len(order) > _FEW_POINTS:
             break
     if best is None or best.seconds >= FORBIDDEN:
         return None
     return _prove(problem, best, known)
 
 
-def _prove(problem: TourProblem, solution: Solution, known: Known) -> Solution | None:
-    """``solution`` with other states where its links or paths collide between the places that were looked at."""
-    barred: Barred = {}
-    for _ in range(_PROOFS):
+def _prove(problem: TourProblem, solution: Solution, known: KnownLinks) -> Solution | None:
+    """Choose other states until no link or path collides between samples; None if that fails."""
+    rejected: RejectedLinks = {}
+    for _ in range(_MAX_PROOFS):
         if solution.seconds < FORBIDDEN and not find_blocked_paths(problem, solution):
-            bad = prove_links(problem, solution)
-            if not bad:
+            blocked = prove_links(problem, solution)
+            if not blocked:
                 return solution
-            # The one beside it would graze as well.
-            bar_links(problem, solution, bad, barred)
-        states = [
-            join_states([own, _near(problem, solution.states, k)])
-            for k, own in enumerate(shift_turns(problem, solution, STEPS[-1]))
-        ]
-        made = choose_point_states(problem, solution.order, states, known, barred)
-        if made is None:
+            # Links next to a blocked one would collide as well.
+            reject_links(problem, solution, blocked, rejected)
+        states = add_shifted_rolls(problem, solution, ROLL_STEPS[-1])
+        for k, shifted in enumerate(states):
+            states[k] = join_states([shifted, _select_near(problem, solution.states, k)])
+        chosen = choose_point_states(problem, solution.order, states, known, rejected)
+        if chosen is None:
             return None
-        solution = go_round(problem, made)
+        solution = add_detours(problem, chosen)
     return None
 
 
-def _begin(
+def _list_starts(
     problem: TourProblem, order: list[int]
 ) -> Iterator[tuple[TourProblem, list[int], list[States]]]:
-    """What the search begins with: orders, and the states to choose from: those of the postures that promise most,
-    then those of one posture each.
+    """Yield the starts of the search: a problem, an order, and the states to choose from.
+
+    The first has all states in the postures of the best divisions into blocks, the second the order
+    and the postures of the best division.
     """
-    found = find_blocks(problem, order, _TRIED)
-    found = [one for one in found if one.seconds < found[0].seconds + _WORSE]
-    some = sorted({b for one in found for b in one.branches})
-    own = [one.pick(np.isin(one.branch, some)) if found else one for one in problem.states]
-    own = [one if len(one) else other for one, other in zip(own, problem.states, strict=True)]
-    problem = replace(problem, states=own)
-    yield problem, order, own
-    if found:
-        rank = {b: k for k, b in enumerate(found[0].branches)}
-        yield (
-            problem,
-            sorted(order, key=lambda k: rank[found[0].branch[k]]),
-            narrow_states(problem, found[0]),
-        )
+    divisions = find_blocks(problem, order, _MAX_DIVISIONS)
+    branches: set[int] = set()
+    for division in divisions:
+        if division.seconds < divisions[0].seconds + _WORSE_DIVISION:
+            branches.update(division.branches)
+    states = list(problem.states)
+    for k, of_item in enumerate(problem.states):
+        in_branches = np.isin(of_item.branch, sorted(branches))
+        if in_branches.any():
+            states[k] = of_item.pick(in_branches)
+    problem = replace(problem, states=states)
+    yield problem, order, states
+    if divisions:
+        best = divisions[0]
+        rank = {branch: k for k, branch in enumerate(best.branches)}
+        by_block = sorted(order, key=lambda k: rank[best.branch[k]])
+        yield problem, by_block, narrow_states(problem, best)
 
 
 def _search(
-    problem: TourProblem, order: list[int], states: list[States], known: Known, tell: Tell
+    problem: TourProblem,
+    order: list[int],
+    states: list[States],
+    known: KnownLinks,
+    on_progress: OnProgress,
 ) -> Solution | None:
-    best = choose_point_states(problem, order, states, known)
-    if best is None:
+    """Search from one start, in rounds of another order and other states; None without a tour."""
+    first = choose_point_states(problem, order, states, known)
+    if first is None:
         return None
-    best, idle = go_round(problem, best), 0
-    tell(f"joints, {best.seconds:.1f} s")
+    best, idle = add_detours(problem, first), 0
+    max_idle = _IDLE_ROUNDS if len(order) <= _FEW_POINTS else _IDLE_ROUNDS - 1
+    on_progress(f"joints, {best.seconds:.1f} s")
     for attempt in range(_ROUNDS):
-        made = _round(problem, best, known, attempt)
-        tell(f"joints, {made.seconds:.1f} s, round {attempt + 1}")
-        if made.seconds < best.seconds * (1 - _GAIN):
-            best, idle = made, 0
+        solution = _run_round(problem, best, known, attempt)
+        on_progress(f"joints, {solution.seconds:.1f} s, round {attempt + 1}")
+        if solution.seconds < best.seconds * (1 - _MIN_GAIN):
+            best, idle = solution, 0
         else:
             idle += 1
-        if idle >= (_IDLE if len(order) <= _FEW else _IDLE - 1):
+        if idle >= max_idle:
             break
-    fine = go_round(problem, _refine(problem, best, known, _LAST))
-    return fine if fine.seconds < best.seconds else best
+    refined = add_detours(problem, _refine(problem, best, known, _LAST_STEPS))
+    return refined if refined.seconds < best.seconds else best
 
 
-def _round(problem: TourProblem, solution: Solution, known: Known, attempt: int) -> Solution:
-    """Another order, states for it, and finer turns."""
-    step = _ANY_ROLL_ROUNDS[attempt % len(_ANY_ROLL_ROUNDS)]
-    fine = shift_turns(problem, solution, step or STEPS[-1])
-    order = _reorder(problem, solution, fine if step else solution.states.split(), known, attempt)
+def _run_round(
+    problem: TourProblem, solution: Solution, known: KnownLinks, attempt: int
+) -> Solution:
+    """Search another order, choose states for it, and refine their rolls.
+
+    The time is infinite if the new order promises nothing.
+    """
+    step = _ORDER_STEPS[attempt % len(_ORDER_STEPS)]
+    shifted = add_shifted_rolls(problem, solution, step or ROLL_STEPS[-1])
+    for_order = shifted if step else solution.states.split()
+    order = _reorder(problem, solution, for_order, known, attempt)
     if order in (solution.order, solution.order[::-1]) and not step:
         return Solution(order, solution.states, np.inf)
-    turning = _find_turning(solution, order)
-    states = [
-        join_states(
-            [own, problem.states[k] if k in turning else _near(problem, solution.states, k)]
-        )
-        for k, own in enumerate(fine)
-    ]
-    made = choose_point_states(problem, order, states, known)
-    if made is None or made.seconds > (_HOPELESS if len(order) <= _FEW else 1.0) * solution.seconds:
+    at_change = _find_posture_changes(solution, order)
+    states = []
+    for k, near in enumerate(shifted):
+        is_open = k in at_change
+        others = problem.states[k] if is_open else _select_near(problem, solution.states, k)
+        states.append(join_states([near, others]))
+    chosen = choose_point_states(problem, order, states, known)
+    factor = _HOPELESS_FACTOR if len(order) <= _FEW_POINTS else 1.0
+    if chosen is None or chosen.seconds > factor * solution.seconds:
         return Solution(order, solution.states, np.inf)
-    made = go_round(problem, _refine(problem, made, known, STEPS))
-    for _ in range(_AGAIN):
-        if made.seconds < FORBIDDEN:
+    result = add_detours(problem, _refine(problem, chosen, known, ROLL_STEPS))
+    for _ in range(_MAX_REPEATS):
+        if result.seconds < FORBIDDEN:
             break
         again = choose_point_states(problem, order, states, known)
-        made = made if again is None else go_round(problem, again)
-    return made
+        result = result if again is None else add_detours(problem, again)
+    return result
 
 
 def _refine(
-    problem: TourProblem, solution: Solution, known: Known, steps: Sequence[float]
+    problem: TourProblem, solution: Solution, known: KnownLinks, steps: Sequence[float]
 ) -> Solution:
-    """``solution`` with turns moved in finer and finer steps."""
+    """Move the rolls by these steps, rad, one step size after the other, while that saves time."""
     for step in steps:
         while True:
-            finer = choose_point_states(
-                problem, solution.order, shift_turns(problem, solution, step), known
-            )
-            gained = 0.0 if finer is None else solution.seconds - finer.seconds
-            if finer is not None and gained > 0:
+            states = add_shifted_rolls(problem, solution, step)
+            finer = choose_point_states(problem, solution.order, states, known)
+            saved = 0.0 if finer is None else solution.seconds - finer.seconds
+            if finer is not None and saved > 0:
                 solution = finer
-            if gained < _FINER * solution.seconds:
+            if saved < _MIN_ROLL_GAIN * solution.seconds:
                 break
     return solution
 
 
-def _find_turning(solution: Solution, order: Sequence[int]) -> set[int]:
-    """The items beside home, or beside another posture."""
-    branch = solution.states.branch
-    pairs = {k for pair in pairwise(order) if branch[pair[0]] != branch[pair[1]] for k in pair}
-    return pairs | {order[0], order[-1]}
+def _find_posture_changes(solution: Solution, order: Sequence[int]) -> set[int]:
+    items = {order[0], order[-1]}
+    for before, after in pairwise(order):
+        if solution.states.branch[before] != solution.states.branch[after]:
+            items |= {before, after}
+    return items
 
 
-def _near(problem: TourProblem, current: States, item: int) -> States:
-    """The states of an item that are near to that which is chosen, and some of all others."""
+def _select_near(problem: TourProblem, current: States, item: int) -> States:
     states = problem.states[item]
-    return states.pick(np.abs(states.enter - current.enter[item]).max(axis=1) < _BESIDE)
+    return states.pick(np.abs(states.enter - current.enter[item]).max(axis=1) < _NEAR_STATE)
 
 
 def _reorder(
-    problem: TourProblem, solution: Solution, fine: list[States], known: Known, attempt: int
+    problem: TourProblem,
+    solution: Solution,
+    states: list[States],
+    known: KnownLinks,
+    attempt: int,
 ) -> list[int]:
-    """The order in which the points would be soonest gone through if each link had the turns of ``fine`` that suit it
-    best.
-    """
+    """Search the fastest order if each link may use any of `states` of both its items."""
     order, cost_model = solution.order, problem.cost_model
-    count = len(order)
-    table = measure_soonest_links(cost_model, [fine[k].enter for k in order])
-    at = np.array([cost_model.items[k].position[cost_model.items[k].gates[0]] for k in order])
-    way = np.sqrt(((at[:, None] - at[None]) ** 2).sum(axis=-1))
-    table[1:, 1:] = np.maximum(
-        table[1:, 1:], time_from_rest(way, cost_model.limits.speed, cost_model.limits.acceleration)
-    )
-    table[1:, 1:] += change_cost(
-        cost_model, solution.states.branch[order], solution.states.branch[order]
-    )
+    limits, count = cost_model.limits, len(order)
+    table = measure_fastest_links(cost_model, [states[k].enter for k in order])
+    items = [cost_model.items[k] for k in order]
+    positions = np.array([item.position[item.gates[0]] for item in items])
+    distances = np.sqrt(((positions[:, None] - positions[None]) ** 2).sum(axis=-1))
+    tip_seconds = time_from_rest(distances, limits.speed, limits.acceleration)
+    branch = solution.states.branch[order]
+    table[1:, 1:] = np.maximum(table[1:, 1:], tip_seconds)
+    table[1:, 1:] += compute_posture_costs(cost_model, branch, branch)
     place = {-1: 0} | {k: row for row, k in enumerate(order, 1)}
     for (a, b), seconds in known.items():
         i, j = place[a], place[b]
-        # Where no way round one of their links was found, others of theirs seldom have one.
-        more = problem.around.get(pair_key(a, b), 0.0)
-        table[i, j] = table[j, i] = max(table[i, j], min(max(seconds, more), _FAR))
+        # If one link between two items has no detour, the others seldom have one.
+        detour = problem.detour_seconds.get(make_pair_key(a, b), 0.0)
+        cost = min(max(seconds, detour), _MAX_BLOCKED_COST)
+        table[i, j] = table[j, i] = max(table[i, j], cost)
     ring = np.minimum(table, table.T)
     np.fill_diagonal(ring, 0.0)
-    kicks = (_LATER if attempt else _KICKS) * count
-    made = shorten_ring(ring, range(count + 1), kicks, attempt)
-    return [order[k - 1] for k in made[1:]]
+    perturbations = (_LATER_PERTURBATIONS if attempt else _FIRST_PERTURBATIONS) * count
+    stops = shorten_ring(ring, range(count + 1), perturbations, attempt)
+    return [order[stop - 1] for stop in stops[1:]]

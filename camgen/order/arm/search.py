@@ -1,8 +1,9 @@
-"""Order, direction, seam, posture and turn of all paths together, by the time of the joints.
+"""Searches order, direction, seam, posture and roll of all paths together, by the joints' time.
 
-The states of a tour are chosen layer by layer (``layers``), its order by the search over a table of the chosen states'
-links, in turn; where any turn is as good, the turns are moved in finer and finer steps in between. States and links are
-tested for collisions when a tour uses them: what collides is out, and the states are chosen again.
+States and order are searched alternately: the states of a tour by dynamic programming (`layers`),
+its order by a local search over the links of the chosen states. If the roll is free, rolls are then
+moved in finer and finer steps. States and links are tested for collisions only when a tour uses
+them. If one collides, it is removed and the states are chosen again.
 """
 
 from __future__ import annotations
@@ -25,7 +26,8 @@ from camgen.order.arm.items import (
     States,
     compute_state_joints,
     join_states,
-    turn_round,
+    reverse_states,
+    select_states,
 )
 from camgen.order.arm.layers import (
     FORBIDDEN,
@@ -33,49 +35,61 @@ from camgen.order.arm.layers import (
     BlockedLink,
     CostModel,
     add_blocked_costs,
-    change_cost,
-    choose,
-    gate_places,
-    home_seconds,
+    choose_fastest_states,
+    compute_gate_positions,
+    compute_posture_costs,
+    time_links_home,
 )
 from camgen.order.solver import matrix
 from camgen.order.solver.ring import shorten_ring
 from camgen.robots.kinematics.forward import flange
 
-#: So many paths are put in another order; of more the order by length is kept.
-MANY = 1_000
-#: Rounds of states and order, and the share of the time below which a round is the last.
-_ROUNDS, _GAIN = 8, 1e-3
-#: rad: steps in which turns are moved, and how many to each side; so many looks are worth it.
-STEPS, _SIDES, _WORTH = (math.radians(5.0), math.radians(2.0), math.radians(0.7)), 4, 8_000
-#: Looks of a path at which a state is tested that no tour has used yet.
-_FEW = 6
-#: Links whose ends are within this share of their way of those of one that collides are taken to collide too.
-_ALIKE, _FAR_ALIKE = 0.15, 0.35
-#: rad or mm: where other states are known to do, only those as near as this are taken to collide too.
-_CLOSE = 0.06
-#: rad or mm: for links so long that collide a way round is looked for at once; shorter ones have other states first.
-_LONG = 1.0
-#: So often the states are chosen anew because of links that collide before their turns are moved.
-_BEGINNINGS = 12
-#: Rounds of repair before what still collides goes another way.
+#: Maximum number of paths whose order is searched; more keep the order by length.
+MAX_REORDERED = 1_000
+#: Maximum number of rounds of states and order.
+_ROUNDS = 8
+#: Fraction of the time that a round must gain, otherwise it is the last.
+_MIN_GAIN = 1e-3
+#: rad: steps by which rolls are moved, from coarse to fine.
+ROLL_STEPS = (math.radians(5.0), math.radians(2.0), math.radians(0.7))
+#: Steps to each side.
+_STEPS_TO_EACH_SIDE = 4
+#: Samples of a tour above which its rolls are not moved, because that takes too long.
+_MAX_ROLL_SAMPLES = 8_000
+#: Samples of a path at which a state is first tested, before any tour uses it.
+_FIRST_SAMPLES = 6
+#: Links whose ends are within this fraction of the largest joint motion of a blocked link are
+#: blocked too.
+_NEAR_FRACTION = 0.15
+#: The same for a link of `_LONG_MOTION` or more.
+_LONG_NEAR_FRACTION = 0.35
+#: rad or mm: joint motion of a link from which a detour is searched at once. The states of shorter
+#: links are changed first.
+_LONG_MOTION = 1.0
+#: Maximum number of first tours, each without the links that collide on the one before.
+_FIRST_TOURS = 12
+#: Rounds of repair. Links that still collide then get a detour.
 _REPAIRS = 8
-#: So often the order is made anew as if every link had the turns that suit it best.
+#: Maximum number of new orders for which each link has the rolls that suit it best.
 _ANY_ROLL_ROUNDS = 3
-#: rad: joints turn by no more between two places at which a link is looked at before it is proved.
-_LOOK = math.radians(2.5)
-#: Shuffles of the search for an order, as a share of the usual number; more paths than that have none.
-_EFFORT, _CROWD = 0.3, 300
-#: Exchanges for each of a tour's points, and the most.
-_KICKS, _MOST_KICKS = 6, 4_000
+#: rad: largest joint motion between two samples of a link, before it is proved.
+_SAMPLE_STEP = math.radians(2.5)
+#: Fraction of the usual perturbations in the search for an order.
+_EFFORT = 0.3
+#: Paths above which the search for an order has no perturbations.
+_MAX_PERTURBED = 300
+#: Perturbations of the order for each item.
+_PERTURBATIONS = 6
+#: Maximum number of perturbations.
+_MAX_PERTURBATIONS = 4_000
 
 
 class SearchOptions(Struct, frozen=True):
-    """What the search may change.
+    """The changes that a search may make.
 
     may_reorder: whether the order of the items may change.
     any_roll: whether every roll is as good, so that rolls are moved in fine steps.
-    least_height: least height of the TCP on a link, mm in the work frame.
+    least_height: minimum height of the TCP on a link, mm in the work frame.
     """
 
     may_reorder: bool
@@ -84,21 +98,21 @@ class SearchOptions(Struct, frozen=True):
 
 
 class TourProblem(Struct, frozen=True, eq=False):
-    """All that the search needs and learns; the collections are changed by the search.
+    """The problem of a tour search, and the results of all tests so far. The search adds to them.
 
     setup: the arm, and the collision test of joint values.
     free_space: the collision test of motions.
     cost_model: the items, and the time of their links.
-    states: by item, its states; reduced where states collide, see ``tested``.
+    states: states of each item; reduced if states collide, see `tested`.
     rules: the precedence of the items.
-    options: what the search may change.
+    options: allowed changes.
     tested: items whose states were reduced to those that do not collide.
     blocked_links: links that collide.
     free: keys of links and states that are known to be clear.
     lost: items of which every state collides.
-    shut: keys of links and states that collide between the samples of a first test.
-    detours: joint values (J,) by way of which a blocked link goes, by the bytes of its ends.
-    around: seconds by which a detour takes longer than its link, by key.
+    colliding: keys of links and states that collide between the samples of a first test.
+    detours: joint values (J,) to pass through on a blocked link, by the bytes of its ends.
+    detour_seconds: time that a detour takes longer than its link, s, by key.
     """
 
     setup: Setup
@@ -111,9 +125,9 @@ class TourProblem(Struct, frozen=True, eq=False):
     blocked_links: list[BlockedLink] = field(default_factory=list)
     free: set[bytes] = field(default_factory=set)
     lost: set[int] = field(default_factory=set)
-    shut: set[bytes] = field(default_factory=set)
+    colliding: set[bytes] = field(default_factory=set)
     detours: dict[bytes, tuple[FloatArray, ...]] = field(default_factory=dict)
-    around: dict[bytes, float] = field(default_factory=dict)
+    detour_seconds: dict[bytes, float] = field(default_factory=dict)
 
 
 class Solution(Struct, eq=False):
@@ -129,36 +143,44 @@ class Solution(Struct, eq=False):
     seconds: float
 
 
-Tell = Callable[[str], None]
+#: A callback that gets the progress of a search, which it may stop by an exception.
+OnProgress = Callable[[str], None]
 
 
-def find_tour(problem: TourProblem, order: Sequence[int], prove: bool, tell: Tell) -> Solution:
-    """A first tour in the ``order``. prove: states, and links, are tested for collisions."""
+def find_tour(
+    problem: TourProblem, order: Sequence[int], prove: bool, on_progress: OnProgress
+) -> Solution:
+    """Find a first tour in this order.
+
+    prove: whether states and links are tested for collisions.
+    """
     solution = choose_states(problem, list(order), list(problem.states), prove)
-    for attempt in range(_BEGINNINGS if prove else 0):
-        tell(f"joints, {solution.seconds:.1f} s, beginning {attempt + 1}")
+    for attempt in range(_FIRST_TOURS if prove else 0):
+        on_progress(f"joints, {solution.seconds:.1f} s, beginning {attempt + 1}")
         if not solution.order or not learn_blocked_links(problem, solution):
             break
         solution = choose_states(problem, solution.order, list(problem.states), prove)
     return solution
 
 
-def improve_tour(problem: TourProblem, solution: Solution, prove: bool, tell: Tell) -> Solution:
-    """``solution`` with its states and its order bettered in turn."""
-    solution = move_turns(problem, solution, prove)
+def improve_tour(
+    problem: TourProblem, solution: Solution, prove: bool, on_progress: OnProgress
+) -> Solution:
+    """Improve states and order of a tour alternately."""
+    solution = improve_rolls(problem, solution, prove)
     for _ in range(_ANY_ROLL_ROUNDS if problem.options.may_reorder else 0):
-        any_roll = move_turns(problem, _order_for_any_roll(problem, solution, prove), prove)
+        any_roll = improve_rolls(problem, _order_for_any_roll(problem, solution, prove), prove)
         if any_roll.seconds >= solution.seconds:
             break
         solution = any_roll
     for attempt in range(_ROUNDS):
-        tell(f"joints, {solution.seconds:.1f} s, round {attempt + 1}")
+        on_progress(f"joints, {solution.seconds:.1f} s, round {attempt + 1}")
         before = solution.seconds
         solution = _move_gates(problem, solution)
         if problem.options.may_reorder:
             solution = _reorder(problem, solution, attempt)
-        solution = move_turns(problem, solution, prove)
-        if before - solution.seconds < _GAIN * before:
+        solution = improve_rolls(problem, solution, prove)
+        if before - solution.seconds < _MIN_GAIN * before:
             break
     return solution
 
@@ -170,529 +192,528 @@ def choose_states(
     prove: bool,
     known: States | None = None,
 ) -> Solution:
-    """The best of ``states`` along ``order`` that collide with nothing. known: (n) states that need no test."""
+    """Choose one state per item so that the tour takes least time and no state collides.
+
+    Items of which every state collides are left out, and added to `problem.lost`.
+
+    prove: whether states are tested for collisions.
+    known: (n) a state of each item that needs no test.
+    """
     cost_model = problem.cost_model
     while True:
-        cost, chosen = choose(cost_model, order, states, problem.blocked_links)
+        cost, chosen = choose_fastest_states(cost_model, order, states, problem.blocked_links)
         current = join_states([states[k].pick(chosen[[k]]) for k in range(len(states))])
-        new = [k for k in order if prove and not _is_known(problem, current, known, k)]
-        hit = find_hits(problem, new, current.pick(np.array(new, dtype=np.int64)))
-        if not hit.any():
+        untested = [k for k in order if prove and not _is_known(problem, current, known, k)]
+        tested_states = current.pick(np.array(untested, dtype=np.int64))
+        collides = find_colliding_states(problem, untested, tested_states)
+        if not collides.any():
             return Solution(order, current, cost)
-        asked = [
-            (k, states[k], int(chosen[k]))
-            for k, stops in zip(new, hit.tolist(), strict=True)
-            if stops
-        ]
-        for (k, _, _), left in zip(asked, _prune(problem, asked), strict=True):
-            if not len(left):
+        blocked_items = np.array(untested)[collides].tolist()
+        to_reduce = [(k, states[k], int(chosen[k])) for k in blocked_items]
+        for (k, _, _), kept in zip(to_reduce, _remove_colliding(problem, to_reduce), strict=True):
+            if not len(kept):
                 problem.lost.add(k)
                 order = [item for item in order if item != k]
-            states[k] = left if len(left) else current.single(k)
+            states[k] = kept if len(kept) else current.single(k)
         if not order:
             return Solution(order, current, 0.0)
 
 
 def _is_known(problem: TourProblem, current: States, known: States | None, item: int) -> bool:
-    same = (
-        known is not None
-        and known.turn[item] == current.turn[item]
-        and known.branch[item] == current.branch[item]
-    )
-    return bool(current.branch[item] < 0 or same or key_of(current, item) in problem.free)
+    branch, roll = current.branch[item], current.roll[item]
+    if known is not None and known.roll[item] == roll and known.branch[item] == branch:
+        return True
+    return bool(branch < 0 or make_state_key(current, item) in problem.free)
 
 
-def key_of(states: States, row: int, item: int | None = None) -> bytes:
-    """What tells a state of an item, that of the same number where none is given, from all others of it, but for whole
-    turns and gates.
+def make_state_key(states: States, row: int, item: int | None = None) -> bytes:
+    """The key of a state of an item, the same for all whole turns and gates.
+
+    item: index of the item; `row` if it is None.
     """
-    return b"%d:%d:%.6f" % (row if item is None else item, states.branch[row], states.turn[row])
+    return b"%d:%d:%.6f" % (row if item is None else item, states.branch[row], states.roll[row])
 
 
 def _compute_state_joints(
-    problem: TourProblem, numbers: Sequence[int], states: States
+    problem: TourProblem, item_indices: Sequence[int], states: States
 ) -> StateJoints:
-    """E states of the items ``numbers`` (E,) as they are run."""
-    items = [problem.cost_model.items[k] for k in numbers]
-    loop = np.array([item.closed for item in items], dtype=np.bool_)
-    forward = loop | (states.gate[:, 0] == 0)
+    items = [problem.cost_model.items[k] for k in item_indices]
+    closed = np.array([item.closed for item in items], dtype=np.bool_)
+    forward = closed | (states.gate[:, 0] == 0)
     near = np.where(forward[:, None], states.enter, states.leave)
-    return compute_state_joints(
-        problem.setup, items, states.turn, states.branch, np.where(loop, states.gate[:, 0], 0), near
-    )
+    gate = np.where(closed, states.gate[:, 0], 0)
+    return compute_state_joints(problem.setup, items, states.roll, states.branch, gate, near)
 
 
-def find_hits(
-    problem: TourProblem, numbers: Sequence[int], states: States, looks: int = 0
+def find_colliding_states(
+    problem: TourProblem, item_indices: Sequence[int], states: States, max_samples: int = 0
 ) -> BoolArray:
-    """Which of E states of the items ``numbers`` (E,) collide or cannot be run. looks: at so many, 0: at all."""
-    if not len(numbers):
+    """Which of E states, of the items with these indices (E,), collide or cannot be run.
+
+    max_samples: samples of each state that are tested; 0 for all.
+    """
+    if not len(item_indices):
         return np.zeros(0, dtype=np.bool_)
-    # States that differ by whole turns or by where they are entered are one here.
-    keys = [key_of(states, row, item) for row, item in enumerate(numbers)]
-    place = {key: row for row, key in reversed(list(enumerate(keys)))}
-    once = np.array(list(place.values()))
-    bad = dict(
-        zip(
-            place,
-            _find_hits(problem, [numbers[k] for k in once], states.pick(once), looks).tolist(),
-            strict=True,
-        )
-    )
-    if not looks:
-        problem.free.update(key for key, stops in bad.items() if not stops)
-    return np.array([bad[key] or key in problem.shut for key in keys], dtype=np.bool_)
+    # States that differ by whole turns or gates have one key, and are tested once.
+    keys = [make_state_key(states, row, item) for row, item in enumerate(item_indices)]
+    first_row = {key: row for row, key in reversed(list(enumerate(keys)))}
+    rows = list(first_row.values())
+    items = [item_indices[row] for row in rows]
+    collides = _test_states(problem, items, states.pick(np.array(rows)), max_samples)
+    result = dict(zip(first_row, collides.tolist(), strict=True))
+    if not max_samples:
+        problem.free.update(key for key, is_colliding in result.items() if not is_colliding)
+    return np.array([result[key] or key in problem.colliding for key in keys], dtype=np.bool_)
 
 
-def _find_hits(
-    problem: TourProblem, numbers: Sequence[int], states: States, looks: int
+def _test_states(
+    problem: TourProblem, item_indices: Sequence[int], states: States, max_samples: int
 ) -> BoolArray:
-    state_joints = _compute_state_joints(problem, numbers, states)
-    bad = ~state_joints.is_valid
-    rows = []
-    for k in np.flatnonzero(state_joints.is_valid).tolist():
-        own = np.arange(state_joints.first[k], state_joints.first[k + 1])
-        if looks and len(own) > looks:
-            own = own[np.unique(np.round(np.linspace(0, len(own) - 1, looks)).astype(np.int64))]
-        # What stands at the height of travel is there twice.
-        moved = np.abs(np.diff(state_joints.joints[own], axis=0)).max(axis=1) > 0
-        rows.append(own[np.append(moved, True)])
-    if not rows:
-        return bad
-    flat = np.concatenate(rows)
-    owner = np.repeat(np.flatnonzero(state_joints.is_valid), [len(own) for own in rows])
-    # A state that collides at its last look is not looked at again.
-    last = np.append(owner[1:] != owner[:-1], True)
-    for some in (last, ~last):
-        asked = np.flatnonzero(some & ~bad[owner])
-        bad[owner[asked[~problem.setup.clear(state_joints.joints[flat[asked]])]]] = True
-    return bad
+    state_joints = _compute_state_joints(problem, item_indices, states)
+    collides = ~state_joints.is_valid
+    samples = []
+    valid = np.flatnonzero(state_joints.is_valid)
+    for k in valid.tolist():
+        rows = np.arange(state_joints.first[k], state_joints.first[k + 1])
+        if max_samples and len(rows) > max_samples:
+            chosen = np.round(np.linspace(0, len(rows) - 1, max_samples)).astype(np.int64)
+            rows = rows[np.unique(chosen)]
+        # A path at the clearance height has the samples of its gates twice.
+        moved = np.abs(np.diff(state_joints.joints[rows], axis=0)).max(axis=1) > 0
+        samples.append(rows[np.append(moved, True)])
+    if not samples:
+        return collides
+    flat = np.concatenate(samples)
+    owner = np.repeat(valid, [len(rows) for rows in samples])
+    # The last sample first: a state that collides there is not tested again.
+    is_last = np.append(owner[1:] != owner[:-1], True)
+    for group in (is_last, ~is_last):
+        tested = np.flatnonzero(group & ~collides[owner])
+        is_clear = problem.setup.clear(state_joints.joints[flat[tested]])
+        collides[owner[tested[~is_clear]]] = True
+    return collides
 
 
-def _prune(problem: TourProblem, asked: Sequence[tuple[int, States, int]]) -> list[States]:
-    """For each item, its states and the chosen one, which collides: the states without that and all others that do."""
-    left = []
-    for _, states, chosen in asked:
-        same = (states.branch == states.branch[chosen]) & (states.turn == states.turn[chosen])
-        left.append(states.pick(~same))
-    open_ = [
-        k
-        for k, (item, states, _) in enumerate(asked)
-        if not (item in problem.tested and states is problem.states[item])
-    ]
-    numbers = [asked[k][0] for k in open_ for _ in range(len(left[k]))]
-    if numbers:
-        every = join_states([left[k] for k in open_])
-        free = np.array(
-            [key_of(every, row, item) in problem.free for row, item in enumerate(numbers)],
-            dtype=np.bool_,
+def _remove_colliding(
+    problem: TourProblem, to_reduce: Sequence[tuple[int, States, int]]
+) -> list[States]:
+    """The states of items without the chosen one, which collides, and without others that do.
+
+    Others are tested at `_FIRST_SAMPLES` samples.
+
+    to_reduce: an item, its states, and the index of the chosen one.
+    """
+    kept = []
+    for _, states, chosen in to_reduce:
+        same = (states.branch == states.branch[chosen]) & (states.roll == states.roll[chosen])
+        kept.append(states.pick(~same))
+    pending: list[int] = []
+    items: list[int] = []
+    for place, (item, states, _) in enumerate(to_reduce):
+        if item not in problem.tested or states is not problem.states[item]:
+            pending.append(place)
+            items += [item] * len(kept[place])
+    if items:
+        of_pending = [kept[place] for place in pending]
+        others = join_states(of_pending)
+        keys = [make_state_key(others, row, item) for row, item in enumerate(items)]
+        is_free = np.array([key in problem.free for key in keys], dtype=np.bool_)
+        tested = np.flatnonzero(~is_free & (others.branch >= 0))
+        collides = np.zeros(len(items), dtype=np.bool_)
+        collides[tested] = find_colliding_states(
+            problem, [items[row] for row in tested], others.pick(tested), _FIRST_SAMPLES
         )
-        tried = np.flatnonzero(~free & (every.branch >= 0))
-        bad = np.zeros(len(numbers), dtype=np.bool_)
-        bad[tried] = find_hits(problem, [numbers[k] for k in tried], every.pick(tried), _FEW)
-        ends = np.cumsum([len(left[k]) for k in open_])[:-1]
-        for k, own in zip(open_, np.split(bad, ends), strict=True):
-            left[k] = left[k].pick(~own)
-    for (item, states, chosen), rest in zip(asked, left, strict=True):
+        for place, states in zip(pending, select_states(of_pending, ~collides), strict=True):
+            kept[place] = states
+    for (item, states, chosen), remaining in zip(to_reduce, kept, strict=True):
         if states is problem.states[item]:
             problem.tested.add(item)
-            # One that is lost keeps a state to stand in a table, and is in no order.
-            problem.states[item] = rest if len(rest) else states.single(chosen)
-    return left
+            # A lost item keeps a state for the tables, and is in no order.
+            problem.states[item] = remaining if len(remaining) else states.single(chosen)
+    return kept
 
 
 def _order_for_any_roll(problem: TourProblem, solution: Solution, prove: bool) -> Solution:
-    """The order in which the points would be soonest gone through if each link had the turns that suit it best, with
-    the states that are chosen for it: other than the order that states were chosen for.
+    """Search a new order in which each link uses the rolls that make it fastest.
+
+    The states of a solution fit its order, so a search over them favours that order. Here the time
+    between two items is the minimum over all rolls near the present ones. Returns `solution` itself
+    unless the roll is free, all items are points without precedence, and there are 5 to
+    `_MAX_PERTURBED` of them.
     """
     order, cost_model, current = solution.order, problem.cost_model, solution.states
-    if (
-        not _is_plain(problem, solution)
-        or not problem.options.any_roll
-        or not 4 < len(order) <= _CROWD
-    ):
+    if not problem.options.any_roll or not 4 < len(order) <= _MAX_PERTURBED:
         return solution
-    fine = shift_turns(problem, solution, STEPS[0])
-    ring = measure_soonest_links(cost_model, [fine[k].enter for k in order])
+    if not _are_free_points(problem, solution):
+        return solution
+    shifted = add_shifted_rolls(problem, solution, ROLL_STEPS[0])
+    ring = measure_fastest_links(cost_model, [shifted[k].enter for k in order])
     np.fill_diagonal(ring, 0.0)
-    ring[1:, 1:] += change_cost(cost_model, current.branch[order], current.branch[order])
-    ring = np.minimum(ring, ring.T)
-    made = shorten_ring(ring, range(len(ring)), min(_KICKS * len(order), _MOST_KICKS))
-    return choose_states(problem, [order[k - 1] for k in made[1:]], fine, prove, current)
+    branch = current.branch[order]
+    ring[1:, 1:] += compute_posture_costs(cost_model, branch, branch)
+    new_order = _order_ring(ring, order, 0)[0]
+    return choose_states(problem, new_order, shifted, prove, current)
 
 
-def measure_soonest_links(cost_model: CostModel, joints: Sequence[FloatArray]) -> FloatArray:
-    """Seconds (n + 1, n + 1) of the soonest link between any states of two of n points, home first.
+def _order_ring(table: FloatArray, order: list[int], seed: int) -> tuple[list[int], float]:
+    """Search an order of the items of `order` by their times in both directions, home first.
 
-    joints: by point, the joint values of its states (M, J).
+    Returns it with its time, s.
+    """
+    ring = np.minimum(table, table.T)
+    perturbations = min(_PERTURBATIONS * len(order), _MAX_PERTURBATIONS)
+    stops = shorten_ring(ring, range(len(ring)), perturbations, seed)
+    seconds = float(ring[stops, np.roll(stops, -1)].sum())
+    return [order[stop - 1] for stop in stops[1:]], seconds
+
+
+def measure_fastest_links(cost_model: CostModel, joints: Sequence[FloatArray]) -> FloatArray:
+    """Times (n + 1, n + 1) of the fastest link between any states of two points, s, home first.
+
+    joints: joint values (M, J) of the states of each of n points.
     """
     first = offsets([len(rows) for rows in joints])
-    every = np.concatenate(joints)
+    all_joints = np.concatenate(joints)
     table = np.zeros((len(first), len(first)))
     for k, rows in enumerate(joints, 1):
-        seconds = cost_model.limits.between(rows, every, 0.0).min(axis=0)
+        seconds = cost_model.limits.between(rows, all_joints, 0.0).min(axis=0)
         table[k, 1:] = np.minimum.reduceat(seconds, first[:-1])
         table[k, 0] = table[0, k] = cost_model.limits.seconds(rows - cost_model.home, 0.0).min()
     return table
 
 
-def _is_plain(problem: TourProblem, solution: Solution) -> bool:
-    """Whether all items are left where they are entered, and may come in any order."""
-    own = solution.states.pick(np.array(solution.order))
-    free = (problem.rules.parent[solution.order] < 0).all() and len(
-        set(problem.rules.rank[solution.order].tolist())
-    ) == 1
-    return bool(free and not (own.enter != own.leave).any())
+def _are_free_points(problem: TourProblem, solution: Solution) -> bool:
+    """Whether all items are left at the point where they are entered, and may come in any order."""
+    states = solution.states.pick(np.array(solution.order))
+    parent, rank = problem.rules.parent[solution.order], problem.rules.rank[solution.order]
+    is_free = (parent < 0).all() and len(set(rank.tolist())) == 1
+    return bool(is_free and not (states.enter != states.leave).any())
 
 
-def move_turns(
-    problem: TourProblem, solution: Solution, prove: bool, still: Set[int] = frozenset()
+def improve_rolls(
+    problem: TourProblem, solution: Solution, prove: bool, fixed: Set[int] = frozenset()
 ) -> Solution:
-    """Turns a little to both sides of those that are chosen, in finer and finer steps, but of the items ``still``."""
+    """Move the rolls of all items but `fixed` in finer and finer steps while that saves time."""
     sizes = [len(problem.cost_model.items[k]) for k in solution.order]
-    if not problem.options.any_roll or sum(sizes) > _WORTH:
+    if not problem.options.any_roll or sum(sizes) > _MAX_ROLL_SAMPLES:
         return solution
-    for step in STEPS:
+    for step in ROLL_STEPS:
         while True:
-            better = choose_states(
-                problem,
-                solution.order,
-                shift_turns(problem, solution, step, still),
-                prove,
-                solution.states,
-            )
-            gained = solution.seconds - better.seconds
-            solution = better if gained > 0 else solution
-            if gained < _GAIN * solution.seconds:
+            states = add_shifted_rolls(problem, solution, step, fixed)
+            better = choose_states(problem, solution.order, states, prove, solution.states)
+            saved = solution.seconds - better.seconds
+            solution = better if saved > 0 else solution
+            if saved < _MIN_GAIN * solution.seconds:
                 break
     return solution
 
 
-def shift_turns(
-    problem: TourProblem, solution: Solution, step: float, still: Set[int] = frozenset()
+def add_shifted_rolls(
+    problem: TourProblem, solution: Solution, step: float, fixed: Set[int] = frozenset()
 ) -> list[States]:
-    """By item its state and, but of the items ``still``, those with other turns within ``_SIDES`` steps."""
+    """The states of each item: the present one and, for all but `fixed`, some with rolls near it.
+
+    step: difference of neighbouring rolls, rad.
+    """
     current = solution.states
-    asked = [k for k in solution.order if current.branch[k] >= 0 and k not in still]
-    shifts = step * np.array([k for k in range(-_SIDES, _SIDES + 1) if k])
-    own = np.repeat(asked, len(shifts))
-    turn = current.turn[own] + np.tile(shifts, len(asked))
-    turn = np.remainder(turn + math.pi, math.tau) - math.pi
-    wanted = current.pick(own)
-    wanted = States(wanted.enter, wanted.leave, wanted.gate, turn, wanted.branch)
-    made, good = _place(problem, own.tolist(), wanted)
-    # Where the arm cannot go there evenly it is another state, which the grid has.
-    good &= np.abs(made.enter - current.enter[own]).max(
-        axis=1, initial=0.0
-    ) < 4 * _SIDES * step + math.radians(10)
+    shifted = [k for k in solution.order if current.branch[k] >= 0 and k not in fixed]
+    sides = range(-_STEPS_TO_EACH_SIDE, _STEPS_TO_EACH_SIDE + 1)
+    shifts = step * np.array([k for k in sides if k])
+    owner = np.repeat(shifted, len(shifts))
+    roll = current.roll[owner] + np.tile(shifts, len(shifted))
+    roll = np.remainder(roll + math.pi, math.tau) - math.pi
+    wanted = current.pick(owner)
+    wanted = States(wanted.enter, wanted.leave, wanted.gate, roll, wanted.branch)
+    placed, is_valid = _replace_joints(problem, owner.tolist(), wanted)
+    # A state to which the joints jump is not a shifted one; the search has it anyway.
+    moved = np.abs(placed.enter - current.enter[owner]).max(axis=1, initial=0.0)
+    is_valid &= moved < 4 * _STEPS_TO_EACH_SIDE * step + math.radians(10)
     states = current.split()
-    for place, k in enumerate(asked):
+    for place, k in enumerate(shifted):
         rows = np.arange(place * len(shifts), (place + 1) * len(shifts))
-        states[k] = join_states([states[k], made.pick(rows[good[rows]])])
+        states[k] = join_states([states[k], placed.pick(rows[is_valid[rows]])])
     return states
 
 
-def _place(
-    problem: TourProblem, numbers: Sequence[int], states: States
+def _replace_joints(
+    problem: TourProblem, item_indices: Sequence[int], states: States
 ) -> tuple[States, BoolArray]:
-    """States of the items ``numbers`` with the joints at their gates worked out anew, and which can be run."""
-    if not len(numbers):
+    """The states with joint values computed from their rolls, and which of them are valid."""
+    if not len(item_indices):
         return states, np.zeros(0, dtype=np.bool_)
-    state_joints = _compute_state_joints(problem, numbers, states)
-    gates = [problem.cost_model.items[k].gates for k in numbers]
-    at = (
-        np.array([own[pair] for own, pair in zip(gates, states.gate, strict=True)])
-        + state_joints.first[:-1, None]
-    )
-    good = state_joints.is_valid & np.isfinite(state_joints.joints[at]).all(axis=(1, 2))
-    return States(
-        state_joints.joints[at[:, 0]],
-        state_joints.joints[at[:, 1]],
-        states.gate,
-        states.turn,
-        states.branch,
-    ), good
+    state_joints = _compute_state_joints(problem, item_indices, states)
+    rows = []
+    for k, gate, first in zip(item_indices, states.gate, state_joints.first, strict=False):
+        rows.append(problem.cost_model.items[k].gates[gate] + first)
+    joints = state_joints.joints[np.array(rows)]
+    is_valid = state_joints.is_valid & np.isfinite(joints).all(axis=(1, 2))
+    placed = States(joints[:, 0], joints[:, 1], states.gate, states.roll, states.branch)
+    return placed, is_valid
 
 
 def _move_gates(problem: TourProblem, solution: Solution) -> Solution:
-    """The same postures and turns, entered at other gates."""
+    """Choose the best gates for the same order, postures and rolls."""
     current = solution.states
     states = current.split()
     for k in solution.order:
         item = problem.cost_model.items[k]
         if item.reversible:
-            states[k] = join_states([states[k], turn_round(states[k])])
+            states[k] = join_states([states[k], reverse_states(states[k])])
         elif item.closed and len(item.gates) > 1 and current.branch[k] >= 0:
             state_joints = _compute_state_joints(problem, [k], states[k])
             joints = state_joints.joints[item.gates]
-            numbers = np.arange(len(joints))
-            count = len(numbers)
-            every = States(
-                joints,
-                joints,
-                np.stack([numbers] * 2, axis=1),
-                np.full(count, current.turn[k]),
-                np.full(count, current.branch[k]),
-            )
-            states[k] = join_states([states[k], every])
+            gates, count = np.arange(len(joints)), len(joints)
+            roll, branch = np.full(count, current.roll[k]), np.full(count, current.branch[k])
+            at_gates = States(joints, joints, np.stack([gates] * 2, axis=1), roll, branch)
+            states[k] = join_states([states[k], at_gates])
     return choose_states(problem, solution.order, states, False)
 
 
 def _reorder(problem: TourProblem, solution: Solution, seed: int) -> Solution:
-    """The states as they are in the shortest order that is found."""
+    """Search a shorter order of the chosen states; `solution` itself if none is found."""
     order, current, cost_model = solution.order, solution.states, problem.cost_model
     count = len(order)
-    if not 2 < count <= MANY:
+    if not 2 < count <= MAX_REORDERED:
         return solution
-    own = current.pick(np.array(order))
-    flips = np.array([cost_model.items[k].reversible for k in order])
-    table = _tables(problem, order, own)
-    # What cannot be turned round is neither left where it is entered nor entered where it is left.
-    stiff = ~flips & (np.abs(own.enter - own.leave).max(axis=1) > 0)
-    table.between[stiff, 0] = table.between[:, :, stiff, 1] = FORBIDDEN
-    table.first[stiff, 1] = table.last[stiff, 0] = FORBIDDEN
-    rules = matrix.Rules(_inner(problem.rules.parent, order), problem.rules.rank[order])
-    plain = bool((rules.parent < 0).all() and len(set(rules.rank.tolist())) == 1)
-    if _is_plain(problem, solution):
+    states = current.pick(np.array(order))
+    is_reversible = np.array([cost_model.items[k].reversible for k in order])
+    table = _make_table(problem, order, states)
+    # An item that cannot be reversed is not left where it is entered, nor entered where it is left.
+    fixed = ~is_reversible & (np.abs(states.enter - states.leave).max(axis=1) > 0)
+    table.between[fixed, 0] = table.between[:, :, fixed, 1] = FORBIDDEN
+    table.first[fixed, 1] = table.last[fixed, 0] = FORBIDDEN
+    if _are_free_points(problem, solution):
         ring = np.zeros((count + 1, count + 1))
         ring[1:, 1:] = table.between[:, 0, :, 0]
         ring[0, 1:] = ring[1:, 0] = table.first[:, 0]
-        ring = np.minimum(ring, ring.T)
-        made = shorten_ring(ring, range(count + 1), min(_KICKS * count, _MOST_KICKS), seed)
-        seconds = float(ring[made, np.roll(made, -1)].sum())
-        better = Solution([order[k - 1] for k in made[1:]], current, seconds)
+        new_order, seconds = _order_ring(ring, order, seed)
+        better = Solution(new_order, current, seconds)
         return better if seconds < solution.seconds - 1e-9 else solution
+    rules = matrix.Rules(_index_parents(problem.rules.parent, order), problem.rules.rank[order])
+    has_rules = (rules.parent >= 0).any() or len(set(rules.rank.tolist())) != 1
     start = (list(range(count)), [False] * count)
-    effort = _EFFORT if count <= _CROWD else 0.0
-    items, backs = matrix.shortest(table, seed, effort, start, None if plain else rules)
+    effort = _EFFORT if count <= _MAX_PERTURBED else 0.0
+    items, backs = matrix.shortest(table, seed, effort, start, rules if has_rules else None)
     seconds = matrix.total(table, items, backs)
     if seconds >= solution.seconds - 1e-9:
         return solution
-    turned = np.array(
-        [order[k] for k, back in zip(items, backs, strict=True) if back and flips[k]],
-        dtype=np.int64,
-    )
+    reversed_items = np.zeros(len(current), dtype=np.bool_)
+    reversed_items[np.array(order)[items]] = np.array(backs) & is_reversible[items]
     enter, leave, gate = current.enter.copy(), current.leave.copy(), current.gate.copy()
-    enter[turned], leave[turned], gate[turned] = (
-        current.leave[turned],
-        current.enter[turned],
-        current.gate[turned][:, ::-1],
-    )
-    return Solution(
-        [order[k] for k in items], States(enter, leave, gate, current.turn, current.branch), seconds
-    )
+    enter[reversed_items] = current.leave[reversed_items]
+    leave[reversed_items] = current.enter[reversed_items]
+    gate[reversed_items] = current.gate[reversed_items][:, ::-1]
+    states = States(enter, leave, gate, current.roll, current.branch)
+    return Solution([order[k] for k in items], states, seconds)
 
 
-def _inner(parent: IntArray, order: Sequence[int]) -> IntArray:
-    """The parents among the items of ``order``, by their places in it."""
+def _index_parents(parent: IntArray, order: Sequence[int]) -> IntArray:
+    """The parent of each item of `order`, as an index into `order`; -1 for none."""
     place = np.full(len(parent) + 1, -1)
     place[list(order)] = np.arange(len(order))
     return np.asarray(place[parent[list(order)]])
 
 
-def _tables(problem: TourProblem, order: Sequence[int], own: States) -> matrix.Table:
-    """The seconds of all links between the ends of the items, and from and to home."""
+def _make_table(problem: TourProblem, order: Sequence[int], states: States) -> matrix.Table:
+    """The times of all links between the ends of the items, and from and to home, s."""
     cost_model, count = problem.cost_model, len(order)
-    ends = np.stack([own.enter, own.leave], axis=1).reshape(2 * count, -1)
-    places = np.stack(
-        [gate_places(cost_model.items[k], own.gate[i]) for i, k in enumerate(order)], axis=0
-    ).reshape(2 * count, 3)
-    branch = np.repeat(own.branch, 2)
-    table = cost_model.limits.between(
-        ends, ends, np.linalg.norm(places[:, None] - places[None], axis=-1)
-    )
-    table += change_cost(cost_model, branch, branch)
+    ends = np.stack([states.enter, states.leave], axis=1).reshape(2 * count, -1)
+    positions = [
+        compute_gate_positions(cost_model.items[k], states.gate[i]) for i, k in enumerate(order)
+    ]
+    tips = np.stack(positions, axis=0).reshape(2 * count, 3)
+    branch = np.repeat(states.branch, 2)
+    distances = np.linalg.norm(tips[:, None] - tips[None], axis=-1)
+    table = cost_model.limits.between(ends, ends, distances)
+    table += compute_posture_costs(cost_model, branch, branch)
     table = add_blocked_costs(table, ends, ends, problem.blocked_links)
-    home = home_seconds(cost_model, ends, problem.blocked_links).reshape(count, 2)
+    home = time_links_home(cost_model, ends, problem.blocked_links).reshape(count, 2)
     return matrix.Table(table.reshape(count, 2, count, 2), home, home.copy())
 
 
-# What a tour uses is proved: the paths as they are run, and the links between them.
+# Proof of the paths and links that a tour uses.
 
 
-def prove_tour(problem: TourProblem, solution: Solution, tell: Tell) -> Solution:
-    """``solution`` with other states where paths or links collide, as far as there are any."""
+def prove_tour(problem: TourProblem, solution: Solution, on_progress: OnProgress) -> Solution:
+    """Choose other states where paths or links of a tour collide, in at most `_REPAIRS` rounds."""
     for attempt in range(_REPAIRS if solution.order else 0):
-        touched = find_blocked_paths(problem, solution) | learn_blocked_links(problem, solution)
-        if not touched:
+        blocked = find_blocked_paths(problem, solution) | learn_blocked_links(problem, solution)
+        if not blocked:
             return solution
-        tell(f"joints, {solution.seconds:.1f} s, repair {attempt + 1}")
-        solution = _repair(problem, solution, touched)
+        on_progress(f"joints, {solution.seconds:.1f} s, repair {attempt + 1}")
+        solution = _repair(problem, solution, blocked)
     return solution
 
 
-def _repair(problem: TourProblem, solution: Solution, touched: set[int]) -> Solution:
-    """The tour with states chosen anew for the items that are ``touched`` and those beside them."""
+def _repair(problem: TourProblem, solution: Solution, blocked: set[int]) -> Solution:
+    """Choose states again for the items of `blocked` and their neighbours in the tour."""
     order, current = solution.order, solution.states
-    place = {item: k for k, item in enumerate(order)}
-    beside = {p + d for p in (place[item] for item in touched) for d in (-1, 0, 1)}
-    near = {order[p] for p in beside if 0 <= p < len(order)}
-    fine = shift_turns(problem, solution, STEPS[0]) if problem.options.any_roll else current.split()
-    states = [
-        join_states([own, problem.states[k]])
-        if k in near and len(problem.states[k])
-        else current.single(k)
-        for k, own in enumerate(fine)
-    ]
+    affected = set()
+    for before, item, after in zip([-1, *order[:-1]], order, [*order[1:], -1], strict=True):
+        if not blocked.isdisjoint((before, item, after)):
+            affected.add(item)
+    states = current.split()
+    if problem.options.any_roll:
+        states = add_shifted_rolls(problem, solution, ROLL_STEPS[0])
+    for k, near_current in enumerate(states):
+        if k in affected and len(problem.states[k]):
+            states[k] = join_states([near_current, problem.states[k]])
+        else:
+            states[k] = current.single(k)
     return choose_states(problem, order, states, True)
 
 
 def find_blocked_paths(problem: TourProblem, solution: Solution) -> set[int]:
-    """The items whose states, new ones, collide between two looks."""
-    asked = [
-        k
-        for k in solution.order
-        if solution.states.branch[k] >= 0 and _proved(solution.states, k) not in problem.free
-    ]
-    if not asked:
+    """Find the items whose states collide between two samples; proved ones are not tested again."""
+    states = solution.states
+    untested = []
+    for k in solution.order:
+        if states.branch[k] >= 0 and _make_proof_key(states, k) not in problem.free:
+            untested.append(k)
+    if not untested:
         return set()
-    state_joints = _compute_state_joints(problem, asked, solution.states.pick(np.array(asked)))
-    tracks, owner = [], []
-    for place, k in enumerate(asked):
+    state_joints = _compute_state_joints(problem, untested, states.pick(np.array(untested)))
+    motions, owner = [], []
+    for place, k in enumerate(untested):
         joints = state_joints.joints[state_joints.first[place] : state_joints.first[place + 1]]
         item = problem.cost_model.items[k]
-        tracks.append(SampledMotion(joints[: item.last + 1]))
-        tracks += [
-            SampledMotion(joints[[item.before[gate], gate]]) for gate in item.gates[1:].tolist()
-        ]
+        motions.append(SampledMotion(joints[: item.last + 1]))
+        for gate in item.gates[1:].tolist():
+            motions.append(SampledMotion(joints[[item.before[gate], gate]]))
         owner += [k] * len(item.gates)
-    hit = {
-        k
-        for k, stop in zip(owner, problem.free_space.look(tracks), strict=True)
-        if isinstance(stop, Blockage)
-    }
-    problem.shut.update(key_of(solution.states, k) for k in hit)
-    problem.free.difference_update(key_of(solution.states, k) for k in hit)
-    problem.free.update(_proved(solution.states, k) for k in asked if k not in hit)
-    return hit
+    results = problem.free_space.look(motions)
+    blocked = {k for k, result in zip(owner, results, strict=True) if isinstance(result, Blockage)}
+    keys = [make_state_key(states, k) for k in blocked]
+    problem.colliding.update(keys)
+    problem.free.difference_update(keys)
+    problem.free.update(_make_proof_key(states, k) for k in untested if k not in blocked)
+    return blocked
 
 
-def _proved(current: States, item: int) -> bytes:
-    return b"path " + key_of(current, item)
+def _make_proof_key(current: States, item: int) -> bytes:
+    return b"path " + make_state_key(current, item)
 
 
 def learn_blocked_links(problem: TourProblem, solution: Solution) -> set[int]:
-    """Tests the new links of a tour, and keeps those that collide; the items at their ends.
+    """Test the untested links of a tour, and add those that are blocked to `problem`.
 
-    A link on which the TCP comes too low is blocked as well.
+    A link on which the TCP comes too low is blocked as well. Returns the items at the ends of
+    blocked links.
     """
-    pairs = list(zip([-1, *solution.order], [*solution.order, -1], strict=True))
-    ends = {pair: _ends_of(problem, solution.states, pair) for pair in pairs}
-    untested = [
-        pair
-        for pair in pairs
-        if link_key(*ends[pair]) not in problem.free and detour_of(problem, *ends[pair]) is None
-    ]
-    touched: set[int] = set()
-    blocked = find_blocked(problem, [ends[pair] for pair in untested])
-    for pair, is_blocked in zip(untested, blocked, strict=True):
+    untested, links = [], []
+    for pair in zip([-1, *solution.order], [*solution.order, -1], strict=True):
+        link = _ends_of(problem, solution.states, pair)
+        is_tested = make_link_key(*link) in problem.free
+        if not is_tested and find_known_detour(problem, *link) is None:
+            untested.append(pair)
+            links.append(link)
+    blocked_items: set[int] = set()
+    blocked = find_blocked_links(problem, links)
+    for pair, link, is_blocked in zip(untested, links, blocked, strict=True):
         if is_blocked:
-            problem.blocked_links.append(make_blocked_link(problem, *ends[pair], _LONG))
-            touched.update(item for item in pair if item >= 0)
-    return touched
+            problem.blocked_links.append(make_blocked_link(problem, *link, _LONG_MOTION))
+            blocked_items.update(item for item in pair if item >= 0)
+    return blocked_items
 
 
 def _ends_of(
     problem: TourProblem, current: States, pair: tuple[int, int]
 ) -> tuple[FloatArray, FloatArray]:
-    """The joint values at both ends of the link between two items, -1 for home."""
     home, (a, b) = problem.cost_model.home, pair
     return (home if a < 0 else current.leave[a], home if b < 0 else current.enter[b])
 
 
-def find_blocked(
-    problem: TourProblem, links: Sequence[tuple[FloatArray, FloatArray]], surely: bool = True
+def find_blocked_links(
+    problem: TourProblem, links: Sequence[tuple[FloatArray, FloatArray]], prove: bool = True
 ) -> list[bool]:
-    """Which motions of the joints collide, or lead the tip too low. surely: what is not found at some places on the way
-    is proved, and noted as clear.
+    """Which joint motions collide, or lead the TCP too low.
+
+    prove: whether links that are clear at their samples are proved, and kept as clear.
     """
-    if not links:
-        return []
-    blocked = np.array([link_key(*pair) not in problem.free for pair in links])
-    new = np.flatnonzero(blocked)
-    if not len(new):
+    blocked = np.array([make_link_key(*pair) not in problem.free for pair in links], dtype=np.bool_)
+    untested = np.flatnonzero(blocked)
+    if not len(untested):
         return [False] * len(links)
-    met = find_met(problem, [links[k] for k in new.tolist()])
-    blocked[new] = met
-    left = new[~met]
-    if surely and len(left):
-        stops = problem.free_space.look([SampledMotion(np.stack(links[k])) for k in left.tolist()])
-        blocked[left] = [isinstance(stop, Blockage) for stop in stops]
-        problem.free.update(link_key(*links[k]) for k in left[~blocked[left]].tolist())
-    return [bool(stop) for stop in blocked]
+    collides = find_colliding_links(problem, [links[k] for k in untested.tolist()])
+    blocked[untested] = collides
+    unproved = untested[~collides]
+    if prove and len(unproved):
+        motions = [SampledMotion(np.stack(links[k])) for k in unproved.tolist()]
+        results = problem.free_space.look(motions)
+        blocked[unproved] = [isinstance(result, Blockage) for result in results]
+        clear = unproved[~blocked[unproved]].tolist()
+        problem.free.update(make_link_key(*links[k]) for k in clear)
+    return [bool(is_blocked) for is_blocked in blocked]
 
 
-def find_met(
-    problem: TourProblem, links: Sequence[tuple[FloatArray, FloatArray]], few: bool = False
+def find_colliding_links(
+    problem: TourProblem, links: Sequence[tuple[FloatArray, FloatArray]], coarse: bool = False
 ) -> BoolArray:
-    """Which joint motions collide at a sample, or lead the TCP below ``SearchOptions.least_height``.
+    """Which joint motions collide at a sample, or lead the TCP below `SearchOptions.least_height`.
 
-    few: only every eighth sample is tested.
+    coarse: only every eighth sample is tested.
     """
-    counts = [max(math.ceil(float(np.abs(b - a).max()) / _LOOK), 2) for a, b in links]
-    rows = [
-        a + np.linspace(0.0, 1.0, n + 1)[:, None] * (b - a)
-        for (a, b), n in zip(links, counts, strict=True)
-    ]
-    owner = np.repeat(np.arange(len(links)), [len(own) for own in rows])
-    flat = np.concatenate(rows)
-    met = np.zeros(len(links), dtype=np.bool_)
+    samples = []
+    for a, b in links:
+        count = max(math.ceil(float(np.abs(b - a).max()) / _SAMPLE_STEP), 2)
+        samples.append(a + np.linspace(0.0, 1.0, count + 1)[:, None] * (b - a))
+    owner = np.repeat(np.arange(len(links)), [len(rows) for rows in samples])
+    flat = np.concatenate(samples)
+    collides = np.zeros(len(links), dtype=np.bool_)
     if math.isfinite(problem.options.least_height):
         rotation, origin = flange(problem.setup.robot, flat)
         tip = origin + rotation @ np.asarray(problem.setup.flange_from_tool.origin)
         base = problem.setup.base_from_work
-        met[
-            owner[
-                (tip - np.asarray(base.origin)) @ base.rotation[:, 2] < problem.options.least_height
-            ]
-        ] = True
-    # Every eighth place first: most motions that collide do so for long.
-    step = np.concatenate([np.arange(len(own)) for own in rows])
-    for some in (step % 8 == 4,) if few else (step % 8 == 4, step % 8 != 4):
-        asked = np.flatnonzero(some & ~met[owner])
-        met[owner[asked[~problem.setup.clear(flat[asked])]]] = True
-    return met
+        height = (tip - np.asarray(base.origin)) @ base.rotation[:, 2]
+        collides[owner[height < problem.options.least_height]] = True
+    # Every eighth sample first: most motions that collide do so over a long section.
+    step = np.concatenate([np.arange(len(rows)) for rows in samples])
+    for group in (step % 8 == 4,) if coarse else (step % 8 == 4, step % 8 != 4):
+        tested = np.flatnonzero(group & ~collides[owner])
+        collides[owner[tested[~problem.setup.clear(flat[tested])]]] = True
+    return collides
 
 
-def link_key(a: FloatArray, b: FloatArray) -> bytes:
-    """What tells a link of the joints from all others; the way back is the same."""
+def make_link_key(a: FloatArray, b: FloatArray) -> bytes:
+    """The key of a joint motion, the same in both directions."""
     ends = sorted([np.round(a, 6).tobytes(), np.round(b, 6).tobytes()])
     return b"link " + ends[0] + ends[1]
 
 
 def make_blocked_link(
-    problem: TourProblem, a: FloatArray, b: FloatArray, least: float
+    problem: TourProblem, a: FloatArray, b: FloatArray, min_motion: float
 ) -> BlockedLink:
-    """What is known of a link that collides, with a way round it, which is looked for where a joint goes ``least`` rad
-    or mm or more.
+    """A blocked link with the cost of its detour, which is added to `problem.detours`.
+
+    min_motion: largest joint motion from which a detour is searched, rad or mm.
     """
-    far = float(np.abs(b - a).max())
-    near = max((_ALIKE if far < _LONG else _FAR_ALIKE) * far, SAME)
-    if far < least:
-        return BlockedLink(a, b, near, FORBIDDEN)
-    others = np.concatenate(
-        [problem.cost_model.home[None], *(np.stack(way) for way in problem.detours.values())]
-    )
-    found = find_detour(
+    motion = float(np.abs(b - a).max())
+    fraction = _NEAR_FRACTION if motion < _LONG_MOTION else _LONG_NEAR_FRACTION
+    radius = max(fraction * motion, SAME)
+    if motion < min_motion:
+        return BlockedLink(a, b, radius, FORBIDDEN)
+    limits, home = problem.cost_model.limits, problem.cost_model.home
+    known = [np.stack(detour) for detour in problem.detours.values()]
+    detour = find_detour(
         problem.setup.robot,
-        problem.cost_model.limits,
+        limits,
         (a, b),
-        others,
+        np.concatenate([home[None], *known]),
         problem.setup.clear,
-        partial(find_blocked, problem, surely=False),
+        partial(find_blocked_links, problem, prove=False),
     )
-    if found is None or any(find_blocked(problem, list(pairwise([a, *found, b])))):
-        return BlockedLink(a, b, near, FORBIDDEN)
-    problem.detours[a.tobytes() + b.tobytes()] = found
-    places = np.stack([a, *found, b])
-    longer = problem.cost_model.limits.seconds(
-        np.diff(places, axis=0), 0.0
-    ).sum() - problem.cost_model.limits.seconds(b - a, 0.0)
-    return BlockedLink(a, b, near, float(longer))
+    if detour is None or any(find_blocked_links(problem, list(pairwise([a, *detour, b])))):
+        return BlockedLink(a, b, radius, FORBIDDEN)
+    problem.detours[a.tobytes() + b.tobytes()] = detour
+    steps = np.diff(np.stack([a, *detour, b]), axis=0)
+    extra = limits.seconds(steps, 0.0).sum() - limits.seconds(b - a, 0.0)
+    return BlockedLink(a, b, radius, float(extra))
 
 
-def detour_of(problem: TourProblem, a: FloatArray, b: FloatArray) -> tuple[FloatArray, ...] | None:
-    """The way round that was found for a link, None where none was."""
+def find_known_detour(
+    problem: TourProblem, a: FloatArray, b: FloatArray
+) -> tuple[FloatArray, ...] | None:
+    """The detour that was found for a link in either direction; None without one."""
     if a.tobytes() + b.tobytes() in problem.detours:
         return problem.detours[a.tobytes() + b.tobytes()]
     back = problem.detours.get(b.tobytes() + a.tobytes())

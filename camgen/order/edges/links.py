@@ -23,12 +23,15 @@ from camgen.motion.setup import EdgeMotion, Setup
 from camgen.order.edges.retract import Retraction
 from camgen.robots.kinematics.forward import flange
 
-#: Largest number of motions for which links along several edges are searched: that takes n^3.
-MANY = 150
-#: Places of a joint motion at which the way of the tool is measured.
-_LOOKS = 5
-#: Links by retraction, free motion and approach, the second by way of the home position.
-FREE, BY_HOME = -1, -2
+#: Maximum number of motions for which links along several edges are searched; the time grows with
+#: its third power.
+MAX_SEARCHED_MOTIONS = 150
+#: Samples of a joint motion between which the path of the TCP is measured.
+_TCP_SAMPLES = 5
+#: First step of a link by retraction, free motion and approach.
+FREE = -1
+#: The same by way of the home position.
+BY_HOME = -2
 
 
 class JointLink(Struct, frozen=True, eq=False):
@@ -36,9 +39,9 @@ class JointLink(Struct, frozen=True, eq=False):
 
     joints: (J,) joint values of its target.
     free: whether it is in free space, not at the part.
-    speed: speed of the TCP, mm/s, from ``paced``.
-    share: fraction of the maximum speeds of the joints, from ``paced``; 0 where ``speed`` alone
-        holds.
+    speed: TCP speed, mm/s, from `replace_speeds`.
+    share: fraction of the maximum speeds of the joints, from `replace_speeds`; 0 if `speed` alone
+        applies.
     """
 
     joints: FloatArray
@@ -62,7 +65,8 @@ class PathLink(Struct, frozen=True, eq=False):
     kind: Literal["retraction", "approach", "shared edge"]
 
 
-Piece = JointLink | PathLink
+#: A motion of a link.
+LinkMotion = JointLink | PathLink
 
 
 class MotionEnds(Struct, frozen=True, eq=False):
@@ -86,19 +90,19 @@ class MotionEnds(Struct, frozen=True, eq=False):
     speed: float
 
 
-def seconds(
+def time_joint_motions(
     setup: Setup, a: FloatArray, b: FloatArray, speeds: LinkSpeeds, *, at_part: bool = False
 ) -> FloatArray:
-    """Seconds (...) of the joint motion from ``a`` to ``b`` (..., J), from rest to rest.
+    """Times (...) of the joint motions from `a` to `b` (..., J), from rest to rest, s.
 
-    The slowest joint counts, and the TCP and the flange at `_LOOKS` places of the motion. At the
-    part the flange does not count.
+    The slowest of the joints and the TCP counts, in free space that of the flange too. The paths of
+    TCP and flange are measured between `_TCP_SAMPLES` samples.
     """
     joints = speeds.time_joints(setup.robot, b - a)
     tool = np.asarray(setup.flange_from_tool.origin)
     lengths = np.zeros((2, *joints.shape))
     before = None
-    for share in np.linspace(0.0, 1.0, _LOOKS):
+    for share in np.linspace(0.0, 1.0, _TCP_SAMPLES):
         rows = (1 - share) * a + share * b if 0 < share < 1 else (a, b)[int(share)]
         rotations, origins = flange(setup.robot, rows.reshape(-1, rows.shape[-1]))
         places = np.stack([origins, origins + rotations @ tool]).reshape(2, *rows.shape[:-1], 3)
@@ -109,91 +113,91 @@ def seconds(
     return np.maximum(joints, speeds.time_tool(length, speeds.part if at_part else speeds.free))
 
 
-def distinct(vertices: FloatArray, near: float) -> BoolArray:
+def find_shared_vertices(vertices: FloatArray, tolerance: float) -> BoolArray:
     """Whether two ends of different edges are at one vertex, (2 n, 2 n).
 
     vertices: (2 n, 3) ends of the edges, not of the tool, mm.
-    near: largest distance within a vertex, mm.
+    tolerance: largest distance within a vertex, mm.
     """
-    same = np.linalg.norm(vertices[:, None] - vertices[None], axis=2) < near
-    own = np.arange(len(vertices)) // 2
-    same &= own[:, None] != own[None]
+    same = np.linalg.norm(vertices[:, None] - vertices[None], axis=2) < tolerance
+    edge_of = np.arange(len(vertices)) // 2
+    same &= edge_of[:, None] != edge_of[None]
     return np.asarray(same)
 
 
-def along(ends: MotionEnds) -> tuple[FloatArray, IntArray]:
-    """The cheapest links at the part between all ends: seconds (2 n, 2 n), and their next ends."""
+def find_links_at_part(ends: MotionEnds) -> tuple[FloatArray, IntArray]:
+    """Find the fastest links at the part between all ends.
+
+    Returns their times (2 n, 2 n), s, and the next end on each link (2 n, 2 n).
+    """
     best = ends.direct.copy()
-    at = np.arange(len(best))
-    first = np.broadcast_to(at[None], best.shape).copy()
-    if len(best) <= 2 * MANY:
-        best[at, at ^ 1] = ends.through[at // 2]
+    index = np.arange(len(best))
+    first = np.broadcast_to(index[None], best.shape).copy()
+    if len(best) <= 2 * MAX_SEARCHED_MOTIONS:
+        best[index, index ^ 1] = ends.through[index // 2]
         for k in range(len(best)):
-            over = best[:, k, None] + best[None, k]
-            better = over < best - 1e-12
-            best = np.where(better, over, best)
-            first = np.where(better, first[:, k, None], first)
+            by_k = best[:, k, None] + best[None, k]
+            is_better = by_k < best - 1e-12
+            best = np.where(is_better, by_k, best)
+            first = np.where(is_better, first[:, k, None], first)
     return best, first
 
 
-def steps(
+def choose_links(
     ends: MotionEnds, at_part: tuple[FloatArray, IntArray], blocked: BoolArray, home: FloatArray
 ) -> tuple[FloatArray, IntArray]:
-    """The cheapest links between all ends: seconds (2 n, 2 n), and how each begins (2 n, 2 n).
+    """The fastest links between all ends: times (2 n, 2 n), s, and how each begins (2 n, 2 n).
 
-    A link begins with the next end at the part, with ``FREE`` for retraction, free motion and
-    approach, or with ``BY_HOME`` for these by way of the home position.
+    A link begins with the next end at the part, with `FREE` for retraction, free motion and
+    approach, or with `BY_HOME` for these by way of the home position.
 
-    at_part: result of ``along``.
+    at_part: result of `find_links_at_part`.
     blocked: (2 n, 2 n) whether a free motion collides.
-    home: (2 n,) seconds from free space to home, inf for a motion that collides.
+    home: (2 n,) time from free space to home, s; inf for a motion that collides.
     """
     moving = np.stack([np.where(blocked, math.inf, ends.free), home[:, None] + home[None]])
     free = moving.min(axis=0) + ends.out[:, None] + ends.out[None]
     begins = np.where(moving.argmin(axis=0) == 0, FREE, BY_HOME)
     best, first = at_part
-    rfa = free < best
-    return np.where(rfa, free, best), np.where(rfa, begins, first)
+    is_free = free < best
+    return np.where(is_free, free, best), np.where(is_free, begins, first)
 
 
-def paced(
-    setup: Setup, pieces: Sequence[Piece], start: FloatArray, speeds: LinkSpeeds
-) -> tuple[Piece, ...]:
-    """``pieces`` of a link with the speeds of their joint motions in free space.
+def replace_speeds(
+    setup: Setup, motions: Sequence[LinkMotion], start: FloatArray, speeds: LinkSpeeds
+) -> tuple[LinkMotion, ...]:
+    """The motions of a link, the joint motions as fast as the joints and `speeds` allow.
 
     start: (J,) joint values at which the link begins.
     """
-    result: list[Piece] = []
-    for piece in pieces:
-        if isinstance(piece, JointLink):
-            result.append(_pace_turn(setup, piece, start, speeds))
-            start = piece.joints
+    result: list[LinkMotion] = []
+    for motion in motions:
+        if isinstance(motion, JointLink):
+            speed, share = speeds.part, 0.0
+            if motion.free:
+                speed, share = compute_joint_speed(setup, start, motion.joints, speeds)
+            result.append(replace(motion, speed=speed, share=share))
+            start = motion.joints
         else:
-            result.append(piece)
-            start = piece.joints[-1]
+            result.append(motion)
+            start = motion.joints[-1]
     return tuple(result)
 
 
-def _pace_turn(setup: Setup, link: JointLink, start: FloatArray, speeds: LinkSpeeds) -> JointLink:
-    """A joint motion as fast as the joints and ``speeds`` allow."""
-    speed, share = (
-        compute_joint_speed(setup, start, link.joints, speeds) if link.free else (speeds.part, 0.0)
-    )
-    return replace(link, speed=speed, share=share)
-
-
-def leaving(out: Retraction) -> PathLink:
-    """A retraction."""
+def make_retract(out: Retraction) -> PathLink:
+    """The link motion of a retraction."""
     return PathLink(out.way, out.joints, out.speed, "retraction")
 
 
-def entering(out: Retraction) -> PathLink:
-    """A retraction run backwards, as an approach."""
+def make_approach(out: Retraction) -> PathLink:
+    """The link motion of a retraction that is run backwards."""
     return PathLink(out.way.reversed(), out.joints[::-1], out.speed[::-1], "approach")
 
 
-def by_way_of(motion: EdgeMotion, end: int, other: Retraction, speed: float) -> Retraction:
-    """A retraction from one end that goes along the motion, and then as from its other end.
+def make_retraction_along(
+    motion: EdgeMotion, end: int, other: Retraction, speed: float
+) -> Retraction:
+    """A retraction from one end that goes along the motion and then retracts from its other end.
 
     end: 0 for the start of the motion, 1 for its end.
     other: retraction of the other end.

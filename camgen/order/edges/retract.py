@@ -1,7 +1,8 @@
-"""A way out of each end of a processing motion, up above the safety level; an approach is the same backwards.
+"""Retractions from the ends of processing motions up above the safety level.
 
-RFA paper, section II.A: back along the tool where only the last link is below the level, over the wrist's place where
-the link before it is too. Where such a way collides or breaks a limit, others are tried before the end is given up.
+An approach is a retraction run backwards. RFA paper, section II.A: the tool retracts along its axis
+if only the last link is below the level, and over the wrist if the link before it is too. If these
+collide or break a limit, other directions are tried.
 """
 
 from __future__ import annotations
@@ -30,24 +31,30 @@ from camgen.motion.setup import (
 from camgen.robots.kinematics.continuity import Choice, follow_each
 from camgen.robots.kinematics.forward import flange, frames
 
-#: rad: the wrist is kept from standing straight, where it is singular.
-_BENT = math.radians(10.0)
-#: Least rise, mm per mm, of a way that is to reach the level.
-_STEEP = 0.15
-#: mm: the least way out.
-_LEAST_WAY_OUT_MM = 1.0
-#: mm: a way out that comes so little nearer than its end is not given up for that.
-_AS_NEAR_MM = 0.05
-#: mm back along the tool where no way leads up to the level.
-_BACK = (50.0, 20.0, 10.0, 5.0, 2.0)
-#: Directions round the vertical that are tried, all 45 deg up.
+#: rad: smallest angle of the bent wrist. A straight wrist is singular.
+_MIN_WRIST_ANGLE = math.radians(10.0)
+#: mm per mm: smallest rise of a path that is to reach the safety level.
+_MIN_RISE = 0.15
+#: mm: length of the shortest retraction.
+_MIN_LENGTH_MM = 1.0
+#: mm: a retraction whose clearance is smaller than that of its end by less than this is accepted.
+_CLEARANCE_SLACK_MM = 0.05
+#: mm back along the tool if no path leads up to the safety level, the longest first.
+_SHORT_LENGTHS_MM = (50.0, 20.0, 10.0, 5.0, 2.0)
+#: Directions about the vertical that are tried, all 45 deg upwards.
 _DIRECTIONS = 8
 
 
 class Retraction(Struct, frozen=True, eq=False):
-    """way: rows from the end of a motion to free space. joints: (N, J) there. looks: (D,) poses as it goes, dense:
-    (D, J) the joints there. speed: (N - 1,) mm/s of each segment. name: of the direction. via: (K, J) joint values by
-    way of which the joints go home from its end, where the straight motion collides.
+    """A motion from the end of a processing motion into free space.
+
+    way: pose path of the TCP, N rows.
+    joints: (N, J) joint values at its rows.
+    looks: pose path with a row at each of the D samples of the motion.
+    dense: (D, J) joint values at the samples.
+    speed: (N - 1,) speed of each segment, mm/s.
+    name: name of its direction.
+    via: (K, J) joint values to pass through from its end to home, if the direct motion collides.
     """
 
     way: PosePath
@@ -65,168 +72,168 @@ class Retraction(Struct, frozen=True, eq=False):
         return float(speeds.time_tool(length, mean))
 
 
-def retractions(
-    setup: Setup, room: FreeSpace, ends: Sequence[tuple[PosePath, FloatArray]], speeds: LinkSpeeds
+#: A direction's name and the pose path of the TCP.
+_Candidate = tuple[str, PosePath]
+
+
+def find_retractions(
+    setup: Setup, space: FreeSpace, ends: Sequence[tuple[PosePath, FloatArray]], speeds: LinkSpeeds
 ) -> list[Retraction | str]:
-    """For each end, a pose (one row) and the joints (J,) it is taken in, the first way out that is free and keeps the
-    margin, or as much of it as the end has; else the free one that keeps most; or why there is none.
+    """Find a retraction for each end, or the reason against it.
+
+    It is the first candidate that is free and keeps the margin, or the clearance of its end if that
+    is smaller. Without one it is the free candidate with the largest clearance.
+
+    ends: a pose of one row, and the joint values (J,) there.
     """
-    ways = [_ways(setup, room, end, joints) for end, joints in ends]
-    # What stands nearer than the margin at the end is as near on all ways out of it.
-    wanted = room.gaps(np.stack([joints for _, joints in ends]))
-    found: list[Retraction | str] = ["" for _ in ends]
-    most = [-1.0 for _ in ends]
-    left = list(range(len(ends)))
-    # Together several ways take little more time than one.
-    count = 1
-    while left:
-        owner: list[int] = []
-        named: list[tuple[str, PosePath]] = []
-        for k in left:
-            tried = list(islice(ways[k], count))
-            owner += [k] * len(tried)
-            named += tried
-        ran = _run(setup, named, [ends[k][1] for k in owner], speeds)
-        moved = [way for way in ran if isinstance(way, Retraction)]
-        kept = iter(room.look([SampledMotion(way.dense, way.looks) for way in moved]))
-        for k, way in zip(owner, ran, strict=True):
-            look = next(kept) if isinstance(way, Retraction) else math.nan
-            if most[k] >= wanted[k] - _AS_NEAR_MM:
+    candidates = [_list_candidates(setup, space, end, joints) for end, joints in ends]
+    # A body that is nearer than the margin at the end is as near on all retractions from it.
+    wanted = space.gaps(np.stack([joints for _, joints in ends])) - _CLEARANCE_SLACK_MM
+    results: list[Retraction | str] = ["" for _ in ends]
+    clearance = [-1.0 for _ in ends]
+    pending = list(range(len(ends)))
+    # Several candidates together take little more time than one.
+    batch_size = 1
+    while pending:
+        owners: list[int] = []
+        batch: list[_Candidate] = []
+        for k in pending:
+            next_candidates = list(islice(candidates[k], batch_size))
+            owners += [k] * len(next_candidates)
+            batch += next_candidates
+        followed = _follow(setup, batch, [ends[k][1] for k in owners], speeds)
+        free = iter(_examine(space, followed))
+        for k, result in zip(owners, followed, strict=True):
+            verdict = result if isinstance(result, str) else next(free)
+            if clearance[k] >= wanted[k]:
                 continue
-            if isinstance(way, str):
-                found[k] = found[k] or way
-            elif isinstance(look, Blockage):
-                found[k] = found[k] or f"{way.name} {look.what}"
-            elif look > most[k]:
-                found[k], most[k] = way, look
-        left = [k for k in dict.fromkeys(owner) if most[k] < wanted[k] - _AS_NEAR_MM]
-        count *= 2
-    return [one or "the tool points up" for one in found]
+            if isinstance(verdict, str):
+                results[k] = results[k] or verdict
+            elif verdict > clearance[k]:
+                results[k], clearance[k] = result, verdict
+        pending = [k for k in dict.fromkeys(owners) if clearance[k] < wanted[k]]
+        batch_size *= 2
+    return [result or "the tool points up" for result in results]
 
 
-def shorter(
-    setup: Setup, room: FreeSpace, end: PosePath, joints: FloatArray, speeds: LinkSpeeds
+def _examine(space: FreeSpace, results: Sequence[Retraction | str]) -> list[float | str]:
+    """The clearance of each retraction, mm, or the name and reason of the collision."""
+    retractions = [result for result in results if isinstance(result, Retraction)]
+    verdicts: list[float | str] = []
+    looks = space.look([SampledMotion(out.dense, out.looks) for out in retractions])
+    for out, result in zip(retractions, looks, strict=True):
+        verdicts.append(f"{out.name} {result.what}" if isinstance(result, Blockage) else result)
+    return verdicts
+
+
+def find_short_retraction(
+    setup: Setup, space: FreeSpace, end: PosePath, joints: FloatArray, speeds: LinkSpeeds
 ) -> Retraction | None:
-    """A way out of one end that does not lead up to the level: the longest back along the tool that is free."""
-    base_from_work = setup.base_from_work
-    start = base_from_work.rotation @ end.position[0] + np.asarray(base_from_work.origin)
-    back = -(base_from_work.rotation @ end.rotation[0])[:, 2]
-    ways = (("back", _chain(setup, end, [start, start + far * back])) for far in _BACK)
-    for named in ways:
-        (way,) = _run(setup, [named], [joints], speeds)
-        if isinstance(way, Retraction) and not isinstance(
-            room.look([SampledMotion(way.dense, way.looks)])[0], Blockage
-        ):
-            return way
+    """Find the longest free retraction back along the tool that stays below the safety level.
+
+    Returns None if none of `_SHORT_LENGTHS_MM` is free.
+    """
+    start, back = _locate(setup, end)
+    for length in _SHORT_LENGTHS_MM:
+        path = _make_path(setup, end, [start, start + length * back])
+        (result,) = _follow(setup, [("back", path)], [joints], speeds)
+        if isinstance(result, Retraction) and not isinstance(_examine(space, [result])[0], str):
+            return result
     return None
 
 
-def _run(
-    setup: Setup,
-    ways: Sequence[tuple[str, PosePath]],
-    starts: Sequence[FloatArray],
-    speeds: LinkSpeeds,
-) -> list[Retraction | str]:
-    """``ways`` out of where the joints are (J,), each with its name, as the arm runs them; or why it cannot."""
-    parts = [count_samples(way) for _, way in ways]
-    dense = [divide(way, own) for (_, way), own in zip(ways, parts, strict=True)]
-    goals = [compute_flange_poses(setup, one.position, one.rotation) for one in dense]
-    made: list[Retraction | str] = []
-    followed = follow_each(setup.robot, goals, starts, MARGIN, JUMP)
-    for (name, way), own, looks, joints, found in zip(
-        ways, parts, dense, starts, followed, strict=True
-    ):
-        if isinstance(found, Choice) and np.abs(found.joints[0] - joints).max() < 1e-6:
-            at = offsets(own)
-            speed = compute_line_speeds(setup, speeds, looks, found.joints, at)
-            none = frozen(joints[None][:0])
-            made.append(
-                Retraction(
-                    way, frozen(found.joints[at]), looks, frozen(found.joints), speed, name, none
-                )
-            )
-        else:
-            made.append(f"{name} the arm cannot follow")
-    return made
-
-
-def _ways(
-    setup: Setup, room: FreeSpace, end: PosePath, joints: FloatArray
-) -> Iterator[tuple[str, PosePath]]:
-    """What is tried, in this order."""
+def _locate(setup: Setup, end: PosePath) -> tuple[FloatArray, FloatArray]:
+    """(3,) position of the TCP and direction back along the tool, base frame."""
     base_from_work = setup.base_from_work
     start = base_from_work.rotation @ end.position[0] + np.asarray(base_from_work.origin)
-    back = -(base_from_work.rotation @ end.rotation[0])[:, 2]
+    return start, -(base_from_work.rotation @ end.rotation[0])[:, 2]
+
+
+def _follow(
+    setup: Setup, candidates: Sequence[_Candidate], starts: Sequence[FloatArray], speeds: LinkSpeeds
+) -> list[Retraction | str]:
+    """The retraction on each candidate, from joint values (J,), or why the arm cannot follow it."""
+    parts = [count_samples(path) for _, path in candidates]
+    dense = [divide(path, counts) for (_, path), counts in zip(candidates, parts, strict=True)]
+    goals = [compute_flange_poses(setup, poses.position, poses.rotation) for poses in dense]
+    results: list[Retraction | str] = []
+    choices = follow_each(setup.robot, goals, starts, MARGIN, JUMP)
+    for (name, path), counts, samples, start, choice in zip(
+        candidates, parts, dense, starts, choices, strict=True
+    ):
+        if not isinstance(choice, Choice) or np.abs(choice.joints[0] - start).max() >= 1e-6:
+            results.append(f"{name} the arm cannot follow")
+            continue
+        joints, rows = choice.joints, offsets(counts)
+        speed = compute_line_speeds(setup, speeds, samples, joints, rows)
+        at_rows, no_via = frozen(joints[rows]), frozen(start[None][:0])
+        results.append(Retraction(path, at_rows, samples, frozen(joints), speed, name, no_via))
+    return results
+
+
+def _list_candidates(
+    setup: Setup, space: FreeSpace, end: PosePath, joints: FloatArray
+) -> Iterator[_Candidate]:
+    start, back = _locate(setup, end)
     up = np.array([0.0, 0.0, 1.0])
-    straight = _straight(setup, room, start, back, end)
-    low_wrist = (
-        frames(setup.robot, joints[None])[1][0, 5, 2] < room.level if len(joints) == 6 else False
-    )
-    over = _over_wrist(setup, room, end, joints) if low_wrist else None
+    straight = _make_straight(setup, space, end, back)
+    has_low_wrist = len(joints) == 6 and frames(setup.robot, joints[None])[1][0, 5, 2] < space.level
+    over_wrist = _make_over_wrist(setup, space, end, joints) if has_low_wrist else None
     if straight is not None:
         yield "along the tool", straight
-    if over is not None:
-        yield "over the wrist", over
-    beside = start + back * _out_of(room, start, back)
-    yield (
-        "back and up",
-        _chain(
-            setup,
-            end,
-            [start, beside, beside + up * max(room.level - beside[2], _LEAST_WAY_OUT_MM)],
-        ),
-    )
-    turns = np.arange(_DIRECTIONS) * (math.tau / _DIRECTIONS) + math.atan2(back[1], back[0])
+    if over_wrist is not None:
+        yield "over the wrist", over_wrist
+    outside = start + back * _measure_distance_out(space, start, back)
+    top = outside + up * max(space.level - outside[2], _MIN_LENGTH_MM)
+    yield "back and up", _make_path(setup, end, [start, outside, top])
+    angles = np.arange(_DIRECTIONS) * (math.tau / _DIRECTIONS) + math.atan2(back[1], back[0])
     order = sorted(range(_DIRECTIONS), key=lambda k: (min(k, _DIRECTIONS - k), k))
-    slopes = [np.array([math.cos(turns[k]), math.sin(turns[k]), 1.0]) / math.sqrt(2) for k in order]
-    for name, along in [("up", up), *(("up aside", slope) for slope in slopes)]:
-        way = _straight(setup, room, start, along, end)
-        if way is not None:
-            yield name, way
+    vectors = [np.array([math.cos(angles[k]), math.sin(angles[k]), 1.0]) for k in order]
+    slopes = [vector / math.sqrt(2) for vector in vectors]
+    for name, direction in [("up", up), *(("up aside", slope) for slope in slopes)]:
+        path = _make_straight(setup, space, end, direction)
+        if path is not None:
+            yield name, path
 
 
-def _straight(
-    setup: Setup, room: FreeSpace, start: FloatArray, along: FloatArray, end: PosePath
+def _make_straight(
+    setup: Setup, space: FreeSpace, end: PosePath, direction: FloatArray
 ) -> PosePath | None:
-    """In one direction up to the level (equation 1)."""
-    if along[2] < _STEEP:
+    """A line in one direction up to the safety level (equation 1); None if it rises too little."""
+    if direction[2] < _MIN_RISE:
         return None
-    return _chain(
-        setup,
-        end,
-        [start, start + along * max((room.level - start[2]) / along[2], _LEAST_WAY_OUT_MM)],
-    )
+    start = _locate(setup, end)[0]
+    length = max((space.level - start[2]) / direction[2], _MIN_LENGTH_MM)
+    return _make_path(setup, end, [start, start + direction * length])
 
 
-def _over_wrist(
-    setup: Setup, room: FreeSpace, end: PosePath, joints: FloatArray
+def _make_over_wrist(
+    setup: Setup, space: FreeSpace, end: PosePath, joints: FloatArray
 ) -> PosePath | None:
-    """First the TCP goes to where the wrist is, turned as the link before it points, then back along it to the level
-    (the paper's second case).
+    """The TCP goes to the wrist, turned as the link before it, then back along that link.
+
+    This is the second case of the paper. None if that link rises too little.
     """
     wrist = frames(setup.robot, joints[None])[1][0, 5]
     stretched = joints.copy()
-    stretched[4] = math.copysign(_BENT, joints[4])
+    stretched[4] = math.copysign(_MIN_WRIST_ANGLE, joints[4])
     turned = flange(setup.robot, stretched[None])[0][0] @ setup.flange_from_tool.rotation
     back = -turned[:, 2]
-    if back[2] < _STEEP:
+    if back[2] < _MIN_RISE:
         return None
-    top = wrist + back * max((room.level - wrist[2]) / back[2], _LEAST_WAY_OUT_MM)
+    top = wrist + back * max((space.level - wrist[2]) / back[2], _MIN_LENGTH_MM)
     work_from_base = setup.base_from_work.inverse()
-    position = [
-        end.position[0],
-        *(np.stack([wrist, top]) @ work_from_base.rotation.T + work_from_base.origin),
-    ]
+    points = np.stack([wrist, top]) @ work_from_base.rotation.T + work_from_base.origin
     rotation = work_from_base.rotation @ turned
     return PosePath(
-        frozen(position),
+        frozen([end.position[0], *points]),
         frozen(np.full((3, 3), np.nan)),
         frozen([end.rotation[0], rotation, rotation]),
     )
 
 
-def _chain(setup: Setup, end: PosePath, points: list[FloatArray]) -> PosePath:
-    """Straight from point to point (base frame), turned as ``end``."""
+def _make_path(setup: Setup, end: PosePath, points: list[FloatArray]) -> PosePath:
+    """A pose path straight from point to point (base frame), in the orientation of `end`."""
     work_from_base = setup.base_from_work.inverse()
     position = np.stack(points) @ work_from_base.rotation.T + np.asarray(work_from_base.origin)
     position[0] = end.position[0]
@@ -235,10 +242,10 @@ def _chain(setup: Setup, end: PosePath, points: list[FloatArray]) -> PosePath:
     return PosePath(frozen(position), frozen(np.full((count, 3), np.nan)), frozen(rotation))
 
 
-def _out_of(room: FreeSpace, start: FloatArray, along: FloatArray) -> float:
-    """How far it is along a direction until the point is ``beside`` mm out of the part's box."""
-    low, high = room.low - room.holder_distance, room.high + room.holder_distance
-    ends = np.where(along > 0, high, low)
+def _measure_distance_out(space: FreeSpace, start: FloatArray, direction: FloatArray) -> float:
+    """Distance in a direction until the point is `holder_distance` out of the part's box, mm."""
+    lower, upper = space.low - space.holder_distance, space.high + space.holder_distance
+    faces = np.where(direction > 0, upper, lower)
     with np.errstate(divide="ignore"):
-        ways = np.where(np.abs(along) > 1e-9, (ends - start) / along, math.inf)
-    return max(float(ways.min()), _LEAST_WAY_OUT_MM)
+        distances = np.where(np.abs(direction) > 1e-9, (faces - start) / direction, math.inf)
+    return max(float(distances.min()), _MIN_LENGTH_MM)

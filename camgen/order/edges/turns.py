@@ -32,22 +32,22 @@ def list_turns(robot: Robot, joints: FloatArray, home: FloatArray) -> IntArray:
     joints: (N, J) joint values of the motion.
     home: (J,) joint values.
     """
-    numbers = []
+    turn_ranges = []
     for values, (low, high), turning in zip(
         joints.T, robot.limits, (list_turn_counts(robot) != 0).any(axis=0).tolist(), strict=True
     ):
-        least = math.ceil((low - values.min()) / math.tau) if turning else 0
-        greatest = math.floor((high - values.max()) / math.tau) if turning else 0
-        numbers.append(range(least, greatest + 1))
-    table = np.array(list(itertools.product(*numbers)), dtype=np.int64)
+        lowest = math.ceil((low - values.min()) / math.tau) if turning else 0
+        highest = math.floor((high - values.max()) / math.tau) if turning else 0
+        turn_ranges.append(range(lowest, highest + 1))
+    table = np.array(list(itertools.product(*turn_ranges)), dtype=np.int64)
     table = table.reshape(-1, joints.shape[1])
     table = table[table.any(axis=1)]
     moved = joints + math.tau * table[:, None]
     table, moved = (rows[are_within_limits(robot, moved).all(axis=1)] for rows in (table, moved))
     time = (np.abs(moved - home) / robot.fastest).max(axis=(1, 2))
     order = np.lexsort((*table.T[::-1], np.abs(table).sum(axis=1), np.round(time, 9)))
-    none = np.zeros((1, joints.shape[1]), dtype=np.int64)
-    return np.concatenate([none, table[order][: MOST_TURNS - 1]])
+    no_turns = np.zeros((1, joints.shape[1]), dtype=np.int64)
+    return np.concatenate([no_turns, table[order][: MOST_TURNS - 1]])
 
 
 def turn_motion(motion: EdgeMotion, whole: IntArray) -> EdgeMotion:

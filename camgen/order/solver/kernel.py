@@ -19,13 +19,13 @@ Floats = list[float]
 
 #: Kinds of items.
 BOTH_WAYS, ONE_WAY, CLOSED = 0, 1, 2
-#: Entries of ``Run.marks``: items in the queue and where it begins, entries of the log, whether
-#: changes are logged, work so far, state of the dice, shuffles in a row that no rule allowed, and
-#: all shuffles that were tried.
+#: Entries of `Run.marks`: number of items in the queue and its first entry, entries of the log,
+#: whether changes are logged, work so far, state of the random numbers, perturbations in a row that
+#: no rule allowed, and all perturbations that were tried.
 QUEUED, HEAD, LOGGED, LOGS, WORK, DICE, IDLE, SHUFFLED = 0, 1, 2, 3, 4, 5, 6, 7
 #: Kinds of entries of ``Run.log``, each five numbers.
 _TURN, _CARRY, _POINT = 0, 1, 2
-#: A move in the plane that saves less, mm, is not made: that is rounding.
+#: mm: a move in the plane that saves less is rounding, and is not made.
 EPS = 1e-7
 #: Moving this many items in the ring is as much work as evaluating one item.
 _BULK = 64
@@ -38,9 +38,9 @@ class Scene(NamedTuple):
     first: (N + 1,) index of the first point of each item.
     kind: (N,) BOTH_WAYS, ONE_WAY or CLOSED.
     step: (N,) largest distance of neighbouring samples of a closed item, mm.
-    near: (N * width,) nearest items of each item, -1 behind the last of them.
-    apart: (N * width,) least cost of a link to each of ``near``, rising.
-    width: length of a row of ``near`` and ``apart``.
+    near: (N * width,) nearest items of each item, -1 after the last of them.
+    min_cost: (N * width,) least cost of a link to each of `near`, in increasing order.
+    width: length of a row of `near` and `min_cost`.
     parent: (N,) item that has to come later, -1 for none.
     children: (N + 1,) index into ``child`` where the children of each item begin.
     child: items by parent.
@@ -60,7 +60,7 @@ class Scene(NamedTuple):
     kind: Ints
     step: Floats
     near: Ints
-    apart: Floats
+    min_cost: Floats
     width: int
     parent: Ints
     children: Ints
@@ -97,7 +97,7 @@ class Run(NamedTuple):
     marks: Ints
 
 
-def way(s: Scene, p: int, q: int) -> float:
+def measure_distance(s: Scene, p: int, q: int) -> float:
     """Distance of two points in the plane, mm."""
     x, y, nowhere = s.x, s.y, s.nowhere
     if nowhere >= 0 and nowhere in (p, q):
@@ -110,7 +110,7 @@ def link_cost(s: Scene, p: int, q: int) -> float:
     """Cost of the link from point ``p`` to point ``q``, by the table or in the plane."""
     if len(s.table) > 0:
         return s.table[p * len(s.kind) + q]
-    return way(s, p, q)
+    return measure_distance(s, p, q)
 
 
 def after(r: Run, item: int) -> int:
@@ -252,7 +252,7 @@ def choose_sample(s: Scene, item: int, p: int, q: int, now: int) -> int:
     px, py, qx, qy = x[p], y[p], x[q], y[q]
     ax, ay, bx, by = px - x[now], py - y[now], qx - x[now], qy - y[now]
     best = sqrt(ax * ax + ay * ay) + sqrt(bx * bx + by * by) - EPS
-    if best <= way(s, p, q):
+    if best <= measure_distance(s, p, q):
         return now
     choice = now
     k = s.first[item]
@@ -270,11 +270,16 @@ def choose_sample(s: Scene, item: int, p: int, q: int, now: int) -> int:
     return choice
 
 
-def settle(s: Scene, r: Run, item: int) -> float:
+def improve_item(s: Scene, r: Run, item: int) -> float:
     """Starts a closed item at its best point, or reverses an open item in its place; the change."""
     p, q, now, end = r.leave[ahead(r, item)], r.enter[after(r, item)], r.enter[item], r.leave[item]
     if s.kind[item] == BOTH_WAYS:
-        change = way(s, p, end) + way(s, now, q) - way(s, p, now) - way(s, end, q)
+        change = (
+            measure_distance(s, p, end)
+            + measure_distance(s, now, q)
+            - measure_distance(s, p, now)
+            - measure_distance(s, end, q)
+        )
         if change > -EPS:
             return 0.0
         turn(s, r, r.place[item], r.place[item])
@@ -285,7 +290,12 @@ def settle(s: Scene, r: Run, item: int) -> float:
     if point == now:
         return 0.0
     set_point(r, item, point)
-    return way(s, p, point) + way(s, point, q) - way(s, p, now) - way(s, now, q)
+    return (
+        measure_distance(s, p, point)
+        + measure_distance(s, point, q)
+        - measure_distance(s, p, now)
+        - measure_distance(s, now, q)
+    )
 
 
 def may_turn(s: Scene, r: Run, low: int, high: int) -> bool:
@@ -302,8 +312,8 @@ def may_turn(s: Scene, r: Run, low: int, high: int) -> bool:
     for item in r.ring[low : high + 1]:
         if kind[item] == ONE_WAY:
             return False
-        over = parent[item]
-        if over >= 0 and low <= place[over] <= high:
+        later = parent[item]
+        if later >= 0 and low <= place[later] <= high:
             return False
     return True
 
@@ -320,10 +330,10 @@ def may_carry(s: Scene, r: Run, low: int, count: int, past: int, back: int) -> b
         item = r.ring[k]
         if back and s.kind[item] == ONE_WAY:
             return False
-        over = s.parent[item]
-        if over >= 0:
-            inside = low <= r.place[over] < low + count
-            if (back and inside) or (past > 0 and not inside and low <= r.place[over] <= right):
+        later = s.parent[item]
+        if later >= 0:
+            inside = low <= r.place[later] < low + count
+            if (back and inside) or (past > 0 and not inside and low <= r.place[later] <= right):
                 return False
         if past < 0:
             for m in range(s.children[item], s.children[item + 1]):

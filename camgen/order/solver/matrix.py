@@ -1,8 +1,9 @@
-"""The shortest order of a few hundred items whose costs are a table: edges of a 3-D part, links of any kind.
+"""The shortest order of a few hundred items by a table of costs: edges of a 3-D part, any links.
 
-Item i is run from its end 0 to its end 1, or backwards. Costs may differ by direction and may be infinite. Up to
-``EXACT`` items the result is the best there is (Held and Karp's dynamic program over sets); above it is found by moving
-and reversing stretches, and by starting again from small shuffles of the best order.
+Item i is run from its end 0 to its end 1, or reversed. Costs may differ by direction and may be
+infinite. Up to `EXACT` items the result is the best order (Held and Karp's dynamic program over
+sets). For more items sections are moved and reversed, and the search starts again from small
+perturbations of the best order.
 """
 
 from __future__ import annotations
@@ -17,19 +18,19 @@ from msgspec import Struct
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 
-# Numbers that only look random: the same seed gives the same ones on every machine and with every library.
+# Pseudo-random numbers that are the same on every machine and with every library.
 
 _MASK = 0xFFFFFFFF
 
 
 class Dice:
-    """A stream of whole numbers. seed: 0 or more; equal seeds give equal streams."""
+    """A stream of whole numbers; equal seeds, 0 or more, give equal streams."""
 
     def __init__(self, seed: int) -> None:
         self.state = (seed * 0x9E3779B1 + 0x7F4A7C15) & _MASK
 
     def below(self, bound: int) -> int:
-        """The next number, 0 to ``bound`` - 1."""
+        """The next number, 0 to `bound` - 1."""
         self.state = (self.state + 0x9E3779B9) & _MASK
         word = self.state
         word = ((word ^ (word >> 16)) * 0x85EBCA6B) & _MASK
@@ -37,27 +38,27 @@ class Dice:
         return (word ^ (word >> 16)) % bound
 
 
-#: The items in the order in which they are run, and of each of these, whether it is run backwards.
+#: The items in the order in which they are run, and whether each of these is reversed.
 Order = tuple[list[int], list[bool]]
-#: position from and to (inclusive) of what changes; where in it a stretch begins that goes to the other end, how long
-#: that is, and whether it is turned round; what it gains.
+#: First and last position that change, first position and length of the section that moves to the
+#: other end, whether that is reversed, and the change of the cost.
 _Move = tuple[int, int, int, int, bool, float]
-#: The order in which moves are made.
-_GAIN = itemgetter(5, 0)
-#: Of each order what ``_room`` says.
-_Rooms = list[tuple[IntArray, IntArray]]
+#: Sort key of moves: the change of the cost, then the position.
+_MOVE_KEY = itemgetter(5, 0)
+#: Result of `_find_limits` for each order.
+_Limits = list[tuple[IntArray, IntArray]]
 
 
 class Table(Struct, frozen=True, eq=False):
     """Costs of all links of n items, inf for a link that is not possible.
 
-    between: (n, 2, n, 2) from end a of item i, where it is left, to end b of item j, where it is
-        entered; ``between[i, a, j, b]``. The entries of an item to itself are not read.
-    first: (n, 2) from home to each end of each item; zeros where nothing comes before.
-    last: (n, 2) from each end of each item to home; zeros where nothing comes after.
+    between: (n, 2, n, 2) cost `between[i, a, j, b]` from end a of item i, where it is left, to end
+        b of item j, where it is entered. The entries of an item to itself are not read.
+    first: (n, 2) cost from home to each end of each item; zeros if nothing comes before.
+    last: (n, 2) cost from each end of each item to home; zeros if nothing comes after.
 
-    Infinite costs in ``first`` or ``last`` fix the first or the last item. What an item costs when it
-    is run backwards may be added to the links that enter it there.
+    Infinite costs in `first` or `last` fix the first or the last item. The cost of an item that is
+    reversed may be added to the links that enter it there.
     """
 
     between: FloatArray
@@ -76,15 +77,19 @@ class Rules(Struct, frozen=True, eq=False):
     rank: IntArray
 
 
-#: So many items are ordered exactly: 2^n sets.
+#: Maximum number of items that are ordered exactly: there are 2^n sets.
 EXACT = 10
-#: Longest stretch that is moved elsewhere; longer ones are only reversed.
+#: Maximum number of items in a section that is moved; longer ones are only reversed.
 _LONGEST_MOVED = 3
-#: Work spent on shuffles, in entries of the table looked at, and the bounds on their number.
-_WORK, _LEAST_SHUFFLES, _MOST_SHUFFLES = 2_000_000, 20, 300
-#: Entries of the tables of one batch of shuffles, and the most shuffles in it.
-_BATCH, _WIDEST = 20_000, 64
-#: Share of the costs below which a gain is rounding.
+#: Entries of the table that all perturbations together read; it sets their number.
+_WORK = 2_000_000
+#: Minimum and maximum number of perturbations.
+_MIN_TRIALS, _MAX_TRIALS = 20, 300
+#: Entries of the tables of one batch of perturbations.
+_BATCH_ENTRIES = 20_000
+#: Maximum number of perturbations in a batch.
+_MAX_BATCH = 64
+#: Fraction of the costs below which an improvement is rounding.
 _EPS = 1e-12
 
 
@@ -95,37 +100,37 @@ def shortest(
     start: Order | None = None,
     rules: Rules | None = None,
 ) -> Order:
-    """The order and the directions of n items that cost least, from home through all items and back.
-
-    seed: seed of the shuffles; equal seeds give equal orders.
-    effort: number of shuffles as a fraction of the usual number.
-    start: order from which the search goes on, None for that of the nearest neighbour.
-    rules: precedence that ``start`` keeps, and so does every order of the search.
+    """The order and the directions of n items with the least cost from home through all and back.
 
     If no order is finite, the result has the fewest infinite links of all orders that were
-    evaluated, and its ``total`` is inf. ValueError for tables of other shapes, for NaN or -inf, and
-    for rules without a start.
+    evaluated, and its `total` is inf. Raises ValueError for tables of other shapes, for NaN or
+    -inf, and for rules without a start.
+
+    seed: seed of the perturbations; equal seeds give equal orders.
+    effort: number of perturbations as a fraction of the usual number.
+    start: order from which the search starts, None for that of the nearest neighbour.
+    rules: precedence that `start` and every order of the search keep.
     """
     if rules is not None and start is None:
         raise ValueError("an order that keeps the rules is needed to start from")
-    count = _check(table)
+    count = _check_table(table)
     if count == 0:
         return [], []
-    steps = _steps(table)
+    steps = _make_steps(table)
     if count <= EXACT and rules is None:
-        return _items(_exact(steps))
+        return _split_states(_order_exactly(steps))
     items, flipped = nearest(table) if start is None else start
     home = 2 * count
     states = np.array([home, *(2 * i + back for i, back in zip(items, flipped, strict=True)), home])
-    return _items(_iterate(states, steps, seed, effort, rules)[1:-1])
+    return _split_states(_search(states, steps, seed, effort, rules)[1:-1])
 
 
 def nearest(table: Table) -> Order:
     """The order of the nearest neighbour ("Following a continuous path", section 3.1).
 
-    Of equally near items the one with the lowest index comes next.
+    If several items are equally near, the one with the lowest index comes next.
     """
-    count = _check(table)
+    count = _check_table(table)
     is_pending = np.ones(count, dtype=bool)
     order: list[int] = []
     flipped: list[bool] = []
@@ -151,8 +156,8 @@ def total(table: Table, order: Sequence[int], flipped: Sequence[bool]) -> float:
     return math.fsum(costs)
 
 
-def _check(table: Table) -> int:
-    """The number of items. ValueError for tables of other shapes, NaN or -inf."""
+def _check_table(table: Table) -> int:
+    """The number of items. Raises ValueError for tables of other shapes, NaN or -inf."""
     between, first, last = table.between, table.first, table.last
     count = len(first)
     if (
@@ -172,11 +177,11 @@ def _check(table: Table) -> int:
     return count
 
 
-def _steps(table: Table) -> FloatArray:
+def _make_steps(table: Table) -> FloatArray:
     """Costs (2n + 1, 2n + 1) from state to state.
 
-    State 2 i + o is item i entered at its end o, state 2n is home. An infinite cost becomes a number
-    above the cost of any finite order, so that sums and differences stay numbers.
+    State 2 i + o is item i entered at its end o, state 2n is home. An infinite cost becomes a
+    number above the cost of any finite order, so that sums and differences stay numbers.
     """
     count = len(table.first)
     home = 2 * count
@@ -192,11 +197,11 @@ def _steps(table: Table) -> FloatArray:
     return steps
 
 
-def _items(states: IntArray) -> Order:
+def _split_states(states: IntArray) -> Order:
     return (states >> 1).tolist(), (states & 1).astype(bool).tolist()
 
 
-def _exact(steps: FloatArray) -> IntArray:
+def _order_exactly(steps: FloatArray) -> IntArray:
     """The best order by dynamic programming over the sets of items that have been run."""
     home = len(steps) - 1
     count = home // 2
@@ -225,33 +230,32 @@ def _exact(steps: FloatArray) -> IntArray:
     return np.array(states[::-1])
 
 
-def _iterate(
+def _search(
     states: IntArray, steps: FloatArray, seed: int, effort: float, rules: Rules | None
 ) -> IntArray:
-    """Local search, then again and again from the best order with two neighbouring stretches exchanged and one item
-    turned round; so many at once that the work is done in large arrays.
-    """
+    """Local search from an order, then from perturbations of the best order, many at once."""
     count = len(states) - 2
     dice = Dice(seed)
-    best: IntArray = _improve(states[None], steps, rules)[0]
+    best: IntArray = _improve_orders(states[None], steps, rules)[0]
     if count < 2:
         return best
-    least = _cost(best, steps)
-    trials = math.ceil(effort * min(max(_WORK // count**2, _LEAST_SHUFFLES), _MOST_SHUFFLES))
+    least = _sum_costs(best, steps)
+    trials = math.ceil(effort * min(max(_WORK // count**2, _MIN_TRIALS), _MAX_TRIALS))
     while trials > 0:
-        batch = min(trials, max(_BATCH // count**2, 1), _WIDEST)
+        batch = min(trials, max(_BATCH_ENTRIES // count**2, 1), _MAX_BATCH)
         trials -= batch
-        shuffled = np.stack([_shuffle(best, dice) for _ in range(batch)])
+        perturbed = np.stack([_perturb(best, dice) for _ in range(batch)])
         if rules is not None:
-            shuffled = shuffled[[_keeps(one, rules) for one in shuffled]]
-        for trial in _improve(shuffled, steps, rules):
-            cost = _cost(trial, steps)
+            perturbed = perturbed[[_keeps_rules(order, rules) for order in perturbed]]
+        for trial in _improve_orders(perturbed, steps, rules):
+            cost = _sum_costs(trial, steps)
             if cost < least - _EPS * abs(least):
                 best, least = trial, cost
     return best
 
 
-def _shuffle(states: IntArray, dice: Dice) -> IntArray:
+def _perturb(states: IntArray, dice: Dice) -> IntArray:
+    """Exchange two neighbouring sections and reverse one item."""
     count = len(states) - 2
     reach = max(1, min(count // 2, 30))
     a, b = 1 + dice.below(reach), 1 + dice.below(reach)
@@ -262,166 +266,172 @@ def _shuffle(states: IntArray, dice: Dice) -> IntArray:
     return trial
 
 
-def _cost(states: IntArray, steps: FloatArray) -> float:
+def _sum_costs(states: IntArray, steps: FloatArray) -> float:
     return math.fsum(steps[states[:-1], states[1:]].tolist())
 
 
-def _room(states: IntArray, rules: Rules) -> tuple[IntArray, IntArray]:
-    """Of an order (n + 2,), for each position 1..n the last one that must come before it, 0: none, and the first one
-    that must come after it, n + 1: none; (n,) each.
+def _find_limits(states: IntArray, rules: Rules) -> tuple[IntArray, IntArray]:
+    """For each position of an order (n + 2,), the last one before and the first one after by rule.
+
+    Both are (n,), for the positions 1..n; 0 and n + 1 if no item must come before or after.
     """
     items = states[1:-1] >> 1
     count = len(items)
     place = np.empty(count, dtype=np.int64)
     place[items] = np.arange(1, count + 1)
     parent, rank = rules.parent[items], rules.rank[items]
-    # Ranks rise along an order that keeps the rules.
-    low = np.searchsorted(rank, rank, side="left")
-    high = np.searchsorted(rank, rank, side="right") + 1
-    below = parent >= 0
-    high[below] = np.minimum(high[below], place[parent[below]])
-    np.maximum.at(low, place[parent[below]] - 1, np.flatnonzero(below) + 1)
-    return low, high
+    # Ranks increase along an order that keeps the rules.
+    before = np.searchsorted(rank, rank, side="left")
+    after = np.searchsorted(rank, rank, side="right") + 1
+    has_parent = parent >= 0
+    after[has_parent] = np.minimum(after[has_parent], place[parent[has_parent]])
+    np.maximum.at(before, place[parent[has_parent]] - 1, np.flatnonzero(has_parent) + 1)
+    return before, after
 
 
-def _keeps(states: IntArray, rules: Rules) -> bool:
-    """Whether an order (n + 2,) keeps the rules."""
+def _keeps_rules(states: IntArray, rules: Rules) -> bool:
     items = states[1:-1] >> 1
     place = np.empty(len(items), dtype=np.int64)
     place[items] = np.arange(len(items))
-    below = rules.parent >= 0
+    has_parent = rules.parent >= 0
     return bool(
         (np.diff(rules.rank[items]) >= 0).all()
-        and (place[rules.parent[below]] > place[below]).all()
+        and (place[rules.parent[has_parent]] > place[has_parent]).all()
     )
 
 
-def _improve(states: IntArray, steps: FloatArray, rules: Rules | None = None) -> IntArray:
-    """The orders (B, n + 2), each after all moves that shorten it: the best ones first, many at a time where they do
-    not overlap.
+def _improve_orders(states: IntArray, steps: FloatArray, rules: Rules | None = None) -> IntArray:
+    """The orders (B, n + 2) after all moves that shorten them.
+
+    The best moves come first, several at a time if they do not overlap.
     """
     states = states.copy()
     eps = _EPS * float(np.abs(steps).max())
     active = np.arange(len(states))
     while len(active):
         moves: list[list[_Move]] = [[] for _ in active]
-        rooms = None if rules is None else [_room(states[k], rules) for k in active]
-        _reversals(states[active], steps, eps, moves, rooms)
-        _transfers(states[active], steps, eps, moves, rooms)
-        for k, found in zip(active.tolist(), moves, strict=True):
-            # With rules a move may ask for the places of what another one moved: one at a time.
-            _apply(states[k], found if rules is None else sorted(found, key=_GAIN)[:1])
-        active = active[[bool(found) for found in moves]]
+        limits = None if rules is None else [_find_limits(states[k], rules) for k in active]
+        _add_reversals(states[active], steps, eps, moves, limits)
+        _add_relocations(states[active], steps, eps, moves, limits)
+        for k, of_order in zip(active.tolist(), moves, strict=True):
+            of_order.sort(key=_MOVE_KEY)
+            # With rules the limits of a move may change by another one: one move at a time.
+            _make_moves(states[k], of_order if rules is None else of_order[:1])
+        active = active[[bool(of_order) for of_order in moves]]
     return states
 
 
-def _apply(states: IntArray, moves: list[_Move]) -> None:
-    """Carry out the moves of one order, but for those that meet a better one."""
-    moves.sort(key=_GAIN)
+def _make_moves(states: IntArray, moves: list[_Move]) -> None:
+    """Make the sorted moves of one order, except those that overlap with an earlier one."""
     taken = bytearray(len(states))
-    for low, high, begin, size, turned, _ in moves:
-        # A move speaks of the steps into and out of its range; those of another one must be left as they were.
+    for low, high, begin, size, is_reversed, _ in moves:
+        # A move depends on the links into and out of its range, which must be unchanged.
         if 1 not in taken[low - 1 : high + 2]:
             taken[low - 1 : high + 2] = b"\1" * (high + 3 - low)
-            stretch = states[begin : begin + size]
-            stretch = _flip(stretch[::-1]) if turned else stretch
-            rest = states[low:begin], states[begin + size : high + 1]
-            states[low : high + 1] = np.concatenate([rest[1], stretch, rest[0]])
+            section = states[begin : begin + size]
+            section = _reverse_states(section[::-1]) if is_reversed else section
+            before, after = states[low:begin], states[begin + size : high + 1]
+            states[low : high + 1] = np.concatenate([after, section, before])
 
 
-def _flip(states: IntArray) -> IntArray:
-    """The items of ``states`` in the other direction; home, the last state, never stands inside a range."""
+def _reverse_states(states: IntArray) -> IntArray:
+    """The items in the other direction. Home, the last state, is never inside a range."""
     return states ^ 1
 
 
-def _sums(states: IntArray, steps: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Costs from position 1 up to each position 1..n, as it stands, and the same stretch run backwards; (B, n) each."""
+def _sum_along(states: IntArray, steps: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(B, n) costs from position 1 to each position 1..n, forwards and for the reversed section."""
     inner = states[:, 1:-1]
-    there, back = np.zeros(inner.shape), np.zeros(inner.shape)
-    np.cumsum(steps[inner[:, :-1], inner[:, 1:]], axis=1, out=there[:, 1:])
-    np.cumsum(steps[_flip(inner[:, 1:]), _flip(inner[:, :-1])], axis=1, out=back[:, 1:])
-    return there, back
+    back_states = _reverse_states(inner)
+    ahead, back = np.zeros(inner.shape), np.zeros(inner.shape)
+    np.cumsum(steps[inner[:, :-1], inner[:, 1:]], axis=1, out=ahead[:, 1:])
+    np.cumsum(steps[back_states[:, 1:], back_states[:, :-1]], axis=1, out=back[:, 1:])
+    return ahead, back
 
 
-def _reversals(
-    states: IntArray, steps: FloatArray, eps: float, moves: list[list[_Move]], rooms: _Rooms | None
+def _add_reversals(
+    states: IntArray,
+    steps: FloatArray,
+    eps: float,
+    moves: list[list[_Move]],
+    limits: _Limits | None,
 ) -> None:
-    """Of each order, for each first position the best stretch to reverse (2-opt, with the costs of the other
-    direction).
+    """Add the best section to reverse from each position of each order to `moves` (2-opt).
+
+    The costs in the other direction count for the section.
     """
     inner, before, after = states[:, 1:-1], states[:, :-2], states[:, 2:]
-    there, back = _sums(states, steps)
-    turn = back - there
-    gain = (
-        steps[before[:, :, None], _flip(inner)[:, None, :]]
-        + steps[_flip(inner)[:, :, None], after[:, None, :]]
-    )
-    gain -= steps[before, inner][:, :, None] + steps[inner, after][:, None, :]
-    gain += turn[:, None, :] - turn[:, :, None]
-    gain[:, np.tri(inner.shape[1], k=-1, dtype=bool)] = 0.0
-    for k, (_, high) in enumerate(rooms or ()):
-        # A stretch that holds an item and one that must come after it is not turned round.
-        first = np.minimum.accumulate(high[::-1])[::-1]
-        gain[k][np.arange(1, inner.shape[1] + 1) >= first[:, None]] = 0.0
-    ends = gain.argmin(axis=2)
-    least = np.take_along_axis(gain, ends[:, :, None], axis=2)[:, :, 0]
+    back_states = _reverse_states(inner)
+    ahead, back = _sum_along(states, steps)
+    extra = back - ahead
+    change = steps[before[:, :, None], back_states[:, None, :]]
+    change = change + steps[back_states[:, :, None], after[:, None, :]]
+    change -= steps[before, inner][:, :, None] + steps[inner, after][:, None, :]
+    change += extra[:, None, :] - extra[:, :, None]
+    change[:, np.tri(inner.shape[1], k=-1, dtype=bool)] = 0.0
+    for k, (_, latest) in enumerate(limits or ()):
+        # A section with an item and one that must come after it is not reversed.
+        first = np.minimum.accumulate(latest[::-1])[::-1]
+        change[k][np.arange(1, inner.shape[1] + 1) >= first[:, None]] = 0.0
+    ends = change.argmin(axis=2)
+    least = np.take_along_axis(change, ends[:, :, None], axis=2)[:, :, 0]
     for k, i in np.argwhere(least < -eps).tolist():
         j = int(ends[k, i])
         moves[k].append((i + 1, j + 1, i + 1, j + 1 - i, True, float(least[k, i])))
 
 
-def _transfers(
-    states: IntArray, steps: FloatArray, eps: float, moves: list[list[_Move]], rooms: _Rooms | None
+def _add_relocations(
+    states: IntArray,
+    steps: FloatArray,
+    eps: float,
+    moves: list[list[_Move]],
+    limits: _Limits | None,
 ) -> None:
-    """Of each order, for each short stretch its best other place, in either direction (Or-opt)."""
+    """Add the best other place of each short section of each order to `moves` (Or-opt)."""
     count = states.shape[1] - 2
-    there, back = _sums(states, steps)
-    gap = steps[states[:, :-1], states[:, 1:]]
+    ahead, back = _sum_along(states, steps)
+    links = steps[states[:, :-1], states[:, 1:]]
     place = np.arange(count + 1)
     for size in range(1, min(_LONGEST_MOVED, count - 1) + 1):
         low = np.arange(1, count - size + 2)
         high = low + size - 1
-        saved = gap[:, low - 1] + gap[:, high] - steps[states[:, low - 1], states[:, high + 1]]
-        turned = (back[:, high - 1] - back[:, low - 1]) - (there[:, high - 1] - there[:, low - 1])
-        own = (place[None, :] >= low[:, None] - 1) & (place[None, :] <= high[:, None])
-        for back_to_front in (False, True):
+        saved = links[:, low - 1] + links[:, high] - steps[states[:, low - 1], states[:, high + 1]]
+        extra = (back[:, high - 1] - back[:, low - 1]) - (ahead[:, high - 1] - ahead[:, low - 1])
+        inside = (place[None, :] >= low[:, None] - 1) & (place[None, :] <= high[:, None])
+        for is_reversed in (False, True):
             head, tail = states[:, low, None], states[:, high, None]
-            if back_to_front:
-                head, tail = _flip(tail), _flip(head)
-            cost = (
-                steps[states[:, None, :-1], head]
-                + steps[tail, states[:, None, 1:]]
-                - gap[:, None, :]
-            )
-            cost += (turned * back_to_front - saved)[:, :, None]
-            cost[:, own] = 0.0
-            for k, room in enumerate(rooms or ()):
-                cost[k][_forbidden(room, low, size, place, back_to_front)] = 0.0
-            best = cost.argmin(axis=2)
-            least = np.take_along_axis(cost, best[:, :, None], axis=2)[:, :, 0]
+            if is_reversed:
+                head, tail = _reverse_states(tail), _reverse_states(head)
+            change = steps[states[:, None, :-1], head] + steps[tail, states[:, None, 1:]]
+            change -= links[:, None, :]
+            change += (extra * is_reversed - saved)[:, :, None]
+            change[:, inside] = 0.0
+            for k, of_order in enumerate(limits or ()):
+                change[k][_find_forbidden(of_order, low, size, place, is_reversed)] = 0.0
+            best = change.argmin(axis=2)
+            least = np.take_along_axis(change, best[:, :, None], axis=2)[:, :, 0]
             for k, i in np.argwhere(least < -eps).tolist():
-                moves[k].append(
-                    _move(i + 1, size, int(best[k, i]), back_to_front, float(least[k, i]))
-                )
+                saving = float(least[k, i])
+                moves[k].append(_make_move(i + 1, size, int(best[k, i]), is_reversed, saving))
 
 
-def _forbidden(
-    room: tuple[IntArray, IntArray], low: IntArray, size: int, place: IntArray, back_to_front: bool
+def _find_forbidden(
+    limits: tuple[IntArray, IntArray], low: IntArray, size: int, place: IntArray, is_reversed: bool
 ) -> BoolArray:
-    """Which stretches (L,) of ``size`` from ``low`` must not come behind which places (P,): (L, P)."""
+    """Which sections (L,) of `size` from `low` must not come after which places (P,), (L, P)."""
     inside = low[:, None] - 1 + np.arange(size)
-    before, after = room[0][inside], room[1][inside]
+    before, after = limits[0][inside], limits[1][inside]
     high = low + size - 1
-    # Where what must come before, or after, is within the stretch, more of it may be right before it, or behind it.
+    # A limit within the section does not count: the section moves as a whole.
     earliest = np.minimum(before, low[:, None] - 1).max(axis=1)
     latest = np.maximum(after, high[:, None] + 1).min(axis=1)
-    bad = (place < earliest[:, None]) | (place >= latest[:, None])
-    if back_to_front:
-        bad |= (after <= high[:, None]).any(axis=1)[:, None]
-    return np.asarray(bad)
+    forbidden = (place < earliest[:, None]) | (place >= latest[:, None])
+    if is_reversed:
+        forbidden |= (after <= high[:, None]).any(axis=1)[:, None]
+    return np.asarray(forbidden)
 
 
-def _move(low: int, size: int, place: int, turned: bool, gain: float) -> _Move:
-    """The stretch of ``size`` from position ``low`` put behind position ``place``."""
+def _make_move(low: int, size: int, place: int, is_reversed: bool, change: float) -> _Move:
+    """The move of the section of `size` from position `low` to after position `place`."""
     ends = (place + 1, low + size - 1) if place < low else (low, place)
-    return *ends, low, size, turned, gain
+    return *ends, low, size, is_reversed, change

@@ -16,13 +16,13 @@ from camgen.order.solver.kernel import (
     ahead,
     carry,
     choose_sample,
+    improve_item,
     may_carry,
     may_turn,
+    measure_distance,
     push,
     set_point,
-    settle,
     turn,
-    way,
 )
 
 #: Largest number of items that are relocated together.
@@ -42,18 +42,18 @@ def choose_samples(s: Scene, first: End, second: End) -> tuple[float, int, int]:
     """
     (a, pa, beyond_a), (b, pb, beyond_b) = first, second
     na, nb = pa, pb
-    saved = way(s, pa, pb)
+    saved = measure_distance(s, pa, pb)
     if s.kind[a] == CLOSED:
-        saved += way(s, beyond_a, pa)
+        saved += measure_distance(s, beyond_a, pa)
         na = choose_sample(s, a, beyond_a, pb, pa)
     if s.kind[b] == CLOSED:
-        saved += way(s, pb, beyond_b)
+        saved += measure_distance(s, pb, beyond_b)
         nb = choose_sample(s, b, na, beyond_b, pb)
-    saved -= way(s, na, nb)
+    saved -= measure_distance(s, na, nb)
     if s.kind[a] == CLOSED:
-        saved -= way(s, beyond_a, na)
+        saved -= measure_distance(s, beyond_a, na)
     if s.kind[b] == CLOSED:
-        saved -= way(s, nb, beyond_b)
+        saved -= measure_distance(s, nb, beyond_b)
     return saved, na, nb
 
 
@@ -69,34 +69,42 @@ def relink(s: Scene, r: Run, a: int, forward: bool) -> float:
     b = ring[place[a] + after_of]
     pa, pb = leave[a], enter[b]
     out_a, out_b = leave[ring[place[a] + ahead_of]], enter[ring[place[b] + after_of]]
-    old = way(s, pa, pb)
-    own_a, end_a = (way(s, out_a, pa), out_a) if s.kind[a] == CLOSED else (0.0, pa)
-    own_b, end_b = (way(s, pb, out_b), out_b) if s.kind[b] == CLOSED else (0.0, pb)
+    old = measure_distance(s, pa, pb)
+    own_a, end_a = (measure_distance(s, out_a, pa), out_a) if s.kind[a] == CLOSED else (0.0, pa)
+    own_b, end_b = (measure_distance(s, pb, out_b), out_b) if s.kind[b] == CLOSED else (0.0, pb)
     best, best_c = -EPS, -1
     na, nb, nc, nd = pa, pb, pa, pb
     for k in range(a * s.width, (a + 1) * s.width):
         c = s.near[k]
-        if c < 0 or s.apart[k] >= old + own_a:
+        if c < 0 or s.min_cost[k] >= old + own_a:
             break
         d = ring[place[c] + after_of]
         if c == b or d == a:
             continue
         pc, pd = leave[c], enter[d]
-        ac, bd = way(s, pa, pc), way(s, pb, pd)
-        change = ac + bd - old - way(s, pc, pd)
+        ac, bd = measure_distance(s, pa, pc), measure_distance(s, pb, pd)
+        change = ac + bd - old - measure_distance(s, pc, pd)
         ma, mb, mc, md = pa, pb, pc, pd
         # Neighbours of a and b choose their samples after the move.
         e, f = ring[place[c] + ahead_of], ring[place[d] + after_of]
         if e not in (a, b) and f not in (a, b):
             out_c, out_d = leave[e], enter[f]
-            own_c, end_c = (way(s, pc, out_c), out_c) if s.kind[c] == CLOSED else (0.0, pc)
-            own_d, end_d = (way(s, pd, out_d), out_d) if s.kind[d] == CLOSED else (0.0, pd)
+            own_c, end_c = (
+                (measure_distance(s, pc, out_c), out_c) if s.kind[c] == CLOSED else (0.0, pc)
+            )
+            own_d, end_d = (
+                (measure_distance(s, pd, out_d), out_d) if s.kind[d] == CLOSED else (0.0, pd)
+            )
             # At least as much as ``choose_samples`` saves: nothing is shorter than a straight line.
             first = (
-                0.0 if end_a == pa and end_c == pc else own_a + own_c + ac - way(s, end_a, end_c)
+                0.0
+                if end_a == pa and end_c == pc
+                else own_a + own_c + ac - measure_distance(s, end_a, end_c)
             )
             second = (
-                0.0 if end_b == pb and end_d == pd else own_b + own_d + bd - way(s, end_b, end_d)
+                0.0
+                if end_b == pb and end_d == pd
+                else own_b + own_d + bd - measure_distance(s, end_b, end_d)
             )
             if change - first - second < best:
                 saved, ma, mc = choose_samples(s, (a, pa, out_a), (c, pc, out_c))
@@ -132,12 +140,12 @@ def between(s: Scene, r: Run, head: int, tail: int, p: int, q: int) -> tuple[flo
     Returns the mm that it adds, 1 where it is run backwards, else 0, and the point of a single
     closed item, else -1.
     """
-    gap = way(s, p, q)
+    gap = measure_distance(s, p, q)
     if head == tail and s.kind[head] == CLOSED:
         point = choose_sample(s, head, p, q, r.enter[head])
-        return way(s, p, point) + way(s, point, q) - gap, 0, point
-    cost = way(s, p, r.enter[head]) + way(s, r.leave[tail], q) - gap
-    turned = way(s, p, r.leave[tail]) + way(s, r.enter[head], q) - gap
+        return measure_distance(s, p, point) + measure_distance(s, point, q) - gap, 0, point
+    cost = measure_distance(s, p, r.enter[head]) + measure_distance(s, r.leave[tail], q) - gap
+    turned = measure_distance(s, p, r.leave[tail]) + measure_distance(s, r.enter[head], q) - gap
     if turned < cost and (head != tail or s.kind[head] == BOTH_WAYS):
         return turned, 1, -1
     return cost, 0, -1
@@ -156,13 +164,17 @@ def insert(s: Scene, r: Run, a: int, count: int, leading: bool) -> float:  # noq
         return 0.0
     p, n = ahead(r, head), after(r, tail)
     lp, en = r.leave[p], r.enter[n]
-    saved = way(s, lp, r.enter[head]) + way(s, r.leave[tail], en) - way(s, lp, en)
+    saved = (
+        measure_distance(s, lp, r.enter[head])
+        + measure_distance(s, r.leave[tail], en)
+        - measure_distance(s, lp, en)
+    )
     if saved < EPS:
         return 0.0
     best, best_past, best_back, best_point = -EPS, 0, 0, -1
     for k in range(a * s.width, (a + 1) * s.width):
         c = s.near[k]
-        if c < 0 or s.apart[k] >= saved:
+        if c < 0 or s.min_cost[k] >= saved:
             break
         offset = (r.place[c] - low) % size
         if offset < count:
@@ -189,7 +201,8 @@ def insert(s: Scene, r: Run, a: int, count: int, leading: bool) -> float:  # noq
 
 
 def shorter(s: Scene, low: int, count: int, past: int, size: int) -> int:
-    """The number of items to pass, negative for backwards, where a stretch goes past ``past`` items.
+    """The number of items to pass, negative for backwards, where a stretch goes past ``past``
+    items.
 
     Going back past all others leads to the same tour. A directed tour must not pass home; else
     the smaller number is chosen.
@@ -202,7 +215,7 @@ def shorter(s: Scene, low: int, count: int, past: int, size: int) -> int:
 
 def improve_in_plane(s: Scene, r: Run, a: int) -> float:
     """Makes a move of the first kind that shortens the tour at ``a``; the change, 0 for no move."""
-    change = settle(s, r, a)
+    change = improve_item(s, r, a)
     if change < 0.0:
         for item in (ahead(r, a), after(r, a), a):
             push(r, item)

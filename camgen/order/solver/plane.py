@@ -16,36 +16,20 @@ from camgen.model.tolerance import NONZERO
 from camgen.order.solver import kernel, local_search, speed
 from camgen.order.solver.kernel import CLOSED, Run, Scene
 
-__all__ = [
-    "DONE",
-    "STOPPED",
-    "TIMED",
-    "Clock",
-    "Items",
-    "Problem",
-    "Start",
-    "Tell",
-    "both_ends",
-    "discs_of",
-    "ends_apart",
-    "shorten",
-    "with_home",
-]
-
 #: Nearest items to which moves are tried.
 WIDTH = 8
 #: Evaluations from which the compiled search saves more time than its start takes.
-_WORTH = 30_000
+_MIN_COMPILED_EVALUATIONS = 30_000
 #: Seconds by the clock from which it does, s.
-_WORTH_SECONDS = 0.2
+_MIN_COMPILED_SECONDS = 0.2
 #: Evaluations between two reports, of the plain and of the compiled search: tenths of a second.
 _PAUSE = (2_000, 100_000)
 #: Evaluations between two readings of the clock, of both: about 0.02 s.
 _TICK = (300, 10_000)
 #: The end of a search: by its budget or because nothing is left, by the clock, by an interrupt.
 DONE, TIMED, STOPPED = 0, 1, 2
-#: Callback that gets the used fraction of the budget, 0 to 1.
-Tell = Callable[[float], None]
+#: A callback that gets the used fraction of the budget, 0 to 1.
+OnFraction = Callable[[float], None]
 
 
 class Items(Struct, frozen=True, eq=False):
@@ -113,7 +97,7 @@ class Clock(Struct, frozen=True):
         return min(max(1 - self.left() / self.seconds, 0.0), 1.0)
 
 
-def discs_of(items: Items) -> Discs:
+def make_discs(items: Items) -> Discs:
     """Discs that cover all points of the items, one for each end of an open item."""
     count = np.diff(items.first)
     owner = np.repeat(np.arange(len(count)), count)
@@ -125,93 +109,99 @@ def discs_of(items: Items) -> Discs:
     loops = np.flatnonzero(loop)
     if len(loops):
         # A disc is not much larger than the usual room of an item.
-        number, stretch = _stretches(items, loops)
+        number, stretch = _divide_into_sections(items, loops)
         firsts = np.flatnonzero(np.concatenate([[True], stretch[1:] != stretch[:-1]]))
         lasts = np.concatenate([firsts[1:], [len(stretch)]])
         points = items.points[number]
         low, high = np.minimum.reduceat(points, firsts), np.maximum.reduceat(points, firsts)
         middle = (low + high) / 2
-        which = np.repeat(np.arange(len(firsts)), lasts - firsts)
-        far = plane_lengths(points - middle[which])
-        own = owner[number[firsts]]
+        owner_of_point = np.repeat(np.arange(len(firsts)), lasts - firsts)
+        distance_from_middle = plane_lengths(points - middle[owner_of_point])
+        item = owner[number[firsts]]
         centre.append(middle)
-        owners.append(own)
+        owners.append(item)
         # A point between two samples is within half a step of one of them.
-        radius.append(np.maximum.reduceat(far, firsts) + items.step[own] / 2)
+        radius.append(np.maximum.reduceat(distance_from_middle, firsts) + items.step[item] / 2)
     return Discs(np.concatenate(owners), np.concatenate(centre), np.concatenate(radius))
 
 
-def ends_apart(items: Items, discs: Discs) -> tuple[Discs, IntArray]:
+def split_ends(items: Items, discs: Discs) -> tuple[Discs, IntArray]:
     """The discs with both ends of an open item as owners, and the first owner of each item."""
     closed = items.kind == CLOSED
     first = begins(np.where(closed, 1, 2))
     ends = ~closed[discs.owner]
     owner = first[discs.owner]
     # The two ends of an open item follow each other.
-    own = discs.owner[ends]
-    owner[ends] += np.concatenate([[False], own[1:] == own[:-1]]) if len(own) else 0
+    owner_of_end = discs.owner[ends]
+    owner[ends] += (
+        np.concatenate([[False], owner_of_end[1:] == owner_of_end[:-1]]) if len(owner_of_end) else 0
+    )
     return Discs(owner, discs.centre, discs.radius), first
 
 
-def _stretches(items: Items, loops: IntArray) -> tuple[IntArray, IntArray]:
-    """The samples of the closed items ``loops``, and the stretch to which each belongs, rising."""
+def _divide_into_sections(items: Items, loops: IntArray) -> tuple[IntArray, IntArray]:
+    """The samples of the closed items `loops`, and the section of each, in increasing order."""
     low, high = items.points.min(axis=0), items.points.max(axis=0)
-    room = float(np.sqrt(max(np.prod(high - low), (high - low).max() ** 2 / 100) / len(items.kind)))
+    distance = float(
+        np.sqrt(max(np.prod(high - low), (high - low).max() ** 2 / 100) / len(items.kind))
+    )
     count = np.diff(items.first)[loops]
     owner = owners(count)
     number = stretches(items.first[loops], count)
-    around = count * items.step[loops]
-    parts = np.where(around > 4 * room, np.ceil(around / max(room, NONZERO)), 1.0)
+    lengths = count * items.step[loops]
+    parts = np.where(lengths > 4 * distance, np.ceil(lengths / max(distance, NONZERO)), 1.0)
     parts = np.minimum(parts, count).astype(np.int64)
     place = number - items.first[loops][owner]
     stretch = place * parts[owner] // count[owner] + begins(parts)[owner]
     return number, stretch
 
 
-def shorten(
+def shorten_tour(
     problem: Problem,
     start: Start,
     budget: int,
     seed: int,
-    tell: Tell | None = None,
+    on_progress: OnFraction | None = None,
     clock: Clock | None = None,
 ) -> Start:
-    """The tour ``start`` shortened within ``budget`` evaluations of an item.
-
-    start: a tour that keeps the parents and ranks of the items.
-    seed: seed of the shuffles.
-    tell: callback that gets the used fraction of the budget, 0 to 1. A KeyboardInterrupt stops the
-        search then, and the result is the best tour so far.
-    clock: end of the search, None for the budget alone.
+    """The tour `start` shortened within `budget` evaluations of an item.
 
     Equal arguments give equal tours, compiled or not, unless a clock ends the search.
+
+    start: a tour that keeps the parents and ranks of the items.
+    seed: seed of the perturbations.
+    on_progress: callback that gets the used fraction of the budget, 0 to 1. A KeyboardInterrupt
+        then stops the search, and the result is the best tour so far.
+    clock: end of the search, None for the budget alone.
     """
     items = problem.items
-    scene, run = _make(problem, start, seed)
+    scene, run = _make_scene(problem, start, seed)
     search: speed.Search = local_search.search
     compiled = (
-        budget >= _WORTH if clock is None else clock.seconds >= _WORTH_SECONDS
+        budget >= _MIN_COMPILED_EVALUATIONS
+        if clock is None
+        else clock.seconds >= _MIN_COMPILED_SECONDS
     ) and speed.available()
     pause = _PAUSE[compiled] if clock is None else _TICK[compiled] + len(run.ring) // 10
     # An interrupt may come in the middle of a move: the result is the tour before it.
     ring, enter = run.ring[:], run.enter[:]
     try:
         if compiled:
-            if tell is not None:
-                tell(0.0)
+            if on_progress is not None:
+                on_progress(0.0)
             search, scene, run, loaded = _compile(scene, run, budget)
             clock = clock and Clock(clock.until + loaded, clock.seconds)
         while not local_search.is_done(scene, run, budget):
-            search(scene, run, budget, budget if tell is None and clock is None else pause)
+            search(scene, run, budget, budget if on_progress is None and clock is None else pause)
             if local_search.is_done(scene, run, budget):
                 break
             if clock is not None and clock.left() <= 0 and run.marks[kernel.WORK] >= len(run.ring):
                 return _as_start(items, run.ring, run.enter, TIMED)
-            if tell is not None:
+            if on_progress is not None:
                 ring, enter = np.array(run.ring), np.array(run.enter)  # type: ignore[assignment]
-                tell(run.marks[kernel.WORK] / budget if clock is None else clock.part())
+                on_progress(run.marks[kernel.WORK] / budget if clock is None else clock.part())
     except KeyboardInterrupt:
-        if tell is None:
+        if on_progress is None:
             raise
         return _as_start(items, ring, enter, STOPPED)
     return _as_start(items, run.ring, run.enter)
@@ -233,14 +223,14 @@ def _as_start(items: Items, ring: list[int], enter: list[int], end: int = DONE) 
     return Start(order, np.asarray(enter)[:count], end)
 
 
-def _make(problem: Problem, start: Start, seed: int) -> tuple[Scene, Run]:
+def _make_scene(problem: Problem, start: Start, seed: int) -> tuple[Scene, Run]:
     """The problem and its first tour as lists; home is the last item and the first in the ring."""
     items, home = problem.items, problem.home
     count, points = len(items.kind), len(items.points)
     place = np.zeros((1, 2)) if home is None else np.asarray(home, dtype=np.float64)[None, :]
     xy = np.concatenate([items.points, place])
-    table, apart = problem.near.table(count, WIDTH)
-    table, apart = with_home(items, xy[-1], table, apart, home is None)
+    table, min_cost = problem.near.table(count, WIDTH)
+    table, min_cost = add_home(items, xy[-1], table, min_cost, home is None)
     children = np.argsort(items.parent, kind="stable")
     children = children[np.sort(items.parent) >= 0]
     counts = np.bincount(items.parent[items.parent >= 0], minlength=count + 1)
@@ -258,7 +248,7 @@ def _make(problem: Problem, start: Start, seed: int) -> tuple[Scene, Run]:
         kind=[*items.kind.tolist(), CLOSED],
         step=[*items.step.tolist(), 1.0],
         near=table.reshape(-1).tolist(),
-        apart=apart.reshape(-1).tolist(),
+        min_cost=min_cost.reshape(-1).tolist(),
         width=WIDTH,
         parent=[*items.parent.tolist(), -1],
         children=offsets(counts).tolist(),
@@ -276,7 +266,7 @@ def _make(problem: Problem, start: Start, seed: int) -> tuple[Scene, Run]:
     where = np.empty(count + 1, dtype=np.int64)
     where[ring] = np.arange(count + 1)
     enter = np.concatenate([start.enter, [points]])
-    turned = (both_ends(items) - start.enter) if count else start.enter
+    turned = (sum_ends(items) - start.enter) if count else start.enter
     leave = np.concatenate([np.where(items.kind == CLOSED, start.enter, turned), [points]])
     run = Run(
         ring=ring.tolist(),
@@ -291,13 +281,13 @@ def _make(problem: Problem, start: Start, seed: int) -> tuple[Scene, Run]:
     return scene, run
 
 
-def both_ends(items: Items) -> IntArray:
+def sum_ends(items: Items) -> IntArray:
     """The sum of the first and the last point of each item: less one end it is the other end."""
     return items.first[:-1] + items.first[1:] - 1
 
 
-def with_home(
-    items: Items, home: FloatArray, table: IntArray, apart: FloatArray, nowhere: bool
+def add_home(
+    items: Items, home: FloatArray, table: IntArray, distance: FloatArray, nowhere: bool
 ) -> tuple[IntArray, FloatArray]:
     """The table of near items with a row for home, which is empty for a home that is nowhere."""
     count = len(items.kind)
@@ -308,4 +298,4 @@ def with_home(
         )
         order = np.argsort(gap, kind="stable")[:WIDTH]
         near[0, : len(order)], far[0, : len(order)] = order, gap[order]
-    return np.concatenate([table, near]), np.concatenate([apart, far])
+    return np.concatenate([table, near]), np.concatenate([distance, far])

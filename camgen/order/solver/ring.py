@@ -65,7 +65,7 @@ def make_ring(
         kind=[BOTH_WAYS] * count,
         step=[1.0] * count,
         near=near.ravel().tolist(),
-        apart=np.take_along_axis(table, near, axis=1).ravel().tolist(),
+        min_cost=np.take_along_axis(table, near, axis=1).ravel().tolist(),
         width=near.shape[1],
         parent=[-1] * count,
         children=[0] * (count + 1),

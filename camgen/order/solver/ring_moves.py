@@ -90,10 +90,10 @@ def move_between(r: Run, start: int, extent: int, c: int, d: int) -> None:
     place, count = r.place, len(r.ring)
     size = extent if extent > 0 else -extent
     begin = (start if extent > 0 else start + extent + 1) % count
-    over = begin + size - count
-    if over > 0:
+    excess = begin + size - count
+    if excess > 0:
         # The stretch lies over the end of the ring: it comes to the end as a whole.
-        carry(r, 0, over, count - over, 0)
+        carry(r, 0, excess, count - excess, 0)
         begin = count - size
     # The indices of c and d among the other items.
     i = place[c] if place[c] < begin else place[c] - size

@@ -55,8 +55,8 @@ def _compile(modules: Sequence[ModuleType]) -> dict[str, Any]:
         for name, value in vars(module).items():
             if isinstance(value, FunctionType) and value.__module__ == module.__name__:
                 copy = FunctionType(value.__code__, scope, name, value.__defaults__)
-                # The cache looks at the file of a function alone, so its name changes with the files
-                # of what it calls.
+                # The cache checks the file of a function alone, so its name changes with the files
+                # of the functions that it calls.
                 copy.__qualname__ = f"{name}_{digest}"
                 scope[name] = functions[name] = _cache(numba.njit, copy)
     return functions

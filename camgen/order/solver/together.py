@@ -1,9 +1,9 @@
 """2-opt and Or-opt at all items at once, for a tour of thousands in plain Python.
 
 Each round finds the moves at all items that the round before touched, with numpy, and makes the
-best moves that touch different items. Reversing a stretch is a slice of an array, which takes
-microseconds for any length. Shuffles, the relocation of longer stretches and the choice of starts
-within a move are left to ``local_search``.
+best moves that touch different items. Reversing a section is a slice of an array, which takes
+microseconds for any length. Perturbations, the relocation of longer sections and the choice of
+starts within a move are left to `local_search`.
 
 This is not the local search over another cost. That evaluates one item after another, each in the
 tour that the item before has left, so its tours differ. And it is slower here: from the greedy tour
@@ -17,30 +17,34 @@ from itertools import pairwise
 
 import numpy as np
 from msgspec import Struct
+from msgspec.structs import astuple
 
 from camgen.geometry.nearest import IntArray
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray
-from camgen.order.solver.greedy import group_of, settle_all
+from camgen.order.solver.greedy import choose_all_samples, make_groups
 from camgen.order.solver.kernel import CLOSED, EPS
-from camgen.order.solver.plane import WIDTH, Problem, Start, both_ends, with_home
+from camgen.order.solver.plane import WIDTH, Problem, Start, add_home, sum_ends
 
-__all__ = ["shorten_together"]
-
-#: So often moves are made until there are none left, and closed items begun anew after that.
+#: Passes, each of moves until none is left and of new starts of closed items.
 _PASSES = 2
-#: Rounds of moves at most, which scenes of thousands at random do not need; on a grid they follow each other far.
+#: Maximum number of rounds of moves. Thousands of random items need fewer; on a grid one move often
+#: follows another.
 _ROUNDS = 100
-#: Kinds of moves, see ``_Moves``.
-_JOIN, _CARRY, _CARRY_TURNED = 0, 1, 2
+#: Kinds of moves, see `_Moves`.
+_JOIN, _CARRY, _CARRY_REVERSED = 0, 1, 2
 
 
 class _Tour(Struct, frozen=True, eq=False):
-    """N items between two homes, which are items N and N + 1. order: (N + 2,) items. place: by item, where it is there.
-    enter, leave: by item, points. All four change.
+    """N items between two homes, which are items N and N + 1. The first four arrays are changed.
 
-    x, y: by point, mm, NaN for a home that is nowhere: then no move at it is the shorter one. group: by item, see
-    ``greedy.group_of``, -1 for home. near, apart: (N + 2, WIDTH) near items, -1 for none, and how far at least.
+    order: (N + 2,) items in order.
+    place: (N + 2,) place of each item in `order`.
+    enter, leave: (N + 2,) points at which each item is entered and left.
+    x, y: coordinates of all points, mm; NaN for a home that is nowhere: no move there is made.
+    group: (N + 2,) result of `greedy.make_groups`, -1 for home.
+    near: (N + 2, WIDTH) near items, -1 for none.
+    distance: (N + 2, WIDTH) minimum distance of these, mm.
     """
 
     order: IntArray
@@ -51,20 +55,21 @@ class _Tour(Struct, frozen=True, eq=False):
     y: FloatArray
     group: IntArray
     near: IntArray
-    apart: FloatArray
+    distance: FloatArray
 
-    def way(self, one: IntArray, two: IntArray) -> FloatArray:
+    def measure(self, first: IntArray, second: IntArray) -> FloatArray:
         """Distances of points, mm."""
-        x, y = self.x[one] - self.x[two], self.y[one] - self.y[two]
+        x, y = self.x[first] - self.x[second], self.y[first] - self.y[second]
         return np.asarray(np.sqrt(x * x + y * y))
 
 
 class _Moves(Struct, frozen=True, eq=False):
-    """M moves: what they change, mm, and kind by kind the items at the links that they cut.
+    """M moves: their change of the length, mm, and the items at the links that they cut.
 
-    _JOIN: of the links from a to b and from c to d, both run this way or both the other way, come those of a and c and
-    of b and d. _CARRY: a, which comes after b, comes between c and d, which follow each other; _CARRY_TURNED: run
-    backwards.
+    _JOIN: links a to b and c to d, both in this or both in the other direction, become a to c and
+        b to d.
+    _CARRY: a, which comes after b, is moved between c and d, which are neighbours.
+    _CARRY_REVERSED: the same, and a is reversed.
     """
 
     change: FloatArray
@@ -76,177 +81,174 @@ class _Moves(Struct, frozen=True, eq=False):
 
 
 def shorten_together(problem: Problem, tour: Start) -> Start:
-    """``tour`` shortened. It has to run group by group (``greedy.group_of``), and so does the result.
+    """Shorten a tour in which each item may be reversed.
 
-    Each item may be run in both directions.
+    The tour has to run group by group (`greedy.make_groups`), and so does the result.
     """
     items, home = problem.items, problem.home
     for _ in range(_PASSES):
-        now = _make(problem, tour)
-        _cut_anew(now)
-        touched = np.arange(len(now.order))
+        tour_state = _make_tour(problem, tour)
+        _rotate_groups(tour_state)
+        touched = np.arange(len(tour_state.order))
         for _ in range(_ROUNDS):
-            found = [
-                _find_joins(now, touched, 1),
-                _find_joins(now, touched, -1),
-                *_find_carries(now, touched),
+            moves = [
+                _find_joins(tour_state, touched, 1),
+                _find_joins(tour_state, touched, -1),
+                *_find_carries(tour_state, touched),
             ]
-            touched = _apply(now, found)
+            touched = _make_moves(tour_state, moves)
             if not len(touched):
                 break
-        tour = settle_all(items, Start(now.order[1:-1], now.enter[:-2]), home, 1)
+        tour = choose_all_samples(
+            items, Start(tour_state.order[1:-1], tour_state.enter[:-2]), home, 1
+        )
     return tour
 
 
-def _make(problem: Problem, tour: Start) -> _Tour:
-    """The tour as columns."""
+def _make_tour(problem: Problem, tour: Start) -> _Tour:
     items, home = problem.items, problem.home
     count, last = len(items.kind), len(items.points)
     xy = np.concatenate([items.points, np.full((1, 2), np.nan) if home is None else home[None]])
-    table, apart = with_home(items, xy[-1], *problem.near.table(count, WIDTH), home is None)
+    table, distance = add_home(items, xy[-1], *problem.near.table(count, WIDTH), home is None)
     order = np.concatenate([[count], tour.order, [count + 1]])
     place = np.empty(count + 2, dtype=np.int64)
     place[order] = np.arange(count + 2)
-    leave = np.where(items.kind == CLOSED, tour.enter, both_ends(items) - tour.enter)
-    enter, leave = (np.append(points, [last, last]) for points in (tour.enter, leave))
-    group = np.append(group_of(items), [-1, -1])
-    near_by, far = np.concatenate([table, table[-1:]]), np.concatenate([apart, apart[-1:]])
-    return _Tour(order, place, enter, leave, xy[:, 0].copy(), xy[:, 1].copy(), group, near_by, far)
+    leave = np.where(items.kind == CLOSED, tour.enter, sum_ends(items) - tour.enter)
+    enter, leave = np.append(tour.enter, [last, last]), np.append(leave, [last, last])
+    group = np.append(make_groups(items), [-1, -1])
+    near, distance = np.concatenate([table, table[-1:]]), np.concatenate([distance, distance[-1:]])
+    return _Tour(
+        order, place, enter, leave, xy[:, 0].copy(), xy[:, 1].copy(), group, near, distance
+    )
 
 
-def _cut_anew(now: _Tour) -> None:
-    """Each group joined to a ring, and cut where that is best for the ways to and from it, and run the better way."""
-    group = now.group[now.order]
+def _rotate_groups(tour: _Tour) -> None:
+    """Join each group to a ring, and cut and reverse it where the links to and from it are best."""
+    group = tour.group[tour.order]
     ends = np.flatnonzero(group[1:] != group[:-1])
     for low, high in pairwise((ends + 1).tolist()):
-        run = now.order[low:high]
-        before, after = now.leave[now.order[low - 1]], now.enter[now.order[high]]
-        out, following = now.leave[run], np.roll(now.enter[run], -1)
-        link = now.way(out, following)
-        # Behind each item; the last is where it is cut now. A home that is nowhere costs no way.
-        ahead = (
-            np.nan_to_num(now.way(before, following)) + np.nan_to_num(now.way(out, after)) - link
-        )
-        back = np.nan_to_num(now.way(before, out)) + np.nan_to_num(now.way(following, after)) - link
+        ring = tour.order[low:high]
+        before, after = tour.leave[tour.order[low - 1]], tour.enter[tour.order[high]]
+        leave, next_enter = tour.leave[ring], np.roll(tour.enter[ring], -1)
+        link = tour.measure(leave, next_enter)
+        # The change by a cut after each item; the present cut is the last. A home that is nowhere
+        # costs nothing.
+        ahead = np.nan_to_num(tour.measure(before, next_enter))
+        ahead = ahead + np.nan_to_num(tour.measure(leave, after)) - link
+        back = np.nan_to_num(tour.measure(before, leave))
+        back = back + np.nan_to_num(tour.measure(next_enter, after)) - link
         best = min(float(ahead.min()), float(back.min()))
         if best > ahead[-1] - EPS:
             continue
-        turned = float(back.min()) < float(ahead.min())
-        run = np.roll(run, -1 - int((back if turned else ahead).argmin()))
-        if turned:
-            run = run[::-1]
-            now.enter[run], now.leave[run] = now.leave[run], now.enter[run]
-        now.order[low:high] = run
-    now.place[now.order] = np.arange(len(now.order))
+        is_reversed = float(back.min()) < float(ahead.min())
+        ring = np.roll(ring, -1 - int((back if is_reversed else ahead).argmin()))
+        if is_reversed:
+            ring = ring[::-1]
+            tour.enter[ring], tour.leave[ring] = tour.leave[ring], tour.enter[ring]
+        tour.order[low:high] = ring
+    tour.place[tour.order] = np.arange(len(tour.order))
 
 
-def _find_joins(now: _Tour, touched: IntArray, step: int) -> _Moves:
-    """2-opt: the items ``touched`` joined to near ones where they are left (step 1) or entered (-1), and likewise what
-    comes after both (before both).
+def _find_joins(tour: _Tour, touched: IntArray, step: int) -> _Moves:
+    """2-opt: links between the touched items and near ones, and between the items next to both.
+
+    step: 1 to join them where they are left, -1 where they are entered.
     """
-    leave, enter = (now.leave, now.enter) if step > 0 else (now.enter, now.leave)
-    a = touched[_has_next(now, touched, step)]
-    b = now.order[now.place[a] + step]
-    old = now.way(leave[a], enter[b])
-    row, column = np.nonzero((now.near[a] >= 0) & (now.apart[a] < old[:, None]))
-    a, b, c, old = a[row], b[row], now.near[a[row], column], old[row]
-    inside = _has_next(now, c, step)
+    leave, enter = (tour.leave, tour.enter) if step > 0 else (tour.enter, tour.leave)
+    a = touched[_has_next(tour, touched, step)]
+    b = tour.order[tour.place[a] + step]
+    old = tour.measure(leave[a], enter[b])
+    row, column = np.nonzero((tour.near[a] >= 0) & (tour.distance[a] < old[:, None]))
+    a, b, c, old = a[row], b[row], tour.near[a[row], column], old[row]
+    inside = _has_next(tour, c, step)
     a, b, c, old = a[inside], b[inside], c[inside], old[inside]
-    d = now.order[now.place[c] + step]
-    change = (
-        now.way(leave[a], leave[c])
-        + now.way(enter[b], enter[d])
-        - old
-        - now.way(leave[c], enter[d])
-    )
-    return _better(change, a, b, c, d, np.full(len(a), _JOIN))
+    d = tour.order[tour.place[c] + step]
+    new = tour.measure(leave[a], leave[c]) + tour.measure(enter[b], enter[d])
+    change = new - old - tour.measure(leave[c], enter[d])
+    return _select_better(change, a, b, c, d, np.full(len(a), _JOIN))
 
 
-def _find_carries(now: _Tour, touched: IntArray) -> list[_Moves]:
-    """Or-opt: each of the items ``touched`` carried to before or behind a near one."""
-    a = touched[_has_next(now, touched, 1) & _has_next(now, touched, -1)]
-    before, after = now.order[now.place[a] - 1], now.order[now.place[a] + 1]
-    out, back = now.leave[before], now.enter[after]
-    saved = now.way(out, now.enter[a]) + now.way(now.leave[a], back) - now.way(out, back)
-    row, column = np.nonzero((now.near[a] >= 0) & (now.apart[a] < saved[:, None]))
-    a, before, c, saved = a[row], before[row], now.near[a[row], column], saved[row]
-    found = []
+def _find_carries(tour: _Tour, touched: IntArray) -> list[_Moves]:
+    """Or-opt: each of the touched items moved to before or after a near one."""
+    a = touched[_has_next(tour, touched, 1) & _has_next(tour, touched, -1)]
+    before, after = tour.order[tour.place[a] - 1], tour.order[tour.place[a] + 1]
+    out, back = tour.leave[before], tour.enter[after]
+    saved = tour.measure(out, tour.enter[a]) + tour.measure(tour.leave[a], back)
+    saved = saved - tour.measure(out, back)
+    row, column = np.nonzero((tour.near[a] >= 0) & (tour.distance[a] < saved[:, None]))
+    a, before, c, saved = a[row], before[row], tour.near[a[row], column], saved[row]
+    moves = []
     for step in (1, -1):
         # Every near item has a home or an item on both sides.
-        beside = now.order[now.place[c] + step]
-        one, two = (c, beside) if step > 0 else (beside, c)
-        leave, enter, first, last = now.leave[one], now.enter[two], now.enter[a], now.leave[a]
-        ahead = now.way(leave, first) + now.way(last, enter)
-        turned = now.way(leave, last) + now.way(first, enter)
-        change = np.minimum(ahead, turned) - now.way(leave, enter) - saved
-        change[beside == a] = 0.0
-        found.append(
-            _better(change, a, before, one, two, np.where(turned < ahead, _CARRY_TURNED, _CARRY))
-        )
-    return found
+        neighbour = tour.order[tour.place[c] + step]
+        low, high = (c, neighbour) if step > 0 else (neighbour, c)
+        leave, enter, first, last = tour.leave[low], tour.enter[high], tour.enter[a], tour.leave[a]
+        ahead = tour.measure(leave, first) + tour.measure(last, enter)
+        turned = tour.measure(leave, last) + tour.measure(first, enter)
+        change = np.minimum(ahead, turned) - tour.measure(leave, enter) - saved
+        change[neighbour == a] = 0.0
+        kind = np.where(turned < ahead, _CARRY_REVERSED, _CARRY)
+        moves.append(_select_better(change, a, before, low, high, kind))
+    return moves
 
 
-def _has_next(now: _Tour, item: IntArray, step: int) -> BoolArray:
-    return np.asarray(now.place[item] != (len(now.order) - 1 if step > 0 else 0))
+def _has_next(tour: _Tour, item: IntArray, step: int) -> BoolArray:
+    return np.asarray(tour.place[item] != (len(tour.order) - 1 if step > 0 else 0))
 
 
-def _better(change: FloatArray, *columns: IntArray) -> _Moves:
-    """Those that shorten the tour."""
+def _select_better(change: FloatArray, *columns: IntArray) -> _Moves:
     kept = np.flatnonzero(change < -EPS)
     return _Moves(change[kept], *(column[kept] for column in columns))
 
 
-def _apply(now: _Tour, found: list[_Moves]) -> IntArray:
-    """Makes the best moves whose links no better one has cut, and gives the items at their links, rising."""
-    rising = np.argsort(np.concatenate([moves.change for moves in found]), kind="stable")
-    columns = [
-        np.concatenate(each)[rising].tolist()
-        for each in zip(
-            *((moves.a, moves.b, moves.c, moves.d, moves.kind) for moves in found), strict=True
-        )
-    ]
-    # A link stands as long as neither of its items is touched; it may run the other way by now.
+def _make_moves(tour: _Tour, moves: list[_Moves]) -> IntArray:
+    """Make the moves, the best first, except those whose links were cut before.
+
+    Returns the items at their links, in increasing order.
+    """
+    change, *columns = map(np.concatenate, zip(*map(astuple, moves), strict=True))
+    order = np.argsort(change, kind="stable")
+    # A link remains until one of its items is touched; its direction may have changed.
     touched: set[int] = set()
-    for a, b, c, d, kind in zip(*columns, strict=True):
-        if touched.isdisjoint((a, c, d)) and (kind != _JOIN or b not in touched):
-            cut = (
-                _join(now, a, b, c, d)
-                if kind == _JOIN
-                else _carry(now, a, b, c, d, kind == _CARRY_TURNED)
-            )
-            touched.update(cut)
+    for a, b, c, d, kind in zip(*(column[order].tolist() for column in columns), strict=True):
+        if not touched.isdisjoint((a, c, d)):
+            continue
+        if kind != _JOIN:
+            touched.update(_relocate(tour, a, b, c, d, kind == _CARRY_REVERSED))
+        elif b not in touched:
+            touched.update(_reverse_section(tour, a, b, c, d))
     return np.array(sorted(touched), dtype=np.int64)
 
 
-def _join(now: _Tour, a: int, b: int, c: int, d: int) -> tuple[int, ...]:
-    """The stretch between the links of a and b and of c and d turned round; the items at links that were cut."""
-    pa, pb, pc, pd = (int(now.place[item]) for item in (a, b, c, d))
+def _reverse_section(tour: _Tour, a: int, b: int, c: int, d: int) -> tuple[int, ...]:
+    """Reverse the items between the links a to b and c to d; returns the items at cut links."""
+    pa, pb, pc, pd = (int(tour.place[item]) for item in (a, b, c, d))
     _, low, high, _ = sorted((pa, pb, pc, pd))
-    if pb - pa != pd - pc or now.group[now.order[low]] != now.group[now.order[high]]:
+    if pb - pa != pd - pc or tour.group[tour.order[low]] != tour.group[tour.order[high]]:
         return ()
-    stretch = now.order[low : high + 1][::-1].copy()
-    now.order[low : high + 1] = stretch
-    now.place[stretch] = np.arange(low, high + 1)
-    now.enter[stretch], now.leave[stretch] = now.leave[stretch], now.enter[stretch]
+    section = tour.order[low : high + 1][::-1].copy()
+    tour.order[low : high + 1] = section
+    tour.place[section] = np.arange(low, high + 1)
+    tour.enter[section], tour.leave[section] = tour.leave[section], tour.enter[section]
     return a, b, c, d
 
 
-def _carry(now: _Tour, a: int, b: int, c: int, d: int, turned: bool) -> tuple[int, ...]:
-    """Item a, beside b, put between c and d; the items at links that were cut."""
-    place, one, two = (int(now.place[item]) for item in (a, c, d))
-    before, after = int(now.order[place - 1]), int(now.order[place + 1])
-    if now.group[a] not in (now.group[c], now.group[d]):
+def _relocate(tour: _Tour, a: int, b: int, c: int, d: int, is_reversed: bool) -> tuple[int, ...]:
+    """Move item a, next to b, between c and d; returns the items at cut links."""
+    place, first, second = (int(tour.place[item]) for item in (a, c, d))
+    before, after = int(tour.order[place - 1]), int(tour.order[place + 1])
+    if tour.group[a] not in (tour.group[c], tour.group[d]):
         return ()
-    # Its own stretch and that of c and d may each run the other way by now.
-    if turned != ((before == b) != (one < two)):
-        now.enter[a], now.leave[a] = now.leave[a], now.enter[a]
-    low, high = min(one, two), max(one, two)
+    # The sections of a and of c and d may each have been reversed since the move was found.
+    if is_reversed != ((before == b) != (first < second)):
+        tour.enter[a], tour.leave[a] = tour.leave[a], tour.enter[a]
+    low, high = min(first, second), max(first, second)
     if low > place:
-        now.order[place:low] = now.order[place + 1 : high]
-        now.order[low] = a
-        now.place[now.order[place:high]] = np.arange(place, high)
+        tour.order[place:low] = tour.order[place + 1 : high]
+        tour.order[low] = a
+        tour.place[tour.order[place:high]] = np.arange(place, high)
     else:
-        now.order[high + 1 : place + 1] = now.order[high:place]
-        now.order[high] = a
-        now.place[now.order[high : place + 1]] = np.arange(high, place + 1)
+        tour.order[high + 1 : place + 1] = tour.order[high:place]
+        tour.order[high] = a
+        tour.place[tour.order[high : place + 1]] = np.arange(high, place + 1)
     return a, before, after, c, d
