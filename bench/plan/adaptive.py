@@ -9,8 +9,8 @@ travel at 100 mm/s, clearance 5 mm and approach 1 mm. The stepover of both is 0.
 FreeCAD's other settings are its defaults, with a finishing profile.
 
 The judge reads both texts (`bench.support.swept_text`). Its columns: seconds without acceleration
-and with it (500 mm/s2, by the model of camgen), the area within reach of the tool that is bare and
-lies farther than 0.01 mm from the swept one, the area beyond the walls by more than 0.005
+and with it (500 mm/s2, by the model of camgen), the bare area within reach of the tool without its
+outer 0.005 mm, the area beyond the walls by more than 0.005
 mm, rapid motions in material, and the share of the feed in air. Goals: 1.05 of FreeCAD's seconds,
 nothing beyond the walls, no rapid motion in material. Exits with 1 if one is missed.
 """

@@ -345,7 +345,7 @@ def judge(name: str, folder: Path, part: Path, solid: trimesh.Trimesh) -> Iterat
 
 
 def result_tip(file: Path) -> str:
-    """The link that camgen takes for the flange: the one that is called ``tool0``."""
+    """The link that camgen takes for the flange: the one whose name ends in `tool0`."""
     links = [link.get("name") for link in ET.parse(file).getroot().findall("link")]
     (tip,) = [name for name in links if name.endswith("tool0")]
     return tip

@@ -127,7 +127,10 @@ def _state_pose(pose_path: PosePath, process: ProcessTable) -> Iterator[Instruct
 
 
 def _run_approach(link: PathLink, process: ProcessTable) -> Iterator[Instruction]:
-    """Yield an approach at its speed, with the last `process.approach` mm at the plunge speed."""
+    """Yield an approach at its speed, with the end of its last straight piece at the plunge speed.
+
+    The end is `process.approach` mm long, or the whole piece if that is shorter.
+    """
     pose_path = link.way
     last = float(pose_path.length[-1])
     slow = min(process.approach, last)

@@ -68,9 +68,9 @@ class EngagementLimit(Struct, frozen=True):
 def compute_disc_radii(axis: MedialAxis, largest: FloatArray, limit: EngagementLimit) -> FloatArray:
     """Radii (N,) of the discs around the points of a medial axis, mm.
 
-    A disc leaves no more material at the walls than the pass along them may take. The thickness of
-    this material grows slowly along the axis, so that the pass turns by at most
-    `EngagementLimit.max_turn`.
+    A disc leaves no more material at the walls than the pass along them may take, and is no larger
+    than `EngagementLimit.min_radius`. The thickness of the material at the walls grows slowly along
+    the axis, so that the pass turns by at most `EngagementLimit.max_turn`.
 
     largest: (N,) radii of the largest discs between the walls, mm; negative if there is no room.
     """
