@@ -86,14 +86,15 @@ class InputTable(Table, frozen=True):
     dialect: Annotated[
         Literal["", "linuxcnc", "grbl", "fanuc", "fanuc-lathe", "mach3", "marlin", "iso"],
         Meta(
-            description='of G-code: the controller that it was written for; "": what its words show'
+            description='of G-code: the controller that it was written for; "": recognised by '
+            "its words"
         ),
     ] = ""
     assume: Annotated[
         dict[str, float],
         Meta(
-            description="of programs: what no text holds, by the keys that `camgen verify` names, "
-            "{ di1 = 1 }"
+            description="of programs: values that are not in their text, by the keys that `camgen "
+            "verify` names, { di1 = 1 }"
         ),
     ] = field(default_factory=dict)
     signals: Annotated[
@@ -113,18 +114,24 @@ class ImageTable(Table, frozen=True):
     )
     region: Annotated[
         Values | None,
-        Meta(description="what to look at: [x from, y from, x to, y to], mm of the work plane"),
+        Meta(
+            description="area of the picture that is read: [x from, y from, x to, y to], mm of the "
+            "work plane"
+        ),
     ] = None
     tones: Annotated[
         Literal["linear", "srgb"],
         Meta(
-            description="linear: values are light, as of cameras for machine vision; srgb: coded, "
-            "as most others write"
+            description="linear: values in proportion to the light, as from cameras for machine "
+            "vision; srgb: coded, as from most others"
         ),
     ] = "linear"
     mask: Annotated[
         Literal["auto", "otsu", "threshold", "color", "background", "adaptive", "alpha"],
-        Meta(description="how the part is told from the bench; auto chooses and says why"),
+        Meta(
+            description="the method that separates the part from the bench; auto chooses one and "
+            "says why"
+        ),
     ] = "auto"
     background: Annotated[
         str, Meta(description="photo of the empty bench, taken from the same place")
@@ -143,7 +150,7 @@ class ImageTable(Table, frozen=True):
     color: Annotated[
         Values | None, Meta(description="color of the bench or of the part: [red, green, blue]")
     ] = None
-    invert: Annotated[bool, Meta(description="the part is what was taken for the bench")] = False
+    invert: Annotated[bool, Meta(description="exchanges part and bench")] = False
     lines: Annotated[
         Literal["auto", "centre", "border"],
         Meta(
@@ -180,13 +187,15 @@ class CameraTable(Table, frozen=True):
     ] = None
     plane_from: Annotated[
         Values | None,
-        Meta(description="or the work frame in the camera's: [x, y, z, rx, ry, rz], mm and deg"),
+        Meta(
+            description="or the pose of the work frame in the camera frame: [x, y, z, rx, ry, "
+            "rz], mm and deg"
+        ),
     ] = None
     markers: Annotated[
         str,
         Meta(
-            description='or what lies on the bench: a sheet of camgen markers, "A4", or a ChArUco '
-            'board, "7x5"'
+            description='or the sheet on the bench: camgen markers, "A4", or a ChArUco board, "7x5"'
         ),
     ] = ""
     marker: Annotated[Positive, Meta(description="width of the markers of sheet or board, mm")] = (
@@ -196,7 +205,7 @@ class CameraTable(Table, frozen=True):
         30.0
     )
     printed_length: Annotated[
-        Positive, Meta(description="what the sheet's ruler measures on the paper, mm")
+        Positive, Meta(description="measured length of the ruler on the printed sheet, mm")
     ] = 100.0
     height: Annotated[
         float, Meta(description="height of the part's top face above points or markers, mm")
@@ -204,7 +213,7 @@ class CameraTable(Table, frozen=True):
 
 
 class OperationTable(Table, frozen=True):
-    """[operation]: what is done along the contours."""
+    """[operation]: the operation along the contours, with its settings."""
 
     kind: Annotated[
         Literal[
@@ -266,7 +275,7 @@ class OperationTable(Table, frozen=True):
         Meta(description="climb: the part on the right of the travel"),
     ] = "climb"
     corner_radius: Annotated[
-        NotNegative, Meta(description="least radius of inner corners of the path, mm")
+        NotNegative, Meta(description="smallest radius of inner corners of the path, mm")
     ] = 0.0
     inside_first: Annotated[bool, Meta(description="holes before the outline around them")] = True
     shared: Annotated[
@@ -281,16 +290,15 @@ class OperationTable(Table, frozen=True):
         Meta(
             gt=0,
             le=1,
-            description="fill, pocket: from pass to pass, as a share of the tool's diameter",
+            description="fill, pocket: distance between passes, as a share of the tool's diameter",
         ),
     ] = 0.7
     engagement: Annotated[
         Share | None,
         Meta(
-            description="pocket: so much of the tool is in the material at most, as a share of its "
-            "diameter: corners, "
-            "necks and the middle are cleared in loops first; 1: no bound; not set: 0.15 more "
-            "than stepover",
+            description="pocket: maximum width of cut, as a share of the tool's diameter: corners, "
+            "necks and the middle are cleared in loops first; 1: no limit; not set: 0.15 "
+            "more than stepover",
         ),
     ] = None
     width: Annotated[
@@ -299,8 +307,8 @@ class OperationTable(Table, frozen=True):
     finish: Annotated[
         NotNegative,
         Meta(
-            description="left at the walls, mm, and taken by a last pass at the whole depth; 0: "
-            "none"
+            description="material left at the walls, mm, which a last pass at the whole depth "
+            "removes; 0: none"
         ),
     ] = 0.0
     rest: Annotated[
@@ -320,7 +328,7 @@ class OperationTable(Table, frozen=True):
         NotNegative, Meta(description="depth of the tool tip below the top face, mm")
     ] = 0.0
     passes: Annotated[
-        int, Meta(ge=1, description="the depth is reached in so many equal passes")
+        int, Meta(ge=1, description="number of equal passes by which the depth is reached")
     ] = 1
     entry: Annotated[
         Literal["plunge", "ramp", "helix"],
@@ -331,7 +339,7 @@ class OperationTable(Table, frozen=True):
         ),
     ] = "plunge"
     entry_angle: Annotated[
-        float, Meta(gt=0, le=45, description="of a ramp or a helix against the level, deg")
+        float, Meta(gt=0, le=45, description="angle of a ramp or a helix to the work plane, deg")
     ] = 3.0
     tabs: Annotated[
         int,
@@ -342,18 +350,18 @@ class OperationTable(Table, frozen=True):
     ] = 0
     tab_spacing: Annotated[
         Positive | None,
-        Meta(description="or one bridge for so many mm of its length, two at least"),
+        Meta(description="or length of the outline for each bridge, mm; two bridges at least"),
     ] = None
     tab_width: Annotated[Positive, Meta(description="length of a bridge along the contour, mm")] = (
         5.0
     )
     tab_height: Annotated[
-        Positive, Meta(description="of a bridge above the depth of the operation, mm")
+        Positive, Meta(description="height of a bridge above the depth of the operation, mm")
     ] = 1.0
     lead_in: Annotated[
-        NotNegative, Meta(description="length of the run-in to a followed contour, mm")
+        NotNegative, Meta(description="length of the lead-in to a followed contour, mm")
     ] = 0.0
-    lead_out: Annotated[NotNegative, Meta(description="length of the run-out, mm")] = 0.0
+    lead_out: Annotated[NotNegative, Meta(description="length of the lead-out, mm")] = 0.0
     overlap: Annotated[
         NotNegative, Meta(description="length run twice at the seam of a closed contour, mm")
     ] = 0.0
@@ -409,15 +417,15 @@ class ToolTable(Table, frozen=True):
             description="another TOML file with [[tools]], which those of the job lie over by name"
         ),
     ] = ""
-    name: Annotated[str, Meta(description="what it is called, by operations too")] = ""
+    name: Annotated[str, Meta(description="its name, by which operations choose it")] = ""
     number: Annotated[
-        int, Meta(ge=0, le=99_999, description="its place in the machine's tool table; 0: none")
+        int, Meta(ge=0, le=99_999, description="its number in the machine's tool table; 0: none")
     ] = 0
     kind: Annotated[
         Literal[
             "end mill", "ball mill", "bull nose", "drill", "v", "laser", "plasma", "knife", "pen"
         ],
-        Meta(description="its shape: what it leaves of the material follows from that"),
+        Meta(description="its shape, from which the rest material follows"),
     ] = "end mill"
     corner_radius: Annotated[NotNegative, Meta(description="of a bull nose mill, mm")] = 0.0
     tip_angle: Annotated[
@@ -425,7 +433,8 @@ class ToolTable(Table, frozen=True):
     ] = None
     tip_diameter: Annotated[NotNegative, Meta(description="flat at the tip of a V tool, mm")] = 0.0
     flutes: Annotated[
-        int, Meta(ge=1, description="cutting edges, by which the feed of a tooth is checked")
+        int,
+        Meta(ge=1, description="number of cutting edges, by which the feed of a tooth is checked"),
     ] = 2
     material: Annotated[
         Literal["carbide", "hss"] | None,
@@ -433,7 +442,7 @@ class ToolTable(Table, frozen=True):
     ] = None
     cutting_length: Annotated[
         Positive | None,
-        Meta(description="of the cutting edges along the axis, mm; not set: not checked"),
+        Meta(description="length of the cutting edges along the axis, mm; not set: not checked"),
     ] = None
     center_cutting: Annotated[
         bool,
@@ -445,27 +454,31 @@ class ToolTable(Table, frozen=True):
         Positive | None, Meta(description="highest speed of the spindle, rpm; not set: any")
     ] = None
     diameter: Annotated[Positive, Meta(description="cutting diameter, mm")] = 6.0
-    length: Annotated[NotNegative, Meta(description="from the flange to the tool tip, mm")] = 100.0
+    length: Annotated[
+        NotNegative, Meta(description="length from the flange to the tool tip, mm")
+    ] = 100.0
     orient: Annotated[
         Literal["fixed", "follow"],
         Meta(description="follow: tool x turns with the contour normal, towards the part"),
     ] = "fixed"
     axis_tilt: Annotated[
-        float, Meta(ge=0, le=60, description="the axis may lean by so much to reach an edge, deg")
+        float,
+        Meta(
+            ge=0, le=60, description="maximum angle by which the axis leans to reach an edge, deg"
+        ),
     ] = 0.0
     symmetric: Annotated[
         bool,
         Meta(
-            description="any turn of the tool about its axis is as good; for an arm, which chooses "
-            "it"
+            description="whether the tool may have any turn about its axis, which an arm then "
+            "chooses"
         ),
     ] = False
     turn: Annotated[
         Values | None,
         Meta(
-            description="or only some turns about its axis are: [from, to, step], deg; 0 is the "
-            "nominal one, and the "
-            "multiples of the step between from and to are chosen from"
+            description="or the turns about its axis that it may have: [from, to, step], deg: the "
+            "multiples of the step between from and to; 0 is the nominal turn"
         ),
     ] = None
     axis: Annotated[
@@ -487,8 +500,8 @@ class ToolTable(Table, frozen=True):
     holder: Annotated[
         Boxes | None,
         Meta(
-            description="what is between flange and tool, as boxes at the flange: [[x, y, z, x, y, "
-            "z], ...], mm"
+            description="the parts between flange and tool, as boxes at the flange: [[x, y, z, "
+            "x, y, z], ...], mm"
         ),
     ] = None
 
@@ -544,8 +557,8 @@ class ProcessTable(Table, frozen=True):
         float,
         Meta(
             ge=1,
-            description="the tool centre may run so many times faster than the feed on outer "
-            "curves",
+            description="maximum speed of the tool centre on outer curves, as a multiple of the "
+            "feed",
         ),
     ] = 2.0
     max_feed: Annotated[
@@ -568,7 +581,7 @@ class ProcessTable(Table, frozen=True):
         ),
     ] = None
     turn: Annotated[
-        Positive, Meta(description="speed of turning the tool where it stays in its place, deg/s")
+        Positive, Meta(description="speed of reorientations at a fixed tool tip, deg/s")
     ] = 60.0
     approach: Annotated[
         NotNegative, Meta(description="height above the start where the feed begins, mm")
@@ -582,16 +595,15 @@ class ProcessTable(Table, frozen=True):
     clearance: Annotated[
         NotNegative,
         Meta(
-            description="height of travel above the top face, mm; on a page 3 if not given; 0: "
-            "none, for marks that "
-            "the tool does not touch"
+            description="clearance height above the top face, mm; on a page 3 if not given; 0: "
+            "none, for marks that the tool does not touch"
         ),
     ] = 20.0
     stay_down: Annotated[
         bool,
         Meta(
-            description="no lift where the straight way keeps clear of part and fixtures; there is "
-            "no stock"
+            description="no lift where the straight link keeps clear of part and fixtures; there "
+            "is no stock"
         ),
     ] = False
     spindle: Annotated[
@@ -674,13 +686,14 @@ class Step(Table, frozen=True):
 class StockTable(Table, frozen=True):
     """[stock]: the material that the part is cut from; its top face is z = 0."""
 
-    thickness: Annotated[
-        Positive | None, Meta(description="mm; not set: nothing is known of it")
-    ] = None
+    thickness: Annotated[Positive | None, Meta(description="thickness, mm; not set: unknown")] = (
+        None
+    )
     below: Annotated[
         NotNegative,
         Meta(
-            description="a cut through the stock may end so far below it, a drill's tip apart, mm"
+            description="largest distance below the stock at which a cut through it may end, "
+            "without a drill's tip, mm"
         ),
     ] = 0.5
     material: Annotated[
@@ -711,11 +724,13 @@ class TourTable(Table, frozen=True):
     seconds: Annotated[
         NotNegative,
         Meta(
-            description="s of a clock until the search ends; 0: a fixed number of looks, the same "
-            "on every machine"
+            description="s of a clock until the search ends; 0: a fixed number of evaluations, the "
+            "same on every machine"
         ),
     ] = 0.0
-    seed: Annotated[int, Meta(ge=0, description="another number, another search")] = 0
+    seed: Annotated[
+        int, Meta(ge=0, description="seed of the search; another number gives another search")
+    ] = 0
     layers: Annotated[
         list[str],
         Meta(
@@ -729,9 +744,9 @@ class TourTable(Table, frozen=True):
     seams: Annotated[
         Points,
         Meta(
-            description="or where some begin: [[x, y], ...], mm of the work frame; each is for the "
-            "closed path that it "
-            "is nearest to, or for all of the contour that it is nearest to"
+            description="or the start points of some: [[x, y], ...], mm of the work frame; each "
+            "counts for the closed path that is nearest to it, or for all paths of the "
+            "contour that is nearest to it"
         ),
     ] = field(default_factory=list)
     order: Annotated[
@@ -752,7 +767,7 @@ class PageTable(Table, frozen=True):
             description='"A4", "A3 landscape", "letter", ... or [width, height] in mm; "": no page'
         ),
     ] = ""
-    margin: Annotated[NotNegative, Meta(description="border in which nothing is drawn, mm")] = 10.0
+    margin: Annotated[NotNegative, Meta(description="width of the empty border, mm")] = 10.0
     scale: Annotated[
         Literal["fit", "true"] | Positive,
         Meta(
@@ -779,7 +794,10 @@ class CellTable(Table, frozen=True):
     """[cell]: where the work and the tool are. Without it the post's built-in cell is used."""
 
     file: Annotated[
-        str, Meta(description="another TOML file whose [cell] holds what is not set here")
+        str,
+        Meta(
+            description="another TOML file, whose [cell] holds the settings that are missing here"
+        ),
     ] = ""
     robot: Annotated[
         str,
@@ -806,13 +824,13 @@ class CellTable(Table, frozen=True):
     ] = None
     joint_speeds: Annotated[
         Values | None,
-        Meta(description="greatest speeds of the joints, deg/s or mm/s; not set: the robot's own"),
+        Meta(description="maximum speeds of the joints, deg/s or mm/s; not set: the robot's own"),
     ] = None
     joint_accelerations: Annotated[
         Values | None,
         Meta(
-            description="of the joints, deg/s2 or mm/s2; not set: full speed in the time that the "
-            "post assumes"
+            description="accelerations of the joints, deg/s2 or mm/s2; not set: full speed in the "
+            "time that the post assumes"
         ),
     ] = None
     fixtures: Annotated[
@@ -835,14 +853,14 @@ class CellTable(Table, frozen=True):
     safety: Annotated[
         NotNegative,
         Meta(
-            description="room above part and fixtures on the way between edges, and of the travel "
-            "of a mill over fixtures, mm"
+            description="height of links between edges above part and fixtures, and of the "
+            "travel of a mill above fixtures, mm"
         ),
     ] = 10.0
     margin: Annotated[
         NotNegative,
         Meta(
-            description="room that arm, holder and tool keep from all but the place that is "
+            description="distance that arm, holder and tool keep from all but the place that is "
             "worked, mm"
         ),
     ] = 2.0
@@ -856,10 +874,7 @@ class ToleranceTable(Table, frozen=True):
     ] = 0.01
     arc_fit: Annotated[
         NotNegative,
-        Meta(
-            description="short lines become an arc that leaves them by at most this, mm; 0: they "
-            "stay"
-        ),
+        Meta(description="largest deviation of an arc that replaces short lines, mm; 0: they stay"),
     ] = 0.01
     corner: Annotated[
         NotNegative | None,
