@@ -398,9 +398,9 @@ class Coverage(Struct, frozen=True, eq=False):
         feed = compute_tip_feed(stations.length / along_edge, self.process)
         slowest = (stations.length / feed)[:, None, None, None]
         in_time = np.where(transitions.time - turning <= slowest, transitions.time, math.inf)
-        too_fast = _have_any(transitions.time) & ~_have_any(in_time)
-        possible = int(np.isfinite(transitions.time).sum())
-        late = 1 - int(np.isfinite(in_time).sum()) / max(possible, 1)
+        is_possible, is_in_time = np.isfinite(transitions.time), np.isfinite(in_time)
+        too_fast = np.asarray(is_possible.any(axis=(1, 2, 3)) & ~is_in_time.any(axis=(1, 2, 3)))
+        late = 1 - int(is_in_time.sum()) / max(int(is_possible.sum()), 1)
         transitions = replace(transitions, time=in_time)
         states.open[folded[owners(parts)]] = False
         checked = np.zeros(len(stations), dtype=np.bool_)
@@ -554,11 +554,6 @@ class Coverage(Struct, frozen=True, eq=False):
                 return _Extension(parts / _PARTS_BEYOND, followed.joints[-1:])
             parts = int(hits[0]) - 1
         return none
-
-
-def _have_any(time: FloatArray) -> BoolArray:
-    """Whether any motion along each stretch has a time."""
-    return np.asarray(np.isfinite(time).reshape(len(time), -1).any(axis=1))
 
 
 def _divide_evenly(path: PosePath, turn: float) -> Index:
