@@ -83,8 +83,7 @@ def _explain_reach(robot: Robot, rotation: FloatArray, origin: FloatArray, row: 
     else:
         return Reason(row, "reach", -1, math.nan, "no joints were found for this pose")
     if lean > flat.LEAN:
-        text = f"the robot cannot lean its tool by {_degrees(lean)}"
-        return Reason(row, "lean", -1, lean, text)
+        return Reason(row, "lean", -1, lean, f"the robot cannot lean its tool by {_degrees(lean)}")
     return Reason(row, "reach", -1, short_of, f"out of reach by {short(short_of, 3)} mm")
 
 
