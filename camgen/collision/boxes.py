@@ -55,7 +55,13 @@ class Boxes(Struct, frozen=True, eq=False):
     @property
     def reach(self) -> FloatArray:
         """(..., 3) half the edges of the box around each one whose edges are along x, y and z."""
-        return _multiply(np.abs(self.axes), self.half)
+        # The sum of three products takes less than half of the time of a matrix product.
+        axes, half = np.abs(self.axes), self.half
+        return np.asarray(
+            axes[..., 0] * half[..., 0, None]
+            + axes[..., 1] * half[..., 1, None]
+            + axes[..., 2] * half[..., 2, None]
+        )
 
     def grown(self, distance: float | FloatArray) -> Boxes:
         """Boxes larger by `distance` on every side, mm; it must broadcast to (..., 3)."""
@@ -64,15 +70,6 @@ class Boxes(Struct, frozen=True, eq=False):
     def seen_from(self, rotation: FloatArray, origin: FloatArray) -> Boxes:
         """The boxes in another frame, whose pose in the present one is `rotation`, `origin`."""
         return Boxes((self.centres - origin) @ rotation, rotation.T @ self.axes, self.half)
-
-
-def _multiply(axes: FloatArray, half: FloatArray) -> FloatArray:
-    """`axes @ half` (..., 3), in less than half of the time."""
-    return (
-        axes[..., 0] * half[..., 0, None]
-        + axes[..., 1] * half[..., 1, None]
-        + axes[..., 2] * half[..., 2, None]
-    )
 
 
 def all_of_three(flags: BoolArray) -> BoolArray:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 
@@ -124,29 +123,35 @@ def make_surroundings(
     allowed = Allowed(contact, tip, overlaps)
     whole = make_scene(robot, tool, (*standing, *walls), part, base_from_work, allowed)
     close = _find_close(robot, whole, tool, job.cell.margin)
-    is_work = [pair == ("tool", "part") or pair in close for pair in whole.pairs]
-    notes += tuple(
-        Note("assumed", f"{a} and {b} keep no margin", f"they are {short(far, 2)} mm apart at home")
-        for (a, b), far in close.items()
-    )
-    notes += tuple(Note("assumed", f"{pair} is not tested", pair.why) for pair in untested)
+    is_work = np.zeros(len(whole.pairs), dtype=np.bool_)
+    for k, pair in enumerate(whole.pairs):
+        is_work[k] = pair == ("tool", "part") or pair in close
+    for (a, b), distance in close.items():
+        why = f"they are {short(distance, 2)} mm apart at home"
+        notes.append(Note("assumed", f"{a} and {b} keep no margin", why))
+    notes += [Note("assumed", f"{pair} is not tested", pair.why) for pair in untested]
     vertices = None if solid is None else solid.vertices
     points = [table for table in (vertices, worked) if table is not None]
     low, high = _measure_extent(base_from_work, np.concatenate(points or [np.zeros((1, 3))]))
-    fixtures = [link.boxes for link in standing if link.name != "table"]
-    tops = [high[2], *map(_measure_top, itertools.chain.from_iterable(fixtures))]
+    tops = [high[2]]
+    for link in standing:
+        if link.name != "table":
+            tops += map(_measure_top, link.boxes)
     tops += [_measure_extent(base_from_work, shape.vertices)[1][2] for _, shape in cell.meshes]
-    room = _measure_width(job, holder) / 2 + job.cell.safety
+    widths = [job.tool.diameter]
+    for lower, upper in holder:
+        widths.append(math.hypot(*(upper - lower)[:2]))
+    room = max(widths) / 2 + job.cell.safety
     return Surroundings(
         scene=whole,
-        with_margin=narrow(whole, np.flatnonzero(~np.array(is_work, dtype=bool)).tolist()),
+        with_margin=narrow(whole, np.flatnonzero(~is_work).tolist()),
         work=narrow(whole, np.flatnonzero(is_work).tolist()),
         margin=job.cell.margin,
         level=max(tops) + room,
         room=room,
         low=low,
         high=high,
-        notes=notes,
+        notes=tuple(notes),
         bodies=tool,
         standing=standing,
         meshes=tuple(cell.meshes),
@@ -181,7 +186,7 @@ def _find_close(
 _SAMPLES = 48
 #: Number of links at the end of an arm whose boxes extend beyond its flange: for arms with at least
 #: 6 joints, and for others.
-_WRISTS = ((6, 3), (0, 2))
+_WRIST_LINKS, _SHORT_WRIST_LINKS = 3, 2
 
 
 def _find_overlaps(robot: Robot, tool: tuple[Link, ...]) -> tuple[tuple[str, str], ...]:
@@ -191,7 +196,7 @@ def _find_overlaps(robot: Robot, tool: tuple[Link, ...]) -> tuple[tuple[str, str
     the wrist, and two other links that also meet at all joint values of an even sample.
     """
     count = len(robot.joints)
-    last = next(links for joints, links in _WRISTS if count >= joints)
+    last = _WRIST_LINKS if count >= 6 else _SHORT_WRIST_LINKS
     wrist = {link.name for link in robot.links[-last:]}
     bodies = {body.name for body in tool}
     bare = make_scene(robot, tool)
@@ -211,7 +216,6 @@ def _find_overlaps(robot: Robot, tool: tuple[Link, ...]) -> tuple[tuple[str, str
 
 
 def _find_meeting(tested: Scene, joints: FloatArray) -> list[int]:
-    """The indices of pairs that meet at any of the joint values (N, J)."""
     if (find_collisions(tested, joints) < 0).all():
         return []
     pairs = range(len(tested.pairs))
@@ -219,7 +223,6 @@ def _find_meeting(tested: Scene, joints: FloatArray) -> list[int]:
 
 
 def _list_untested(robot: Robot, overlaps: tuple[tuple[str, str], ...]) -> tuple[Untested, ...]:
-    """The pairs that are not tested, apart from links that share a joint."""
     spared = [
         (robot.links[i].name, robot.links[j].name) for i, j in robot.touching if abs(i - j) > 1
     ]
@@ -237,11 +240,11 @@ def _list_untested(robot: Robot, overlaps: tuple[tuple[str, str], ...]) -> tuple
 
 def _make_standing(
     job: Job, base_from_work: Pose, solid: Solid | None
-) -> tuple[tuple[Link, ...], tuple[Note, ...]]:
+) -> tuple[tuple[Link, ...], list[Note]]:
     """Fixtures that are boxes, or the table that is assumed, in the base frame."""
     table = job.cell
     if table.rests_on is not None and (table.fixtures is not None or solid is None):
-        what = "has no effect beside cell.fixtures" if solid else "has no effect without a 3-D part"
+        what = "has no effect with cell.fixtures" if solid else "has no effect without a 3-D part"
         raise JobError("job", what, "cell.rests_on", "leave it out")
     if table.fixtures is not None or solid is None:
         fixtures = []
@@ -249,19 +252,15 @@ def _make_standing(
             if isinstance(shape, list):
                 box = make_box(base_from_work, *check_corners("cell.fixtures", shape))
                 fixtures.append(Link(f"fixture {number}", (box,)))
-        return tuple(fixtures), ()
+        return tuple(fixtures), []
     upright = Pose(turn_upright(table.rests_on), (0.0, 0.0, 0.0))
     placed = solid.vertices @ upright.rotation.T
     low, high = placed.min(axis=0), placed.max(axis=0)
     top = float(low[2]) - _TABLE_GAP_MM
     corners = np.array([*(low[:2] - _BEYOND), top - _THICK]), np.array([*(high[:2] + _BEYOND), top])
-    note = Note(
-        "assumed",
-        "the part stands on a table",
-        "say what it stands on: cell.fixtures, [] for nothing",
-    )
     box = make_box(base_from_work @ upright.inverse(), *corners)
-    return (Link("table", (box,)),), (note,)
+    remedy = "say what it stands on: cell.fixtures, [] for nothing"
+    return (Link("table", (box,)),), [Note("assumed", "the part stands on a table", remedy)]
 
 
 def turn_upright(rests_on: Sequence[float] | None) -> FloatArray:
@@ -270,8 +269,12 @@ def turn_upright(rests_on: Sequence[float] | None) -> FloatArray:
         return IDENTITY
     length = math.hypot(*rests_on)
     if len(rests_on) != 3 or not length > 0:
-        what = f"{rests_on} is not a direction"
-        raise JobError("job", what, "cell.rests_on", "give an outward normal, [x, y, z]")
+        raise JobError(
+            "job",
+            f"{rests_on} is not a direction",
+            "cell.rests_on",
+            "give an outward normal, [x, y, z]",
+        )
     return turn_down(np.asarray(rests_on) / length)
 
 
@@ -288,16 +291,20 @@ def _make_shaft(job: Job, cell: Cell, holder: Sequence[Corners]) -> Box:
     """
     flange_from_tool = cell.flange_from_tool
     tip, back = np.asarray(flange_from_tool.origin), -flange_from_tool.rotation[:, 2]
-    entries = (_find_entry(tip, back, *box) for box in holder)
-    lengths = list(itertools.chain.from_iterable(entries))
-    if not lengths and back[2] < 0:
-        lengths = [float(tip[2] / -back[2])]
-    length = min(lengths, default=0.0)
+    length = math.inf
+    for low, high in holder:
+        length = min(length, _find_entry(tip, back, low, high))
+    if length == math.inf:
+        length = float(tip[2] / -back[2]) if back[2] < 0 else 0.0
     if not holder and float(np.linalg.norm(tip)) < _NO_TOOL:
         length = _PLATE
     if length <= 0:
-        what = "the way from the tip along the tool meets neither holder nor flange"
-        raise JobError("job", what, "tool.holder", "give the holder's boxes at the flange")
+        raise JobError(
+            "job",
+            "the axis of the tool, from its tip backwards, meets neither holder nor flange",
+            "tool.holder",
+            "give the holder's boxes at the flange",
+        )
     half = job.tool.radius
     return Box(flange_from_tool @ translation(0.0, 0.0, -length / 2), (half, half, length / 2))
 
@@ -315,24 +322,20 @@ def _check_length(job: Job, shaft: Box, contact: float) -> None:
         setting = "cell.flange_from_tool"
     if job.tool.holder:
         setting = "tool.holder"
-    what = f"the tool is {short(length, 3)} mm long, from its tip to the flange or holder"
-    raise JobError("job", what, setting, f"make it longer than {short(least, 3)} mm")
+    raise JobError(
+        "job",
+        f"the tool is {short(length, 3)} mm long, from its tip to the flange or holder",
+        setting,
+        f"make it longer than {short(least, 3)} mm",
+    )
 
 
-def _find_entry(
-    start: FloatArray, along: FloatArray, low: FloatArray, high: FloatArray
-) -> list[float]:
-    """The distance along a ray at which it enters a box, mm; empty if it does not."""
+def _find_entry(start: FloatArray, along: FloatArray, low: FloatArray, high: FloatArray) -> float:
+    """The distance along a ray at which it enters a box, mm; infinite if it does not."""
     with np.errstate(divide="ignore", invalid="ignore"):
         ends = (np.stack([low, high]) - start) / along
     enter, leave = float(np.nanmax(ends.min(axis=0))), float(np.nanmin(ends.max(axis=0)))
-    return [enter] if 0 < enter <= leave else []
-
-
-def _measure_width(job: Job, holder: Sequence[Corners]) -> float:
-    """The largest width of tool and holder across the axis of the flange, mm."""
-    widths = [math.hypot(*(high - low)[:2]) for low, high in holder]
-    return max([job.tool.diameter, *widths])
+    return enter if 0 < enter <= leave else math.inf
 
 
 def _measure_extent(frame: Pose, points: FloatArray) -> tuple[FloatArray, FloatArray]:

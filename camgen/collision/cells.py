@@ -130,10 +130,8 @@ def _tile(corners: FloatArray, size: float) -> tuple[FloatArray, FloatArray]:
     # The corners are renamed so that ab is the longest side and c is above it.
     ab_is_longest = (ab == longest)[:, None]
     bc_is_longest = (bc == longest)[:, None]
-    a, b, c = (
-        np.where(ab_is_longest, x, np.where(bc_is_longest, y, z))
-        for x, y, z in ((a, b, c), (b, c, a), (c, a, b))
-    )
+    renamed = np.where(bc_is_longest, (b, c, a), (c, a, b))
+    a, b, c = np.where(ab_is_longest, (a, b, c), renamed)
     width = np.sqrt(longest)
     along = (b - a) / np.maximum(width, NONZERO)[:, None]
     foot = ((c - a) * along).sum(axis=1)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from camgen.collision.boxes import Boxes, bound_distances
@@ -30,13 +28,11 @@ def describe_hit(scene: Scene, joints: FloatArray, pair: int) -> str:
 
 def describe_joints(robot: Robot, joints: FloatArray) -> str:
     """Joint values (J,): '0 90 -12.5 deg', those of sliding joints with their unit."""
-    texts = [
-        short(value if joint.sliding else math.degrees(value), 2)
-        for joint, value in zip(robot.joints, joints.tolist(), strict=True)
-    ]
-    units = ["mm" if joint.sliding else "deg" for joint in robot.joints]
-    if "mm" not in units:
+    values = np.where(robot.revolute, np.degrees(joints), joints)
+    texts = [short(value, 2) for value in values.tolist()]
+    if robot.revolute.all():
         return f"{' '.join(texts)} deg"
+    units = np.where(robot.revolute, "deg", "mm")
     return ", ".join(map(" ".join, zip(texts, units, strict=True)))
 
 

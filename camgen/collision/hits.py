@@ -27,20 +27,17 @@ def find_collisions(
     scene: Scene,
     joints: FloatArray,
     grow: float | FloatArray = 0.0,
-    closing: FloatArray | None = None,
     near: float | FloatArray = 0.0,
 ) -> IntArray:
     """The first pair of `scene.pairs` that collides at each of the joint values, (N,); -1 for none.
 
     joints: (N, J) rad or mm.
     grow: distance by which moving boxes are larger on all sides, mm, one number or (N, B).
-    closing: (N, P) distance by which the boxes of a pair, `scene.first` and `scene.second`, are
-        larger together, mm. It counts where it is less than what both grow.
     near: clearance at which bodies collide, mm, one number or (N,). Bodies that touch collide.
     """
     joints = np.asarray(joints, dtype=np.float64)
     grow = np.broadcast_to(grow, (len(joints), len(scene.frame))) * scene.moving
-    growth, near = GrowthTable(grow, closing), np.broadcast_to(near, len(joints))
+    growth, near = GrowthTable(grow), np.broadcast_to(near, len(joints))
     colliding = np.full(len(joints), -1, dtype=np.int64)
     for begin in range(0, len(joints), ROWS):
         rows = slice(begin, begin + ROWS)
@@ -266,7 +263,7 @@ def find_near(scene: Scene, joints: FloatArray, grow: FloatArray) -> Tests:
 def join_tests(several: Iterable[Tests]) -> Tests:
     """Several groups of tests, one after the other."""
     none = np.zeros(0, dtype=np.int64)
-    row, test = (np.concatenate(column) for column in zip((none, none), *several, strict=True))
+    row, test = map(np.concatenate, zip((none, none), *several, strict=True))
     return row, test
 
 
@@ -323,17 +320,18 @@ def _test_some(
     begin, box_count = len(scene.first), len(scene.frame)
     is_pair = test < begin
     pair_row, pair = row[is_pair], test[is_pair]
-    ends = [pair_row * box_count + boxes[pair] for boxes in (scene.first, scene.second)]
+    first, second = scene.first[pair], scene.second[pair]
+    first, second = pair_row * box_count + first, pair_row * box_count + second
+    is_needed = np.zeros(len(near) * box_count, dtype=np.bool_)
+    is_needed[first] = is_needed[second] = True
     strikes = []
     for target in scene.targets:
         is_strike = (test >= begin) & (test < begin + len(target.striking))
         strike_row, strike = row[is_strike], test[is_strike] - begin
         index = strike_row * box_count + target.striking[strike]
+        is_needed[index] = True
         strikes.append((index, strike_row, test[is_strike], target.of_strike[strike]))
         begin += len(target.striking)
-    is_needed = np.zeros(len(near) * box_count, dtype=np.bool_)
-    for needed in (*ends, *(strike[0] for strike in strikes)):
-        is_needed[needed] = True
     number = np.cumsum(is_needed) - 1
     box_row, box = np.divmod(np.flatnonzero(is_needed), box_count)
     bare, moving = _place_some(scene, links, box_row, box), scene.moving[box]
@@ -341,7 +339,7 @@ def _test_some(
     limits = (grow + near[box_row] * moving)[:, None]
     if len(pair):
         reach = bare.grown(_CORNERS * limits).reach
-        first, second = (number.take(end) for end in ends)
+        first, second = number.take(first), number.take(second)
         extent = reach.take(first, axis=0) + reach.take(second, axis=0)
         offset = bare.centres.take(first, axis=0) - bare.centres.take(second, axis=0)
         kept = np.flatnonzero(all_of_three(np.abs(offset) <= extent))
@@ -557,8 +555,8 @@ def find_nearest_pairs(
     """
     nearest = _NearestPairs.make(near.copy())
     _lower(scene, joints, owner, nearest)
-    columns = (column.tolist() for column in (nearest.distance, nearest.row, nearest.pair))
-    return [Nearest(*fields) for fields in zip(*columns, strict=True)]
+    distances, rows, pairs = nearest.distance, nearest.row, nearest.pair
+    return list(map(Nearest, distances.tolist(), rows.tolist(), pairs.tolist()))
 
 
 class _Candidates(Struct, frozen=True, eq=False):

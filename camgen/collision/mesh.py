@@ -20,6 +20,7 @@ from camgen.collision.boxes import Boxes, all_of_three
 from camgen.collision.cells import OUTSIDE, PASSED, UNKNOWN, WITHIN, Cells, divide_space
 from camgen.collision.tree import BITS, BoxTree, make_tree, search_tree
 from camgen.geometry.ragged import each_once
+from camgen.geometry.surface import is_closed
 from camgen.geometry.vectors import cross
 from camgen.model.part import BoolArray, IntArray, Solid
 from camgen.model.pose import FloatArray, frozen
@@ -35,7 +36,9 @@ class Mesh(Struct, frozen=True, eq=False, dict=True):
     tree: its triangles.
     box: cuboid around it.
     model: the triangles as a model of fcl.
-    closed: whether the surface bounds a body.
+    closed: whether the surface bounds a body. Then all rays from a point count the same. A mesh is
+        assumed to be open if its vertices are not shared, or if neighbouring triangles are wound in
+        opposite directions.
     """
 
     tree: BoxTree
@@ -68,7 +71,8 @@ def make_mesh(solid: Solid) -> Mesh:
     tree = make_tree(solid.vertices[solid.faces])
     low, high = tree.corners.min(axis=(0, 1)), tree.corners.max(axis=(0, 1))
     box = Boxes(frozen((low + high) / 2), frozen(np.eye(3)), frozen((high - low) / 2))
-    return Mesh(tree, box, make_model(solid.vertices, solid.faces), _is_closed(solid))
+    closed = is_closed(solid.faces, len(solid.vertices))
+    return Mesh(tree, box, make_model(solid.vertices, solid.faces), closed)
 
 
 @lru_cache(maxsize=64)
@@ -98,17 +102,6 @@ def make_model(vertices: FloatArray, faces: IntArray) -> Any:
     model.addSubModel(np.asarray(vertices), np.asarray(faces))
     model.endModel()
     return model
-
-
-def _is_closed(solid: Solid) -> bool:
-    """Whether every side of a triangle is also run in the other direction, equally often.
-
-    Then all rays from a point count the same. A mesh is assumed to be open if its vertices are not
-    shared, or if neighbouring triangles are wound in opposite directions.
-    """
-    start, end = solid.faces.ravel(), np.roll(solid.faces, -1, axis=1).ravel()
-    count = len(solid.vertices)
-    return bool(np.array_equal(np.sort(start * count + end), np.sort(end * count + start)))
 
 
 def find_struck(mesh: Mesh, boxes: Boxes) -> BoolArray:
@@ -164,7 +157,8 @@ def _meet_surface(tree: BoxTree, boxes: Boxes) -> BoolArray:
             is_near &= high[axis] >= lowest[axis].take(which)
         kept = np.flatnonzero(is_near)
         which = which.take(kept >> BITS)
-        low, high = (corner.reshape(3, -1).take(kept, axis=1) for corner in (low, high))
+        low = low.reshape(3, -1).take(kept, axis=1)
+        high = high.reshape(3, -1).take(kept, axis=1)
         offset, half_node = (low + high) / 2 - centres.take(which, axis=1), (high - low) / 2
         distance = np.abs(_project(offset, axes.take(which, axis=2)))
         extent = half.take(which, axis=1) + _project(half_node, absolute.take(which, axis=2))

@@ -105,14 +105,14 @@ def check_motions(
     if not several:
         return []
     nears = np.broadcast_to(near, len(several))
-    checks = _check(scene, several, step, nears, deviation, is_hasty=True)
-    unknown = [k for k, check in enumerate(checks) if check is None]
+    checks, is_known = _check(scene, several, step, nears, deviation, is_hasty=True)
+    unknown = np.flatnonzero(~is_known).tolist()
     if unknown:
         again = [several[k] for k in unknown]
-        patient = _check(scene, again, step, nears[unknown], deviation, is_hasty=False)
+        patient, _ = _check(scene, again, step, nears[unknown], deviation, is_hasty=False)
         for k, check in zip(unknown, patient, strict=True):
             checks[k] = check
-    return [check for check in checks if check is not None]
+    return checks
 
 
 def _check(
@@ -123,29 +123,29 @@ def _check(
     deviation: float,
     *,
     is_hasty: bool,
-) -> list[MotionCheck | None]:
-    """The checks of `check_motions`.
+) -> tuple[list[MotionCheck], BoolArray]:
+    """The checks of `check_motions`, and which of them are final (L,).
 
     near: (L,) mm, of each motion.
-    is_hasty: whether a motion is examined only up to a place that is found early to collide. None
-        for one in which no shortest stretch up to that place collides at its middle.
+    is_hasty: whether a motion is examined only up to a place that is found early to collide. Its
+        check is not final if no shortest stretch up to that place collides at its middle.
     """
     lines = _Lines.make(scene, list(map(check_finite, several)))
     # The clearance at some waypoints is a limit for all others.
-    sparse = _measure_sparse(scene, [waypoints[::_SPARSE] for waypoints in several], near.tolist())
+    sparse = _measure_sparse(scene, [waypoints[::_SPARSE] for waypoints in several], near)
     distances = np.array([nearest.distance for nearest in sparse])
     at, first, is_cut = _find_undecided(scene, lines, step, distances, deviation, is_hasty)
     rows = _interpolate(lines.waypoints, at)
     pairs, splits = find_collisions(scene, rows), first[1:-1]
     collides = np.logical_or.reduceat(pairs >= 0, first[:-1])
     limits = np.where(is_cut | collides, 0.0, distances)
-    closer = _find_nearest(scene, np.split(rows, splits), limits.tolist())
+    closer = _find_nearest(scene, np.split(rows, splits), limits)
     places = np.split(at - np.repeat(lines.first[:-1], np.diff(first)), splits)
     checks = list(map(_make_check, places, np.split(pairs, splits), sparse, closer))
     # The last place of each motion is its end, which is beyond the place where a motion is cut.
     is_before_end = np.arange(len(pairs)) < np.repeat(first[1:] - 1, np.diff(first))
-    is_known = ~is_cut | np.logical_or.reduceat((pairs >= 0) & is_before_end, first[:-1])
-    return [check if known else None for check, known in zip(checks, is_known, strict=True)]
+    is_final = ~is_cut | np.logical_or.reduceat((pairs >= 0) & is_before_end, first[:-1])
+    return checks, is_final
 
 
 def _make_check(at: FloatArray, pairs: IntArray, sparse: Nearest, closer: Nearest) -> MotionCheck:
@@ -165,27 +165,24 @@ def _make_check(at: FloatArray, pairs: IntArray, sparse: Nearest, closer: Neares
 
 
 def _measure_sparse(
-    scene: Scene, several: Sequence[FloatArray], nears: Sequence[float]
+    scene: Scene, several: Sequence[FloatArray], nears: FloatArray
 ) -> list[Nearest]:
     """The smallest clearance in each table of joint values, at most `nears`; 0 at a collision."""
-    if not any(nears):
-        return [Nearest(0.0, -1, -1) for _ in several]
-    begins = offsets(list(map(len, several)))[:-1]
-    collides = np.logical_or.reduceat(find_collisions(scene, np.concatenate(several)) >= 0, begins)
-    return _find_nearest(scene, several, np.where(collides, 0.0, nears).tolist())
+    if nears.any():
+        begins = offsets(list(map(len, several)))[:-1]
+        hits = find_collisions(scene, np.concatenate(several)) >= 0
+        nears = np.where(np.logical_or.reduceat(hits, begins), 0.0, nears)
+    return _find_nearest(scene, several, nears)
 
 
-def _find_nearest(
-    scene: Scene, several: Sequence[FloatArray], nears: Sequence[float]
-) -> list[Nearest]:
+def _find_nearest(scene: Scene, several: Sequence[FloatArray], nears: FloatArray) -> list[Nearest]:
     """`find_nearest_pairs` of tables of joint values; 0 for a table whose `near` is not above 0."""
-    nearest = [Nearest(0.0, -1, -1) for _ in several]
-    tables = [k for k, near in enumerate(nears) if near > 0]
+    nearest = [Nearest(0.0, -1, -1)] * len(several)
+    tables = np.flatnonzero(nears > 0).tolist()
     if tables:
-        counts = np.array([len(several[k]) for k in tables])
-        joints = np.concatenate([several[k] for k in tables])
-        limits = np.array([nears[k] for k in tables])
-        measured = find_nearest_pairs(scene, joints, owners(counts), limits)
+        chosen = [several[k] for k in tables]
+        counts = np.array(list(map(len, chosen)))
+        measured = find_nearest_pairs(scene, np.concatenate(chosen), owners(counts), nears[tables])
         for k, result, begin in zip(tables, measured, offsets(counts).tolist(), strict=False):
             nearest[k] = Nearest(result.distance, result.row - begin, result.pair)
     return nearest
@@ -313,7 +310,7 @@ def _find_undecided(
         begins = (begins[meets][:, None] + steps).ravel()
         # A test that does not meet in a stretch does not meet in its parts.
         tests = divide_tests(select_tests((row, test), meets), parts)
-    owner, at = (np.concatenate(column) for column in zip(*undecided, strict=True))
+    owner, at = map(np.concatenate, zip(*undecided, strict=True))
     order = np.lexsort((at, owner))
     first = offsets(np.bincount(owner, minlength=len(start)))
     return at[order], first, np.isfinite(last)
@@ -373,7 +370,7 @@ def measure_closer(scene: Scene, first: FloatArray, second: FloatArray) -> Float
     of both together changes nothing.
     """
     both = scene.moving[scene.first] & scene.moving[scene.second]
-    pair_first, pair_second = scene.first[both], scene.second[both]
+    a, b = scene.first[both], scene.second[both]
     alone = np.zeros(len(scene.frame), dtype=np.bool_)
     alone[scene.first[~both]] = alone[scene.second[~both]] = True
     for target in scene.targets:
@@ -381,21 +378,19 @@ def measure_closer(scene: Scene, first: FloatArray, second: FloatArray) -> Float
     bounds = np.zeros(len(first))
     for begin in range(0, len(first), ROWS):
         rows = slice(begin, begin + ROWS)
-        start, end = (place_boxes(scene, joints[rows]) for joints in (first, second))
+        start, end = place_boxes(scene, first[rows]), place_boxes(scene, second[rows])
         boxes = np.flatnonzero(alone)
         distances = _measure_distances(start[:, boxes], end[:, boxes])
-        between = [
-            _measure_distances(_see_from(start[:, a], start[:, b]), _see_from(end[:, a], end[:, b]))
-            for a, b in ((pair_first, pair_second), (pair_second, pair_first))
-        ]
-        bounds[rows] = np.maximum(
-            distances.max(axis=1, initial=0.0), np.minimum(*between).max(axis=1, initial=0.0)
-        )
+        a_moves = _measure_distances(_see_from(start, a, b), _see_from(end, a, b))
+        b_moves = _measure_distances(_see_from(start, b, a), _see_from(end, b, a))
+        closer = np.minimum(a_moves, b_moves).max(axis=1, initial=0.0)
+        bounds[rows] = np.maximum(distances.max(axis=1, initial=0.0), closer)
     return bounds
 
 
-def _see_from(boxes: Boxes, others: Boxes) -> Boxes:
-    """Boxes (N, P) in the frames of other boxes (N, P)."""
+def _see_from(placed: Boxes, seen: IntArray, observer: IntArray) -> Boxes:
+    """The boxes `seen` (P,) among boxes (N, B) in the frames of the boxes `observer` (P,)."""
+    boxes, others = placed[:, seen], placed[:, observer]
     back = np.swapaxes(others.axes, -1, -2)
     centres = (back @ (boxes.centres - others.centres)[..., None])[..., 0]
     return Boxes(centres, back @ boxes.axes, boxes.half)

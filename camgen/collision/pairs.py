@@ -27,7 +27,6 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
-from functools import lru_cache
 from typing import Any
 
 import fcl  # type: ignore[import-untyped]
@@ -36,17 +35,14 @@ from msgspec import Struct
 
 from camgen.collision.boxes import Boxes
 from camgen.collision.mesh import (
-    join_surfaces,
     make_box_object,
-    make_model,
     measure_distance,
-    select_outermost,
 )
 from camgen.collision.swept import SweptSolid
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray, Pose
 from camgen.robots.kinematics.forward import frames
-from camgen.robots.models import Box, Link, Robot
+from camgen.robots.models import Box, Robot
 
 #: Sizes of cells: distance by which bodies may come nearer from the middle of a cell to its border,
 #: mm; and the size of further cells for solids, whose distance depends on one joint.
@@ -131,18 +127,6 @@ class MeshPair(Struct, frozen=True, eq=False):
     meetings: dict[bytes, bool]
     wider: Callable[[], MeshPair | None] = lambda: None
     sweep: Sweep | None = None
-
-
-@lru_cache(maxsize=64)
-def make_link_model(link: Link) -> Any:
-    """The model of fcl for all surfaces of a link, made once for any number of scenes."""
-    return make_model(*join_surfaces(link))
-
-
-@lru_cache(maxsize=64)
-def list_link_points(link: Link) -> FloatArray:
-    """The corners (K, 3) of the surfaces of a link that lie farthest outward."""
-    return select_outermost(join_surfaces(link)[0])
 
 
 def make_box_part(box: Box) -> tuple[Any, Pose]:

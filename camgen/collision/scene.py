@@ -13,15 +13,14 @@ from functools import cache, lru_cache, partial
 
 import numpy as np
 from msgspec import Struct
+from msgspec.structs import replace
 
-from camgen.collision.mesh import Mesh, join_surfaces
+from camgen.collision.mesh import Mesh, join_surfaces, make_model, select_outermost
 from camgen.collision.pairs import (
     MeshPair,
     Shape,
     Sweep,
-    list_link_points,
     make_box_part,
-    make_link_model,
     make_pair,
 )
 from camgen.collision.swept import enlarge_levers, measure_roundness, sweep
@@ -179,13 +178,8 @@ def make_scene(
     tool that is thinner than its contact.
     """
     last = len(robot.joints)
-    bare = [
-        _Body(link.name, k, link.boxes, link=link if link.surfaces else None)
-        for k, link in enumerate(robot.links)
-    ]
-    links = [
-        _Body(body.name, body.frame, _grow(body.boxes, robot.pad), link=body.link) for body in bare
-    ]
+    bare = list(map(_make_link_body, robot.links, range(last + 1)))
+    links = [replace(body, boxes=_grow(body.boxes, robot.pad)) for body in bare]
     tools = [_Body(body.name, last, _place_boxes(robot.flange, body.boxes)) for body in tool]
     standing = list(map(_make_standing, obstacles))
     target = _make_part(part, base_from_part)
@@ -264,6 +258,10 @@ def _place_boxes(frame: Pose, boxes: tuple[Box, ...]) -> tuple[Box, ...]:
     return tuple(Box(frame @ box.link_from_box, box.half) for box in boxes)
 
 
+def _make_link_body(link: Link, frame: int) -> _Body:
+    return _Body(link.name, frame, link.boxes, link=link if link.surfaces else None)
+
+
 def _make_standing(body: Link | StandingMesh) -> _Body:
     if isinstance(body, StandingMesh):
         return _Body(body.name, 0, (), body.mesh, body.base_from_mesh)
@@ -278,13 +276,12 @@ def _shrink_tool(body: _Body, allowed: Allowed) -> tuple[Box, ...]:
     contact, tip = allowed.contact, allowed.tip
     thin = min((min(box.half) for box in body.boxes), default=contact + 1)
     if thin <= contact:
-        depth, width = short(contact, 3), short(2 * thin, 3)
         remedy = f'allow ("{body.name}", "{PART}") instead' if contact > 0 else "give it a size"
         raise JobError(
             f"tool {body.name}",
-            f"it may enter the part by {depth} mm, but is {width} mm thin",
-            "",
-            remedy,
+            f"it may enter the part by {short(contact, 3)} mm, but is only "
+            f"{short(2 * thin, 3)} mm thick",
+            remedy=remedy,
         )
     boxes = _grow(body.boxes, -contact)
     if tip == 0:
@@ -320,8 +317,11 @@ def _check_names(bodies: list[_Body], allowed: tuple[tuple[str, str], ...]) -> N
             raise JobError(f"body {name}", "there are two of this name", remedy="rename one")
     for name in itertools.chain.from_iterable(allowed):
         if name not in names:
-            what = "it may touch, but there is no such body"
-            raise JobError(f"body {name}", what, remedy=suggest(name, names))
+            raise JobError(
+                f"body {name}",
+                "it may touch, but there is no such body",
+                remedy=suggest(name, names),
+            )
 
 
 def _make_scene(robot: Robot, tested: list[tuple[_Body, _Body]]) -> Scene:
@@ -378,10 +378,10 @@ _NumberedLink = tuple[Link, int]
 @lru_cache(maxsize=128)
 def _pair_links(robot: Robot, first: _NumberedLink, second: _NumberedLink) -> MeshPair:
     """The meshes of two links, with their known distances, for any number of scenes."""
-    bodies = [_Body(link.name, frame, link.boxes, link=link) for link, frame in (first, second)]
-    levers = _bound_levers(robot, *bodies)
+    first_body, second_body = _make_link_body(*first), _make_link_body(*second)
+    levers = _bound_levers(robot, first_body, second_body)
     wider = cache(lambda: _widen(robot, first, second, levers))
-    return make_pair(bodies[0].shape(), bodies[1].shape(), levers, wider)
+    return make_pair(first_body.shape(), second_body.shape(), levers, wider)
 
 
 def _widen(
@@ -408,7 +408,7 @@ def _widen(
     _, (link, frame), (other, other_frame), about = min(choices, key=lambda choice: choice[0])
     solid, (points, _) = sweep(link, *about), join_surfaces(other)
     # The solid holds its link, so the points of the link are in it.
-    swept = Shape(frame, ((solid.model, _NO_SHIFT),), list_link_points(link), ())
+    swept = replace(_shape_link(link, frame), parts=((solid.model, _NO_SHIFT),), boxes=())
     other_shape = _shape_link(other, other_frame)
     is_first = frame < other_frame
     return make_pair(
@@ -419,8 +419,12 @@ def _widen(
     )
 
 
+@lru_cache(maxsize=64)
 def _shape_link(link: Link, frame: int) -> Shape:
-    return Shape(frame, ((make_link_model(link), _NO_SHIFT),), list_link_points(link), link.boxes)
+    """All surfaces of a link for fcl, made once for any number of scenes."""
+    vertices, faces = join_surfaces(link)
+    parts = ((make_model(vertices, faces), _NO_SHIFT),)
+    return Shape(frame, parts, select_outermost(vertices), link.boxes)
 
 
 def _bound_levers(robot: Robot, first: _Body, second: _Body) -> FloatArray:
@@ -436,13 +440,12 @@ def _bound_levers(robot: Robot, first: _Body, second: _Body) -> FloatArray:
     levers = np.zeros(len(robot.joints))
     if not joints:
         return levers
-    sliding = np.array([joint.sliding for joint in joints])
+    sliding = ~robot.revolute[between]
     travel = (np.abs(robot.coupling) @ np.abs(robot.limits).max(axis=1))[between] * sliding
-    shifts = np.array([joint.previous_from_joint.origin for joint in joints])
-    axes = np.array([joint.axis for joint in joints], dtype=np.float64)
-    turned = np.array(
-        [joint.previous_from_joint.rotation @ joint.axis for joint in joints], dtype=np.float64
-    )
+    shifts, axes, turned = np.empty((3, len(joints), 3))
+    for k, joint in enumerate(joints):
+        shifts[k], axes[k] = joint.previous_from_joint.origin, joint.axis
+        turned[k] = joint.previous_from_joint.rotation @ joint.axis
     outward = _sum_levers(near.measure_reach(shifts[0], turned[0]), turned, shifts[1:], travel)
     inward = _sum_levers(
         far.measure_reach(np.zeros(3), axes[-1]), axes[::-1], shifts[:0:-1], travel[::-1]

@@ -15,7 +15,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.intersect import Obstacles, find_fractions, measure_gaps, measure_nearest
-from camgen.geometry.ragged import Runs, divide, owners, ramp, run_starts, stretches
+from camgen.geometry.ragged import Runs, divide, list_chains, owners, ramp, run_starts, stretches
 from camgen.geometry.segments import (
     BoolArray,
     IntArray,
@@ -325,25 +325,12 @@ def _join_pieces(walls: _Walls, following: IntArray, pieces: _Pieces) -> list[_P
         successor = first_of.get(int(following[pieces.row[last]]), -1)
         if successor >= 0 and _can_continue(walls, pieces, last, successor):
             after[last] = successor
-    begins_chain = np.ones(count, dtype=bool)
-    begins_chain[after[after >= 0]] = False
-    seen = np.zeros(count, dtype=bool)
-    chains: list[_Pieces] = []
-    lengths: list[float] = []
+    chains = list_chains(after)
     length = walls.source.length[pieces.row] * (pieces.high - pieces.low)
-    for begin in np.flatnonzero(begins_chain).tolist() + list(range(count)):
-        order: list[int] = []
-        piece = begin
-        while piece >= 0 and not seen[piece]:
-            seen[piece] = True
-            order.append(piece)
-            piece = int(after[piece])
-        if order:
-            chains.append(pieces.take(np.array(order)))
-            lengths.append(float(length[order].sum()))
+    lengths = [float(length[chain].sum()) for chain in chains]
     # Equal lengths to a thousandth keep the order of the drawing.
     ranks = np.argsort(-np.round(lengths, 3), kind="stable")
-    return [chains[k] for k in ranks.tolist()]
+    return [pieces.take(np.array(chains[k])) for k in ranks.tolist()]
 
 
 def _can_continue(walls: _Walls, pieces: _Pieces, last: int, first: int) -> bool:
@@ -357,7 +344,8 @@ def _can_continue(walls: _Walls, pieces: _Pieces, last: int, first: int) -> bool
     gap = float(np.hypot(*(next_start - first_end)))
     if gap > 2 * walls.distance * np.sin(abs(turn) / 2) + _MISS_MM:
         return False
-    corner = _make_corner(first_end, next_start, turn)
+    bulge = np.array([np.tan(turn / 4)])
+    corner = make(first_end[None], next_start[None], bulge, np.zeros(1, dtype=np.int64))
     middles = points_at(corner.take(np.zeros(3, dtype=np.int64)), np.array([0.25, 0.5, 0.75]))
     return walls.is_clear(middles, int(rows[0]))
 
@@ -367,12 +355,6 @@ def _measure_turn(source: Segments, before: int, after: int) -> float:
     pair = source.take(np.array([before, after]))
     direction = tangents_at(pair, np.array([1.0, 0.0]))
     return float(turns(direction[:1], direction[1:])[0])
-
-
-def _make_corner(start: FloatArray, end: FloatArray, turn: float) -> Segments:
-    """The arc between two points (2,) on which a line turns at a corner."""
-    bulge = np.array([np.tan(turn / 4)])
-    return make(start[None], end[None], bulge, np.zeros(1, dtype=np.int64))
 
 
 def _remove_known(

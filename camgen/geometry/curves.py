@@ -263,7 +263,8 @@ class _Intervals(Struct, frozen=True):
 
     def points(self, u: FloatArray) -> FloatArray:
         """(2, M, K) x and y of the points at `u` (M,), 0 to 1 from end to end of each piece."""
-        h = np.tensordot(_bernstein(self.control.shape[1] - 1, u), self.control, axes=(1, 1))
+        basis = compute_bernstein(self.control.shape[1] - 1, u)
+        h = np.tensordot(basis, self.control, axes=(1, 1))
         return np.moveaxis(h[..., :2] / h[..., 2:], 2, 0)
 
     def tangents(self, end: bool) -> FloatArray:
@@ -305,7 +306,7 @@ def _divide_control(control: FloatArray, start: FloatArray, end: FloatArray) -> 
     return result
 
 
-def _bernstein(degree: int, t: FloatArray) -> FloatArray:
+def compute_bernstein(degree: int, t: FloatArray) -> FloatArray:
     """(..., degree + 1) Bernstein polynomials at `t` (...)."""
     i = np.arange(degree + 1)
     binomials = np.array([comb(degree, k) for k in i], dtype=np.float64)

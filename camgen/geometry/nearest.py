@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 from camgen.geometry.ragged import begins, each_once, ramp, run_lengths, run_starts, starts_run
 from camgen.model.pose import FloatArray
 
-__all__ = ["Discs", "NearestItems", "find_nearest_items"]
-
 IntArray = NDArray[np.int64]
 
 #: Discs in a leaf of the tree.

@@ -13,8 +13,6 @@ import numpy as np
 from camgen.geometry.nearest import Discs, IntArray, find_nearest_items
 from camgen.model.pose import FloatArray
 
-__all__ = ["pair_points"]
-
 #: Points up to which the shortest pairing is computed. Its time doubles with each point.
 _MOST_EXACT = 12
 #: Nearest points of each point that are tried as its partner.

@@ -101,6 +101,30 @@ def following(counts: Sequence[int] | IntArray) -> IntArray:
     return after
 
 
+def list_chains(following: IntArray) -> list[list[int]]:
+    """The rows (N,) as chains, each row before the one that follows it.
+
+    Chains with a first row come in its order, then closed ones, each from its lowest row on.
+
+    following: (N,) the row after each, which follows no other one; -1 for none.
+    """
+    after = following.tolist()
+    is_first = np.ones(len(after), dtype=bool)
+    is_first[following[following >= 0]] = False
+    seen = [False] * len(after)
+    chains = []
+    for begin in [*np.flatnonzero(is_first).tolist(), *range(len(after))]:
+        chain: list[int] = []
+        row = begin
+        while row >= 0 and not seen[row]:
+            seen[row] = True
+            chain.append(row)
+            row = after[row]
+        if chain:
+            chains.append(chain)
+    return chains
+
+
 def matches(
     label: IntArray, other: IntArray, limit: int
 ) -> tuple[Iterator[tuple[IntArray, IntArray]], IntArray]:

@@ -8,6 +8,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.hull import find_hull
+from camgen.geometry.surface import is_closed
 from camgen.geometry.vectors import cross
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray, frozen, rotation_about, rotation_about_axis
@@ -53,8 +54,10 @@ def find_resting_faces(
     hull = find_hull(points, _HULL * size)
     if not len(hull):
         return []
-    is_closed = _is_closed(vertices, faces)
-    centre = find_centre_of_mass(vertices, faces) if is_closed else None
+    # Vertices at one place count as one.
+    _, same = np.unique(vertices, axis=0, return_inverse=True)
+    has_volume = is_closed(same.ravel()[faces], len(vertices))
+    centre = find_centre_of_mass(vertices, faces) if has_volume else None
     if centre is None:
         centre = find_centre_of_mass(points, hull)
     assert centre is not None
@@ -139,15 +142,3 @@ def _make_face(
     return RestingFace(
         frozen(normal.round(9) + 0.0), frozen(middle), polygon.area, (longer, shorter), tipping
     )
-
-
-def _is_closed(vertices: FloatArray, faces: IntArray) -> bool:
-    """Whether each side of a triangle is run as often the other way.
-
-    Vertices at one place count as one.
-    """
-    _, same = np.unique(vertices, axis=0, return_inverse=True)
-    joined = same.ravel()[faces]
-    starts, ends = joined.ravel(), np.roll(joined, -1, axis=1).ravel()
-    count = len(vertices)
-    return bool(np.array_equal(np.sort(starts * count + ends), np.sort(ends * count + starts)))

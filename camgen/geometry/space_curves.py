@@ -7,10 +7,10 @@ circle, NaN for a line.
 from __future__ import annotations
 
 import math
-from math import comb
 
 import numpy as np
 
+from camgen.geometry.curves import compute_bernstein
 from camgen.geometry.vectors import cross, dots
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
@@ -129,9 +129,6 @@ def _measure_deviations(
 
 def _evaluate(segments: FloatArray, segment: IntArray, t: FloatArray) -> FloatArray:
     """Points (K, 3) of the Bezier curves `segment` (K,) at their parameters `t` (K,), 0 to 1."""
-    degree = segments.shape[1] - 1
-    k = np.arange(degree + 1)
-    binomials = np.array([comb(degree, i) for i in k], dtype=np.float64)
-    basis = binomials * t[:, None] ** k * (1 - t[:, None]) ** (degree - k)
+    basis = compute_bernstein(segments.shape[1] - 1, t)
     mixed = np.einsum("kd,kdc->kc", basis, segments[segment])
     return np.asarray(mixed[:, :3] / mixed[:, 3:])

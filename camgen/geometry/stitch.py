@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
 from collections import deque
-from itertools import pairwise
 
 import numpy as np
 import shapely
 from msgspec import Struct
 
 from camgen.geometry.intersect import FEW
-from camgen.geometry.ragged import matches, ramp
+from camgen.geometry.ragged import begins, list_chains, matches, ramp
 from camgen.geometry.segments import BoolArray, IntArray, Segments, points_at
 from camgen.model.pose import FloatArray
 
@@ -144,7 +144,7 @@ def _find_following(
         if first in linked:
             continue
         connection = _find_connection(first, options, is_short, taken)
-        for piece, successor in pairwise([first, *connection]):
+        for piece, successor in itertools.pairwise([first, *connection]):
             following[piece] = successor
             taken.add(successor)
             linked.add(piece)
@@ -184,28 +184,12 @@ def _order_chains(following: IntArray, alive: BoolArray) -> tuple[IntArray, IntA
 
     Returns them, the place of the first piece of each chain, and whether each chain is closed.
     """
-    successor = following.tolist()
-    begins = np.ones(len(following), dtype=bool)
-    begins[following[following >= 0]] = False
-    seen = (~alive).tolist()
-    order: list[int] = []
-    first: list[int] = []
-    closed: list[bool] = []
-    for begin in np.flatnonzero(begins).tolist() + list(range(len(successor))):
-        if seen[begin]:
-            continue
-        first.append(len(order))
-        piece = begin
-        while piece >= 0 and not seen[piece]:
-            seen[piece] = True
-            order.append(piece)
-            piece = successor[piece]
-        closed.append(piece == begin)
-    return (
-        np.array(order, dtype=np.int64),
-        np.array(first, dtype=np.int64),
-        np.array(closed, dtype=bool),
-    )
+    # A piece that is not alive is followed by none, and follows none.
+    chains = [chain for chain in list_chains(following) if alive[chain[0]]]
+    order = np.array(list(itertools.chain.from_iterable(chains)), dtype=np.int64)
+    first = begins(list(map(len, chains)))
+    last = np.append(first[1:], len(order))[: len(first)] - 1
+    return order, first, following[order[last]] == order[first]
 
 
 def _find_slivers(

@@ -17,6 +17,15 @@ _SAME_DISTANCE_MM = 1e-9
 _ROUNDING_MM = 1e-6
 
 
+def is_closed(faces: IntArray, count: int) -> bool:
+    """Whether every side of a triangle is also run in the other direction, equally often.
+
+    faces: (F, 3) rows of `count` vertices.
+    """
+    start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    return bool(np.array_equal(np.sort(start * count + end), np.sort(end * count + start)))
+
+
 class Nearest(Struct, frozen=True, eq=False):
     """The points of a surface that are nearest to M points.
 

@@ -48,7 +48,8 @@ class Polylines(Struct, frozen=True, eq=False):
         for contour in contours:
             chain_points, chain_bulges = contour.points, contour.bulges
             if contour.closed:
-                start = 0 if chain_bulges.any() else _find_corner(chain_points)
+                middle = (chain_points.min(axis=0) + chain_points.max(axis=0)) / 2
+                start = 0 if chain_bulges.any() else _find_farthest(chain_points, middle)
                 chain_points = np.concatenate([chain_points[start:], chain_points[: start + 1]])
                 chain_bulges = np.concatenate([chain_bulges[start:], chain_bulges[: start + 1]])
             points.append(chain_points)
@@ -65,11 +66,6 @@ class Polylines(Struct, frozen=True, eq=False):
         return cls(
             np.concatenate(points), np.concatenate(bulges), np.array(firsts), np.array(fixed)
         )
-
-
-def _find_corner(points: FloatArray) -> int:
-    """The point farthest from the middle of the box around `points` (N, 2)."""
-    return _find_farthest(points, (points.min(axis=0) + points.max(axis=0)) / 2)
 
 
 def _find_farthest(points: FloatArray, centre: FloatArray) -> int:

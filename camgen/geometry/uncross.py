@@ -15,10 +15,11 @@ from collections.abc import Iterable
 
 import numpy as np
 from msgspec import Struct
+from msgspec.structs import replace
 
 from camgen.geometry.intersect import find_crossings, find_near_pairs, only_at_ends
 from camgen.geometry.nesting import measure_loop_areas
-from camgen.geometry.ragged import ends_run, run_starts
+from camgen.geometry.ragged import ends_run, list_chains, run_starts
 from camgen.geometry.segments import (
     BoolArray,
     IntArray,
@@ -161,36 +162,19 @@ def _split_loop(
 
 def _make_loops(pieces: _Pieces) -> Iterable[Segments]:
     """The loops of which a split loop consists, without those that lie inside the part."""
-    loops = _follow_pieces(pieces.following)
-    tables = [pieces.segments.take(np.array(rows)) for rows in loops]
-    areas = [float(np.abs(measure_loop_areas(_as_one_loop(table), 1))[0]) for table in tables]
+    loops = list_chains(pieces.following)
+    tables, areas = [], []
+    for rows in loops:
+        table = pieces.segments.take(np.array(rows))
+        one_loop = replace(table, owner=np.zeros_like(table.owner))
+        tables.append(table)
+        areas.append(float(np.abs(measure_loop_areas(one_loop, 1))[0]))
     senses = _find_senses(pieces, loops, int(np.argmax(areas)))
     result = []
     for table, sense in zip(tables, senses, strict=True):
         if sense:
             result.append(reverse_segments(table)[0] if sense < 0 else table)
     return result
-
-
-def _as_one_loop(table: Segments) -> Segments:
-    return Segments(
-        table.start, table.end, table.bulge, table.centre, table.radius, np.zeros_like(table.owner)
-    )
-
-
-def _follow_pieces(following: IntArray) -> list[list[int]]:
-    """The pieces of each loop in running order."""
-    seen: set[int] = set()
-    loops = []
-    for begin in range(len(following)):
-        rows, row = [], begin
-        while row not in seen:
-            seen.add(row)
-            rows.append(row)
-            row = int(following[row])
-        if rows:
-            loops.append(rows)
-    return loops
 
 
 def _find_senses(pieces: _Pieces, loops: list[list[int]], largest: int) -> list[int]:

@@ -171,11 +171,11 @@ def _compare_fits(tries: Tries) -> Alternatives:
     """The best of the fits that were tried, with their costs from more points."""
     model, within, (best, lowest) = tries.prepared.model, tries.prepared.within, tries.best()
     gate = min(max(best.noise, 1e-6 * model.size) * TUKEY, within)
-    near = sum(cost <= lowest + FAR_COST for cost in tries.costs)
+    near = int((np.array(tries.costs) <= lowest + FAR_COST).sum())
     fits = [tries.fits[k] for k in tries.sort()[: max(near, _COMPARED)]]
     costs = compute_costs(model, tries.view.first(FEW), fits, gate, _SAME_COST)
     order = sorted(range(len(fits)), key=costs.__getitem__)
-    return Alternatives([fits[k] for k in order], [costs[k] for k in order], gate, _SAME_COST)
+    return Alternatives([fits[k] for k in order], sorted(costs), gate, _SAME_COST)
 
 
 def _choose_fit(model: Model, equal: list[ScanFit], given: Pose, known: bool) -> ScanFit:
@@ -190,8 +190,11 @@ def _choose_fit(model: Model, equal: list[ScanFit], given: Pose, known: bool) ->
     least = [fit for fit, turn in zip(equal, turns, strict=True) if turn <= limit]
     middle = (model.low + model.high) / 2
     wanted = np.asarray(given.rotation) @ middle + np.asarray(given.origin)
-    shifts = [np.linalg.norm((middle - fit.origin) @ fit.rotation - wanted) for fit in least]
-    return least[int(np.argmin(shifts))]
+
+    def measure_shift(fit: ScanFit) -> float:
+        return float(np.linalg.norm((middle - fit.origin) @ fit.rotation - wanted))
+
+    return min(least, key=measure_shift)
 
 
 def _check_size(name: str, size: float, points: FloatArray) -> None:
@@ -295,11 +298,11 @@ def _measure_shown(
     model, within = prepared.model, prepared.within
     unseen = measure_unseen(model, view, final, gate)
     if unseen > MOST_HIDDEN:
-        share = f"{100 * unseen:.0f} % of the points on it"
         raise InputError(
             name,
             "the model was not found in the scan",
-            f"where it fits best, it hides {share} from the scanner",
+            f"where it fits best, it hides {100 * unseen:.0f} % of the points on it from the "
+            "scanner",
             "check --viewpoint: where the scanner stood",
         )
     seen = measure_seen(model, view, final, within)
@@ -307,8 +310,11 @@ def _measure_shown(
     if seen.near < LEAST_SEEN:
         raise _not_found(name, f"at best {100 * seen.near:.0f} % of its near side show in the scan")
     if stray > MOST_STRAY:
-        share = f"{100 * stray / (1 + stray):.0f} % of the points in its box"
-        raise _not_found(name, f"where it fits best, {share} are off its surface")
+        raise _not_found(
+            name,
+            f"where it fits best, {100 * stray / (1 + stray):.0f} % of the points in its box are "
+            "off its surface",
+        )
     return seen
 
 
@@ -322,11 +328,10 @@ def _check_rims(centred: _CentredScan, model: Model, location: Location) -> None
         raise _not_found(centred.name, why)
     is_near_start = centred.starts_near(model, location.base_from_work)
     if location.run_on > SOME_RUN_ON and not is_near_start:
-        what = "the scan does not settle whether it shows the part or a larger one"
         places = f": {_describe_patches(location.patches)}" if location.patches else ""
         raise NoSafeProgram(
             centred.name,
-            what,
+            "the scan does not settle whether it shows the part or a larger one",
             why + places,
             "cut away what is flush with it, or say about where the part stands with --start",
         )
@@ -343,19 +348,20 @@ def _check_rivals(centred: _CentredScan, model: Model, location: Location, moved
     if location.free and moved > location.noise_limit and start is None:
         why = f"{location.free} changes nothing"
     else:
-        others = [
-            rival
-            for rival in location.rivals
-            if rival.distance > location.noise_limit
-            and not (start and is_decided(model, start, pose, rival.base_from_work))
-        ]
+        others = []
+        for rival in location.rivals:
+            if start is not None and is_decided(model, start, pose, rival.base_from_work):
+                continue
+            if rival.distance > location.noise_limit:
+                others.append(rival)
         if not others:
             return
         other = max(others, key=lambda rival: rival.distance)
-        turned = f"a pose turned by {other.turn:.1f} deg and moved by {short(other.shift, 2)} mm"
-        elsewhere = f"it puts the surface up to {short(other.distance, 2)} mm elsewhere"
-        both = f"{format_values(pose)} or {format_values(other.base_from_work)}"
-        why = f"{turned} fits as well; {elsewhere}: {both}"
+        why = (
+            f"a pose turned by {other.turn:.1f} deg and moved by {short(other.shift, 2)} mm fits "
+            f"as well; it puts the surface up to {short(other.distance, 2)} mm elsewhere: "
+            f"{format_values(pose)} or {format_values(other.base_from_work)}"
+        )
     exactly = "about" if start is None else "more exactly"
     place = f"{exactly} where the part stands with --start"
     if not centred.has_viewpoint:

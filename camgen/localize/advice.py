@@ -55,8 +55,7 @@ def localize_or_advise(
     try:
         return search(part, scan)
     except InputError as error:
-        options = _list_options(part, scan)
-        tried = [_try(search, part, scan, reread, option) for option in options]
+        tried = [_try(search, part, scan, reread, option) for option in _list_options(part, scan)]
         advice = list(filter(None, tried))
         if not advice:
             raise

@@ -63,13 +63,13 @@ def find_isolated(points: FloatArray) -> BoolArray:
     The points of a sparse surface are not: they lie in the planes of their neighbours.
     """
     cloud = Cloud(points)
-    distances = cloud.find_nearest(points, min(_NEIGHBOURS + 1, len(points)))[1][:, -1]
+    distances = cloud.find_neighbours(points, min(_NEIGHBOURS + 1, len(points)))[1][:, -1]
     far = distances > _ISOLATED * float(np.median(distances))
     suspects = np.flatnonzero(far)
     if not len(suspects) or len(points) <= _NOISE_NEIGHBOURS:
         return np.asarray(far)
     noise = measure_noise(points[~far])
-    around = points[cloud.find_nearest(points[suspects], _NOISE_NEIGHBOURS + 1)[0][:, 1:]]
+    around = points[cloud.find_neighbours(points[suspects], _NOISE_NEIGHBOURS + 1)[0][:, 1:]]
     middles = around.mean(axis=1)
     _, spreads, axes = np.linalg.svd(around - middles[:, None], full_matrices=False)
     thickness = spreads[:, 2] / np.sqrt(_NOISE_NEIGHBOURS - 3)
@@ -82,7 +82,7 @@ def measure_noise(points: FloatArray) -> float:
     """The standard deviation of `points` (N, 3) about the planes through their neighbours, mm."""
     count = min(_NOISE_NEIGHBOURS, len(points))
     places = pick_rows(points, _NOISE_PLACES)
-    patches = points[Cloud(points).find_nearest(places, count)[0]]
+    patches = points[Cloud(points).find_neighbours(places, count)[0]]
     patches = patches - patches.mean(axis=1, keepdims=True)
     least = np.linalg.svd(patches, compute_uv=False)[:, -1]
     return float(np.median(least)) / float(np.sqrt(max(count - 3, 1)))
@@ -138,7 +138,7 @@ def _fit_plane(points: FloatArray, within: float) -> tuple[FloatArray, float] | 
     MSAC (Torr and Zisserman, MLESAC, 2000) finds it, least squares refine it.
     """
     drawn = np.random.default_rng(0).integers(0, len(points), (_TRIES, 3))
-    a, b, c = (points[drawn[:, k]] for k in range(3))
+    a, b, c = points[drawn.T]
     normals = unit(np.cross(b - a, c - a))
     heights = (normals * a).sum(axis=1)
     proper = normals.any(axis=1)
@@ -163,7 +163,7 @@ def _measure_covered(points: FloatArray, normal: FloatArray) -> float:
     first = np.cross(normal, np.eye(3)[int(np.abs(normal).argmin())])
     first /= np.linalg.norm(first)
     flat = points @ np.column_stack([first, np.cross(normal, first)])
-    spacings = Cloud(points).find_nearest(pick_rows(points, 1000), 2)[1][:, 1]
+    spacings = Cloud(points).find_neighbours(pick_rows(points, 1000), 2)[1][:, 1]
     cell = 3 * float(np.median(spacings)) / SIGMAS_OF_MEDIAN
     cells = np.unique(np.floor(flat / max(cell, 1e-9)).astype(np.int64), axis=0)
     return len(cells) * cell * cell

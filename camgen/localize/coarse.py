@@ -77,7 +77,7 @@ def make_field(model: Model) -> DistanceField:
     counts = np.ceil((model.high + _BEYOND * side - low) / cell).astype(int)
     axes = [low[k] + cell * (np.arange(counts[k]) + 0.5) for k in range(3)]
     middles = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    nearest = model.cloud.find_nearest(middles)[0][:, 0].reshape(tuple(counts))
+    nearest = model.cloud.find_nearest(middles)[0].reshape(tuple(counts))
     return DistanceField(low, cell, nearest, model.samples, model.sample_normals)
 
 

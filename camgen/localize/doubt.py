@@ -202,9 +202,8 @@ def _measure_drawn(
     limit = _compute_pose_limit(model, final)
     samples = pick_rows(model.samples, _SPOTS)
     twin = draw_pose(model, (samples - final.origin) @ final.rotation, fit, limit)
-    twin_cost, final_cost = (
-        compute_cost(model, View(points), each, gate) for each in (twin, final)
-    )
+    twin_cost = compute_cost(model, View(points), twin, gate)
+    final_cost = compute_cost(model, View(points), final, gate)
     if _is_different(model, twin, [fit], limit) or twin_cost > final_cost + _TWIN_COST:
         return math.inf
     return measure_surface_distance(model, final, twin)
@@ -302,12 +301,12 @@ def find_other_sides(model: Model, points: FloatArray, fits: list[ScanFit]) -> P
     groups = []
     for fit in _select_different(model, points, fits):
         places = fit.apply(points)
-        axes = _find_face_axes(model.sample_normals[model.cloud.find_nearest(places)[0][:, 0]])
+        axes = _find_face_axes(model.sample_normals[model.cloud.find_nearest(places)[0]])
         signs = np.stack(np.meshgrid(*[(-1, 0, 1)] * len(axes), indexing="ij"), axis=-1)
         signs = signs.reshape(-1, len(axes))
         wanted = signs[signs.any(axis=1)].T.astype(np.float64)
         shifts = thickness * np.linalg.lstsq(axes, wanted, rcond=None)[0].T
-        distances = [model.cloud.find_nearest(places + shift)[1][:, 0] for shift in shifts]
+        distances = [model.cloud.find_nearest(places + shift)[1] for shift in shifts]
         costs = np.minimum(np.stack(distances), thickness).mean(axis=1)
         best = np.argsort(costs, kind="stable")[:_SHIFTS]
         rotations = np.broadcast_to(fit.rotation, (len(best), 3, 3))
@@ -464,8 +463,8 @@ def _find_hit(
     within: distance up to which a point is near, if the points are not farther apart, mm.
     """
     cloud = Cloud(points)
-    nearest, distance = (each[:, 0] for each in cloud.find_nearest(places))
-    spacing = float(np.median(cloud.find_nearest(pick_rows(points, 1000), 2)[1][:, 1]))
+    nearest, distance = cloud.find_nearest(places)
+    spacing = float(np.median(cloud.find_neighbours(pick_rows(points, 1000), 2)[1][:, 1]))
     reach = max(within, 4 * spacing)
     hit = np.asarray(distance <= reach)
     used, point = np.unique(nearest[hit], return_inverse=True)

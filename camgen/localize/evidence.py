@@ -66,7 +66,7 @@ def find_sides(normals: FloatArray) -> IntArray:
 
 def _measure_density(at: FloatArray, normals: FloatArray) -> FloatArray:
     """The low usual density on each side (6,), 1/mm2, of points `at` (N, 3)."""
-    distances = np.maximum(Cloud(at).find_nearest(at, NEIGHBOURS + 1)[1][:, -1], 1e-9)
+    distances = np.maximum(Cloud(at).find_neighbours(at, NEIGHBOURS + 1)[1][:, -1], 1e-9)
     local = NEIGHBOURS / (np.pi * distances**2)
     side = find_sides(normals)
     density = np.full(6, _SHARE_OF_ALL * float(np.median(local)))

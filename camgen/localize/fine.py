@@ -6,7 +6,6 @@ Its costs say how well a pose fits, with regard to what the scanner can see.
 from __future__ import annotations
 
 from collections.abc import Generator
-from itertools import pairwise
 
 import numpy as np
 from msgspec import Struct
@@ -120,20 +119,18 @@ def refine_all(
             except StopIteration as end:
                 del questions[k]
                 fits[k] = end.value
-    return [fits[k] for k in range(len(starts))]
+    return list(map(fits.__getitem__, range(len(starts))))
 
 
 def _find_all_candidates(model: Model, questions: list[_Question]) -> list[TouchPairs]:
     """The candidates for each question. All questions have the same number of places."""
-    limits = [limits for _, limits in questions if limits is not None]
-    places, count = np.concatenate([each for each, _ in questions]), len(questions[0][0])
-    reach, slack = (np.repeat(values, count) for values in zip(*limits, strict=True))
+    count, limits = len(questions[0][0]), np.array([limits for _, limits in questions], np.float64)
+    places = np.concatenate([places for places, _ in questions])
+    reach, slack = np.repeat(limits, count, axis=0).T
     pairs = find_candidates(model, places, reach, slack)
-    ends = np.searchsorted(pairs.point, count * np.arange(len(questions) + 1))
-    return [
-        TouchPairs(pairs.point[a:b] - count * k, pairs.triangle[a:b])
-        for k, (a, b) in enumerate(pairwise(ends.tolist()))
-    ]
+    ends = np.searchsorted(pairs.point, count * np.arange(1, len(questions)))
+    points, triangles = np.split(pairs.point % count, ends), np.split(pairs.triangle, ends)
+    return list(map(TouchPairs, points, triangles))
 
 
 def _find_all_touched(
@@ -146,11 +143,10 @@ def _find_all_touched(
         np.concatenate([each.triangle for each in pairs]),
     )
     touch = find_touched(model, all_pairs, np.concatenate(places))
-    ends = np.searchsorted(touch.point, count * np.arange(len(places) + 1))
-    return [
-        Touch(touch.point[a:b] - count * k, touch.at[a:b], touch.triangle[a:b], touch.distance[a:b])
-        for k, (a, b) in enumerate(pairwise(ends.tolist()))
-    ]
+    ends = np.searchsorted(touch.point, count * np.arange(1, len(places)))
+    points, at = np.split(touch.point % count, ends), np.split(touch.at, ends)
+    triangles, distances = np.split(touch.triangle, ends), np.split(touch.distance, ends)
+    return list(map(Touch, points, at, triangles, distances))
 
 
 def _refine_steps(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
 
-_STEPS = tuple(step for step in product((-1, 0, 1), repeat=3) if any(step))
+_STEPS = tuple(filter(any, product((-1, 0, 1), repeat=3)))
 
 
 def pick_rows(rows: NDArray[Any], count: int) -> NDArray[Any]:

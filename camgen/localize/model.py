@@ -34,7 +34,12 @@ class Cloud:
         self._points = np.ascontiguousarray(points, dtype=np.float32)
         self._tree = cv2.flann.Index(self._points, _EXACT_TREE)
 
-    def find_nearest(self, points: FloatArray, count: int = 1) -> tuple[IntArray, FloatArray]:
+    def find_nearest(self, points: FloatArray) -> tuple[IntArray, FloatArray]:
+        """Index (n,) and distance (n,), mm, of the nearest to each of `points` (n, 3)."""
+        indices, distances = self.find_neighbours(points, 1)
+        return indices[:, 0], distances[:, 0]
+
+    def find_neighbours(self, points: FloatArray, count: int) -> tuple[IntArray, FloatArray]:
         """Indices and distances (mm) of the `count` nearest to each of `points` (n, 3).
 
         Both are (n, count).
@@ -110,10 +115,10 @@ def spread_points(corners: FloatArray, count: int) -> tuple[FloatArray, IntArray
     ends = np.cumsum(np.linalg.norm(cross_edges(corners), axis=1))
     wanted = (np.arange(count) + 0.5) / count * ends[-1]
     triangle = np.searchsorted(ends, wanted).clip(max=len(corners) - 1)
-    u, v = (np.arange(1, count + 1) * step % 1.0 for step in _R2)
+    u, v = np.outer(_R2, np.arange(1, count + 1)) % 1.0
     beyond = u + v > 1
     u, v = np.where(beyond, 1 - u, u), np.where(beyond, 1 - v, v)
-    a, b, c = (corners[triangle, k] for k in range(3))
+    a, b, c = corners[triangle].swapaxes(0, 1)
     return a + (b - a) * u[:, None] + (c - a) * v[:, None], triangle
 
 
@@ -184,8 +189,8 @@ def find_candidates(
         middles, parent = _find_cells(levels[-1].places, model.low - widest_reach, size)
         if 2 * len(middles) > len(parent):
             break
-        reaches, slacks = (np.full(len(middles), v) for v in (widest_reach, widest_slack))
-        levels.append(_Level(middles, reaches, slacks, size * float(np.sqrt(0.75))))
+        reach, slack = np.full(len(middles), widest_reach), np.full(len(middles), widest_slack)
+        levels.append(_Level(middles, reach, slack, size * float(np.sqrt(0.75))))
         parents.append(parent)
     pairs = _search_tree(model, levels[-1])
     for level, parent in zip(levels[-2::-1], parents[::-1], strict=True):
@@ -202,8 +207,8 @@ def _find_cells(points: FloatArray, low: FloatArray, size: float) -> tuple[Float
 
 def _search_tree(model: Model, level: _Level) -> TouchPairs:
     # A sample is at most as close as the surface. So its distance is an upper bound.
-    bound = model.cloud.find_nearest(level.places)[1][:, 0] * (1 + 1e-5)
-    bound = bound + level.slack + 2 * level.radius
+    _, distance = model.cloud.find_nearest(level.places)
+    bound = distance * (1 + 1e-5) + level.slack + 2 * level.radius
     bound = np.minimum(bound, level.reach + level.slack + 3 * level.radius) ** 2
     columns = np.ascontiguousarray(level.places.T)
 

@@ -98,7 +98,7 @@ def measure_run_on(model: Model, points: FloatArray, final: ScanFit) -> float:
     """
     rims, at = find_rims(model), final.apply(points[:_POINTS])
     cloud, noise = Cloud(at), compute_noise_limit(model, final)
-    spacing = float(np.median(cloud.find_nearest(at[:1000], 2)[1][:, 1]))
+    spacing = float(np.median(cloud.find_neighbours(at[:1000], 2)[1][:, 1]))
     reach = max(_SPACINGS * spacing, noise)
     # At this distance from the rim, points on the other side of it are out of reach.
     clear = reach + noise
@@ -107,7 +107,7 @@ def measure_run_on(model: Model, points: FloatArray, final: ScanFit) -> float:
     ends[find_touched_within(model, beyond, clear).point] = False
 
     def is_shown(places: FloatArray) -> BoolArray:
-        nearest, distance = (each[:, 0] for each in cloud.find_nearest(places))
+        nearest, distance = cloud.find_nearest(places)
         heights = np.abs(dots(at[nearest] - places, rims.normals))
         return np.asarray((distance <= reach) & (heights <= noise))
 

@@ -167,8 +167,12 @@ def _select_usable(name: str, points: FloatArray, notes: list[Note]) -> FloatArr
     if len(usable) < LEAST:
         beyond = int(np.count_nonzero(finite & ~near))
         where = f"{beyond} more are beyond {FARTHEST:g} mm" if beyond else ""
-        what = f"has {counted(len(usable), 'usable point')}"
-        raise InputError(name, what, where, f"a scan needs {LEAST} or more")
+        raise InputError(
+            name,
+            f"has {counted(len(usable), 'usable point')}",
+            where,
+            f"a scan needs {LEAST} or more",
+        )
     return usable
 
 

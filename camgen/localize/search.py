@@ -94,7 +94,7 @@ class Tries:
         placements = list(zip(poses.rotations, poses.origins, strict=True))
         fits = refine_all(model, fewer.points, placements, 0.02 * model.size)
         costs = compute_costs(model, fewer, fits, within)
-        near = [k for k, cost in enumerate(costs) if cost < min(costs) + FAR_COST]
+        near = np.flatnonzero(np.array(costs) < min(costs, default=0.0) + FAR_COST).tolist()
         placements = [(fits[k].rotation, fits[k].origin) for k in near]
         refined = refine_all(model, first, placements, 0.01 * model.size)
         refined_costs = compute_costs(model, fewer, refined, within)

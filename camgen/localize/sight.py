@@ -169,7 +169,8 @@ def estimate_eye(
     directions = select_above(np.vstack(tries), up)
     eyes, agree, shares = np.zeros((0, 3)), np.zeros(0), np.zeros(0)
     for cone, distances in _ROUNDS:
-        tried = np.concatenate([middle + far * model.size * directions for far in distances])
+        shifts = np.multiply.outer(np.array(distances) * model.size, directions)
+        tried = (middle + shifts).reshape(-1, 3)
         results = compare(tried)
         eyes = np.vstack([eyes, tried])
         agree, shares = np.append(agree, results[0]), np.append(shares, results[1])

@@ -84,12 +84,12 @@ def _find_empty(evidence: Evidence, sight: Sight) -> list[Patch]:
         points = np.vstack([evidence.at[point_side == k], opposite])
         empty = samples
         if len(points):
-            empty = samples[Cloud(points).find_nearest(model.samples[samples])[1][:, 0] > radius]
+            empty = samples[Cloud(points).find_nearest(model.samples[samples])[1] > radius]
         empty = empty[sight.expects(model, model.samples[empty], model.sample_normals[empty])]
         for group in group_places(model.samples[empty], 2 * np.sqrt(area)):
             middles = Cloud(model.samples[empty[group]])
             covered = model.samples[samples]
-            covered = covered[middles.find_nearest(covered)[1][:, 0] <= radius]
+            covered = covered[middles.find_nearest(covered)[1] <= radius]
             expected = float(evidence.density[k] * area * len(covered))
             patch = _make_patch(covered, expected, beyond=False)
             if patch.expected >= _EXPECTED and patch.size[1] >= _WIDTH * radius:
@@ -105,7 +105,7 @@ def _see_through(evidence: Evidence, samples: IntArray, at: FloatArray) -> Float
     if not len(at):
         return at
     model = evidence.model
-    nearest = samples[Cloud(model.samples[samples]).find_nearest(at)[0][:, 0]]
+    nearest = samples[Cloud(model.samples[samples]).find_nearest(at)[0]]
     heights = dots(at - model.samples[nearest], model.sample_normals[nearest])
     return at[np.abs(heights) <= evidence.within]
 
@@ -172,7 +172,7 @@ def _mm_per_place(rims: Rims) -> float:
 def _compute_chance(seen: float, expected: float) -> float:
     """The chance of at most `seen` points among `expected` independent ones (Poisson)."""
     terms = [k * math.log(expected) - math.lgamma(k + 1) - expected for k in range(round(seen) + 1)]
-    return math.fsum(math.exp(term) for term in terms)
+    return math.fsum(map(math.exp, terms))
 
 
 def _find_inward(evidence: Evidence, rims: Rims, depth: FloatArray) -> BoolArray:
@@ -211,7 +211,7 @@ def _count_points(
     for k in np.unique(side) if len(points) else ():
         places = np.flatnonzero(side == k)
         counted = np.zeros(len(points), dtype=bool)
-        nearest = Cloud(rims.places[places]).find_nearest(points, min(3, len(places)))[0]
+        nearest = Cloud(rims.places[places]).find_neighbours(points, min(3, len(places)))[0]
         for rim in places[nearest].T:
             offsets = points - rims.places[rim]
             out = dots(offsets, rims.out[rim])

@@ -67,7 +67,7 @@ def find_sight(evidence: Evidence, view: View, final: ScanFit) -> Sight:
         return Sight(_make_ring(final.apply(view.eye), model, _NEAR_KNOWN), 1.0)
     clear = _find_clear(evidence)
     at, faces = evidence.at[clear], evidence.normals[clear]
-    places, normals = (pick_rows(each, _PLACES) for each in (model.samples, model.sample_normals))
+    places, normals = pick_rows(model.samples, _PLACES), pick_rows(model.sample_normals, _PLACES)
     hit = _find_hit(evidence, at, faces, places, normals)
     up = None if view.up is None else final.rotation @ view.up
     likely = _fit_direction(at, faces)
@@ -90,7 +90,7 @@ def _find_hit(
     hit = np.zeros(len(places), dtype=bool)
     for k in np.flatnonzero(np.bincount(point_side, minlength=6) >= FEW_ON_SIDE):
         on_side = place_side == k
-        distances = Cloud(at[point_side == k]).find_nearest(places[on_side])[1][:, 0]
+        _, distances = Cloud(at[point_side == k]).find_nearest(places[on_side])
         hit[on_side] = distances < DISC / np.sqrt(evidence.density[k])
     return hit
 
@@ -103,7 +103,7 @@ def _fit_direction(at: FloatArray, normals: FloatArray) -> FloatArray | None:
     """
     if len(at) <= NEIGHBOURS:
         return None
-    distances = np.maximum(Cloud(at).find_nearest(at, NEIGHBOURS + 1)[1][:, -1], 1e-9)
+    distances = np.maximum(Cloud(at).find_neighbours(at, NEIGHBOURS + 1)[1][:, -1], 1e-9)
     # The area that a point stands for is in proportion to the squared distance of its neighbours.
     weighted = normals * (distances**2)[:, None]
     direction = np.linalg.pinv(weighted.T @ normals, rcond=1e-3) @ normals.sum(axis=0)
@@ -117,7 +117,7 @@ def _find_clear(evidence: Evidence) -> BoolArray:
     if not len(rims.places):
         return np.ones(len(evidence.at), dtype=bool)
     gap = 2 * evidence.within + rims.length / len(rims.places)
-    return np.asarray(Cloud(rims.places).find_nearest(evidence.at)[1][:, 0] > gap)
+    return np.asarray(Cloud(rims.places).find_nearest(evidence.at)[1] > gap)
 
 
 def _make_ring(eye: FloatArray, model: Model, angle: float) -> FloatArray:

@@ -8,14 +8,14 @@ from camgen.localize.verdict import Patch
 from camgen.model.pose import Pose, fixed_xyz
 from camgen.model.text import fixed, short
 
-_MM_DIGITS, _DEG_DIGITS = 4, 5
+#: Digits of x, y, z, mm, and of rx, ry, rz, deg.
+_DIGITS = (4, 4, 4, 5, 5, 5)
 
 
 def format_values(pose: Pose) -> str:
     """A pose as the list of a job file: x, y, z in mm, then rx, ry, rz in degrees."""
     angles = map(math.degrees, fixed_xyz(pose.rotation))
-    texts = [fixed(v, _MM_DIGITS) for v in pose.origin] + [fixed(v, _DEG_DIGITS) for v in angles]
-    return f"[{', '.join(texts)}]"
+    return f"[{', '.join(map(fixed, (*pose.origin, *angles), _DIGITS))}]"
 
 
 def describe_patch(patch: Patch) -> str:

@@ -86,13 +86,14 @@ class InputTable(Table, frozen=True):
     dialect: Annotated[
         Literal["", "linuxcnc", "grbl", "fanuc", "fanuc-lathe", "mach3", "marlin", "iso"],
         Meta(
-            description='of G-code: the controller that it was written for; "": what its words show'
+            description='of G-code: the controller that it was written for; "": recognised by '
+            "its words"
         ),
     ] = ""
     assume: Annotated[
         dict[str, float],
         Meta(
-            description="of programs: values that the text does not hold, by the keys that `camgen "
+            description="of programs: values that are not in their text, by the keys that `camgen "
             "verify` names, { di1 = 1 }"
         ),
     ] = field(default_factory=dict)
@@ -113,18 +114,24 @@ class ImageTable(Table, frozen=True):
     )
     region: Annotated[
         Values | None,
-        Meta(description="area to read: [x from, y from, x to, y to], mm of the work plane"),
+        Meta(
+            description="area of the picture that is read: [x from, y from, x to, y to], mm of the "
+            "work plane"
+        ),
     ] = None
     tones: Annotated[
         Literal["linear", "srgb"],
         Meta(
-            description="linear: values are light, as of cameras for machine vision; srgb: coded, "
-            "as most others write"
+            description="linear: values in proportion to the light, as from cameras for machine "
+            "vision; srgb: coded, as from most others"
         ),
     ] = "linear"
     mask: Annotated[
         Literal["auto", "otsu", "threshold", "color", "background", "adaptive", "alpha"],
-        Meta(description="how part and bench are distinguished; auto chooses and says why"),
+        Meta(
+            description="the method that separates the part from the bench; auto chooses one and "
+            "says why"
+        ),
     ] = "auto"
     background: Annotated[
         str, Meta(description="photo of the empty bench, taken from the same place")
@@ -143,7 +150,7 @@ class ImageTable(Table, frozen=True):
     color: Annotated[
         Values | None, Meta(description="color of the bench or of the part: [red, green, blue]")
     ] = None
-    invert: Annotated[bool, Meta(description="part and bench are exchanged")] = False
+    invert: Annotated[bool, Meta(description="exchanges part and bench")] = False
     lines: Annotated[
         Literal["auto", "centre", "border"],
         Meta(
@@ -179,13 +186,15 @@ class CameraTable(Table, frozen=True):
     ] = None
     plane_from: Annotated[
         Values | None,
-        Meta(description="or the work frame in the camera's: [x, y, z, rx, ry, rz], mm and deg"),
+        Meta(
+            description="or the pose of the work frame in the camera frame: [x, y, z, rx, ry, "
+            "rz], mm and deg"
+        ),
     ] = None
     markers: Annotated[
         str,
         Meta(
-            description='or on the bench: a sheet of camgen markers, "A4", or a ChArUco board, '
-            '"7x5"'
+            description='or the sheet on the bench: camgen markers, "A4", or a ChArUco board, "7x5"'
         ),
     ] = ""
     marker: Annotated[Positive, Meta(description="width of the markers of sheet or board, mm")] = (
@@ -195,7 +204,7 @@ class CameraTable(Table, frozen=True):
         30.0
     )
     printed_length: Annotated[
-        Positive, Meta(description="length of the sheet's ruler on the paper, mm")
+        Positive, Meta(description="measured length of the ruler on the printed sheet, mm")
     ] = 100.0
     height: Annotated[
         float, Meta(description="height of the part's top face above points or markers, mm")
@@ -203,7 +212,7 @@ class CameraTable(Table, frozen=True):
 
 
 class OperationTable(Table, frozen=True):
-    """[operation]: what is done along the contours."""
+    """[operation]: the operation along the contours, with its settings."""
 
     kind: Annotated[
         Literal[
@@ -277,7 +286,7 @@ class OperationTable(Table, frozen=True):
         Meta(
             gt=0,
             le=1,
-            description="fill, pocket: from pass to pass, as a share of the tool's diameter",
+            description="fill, pocket: distance between passes, as a share of the tool's diameter",
         ),
     ] = 0.7
     engagement: Annotated[
@@ -293,8 +302,8 @@ class OperationTable(Table, frozen=True):
     finish: Annotated[
         NotNegative,
         Meta(
-            description="left at the walls, mm, and taken by a last pass at the whole depth; 0: "
-            "none"
+            description="material left at the walls, mm, which a last pass at the whole depth "
+            "removes; 0: none"
         ),
     ] = 0.0
     rest: Annotated[
@@ -323,7 +332,7 @@ class OperationTable(Table, frozen=True):
         ),
     ] = "plunge"
     entry_angle: Annotated[
-        float, Meta(gt=0, le=45, description="of a ramp or a helix against the level, deg")
+        float, Meta(gt=0, le=45, description="angle of a ramp or a helix to the work plane, deg")
     ] = 3.0
     tabs: Annotated[
         int,
@@ -334,13 +343,13 @@ class OperationTable(Table, frozen=True):
     ] = 0
     tab_spacing: Annotated[
         Positive | None,
-        Meta(description="or one bridge per this length of contour, two at least, mm"),
+        Meta(description="or length of the outline for each bridge, mm; two bridges at least"),
     ] = None
     tab_width: Annotated[Positive, Meta(description="length of a bridge along the contour, mm")] = (
         5.0
     )
     tab_height: Annotated[
-        Positive, Meta(description="of a bridge above the depth of the operation, mm")
+        Positive, Meta(description="height of a bridge above the depth of the operation, mm")
     ] = 1.0
     lead_in: Annotated[
         NotNegative, Meta(description="length of the lead-in to a followed contour, mm")
@@ -400,15 +409,15 @@ class ToolTable(Table, frozen=True):
             "by name"
         ),
     ] = ""
-    name: Annotated[str, Meta(description="its name, for operations")] = ""
+    name: Annotated[str, Meta(description="its name, by which operations choose it")] = ""
     number: Annotated[
-        int, Meta(ge=0, le=99_999, description="its place in the machine's tool table; 0: none")
+        int, Meta(ge=0, le=99_999, description="its number in the machine's tool table; 0: none")
     ] = 0
     kind: Annotated[
         Literal[
             "end mill", "ball mill", "bull nose", "drill", "v", "laser", "plasma", "knife", "pen"
         ],
-        Meta(description="its shape"),
+        Meta(description="its shape, from which the rest material follows"),
     ] = "end mill"
     corner_radius: Annotated[NotNegative, Meta(description="of a bull nose mill, mm")] = 0.0
     tip_angle: Annotated[
@@ -416,7 +425,8 @@ class ToolTable(Table, frozen=True):
     ] = None
     tip_diameter: Annotated[NotNegative, Meta(description="flat at the tip of a V tool, mm")] = 0.0
     flutes: Annotated[
-        int, Meta(ge=1, description="cutting edges, by which the feed of a tooth is checked")
+        int,
+        Meta(ge=1, description="number of cutting edges, by which the feed of a tooth is checked"),
     ] = 2
     material: Annotated[
         Literal["carbide", "hss"] | None,
@@ -424,7 +434,7 @@ class ToolTable(Table, frozen=True):
     ] = None
     cutting_length: Annotated[
         Positive | None,
-        Meta(description="of the cutting edges along the axis, mm; not set: not checked"),
+        Meta(description="length of the cutting edges along the axis, mm; not set: not checked"),
     ] = None
     center_cutting: Annotated[
         bool,
@@ -436,7 +446,9 @@ class ToolTable(Table, frozen=True):
         Positive | None, Meta(description="highest speed of the spindle, rpm; not set: any")
     ] = None
     diameter: Annotated[Positive, Meta(description="cutting diameter, mm")] = 6.0
-    length: Annotated[NotNegative, Meta(description="from the flange to the tool tip, mm")] = 100.0
+    length: Annotated[
+        NotNegative, Meta(description="length from the flange to the tool tip, mm")
+    ] = 100.0
     orient: Annotated[
         Literal["fixed", "follow"],
         Meta(description="follow: tool x turns with the contour normal, towards the part"),
@@ -474,8 +486,8 @@ class ToolTable(Table, frozen=True):
     holder: Annotated[
         Boxes | None,
         Meta(
-            description="boxes between flange and tool, at the flange: [[x, y, z, x, y, z], "
-            "...], mm"
+            description="the parts between flange and tool, as boxes at the flange: [[x, y, z, "
+            "x, y, z], ...], mm"
         ),
     ] = None
 
@@ -532,7 +544,8 @@ class ProcessTable(Table, frozen=True):
         float,
         Meta(
             ge=1,
-            description="largest speed of the tool centre on outer curves, in feeds",
+            description="maximum speed of the tool centre on outer curves, as a multiple of the "
+            "feed",
         ),
     ] = 2.0
     max_feed: Annotated[
@@ -554,7 +567,9 @@ class ProcessTable(Table, frozen=True):
             "PacScript; not set: by its post"
         ),
     ] = None
-    turn: Annotated[Positive, Meta(description="speed of a turn on the spot, deg/s")] = 60.0
+    turn: Annotated[
+        Positive, Meta(description="speed of reorientations at a fixed tool tip, deg/s")
+    ] = 60.0
     approach: Annotated[
         NotNegative, Meta(description="height above the start where the feed begins, mm")
     ] = 2.0
@@ -565,9 +580,8 @@ class ProcessTable(Table, frozen=True):
     clearance: Annotated[
         NotNegative,
         Meta(
-            description="clearance height of links above the top face, mm; on a page 3 if not "
-            "given; "
-            "0: none, for marks that the tool does not touch"
+            description="clearance height above the top face, mm; on a page 3 if not given; 0: "
+            "none, for marks that the tool does not touch"
         ),
     ] = 20.0
     stay_down: Annotated[
@@ -687,7 +701,9 @@ class TourTable(Table, frozen=True):
             "same on every machine"
         ),
     ] = 0.0
-    seed: Annotated[int, Meta(ge=0, description="another number, another search")] = 0
+    seed: Annotated[
+        int, Meta(ge=0, description="seed of the search; another number gives another search")
+    ] = 0
     layers: Annotated[
         list[str],
         Meta(description="layers in the order in which they are run; others come last"),
@@ -749,7 +765,10 @@ class CellTable(Table, frozen=True):
     """[cell]: where the work and the tool are. Without it the post's built-in cell is used."""
 
     file: Annotated[
-        str, Meta(description="another TOML file whose [cell] holds what is not set here")
+        str,
+        Meta(
+            description="another TOML file, whose [cell] holds the settings that are missing here"
+        ),
     ] = ""
     robot: Annotated[
         str,
@@ -781,8 +800,8 @@ class CellTable(Table, frozen=True):
     joint_accelerations: Annotated[
         Values | None,
         Meta(
-            description="of the joints, deg/s2 or mm/s2; not set: full speed in the time that the "
-            "post assumes"
+            description="accelerations of the joints, deg/s2 or mm/s2; not set: full speed in the "
+            "time that the post assumes"
         ),
     ] = None
     fixtures: Annotated[
@@ -824,10 +843,7 @@ class ToleranceTable(Table, frozen=True):
     ] = 0.01
     arc_fit: Annotated[
         NotNegative,
-        Meta(
-            description="short lines become an arc that leaves them by at most this, mm; 0: they "
-            "stay"
-        ),
+        Meta(description="largest deviation of an arc that replaces short lines, mm; 0: they stay"),
     ] = 0.01
     corner: Annotated[
         NotNegative | None,

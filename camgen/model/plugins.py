@@ -83,7 +83,7 @@ def run_plugin(entry: EntryPoint, what: str, answer: Callable[[], _T]) -> _T:
             f"plug-in {entry.name}",
             f"cannot {what}: {kind}: {one_line(str(error))}",
             entry.value,
-            "mend or remove its package",
+            "correct or remove its package",
         ) from error
 
 

@@ -345,7 +345,9 @@ def splice(
     changed: the new instructions by index, any number for each. A packed body stays packed.
     """
     if isinstance(body, Body):
-        return _splice_packed(body, changed)
+        places = sorted(changed)
+        new = pack(chain.from_iterable(changed[place] for place in places))
+        return replace_at(body, places, [len(changed[place]) for place in places], new)
     pieces: list[Instruction] = []
     done = 0
     for index in sorted(changed):
@@ -354,12 +356,6 @@ def splice(
         done = index + 1
     pieces += body[done:]
     return tuple(pieces)
-
-
-def _splice_packed(body: Body, changed: Mapping[int, Sequence[Instruction]]) -> Body:
-    places = sorted(changed)
-    new = pack(chain.from_iterable(changed[place] for place in places))
-    return replace_at(body, places, [len(changed[place]) for place in places], new)
 
 
 def replace_at(
@@ -441,7 +437,7 @@ def check(columns: Columns, paths: int = 0) -> None:
         ),
         *_first(at[~((rate >= 0) & np.isfinite(rate))], "a speed of a joint must not be negative"),
         *_first(
-            at[(path < -1) | (path >= paths)], "a motion belongs to a path that there is none of"
+            at[(path < -1) | (path >= paths)], "a motion belongs to a path that does not exist"
         ),
         *_first(
             at[columns.turned & ~(turn > 0)],
@@ -588,7 +584,7 @@ def _find_changing(columns: Columns) -> Iterator[tuple[int, str]]:
     on = set[str]()
     changes = np.flatnonzero(columns.are(ToolChange)).tolist()
     for index in changes:
-        next_motion = _find_next_motion(columns, index)
+        _, (next_motion,) = columns.neighbours(np.array([index]))
         if index + 1 < len(columns.body) and not isinstance(next_motion, MoveJ):
             yield index, "the first motion after a tool change must be joint-interpolated"
     if not changes:
@@ -604,11 +600,6 @@ def _find_changing(columns: Columns) -> Iterator[tuple[int, str]]:
             on.add(name)
         else:
             on.discard(name)
-
-
-def _find_next_motion(columns: Columns, index: int) -> Motion | None:
-    after = int(np.searchsorted(columns.at, index))
-    return columns.moves[after] if after < len(columns.moves) else None
 
 
 def _name_switch(item: Instruction) -> tuple[str, float]:
@@ -697,7 +688,7 @@ class Program(Struct, frozen=True, eq=False, dict=True):
         if origin is not None:
             return f"{'edge' if origin.operation == 'edges' else 'path'} {origin.id}"
         begun = self.columns.path[: int(np.searchsorted(self.columns.at, index, side="right"))] >= 0
-        return "the way home" if begun.any() else "the way to the first path"
+        return "the link home" if begun.any() else "the link to the first path"
 
     def with_body(self, body: Sequence[Instruction]) -> Program:
         """A copy with another body."""

@@ -38,11 +38,19 @@ def find_home(robot: Robot, cell: Cell, scene: Scene) -> FloatArray:
     assert isinstance(cell.home, Joints)
     home = frozen(cell.home.values)
     if len(home) != len(robot.joints):
-        what = f"{robot.name} has {len(robot.joints)} joints, home has {len(home)}"
-        raise JobError("job", what, "cell.home", "give home for this robot")
+        raise JobError(
+            "job",
+            f"{robot.name} has {len(robot.joints)} joints, home has {len(home)}",
+            "cell.home",
+            "give home for this robot",
+        )
     if not are_within_limits(robot, home):
-        what = f"at home {describe_limit(robot, home)}"
-        raise JobError("job", what, "cell.home", "give a home within the limits")
+        raise JobError(
+            "job",
+            f"at home {describe_limit(robot, home)}",
+            "cell.home",
+            "give a home within the limits",
+        )
     pair = int(find_collisions(scene, home[None])[0])
     if pair >= 0:
         raise NoSafeProgram(

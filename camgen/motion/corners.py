@@ -77,7 +77,10 @@ def blend_corners(
     curved = (motions.curved[:-1] | motions.curved[1:]) & (blend > 0)
     rows = np.flatnonzero(curved)
     if len(rows) and pace.corner in ("zone", "overlap"):
-        first, second = (_fit(motions.pick(picked)) for picked in (rows, rows + 1))
+        first, second = motions.pick(rows), motions.pick(rows + 1)
+        # In paths in space `via` need not be the middle of an arc.
+        first = make_spans_through(first.start, first.via, first.end)
+        second = make_spans_through(second.start, second.via, second.end)
         pairs = Transitions(first, second, blend[rows], fast[rows])
         blend[rows] = _narrow(pairs, tolerance[rows], pace)
     return blend
@@ -110,11 +113,6 @@ def _overlap(
     length = np.minimum(fast**2 / (2 * pace.acceleration), np.maximum(length[:-1], length[1:]) / 2)
     is_within = length * sine / 2 <= tolerance + _ROUNDING
     return np.where(is_within, np.maximum(np.round(length, 3), _MIN_BLEND), 0.0)
-
-
-def _fit(motions: Spans) -> Spans:
-    """The motions with arcs through their `via`, which is not the middle in paths in space."""
-    return make_spans_through(motions.start, motions.via, motions.end)
 
 
 def _narrow(pairs: Transitions, tolerance: FloatArray, pace: Dynamics) -> FloatArray:

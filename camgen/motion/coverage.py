@@ -108,8 +108,7 @@ class _Ladder(Struct, frozen=True, eq=False):
             chains = find_cover(self.states, self.transitions, self.along_edge, _PRICE)
             if not chains:
                 return chains
-            visited = [np.arange(chain.first, chain.last + 1) for chain in chains]
-            station = np.concatenate(visited)
+            station = np.concatenate([np.arange(chain.first, chain.last + 1) for chain in chains])
             joints = np.concatenate([chain.joints for chain in chains])
             is_open = ~self.checked[station]
             colliding = station[is_open][~setup.roomy(joints[is_open])]
@@ -399,9 +398,9 @@ class Coverage(Struct, frozen=True, eq=False):
         feed = compute_tip_feed(stations.length / along_edge, self.process)
         slowest = (stations.length / feed)[:, None, None, None]
         in_time = np.where(transitions.time - turning <= slowest, transitions.time, math.inf)
-        too_fast = _have_any(transitions.time) & ~_have_any(in_time)
-        possible = int(np.isfinite(transitions.time).sum())
-        late = 1 - int(np.isfinite(in_time).sum()) / max(possible, 1)
+        is_possible, is_in_time = np.isfinite(transitions.time), np.isfinite(in_time)
+        too_fast = np.asarray(is_possible.any(axis=(1, 2, 3)) & ~is_in_time.any(axis=(1, 2, 3)))
+        late = 1 - int(is_in_time.sum()) / max(int(is_possible.sum()), 1)
         transitions = replace(transitions, time=in_time)
         states.open[folded[owners(parts)]] = False
         checked = np.zeros(len(stations), dtype=np.bool_)
@@ -482,13 +481,11 @@ class Coverage(Struct, frozen=True, eq=False):
         room: parts of the stretches before and after the chain that may be used.
         """
         none = _Extension(0.0, chain.joints[:0])
-        before, after = (
-            self._extend(ladder, chain, choice, end, parts)
-            for end, parts in zip((0, -1), room, strict=True)
-        )
+        before = self._extend(ladder, chain, choice, 0, room[0])
+        after = self._extend(ladder, chain, choice, -1, room[1])
         failed = 0
         for ends in ((before, after), (none, none)):
-            if not len(chain.moves) and not sum(end.share for end in ends):
+            if not len(chain.moves) and ends[0].share + ends[1].share == 0:
                 return None
             piece = _Piece.make(ladder, chain, *ends)
             proved = self._prove(name, piece, choice)
@@ -544,13 +541,11 @@ class Coverage(Struct, frozen=True, eq=False):
             return none
         samples = divide(ladder.stations.slice(low, low + 2), np.array([_PARTS_BEYOND]))
         turned = samples.rotation @ choice.nominal_from_tool[chain.orientation[end]]
-        goals = [
-            goal[::beyond] for goal in compute_flange_poses(self.setup, samples.position, turned)
-        ]
-        start = chain.joints[end]
+        rotations, origins = compute_flange_poses(self.setup, samples.position, turned)
+        rotations, origins, start = rotations[::beyond], origins[::beyond], chain.joints[end]
         while parts > 0:
-            rotations, origins = (goal[: parts + 1] for goal in goals)
-            followed = follow(self.setup.robot, (rotations, origins), start, MARGIN, JUMP)
+            goal = rotations[: parts + 1], origins[: parts + 1]
+            followed = follow(self.setup.robot, goal, start, MARGIN, JUMP)
             if not isinstance(followed, Choice):
                 parts = min(parts, followed.row) - 1
                 continue
@@ -559,11 +554,6 @@ class Coverage(Struct, frozen=True, eq=False):
                 return _Extension(parts / _PARTS_BEYOND, followed.joints[-1:])
             parts = int(hits[0]) - 1
         return none
-
-
-def _have_any(time: FloatArray) -> BoolArray:
-    """Whether any motion along each stretch has a time."""
-    return np.asarray(np.isfinite(time).reshape(len(time), -1).any(axis=1))
 
 
 def _divide_evenly(path: PosePath, turn: float) -> Index:
@@ -608,11 +598,10 @@ def _choose_start(chains: list[CoverChain], last: int) -> int:
     """
     if not chains:
         return 0
-    ends = [chain.last for chain in chains]
-    starts = [chain.first for chain in chains[1:]] + [chains[0].first + last]
-    gaps = [(start - end, end) for start, end in zip(starts, ends, strict=True)]
-    gap, end = max(gaps, key=lambda gap: (gap[0], -gap[1]))
-    return (end + gap // 2) % last
+    starts = [*(chain.first for chain in chains[1:]), chains[0].first + last]
+    gaps = [start - chain.last for chain, start in zip(chains, starts, strict=True)]
+    longest = int(np.argmax(gaps))
+    return (chains[longest].last + gaps[longest] // 2) % last
 
 
 def _begin_at(ladder: _Ladder, station: int) -> tuple[PosePath, FloatArray, BoolArray]:

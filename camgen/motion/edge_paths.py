@@ -50,8 +50,12 @@ def make_no_edge_error(
     first: the first line, with its reason.
     noun: "edge" or "curve".
     """
-    what = f"none of {counted(count, noun)} can be processed: {first.id}"
-    return NoSafeProgram(part.source, what, first.text, first.remedy)
+    return NoSafeProgram(
+        part.source,
+        f"none of {counted(count, noun)} can be processed: {first.id}",
+        first.text,
+        first.remedy,
+    )
 
 
 def list_pieces(
@@ -98,15 +102,13 @@ def note_gaps(line: Line, pieces: Sequence[EdgeMotion], why: str, trim: float) -
         return []
     ends = pieces[0].trimmed[0], pieces[-1].trimmed[1]
     if not line.closed and len(pieces) == 1 and max(ends) <= trim:
-        first, last = (short(end, 1) for end in ends)
-        what = f"{_name(line)} is run without its first {first} and last {last} mm"
-        return [Note("assumed", what, why, (line.id,))]
+        trimmed = f"its first {short(ends[0], 1)} and last {short(ends[1], 1)} mm"
+        return [Note("assumed", f"{_name(line)} is run without {trimmed}", why, (line.id,))]
     return [_note_piece(line, missing, why, (line.id,))]
 
 
 def _note_piece(line: Line, length: float, why: str, ids: tuple[str, ...]) -> Note:
-    what = f"{short(length, 1)} mm of {_name(line)}"
-    return Note("skipped", what, why, ids, length=length)
+    return Note("skipped", f"{short(length, 1)} mm of {_name(line)}", why, ids, length=length)
 
 
 def _name(line: Line) -> str:

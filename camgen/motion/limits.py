@@ -84,9 +84,8 @@ def make_limits(robot: Robot, dynamics: Dynamics, speed: float) -> MotionLimits:
 
     speed: maximum speed of the TCP, mm/s.
     """
-    accelerations = robot.accelerations
-    if accelerations is None:
-        accelerations = robot.speeds / dynamics.ramp
+    stated = robot.accelerations
+    accelerations = robot.speeds / dynamics.ramp if stated is None else stated
     return MotionLimits(robot.fastest, accelerations, speed, dynamics.acceleration)
 
 

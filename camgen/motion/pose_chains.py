@@ -159,15 +159,10 @@ def find_cheapest_chain(
             cost = np.full(cost.shape, math.inf)
         else:
             solutions = states.joints[0].reshape(count * branches, -1)
-            least = _time(robot, solutions[state] + math.tau * states.table[turn] - start)
+            moved = np.abs(solutions[state] + math.tau * states.table[turn] - start)
+            least = (moved / robot.speeds).max(axis=-1)
         cost.reshape(-1)[state * (turns + 1) + turn] = least + row_cost[state // branches]
     return _trace(states, steps, cost, costs) if np.isfinite(cost).any() else None
-
-
-def _time(robot: Robot, moved: FloatArray) -> FloatArray:
-    """Time of the slowest joint for changes (..., J) of joint values, s; infinite for nan."""
-    time = (np.abs(moved) / robot.speeds).max(axis=-1)
-    return np.where(np.isnan(time), math.inf, time)
 
 
 def _trace(states: States, steps: Steps, cost: FloatArray, costs: list[FloatArray]) -> PoseChain:

@@ -83,7 +83,9 @@ def find_cover(
         cost = row_cost[used // (branches * turns)]
         value, move = np.full(len(used), -math.inf), np.full(len(used), _BEGINS, dtype=np.int8)
         if row and len(used):
-            value, move = _continue_chains(values, states, transitions, row, used)
+            total = add_steps(values, states, transitions, row, used, -_MM_PER_SECOND)
+            best = total.argmax(axis=0)
+            value, move = total[best, np.arange(len(used))], best.astype(np.int8)
             value += lengths[row - 1]
             value -= cost
         end = int(value.argmax()) if len(used) else None
@@ -97,18 +99,6 @@ def find_cover(
         values = np.full(len(values), -math.inf)
         values[used + used // turns] = np.maximum(value, start)
     return _trace(rows, states, transitions)
-
-
-def _continue_chains(
-    values: FloatArray, states: States, transitions: Steps, row: int, used: Index
-) -> tuple[FloatArray, NDArray[np.int8]]:
-    """The best values of states of a row by moves from the row before, and the moves, (U,) each.
-
-    values, used: arguments of `add_steps`, which gives moves that are not open minus infinity.
-    """
-    total = add_steps(values, states, transitions, row, used, -_MM_PER_SECOND)
-    move = total.argmax(axis=0)
-    return total[move, np.arange(len(used))], move.astype(np.int8)
 
 
 def _trace(rows: _Rows, states: States, transitions: Steps) -> list[CoverChain]:

@@ -44,9 +44,8 @@ class PosePath(Struct, frozen=True, eq=False):
 
     def reversed(self) -> PosePath:
         """The poses in opposite order."""
-        return PosePath(
-            frozen(self.position[::-1]), reverse_via(self.via), frozen(self.rotation[::-1])
-        )
+        via = np.concatenate([_STRAIGHT, self.via[:0:-1]])
+        return PosePath(frozen(self.position[::-1]), frozen(via), frozen(self.rotation[::-1]))
 
     def slice(self, first: int, stop: int) -> PosePath:
         """The rows from `first` up to the one before `stop`."""
@@ -68,11 +67,6 @@ class PosePath(Struct, frozen=True, eq=False):
     def turn(self) -> FloatArray:
         """(N - 1,) angle by which the tool rotates in each segment, rad."""
         return angles_between(self.rotation[:-1], self.rotation[1:])
-
-
-def reverse_via(via: FloatArray) -> FloatArray:
-    """`PosePath.via` of the reversed path."""
-    return frozen(np.concatenate([_STRAIGHT, via[:0:-1]]))
 
 
 def count_parts(path: PosePath, length: float, turn: float) -> Index:

@@ -191,10 +191,10 @@ def _reach_nominal(setup: Setup, paths: Sequence[tuple[str, PosePath]]) -> list[
             text = f"{reason.text}, {_describe_place(sampled, reason.row)}"
             results.append(UnreachableEdge(name, reason.kind, text))
             continue
-        hit = np.flatnonzero(~next(is_clear))
-        if len(hit):
-            place = _describe_place(sampled, int(hit[0]))
-            text = f"collision, {setup.hit(choice.joints[hit[0]])}, {place}"
+        hits = np.flatnonzero(~next(is_clear)).tolist()
+        if hits:
+            place = _describe_place(sampled, hits[0])
+            text = f"collision, {setup.hit(choice.joints[hits[0]])}, {place}"
             results.append(UnreachableEdge(name, "collision", text))
             continue
         at, dense, zero = offsets(count), frozen(choice.joints), frozen(np.zeros(len(sampled)))

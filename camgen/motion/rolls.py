@@ -42,11 +42,6 @@ class Rolls(Struct, frozen=True):
         return neighbour % len(self.angles)
 
 
-def has_rolls(tool: ToolTable) -> bool:
-    """Whether the tool has more than one roll."""
-    return tool.symmetric or tool.turn is not None
-
-
 def read_rolls(tool: ToolTable) -> tuple[float, ...] | None:
     """The rolls of `tool.turn`, rad, in order, 0 among them; None if the job lists none.
 
@@ -65,10 +60,12 @@ def read_rolls(tool: ToolTable) -> tuple[float, ...] | None:
         )
     low, high, step = given
     if step <= 0 or not low <= 0 <= high or high - low > 360:
-        remedy = (
-            "give [from, to, step] with from <= 0 <= to, 360 deg apart at most, and a step above 0"
+        raise JobError(
+            "job",
+            f"{given} is not a range of turns",
+            "tool.turn",
+            "give [from, to, step] with from <= 0 <= to, 360 deg apart at most, and a step above 0",
         )
-        raise JobError("job", f"{given} are no turns", "tool.turn", remedy)
     first, last = math.ceil(low / step - _EPS), math.floor(high / step + _EPS)
     if last - first >= _MAX_ROLLS:
         raise JobError(

@@ -233,7 +233,6 @@ def _distance_to_arcs(arcs: Spans, points: FloatArray) -> FloatArray:
     y = add_coordinates(arm * arcs.along[:, None])
     above = np.maximum(add_coordinates(arm * arm) - x**2 - y**2, 0.0)
     across = np.sqrt((np.hypot(x, y) - arcs.radius[:, None]) ** 2 + above)
-    arms = [points - end[:, None] for end in (arcs.start, arcs.end)]
-    ends = [lengths(arm) for arm in arms]
+    to_start, to_end = lengths(points - arcs.start[:, None]), lengths(points - arcs.end[:, None])
     within = np.abs(np.arctan2(y, x)) <= arcs.sweep[:, None] / 2
-    return np.asarray(np.where(within, across, np.minimum(*ends)))
+    return np.asarray(np.where(within, across, np.minimum(to_start, to_end)))

@@ -67,15 +67,14 @@ def postures(robot: Robot, joints: FloatArray, straight: NDArray[np.bool_]) -> l
     count = len(joints)
     if not robot.controller:
         return [None] * count
-    is_six, has_words = isinstance(robot.arm, Spherical), isinstance(robot.arm, Spherical | Scara)
     unsure = np.zeros(count, np.bool_)
     conf, switches = Numbers(np.zeros((count, 4), np.int64), unsure), Words(((),) * count, unsure)
     figure = denso_figure(robot, joints)
     kept = figure.sure & ~(straight & (figure.values != np.roll(figure.values, 1)))
-    if is_six:
+    if isinstance(robot.arm, Spherical):
         conf = abb_confdata(robot, joints)
         kept &= (np.abs(np.abs(_degrees(joints[:, [3, 5]])) - 180) > _BORDER).all(axis=1)
-    if has_words:
+    if isinstance(robot.arm, Spherical | Scara):
         switches = vplus_switches(robot, joints)
     words = switches.words if switches.sure.all() else ((),) * count
     numbers: dict[tuple[str, ...], int] = {}

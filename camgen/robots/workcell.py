@@ -88,9 +88,17 @@ def equip(cell: Cell, job: Job, arm: Robot | None = None, meshes: Meshes = ()) -
         work = _home_work(arm, home, tool)
     # A URDF is named by its file.
     name = table.robot.replace("\\", "/").rpartition("/")[2] or cell.name
-    robot = table.robot or cell.robot
     return Workcell(
-        name, work, tool, home, cell.sliding, robot, cell.pace, arm, meshes, fixtures=fixtures
+        name,
+        work,
+        tool,
+        home,
+        cell.sliding,
+        table.robot or cell.robot,
+        cell.pace,
+        arm,
+        meshes,
+        fixtures=fixtures,
     )
 
 
@@ -99,9 +107,12 @@ def _check_above(home: Pose, fixtures: Fixtures | None) -> None:
     height = home.origin[2]
     if fixtures is None or height >= fixtures.travel:
         return
-    what = f"a home at z {height:g} mm is not {fixtures.lift:g} mm above all fixtures"
-    remedy = f"raise it to {fixtures.travel:g} mm, or lower cell.safety"
-    raise JobError("job", what, "cell.home", remedy)
+    raise JobError(
+        "job",
+        f"a home at z {height:g} mm is not {fixtures.lift:g} mm above all fixtures",
+        "cell.home",
+        f"raise it to {fixtures.travel:g} mm, or lower cell.safety",
+    )
 
 
 def _above_travel(home: Pose, job: Job, fixtures: Fixtures | None) -> Pose:
@@ -109,11 +120,13 @@ def _above_travel(home: Pose, job: Job, fixtures: Fixtures | None) -> Pose:
 
     It is not below the clearance height of any operation, and `cell.safety` above all fixtures.
     """
-    heights = [step.process.clearance for step in job.operations]
-    if fixtures is not None:
-        heights.append(fixtures.travel)
     x, y, z = home.origin
-    return replace(home, origin=(x, y, max(z, job.process.clearance, *heights)))
+    z = max(z, job.process.clearance)
+    for step in job.operations:
+        z = max(z, step.process.clearance)
+    if fixtures is not None:
+        z = max(z, fixtures.travel)
+    return replace(home, origin=(x, y, z))
 
 
 def make_machine_error() -> JobError:

@@ -15,8 +15,8 @@ from collections.abc import Callable
 from pathlib import Path
 from subprocess import PIPE, STDOUT, run
 
-from camgen.model.limits import format_table
 from docs.make.api import api
+from docs.make.limits import format_limits
 from docs.make.messages import messages_page
 from docs.make.papers import papers_page
 from docs.make.posts import with_options
@@ -66,7 +66,7 @@ def _ran(block: str, here: Path) -> str:
 
 def with_limits(text: str) -> str:
     """The page with the table of limits that holds now."""
-    return _LIMITS.sub(format_table(), text)
+    return _LIMITS.sub(format_limits(), text)
 
 
 def _post_page(name: str) -> Callable[[str], str]:

@@ -120,7 +120,7 @@ def test_the_table_lies_under_the_face_on_which_the_part_rests(
     [
         ({"rests_on": [0, 0]}, "is not a direction"),
         ({"rests_on": [0, 0, 0]}, "is not a direction"),
-        ({"rests_on": [0, 0, 1], "fixtures": []}, "has no effect beside cell.fixtures"),
+        ({"rests_on": [0, 0, 1], "fixtures": []}, "has no effect with cell.fixtures"),
     ],
 )
 def test_a_face_that_says_nothing_is_refused(

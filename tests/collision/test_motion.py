@@ -180,7 +180,8 @@ def test_the_tool_may_enter_the_part_by_its_contact_and_nothing_else(
 def test_bodies_that_cannot_be_meant_are_refused_in_one_line() -> None:
     tool = (bar("tool", (0, 0, 50), (0.5, 5, 50)),)
     with pytest.raises(
-        JobError, match=r"^tool tool: it may enter the part by 0.5 mm, but is 1 mm thin; allow "
+        JobError,
+        match=r"^tool tool: it may enter the part by 0.5 mm, but is only 1 mm thick; allow ",
     ):
         make_scene(rods(), tool, allowed=Allowed(0.5))
     with pytest.raises(

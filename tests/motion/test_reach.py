@@ -288,7 +288,7 @@ def test_a_scara_reaches_an_edge_from_above_but_cannot_lean() -> None:
     assert isinstance(mean, UnreachableEdge)
     assert (mean.kind, mean.text) == (
         "lean",
-        "the robot cannot lean its tool, and it has to by 45 deg, 0 mm along it",
+        "the robot cannot lean its tool by 45 deg, 0 mm along it",
     )
 
 

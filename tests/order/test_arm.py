@@ -201,9 +201,9 @@ REFUSED = [
     ("rapid", {}, {"symmetric": True}, {}, "tool.symmetric", "without an arm"),
     ("gcode", {}, {"turn": [-90, 90, 10]}, {}, "tool.turn", "a machine, which turns no tool"),
     ("rapid", CELL, {"symmetric": True, "turn": [-90, 90, 10]}, {}, "tool.turn", "any turn"),
-    ("rapid", CELL, {"turn": [10, 90, 10]}, {}, "tool.turn", "no turns"),
+    ("rapid", CELL, {"turn": [10, 90, 10]}, {}, "tool.turn", "not a range of turns"),
     ("rapid", CELL, {"turn": [-90, 90]}, {}, "tool.turn", "2 values"),
-    ("rapid", CELL, {"turn": [-90, 90, 0]}, {}, "tool.turn", "no turns"),
+    ("rapid", CELL, {"turn": [-90, 90, 0]}, {}, "tool.turn", "not a range of turns"),
     (
         "rapid",
         CELL,

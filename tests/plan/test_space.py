@@ -245,9 +245,7 @@ def test_the_tool_comes_and_leaves_along_its_axis_above_all_curves(tmp_path: Pat
 
 
 def test_a_scara_cannot_lean_and_says_so() -> None:
-    assert "cannot lean its tool, and it has to by 15 deg" in refused(
-        SEAM, "vplus", {}, NoSafeProgram
-    )
+    assert "cannot lean its tool by 15 deg" in refused(SEAM, "vplus", {}, NoSafeProgram)
 
 
 def test_what_is_out_of_reach_or_in_the_way_is_left_out_and_the_rest_is_run(tmp_path: Path) -> None:

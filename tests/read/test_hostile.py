@@ -16,9 +16,9 @@ from msgspec.structs import replace
 from camgen.cli import main
 from camgen.model.errors import InputError
 from camgen.model.limits import Limits
-from camgen.model.limits import format_table as limits_as_table
 from camgen.read.solid import mesh_file
 from camgen.read.solid.part21 import find_wild_id
+from docs.make.limits import format_limits
 from tests.support.files import source
 from tests.support.steps import count_calls
 
@@ -342,4 +342,4 @@ def test_no_warning_beside_the_line_and_little_memory(here: Path) -> None:
 
 def test_the_table_of_limits_is_in_the_documents() -> None:
     page = (Path(__file__).parents[2] / "docs" / "reliability.md").read_text(encoding="utf-8")
-    assert limits_as_table() in page
+    assert format_limits() in page

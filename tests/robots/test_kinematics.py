@@ -491,7 +491,7 @@ def test_a_leaning_tool_is_named() -> None:
     assert (found.row, found.kind, found.text) == (
         7,
         "lean",
-        "the robot cannot lean its tool, and it has to by 2 deg",
+        "the robot cannot lean its tool by 2 deg",
     )
 
 

@@ -185,9 +185,9 @@ def test_a_cobot_with_three_parallel_axes() -> None:
 
 def test_what_is_assumed_is_said() -> None:
     assert robot(str(COBOT)).notes == (
-        "wrist_3_joint has no limits: -360 to 360 deg are taken",
-        "finger moves by itself: it is left out",
-        "3 angles were taken as the multiples of 90 deg that they are rounded from",
+        "wrist_3_joint has no limits: -360 to 360 deg are assumed",
+        "link finger is not part of the arm: it is left out",
+        "3 rounded angles in the URDF: multiples of 90 deg are assumed",
     )
     assert robot(str(SIX)).notes == ()
 
@@ -386,7 +386,7 @@ def test_a_job_file_names_the_arm_beside_it(
     monkeypatch.chdir(tmp_path)
     assert main(["build", "cell/part.dxf", "--post", "rapid"]) == 0
     said = capsys.readouterr().err
-    assert "arm.urdf: wrist_3_joint has no limits: -360 to 360 deg are taken" in said
+    assert "arm.urdf: wrist_3_joint has no limits: -360 to 360 deg are assumed" in said
     assert (tmp_path / "part.mod").is_file()
 
 
@@ -440,7 +440,7 @@ def test_camgen_robots_says_what_was_understood(capsys: pytest.CaptureFixture[st
         "-30",
         "2",
     ]
-    assert "note: wrist_3_joint has no limits: -360 to 360 deg are taken" in lines
+    assert "note: wrist_3_joint has no limits: -360 to 360 deg are assumed" in lines
     assert main(["robots", "IRB 120"]) == 0
     assert "spherical wrist, 8 branches" in capsys.readouterr().out
 

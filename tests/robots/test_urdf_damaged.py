@@ -63,15 +63,18 @@ BAD = {
             SECOND.format("d", "e")[:-8],
             '<joint name="l" type="fixed"><parent link="e"/><child link="d"/></joint>',
         ),
-        "links hang on each other in a loop: d, e; camgen moves chains",
+        "links form a loop, or are below one: d, e; "
+        "remove a joint of the loop: camgen cannot move loops",
     ),
     "all in a loop": (
         changed("</robot>", SECOND.format("c", "b")),
-        "links hang on each other in a loop: b, c; camgen moves chains",
+        "links form a loop, or are below one: b, c; "
+        "remove a joint of the loop: camgen cannot move loops",
     ),
     "itself": (
         more('<link name="d"/>', SECOND.format("d", "d")[:-8]),
-        "links hang on each other in a loop: d; camgen moves chains",
+        "links form a loop, or are below one: d; "
+        "remove a joint of the loop: camgen cannot move loops",
     ),
     "two parents": (
         more(
@@ -79,11 +82,12 @@ BAD = {
             SECOND.format("b", "d")[:-8],
             SECOND.format("c", "d").replace('"k"', '"m"')[:-8],
         ),
-        "link d hangs on two joints (joints k and m); camgen moves chains, no loops",
+        "link d is the child of two joints (joints k and m); "
+        "remove one of them: camgen cannot move loops",
     ),
     "two roots": (
         more('<link name="d"/>'),
-        "has 2 roots: b, d; join them, or remove what is loose",
+        "has 2 roots: b, d; connect them by joints, or remove all but one",
     ),
     "two links": (more('<link name="c"/>'), "there are two links c; rename one"),
     "two joints": (
@@ -103,15 +107,16 @@ BAD = {
     "no type": (changed(' type="revolute"', ""), 'joint has no type (joint j); give it type="..."'),
     "type": (
         changed("revolute", "screw"),
-        '"screw" is not a type of joint (joint j); known are revolute, continuous, prismatic, fixed, floating, planar',
+        '"screw" is not a type of joint (joint j); '
+        "known are revolute, continuous, prismatic, fixed, floating, planar",
     ),
     "floating": (
         changed("revolute", "floating"),
-        "a floating joint is none of an arm (joint j); make it fixed, or name another tip",
+        "an arm cannot have a floating joint (joint j); make it fixed, or name another tip",
     ),
     "planar": (
         changed("revolute", "planar"),
-        "a planar joint is none of an arm (joint j); make it fixed, or name another tip",
+        "an arm cannot have a planar joint (joint j); make it fixed, or name another tip",
     ),
     "no parent": (
         changed('<parent link="b"/>', ""),
@@ -119,7 +124,8 @@ BAD = {
     ),
     "mimic": (
         changed("</joint>", '<mimic joint="q"/></joint>'),
-        "it follows joint q (mimic) (joint j); camgen moves each joint by itself: use a built-in robot",
+        "it follows joint q (mimic) (joint j); "
+        "camgen moves each joint by itself: use a built-in robot",
     ),
     "nan": (changed("0 0 0.1", "0 0 nan"), '"nan" is not a number (joint j, xyz)'),
     "inf": (changed('upper="1"', 'upper="inf"'), '"inf" is not a number (joint j, limit, upper)'),
@@ -165,15 +171,17 @@ BAD = {
     ),
     "no room": (
         changed('lower="-1" upper="1"', 'lower="0" upper="0"'),
-        'its limits leave it no room: 0 to 0 rad (joint j); mend them, or make it type="fixed"',
+        "its limits leave no range: 0 to 0 rad (joint j); "
+        'correct the limits, or make it type="fixed"',
     ),
     "crossed": (
         changed('lower="-1"', 'lower="2"').replace("revolute", "prismatic"),
-        'its limits leave it no room: 2000 to 1000 mm (joint j); mend them, or make it type="fixed"',
+        "its limits leave no range: 2000 to 1000 mm (joint j); "
+        'correct the limits, or make it type="fixed"',
     ),
     "many turns": (
         changed('upper="1"', 'upper="9000"'),
-        'its limits are more than four turns away (joint j); make it type="continuous"',
+        'a limit is more than four turns from 0 (joint j); make it type="continuous"',
     ),
     "shape": (
         changed('<link name="c"/>', '<link name="c"><visual/></link>'),

@@ -72,7 +72,7 @@ def join_scans(
 def parse_numbers(words: Sequence[str | bytes]) -> list[float]:
     """The numbers in `words`; none if one word is not a number below `FARTHEST`."""
     try:
-        values = [float(word) for word in words]
+        values = list(map(float, words))
     except ValueError:
         return []
-    return values if all(abs(value) < FARTHEST for value in values) else []
+    return values if np.all(np.abs(values) < FARTHEST) else []

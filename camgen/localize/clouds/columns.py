@@ -17,9 +17,12 @@ from camgen.read.units import MM
 _WORDS = ("coord", "coordinate", "koordinate", "pos", "position", "location", "point", "points")
 
 
-def _decorated(axis: str) -> frozenset[str]:
+def _decorate(axis: str) -> frozenset[str]:
     """Names such as `x coord`, without blanks and underscores."""
-    return frozenset([axis + word for word in _WORDS] + [word + axis for word in _WORDS])
+    names: set[str] = set()
+    for word in _WORDS:
+        names |= {axis + word, word + axis}
+    return frozenset(names)
 
 
 _EAST = frozenset({"e", "east", "easting", "eastings", "rechtswert"})
@@ -28,13 +31,17 @@ _HEIGHT = frozenset({"h", "height", "z", "elev", "elevation", "altitude", "höhe
 #: Names of the three columns, family by family: the first family that is complete counts.
 _FAMILIES = (
     (frozenset({"x"}), frozenset({"y"}), frozenset({"z"})),
-    tuple(frozenset({f"points{k}", f"point{k}"}) for k in range(3)),
-    tuple(_decorated(axis) for axis in "xyz"),
+    (
+        frozenset({"points0", "point0"}),
+        frozenset({"points1", "point1"}),
+        frozenset({"points2", "point2"}),
+    ),
+    tuple(map(_decorate, "xyz")),
     (_EAST, _NORTH, _HEIGHT),
 )
 _BETWEEN = re.compile(r"[\s_.:\-]+")
 #: Units as words; marks such as `"` may be quotes.
-_UNITS = "|".join(sorted((re.escape(unit) for unit in MM if unit.isalpha()), key=len, reverse=True))
+_UNITS = "|".join(sorted(filter(str.isalpha, MM), key=len, reverse=True))
 _UNIT = re.compile(
     rf"(?P<name>.+?)(?:\s*[\[({{]\s*(?P<braced>{_UNITS})\s*[\])}}]"
     rf"|[\s_/]+(?:in\s+)?(?P<plain>{_UNITS}))",
@@ -72,13 +79,13 @@ def find_columns(names: Sequence[str]) -> Columns | None:
         places = [_indices(plain, axis) for axis in family]
         if not all(places):
             continue
-        twice = [names[indices[1]] for indices in places if len(indices) > 1]
-        if twice:
-            raise ValueError(f"the column {twice[0].strip()!r} is there twice")
+        for indices in places:
+            if len(indices) > 1:
+                raise ValueError(f"the column {names[indices[1]].strip()!r} is there twice")
         x, y, z = (indices[0] for indices in places)
         stated = {units[x], units[y], units[z]}
         if len(stated) > 1:
-            three = ", ".join(names[k].strip() for k in (x, y, z))
+            three = f"{names[x].strip()}, {names[y].strip()}, {names[z].strip()}"
             raise ValueError(f"the columns {three} have different units")
         compass = family is _FAMILIES[-1]
         return Columns((x, y, z), stated.pop(), (names[x], names[y], names[z]), compass)

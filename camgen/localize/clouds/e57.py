@@ -50,9 +50,9 @@ def read_e57(name: str, data: bytes) -> FileCloud:
 
 def _read_scan(file: Any, index: int, limit: int) -> StationScan:
     header = file.get_header(index)
-    missing = [field for field in _PLACES if field not in header.point_fields]
-    if missing:
-        raise ValueError(f"scan {index + 1} has no {missing[0]}, as one in spherical coordinates")
+    for field in _PLACES:
+        if field not in header.point_fields:
+            raise ValueError(f"scan {index + 1} has no {field}, as one in spherical coordinates")
     if header.point_count > limit:
         raise ValueError(f"scan {index + 1} claims {header.point_count:,} points")
     state = [_STATE] if _STATE in header.point_fields else []

@@ -97,9 +97,10 @@ def _find_unit(name: str, records: list[Any]) -> str:
             "its coordinates are longitude and latitude",
             remedy="export it in a projected coordinate system",
         )
-    units = {_CODES[keys[key]] for key in _LENGTH_KEYS if keys.get(key) in _CODES}
+    units = {_CODES.get(keys.get(key, 0), "") for key in _LENGTH_KEYS}
     for text in texts:
-        units |= {_name_factor(factor) for factor in _WKT_UNIT.findall(text)} - {""}
+        units.update(map(_name_factor, _WKT_UNIT.findall(text)))
+    units.discard("")
     if len(units) > 1:
         raise InputError(
             name,

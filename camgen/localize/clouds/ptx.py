@@ -122,7 +122,7 @@ def _read_points(name: str, lines: Sequence[str], first: int) -> FloatArray:
     values = []
     for number, line in enumerate(lines, first):
         try:
-            x, y, z = (float(word) for word in line.split(None, 3)[:3])
+            x, y, z = map(float, line.split(None, 3)[:3])
         except ValueError as error:
             raise InputError(
                 name,

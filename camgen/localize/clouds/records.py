@@ -19,8 +19,10 @@ _PLY = {
     "ushort": "u2", "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4",
     "float": "f4", "float32": "f4", "double": "f8", "float64": "f8",
 }  # fmt: skip
-_PCD_WORDS = ("F4", "F8", "I1", "I2", "I4", "I8", "U1", "U2", "U4", "U8")
-_PCD = {word: word.lower() for word in _PCD_WORDS}
+_PCD = {
+    "F4": "f4", "F8": "f8", "I1": "i1", "I2": "i2", "I4": "i4", "I8": "i8",
+    "U1": "u1", "U2": "u2", "U4": "u4", "U8": "u8",
+}  # fmt: skip
 _DATA = {"ascii": "ascii", "binary": "records", "binary_compressed": "columns"}
 _ORDER = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 #: The most points of a file, and the most numbers of a point (descriptors have 1,344).
@@ -89,12 +91,12 @@ def _points(name: str, kind: str, data: bytes, parse: Callable[[bytes], _Head]) 
 
 
 def _find_axes(names: Sequence[str]) -> list[int]:
-    plain = [name.lower() for name in names]
+    plain = list(map(str.lower, names))
     for axis in "xyz":
         if plain.count(axis) != 1:
             times = "none" if axis not in plain else "more than one"
             raise ValueError(f"of its fields {', '.join(names)[:60]!r} {times} is {axis}")
-    return [plain.index(axis) for axis in "xyz"]
+    return list(map(plain.index, "xyz"))
 
 
 def _ply_head(data: bytes) -> _Head:
@@ -163,7 +165,7 @@ def _unpack_columns(head: _Head, body: bytes, places: list[int]) -> FloatArray:
 
 def _columns(head: _Head, body: bytes, places: list[int]) -> FloatArray:
     """All x, then all y, ..., packed together."""
-    packed, size = (int(v) for v in np.frombuffer(body, "<u4", 2))
+    packed, size = np.frombuffer(body, "<u4", 2).tolist()
     sizes = [np.dtype(kind).itemsize * head.count for _, kind in head.columns]
     begins = np.cumsum([0, *sizes]).tolist()
     if size != begins[-1] or len(body) < 8 + packed:
@@ -212,11 +214,12 @@ def _viewpoint(name: str, data: bytes) -> FloatArray | None:
 
     Programs that do not know it write 0, 0, 0 without a turn, which says nothing.
     """
-    lines = (line.split()[1:] for line in data.splitlines() if line.startswith(b"VIEWPOINT"))
-    words = next(lines, None)
-    if words is None:
+    for line in data.splitlines():
+        if line.startswith(b"VIEWPOINT"):
+            values = parse_numbers(line.split()[1:])
+            break
+    else:
         return None
-    values = parse_numbers(words)
     if len(values) != 7:
         raise InputError(
             name,

@@ -90,10 +90,13 @@ def read_text(name: str, data: bytes) -> FileCloud:
 def read_vertices(name: str, data: bytes) -> FileCloud:
     """The vertices of an OBJ file without faces."""
     lines = _LINE_END.split(data.decode("utf-8-sig", "replace"))
-    numbers = [k for k, line in enumerate(lines, 1) if line.split(None, 1)[:1] == ["v"]]
-    if not numbers:
+    rows = _Rows([], [], "")
+    for number, line in enumerate(lines, 1):
+        if line.split(None, 1)[:1] == ["v"]:
+            rows.lines.append(line.strip()[1:].strip())
+            rows.numbers.append(number)
+    if not rows.lines:
         raise InputError(name, "has no vertices", remedy=AGAIN)
-    rows = _Rows([lines[k - 1].strip()[1:].strip() for k in numbers], numbers, "")
     return FileCloud(_read_points(name, rows, (0, 1, 2))[0])
 
 
@@ -135,9 +138,11 @@ def _strip_comment(line: str) -> str:
 
 def _collect_rows(name: str, lines: Sequence[str], begin: int) -> _Rows:
     """The lines of points from `begin` on, without those that say how many there are."""
-    texts = [_strip_comment(line) for line in lines[begin:]]
-    numbers = [number for number, text in enumerate(texts, begin + 1) if text]
-    texts = list(filter(None, texts))
+    texts, numbers = [], []
+    for number, line in enumerate(lines[begin:], begin + 1):
+        if text := _strip_comment(line):
+            texts.append(text)
+            numbers.append(number)
     counts = _find_counts(name, lines[:begin], texts, numbers)
     mark = _find_mark(texts[0]) or ""
     if counts:
@@ -159,9 +164,10 @@ def _find_counts(
             indices.add(k)
             blocks.append((k + 1, numbers[k], line))
     above = [(k, line.strip()) for k, line in enumerate(head, 1) if line.strip()]
-    counts = [(k, line) for k, line in (above[:1] + above[-1:]) if line.isdecimal()]
-    if counts:
-        blocks = [(0, *counts[-1]), *blocks]
+    for number, line in above[-1:] + above[:1]:
+        if line.isdecimal():
+            blocks.insert(0, (0, number, line))
+            break
     ends = [begin - 1 for begin, _, _ in blocks[1:]] + [len(lines)]
     for (begin, number, count), end in zip(blocks, ends, strict=False):
         if count.lstrip("0") != str(end - begin).lstrip("0"):
@@ -302,7 +308,7 @@ def _read_words(name: str, rows: _Rows, places: tuple[int, int, int]) -> tuple[F
         whole, commas = "\n".join(texts), sum("," in text for text in texts)
         if "_" in whole or (commas and "." in whole):
             raise ValueError("no number")
-        values = np.array([float(text) for text in whole.replace(",", ".").split("\n")])
+        values = np.array(list(map(float, whole.replace(",", ".").split("\n"))))
     except (ValueError, IndexError) as error:
         raise _explain_fault(name, rows, places) from error
     return values.reshape(-1, 3), commas
@@ -312,13 +318,15 @@ def _explain_fault(name: str, rows: _Rows, places: Sequence[int]) -> InputError:
     first: dict[str, int] = {}
     for line, number in zip(rows.lines, rows.numbers, strict=True):
         where, words = f"line {number}", _split(line, rows.mark)
-        texts = [words[k].strip() for k in places if k < len(words)]
-        plain = [text for text in texts if _NUMBER.fullmatch(text)]
-        if len(plain) < 3:
+        numbers = []
+        for k in places:
+            if k < len(words) and _NUMBER.fullmatch(words[k].strip()):
+                numbers.append(words[k])
+        if len(numbers) < 3:
             text = one_line(line[:40])
             return InputError(name, f"{text!r} is not a point", where, "a line is x y z")
         for mark in ",.":
-            if any(mark in text for text in plain):
+            if mark in "".join(numbers):
                 first.setdefault(mark, number)
         if len(first) == 2:
             return InputError(

@@ -87,7 +87,7 @@ Arm = Spherical | ThreeParallel | Scara | Gantry
 def recognise(joints: tuple[Joint, ...], flange: Pose) -> Arm | None:
     """The closed form of a chain, None if it has none. flange: last_joint_from_flange."""
     zero = make_zero_chain(joints, flange)
-    slides = "".join("-|"[joint.sliding] for joint in joints)
+    slides = _list_slides(joints)
     if slides == "------":
         return _spherical(zero, _LENGTH, _ANGLE) or _three_parallel(zero)
     if slides == "--|-":
@@ -103,9 +103,14 @@ def find_resembling_arm(joints: tuple[Joint, ...], flange: Pose) -> Spherical | 
     It gives first guesses. Axes 5 and 6 may pass axis 4 at any distance, and directions may be from
     a description whose angles are rounded.
     """
-    if len(joints) != 6 or any(joint.sliding for joint in joints):
+    if _list_slides(joints) != "------":
         return None
     return _spherical(make_zero_chain(joints, flange), math.inf, _ROUNDED)
+
+
+def _list_slides(joints: tuple[Joint, ...]) -> str:
+    """A letter for each joint: - for a revolute one, | for a slide."""
+    return "".join("-|"[joint.sliding] for joint in joints)
 
 
 def _square(a: FloatArray, b: FloatArray, slack: float = _ANGLE) -> bool:

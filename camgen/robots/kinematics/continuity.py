@@ -63,8 +63,7 @@ def _solve(
     if free.any():
         solutions = solutions.copy()
         for rows in paths:
-            pose = rotations[rows], origins[rows]
-            solutions[rows] = _keep_free(robot, *pose, solutions[rows], free[rows])
+            _keep_free(robot, rotations[rows], origins[rows], solutions[rows], free[rows])
     return solutions
 
 
@@ -74,12 +73,14 @@ def _keep_free(
     origins: FloatArray,
     solutions: FloatArray,
     free: NDArray[np.bool_],
-) -> FloatArray:
-    """`solutions` with free joints from the last row before in which they were not free.
+) -> None:
+    """Set free joints in `solutions` from the last row before in which they were not free.
 
-    Without such a row, they are from the first one after. free: (N, B).
+    Without such a row, they are set from the first one after.
+
+    solutions: (N, B, J), is changed.
+    free: (N, B) whether joints of a solution are free.
     """
-    solutions = solutions.copy()
     rows = np.arange(len(solutions))
     for column in range(solutions.shape[1]):
         fixed = rows[~free[:, column] & np.isfinite(solutions[:, column, 0])]
@@ -89,11 +90,10 @@ def _keep_free(
             near = solutions[source, column][:, None]
             kept = inverse(robot, rotations[loose], origins[loose], near)
             solutions[loose, column] = kept[:, column]
-    return solutions
 
 
 def _track(robot: Robot, rotations: FloatArray, origins: FloatArray) -> FloatArray:
-    """`candidates` of an arm without a closed form: solutions of the first row, followed."""
+    """The candidates of an arm without a closed form: solutions of the first row, followed."""
     rows = np.full((len(origins), damped.SEEDS, len(robot.joints)), np.nan)
     rows[0] = inverse(robot, rotations[:1], origins[:1])[0]
     for row in range(1, len(origins)):
@@ -118,7 +118,7 @@ class Choice(Struct, frozen=True, eq=False):
     """The chosen joint values along a path.
 
     joints: (N, J) joint values, rad or mm.
-    branches: (N,) their columns in `candidates`.
+    branches: (N,) their columns in the result of `find_candidates`.
     """
 
     joints: FloatArray
@@ -144,7 +144,7 @@ class Stuck(Struct, frozen=True, eq=False):
     """The place where a path could not be continued.
 
     row: first row to which no solution continues.
-    candidates: (N, B, J) see `candidates`.
+    candidates: (N, B, J) result of `find_candidates`.
     reached: (M, J) joint values at which the row before can be left, empty before the first row.
     """
 

@@ -66,9 +66,9 @@ def compute_velocities(
         [rotations[:, k + 1] @ np.asarray(joint.axis) for k, joint in enumerate(robot.joints)],
         axis=1,
     )
-    sliding = np.array([joint.sliding for joint in robot.joints])[:, None]
-    along = np.where(sliding, axes, cross(origins[:, 1:], axes))
-    screws = np.concatenate([np.where(sliding, 0.0, axes), along], axis=2)
+    revolute = robot.revolute[:, None]
+    along = np.where(revolute, cross(origins[:, 1:], axes), axes)
+    screws = np.concatenate([np.where(revolute, axes, 0.0), along], axis=2)
     velocities = np.zeros((len(robot.joints) + 1, *moved.shape[:2], 6))
     by_joint = moved.transpose(2, 0, 1)[..., None] * screws.swapaxes(0, 1)[:, :, None]
     np.cumsum(by_joint, axis=0, out=velocities[1:])

@@ -79,7 +79,7 @@ def refine(
     """Joint values (M, J) for M poses, each from its own start (M, J); nan without convergence."""
     joints = np.array(start, dtype=np.float64)
     # A slide moves in units of the lever.
-    units = np.array([robot.lever if joint.sliding else 1.0 for joint in robot.joints])
+    units = np.where(robot.revolute, 1.0, robot.lever)
     done = np.zeros(len(joints), dtype=bool)
     active = np.flatnonzero(np.isfinite(joints).all(axis=1))
     for _ in range(_STEPS):

@@ -63,14 +63,10 @@ def explain_stuck(
     allowed = turned[are_within_limits(robot, turned)]
     if not len(allowed):
         return _explain_limit(robot, turned, row)
-    if not (_measure_distance(robot, allowed) >= margin).any():
+    distances = measure_singularity_distance(robot, allowed).min(axis=-1, initial=math.inf)
+    if not (distances >= margin).any():
         return _explain_singularity(robot, allowed, row)
     return _explain_gap(robot, solutions, stuck.reached, row, margin, jump)
-
-
-def _measure_distance(robot: Robot, joints: FloatArray) -> FloatArray:
-    """The distance of joint values (..., J) from the nearest singularity, rad (...)."""
-    return np.asarray(measure_singularity_distance(robot, joints).min(axis=-1, initial=math.inf))
 
 
 def _explain_reach(robot: Robot, rotation: FloatArray, origin: FloatArray, row: int) -> Reason:
@@ -87,8 +83,7 @@ def _explain_reach(robot: Robot, rotation: FloatArray, origin: FloatArray, row: 
     else:
         return Reason(row, "reach", -1, math.nan, "no joints were found for this pose")
     if lean > flat.LEAN:
-        text = f"the robot cannot lean its tool, and it has to by {_degrees(lean)}"
-        return Reason(row, "lean", -1, lean, text)
+        return Reason(row, "lean", -1, lean, f"the robot cannot lean its tool by {_degrees(lean)}")
     return Reason(row, "reach", -1, short_of, f"out of reach by {short(short_of, 3)} mm")
 
 
@@ -103,8 +98,9 @@ def _explain_limit(robot: Robot, joints: FloatArray, row: int) -> Reason:
     nearest = beyond[beyond.max(axis=1).argmin()]
     joint = int(nearest.argmax())
     amount = float(nearest[joint])
-    text = f"{robot.joints[joint].name} is beyond its limit by {_amount(robot, joint, amount)}"
-    return Reason(row, "limit", joint, amount, text)
+    name, is_sliding = robot.joints[joint].name, robot.joints[joint].sliding
+    distance = f"{short(amount, 3)} mm" if is_sliding else _degrees(amount)
+    return Reason(row, "limit", joint, amount, f"{name} is beyond its limit by {distance}")
 
 
 def _explain_singularity(robot: Robot, joints: FloatArray, row: int) -> Reason:
@@ -112,8 +108,7 @@ def _explain_singularity(robot: Robot, joints: FloatArray, row: int) -> Reason:
     distances = measure_singularity_distance(robot, joints)
     best = distances[distances.min(axis=1).argmax()]
     name, distance = list_singularities(robot)[int(best.argmin())], float(best.min())
-    text = f"singular, {name}: {_degrees(distance)} away"
-    return Reason(row, "singular", -1, distance, text)
+    return Reason(row, "singular", -1, distance, f"singular, {name}: {_degrees(distance)} away")
 
 
 def _explain_gap(
@@ -137,16 +132,12 @@ def _explain_gap(
     amount = float(leaps[before, branch])
     text = f"{robot.joints[joint].name} would turn by {_degrees(amount)} at once"
     ends = np.stack([reached[before], solutions[branch]])
-    if _measure_distance(robot, ends).min() < max(_NEAR_SINGULAR, margin):
-        distances = measure_singularity_distance(robot, ends)
+    distances = measure_singularity_distance(robot, ends)
+    if distances.min(initial=math.inf) < max(_NEAR_SINGULAR, margin):
         name = list_singularities(robot)[int(distances.min(axis=0).argmin())]
-        text = f"singular, {name}: {text}"
-        return Reason(row, "singular", joint, float(distances.min()), text)
+        nearest = float(distances.min())
+        return Reason(row, "singular", joint, nearest, f"singular, {name}: {text}")
     return Reason(row, "jump", joint, amount, text)
-
-
-def _amount(robot: Robot, joint: int, value: float) -> str:
-    return f"{short(value, 3)} mm" if robot.joints[joint].sliding else _degrees(value)
 
 
 def _degrees(angle: float) -> str:

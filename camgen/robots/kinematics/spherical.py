@@ -24,7 +24,7 @@ _REACH = 1e-9
 #: Sine of axis 5 below which axis 4 is free.
 _STRAIGHT_SINE = 1e-9
 #: mm from axis 1 to the wrist centre below which axis 1 is free.
-_OVER = 1e-9
+_ON_AXIS = 1e-9
 
 
 class Wrists(Struct, frozen=True, eq=False):
@@ -33,14 +33,14 @@ class Wrists(Struct, frozen=True, eq=False):
     x, z: (N, 2) their coordinates from axis 2, mm, for facing the wrist and for the back to it.
     theta1: (N, 2) angle of axis 1 for both, rad.
     too_near: (N,) mm by which the centre is too near to axis 1 for the side offset of the arm.
-    over: (N,) whether the centre is on axis 1, so that theta 1 is free.
+    on_axis: (N,) whether the centre is on axis 1, so that theta 1 is free.
     """
 
     x: FloatArray
     z: FloatArray
     theta1: FloatArray
     too_near: FloatArray
-    over: NDArray[np.bool_]
+    on_axis: NDArray[np.bool_]
 
 
 def find_wrists(arm: Spherical, rotations: FloatArray, origins: FloatArray) -> Wrists:
@@ -56,7 +56,7 @@ def find_wrists(arm: Spherical, rotations: FloatArray, origins: FloatArray) -> W
         z=np.stack([z - arm.c1] * 2, axis=1),
         theta1=np.stack([towards - lead, towards + lead - math.pi], axis=1),
         too_near=np.maximum(abs(arm.b) - distance, 0.0),
-        over=distance < _OVER,
+        on_axis=distance < _ON_AXIS,
     )
 
 
@@ -88,7 +88,7 @@ def compute_angles(
     seen = find_wrists(arm, rotations, origins)
     theta = np.empty((count, 2, 2, 2, 6))  # shoulder, elbow, wrist
     free = np.where(np.isfinite(near[:, ::4, 0]), near[:, ::4, 0], [0.0, math.pi])
-    theta1 = np.where(seen.over[:, None], free, seen.theta1)
+    theta1 = np.where(seen.on_axis[:, None], free, seen.theta1)
     psi, fore = math.atan2(arm.a2, arm.c3), math.hypot(arm.a2, arm.c3)
     square = seen.x**2 + seen.z**2
     bend = np.arccos(np.clip((square - arm.c2**2 - fore**2) / (2 * arm.c2 * fore), -1.0, 1.0))

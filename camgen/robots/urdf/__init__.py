@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -50,25 +49,29 @@ def read_urdf(file: str, tip: str, files: Files) -> Robot:
     chain = make_chain(described, tip)
     count, limit = len(chain.joints), files.limits.urdf_joints
     if count > limit:
-        what = f"has {count} joints between {chain.base} and {chain.tip}, "
-        what += f"{format_limit(limit)} at most"
         raise InputError(
-            file, what, remedy="name a nearer tip, FILE.urdf#LINK, or raise limits.urdf_joints"
+            file,
+            f"has {count} joints between {chain.base} and {chain.tip}, "
+            f"{format_limit(limit)} at most",
+            remedy="name a nearer tip, FILE.urdf#LINK, or raise limits.urdf_joints",
         )
     _check_metres(file, chain)
     links, notes = _make_links(described, chain, files)
     arm = _make_robot(described, chain, links, notes)
     if len(list_turn_counts(arm)) > _TURNS:
-        remedy = "narrow the limits of some: half of what is stated is enough for most paths"
-        raise InputError(file, "its joints can make too many whole turns", "limits", remedy)
+        raise InputError(
+            file,
+            "its joints can make too many whole turns",
+            "limits",
+            "narrow the limits of some: half of the stated range is enough for most paths",
+        )
     arm = replace(arm, home=_find_home(arm))
     if _is_abb(arm):
-        return replace(arm, maker=_ABB, controller=_RAPID, notes=(*arm.notes, _ABB_NOTE))
+        note = "its name and axes are those of an ABB arm: confdata follow from its joint values"
+        return replace(arm, maker="ABB", controller="IRC5 (RAPID)", notes=(*arm.notes, note))
     return arm
 
 
-_ABB, _RAPID = "ABB", "IRC5 (RAPID)"
-_ABB_NOTE = "its name and axes are those of an ABB arm: confdata count by its joint values"
 #: Names of arms of ABB at ROS-Industrial and elsewhere. Arms with a parallel rod are left out,
 #: because their controller has another joint 3.
 _ABB_NAME = re.compile(
@@ -98,8 +101,12 @@ def _check_metres(file: str, chain: JointChain) -> None:
     shifts = [*(joint.previous_from_joint for joint in chain.joints), chain.flange]
     length = sum(math.hypot(*shift.origin) for shift in shifts)
     if length > _LONGEST_MM:
-        what = f"is an arm of {length / 1000:.0f} m; lengths in mm, where URDF has metres?"
-        raise InputError(file, what, "origin", "divide its lengths by 1000")
+        raise InputError(
+            file,
+            f"is an arm of {length / 1000:.0f} m; lengths in mm, where URDF has metres?",
+            "origin",
+            "divide its lengths by 1000",
+        )
 
 
 def _make_links(
@@ -153,9 +160,8 @@ def _make_robot(
     count = len(chain.joints)
     all_notes = [*chain.notes, *notes]
     if described.rounded:
-        singular = "angle was taken as the multiple of 90 deg that it is rounded from"
-        plural = "angles were taken as the multiples of 90 deg that they are rounded from"
-        all_notes.append(counted(described.rounded, singular, plural))
+        angles = counted(described.rounded, "rounded angle")
+        all_notes.append(f"{angles} in the URDF: multiples of 90 deg are assumed")
     return Robot(
         name=described.name,
         maker="",
@@ -188,8 +194,7 @@ def _find_home(robot: Robot) -> FloatArray:
     rest = np.where((low < 0) & (high > 0) & robot.revolute, 0.0, (low + high) / 2)
     best, best_value = rest, -1.0
     for count in range(min(int(robot.revolute.sum()), 2) + 1):
-        bends = _list_bends(np.flatnonzero(robot.revolute).tolist(), count)
-        homes = np.array([_bend(rest, joints) for joints in bends])
+        homes = rest + _list_bends(robot, count)
         homes = homes[((low <= homes) & (homes <= high)).all(axis=1)]
         # The first of equal values is chosen.
         values = _measure_singular_values(robot, homes).round(9)
@@ -200,18 +205,15 @@ def _find_home(robot: Robot) -> FloatArray:
     return frozen(best)
 
 
-def _list_bends(joints: list[int], count: int) -> Iterator[tuple[tuple[int, int], ...]]:
-    """Each choice of `count` joints with each combination of signs."""
-    for chosen in itertools.combinations(joints, count):
-        for signs in itertools.product((1, -1), repeat=count):
-            yield tuple(zip(chosen, signs, strict=True))
-
-
-def _bend(rest: FloatArray, joints: tuple[tuple[int, int], ...]) -> FloatArray:
-    values = rest.copy()
-    for joint, sign in joints:
-        values[joint] += sign * _BEND
-    return values
+def _list_bends(robot: Robot, count: int) -> FloatArray:
+    """Changes (B, J) of joint values that bend each choice of `count` joints to either side."""
+    bends = []
+    for chosen in itertools.combinations(np.flatnonzero(robot.revolute), count):
+        for signs in itertools.product((1.0, -1.0), repeat=count):
+            bend = np.zeros(len(robot.joints))
+            bend[list(chosen)] = signs
+            bends.append(bend)
+    return _BEND * np.array(bends)
 
 
 def _measure_singular_values(robot: Robot, joints: FloatArray) -> FloatArray:

@@ -81,8 +81,10 @@ def read_shapes(link: str, shapes: tuple[UrdfShape, ...], folder: Path, files: F
         path = find_mesh(shape.mesh, folder)
         if path is None:
             unread.append(shape.mesh)
-            what = f"link {link} has no boxes of its mesh {shape.mesh}"
-            notes.append(f"{what}: there is no such file near the URDF")
+            notes.append(
+                f"link {link} has no boxes of its mesh {shape.mesh}: "
+                "there is no such file near the URDF"
+            )
             continue
         try:
             vertices, faces = _read_mesh(path, files)

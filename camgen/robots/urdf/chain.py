@@ -23,7 +23,6 @@ _BASE = "base"
 _CONTINUOUS = math.tau
 #: rad: limits beyond this are invalid.
 _NO_LIMIT_RAD = 4 * math.tau
-_NO_SHIFT = translation(0.0, 0.0, 0.0)
 
 
 class JointChain(Struct, frozen=True, eq=False):
@@ -56,10 +55,14 @@ def make_chain(description: Description, tip: str) -> JointChain:
     joint_above = _find_joints_above(description)
     root = _find_root(description, joint_above)
     notes: list[str] = []
-    if tip:
-        _check_tip(description, tip)
-    else:
+    if not tip:
         tip, notes = _find_tip(description, _count_joints(description, root), root)
+    elif tip not in description.links:
+        raise InputError(
+            description.file,
+            f"there is no link {tip}",
+            remedy=f"there are {_list(list(description.links))}",
+        )
     moving = [joint for joint in _list_joints(joint_above, tip) if joint.type != "fixed"]
     if not moving:
         raise InputError(
@@ -74,12 +77,16 @@ def make_chain(description: Description, tip: str) -> JointChain:
     base_from_root = bodies[0][base].inverse()
     rebased = {name: base_from_root @ place for name, place in bodies[0].items()}
     bodies = (rebased, *bodies[1:])
-    joints = _fold(moving, bodies)
-    for joint in moving:
+    joints: list[Joint] = []
+    for joint, body in zip(moving, bodies, strict=False):
         if joint.type == "continuous":
-            notes.append(f"{joint.name} has no limits: -360 to 360 deg are taken")
-    notes += [f"{name} moves by itself: it is left out" for name in loose]
-    return JointChain(joints, tuple(moving), bodies[-1][tip], base, tip, bodies, tuple(notes))
+            notes.append(f"{joint.name} has no limits: -360 to 360 deg are assumed")
+        previous_from_joint = body[joint.parent] @ joint.parent_from_child
+        joints.append(Joint(joint.name, joint.sliding, previous_from_joint, joint.axis))
+    notes += [f"link {name} is not part of the arm: it is left out" for name in loose]
+    return JointChain(
+        tuple(joints), tuple(moving), bodies[-1][tip], base, tip, bodies, tuple(notes)
+    )
 
 
 def find_limits(joint: RawJoint) -> tuple[float, float]:
@@ -96,9 +103,9 @@ def _find_joints_above(description: Description) -> dict[str, RawJoint]:
         if joint.child in joint_above:
             raise InputError(
                 description.file,
-                f"link {joint.child} hangs on two joints",
+                f"link {joint.child} is the child of two joints",
                 f"joints {joint_above[joint.child].name} and {joint.name}",
-                "camgen moves chains, no loops",
+                "remove one of them: camgen cannot move loops",
             )
         joint_above[joint.child] = joint
     return joint_above
@@ -113,7 +120,7 @@ def _find_root(description: Description, joint_above: dict[str, RawJoint]) -> st
         raise InputError(
             description.file,
             f"has {len(roots)} roots: {_list(roots)}",
-            remedy="join them, or remove what is loose",
+            remedy="connect them by joints, or remove all but one",
         )
     root = roots[0] if roots else ""
     reached = _count_joints(description, root)
@@ -121,8 +128,8 @@ def _find_root(description: Description, joint_above: dict[str, RawJoint]) -> st
     if rest:
         raise InputError(
             description.file,
-            f"links hang on each other in a loop: {_list(rest)}",
-            remedy="camgen moves chains",
+            f"links form a loop, or are below one: {_list(rest)}",
+            remedy="remove a joint of the loop: camgen cannot move loops",
         )
     return root
 
@@ -152,15 +159,6 @@ def _list_joints(joint_above: dict[str, RawJoint], tip: str) -> list[RawJoint]:
         joints.append(joint_above[tip])
         tip = joint_above[tip].parent
     return joints[::-1]
-
-
-def _check_tip(description: Description, tip: str) -> None:
-    if tip not in description.links:
-        raise InputError(
-            description.file,
-            f"there is no link {tip}",
-            remedy=f"there are {_list(list(description.links))}",
-        )
 
 
 def _find_tip(description: Description, counts: dict[str, int], root: str) -> tuple[str, list[str]]:
@@ -198,25 +196,40 @@ def _check_joint(file: str, joint: RawJoint) -> None:
     where, lower, upper = f"joint {joint.name}", joint.limit.lower, joint.limit.upper
     unit, limit_unit = ("m", "mm") if joint.sliding else ("rad", "rad")
     if joint.type in ("floating", "planar"):
-        remedy = "make it fixed, or name another tip"
-        raise InputError(file, f"a {joint.type} joint is none of an arm", where, remedy)
+        raise InputError(
+            file,
+            f"an arm cannot have a {joint.type} joint",
+            where,
+            "make it fixed, or name another tip",
+        )
     if joint.follows:
-        remedy = "camgen moves each joint by itself: use a built-in robot"
-        raise InputError(file, f"it follows joint {joint.follows} (mimic)", where, remedy)
+        raise InputError(
+            file,
+            f"it follows joint {joint.follows} (mimic)",
+            where,
+            "camgen moves each joint by itself: use a built-in robot",
+        )
     if not (joint.limit.velocity or 0.0) > 0:
-        remedy = f'give <limit velocity="..."/>, {unit}/s'
-        raise InputError(file, "it states no speed", where, remedy)
+        raise InputError(
+            file, "it states no speed", where, f'give <limit velocity="..."/>, {unit}/s'
+        )
     if joint.type == "continuous":
         return
     if lower is None or upper is None:
-        remedy = f'give <limit lower="..." upper="..."/>, {unit}'
-        raise InputError(file, "it states no limits", where, remedy)
+        raise InputError(
+            file, "it states no limits", where, f'give <limit lower="..." upper="..."/>, {unit}'
+        )
     if not lower < upper:
-        what = f"its limits leave it no room: {short(lower, 4)} to {short(upper, 4)} {limit_unit}"
-        raise InputError(file, what, where, 'mend them, or make it type="fixed"')
+        raise InputError(
+            file,
+            f"its limits leave no range: {short(lower, 4)} to {short(upper, 4)} {limit_unit}",
+            where,
+            'correct the limits, or make it type="fixed"',
+        )
     if not joint.sliding and max(-lower, upper) > _NO_LIMIT_RAD:
-        remedy = 'make it type="continuous"'
-        raise InputError(file, "its limits are more than four turns away", where, remedy)
+        raise InputError(
+            file, "a limit is more than four turns from 0", where, 'make it type="continuous"'
+        )
 
 
 def _find_bodies(
@@ -231,7 +244,7 @@ def _find_bodies(
     moving_names = {joint.name for joint in moving}
     bodies, loose = [], []
     for start in (root, *(joint.child for joint in moving)):
-        body = {start: _NO_SHIFT}
+        body = {start: translation(0.0, 0.0, 0.0)}
         pending = [start]
         while pending:
             name = pending.pop()
@@ -243,14 +256,6 @@ def _find_bodies(
                     loose.append(joint.child)
         bodies.append(body)
     return tuple(bodies), loose
-
-
-def _fold(moving: list[RawJoint], bodies: tuple[dict[str, Pose], ...]) -> tuple[Joint, ...]:
-    """The joints, each in the frame of the one before it."""
-    return tuple(
-        Joint(joint.name, joint.sliding, body[joint.parent] @ joint.parent_from_child, joint.axis)
-        for joint, body in zip(moving, bodies, strict=False)
-    )
 
 
 def _list(names: list[str]) -> str:

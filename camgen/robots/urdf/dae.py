@@ -45,8 +45,9 @@ def read_dae(source: Source) -> tuple[FloatArray, Triangles]:
             raise InputError(source.name, f"holds {unread}, which are not read", "", _AGAIN)
         return _Document(root).read()
     except DeclaredError:
-        what = "declares a DOCTYPE, which COLLADA does not need"
-        raise InputError(source.name, what, remedy="remove it") from None
+        raise InputError(
+            source.name, "declares a DOCTYPE, which COLLADA does not need", remedy="remove it"
+        ) from None
     except (ParseError, ValueError, LookupError, ArithmeticError) as error:
         raise InputError(
             source.name, f"is damaged or no COLLADA mesh: {error}", "", _AGAIN
@@ -111,8 +112,9 @@ class _Document:
                 corner = _find_input(inputs, "VERTEX")
                 width = 1 + max(int(item.get("offset", "0")) for item in inputs)
                 column = int(corner.get("offset", "0"))
-                lists = [_integers(element) for element in polygons.findall("p")]
-                rows = [numbers.reshape(-1, width)[:, column] for numbers in lists]
+                rows = []
+                for element in polygons.findall("p"):
+                    rows.append(_integers(element).reshape(-1, width)[:, column])
                 points = self.points(self.named(corner, "source"))
                 yield points, list(_by_corners(kind, polygons, rows))
 

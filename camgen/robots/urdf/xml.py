@@ -72,10 +72,10 @@ def read_number(text: str, where: str) -> float:
     return value
 
 
-def read_optional(element: Element, key: str, where: str) -> float | None:
-    """The number `key` of an element, None if it is not stated."""
+def read_optional(element: Element, key: str, where: str, unit: float = 1.0) -> float | None:
+    """The number `key` of an element, times `unit`; None if it is not stated."""
     text = element.get(key)
-    return None if text is None else read_number(text, f"{where}, {key}")
+    return None if text is None else unit * read_number(text, f"{where}, {key}")
 
 
 def read_three(element: Element | None, key: str, default: Vec3, where: str) -> Vec3:
@@ -99,7 +99,7 @@ def read_pose(element: Element, where: str) -> Pose:
     return Pose(rotation_from_fixed_xyz(roll, pitch, yaw), (1000 * x, 1000 * y, 1000 * z))
 
 
-def count_rounded_angles(element: Element) -> int:
+def _count_rounded_angles(element: Element) -> int:
     """The number of angles of its `origin` that are read as multiples of 90 deg."""
     words = _list_angles(element.find("origin"))
     return sum(abs(_read_angle(word) - float(word)) > _EXACT for word in words)
@@ -238,7 +238,7 @@ def _describe(path: Path, root: Element) -> Description:
             if end not in links:
                 raise UrdfError(f"there is no link {end}", f"joint {joint.name}")
         joints[joint.name] = joint
-    rounded = sum(count_rounded_angles(element) for element in root.findall("joint"))
+    rounded = sum(_count_rounded_angles(element) for element in root.findall("joint"))
     name = one_line(root.get("name", "").strip()[:60]) or path.stem
     return Description(str(path), name, links, visible, tuple(joints.values()), rounded)
 
@@ -275,10 +275,8 @@ def _read_limit(element: Element, unit: float, where: str) -> Limit:
     limit = element.find("limit")
     if limit is None:
         return Limit()
-    values = [
-        read_optional(limit, key, f"{where}, limit") for key in ("lower", "upper", "velocity")
-    ]
-    return Limit(*(None if value is None else value * unit for value in values))
+    keys = ("lower", "upper", "velocity")
+    return Limit(*[read_optional(limit, key, f"{where}, limit", unit) for key in keys])
 
 
 def _read_shape(element: Element, where: str) -> UrdfShape:
@@ -328,9 +326,10 @@ def _read_content(path: Path, files: Files) -> bytes:
             raise InputError(file, "is not a file", "cell.robot", "name the URDF file of the arm")
         limit = files.limits.urdf_bytes
         if state.st_size > limit:
-            what = f"has more than {format_limit(limit)} bytes: no description of a robot"
             raise InputError(
-                file, what, remedy="name the URDF of the arm, or raise limits.urdf_bytes"
+                file,
+                f"has more than {format_limit(limit)} bytes: no description of a robot",
+                remedy="name the URDF of the arm, or raise limits.urdf_bytes",
             )
         return files.open(path).data
     except FileNotFoundError as error:
