@@ -13,7 +13,7 @@ from camgen.model.cell import Dynamics
 from camgen.model.errors import JobError, Refused
 from camgen.model.program import Instruction, Motion, Output, Program, Stop
 from camgen.model.text import short
-from camgen.post.passes import without_force
+from camgen.post.passes import remove_force
 
 from .rs274 import COOLANT, Rs274, check_signals
 
@@ -67,7 +67,7 @@ class Grbl(Rs274):
     def prepare(self, program: Program, chord: float) -> Program:
         """See ``Rs274``; drops force where the user said so, and keeps the spindle line to one use."""
         self._one_use(program)
-        return super().prepare(without_force(program) if self.force == "ignore" else program, chord)
+        return super().prepare(remove_force(program) if self.force == "ignore" else program, chord)
 
     def output(self, item: Output) -> Sequence[str]:
         """The spindle line or a coolant."""

@@ -42,7 +42,7 @@ _CHANGE_CELL = (
 )
 
 
-class Near(Struct, frozen=True):
+class ClosestApproach(Struct, frozen=True):
     """The place on a path, or on the link that leads to it, at which two bodies are nearest.
 
     distance: distance of the bodies, mm.
@@ -73,11 +73,11 @@ class Clear(Struct, frozen=True):
     """
 
     bound: float
-    close: tuple[Near, ...] = ()
+    close: tuple[ClosestApproach, ...] = ()
     notes: tuple[Note, ...] = ()
 
     @property
-    def nearest(self) -> Near | None:
+    def nearest(self) -> ClosestApproach | None:
         """The nearest place of the program; None if all of it keeps ``bound``."""
         return min(self.close, key=lambda near: near.distance, default=None)
 
@@ -122,7 +122,7 @@ def check_clear(
     """
     near = max(where.margin, NEAR)
     collisions: list[_Collision] = []
-    close: list[Near] = []
+    close: list[ClosestApproach] = []
     for begin in range(0, max(len(course.joints) - 1, 1), _ROWS):
         rows = course.joints[begin : begin + _ROWS + 1]
         others = check_motion(where.with_margin, rows, FINE, near, APART)
@@ -146,7 +146,7 @@ def _find_near(
     course: JointPath,
     rows: tuple[int, int],
     near: float,
-) -> list[Near]:
+) -> list[ClosestApproach]:
     """The nearest place of each path and of each link in some rows of the course, if it is near.
 
     rows: the first row and the one after the last.
@@ -173,13 +173,13 @@ def _find_near(
             where.with_margin.pairs[check.nearest],
             _place(program, robot, course, rows[0] + at),
         )
-        close.append(Near(check.clearance, pair, on, tip, path, works))
+        close.append(ClosestApproach(check.clearance, pair, on, tip, path, works))
     return close
 
 
-def _note_near(close: Sequence[Near], margin: float) -> tuple[Note, ...]:
+def _note_near(close: Sequence[ClosestApproach], margin: float) -> tuple[Note, ...]:
     """A note on each path or link that comes nearer than ``margin``, with its nearest place."""
-    nearest: dict[str, Near] = {}
+    nearest: dict[str, ClosestApproach] = {}
     for near in close:
         is_near = near.distance < margin - _SAME
         if is_near and near.distance <= nearest.get(near.on, near).distance:

@@ -80,7 +80,7 @@ def find_slow_paths(reach: Reach, course: JointPath, robot: Robot, file: str) ->
     slow = samples.speed < _KEPT * samples.feed
     if not slow.any():
         return []
-    _insist_on_possible(samples, robot, program, file)
+    _check_possible(samples, robot, program, file)
     return [
         _find_slowest(samples, path, program) for path in each_once(samples.path[slow]).tolist()
     ]
@@ -129,7 +129,7 @@ def _find_slowest(samples: _Samples, path: int, program: Program) -> SlowPath:
     )
 
 
-def _insist_on_possible(samples: _Samples, robot: Robot, program: Program, file: str) -> None:
+def _check_possible(samples: _Samples, robot: Robot, program: Program, file: str) -> None:
     """NoSafeProgram for a feed that the arm cannot run anywhere."""
     order = np.argsort(-samples.feed, kind="stable")
     top = samples.feed[order[0]]

@@ -15,7 +15,7 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.check.collide import Clear, Near, check_clear
+from camgen.check.collide import Clear, ClosestApproach, check_clear
 from camgen.check.reach import (
     MotionRows,
     Reach,
@@ -92,7 +92,7 @@ def check_machine(program: Program, job: Job, cell: Workcell, file: str) -> Mach
     joints = np.concatenate([reach.joints for reach in reaches])
     owner = np.concatenate([reach.owner for reach in reaches])
     whole = replace(reaches[0], joints=joints, owner=owner, program=program)
-    close: list[Near] = []
+    close: list[ClosestApproach] = []
     notes: list[Note] = []
     for clear in clears:
         close += clear.close

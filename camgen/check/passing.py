@@ -167,9 +167,9 @@ def _pass(
     Returns the fraction of the maximum joint speeds, the same on both sides, and the length on
     either side over which it is held, in seconds at full speed.
     """
-    one, two = trace.rows(corner), trace.rows(corner + 1)
-    joint_rate, tip_rate = _measure_rates(trace, one.stop - 2, one.stop - 1)
-    next_joint_rate, next_tip_rate = _measure_rates(trace, two.start, two.start + 1)
+    before, after = trace.rows(corner), trace.rows(corner + 1)
+    joint_rate, tip_rate = _measure_rates(trace, before.stop - 2, before.stop - 1)
+    next_joint_rate, next_tip_rate = _measure_rates(trace, after.start, after.start + 1)
     turn = float(np.abs(next_joint_rate - joint_rate).max()) * pace.ramp
     bend = float(np.linalg.norm(next_tip_rate - tip_rate)) / pace.acceleration
     hard = max(turn, bend, _MIN_BEND)

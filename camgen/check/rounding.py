@@ -157,7 +157,8 @@ def _are_clear(
     deviation = _measure(where.scene, measure_apart, rounded, programmed) + corners.more
     even = (programmed[:, 1:] + programmed[:, :-1]) / 2
     bow = APART + float(_measure(where.scene, measure_apart, corners.middle, even).max(initial=0.0))
-    # Two bodies that move may both deviate, and a test may state their distance by a step too large.
+    # Two bodies that move may both deviate, and a test may state their distance by a step too
+    # large.
     clear: BoolArray = np.asarray(where.margin + 2 * deviation + FINE + 2 * APART <= gap)
     tight = np.flatnonzero(~clear)
     closer = _measure(where.with_margin, measure_closer, rounded[tight], programmed[tight])
@@ -174,7 +175,7 @@ def _are_clear(
 
 
 def _measure(scene: Scene, measure: _Measure, first: FloatArray, second: FloatArray) -> FloatArray:
-    """Measure the largest distance (K,) between joint values (K, R, J) of corners and others, mm."""
+    """Measure the largest distance (K,) between joint values (K, R, J) and others, mm."""
     rows = (each.reshape(-1, each.shape[-1]) for each in (first, second))
     return np.asarray(measure(scene, *rows).reshape(first.shape[:2]).max(axis=1))
 

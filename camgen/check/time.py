@@ -73,7 +73,7 @@ def _zone(corners: Corners, pace: Dynamics) -> tuple[FloatArray, FloatArray]:
 
 
 def _overlap(corners: Corners, pace: Dynamics) -> tuple[FloatArray, FloatArray]:
-    """The next motion starts while the previous one brakes, v^2 / 2a before a corner of any angle."""
+    """The next motion starts while the last one brakes, v^2 / 2a before a corner of any angle."""
     square = np.minimum(2 * pace.acceleration * corners.room, corners.fast**2)
     return square, square / (2 * pace.acceleration)
 
@@ -269,7 +269,7 @@ def _time_joints(
 ) -> FloatArray:
     """Compute the seconds (M,) of the slowest joint from rest to rest.
 
-    fraction: of the joints' maximum speeds, (M,) or one for all.
+    fraction: fraction of the joints' maximum speeds, (M,) or one for all.
     """
     travel = np.stack([_sum_by_motion(steps.motion, step, count) for step in steps.step.T])
     gain = 1.0 / pace.ramp if steps.gain is None else steps.gain[:, None]
@@ -402,27 +402,27 @@ def _limit_ends(program: Program, shape: MotionShapes, pace: Dynamics, timed: Ma
     if pace.rapid_stops:
         rapid = columns.moves_are(MoveJ)[index]
         follows &= rapid[:-1] == rapid[1:]
-    one, two = index[:-1][follows], index[1:][follows]
-    difference = lengths(shape.first[two] - shape.last[one])
-    total = lengths(shape.first[two] + shape.last[one])
+    before, after = index[:-1][follows], index[1:][follows]
+    difference = lengths(shape.first[after] - shape.last[before])
+    total = lengths(shape.first[after] + shape.last[before])
     corners = Corners(
         # Half of the angle between unit vectors, exact for small and for large angles.
         half=np.arctan2(difference, total),
-        room=np.minimum(shape.length[one], shape.length[two]) / 2,
-        blend=columns.blend[one],
-        fast=np.maximum(columns.speed[one], columns.speed[two]),
-        gain=_limit_turns(shape.last[one], shape.first[two], pace),
+        room=np.minimum(shape.length[before], shape.length[after]) / 2,
+        blend=columns.blend[before],
+        fast=np.maximum(columns.speed[before], columns.speed[after]),
+        gain=_limit_turns(shape.last[before], shape.first[after], pace),
     )
     ends = np.flatnonzero(follows)
     limit, around = pass_corners(corners, pace)
     # A motion that may not brake as hard as others is entered as if it had to stop in its half.
-    brake = pace.last * pace.acceleration * np.where(np.isinf(shape.radius[two]), 1.0, pace.along)
+    brake = pace.last * pace.acceleration * np.where(np.isinf(shape.radius[after]), 1.0, pace.along)
     is_held = share[1:][follows] < 1
-    limit = np.where(is_held, np.minimum(limit, brake * shape.length[two]), limit)
+    limit = np.where(is_held, np.minimum(limit, brake * shape.length[after]), limit)
     if pace.last < 1:
         # A level arc and a line up or down next to it share the acceleration, and nearly stop.
-        rise = np.maximum(np.abs(shape.last[one, 2]), np.abs(shape.first[two, 2])) > _STRAIGHT
-        overlap = rise & ~(np.isinf(shape.radius[one]) & np.isinf(shape.radius[two]))
+        rise = np.maximum(np.abs(shape.last[before, 2]), np.abs(shape.first[after, 2])) > _STRAIGHT
+        overlap = rise & ~(np.isinf(shape.radius[before]) & np.isinf(shape.radius[after]))
         limit[overlap] = around[overlap] = 0.0
         share[ends[overlap]] = share[ends[overlap] + 1] = pace.last
     square[ends], reach[ends] = limit, np.where(limit < corners.fast**2, around, 0.0)

@@ -191,7 +191,7 @@ class Post(ABC):
     def forms(self, program: Program) -> Forms | None:  # noqa: ARG002 (for overrides)
         """How motions are printed by column, with the same lines as movej, movel and movec.
 
-        Those methods are called for all other motions; None: for all motions. A class that
+        The three methods print all other motions; None: all motions. A class that
         overrides one of them overrides `forms` too, or its inherited `forms` is not used.
         """
         return None
@@ -311,5 +311,5 @@ class Post(ABC):
 
 
 #: Reason and remedy of a refusal.
-_NO_TOOL_CHANGE = ("the post changes no tool", "write a program a tool")
+_NO_TOOL_CHANGE = ("the post changes no tool", "write one program per tool")
 _NO_STOP = ("the post prints no stop for the operator", "leave the stop out")

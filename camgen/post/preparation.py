@@ -294,8 +294,8 @@ def _are_pressed(match: _Match, places: Indices) -> Mask:
     angle = circle.sweep - circle.measure(b.ends[pieces[arcs]])
     turned = circle.turn(wanted[arcs], -angle)
     along = np.array([b.table[k][:, 2] for k in b.rotation[pieces[arcs]]]).reshape(-1, 3)
-    off = np.minimum(lengths(press[arcs] - turned), lengths(press[arcs] - along))
-    sound[arcs] = off <= _ON_TURN
+    deviation = np.minimum(lengths(press[arcs] - turned), lengths(press[arcs] - along))
+    sound[arcs] = deviation <= _ON_TURN
     return sound
 
 
@@ -545,10 +545,10 @@ def _check_lines(match: _Match, rows: Indices) -> Iterator[_Fault]:
     direction = line / length[:, None]
     arm = b.ends[pieces] - start[which]
     along = dots(arm, direction[which])
-    off = lengths(arm - along[:, None] * direction[which])
+    deviation = lengths(arm - along[:, None] * direction[which])
     steps = np.diff(along, prepend=0.0)
     steps[starts_run(which)] = 0.0
-    sound = (off <= _ON_CURVE) & (steps >= -_ON_CURVE) & (along >= -_ON_CURVE)
+    sound = (deviation <= _ON_CURVE) & (steps >= -_ON_CURVE) & (along >= -_ON_CURVE)
     sound &= along <= length[which] + _ON_CURVE
     yield from _first(~sound, rows[which], "leaves a line")
     first, last = a.rotation[motions - 1][which], a.rotation[motions][which]
@@ -617,9 +617,9 @@ def _find_switches(match: _Match, allowed: frozenset[str]) -> Iterator[tuple[int
     same = np.fromiter(map(eq, old.items[:size], new.items[:size]), np.bool_, size)
     wrong = np.flatnonzero(~same | known & (wanted != new.after[:size]))[:1].tolist()
     if wrong:
-        yield int(old.indices[wrong[0]]), _say_switch(old.items[wrong[0]])
+        yield int(old.indices[wrong[0]]), _describe_change(old.items[wrong[0]])
     elif len(old.items) > size:
-        yield int(old.indices[size]), _say_switch(old.items[size])
+        yield int(old.indices[size]), _describe_change(old.items[size])
     elif len(new.items) > size:
         yield len(match.before.columns.body), f"the preparation adds {_name(new.items[size])}"
     if "force" not in allowed:
@@ -641,7 +641,7 @@ def _find_force_changes(match: _Match, old: _Switches, new: _Switches) -> Iterat
         yield index, "the preparation changes the force control at the end"
 
 
-def _say_switch(item: Instruction) -> str:
+def _describe_change(item: Instruction) -> str:
     return f"the preparation changes, moves or loses {_name(item)}"
 
 

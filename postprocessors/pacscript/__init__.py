@@ -33,7 +33,7 @@ from camgen.model.program import (
 )
 from camgen.model.text import counted, fixed, harmless, short
 from camgen.post import OutputFile, Tolerance, end_of
-from camgen.post.passes import without_force
+from camgen.post.passes import remove_force
 from camgen.post.renamed import note_renamed
 
 from .options import PacScriptOptions, derive, is_reserved
@@ -215,7 +215,7 @@ class PacScript(PacScriptOptions):
                 what = f"{option} 0 is the controller's own, but the program has a frame of its own"
                 raise Refused(self.name, -1, what, f"give post.{option} from 1 on")
         prepared = super().prepare(
-            without_force(program) if self.force == "ignore" else program, chord
+            remove_force(program) if self.force == "ignore" else program, chord
         )
         body = tuple(chain.from_iterable(self._stated(item) for item in prepared.body))
         same = len(body) == len(prepared.body) and all(

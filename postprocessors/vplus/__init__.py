@@ -33,7 +33,7 @@ from camgen.model.program import (
 )
 from camgen.model.text import short
 from camgen.post import OutputFile, Post, Tolerance, end_of, pose_of
-from camgen.post.passes import without_force
+from camgen.post.passes import remove_force
 from camgen.post.renamed import note_renamed
 
 from . import records, rules
@@ -223,7 +223,7 @@ class VPlus(Post):
                 raise Refused(self.name, rules.WHOLE, f"the {what}: {reason}")
         self._by_hand = rules.by_hand(program, self.force, self.spindle, self.name)
         prepared = super().prepare(
-            without_force(program) if self.force == "ignore" else program, chord
+            remove_force(program) if self.force == "ignore" else program, chord
         )
         if not any(
             isinstance(i, Force) or (isinstance(i, Output) and i.signal == "spindle")

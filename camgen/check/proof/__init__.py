@@ -34,7 +34,7 @@ from camgen.check.proof.process import (
 )
 from camgen.check.proof.slopes import SlopeChecker
 from camgen.check.proof.subject import Context, Named, Program, Subject, are_named
-from camgen.check.proof.tasks import BESIDE, Drawing, Task, lay_drawing, make_tasks
+from camgen.check.proof.tasks import BESIDE, Drawing, Task, make_drawing, make_tasks
 from camgen.check.proof.travel import (
     Phases,
     check_rest,
@@ -104,10 +104,10 @@ def prove_motion(
     for program in programs:
         unplaced += count_unplaced(program.body, home, rounding.joint)
     if part.solid is not None or part.curves:
-        proof = _prove_space(part, job, programs, Named.of(notes), rounding)
+        proof = _prove_space(part, job, programs, Named.from_notes(notes), rounding)
         return replace(proof, unplaced=unplaced)
-    drawing = lay_drawing(part, job)
-    context = Context(drawing, Named.of(notes), rounding, controller, {})
+    drawing = make_drawing(part, job)
+    context = Context(drawing, Named.from_notes(notes), rounding, controller, {})
     totals = _Count(drawing)
     findings: list[tuple[str, Finding]] = []
     unproven: list[str] = []

@@ -172,18 +172,18 @@ class ContourChecker:
         # The ends are beside the same piece, as a rule.
         nearest = measure_ends(points, nearest, first, self.pieces)
         wanted = np.array(self.task.distances)
-        off = self._deviation(nearest, wanted)
-        lost = np.flatnonzero(off > self.limit)
+        deviation = self._deviation(nearest, wanted)
+        lost = np.flatnonzero(deviation > self.limit)
         if len(lost):
             paths = np.concatenate([path, path, path[first]])
             again = find_nearest(points[lost], paths[lost], self.pieces, self.place.lists)
-            nearest.put(lost, again)
+            nearest.replace(lost, again)
             lost = lost[self._deviation(again, wanted) > self.limit]
         if len(lost):
             reach = float(wanted.max()) + self.task.operation.corner_radius + self.limit
-            nearest.put(lost, self.place.walls.find(points[lost], reach))
-        off = self._deviation(nearest, wanted)
-        follows = _join_ends(off <= self.limit, first, size)
+            nearest.replace(lost, self.place.walls.find(points[lost], reach))
+        deviation = self._deviation(nearest, wanted)
+        follows = _join_ends(deviation <= self.limit, first, size)
         rounds = _join_ends(self._may_round(nearest, wanted), first, size) & ~follows
         piece, side = nearest.piece[:size], nearest.side[:size]
         middle = nearest.distance[:size, None]

@@ -43,7 +43,7 @@ class Nearest(Struct, frozen=True, eq=False):
     piece: IntArray
     side: FloatArray
 
-    def put(self, rows: IntArray, others: Nearest) -> None:
+    def replace(self, rows: IntArray, others: Nearest) -> None:
         """Replaces the entries at `rows`; changes this value."""
         for name in self.__struct_fields__:
             getattr(self, name)[rows] = getattr(others, name)
@@ -97,7 +97,7 @@ def find_nearest(points: FloatArray, path: IntArray, pieces: Pieces, lists: Ragg
     for low, high in pairwise([*blocks.tolist(), len(chosen)]):
         if low < high:
             rows = chosen[low:high]
-            nearest.put(rows, _nearest_of(points, rows, path, pieces, lists))
+            nearest.replace(rows, _nearest_of(points, rows, path, pieces, lists))
     return nearest
 
 
@@ -180,7 +180,7 @@ class PieceTree:
             # The box of a slanting piece is near to more places than the piece itself.
             within = hits.distance <= distance
             chosen = Nearest(hits.distance[within], hits.piece[within], hits.side[within])
-            nearest.put(rows[first][within], chosen)
+            nearest.replace(rows[first][within], chosen)
         return nearest
 
 

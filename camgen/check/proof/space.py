@@ -103,8 +103,8 @@ class SpaceChecker:
             if not np.isfinite(points).all():
                 open_start |= self._ends_on(row, chain)
                 continue
-            off = np.abs(distances(points, chain) - self.distance)
-            if (off <= self.limit).all():
+            deviation = np.abs(distances(points, chain) - self.distance)
+            if (deviation <= self.limit).all():
                 self.follows[row] = True
                 bare = np.minimum(bare, distances(chain, points))
         if not self.follows[rows].any() and not open_start:

@@ -93,7 +93,7 @@ class Task(Struct, frozen=True, eq=False):
         return self.job.operation
 
 
-def lay_drawing(part: Part, job: Job) -> Drawing:
+def make_drawing(part: Part, job: Job) -> Drawing:
     """The contours of `part`, scaled and moved to the page of `job` if it has one."""
     drawn = part.contours
     if job.stock.layer:

@@ -94,7 +94,7 @@ def cut_at_clearance(
 def check_rest(motions: Motions, clearance: float, findings: Findings) -> None:
     """Finds a first, a last or another motion from or to the rest position below the clearance.
 
-    clearance: height of travel less the deviation of a height, mm. Motions to joint values without
+    clearance: clearance height less the deviation of a height, mm. Motions to joint values without
     a path go to the rest position.
     """
     unknown = np.isnan(motions.end[:, 0])

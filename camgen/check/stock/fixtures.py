@@ -16,7 +16,7 @@ import shapely
 from msgspec import Struct
 
 from camgen.check.stock.moves import TOLERANCE_MM, Cut, Moves
-from camgen.check.stock.profile import reach
+from camgen.check.stock.profile import compute_radius
 from camgen.geometry.fixtures import Body, Fixture, Fixtures, Layer, list_bodies
 from camgen.geometry.intersect import measure_gaps
 from camgen.geometry.segments import (
@@ -207,7 +207,7 @@ def _radius_at(case: _Case, z: FloatArray) -> FloatArray:
     """(K,) radius, mm, of the body at the layer's top where its lower end is at z (K,), mm."""
     if case.body.height:
         return np.full(len(z), case.body.radius)
-    return reach(case.cut.tool, np.maximum(case.layer.top - z, 0.0))
+    return compute_radius(case.cut.tool, np.maximum(case.layer.top - z, 0.0))
 
 
 def _measure(case: _Case, portions: _Portions, k: int, margin: float) -> Hit | None:

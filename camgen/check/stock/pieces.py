@@ -18,11 +18,11 @@ from msgspec import Struct
 from camgen.check.proof.heights import tab_slopes
 from camgen.check.proof.slopes import find_tab_room
 from camgen.check.stock.cells import Shapes
-from camgen.check.stock.clear import Gone
+from camgen.check.stock.clear import SweptAreas
 from camgen.check.stock.design import Design, Tabbed
 from camgen.check.stock.moves import TOLERANCE_MM, Moves
 from camgen.check.stock.profile import BEAMS
-from camgen.check.stock.sweep import QUARTER, sweep, unite
+from camgen.check.stock.sweep import QUARTER, merge_shapes, sweep
 from camgen.geometry.segments import BoolArray, IntArray, points_at
 
 #: Stock that is farther than this from the kerf, mm, holds a piece.
@@ -100,7 +100,9 @@ class Pieces(Struct, frozen=True, eq=False):
     has_frame: bool = True
 
 
-def find_pieces(gone: Gone, design: Design, held: Any = None, *, drops: bool = False) -> Pieces:
+def find_pieces(
+    gone: SweptAreas, design: Design, held: Any = None, *, drops: bool = False
+) -> Pieces:
     """The pieces that nothing holds; none where the thickness of the stock is not known.
 
     held: polygons under clamps, mm. A piece that reaches into one of them is held. None: no clamps.
@@ -113,7 +115,7 @@ def find_pieces(gone: Gone, design: Design, held: Any = None, *, drops: bool = F
     through = gone.rows[(moves.deepest[gone.rows] > bottom) & ~moves.rapid[gone.rows]]
     if not len(through):
         return Pieces()
-    cut = unite(sweep(moves, gone.cuts, bottom, through, set()))
+    cut = merge_shapes(sweep(moves, gone.cuts, bottom, through, set()))
     material = shapely.buffer(shapely.difference(design.outline, cut), -_THREAD_MM, quad_segs=1)
     pieces = shapely.get_parts(material)
     pieces = pieces[~shapely.is_empty(pieces)]
@@ -135,7 +137,7 @@ def find_pieces(gone: Gone, design: Design, held: Any = None, *, drops: bool = F
     return Pieces(tuple(loose), missing, not rim.is_empty)
 
 
-def _find_rim(gone: Gone, design: Design, cut: Any, through: IntArray, bottom: float) -> Any:
+def _find_rim(gone: SweptAreas, design: Design, cut: Any, through: IntArray, bottom: float) -> Any:
     """The rim of the stock where it is not cut, and not within reach of a kerf.
 
     A bridge that ends at the rim holds nothing, if all stock around the part is kerf.
@@ -155,12 +157,12 @@ def _find_rim(gone: Gone, design: Design, cut: Any, through: IntArray, bottom: f
     ]
     if not closed:
         return rim
-    lines = shapely.get_parts(shapely.line_merge(shapely.difference(rim, unite(closed))))
+    lines = shapely.get_parts(shapely.line_merge(shapely.difference(rim, merge_shapes(closed))))
     # A corner of the rim that is shorter than the tool is wide holds nothing.
     return shapely.multilinestrings(lines[shapely.length(lines) >= wide])
 
 
-def _widest(gone: Gone, rows: IntArray) -> float:
+def _widest(gone: SweptAreas, rows: IntArray) -> float:
     """The diameter of the widest tool of motions, mm."""
     diameters = np.array([cut.tool.diameter for cut in gone.cuts])
     return float(diameters[gone.moves.cut[rows]].max(initial=0.0))
@@ -206,7 +208,7 @@ class _Finder(Struct, frozen=True, eq=False):
     drops: whether any piece may come loose.
     """
 
-    gone: Gone
+    gone: SweptAreas
     design: Design
     bottom: float
     through: IntArray
@@ -282,7 +284,7 @@ class _Finder(Struct, frozen=True, eq=False):
         around = shapely.buffer(shapely.Polygon(rim), self.wide + _BEYOND_MM, quad_segs=4)
 
         def is_free(rows: IntArray) -> bool:
-            swept = unite(sweep(gone.moves, gone.cuts, self.bottom, rows))
+            swept = merge_shapes(sweep(gone.moves, gone.cuts, self.bottom, rows))
             return _is_free(swept, shape, around, self.design.outline)
 
         if not is_free(near[:first]):
@@ -295,7 +297,7 @@ class _Finder(Struct, frozen=True, eq=False):
 
 
 def _make_finder(
-    gone: Gone, design: Design, bottom: float, through: IntArray, drops: bool
+    gone: SweptAreas, design: Design, bottom: float, through: IntArray, drops: bool
 ) -> _Finder:
     tools = [gone.cuts[k].tool for k in np.unique(gone.moves.cut[through]).tolist()]
     return _Finder(
@@ -322,7 +324,7 @@ def _is_free(cut: Any, part: Any, around: Any, outline: Any) -> bool:
     return bool(not shapely.intersects(held, inside).any())
 
 
-def _comes_back(gone: Gone, row: int, shape: Any) -> int:
+def _comes_back(gone: SweptAreas, row: int, shape: Any) -> int:
     """The first motion at feed after `row` that goes down again and cuts at the piece; -1: none."""
     moves = gone.moves
     near = np.sort(gone.rows[gone.tree.query(shape)])
@@ -370,7 +372,7 @@ def _find_missing_tabs(design: Design, cut: Any, find: _Finder) -> tuple[Missing
 
     def uncut(line: Any) -> Any:
         near = kerfs[tree.query(line, predicate="intersects")]
-        return shapely.difference(line, unite(near)) if len(near) else line
+        return shapely.difference(line, merge_shapes(near)) if len(near) else line
 
     missing = []
     for loop in _find_loops(design):
@@ -438,7 +440,7 @@ def _widen(design: Design, outlines: Sequence[Tabbed]) -> dict[int, _Kerfs]:
 def _find_ways_outside(kerfs: dict[int, _Kerfs]) -> Iterator[_Loop]:
     """The ways around outlines. Outlines that are near to each other have one way around them."""
     for group, shapes in kerfs.values():
-        joined = shapely.get_parts(unite(shapes))
+        joined = shapely.get_parts(merge_shapes(shapes))
         member, union = shapely.STRtree(joined).query(shapes, predicate="intersects")
         first = dict(zip(union[::-1].tolist(), member[::-1].tolist(), strict=True))
         for k, shape in enumerate(joined):

@@ -15,7 +15,7 @@ import numpy as np
 import shapely
 from msgspec import Struct
 
-from camgen.check.stock.clear import Gone, find_in_own_hole
+from camgen.check.stock.clear import SweptAreas, find_in_own_hole
 from camgen.check.stock.design import Design
 from camgen.check.stock.moves import TOLERANCE_MM, Cut, Moves
 from camgen.check.stock.spindle import Running, turns
@@ -88,7 +88,7 @@ class _Case(NamedTuple):
     """
 
     tool: ToolTable
-    gone: Gone
+    gone: SweptAreas
     design: Design
     rows: IntArray
     stock: StockTable
@@ -111,7 +111,7 @@ class _Case(NamedTuple):
 
 
 def check_set_up(
-    gone: Gone, design: Design, stock: StockTable, running: Sequence[Running]
+    gone: SweptAreas, design: Design, stock: StockTable, running: Sequence[Running]
 ) -> SetUp:
     """The limits of the set-up that the cuts in `gone` exceed.
 
@@ -246,7 +246,7 @@ def _plunge(case: _Case) -> Breach | None:
     return _breach_of_rows(case._replace(rows=rows), depths, 10 * TOLERANCE_MM, what, remedy)
 
 
-def _find_cleared(gone: Gone, rows: IntArray, points: FloatArray) -> FloatArray:
+def _find_cleared(gone: SweptAreas, rows: IntArray, points: FloatArray) -> FloatArray:
     """(K,) depths, mm, to which earlier motions have cleared points.
 
     rows: (K,) motions.
@@ -380,13 +380,13 @@ def _differ_from_job(case: _Case) -> Breach | None:
     if not stated:
         return None
 
-    def off(running: Running) -> FloatArray:
+    def measure_ratio(running: Running) -> FloatArray:
         ratios = [np.maximum(running.speed / speed, speed / running.speed) for speed in stated]
         return np.where(running.speed > _SWITCHED_ON, np.min(ratios, axis=0), 0.0)
 
     speeds = " or ".join(short(speed, 0) for speed in sorted(stated))
     what = f"{case.name} turns {{}} times faster or slower than the job states, {speeds} rpm"
-    return _breach_of_text(case, off, 1.0, what, _BY_JOB)
+    return _breach_of_text(case, measure_ratio, 1.0, what, _BY_JOB)
 
 
 def _breach_of_text(

@@ -319,11 +319,11 @@ def test_a_slug_to_which_the_tool_comes_back_is_serious_and_not_refused() -> Non
 
 
 def test_a_clamp_holds_what_reaches_under_it() -> None:
-    from camgen.check.stock.clear import index  # noqa: PLC0415
+    from camgen.check.stock.clear import index_motions  # noqa: PLC0415
     from camgen.check.stock.moves import tabulate  # noqa: PLC0415
 
     cuts = [Cut(WAY, range(1, len(WAY) + 1), MILL, "p.ngc")]
-    gone, wanted = index(tabulate(cuts), cuts), design([OUTLINE], StockTable(thickness=5.0))
+    gone, wanted = index_motions(tabulate(cuts), cuts), design([OUTLINE], StockTable(thickness=5.0))
     assert len(find_pieces(gone, wanted).loose) == 1
     assert find_pieces(gone, wanted, shapely.box(35, 15, 60, 25)).loose == ()
     assert len(find_pieces(gone, wanted, shapely.box(46, 15, 60, 25)).loose) == 1
