@@ -107,7 +107,6 @@ def find_holes(columns: Columns, decimals: int) -> list[CycleHole]:
 
 
 def _are_level_moves(ends: FloatArray) -> Mask:
-    """Whether each motion except the first changes X or Y, (M - 1,)."""
     return np.asarray((ends[1:, 0] != ends[:-1, 0]) | (ends[1:, 1] != ends[:-1, 1]))
 
 
@@ -116,14 +115,12 @@ def _come_back_up(ends: FloatArray) -> Mask:
     place = np.cumsum(np.append(True, _are_level_moves(ends)))
     # All heights at one place become lower than those at the places before it. So one accumulation
     # from the end is enough.
-    step = np.nanmax(np.abs(ends[:, 2])) * 2 + 1
-    height = ends[:, 2] - place * step
+    height = ends[:, 2] - place * (np.nanmax(np.abs(ends[:, 2])) * 2 + 1)
     highest = np.fmax.accumulate(height[::-1])[::-1]
     return np.append(highest[1:] >= height[:-1] - _NEARLY, False)
 
 
 def _make_hole(columns: Columns, k: int, decimals: int) -> CycleHole | None:
-    """Make the cycle that starts above the hole with motion `k`; None if there is none."""
     last = _find_return(columns, k)
     if last is None:
         return None
@@ -146,7 +143,6 @@ def _make_hole(columns: Columns, k: int, decimals: int) -> CycleHole | None:
 
 
 def _is_link(before: Pose | None, above: Pose, decimals: int) -> bool:
-    """Whether a link at the clearance height leads to a hole, so that its line has X and Y."""
     if before is None or abs(before.origin[2] - above.origin[2]) > SAME_POINT_MM:
         return False
     (x, y, _), (u, v, _) = before.origin, above.origin
@@ -313,21 +309,27 @@ class GCode(Rs274):
         if not 0 <= self.tool <= 99_999:
             raise JobError("[post] tool", f"{self.tool} is not a tool number", remedy="0 for none")
         if self.path_tolerance != 0 and not 1e-4 <= self.path_tolerance <= 10:
-            remedy = (
-                "0 for the exact path; "
-                "without a tolerance LinuxCNC would round corners by any amount"
+            raise JobError(
+                "[post] path_tolerance",
+                f"{self.path_tolerance} is not 0.0001 to 10 mm",
+                remedy="0 for the exact path; "
+                "without a tolerance LinuxCNC would round corners by any amount",
             )
-            what = f"{self.path_tolerance} is not 0.0001 to 10 mm"
-            raise JobError("[post] path_tolerance", what, remedy=remedy)
         check_signals(self.signals, _OUTPUTS, [COOLANT])
         if not 1 <= self.outputs <= 64:
-            what, remedy = f"{self.outputs} is not 1 to 64", "num_dio and num_aio of motmod"
-            raise JobError("[post] outputs", what, remedy=remedy)
+            raise JobError(
+                "[post] outputs",
+                f"{self.outputs} is not 1 to 64",
+                remedy="num_dio and num_aio of motmod",
+            )
         if not 0 <= self.force_channel <= 63:
             raise JobError("[post] force_channel", f"must be 0 to 63, not {self.force_channel}")
         if self.force == "analog" and not 1e-3 <= self.force_scale <= 1e3:
-            what = "analog force needs the output's value per N"
-            raise JobError("[post] force_scale", what, remedy="0.001 to 1000")
+            raise JobError(
+                "[post] force_scale",
+                "analog force needs the output's value per N",
+                remedy="0.001 to 1000",
+            )
 
     def tolerance(self) -> Tolerance:
         """Half of the last printed digit, a force by its scale."""
@@ -483,9 +485,13 @@ class GCode(Rs274):
     def why_not_force(self, item: Force) -> str:
         """An analog output can represent a force; its effect on the tool is wired in HAL."""
         if self.force != "analog":
-            remedy = 'post.force = "analog" with an output wired to a regulator'
-            return f"{super().why_not_force(item)}, or {remedy}"
+            return (
+                f"{super().why_not_force(item)}, "
+                'or post.force = "analog" with an output wired to a regulator'
+            )
         if item.newtons > 0 and self._force_word(item.newtons) == "0":
-            what = f"{item.newtons:g} N is 0 at post.force_scale = {self.force_scale:g}"
-            return f"{what}; raise the scale"
+            return (
+                f"{item.newtons:g} N is 0 at post.force_scale = {self.force_scale:g}"
+                "; raise the scale"
+            )
         return ""

@@ -107,14 +107,11 @@ def print_arcs(start: FloatArray, via: FloatArray, end: FloatArray, decimals: in
     at the distance of the planned centre. So shallow arcs are exact too, whose radius does not
     follow from three rounded points.
     """
-    fault, left, centre = [], [], []
+    blocks = []
     for low in range(0, max(len(start), 1), _BLOCK):
-        block = slice(low, low + _BLOCK)
-        arcs = _print_block(start[block], via[block], end[block], decimals)
-        fault.append(arcs.fault)
-        left.append(arcs.left)
-        centre.append(arcs.centre)
-    return Arcs(np.concatenate(fault), np.concatenate(left), np.concatenate(centre))
+        rows = slice(low, low + _BLOCK)
+        blocks.append(_print_block(start[rows], via[rows], end[rows], decimals))
+    return Arcs(*map(np.concatenate, zip(*blocks, strict=True)))
 
 
 def _print_block(start: FloatArray, via: FloatArray, end: FloatArray, decimals: int) -> Arcs:
@@ -136,8 +133,7 @@ def _print_block(start: FloatArray, via: FloatArray, end: FloatArray, decimals: 
             (radius * (1 - np.cos(sweep / 2)) < digit) | (chord < digit),
             ~(np.abs(np.hypot(*centre.T) - np.hypot(*(span - centre).T)) <= _RADII),
         )
-    fault = np.select(tests, range(1, len(FAULTS)), 0)
-    return Arcs(fault, left, centre)
+    return Arcs(np.select(tests, range(1, len(FAULTS)), 0), left, centre)
 
 
 #: Limits of coordinates, mm, and waits, s; and of feeds, mm/min. No machine exceeds them, and they
@@ -196,11 +192,17 @@ class Rs274(Post):
             remedy = "one of " + ", ".join(self.works)
             raise JobError("[post] work", f"{self.work!r} is not a work offset", remedy=remedy)
         if not 2 <= self.decimals <= 6:
-            what = f"{self.decimals} is not between 2 and 6"
-            raise JobError("[post] decimals", what, remedy="3 is usual for mm")
+            raise JobError(
+                "[post] decimals",
+                f"{self.decimals} is not between 2 and 6",
+                remedy="3 is usual for mm",
+            )
         if self.max_lines < 0:
-            what = f"must be 0 or more, not {self.max_lines}"
-            raise JobError("[post] max_lines", what, remedy="0: the program is not split")
+            raise JobError(
+                "[post] max_lines",
+                f"must be 0 or more, not {self.max_lines}",
+                remedy="0: the program is not split",
+            )
 
     @classmethod
     def cell(cls) -> Cell:
@@ -215,8 +217,12 @@ class Rs274(Post):
     def prepare(self, program: Program, chord: float) -> Program:
         """See `Post`. Also refuses a rotated work frame: a work offset only shifts the axes."""
         if angle_between(program.base_from_work.rotation, IDENTITY) > 1e-6:
-            remedy = "align the part with the axes and leave the angles of cell.base_from_work at 0"
-            raise Refused(self.name, -1, f"{self.work} cannot turn the work frame", remedy)
+            raise Refused(
+                self.name,
+                -1,
+                f"{self.work} cannot turn the work frame",
+                "align the part with the axes and leave the angles of cell.base_from_work at 0",
+            )
         return super().prepare(program, chord)
 
     def begin(self, program: Program) -> Sequence[str]:
@@ -391,7 +397,6 @@ class Rs274(Post):
         return accepted
 
     def _accepted_arcs(self, columns: Columns, arcs: Indices) -> Mask:
-        """Whether each of the motions `arcs`, all arcs of the program, can be printed as an arc."""
         if not self.arcs or not len(arcs):
             return np.zeros(len(arcs), np.bool_)
         upright = np.array([not is_tilted(rotation) for rotation in columns.table], np.bool_)
@@ -414,11 +419,15 @@ class Rs274(Post):
     def _why_not_motion(self, item: Motion, start: Pose | None) -> str:
         target = item.target
         if isinstance(target, Joints):
-            what = "a three-axis machine has no joint values to move to"
-            return f"{what}; give the home position as a pose"
+            return (
+                "a three-axis machine has no joint values to move to"
+                "; give the home position as a pose"
+            )
         if is_tilted(target.rotation) or (isinstance(item, MoveC) and is_tilted(item.via.rotation)):
-            what = "the tool is not straight down, and the machine has three axes"
-            return f"{what}; use a robot's post or no axis tilt"
+            return (
+                "the tool is not straight down, and the machine has three axes"
+                "; use a robot's post or no axis tilt"
+            )
         x, y, z = target.origin
         if not all(abs(v) <= _MAX_PRINTED for v in (x, y, z)):
             return f"a coordinate is beyond {_MAX_PRINTED:g} mm"
@@ -426,8 +435,10 @@ class Rs274(Post):
             return ""
         feed = item.speed * 60.0
         if not _SLOWEST <= feed <= _FASTEST:
-            what = f"a feed of {feed:g} mm/min is not {_SLOWEST:g} to {_FASTEST:g} mm/min"
-            return f"{what}; change process.feed or process.plunge"
+            return (
+                f"a feed of {feed:g} mm/min is not {_SLOWEST:g} to {_FASTEST:g} mm/min"
+                "; change process.feed or process.plunge"
+            )
         if not isinstance(item, MoveC):
             return ""
         if start is None or not self.arcs:
@@ -435,16 +446,17 @@ class Rs274(Post):
         return FAULTS[int(self._find_arc(item, start.origin).fault[0])]
 
     def _find_arc(self, item: MoveC, start: Vec3) -> Arcs:
-        points = (np.array([point]) for point in (start, item.via.origin, item.target.origin))
-        first, via, last = points
-        return print_arcs(first, via, last, self.decimals)
+        points = np.array([[start], [item.via.origin], [item.target.origin]])
+        return print_arcs(points[0], points[1], points[2], self.decimals)
 
     def why_not_signal(self, item: Output) -> str:
         """Return why the signal cannot be set in this dialect."""
         signal, value = item.signal, item.value
         if signal == "spindle" and value < 0:
-            what = f"the spindle is to turn backwards (M4, {-value:g} rpm)"
-            return f"{what}, and this post prints M3 alone"
+            return (
+                f"the spindle is to turn backwards (M4, {-value:g} rpm), "
+                "and this post prints M3 alone"
+            )
         if signal == "spindle" and not value <= _FASTEST:
             return f"a spindle speed of {value:g} rpm is beyond {_FASTEST:g} rpm"
         if signal == "spindle":
@@ -453,14 +465,18 @@ class Rs274(Post):
             known = ", ".join(["spindle", *sorted(self.signals)])
             coolant = {"mist": "M7", "flood": "M8"}.get(signal)
             example = f', e.g. {{ {signal} = "{coolant}" }}' if coolant else ""
-            what = f"signal {signal} has no output (known: {known})"
-            return f"{what}; give it one in post.signals{example}"
+            return (
+                f"signal {signal} has no output (known: {known}); "
+                f"give it one in post.signals{example}"
+            )
         if value in (0, 1):
             return ""
         what = f"signal {signal} is on (1) or off (0), not {value:g}"
         if value > 1:
-            what += "; if it is the spindle of an old program: "
-            what += f'input.signals = {{ {signal} = "spindle" }}'
+            return (
+                f"{what}; if it is the spindle of an old program: "
+                f'input.signals = {{ {signal} = "spindle" }}'
+            )
         return what
 
     def why_not_force(self, item: Force) -> str:  # noqa: ARG002 (for overrides)
@@ -469,7 +485,6 @@ class Rs274(Post):
 
 
 def _feed_text(feed: float) -> str:
-    """Format a feed, mm/min, with at least four digits."""
     return short(feed, max(2, 3 - math.floor(math.log10(feed))))
 
 
@@ -500,5 +515,8 @@ def check_signals(
             raise JobError(where, f"{word!r} is not an output of this controller", remedy=remedy)
         taken = {word, *chain.from_iterable(pair for pair in shared if word in pair)}
         if any(other in taken for key, other in signals.items() if key != name):
-            what = f"{word} is switched off by another signal too"
-            raise JobError(where, what, remedy="give each its own output")
+            raise JobError(
+                where,
+                f"{word} is switched off by another signal too",
+                remedy="give each its own output",
+            )

@@ -153,7 +153,7 @@ def _find_near(
     near: distance up to which places count, mm.
     """
     program, columns = reach.program, reach.program.columns
-    motion_of = _motions(reach, course)[rows[0] : rows[1]]
+    motion_of = _find_motions(reach, course)[rows[0] : rows[1]]
     kinds = columns.path[motion_of[1:]] * 2 + columns.works[motion_of[1:]]
     runs = list(pairwise([0, *np.cumsum(run_lengths(kinds)).tolist()]))
     joints = [course.joints[rows[0] + first : rows[0] + last + 1] for first, last in runs]
@@ -192,7 +192,6 @@ def _note_near(close: Sequence[ClosestApproach], margin: float) -> tuple[Note, .
 
 
 def _find_by_path(where: Surroundings, reach: Reach, course: JointPath) -> list[_Collision]:
-    """The first collision of each run of motions of one path, and of the link that leads to it."""
     runs = _divide_by_path(reach, course)
     return _find_in_runs(where.with_margin, course, runs) + _find_in_runs(where.work, course, runs)
 
@@ -202,7 +201,7 @@ def _find_strict(where: Surroundings, reach: Reach, course: JointPath) -> list[_
     if where.strict is None:
         return []
     is_rim = [where.is_rim(path.contours) for path in reach.program.paths]
-    columns, motion_of = reach.program.columns, _motions(reach, course)
+    columns, motion_of = reach.program.columns, _find_motions(reach, course)
     runs = []
     spared = False  # the path before
     for first, last in _divide_by_path(reach, course):
@@ -215,7 +214,7 @@ def _find_strict(where: Surroundings, reach: Reach, course: JointPath) -> list[_
 
 def _divide_by_path(reach: Reach, course: JointPath) -> list[tuple[int, int]]:
     """The first and the last row of each run of motions of one path, and of each link to one."""
-    columns, motion_of = reach.program.columns, _motions(reach, course)[1:]
+    columns, motion_of = reach.program.columns, _find_motions(reach, course)[1:]
     ends = offsets(run_lengths(columns.path[motion_of] * 2 + columns.arrives[motion_of]))
     return list(pairwise(ends.tolist()))
 
@@ -223,7 +222,6 @@ def _divide_by_path(reach: Reach, course: JointPath) -> list[tuple[int, int]]:
 def _find_in_runs(
     scene: Scene, course: JointPath, runs: Sequence[tuple[int, int]]
 ) -> list[_Collision]:
-    """The first collision of each run."""
     joints = [course.joints[first : last + 1] for first, last in runs]
     checked = check_motions(scene, joints, STEP, deviation=APART)
     return [
@@ -237,17 +235,15 @@ def _collision(scene: Scene, course: JointPath, at: float, pair: int) -> _Collis
     return _Collision(at, scene.pairs[pair], describe_hit(scene, _joints_at(course, at), pair))
 
 
-def _motions(reach: Reach, course: JointPath) -> IntArray:
-    """(D,) the motion that each row of the course belongs to."""
+def _find_motions(reach: Reach, course: JointPath) -> IntArray:
     return reach.rows.motion[np.ceil(course.at).astype(np.int64)]
 
 
 def _block(
     reach: Reach, robot: Robot, file: str, course: JointPath, collisions: list[_Collision]
 ) -> Blocked:
-    """The error with all paths that have a collision."""
     program, columns = reach.program, reach.program.columns
-    motion_of = _motions(reach, course)
+    motion_of = _find_motions(reach, course)
     losses: list[BlockedPath] = []
     last = ends_run(motion_of)
     for collision in sorted(collisions, key=lambda collision: collision.at):
@@ -275,7 +271,6 @@ def _place(program: Program, robot: Robot, course: JointPath, at: float) -> str:
 
 
 def _joints_at(course: JointPath, at: float) -> FloatArray:
-    """(J,) the joint values at a place in rows of the course."""
     row = min(int(at), len(course.joints) - 2) if len(course.joints) > 1 else 0
     part = at - row
     after = course.joints[min(row + 1, len(course.joints) - 1)]

@@ -89,8 +89,7 @@ def find_slow_paths(reach: Reach, course: JointPath, robot: Robot, file: str) ->
 def _sample(reach: Reach, course: JointPath, robot: Robot) -> _Samples:
     """The steps of `course` along lines and arcs of paths, those of links left out."""
     program, columns = reach.program, reach.program.columns
-    row = np.ceil(course.at[1:] - 1e-9).astype(np.int64)
-    motion = reach.rows.motion[row]
+    motion = reach.rows.motion[np.ceil(course.at[1:] - 1e-9).astype(np.int64)]
     rotation, origin = flange(robot, course.joints)
     place = origin + rotation @ np.asarray(program.flange_from_tool.origin)
     length = np.linalg.norm(np.diff(place, axis=0), axis=1)
@@ -112,7 +111,6 @@ def _sample(reach: Reach, course: JointPath, robot: Robot) -> _Samples:
 
 
 def _find_slowest(samples: _Samples, path: int, program: Program) -> SlowPath:
-    """The slowest place of a path, and the part of it that is slow."""
     steps = np.flatnonzero(samples.path == path)
     ratio = samples.speed[steps] / samples.feed[steps]
     slowest = int(steps[ratio.argmin()])

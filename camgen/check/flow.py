@@ -246,13 +246,11 @@ def _make_corner(
 
 
 def _make_fan(corner: _Corner) -> FloatArray:
-    """Make the triangles (N, 3, J) between a corner and its corner path."""
     points = corner.points
     return np.stack([np.broadcast_to(corner.at, points[1:].shape), points[:-1], points[1:]], axis=1)
 
 
 def _measure_bows(where: Surroundings, corners: Sequence[_Corner]) -> FloatArray:
-    """Measure the deviation of both motions from straight lines of joint values, (n,) mm."""
     if not corners:
         return np.zeros(0)
     exact = np.concatenate([corner.exact for corner in corners])

@@ -82,7 +82,6 @@ def find_failures(stretch: Stretch, stuck: Stuck) -> tuple[JointFailure, list[Jo
 
 
 def _find_unreachable(stretch: Stretch, stuck: Stuck) -> list[JointFailure]:
-    """Find the first row of each path, and of each link, that no posture reaches."""
     robot, none = stretch.robot, np.empty((0, stuck.candidates.shape[2]))
     can_reach = are_turned_within_limits(robot, stuck.candidates, list_turn_counts(robot))
     bad = np.flatnonzero(~can_reach.any(axis=(1, 2)))

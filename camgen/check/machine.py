@@ -101,7 +101,6 @@ def check_machine(program: Program, job: Job, cell: Workcell, file: str) -> Mach
 
 
 def _split(program: Program, job: Job) -> list[_Section]:
-    """The sections of a program, one for each tool change; the whole program without any."""
     changes = np.flatnonzero(program.columns.are(ToolChange)).tolist()
     if not changes:
         return [_Section(program, job.tool, 0)]
@@ -204,14 +203,12 @@ def _find_extremes(
     inside = np.abs(angles) < spans.sweep[arcs, None, None] / 2
     arc, _, _ = np.nonzero(inside)
     segment = arcs[arc]
-    fraction = angles[inside] / spans.sweep[segment] + 0.5
-    return segment, spans.point(fraction, segment)
+    return segment, spans.point(angles[inside] / spans.sweep[segment] + 0.5, segment)
 
 
 def _refuse(
     program: Program, machine: Robot, file: str, rows: MotionRows, row: int, what: str
 ) -> NoSafeProgram:
-    """The error about a row: its path, its position and the reason."""
     index = int(program.columns.at[rows.motion[row]])
     position = " ".join(short(value, 1) for value in rows.pose_path.position[row].tolist())
     text = f"{machine.name} cannot run {program.place_of(index)} at {position} mm: {what}"

@@ -138,7 +138,6 @@ def interpolate_joints(
 
 
 def _interpolate(joints: FloatArray, parts: Index) -> FloatArray:
-    """Divide each step between two rows into equal parts."""
     segment = owners(parts)
     fraction = (ramp(parts) + 1) / parts[segment]
     between = joints[segment] + fraction[:, None] * np.diff(joints, axis=0)[segment]
@@ -215,7 +214,6 @@ def trace_joints(
 
 
 def _read_anchors(program: Program, robot: Robot, file: str) -> FloatArray:
-    """Return the joint values (A, J) at which motions end, in order; the first ones are home."""
     columns = program.columns
     posed = columns.posed
     if posed[0]:
@@ -225,9 +223,12 @@ def _read_anchors(program: Program, robot: Robot, file: str) -> FloatArray:
     for motion, values in zip(motions.tolist(), targets, strict=True):
         if len(values) != len(robot.home):
             name = f"motion {motion + 1}" if motion else "home"
-            what = f"{robot.name} has {len(robot.home)} joints, {name} has {len(values)}"
-            remedy = "give cell.home for this robot, or another post"
-            raise JobError("job", what, "cell.robot", remedy)
+            raise JobError(
+                "job",
+                f"{robot.name} has {len(robot.home)} joints, {name} has {len(values)}",
+                "cell.robot",
+                "give cell.home for this robot, or another post",
+            )
     anchors = np.array(targets)
     beyond = motions[~are_within_limits(robot, anchors)].tolist()
     if 0 in beyond:
@@ -252,7 +253,6 @@ def _make_pose_path(program: Program, robot: Robot, anchors: FloatArray) -> Pose
 def _follow(
     program: Program, robot: Robot, file: str, rows: MotionRows, anchors: FloatArray
 ) -> FloatArray:
-    """Find the joint values (R, J) of all rows, one stretch between anchors after the other."""
     setup = Setup(robot, program.base_from_work, program.flange_from_tool)
     pose_path, columns = rows.pose_path, program.columns
     rotations, origins = compute_flange_poses(setup, pose_path.position, pose_path.rotation)
@@ -296,7 +296,6 @@ def _make_error(
     stop: JointFailure,
     failures: Sequence[JointFailure],
 ) -> Blocked:
-    """Make the error about `stop`, with all paths that have failures."""
 
     def locate(row: int) -> tuple[int, str]:
         position = " ".join(short(v, 1) for v in rows.pose_path.position[row].tolist())
@@ -307,13 +306,13 @@ def _make_error(
     losses = []
     for failure in failures:
         at, place = locate(failure.row)
-        reason = f"{failure.text}, {place}"
-        losses.append(BlockedPath(program.path_at(at), "jump", reason, failure.on_link))
+        losses.append(
+            BlockedPath(program.path_at(at), "jump", f"{failure.text}, {place}", failure.on_link)
+        )
     return Blocked(file, what, f"instruction {index}", _REMEDY, join_losses(losses))
 
 
 def _fill(program: Program, robot: Robot, joints: FloatArray) -> Program:
-    """Set joint values and posture at every motion to a pose; `joints` (M, J) at all ends."""
     columns = program.columns
     postures_at = postures(robot, joints, ~columns.moves_are(MoveJ))
     body = list(program.body)

@@ -128,14 +128,12 @@ def _find_extents(columns: Columns, work: Indices) -> dict[int, tuple[Vec3, Vec3
     counts = Counter(work[columns.posed].tolist())
     extents = {}
     for number, _ in counts.most_common():
-        via = columns.via[work[columns.arcs] == number]
-        points = columns.ends[work == number], via
+        points = columns.ends[work == number], columns.via[work[columns.arcs] == number]
         extents[number] = _corner(np.fmin, *points), _corner(np.fmax, *points)
     return extents
 
 
 def _time_reorientations(columns: Columns) -> FloatArray:
-    """Compute the time (M,) of reorientations with a given speed, s; 0 for other motions."""
     seconds = np.zeros(len(columns.at))
     motions = np.flatnonzero((columns.turn > 0) & columns.posed)
     motions = motions[(motions > 0) & columns.posed[motions - 1]]
@@ -172,8 +170,7 @@ def path_sums(paths: Sequence[ToolPath]) -> tuple[FloatArray, FloatArray]:
     """Compute length (N,), mm, and time at the feeds (N,), s, of paths with all their passes."""
     if not paths:
         return frozen([]), frozen([])
-    counts = [len(path.position) for path in paths]
-    first = np.cumsum([0, *counts[:-1]])
+    first = np.cumsum([0, *[len(path.position) for path in paths][:-1]])
     position = np.concatenate([path.position for path in paths])
     via = np.concatenate([path.via for path in paths])
     steps = np.concatenate([[0.0], measure_spans(position, via[1:])])
@@ -287,7 +284,6 @@ def _make_coverage(coverage: Coverage) -> dict[str, float]:
 def _make_path_row(
     path: ToolPath, length: float, seconds: float, time: float, travel: float
 ) -> dict[str, object]:
-    """Make the row of a path: mean feed of the tool centre, maximum force, time of its link."""
     return {
         "id": path.id,
         "layer": clean(path.layer),

@@ -56,8 +56,7 @@ class _JointPath(Struct, frozen=True, eq=False):
 
     def joints_at(self, mm: FloatArray) -> FloatArray:
         """Interpolate joint values (*, J) at lengths (*,) along the path of the TCP, mm."""
-        columns = [np.interp(mm, self.travelled, column) for column in self.joints.T]
-        return np.stack(columns, -1)
+        return np.stack([np.interp(mm, self.travelled, column) for column in self.joints.T], -1)
 
     def tip_at(self, mm: FloatArray) -> FloatArray:
         """Interpolate the TCP (*, 3), mm, at lengths (*,) along its path, mm."""
@@ -125,7 +124,6 @@ def reduce_blends(
 
 
 def _find_rounded(columns: Columns, corners: IntArray) -> IntArray:
-    """The corners that have a blend between two motions along a path."""
     inside = columns.works[corners] & columns.works[corners + 1]
     return corners[(columns.blend[corners] > 0) & inside]
 

@@ -145,7 +145,6 @@ def _shape_arcs(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArr
 
 
 def _compute_ends(program: Program, arm: Robot | None) -> tuple[FloatArray, FloatArray]:
-    """Compute ends (M, 3) of the motions, mm, and the angles (M,) of their reorientation, rad."""
     columns = program.columns
     if arm is not None:
         # Kinematics are loaded for programs of arms only, here and below.
@@ -229,8 +228,7 @@ def time_motions(
         seconds[rest] = np.maximum(seconds, _time_joints(steps, count, pace))[rest]
         share = columns.share if pace.shares else np.zeros(count)
         shared = np.flatnonzero(share > 0)
-        fractions = np.where(share > 0, share, 1.0)
-        seconds[shared] = _time_joints(steps, count, pace, fractions)[shared]
+        seconds[shared] = _time_joints(steps, count, pace, np.where(share > 0, share, 1.0))[shared]
         mm = _sum_by_motion(steps.motion, steps.mm, count)
         paced = np.flatnonzero(is_joint & (share == 0))
         by_length = time_from_rest(mm[paced], columns.speed[paced], pace.acceleration)
@@ -354,8 +352,7 @@ def _time_blocks(
     # A motion without a step makes no block.
     acts[columns.at[~timed & (shape.length < SAME_POINT_MM)]] = False
     stops = np.append(np.diff(np.cumsum(acts)[columns.at[index]]) != 1, True)
-    motions = Motions(start, shape.end[index], via[index], speed[index], stops)
-    return time_blocks(motions, pace)
+    return time_blocks(Motions(start, shape.end[index], via[index], speed[index], stops), pace)
 
 
 def _limit_turns(before: FloatArray, after: FloatArray, pace: Dynamics) -> FloatArray:
@@ -417,8 +414,7 @@ def _limit_ends(program: Program, shape: MotionShapes, pace: Dynamics, timed: Ma
     limit, around = pass_corners(corners, pace)
     # A motion that may not brake as hard as others is entered as if it had to stop in its half.
     brake = pace.last * pace.acceleration * np.where(np.isinf(shape.radius[after]), 1.0, pace.along)
-    is_held = share[1:][follows] < 1
-    limit = np.where(is_held, np.minimum(limit, brake * shape.length[after]), limit)
+    limit = np.where(share[1:][follows] < 1, np.minimum(limit, brake * shape.length[after]), limit)
     if pace.last < 1:
         # A level arc and a line up or down next to it share the acceleration, and nearly stop.
         rise = np.maximum(np.abs(shape.last[before, 2]), np.abs(shape.first[after, 2])) > _STRAIGHT
@@ -430,7 +426,6 @@ def _limit_ends(program: Program, shape: MotionShapes, pace: Dynamics, timed: Ma
 
 
 def _time_pieces(pieces: _Pieces, limits: _Ends, count: int) -> FloatArray:
-    """Compute the seconds (M,) of the motions to which the pieces belong."""
     square, reach = limits.square, limits.reach
     nodes = np.append(0.0, np.cumsum(pieces.length))
     ends = nodes[1:][ends_run(pieces.motion)]
@@ -446,8 +441,7 @@ def _time_pieces(pieces: _Pieces, limits: _Ends, count: int) -> FloatArray:
         inside = (zone >= 0) & (middle < end[zone])
         limit[inside] = np.minimum(limit[inside], np.sqrt(square[wide][zone[inside]]))
     allowed = np.append(0.0, np.minimum(limit, np.append(limit[1:], 0.0)) ** 2)
-    at = np.searchsorted(edges, ends)
-    np.minimum.at(allowed, at, square)
+    np.minimum.at(allowed, np.searchsorted(edges, ends), square)
     seconds = durations(length, limit, squares(length, allowed, gain), gain)
     return _sum_by_motion(pieces.motion[piece], seconds, count)
 

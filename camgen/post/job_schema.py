@@ -51,7 +51,6 @@ def schema(post: str = "") -> Schema:
 
 
 def _make_table(kind: type[Struct], name: str) -> Schema:
-    """Make the schema of one table."""
     (_,), components = msgspec.json.schema_components([kind], ref_template="{name}")
     keys = _inline(components[kind.__name__]["properties"], components)
     properties = {}
@@ -62,7 +61,6 @@ def _make_table(kind: type[Struct], name: str) -> Schema:
 
 
 def _inline(schema_part: Any, components: Mapping[str, Any]) -> Any:
-    """Replace references in a schema by the components to which they refer."""
     if isinstance(schema_part, dict):
         if "$ref" in schema_part:
             return _inline(components[schema_part["$ref"]], components)
@@ -84,7 +82,6 @@ def _make_key(field: Mapping[str, Any], default: object) -> Schema:
 
 
 def _add_unit(key: Schema) -> Schema:
-    """Allow a text with a unit in the schema of a speed."""
     number = {name: value for name, value in key.items() if name not in ("description", "default")}
     rest = {name: value for name, value in key.items() if name in ("description", "default")}
     units = "|".join(SPEED_UNITS)
@@ -93,7 +90,6 @@ def _add_unit(key: Schema) -> Schema:
 
 
 def _make_options(kind: type[Post]) -> Schema:
-    """Make the schema of the options of a post from the fields of its dataclass."""
     hints = get_type_hints(kind)
     options = [option for option in dataclasses.fields(kind) if option.init]
     fields = [(option.name, hints[option.name]) for option in options]

@@ -335,14 +335,12 @@ def cases() -> list[Case]:
 
 
 def _change_tools() -> Body:
-    """Two tools, each with a cut."""
     cut = (_ABOVE, _line(10.0, 10.0), _line(40.0, 10.0), _line(40.0, 10.0, 20.0))
     mill, drill = ToolChange(2, "mill", 6.0, 50.0), ToolChange(12, "drill", 3.5, 62.5)
     return (mill, *cut, drill, *cut)
 
 
 def _reorientations() -> Iterator[Case]:
-    """Reorientations at a fixed TCP: about the vertical, and with a tilt."""
     upright = [TOOL_DOWN @ rotation_about(2, math.radians(a)) for a in (30.0, -45.0)]
     tilted = [TOOL_DOWN @ rotation_about(0, math.radians(a)) for a in (15.0, 40.0)]
     for name, rotations in (("turns on the spot", upright), ("tilts on the spot", tilted)):
@@ -451,7 +449,6 @@ def conformance(
 
 
 def _spell(program: Program) -> bytes:
-    """Encode all numbers and words of a program."""
     words = (program.name, program.header, program.base_from_work, program.flange_from_tool)
     return msgspec.json.encode([*words, *program.body, *program.paths], enc_hook=np.ndarray.tolist)
 
@@ -512,13 +509,11 @@ class _Check(NamedTuple):
     def run(self, file: OutputFile) -> Executed:
         """Run a text. Raises VerifyError for a text that is not the prepared program."""
         executed = self.readback({file.name: file.text}, self.options)
-        words = self.post.list_verified()
-        compare(self.prepared, executed, self.tolerance, words, file.name)
+        compare(self.prepared, executed, self.tolerance, self.post.list_verified(), file.name)
         return executed
 
 
 def _find_unknown(language: Language, texts: Mapping[str, str], prepared: Program) -> Iterator[str]:
-    """Find problems of `camgen verify` with a program that the post has just written."""
     (name, text), *_ = texts.items()
     if not language.recognise(text) and not name.lower().endswith(language.suffixes):
         yield "the language neither recognises the text nor has the suffix of its file"
@@ -537,7 +532,6 @@ def _find_unknown(language: Language, texts: Mapping[str, str], prepared: Progra
 
 
 def _find_unseen(kit: _Kit, case: Case, check: _Check, file: OutputFile) -> Iterator[str]:
-    """Find changes of a number that the read-back and the comparison accept."""
     lines = check.run(file).lines
     first_line = int(lines[0]) if case.altered == "body" else 1
     for change in alter_numbers(file.text, first_line):
@@ -553,7 +547,6 @@ def _find_unseen(kit: _Kit, case: Case, check: _Check, file: OutputFile) -> Iter
 
 
 def _find_unfounded(refusal: Refused, program: Program, lacks: Collection[str]) -> Iterator[str]:
-    """Find the faults of a refusal."""
     if not refusal.what.strip():
         yield "refused without a reason"
     if refusal.index < 0:
@@ -578,7 +571,6 @@ _BAD_NUMBERS = {
 
 
 def _find_illegal(file: OutputFile, post: type[Post], clean: bool) -> Iterator[str]:
-    """Find names, characters and numbers that a text must not contain."""
     if not file.name or file.name != file.name.strip() or re.search(r"[/\\\x00-\x1f]", file.name):
         yield f"{file.name!r} is not a file name"
     if not file.name.endswith((post.suffix, *post.data_suffixes)):

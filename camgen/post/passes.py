@@ -182,8 +182,7 @@ def seam_blends(radius: FloatArray, sweep: FloatArray, tolerance: float) -> Floa
     angle = np.minimum(blend / np.maximum(across, 1e-9), sweep[:, None] / 4)
     both = 2 * across * (1 - np.cos(angle / 4))
     cosine = np.maximum(np.cos(angle), 1e-9)
-    parabola = across * (1 - cosine) ** 2 / (2 * cosine)
-    fits = np.maximum(both, parabola) <= tolerance
+    fits = np.maximum(both, across * (1 - cosine) ** 2 / (2 * cosine)) <= tolerance
     return np.asarray(np.where(fits.any(axis=1), blend[np.argmax(fits, axis=1)], 0.0))
 
 

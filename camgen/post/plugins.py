@@ -53,8 +53,9 @@ def find_post(name: str) -> type[Post]:
     else:
         loaded = load(find(list_entries(POSTS), name, "post", _LISTS))
         if not (isinstance(loaded, type) and issubclass(loaded, Post)):
-            remedy = "repair or remove its package"
-            raise JobError(f"post {name}", "is not a camgen.post.Post", remedy=remedy)
+            raise JobError(
+                f"post {name}", "is not a camgen.post.Post", remedy="repair or remove its package"
+            )
         post = loaded
     check_members(f"post {name}", POST_CLASS, post, CORRECT_POST)
     return post
@@ -69,8 +70,11 @@ def find_readback(name: str) -> Readback:
     if name.endswith(".py"):
         run = getattr(_load_module(name), "run", None)
         if not callable(run):
-            what = "has no function run(files, ask), the language that its post writes"
-            raise JobError(name, what, remedy="docs/writing-a-post.md shows one")
+            raise JobError(
+                name,
+                "has no function run(files, ask), the language that its post writes",
+                remedy="docs/writing-a-post.md shows one",
+            )
         return partial(read_back, CheckedRun(f"language {name}", run))
     return partial(read_back, find_language(name).run)
 
@@ -105,7 +109,6 @@ def list_installed() -> list[Installed]:
 
 
 def _explain_no_language(name: str) -> str:
-    """Return the reason why an installed post has no language; empty if it has one."""
     if name in {entry.name for entry in list_entries(LANGUAGES)}:
         try:
             find_language(name)
@@ -194,8 +197,9 @@ def _load_only_post(path: str) -> type[Post]:
     classes = [value for value in vars(module).values() if isinstance(value, type)]
     posts = [each for each in classes if issubclass(each, Post) and each.__module__ == name]
     if len(posts) != 1:
-        remedy = "a post file defines exactly one"
-        raise JobError(path, f"defines {len(posts)} posts", remedy=remedy)
+        raise JobError(
+            path, f"defines {len(posts)} posts", remedy="a post file defines exactly one"
+        )
     return posts[0]
 
 

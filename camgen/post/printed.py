@@ -234,7 +234,6 @@ class Printed(Iterable[Sequence[str]]):
         places: Indices,
         items: Iterable[Instruction],
     ) -> None:
-        """Print the `items` at `places` into `texts`, with their numbers of lines in `counts`."""
         lines = list(self._each(items))
         counts[places] = np.fromiter(map(len, lines), np.intp, len(lines))
         texts[places] = [self._escape("\n".join(item_lines)) for item_lines in lines]

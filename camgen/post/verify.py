@@ -178,7 +178,6 @@ class _Bodies(Struct, frozen=True, eq=False):
 
 
 def _cut(side: Columns, indices: Indices, low: int, high: int) -> tuple[Columns, Indices]:
-    """Return the part of a body from `indices[low]` to `indices[high]`, and the indices in it."""
     if low == high:
         return side.stretch(0, 0), indices[:0]
     begin, end = int(indices[low]), int(indices[high - 1]) + 1
@@ -227,20 +226,22 @@ def compare(
         place, what, plan_text, read_text = min(differences, key=lambda difference: difference[0])
         index = int(bodies.indices[place]) if place < len(bodies.indices) else len(planned.body)
         line = executed.lines[read_at[place]] if place < len(read_at) else 0
-        message = f"instruction {index}: {what} reads {read_text}, planned is {plan_text}"
-        raise VerifyError(file, message, line, _REMEDY)
+        raise VerifyError(
+            file,
+            f"instruction {index}: {what} reads {read_text}, planned is {plan_text}",
+            line,
+            _REMEDY,
+        )
     return Deviation(distance, angle, len(bodies.indices))
 
 
 def _measure_farthest(a: FloatArray, b: FloatArray) -> float:
-    """Measure the largest distance between points (N, 3) of the same rows."""
     difference = a - b
     difference *= difference
     return math.sqrt(difference.sum(axis=1).max(initial=0.0))
 
 
 def _pair(planned: Program, executed: Executed) -> _Bodies:
-    """Pair both bodies as far as their instructions are of the same kinds."""
     if len(executed.body) != len(executed.lines):
         instructions = counted(len(executed.body), "instruction")
         raise ValueError(f"{instructions} with {counted(len(executed.lines), 'line')}")
@@ -269,7 +270,6 @@ def _list_signals(side: Columns) -> list[str]:
 
 
 def _count_joints(side: Columns) -> list[int]:
-    """Return the number of joint values of each joint motion; -1 for one to a pose."""
     count = np.full(len(side.at), -1)
     for place in np.flatnonzero(~side.posed).tolist():
         count[place] = len(side.moves[place].target.values)
@@ -278,7 +278,6 @@ def _count_joints(side: Columns) -> list[int]:
 
 
 def _describe(body: Sequence[Instruction], at: Indices, place: int) -> str:
-    """Describe an instruction in a few words."""
     if place >= len(at):
         return "nothing"
     item = body[at[place]]
@@ -301,7 +300,6 @@ def _describe(body: Sequence[Instruction], at: Indices, place: int) -> str:
 
 
 def _format(value: object) -> str:
-    """Format a number, several numbers, several words, or a rotation as its quaternion."""
     if isinstance(value, tuple) and all(isinstance(word, str) for word in value):
         return " ".join(value) or "nothing"
     array = np.atleast_1d(np.asarray(value, dtype=np.float64))
@@ -332,7 +330,6 @@ def _find_first_beyond(column: _Column, first: int) -> list[tuple[int, str, str,
 def _compare_frames(
     planned: Program, frames: Frames, tolerance: Tolerance, carries: frozenset[str], file: str
 ) -> None:
-    """Check that the text has the frames that it should have, with the planned values."""
     both = (
         (planned.base_from_work, frames.base_from_work),
         (planned.flange_from_tool, frames.flange_from_tool),
@@ -349,8 +346,7 @@ def _compare_frames(
             reads, was = (
                 f"{_format(pose.origin)} {_format(pose.rotation)}" for pose in (read, plan)
             )
-            message = f"the {name} frame reads {reads}, planned is {was}"
-            raise VerifyError(file, message, 0, _REMEDY)
+            raise VerifyError(file, f"the {name} frame reads {reads}, planned is {was}", 0, _REMEDY)
 
 
 def _make_columns(
@@ -411,7 +407,6 @@ class _Case(Struct, frozen=True, eq=False):
 
 
 def _compare_places(case: _Case) -> Iterator[_Column]:
-    """Compare the ends of motions, and the points half-way along arcs."""
     bodies, arcs, limit = case.bodies, case.arcs, case.tolerance.mm
     yield bodies.compare_motions(_END, "ends", case.posed, limit)
     a, b = (
@@ -484,8 +479,7 @@ def _compare_joint_shares(case: _Case) -> Iterator[_Column]:
 
 
 def _compare_joint_rates(case: _Case) -> Iterator[_Column]:
-    limit = case.tolerance.rate
-    yield case.bodies.compare_motions("speed of a joint", "rate", case.rated, limit)
+    yield case.bodies.compare_motions("speed of a joint", "rate", case.rated, case.tolerance.rate)
 
 
 def _compare_joint_speeds(case: _Case) -> Iterator[_Column]:
@@ -519,8 +513,7 @@ def _compare_blends(case: _Case) -> Iterator[_Column]:
 
 def _compare_stops(case: _Case) -> Iterator[_Column]:
     for blends in _compare_blends(case):
-        wrong = (blends.planned > 0) != (blends.read > 0)
-        yield replace(blends, error=wrong * 1.0, limit=0.0)
+        yield replace(blends, error=((blends.planned > 0) != (blends.read > 0)) * 1.0, limit=0.0)
 
 
 def _compare_newtons(case: _Case) -> Iterator[_Column]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import ClassVar
 
 import numpy as np
@@ -145,8 +146,11 @@ class Rapid(RapidOptions):
             program = remove_force(program)
         index, first = next(motions(program.body), (-1, None))
         if first is not None and not isinstance(first.target, Joints):
-            what = "the first motion must be to joint values; give the home position in deg"
-            raise Refused(self.name, index, what)
+            raise Refused(
+                self.name,
+                index,
+                "the first motion must be to joint values; give the home position in deg",
+            )
         for frame in (program.base_from_work, program.flange_from_tool):
             if _is_far(frame):
                 raise Refused(self.name, -1, f"a frame is farther than {FARTHEST} mm from its base")
@@ -159,9 +163,12 @@ class Rapid(RapidOptions):
         for index, item in enumerate(program.body):
             is_on = isinstance(item, Force) and item.newtons > 0
             if is_on and not (self.force_load or self.force_calibrated):
-                what = "the force sensor is not set to zero before pressing"
-                remedy = "give post.force_load, or post.force_calibrated = true if the cell does it"
-                raise Refused(self.name, index, what, remedy)
+                raise Refused(
+                    self.name,
+                    index,
+                    "the force sensor is not set to zero before pressing",
+                    "give post.force_load, or post.force_calibrated = true if the cell does it",
+                )
         body = move_forces(program.body, chord)
         if self.force_load:
             body = stop_before_calibrations(self.name, body)
@@ -196,7 +203,6 @@ class Rapid(RapidOptions):
         return refused
 
     def _accept_arcs(self, columns: Columns, arcs: Indices) -> Mask:
-        """Whether each of the motions `arcs` can certainly be printed as it is."""
         # The start of the first motion is unknown, but it is not an arc.
         starts = np.where(arcs[:, None] > 0, columns.ends[arcs - 1], np.nan)
         vias = columns.vias_of(arcs)
@@ -224,8 +230,10 @@ class Rapid(RapidOptions):
             example = f'{item.signal} = "{"ao" if item.signal == "spindle" else "do"}Name"'
             return f"no output is named for {item.signal}; set post.signals, e.g. {example}"
         if item.signal == "spindle" and item.value < 0:
-            what = f"the spindle is to turn backwards ({-item.value:g} rpm)"
-            return f"{what}, and its output has the speed alone"
+            return (
+                f"the spindle is to turn backwards ({-item.value:g} rpm)"
+                ", and its output has the speed alone"
+            )
         if item.signal != "spindle" and item.value not in (0, 1):
             return f"{item.signal} is a digital output and cannot be {item.value:g}; use 0 or 1"
         return ""
@@ -237,8 +245,10 @@ class Rapid(RapidOptions):
                 values = counted(len(joints.values), "joint value")
                 return f"{values}; RAPID here is for arms of six axes"
         if isinstance(target, Joints) and (far := max(map(abs, target.values))) > _FARTHEST_AXIS:
-            what = f"an axis at {math.degrees(far):.0f} deg, which arms do not turn to"
-            return f"{what}; give 450 at most"
+            return (
+                f"an axis at {math.degrees(far):.0f} deg, which arms do not turn to"
+                "; give 450 at most"
+            )
         is_far = isinstance(target, Pose) and _is_far(target)
         if is_far or (isinstance(motion, MoveC) and _is_far(motion.via)):
             return f"a coordinate of more than {FARTHEST} mm, which a num does not carry exactly"
@@ -248,16 +258,20 @@ class Rapid(RapidOptions):
         if not _MIN_SPEED_AND_ZONE <= motion.speed <= _FASTEST:
             return f"a speed of {motion.speed:g} mm/s; use {speeds}"
         if motion.blend and not _MIN_SPEED_AND_ZONE <= motion.blend <= FARTHEST:
-            what = f"a blend radius of {motion.blend:g} mm"
-            return f"{what}; use 0, or {_MIN_SPEED_AND_ZONE} to {FARTHEST}"
+            return (
+                f"a blend radius of {motion.blend:g} mm"
+                f"; use 0, or {_MIN_SPEED_AND_ZONE} to {FARTHEST}"
+            )
         return ""
 
     def _why_not_arc(self, arc: MoveC, start: Pose | None) -> str:
         if start is None:
             return "an arc from a pose that is not known; put a straight motion before it"
         if arc.force > 0 and not self.force_arcs:
-            remedy = "use straight motions, or post.force_arcs = true for FCPressC"
-            return f"an arc while pressing; {remedy}"
+            return (
+                "an arc while pressing; "
+                "use straight motions, or post.force_arcs = true for FCPressC"
+            )
         return arc_fault(start.origin, arc.via.origin, arc.target.origin, self.decimals)
 
     def print_force(self, item: Force) -> Sequence[str]:
@@ -357,7 +371,6 @@ class Rapid(RapidOptions):
         return make_forms(rows, [*plain_columns, speed, blend], form, numbers, used)
 
     def _target(self, pose: Pose, motion: Motion) -> str:
-        """Print a robtarget in full, which takes less program memory than a named one."""
         known = motion.posture.confdata if motion.posture and self.conf != "off" else None
         conf = ",".join(map(str, known)) if known else _NEUTRAL
         return self._target_of(fixed_each(pose.origin, self.decimals), pose.rotation, conf)
@@ -375,7 +388,6 @@ class Rapid(RapidOptions):
         return speed_text(motion.speed, _get_turn(motion), self._named)
 
     def _tail(self, motion: Motion) -> str:
-        """Speed, force while pressing, zone, tool and work object."""
         if not isinstance(motion, MoveJ) and motion.force > 0:
             force = self._pressing(motion)[1] + ","
             return self._end(motion.speed, motion.blend, _get_turn(motion), force)
@@ -413,12 +425,12 @@ class Rapid(RapidOptions):
         return [*head, "", f"{_IN}PROC main()", *(_IN2 + line for line in self._settings(program))]
 
     def _load(self) -> tuple[str, str] | None:
-        """Return the problem of a declared tool without a mass, and the remedy; None for others."""
         if not self.declare or self.mass > NO_MASS:
             return None
         mass = f"tool mass {short(self.mass, DIGITS)} kg is a placeholder"
-        remedy = "set post.mass and post.cog, "
-        remedy += "or post.declare = false for the tool of the controller"
+        remedy = (
+            "set post.mass and post.cog, or post.declare = false for the tool of the controller"
+        )
         return f"{mass} - loading this module overwrites {self.tool}", remedy
 
     def warn(self, program: Program) -> tuple[Note, ...]:
@@ -434,7 +446,6 @@ class Rapid(RapidOptions):
         return *self._handler(program, main=True), f"{_IN}ENDPROC", "ENDMODULE"
 
     def _list_assumptions(self, program: Program) -> Iterator[str]:
-        """Yield the assumptions of the program, for its header."""
         yield from (f"load: {line}" for line in self._load() or ())
         if not self.declare:
             frames = {self.tool: program.flange_from_tool, self.work: program.base_from_work}
@@ -446,8 +457,10 @@ class Rapid(RapidOptions):
         if not _presses(program):
             return
         sense = "along" if self.force_sign > 0 else "against"
-        installed = "force: Machining FC is installed"
-        yield f"{installed}; a positive force pushes {sense} the axis of the tool"
+        yield (
+            "force: Machining FC is installed; "
+            f"a positive force pushes {sense} the axis of the tool"
+        )
         threshold = short(self.force_threshold, DIGITS)
         yield f"force: travel begins when {threshold} % of the force is felt"
         zero = "the cell, before this program"
@@ -456,12 +469,10 @@ class Rapid(RapidOptions):
         yield f"force: the sensor is set to zero by {zero}"
 
     def _outputs(self, program: Program) -> list[str]:
-        """Print the statements that switch off every output that the program uses."""
-        used = dict.fromkeys(item.signal for item in program.columns.outputs)
-        return [line for signal in used for line in self.output(Output(signal, 0.0))]
+        signals = dict.fromkeys(item.signal for item in program.columns.outputs)
+        return list(chain.from_iterable(self.output(Output(name, 0.0)) for name in signals))
 
     def _handler(self, program: Program, *, main: bool) -> list[str]:
-        """Print the ERROR handler: in main it drops the process, elsewhere it raises again."""
         outputs = self._outputs(program)
         deact = _presses(program)
         if self.on_error == "none" or not (outputs or deact):
@@ -474,14 +485,12 @@ class Rapid(RapidOptions):
         return [f"{_IN}ERROR", *lines, f"{_IN2}{self.on_error.upper()};"]
 
     def _safe(self, program: Program) -> list[str]:
-        """Print the routine that drops the process, for the handler and for event routines."""
         outputs = self._outputs(program)
         if not outputs or self.on_error == "none":
             return []
         return ["", f"{_IN}PROC {SAFE}()", *outputs, f"{_IN}ENDPROC"]
 
     def _proc(self, routine: Routine, end: str) -> Lines:
-        """Print a routine with its last lines, `end`."""
         lines = routine.lines
         size = 2 + len(lines) + end.count("\n") + 1
         return Lines((f"\n{_IN}PROC {routine.name}()", *lines.pieces, end), lines.printed, size)
@@ -535,7 +544,6 @@ class Rapid(RapidOptions):
         return f"m{name}" if name.lower() in self._given() else name
 
     def _given(self) -> set[str]:
-        """Return the names that options give, in lower case."""
         names = self.tool, self.work, self.force_load, *self.signals.values()
         return {name.lower() for name in names}
 
@@ -551,7 +559,6 @@ class Rapid(RapidOptions):
         return [main.lines, *(self._proc(routine, end) for routine in routines)]
 
     def _add_calibrations(self, program: Program, printed: Printed) -> Printed:
-        """Add FCCalib after the motions into the air before pressing."""
         after = choose_calibrations(self.name, program.body) if self.force_load else frozenset()
         extra = (f"{_IN2}WaitTime\\InPos,0;", f"{_IN2}FCCalib {self.force_load};")
 
@@ -593,12 +600,9 @@ class Rapid(RapidOptions):
 
     def list_verified(self) -> frozenset[str]:
         """Tool and work object if the text declares them; the posture unless `conf` is off."""
-        words = set(self.verified_fields)
-        if self.declare:
-            words |= {"work", "tool"}
-        if self.conf == "off":
-            words.remove("confdata")
-        return frozenset(words)
+        frames: set[str] = {"work", "tool"} if self.declare else set()
+        words = self.verified_fields.union(frames)
+        return words - {"confdata"} if self.conf == "off" else words
 
     def tolerance(self) -> Tolerance:
         """Half of the last printed digit; an orientation loses 2e-7 rad at most, pressing 5e-7."""
@@ -608,15 +612,12 @@ class Rapid(RapidOptions):
 
 
 def _presses(program: Program) -> bool:
-    """Whether a program has force control."""
     return bool(program.columns.are(Force).any())
 
 
 def _are_half_turns(columns: Columns) -> Mask:
-    """Whether each linear motion (M,) turns the tool by about 180 deg."""
     mask = columns.moves_are(MoveL)
-    turned = columns.rotation[1:] != columns.rotation[:-1]
-    mask[1:] &= columns.posed[:-1] & turned
+    mask[1:] &= columns.posed[:-1] & (columns.rotation[1:] != columns.rotation[:-1])
     mask[:1] = False
     rows = np.flatnonzero(mask)
     both = zip(columns.rotation[rows - 1].tolist(), columns.rotation[rows].tolist(), strict=True)
@@ -625,7 +626,6 @@ def _are_half_turns(columns: Columns) -> Mask:
 
 
 def _is_half_turn(start: FloatArray, end: FloatArray) -> bool:
-    """Whether the rotation between two orientations has about the trace of half a turn."""
     return start is not end and float(np.vdot(start, end)) < _HALF_TURN
 
 
@@ -648,7 +648,6 @@ def _is_far(pose: Pose) -> bool:
 
 
 def _round(pose: Pose, decimals: int) -> Pose:
-    """Round a pose as it is printed."""
     x, y, z = (float(fixed(v, decimals)) for v in pose.origin)
     q = [float(fixed(v, _Q_DIGITS)) for v in quaternion(pose.rotation)]
     return Pose(rotation_from_quaternion(q), (x, y, z))

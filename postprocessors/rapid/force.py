@@ -130,20 +130,22 @@ def check_sections(post: str, body: Sequence[Instruction]) -> None:
         if reason:
             raise Refused(post, index, reason)
     if section.leaving:
-        what = "no straight motion leaves the surface after the force is off"
-        raise Refused(post, len(body) - 1, what)
+        raise Refused(
+            post, len(body) - 1, "no straight motion leaves the surface after the force is off"
+        )
 
 
 def _change(section: _Section, item: Force) -> str:
-    """Return why the force cannot change; before the first motion it may always be set to 0."""
     if not section.has_moved and item.newtons == 0:
         return ""
     if section.leaving or (section.force is not None and not section.moved):
         return "two changes of force without a motion between them"
     if item.newtons > 0:
         if section.force is not None:
-            what = "the force is on already"
-            return f"{what}; each motion carries its own force, so switch it off before"
+            return (
+                "the force is on already"
+                "; each motion carries its own force, so switch it off before"
+            )
         if section.start is None:
             return "pressing from a pose that is not known; put a straight motion before it"
         section.axis = tool_axis(section.start.rotation, item.force_direction)
@@ -158,7 +160,6 @@ def _change(section: _Section, item: Force) -> str:
 
 
 def _explain_move(section: _Section, item: MoveJ | MoveL | MoveC) -> str:
-    """Return why this motion cannot press, or leave the surface."""
     if section.leaving:
         section.leaving = False
         is_joint = isinstance(item, MoveJ)
@@ -200,9 +201,13 @@ def choose_calibrations(post: str, body: Sequence[Instruction]) -> frozenset[int
             if farthest is not None:
                 chosen.add(farthest)
             elif not chosen:
-                what = "no motion in the air before pressing, "
-                what += "where the force sensor can be set to zero"
-                raise Refused(post, index, what, "raise process.clearance")
+                raise Refused(
+                    post,
+                    index,
+                    "no motion in the air before pressing, "
+                    "where the force sensor can be set to zero",
+                    "raise process.clearance",
+                )
         elif isinstance(item, Force):
             approach, leaving = {}, index + 1
         elif isinstance(item, (MoveJ, MoveL, MoveC)):

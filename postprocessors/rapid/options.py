@@ -137,7 +137,6 @@ def _name_of(speed: Speed) -> str:
 
 
 def _speeddata(speed: Speed) -> str:
-    """Print the components of a speed; external axes, mm/s and deg/s, as in predefined speeds."""
     return f"[{speed[0]},{speed[1]},5000,1000]"
 
 
@@ -304,8 +303,11 @@ class RapidOptions(Post):
             if size not in sizes:
                 raise JobError(f"[post] {option}", counted(size, "number"), remedy=remedy)
         if self.fixture and not self.declare:
-            what, remedy = "the work object is on the controller", "leave out one of the two"
-            raise JobError("[post] fixture", what, remedy=remedy)
+            raise JobError(
+                "[post] fixture",
+                "the work object is on the controller",
+                remedy="leave out one of the two",
+            )
 
     def name_tool(self, number: int, name: str) -> Mapping[str, object]:
         """Name the tooldata; a declared one by the number or the name of the tool.
@@ -318,8 +320,12 @@ class RapidOptions(Post):
             return {"tool": legal_name(f"{self.tool}_{name}", self.longest)} if name else {}
         if fault := find_name_fault(name, self.longest, True):
             what = f"the tool {name!r} {fault}" if name else "a tool has no name"
-            remedy = "with post.declare = false it is the name of the tooldata on the controller"
-            raise JobError("job", what, "[[tools]] name", remedy)
+            raise JobError(
+                "job",
+                what,
+                "[[tools]] name",
+                "with post.declare = false it is the name of the tooldata on the controller",
+            )
         return {"tool": name}
 
     def held_tool(self) -> str:

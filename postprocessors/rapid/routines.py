@@ -6,6 +6,7 @@ Routines that are too long are divided again.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import chain
 from typing import TypeVar
 
 import numpy as np
@@ -55,8 +56,8 @@ def assign_paths(program: Program) -> Indices:
     """Return the path in whose routine each instruction (N,) is, -1 for main.
 
     A comment belongs to the motion after it, and the motion that leaves the surface to the path
-    that pressed. An output that is set on outside a path is also set off outside, even if the motion
-    before was on a path.
+    that pressed. An output that is set on outside a path is also set off outside, even if the
+    motion before was on a path.
     """
     columns = program.columns
     next_motion = np.searchsorted(columns.at, np.arange(len(program.body)))
@@ -130,7 +131,6 @@ _Part = TypeVar("_Part", bound=Sequence[str])
 
 
 def _shorten(routine: Routine, max_lines: int, names: Names) -> list[Routine]:
-    """Replace a routine that is too long by calls of its parts; return it and the parts."""
     lines = routine.lines
     if not max_lines or len(lines) <= max_lines:
         return [routine]
@@ -149,7 +149,7 @@ def _shorten(routine: Routine, max_lines: int, names: Names) -> list[Routine]:
 
 
 def _join(items: Sequence[Lines]) -> Lines:
-    return Lines([piece for item in items for piece in item.pieces], items[0].printed)
+    return Lines([*chain.from_iterable(item.pieces for item in items)], items[0].printed)
 
 
 def divide_items(items: Sequence[_Part], max_lines: int) -> Iterator[list[_Part]]:

@@ -127,8 +127,11 @@ def list_rework(
     Raises JobError if `removal` is not a length, or makes too many passes.
     """
     if not (math.isfinite(removal) and removal > 0):
-        remedy = "give the height that one pass removes, above 0 mm"
-        raise JobError("--removal", f"cannot be {removal:g} mm", remedy=remedy)
+        raise JobError(
+            "--removal",
+            f"cannot be {removal:g} mm",
+            remedy="give the height that one pass removes, above 0 mm",
+        )
     differences = inspection.differences
     is_off = any(each.kind == "dimension" for each in differences)
     loose = shapely.union_all([each.shape for each in differences if each.kind == "loose"])
@@ -143,8 +146,7 @@ def list_rework(
         if isinstance(work, NotReworked):
             left.append(work)
         elif is_in_the_way(work.stretches[0], loose, job):
-            reason = "a loose thing lies beside it, in the way of the tool"
-            left.append(NotReworked(number, reason))
+            left.append(NotReworked(number, "a loose thing lies beside it, in the way of the tool"))
         else:
             reworks.append(work)
     return tuple(reworks), tuple(left)
@@ -179,8 +181,11 @@ def _note(fit: Fit, pixel: float) -> tuple[Note, ...]:
     notes = [Note("assumed", what, f"a pixel is {short(pixel, 4)} mm")]
     if fit.rivals:
         turns = ", ".join(short(math.degrees(turn), 1) for turn in fit.rival_turns)
-        why = "the part looks the same, so the differences may be on another side of it"
         notes.append(
-            Note("warning", f"the photo fits as well rotated by a further {turns} deg", why)
+            Note(
+                "warning",
+                f"the photo fits as well rotated by a further {turns} deg",
+                "the part looks the same, so the differences may be on another side of it",
+            )
         )
     return tuple(notes)

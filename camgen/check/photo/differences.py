@@ -84,7 +84,7 @@ def find_differences(
     blur: standard deviation of the blur of the photo's outline, mm.
     """
     region = expected.region
-    both = _Compared(seen, expected, blur, _find_corners(region))
+    both = _Compared(seen, expected, blur, _find_sharp_corners(region))
     surplus = _find_pieces(seen, region, least)
     missing = _find_pieces(region, seen, least)
     differences = [_measure(piece, both, True) for piece in surplus]
@@ -93,7 +93,7 @@ def find_differences(
     return tuple(sorted(listed, key=lambda each: (-each.height, each.place)))
 
 
-def _find_corners(region: shapely.Geometry) -> shapely.Geometry:
+def _find_sharp_corners(region: shapely.Geometry) -> shapely.Geometry:
     """Find the sharp corners of the outline of `region`."""
     corners = [np.zeros((0, 2))]
     for ring in shapely.get_parts(shapely.boundary(region)):
@@ -197,5 +197,4 @@ def _compute_lost_height(both: _Compared, tip: FloatArray, surplus: bool) -> flo
 def _measure_along(points: FloatArray, line: shapely.Geometry) -> float:
     """Measure the length of the closed `line` that the points (N, 2) are next to, mm."""
     at = np.sort(shapely.line_locate_point(line, shapely.points(points)))
-    gaps = np.append(np.diff(at), at[0] + line.length - at[-1])
-    return float(line.length - gaps.max())
+    return float(line.length - np.append(np.diff(at), at[0] + line.length - at[-1]).max())

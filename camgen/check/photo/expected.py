@@ -63,8 +63,11 @@ def expect(drawing: Part, job: Job) -> Expected:
 def _make_material(part: Part) -> Expected:
     closed = [contour for contour in part.contours if contour.closed]
     if not closed:
-        remedy = "close its outlines, or raise input.join"
-        raise InputError(part.source, "no closed contour, so nothing has an inside", remedy=remedy)
+        raise InputError(
+            part.source,
+            "no closed contour, so nothing has an inside",
+            remedy="close its outlines, or raise input.join",
+        )
     return _make_enclosed(part.source, closed)
 
 
@@ -131,8 +134,9 @@ def enclose(rings: Sequence[FloatArray]) -> shapely.Geometry:
 
 def _make_ink(planned: Plan, job: Job) -> Expected:
     if not planned.paths:
-        remedy = "camgen build reports the reasons"
-        raise JobError("job", "no path is left that would leave ink", remedy=remedy)
+        raise JobError(
+            "job", "no path is left that would leave ink", remedy="camgen build reports the reasons"
+        )
     lines = [_make_stroke(path) for path in planned.paths]
     strokes = [shapely.buffer(line, job.tool.radius, quad_segs=_PEN_CHORDS) for line in lines]
     rings = tuple(path.position[:, :2] for path in planned.paths)
@@ -141,7 +145,6 @@ def _make_ink(planned: Plan, job: Job) -> Expected:
 
 
 def _make_stroke(path: ToolPath) -> shapely.Geometry:
-    """Make the line that the pen draws, with arcs as chords."""
     position = path.position[:, :2]
     points = [position[:1]]
     for start, via, end in zip(position[:-1], path.via[1:, :2], position[1:], strict=True):

@@ -132,7 +132,6 @@ class _Outlines:
 
 
 def _is_low(difference: Difference, foot: float) -> bool:
-    """Whether a deviation is low and stands on its ``foot``, mm along the contour."""
     return (
         difference.height <= BURR_HEIGHT
         and difference.height <= BURR_HEIGHT_PER_FOOT * foot
@@ -145,8 +144,7 @@ def _measure_deviations(
 ) -> tuple[float, float]:
     """Measure the fractions of a contour with a surplus, and with a lack, of `foot` mm."""
     points = sample(line)
-    is_far = shapely.distance(points, shapely.boundary(seen)) >= foot
-    far = points[is_far]
+    far = points[shapely.distance(points, shapely.boundary(seen)) >= foot]
     # There is material on both sides of the line, or on neither: with a surplus the line is inside.
     inside = shapely.intersects(seen, far)
     count = len(points)

@@ -168,8 +168,7 @@ def locate(photo: Part, drawing: Part, job: Job, start: PlanePose | None = None)
     )
     deviation, place = _measure_deviation(seen, chosen)
     part = replace(placed, notes=notes)
-    tones = job.image.tones
-    return Located(chosen.pose, part, inspection, chosen.share, deviation, place, tones)
+    return Located(chosen.pose, part, inspection, chosen.share, deviation, place, job.image.tones)
 
 
 def _list_candidates(
@@ -190,7 +189,6 @@ def _list_candidates(
 
 
 def _measure_areas(pieces: NDArray[np.object_]) -> FloatArray:
-    """The area of each polygon with its holes, mm2."""
     return np.asarray(shapely.area(shapely.polygons(shapely.get_exterior_ring(pieces))))
 
 
@@ -303,7 +301,6 @@ def _note_hidden(photo: str, trial: _Trial) -> Iterator[Note]:
 
 
 def _note_differences(inspection: Inspection) -> Iterator[Note]:
-    """A warning for each kind of deviation, with its largest one."""
     photo, drawing = inspection.photo.source, inspection.expected.source
     why = f"against {drawing}, from {inspection.least:.2f} mm on"
     for kind in dict.fromkeys(difference.kind for difference in inspection.differences):

@@ -230,7 +230,6 @@ class AreaChecker:
 
 
 def _grid_in(region: Any, places: int) -> FloatArray:
-    """(N, 2) about a number of places on a grid in the region."""
     if shapely.is_empty(region):
         return np.zeros((0, 2))
     low_x, low_y, high_x, high_y = shapely.bounds(region).tolist()

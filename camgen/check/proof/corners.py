@@ -75,7 +75,6 @@ def _turn_of_chords(task: Task, motions: Motions, rows: IntArray) -> FloatArray:
 
 
 def _direction(motions: Motions, rows: IntArray, share: float) -> FloatArray:
-    """(N, 3) unit vectors along motions at their start (0) or their end (1)."""
     left = normals_along(motions.plane, rows, np.full(len(rows), share))
     length = motions.plane.length[rows]
     rise = motions.end[rows, 2] - motions.start[rows, 2]

@@ -68,8 +68,7 @@ def list_pieces(pieces: Pieces, paths: int, path: IntArray, contour: IntArray) -
     path, contour: (L,) pairs of a path and the index of a contour, in order of path.
     """
     sizes = np.bincount(pieces.owner)
-    begins = np.cumsum(sizes) - sizes
-    rows = join_ranges(begins[contour], sizes[contour])
+    rows = join_ranges((np.cumsum(sizes) - sizes)[contour], sizes[contour])
     count = np.bincount(path, sizes[contour], paths).astype(np.intp)
     return Ragged(rows, np.cumsum(count) - count, count)
 
@@ -90,8 +89,7 @@ def find_nearest(points: FloatArray, path: IntArray, pieces: Pieces, lists: Ragg
     )
     count = np.where(path >= 0, lists.count[path], 0) if len(lists.count) else 0 * path
     often = np.bincount(np.maximum(path, 0), minlength=max(len(lists.count), 1))
-    small = (count > 0) & (often[np.maximum(path, 0)] * count <= _MOST_PAIRS)
-    chosen = np.flatnonzero(small)
+    chosen = np.flatnonzero((count > 0) & (often[np.maximum(path, 0)] * count <= _MOST_PAIRS))
     total = np.cumsum(count[chosen])
     blocks = np.searchsorted(total, np.arange(0, count[chosen].sum(), BLOCK), "right")
     for low, high in pairwise([*blocks.tolist(), len(chosen)]):
@@ -252,8 +250,7 @@ def find_gaps(covered: Covered, wanted: IntArray, slack: FloatArray) -> Covered:
     names, low, high = names[order], low[order], high[order]
     # The end of the covered part so far of each piece: the sum keeps the pieces apart.
     reach = np.maximum.accumulate(high + 2.0 * names) - 2.0 * names
-    goes_on = np.append(False, names[1:] == names[:-1])
-    begins = np.where(goes_on, np.append(0.0, reach[:-1]), 0.0)
+    begins = np.where(np.append(False, names[1:] == names[:-1]), np.append(0.0, reach[:-1]), 0.0)
     rows = np.flatnonzero(low - begins > slack[names])
     forward = np.ones(len(rows), np.bool_)
     no_motion, no_length = np.full(len(rows), -1), np.zeros(len(rows))

@@ -262,8 +262,7 @@ def points_along(pieces: Pieces, rows: IntArray, shares: FloatArray) -> FloatArr
 def normals_along(pieces: Pieces, rows: IntArray, shares: FloatArray) -> FloatArray:
     """(N, 2) unit vectors to the left of the pieces `rows` at `shares` of their length."""
     along = rows_of(pieces.end, rows) - rows_of(pieces.start, rows)
-    angle = (2 * shares - 1) * pieces.half[rows] * pieces.turn[rows]
-    along = _rotate(along, angle)
+    along = _rotate(along, (2 * shares - 1) * pieces.half[rows] * pieces.turn[rows])
     size = np.sqrt(dot(along, along)) + _NONZERO
     return np.column_stack([-along[:, 1] / size, along[:, 0] / size])
 

@@ -89,8 +89,7 @@ def check_switches(
     of_task: (M,) which motions belong to the task; an output belongs to the motion after it.
     """
     columns = Columns(body)
-    signal = process_signal(job.process)
-    names = {signal} - {""}
+    names = {process_signal(job.process)} - {""}
     if job.process.spindle > 0:
         names.add("spindle")
     for name in sorted(names):
@@ -166,8 +165,7 @@ def check_feeds(
     # Down from a tab the speed may be lower (docs/follow.md): it is compared with the plunge.
     is_wrong &= ~(slope & (speed <= process.feed * high + slack))
     if task.operation.entry != "plunge" or task.operation.tabs or process.force:
-        slow = min(plunge_speed(process), process.feed)
-        is_wrong &= ~(np.abs(speed - slow) <= slack)
+        is_wrong &= ~(np.abs(speed - min(plunge_speed(process), process.feed)) <= slack)
     if task.operation.corner_radius:
         # The rounding of a shallow inner corner follows the contour too, at the plain feed.
         is_wrong &= ~(np.abs(speed - process.feed) <= slack)
@@ -213,8 +211,7 @@ def _contact_factors(
     sagitta = radius * (1 - np.cos(plane.half[rows[fitted]]))
     slack[fitted] = factor[fitted] * 8 * digit / np.maximum(sagitta, digit)
     low, high = factor - slack, factor + slack
-    either = may_roll(motions, matched, drawing.pieces)[matched.follows]
-    high[either] = largest
+    high[may_roll(motions, matched, drawing.pieces)[matched.follows]] = largest
     # A short motion may lie beside two pieces of different radius.
     short = plane.length[rows] < SHORT_MM
     low[short], high[short] = _SLOWEST, largest
@@ -232,8 +229,7 @@ def _is_outside(drawing: Drawing, motions: Motions, rows: IntArray, piece: IntAr
 
 def _is_short(motions: Motions, rows: IntArray, job: Job) -> BoolArray:
     """Whether a line is no longer than a chord of the largest arc that a job would replace."""
-    longest = math.sqrt(8 * job.tolerance.chord * 1e3)
-    return np.asarray(motions.plane.length[rows] <= longest)
+    return np.asarray(motions.plane.length[rows] <= math.sqrt(8 * job.tolerance.chord * 1e3))
 
 
 def check_forces(task: Task, motions: Motions, matched: Matched, findings: Findings) -> None:

@@ -120,8 +120,7 @@ def _level_of(task: Task, height: FloatArray) -> IntArray:
 def _deepest_so_far(visit: IntArray, levels: IntArray) -> IntArray:
     if not len(visit):
         return levels
-    span = int(levels.max()) + 2
-    base = span * np.cumsum(np.append(1, visit[1:] != visit[:-1]))
+    base = (int(levels.max()) + 2) * np.cumsum(np.append(1, visit[1:] != visit[:-1]))
     deepest = np.maximum.accumulate(np.where(levels >= 0, levels + base, 0))
     return np.asarray(np.maximum(deepest - base, -1))
 

@@ -254,16 +254,26 @@ def _at(place: tuple[float, float, float]) -> str:
 
 def _gouge(moves: Moves, cuts: Sequence[Cut], gouge: Gouge) -> Fault:
     where = "too deep in" if gouge.below else "into"
-    text = f"cuts {short(gouge.mm, 3)} mm {where} material that must stay, {_at(gouge.place)}"
-    return _fault(moves, cuts, "gouge", gouge, text)
+    return _fault(
+        moves,
+        cuts,
+        "gouge",
+        gouge,
+        f"cuts {short(gouge.mm, 3)} mm {where} material that must stay, {_at(gouge.place)}",
+    )
 
 
 def _bite(cuts: Sequence[Cut], bite: Bite) -> Fault:
-    text = (
+    return Fault(
+        "corner",
+        bite.line,
+        cuts[bite.cut].file,
+        *bite.place,
+        bite.mm,
         f"the corner {_at(bite.place)} is rounded and cuts {short(bite.mm, 3)} mm into material "
-        f"that must stay, {short(bite.allowed, 3)} mm are allowed"
+        f"that must stay, {short(bite.allowed, 3)} mm are allowed",
+        bite.cut,
     )
-    return Fault("corner", bite.line, cuts[bite.cut].file, *bite.place, bite.mm, text, bite.cut)
 
 
 def _spindle(cuts: Sequence[Cut], wrong: WrongSpindle) -> Fault:
@@ -273,19 +283,36 @@ def _spindle(cuts: Sequence[Cut], wrong: WrongSpindle) -> Fault:
         "to the left": f"with the spindle to the left (M4, {speed})",
         "too fast": f"at {speed}, more than tool.max_speed",
     }
-    text = f"cuts {short(wrong.depth, 3)} mm deep {states[wrong.state]}, {_at(wrong.place)}"
-    return Fault("spindle", wrong.line, cuts[wrong.cut].file, *wrong.place, 0.0, text, wrong.cut)
+    return Fault(
+        "spindle",
+        wrong.line,
+        cuts[wrong.cut].file,
+        *wrong.place,
+        0.0,
+        f"cuts {short(wrong.depth, 3)} mm deep {states[wrong.state]}, {_at(wrong.place)}",
+        wrong.cut,
+    )
 
 
 def _rapid(moves: Moves, cuts: Sequence[Cut], hit: Struck) -> Fault:
     depth = short(hit.depth, 3)
-    text = f"rapid motion through material, {depth} mm below the top, {_at(hit.place)}"
-    return _fault(moves, cuts, "rapid", hit, text)
+    return _fault(
+        moves,
+        cuts,
+        "rapid",
+        hit,
+        f"rapid motion through material, {depth} mm below the top, {_at(hit.place)}",
+    )
 
 
 def _holder(moves: Moves, cuts: Sequence[Cut], hit: Struck) -> Fault:
-    text = f"the holder is {short(hit.depth, 3)} mm deep in material, {_at(hit.place)}"
-    return _fault(moves, cuts, "holder", hit, text)
+    return _fault(
+        moves,
+        cuts,
+        "holder",
+        hit,
+        f"the holder is {short(hit.depth, 3)} mm deep in material, {_at(hit.place)}",
+    )
 
 
 def _list_hits(moves: Moves, cuts: Sequence[Cut], clearance: Clearance) -> tuple[Fault, ...]:

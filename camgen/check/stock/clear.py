@@ -78,7 +78,6 @@ class SweptAreas(Struct, frozen=True, eq=False):
         return area
 
     def _sweep(self, depth: float, block: int) -> list[list[Any]]:
-        """Return the polygons of each motion of a block, (_BLOCK,)."""
         if depth not in self.swept:
             self.swept.clear()
         known = self.swept.setdefault(depth, {})
@@ -120,8 +119,7 @@ def find_rapids(gone: SweptAreas, design: Design) -> list[Struck]:
 
 
 def _select_widest(hits: Sequence[Struck | None]) -> list[Struck]:
-    struck = [hit for hit in hits if hit is not None]
-    return sorted(struck, key=lambda hit: -hit.mm)[:1]
+    return sorted([hit for hit in hits if hit is not None], key=lambda hit: -hit.mm)[:1]
 
 
 def find_in_own_hole(moves: Moves, rows: IntArray) -> BoolArray:
@@ -158,7 +156,6 @@ class _Part(Struct, frozen=True, eq=False):
 
 
 def _divide(moves: Moves, row: int) -> list[_Part]:
-    """Divide a motion into parts in material, each with the depth of its deepest place."""
     first, last = moves.down[row].tolist()
     count = 1 if abs(last - first) <= TOLERANCE_MM or moves.upright[row] else _PARTS
     fraction = np.linspace(0.0, 1.0, 8 * count + 1)

@@ -265,8 +265,9 @@ def design(tasks: Sequence[Task], stock: StockTable, untaken: Any = None) -> Des
         add = _BY_KIND.get(kind)
         if add is None:
             draft.free = True
-            what = f"the material that {kind} may remove is not known: no cut counts as a gouge"
-            draft.notes.append(what)
+            draft.notes.append(
+                f"the material that {kind} may remove is not known: no cut counts as a gouge"
+            )
         else:
             add(draft, task, number, _select_worked(inner, task))
     if stock.thickness is None:
@@ -327,7 +328,6 @@ def _make_polygons(closed: Sequence[Contour]) -> Any:
 
 
 def _name_crossed(closed: Sequence[Contour]) -> set[str]:
-    """Return the ids of closed contours that cross another one, or themselves."""
     if not closed:
         return set()
     crossed = find_nesting(from_contours(closed), len(closed)).crossed >= 0
@@ -361,13 +361,12 @@ def _get_depth(task: Task) -> float:
 
 
 def _find_loops(draft: _Draft, worked: Sequence[Contour]) -> IntArray:
-    """Find the cells of the contours that are worked on."""
     names = {contour.id for contour in worked}
     return np.array([k for k, name in enumerate(draft.cells.ids) if name in names], dtype=np.int64)
 
 
 def _follow(draft: _Draft, task: Task, number: int, worked: Sequence[Contour]) -> None:
-    """The material side of each contour stays; the other side may be cut up to the next contours."""
+    """The material side of each contour stays; the other side may be cut to the next contours."""
     cells, side = draft.cells, task.job.operation.side
     if side in ("left", "right"):
         _follow_one_side(draft, task, worked)
@@ -399,8 +398,7 @@ def _are_holes(cells: Cells, loops: IntArray, task: Task) -> BoolArray:
     level = cells.depth[loops].copy()
     if task.bounds is not None:
         others = np.array([name not in task.bounds for name in cells.ids], dtype=np.bool_)
-        around = _count_around(cells, others)
-        level -= around[cells.parent[loops]]
+        level -= _count_around(cells, others)[cells.parent[loops]]
     return np.asarray(level % 2 == 1)
 
 
@@ -461,7 +459,6 @@ def _list_tabbed(
 
 
 def _list_slugs(cells: Cells, job: Job, inner: Sequence[int]) -> list[Tabbed]:
-    """List the holes with a slug that is larger than a chip."""
     slugs = shapely.buffer(cells.rings[list(inner)], -job.tool.diameter, quad_segs=_QUARTER)
     tabbed = []
     for k, slug in zip(inner, slugs, strict=True):
@@ -483,7 +480,6 @@ def _follow_one_side(draft: _Draft, task: Task, worked: Sequence[Contour]) -> No
 
 
 def _add_waste(draft: _Draft, task: Task, worked: Sequence[Contour]) -> None:
-    """Add the cells within holes along whose contours the tool cuts."""
     loops = _find_loops(draft, worked)
     draft.waste.update(loops[_are_holes(draft.cells, loops, task)].tolist())
 
@@ -510,7 +506,6 @@ def _pocket(draft: _Draft, task: Task, number: int, worked: Sequence[Contour]) -
 
 
 def _find_recesses(draft: _Draft, worked: Sequence[Contour]) -> list[Any]:
-    """Make the pockets whose walls divide no cells, by the even-odd rule."""
     known = {*draft.cells.ids, *(contour.id for contour in draft.cells.left)}
     walls = [contour for contour in worked if contour.closed and contour.id not in known]
     if not walls:
@@ -564,7 +559,6 @@ def _find_circles(draft: _Draft, task: Task, worked: Sequence[Contour]) -> IntAr
 
 
 def _select_innermost(cells: Cells, loops: IntArray) -> IntArray:
-    """Select the smallest of concentric circles, in order of their areas."""
     loops = loops[np.argsort(cells.area[loops], kind="stable")]
     middles = _find_middles(cells, loops)
     tree = shapely.STRtree(middles)
@@ -573,7 +567,6 @@ def _select_innermost(cells: Cells, loops: IntArray) -> IntArray:
 
 
 def _find_middles(cells: Cells, loops: IntArray) -> Any:
-    """Return points in the middle of the boxes around contours."""
     bounds = shapely.bounds(cells.rings[loops])
     return shapely.points((bounds[:, :2] + bounds[:, 2:]) / 2)
 
@@ -587,7 +580,6 @@ def _is_round(cells: Cells, loop: int) -> bool:
 
 
 def _trace(draft: _Draft, task: Task, _number: int, worked: Sequence[Contour]) -> None:
-    """The lines, as wide as the tool."""
     _add_waste(draft, task, worked)
     if worked:
         draft.lines.append(Lines(from_contours(worked), _get_depth(task), task.job.tool.diameter))

@@ -86,7 +86,7 @@ def find_gouges(moves: Moves, cuts: Sequence[Cut], design: Design) -> list[Gouge
     worst: dict[int, Gouge] = {}
     if not len(rows):
         return []
-    for limit in _limits(design):
+    for limit in _list_limits(design):
         for gouge in _find_below(moves, cuts, design, rows, limit):
             if gouge.row not in worst or gouge.mm > worst[gouge.row].mm:
                 worst[gouge.row] = gouge
@@ -103,7 +103,7 @@ def measure_bites(moves: Moves, cuts: Sequence[Cut], design: Design) -> FloatArr
     rows = _find_judged(moves, cuts, design, moves.chord)
     if not len(rows):
         return bites
-    for limit in _limits(design):
+    for limit in _list_limits(design):
         stays = _find_stays(design, limit)
         deep = moves.below(limit + TOLERANCE_MM, rows)
         if not len(deep.row) or not stays.cells.any():
@@ -137,8 +137,7 @@ def _find_judged(moves: Moves, cuts: Sequence[Cut], design: Design, slack: Float
     return np.flatnonzero(cutting & ~_are_explained(moves, cuts, design, slack))
 
 
-def _limits(design: Design) -> list[float]:
-    """List the depths below which cells stay, mm."""
+def _list_limits(design: Design) -> list[float]:
     depths = np.append(design.depth, [0.0, *(bevel.depth for bevel in design.bevels)])
     return [float(depth) for depth in np.unique(depths[np.isfinite(depths)])]
 
@@ -146,7 +145,6 @@ def _limits(design: Design) -> list[float]:
 def _find_below(
     moves: Moves, cuts: Sequence[Cut], design: Design, rows: IntArray, limit: float
 ) -> list[Gouge]:
-    """Find gouges of the material that may be cut down to `limit` mm and no deeper."""
     deep = moves.below(limit + TOLERANCE_MM, rows)
     stays = _find_stays(design, limit)
     if not len(deep.row) or not stays.cells.any():
@@ -210,7 +208,6 @@ def _are_near_at_ends(
 
 
 def _compute_radii(moves: Moves, cuts: Sequence[Cut], deep: Portions, limit: float) -> FloatArray:
-    """Compute the radius (K,) of each tool at the depth `limit`, mm."""
     height = moves.deepest[deep.row] - limit
     radius = np.empty(len(deep.row))
     for number, cut in enumerate(cuts):
@@ -323,12 +320,10 @@ def _measure_signed(points: FloatArray, stays: _Stays) -> FloatArray:
 
 
 def _select_near_walls(points: FloatArray, segments: Segments, walls: IntArray) -> IntArray:
-    """Select the walls that may be the nearest one of a point."""
     edges = segments.take(walls)
     to_start = np.hypot(*(edges.start - points[0]).T)
     distance = np.minimum(to_start, np.hypot(*(edges.end - points[0]).T))
-    spread = float(np.hypot(*np.ptp(points, axis=0)))
-    limit = float(distance.min()) + 2 * spread
+    limit = float(distance.min()) + 2 * float(np.hypot(*np.ptp(points, axis=0)))
     return np.asarray(walls[distance - edges.length <= limit])
 
 
@@ -357,7 +352,6 @@ def _are_explained(
 
 
 def _are_within(plane: Segments, area: Any) -> BoolArray:
-    """Whether motions (K,) run in an area, seen from above."""
     within = np.zeros(len(plane), np.bool_)
     if shapely.is_empty(area) or not len(plane):
         return within

@@ -107,7 +107,6 @@ def _lower(depth: FloatArray, line: int, column: int, shape: FloatArray) -> None
 
 
 def _keep_deepest(points: FloatArray, tip: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return each of the points (N, 2) once, with the largest of its depths (N,)."""
     order = np.lexsort((tip, points[:, 1], points[:, 0]))
     points = points[order]
     changes = (points[1:] != points[:-1]).any(axis=1)

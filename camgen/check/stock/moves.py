@@ -247,7 +247,6 @@ def find_depths(
 
 
 def _are_switched_on(columns: Columns) -> BoolArray:
-    """Whether any output is on during each motion (M,)."""
     values: dict[str, float] = {}
     at, on = [-1], [False]
     for index in np.flatnonzero(columns.are(Output)).tolist():
@@ -260,7 +259,6 @@ def _are_switched_on(columns: Columns) -> BoolArray:
 
 
 def _are_straight_down(columns: Columns) -> BoolArray:
-    """Whether the tool axis points straight down at the end of each motion (M,)."""
     down = np.array([rotation[2, 2] <= _DOWN for rotation in columns.table], dtype=np.bool_)
     result = np.ones(len(columns.at), dtype=np.bool_)
     posed = np.flatnonzero(columns.posed)

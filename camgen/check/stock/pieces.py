@@ -163,13 +163,11 @@ def _find_rim(gone: SweptAreas, design: Design, cut: Any, through: IntArray, bot
 
 
 def _widest(gone: SweptAreas, rows: IntArray) -> float:
-    """The diameter of the widest tool of motions, mm."""
     diameters = np.array([cut.tool.diameter for cut in gone.cuts])
     return float(diameters[gone.moves.cut[rows]].max(initial=0.0))
 
 
 def _are_held(pieces: Shapes, rim: Any, held: Any) -> BoolArray:
-    """(P,) which pieces reach the rim of the stock, or a clamp."""
     reaches = shapely.dwithin(pieces, rim, _REACHED_MM)
     if held is not None:
         reaches |= shapely.dwithin(pieces, held, _REACHED_MM)
@@ -177,13 +175,11 @@ def _are_held(pieces: Shapes, rim: Any, held: Any) -> BoolArray:
 
 
 def _sort(pieces: Shapes, design: Design, bottom: float) -> list[tuple[Any, bool]]:
-    """The pieces with whether each holds material that must stay."""
     cells = design.cells
     stays = design.depth < bottom
     stays[-1] = False
     stays[list(design.waste)] = False
-    places = shapely.get_coordinates(shapely.point_on_surface(pieces))
-    is_part = stays[cells.find(places)]
+    is_part = stays[cells.find(shapely.get_coordinates(shapely.point_on_surface(pieces)))]
     # Most pieces lie in one cell. Others are compared with all cells that stay.
     cores = shapely.buffer(pieces, -_RIM_MM, quad_segs=1)
     cores[is_part] = None
@@ -366,7 +362,6 @@ class _Loop(Struct, frozen=True, eq=False):
 
 
 def _find_missing_tabs(design: Design, cut: Any, find: _Finder) -> tuple[MissingTabs, ...]:
-    """The contours that are cut through all around with some, but not all, of their bridges."""
     kerfs = shapely.get_parts(cut)
     tree = shapely.STRtree(kerfs)
 
@@ -399,7 +394,6 @@ def _find_missing_tabs(design: Design, cut: Any, find: _Finder) -> tuple[Missing
 
 
 def _find_loops(design: Design) -> list[_Loop]:
-    """The ways with bridges."""
     loops: list[_Loop] = []
     jobs = {id(tabbed.job): tabbed.job for tabbed in design.tabbed}
     for key, job in jobs.items():
@@ -424,7 +418,6 @@ class _Kerfs(NamedTuple):
 
 
 def _widen(design: Design, outlines: Sequence[Tabbed]) -> dict[int, _Kerfs]:
-    """The kerfs around outlines, by the cell in which they are."""
     cells = design.cells
     by_cell: dict[int, list[Tabbed]] = {}
     for tabbed in outlines:

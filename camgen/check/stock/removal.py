@@ -320,7 +320,6 @@ def _is_tab(piece: Any, wanted: Wanted, depth: float) -> bool:
 
 
 def _find_largest_disc(shapes: Shapes) -> tuple[float, tuple[float, float] | None]:
-    """Return diameter and centre of the largest disc in any of `shapes`, mm."""
     if not len(shapes):
         return 0.0, None
     largest = shapes[np.argsort(-shapely.area(shapes), kind="stable")[:8]]

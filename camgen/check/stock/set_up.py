@@ -133,7 +133,6 @@ def check_set_up(
 
 
 def _group_by_tool(cuts: Sequence[Cut]) -> list[tuple[ToolTable, list[int]]]:
-    """The tools that turn, with the numbers of their cuts."""
     groups: list[tuple[ToolTable, list[int]]] = []
     for number, cut in enumerate(cuts):
         if not turns(cut):
@@ -171,7 +170,6 @@ def _name_examined(
 
 
 def _exceed_stock(case: _Case) -> Breach | None:
-    """A tool that goes too far below the stock. The tip of a drill does not count."""
     stock = case.stock
     if stock.thickness is None:
         return None
@@ -189,12 +187,10 @@ def _tip(tool: ToolTable) -> float:
     """The length of a drill's tip, mm; 0 for other tools."""
     if tool.kind != "drill":
         return 0.0
-    half = math.radians((tool.tip_angle or _DRILL_ANGLE) / 2)
-    return tool.radius / math.tan(half)
+    return tool.radius / math.tan(math.radians((tool.tip_angle or _DRILL_ANGLE) / 2))
 
 
 def _exceed_edges(case: _Case) -> Breach | None:
-    """A tool that goes deeper than its cutting edges are long."""
     if case.tool.cutting_length is None:
         return None
     edges = case.tool.cutting_length
@@ -236,8 +232,7 @@ def _plunge(case: _Case) -> Breach | None:
     moves = case.gone.moves
     rows = case.rows[moves.upright[case.rows]]
     points = moves.plane.end[rows]
-    gap = shapely.distance(case.design.outline, shapely.points(points))
-    meets = gap <= case.tool.radius
+    meets = shapely.distance(case.design.outline, shapely.points(points)) <= case.tool.radius
     rows, points = rows[meets], points[meets]
     depths = moves.deepest[rows] - _find_cleared(case.gone, rows, points)
     what = f"{case.name} goes straight down, {{}} mm into material"
@@ -307,7 +302,8 @@ def _breach_of_rows(
 
 def _exceed_tooth(case: _Case) -> Breach | None:
     """A tooth, or the turn of a drill, that is fed more than the material bears."""
-    charts = [find_charts(material, case.tool)[0] for material in _materials(case)]
+    materials = [case.material] if case.material else MATERIALS.values()
+    charts = [find_charts(material, case.tool)[0] for material in materials]
     known = [chart for chart in charts if chart is not None]
     if not known:
         return None
@@ -316,8 +312,7 @@ def _exceed_tooth(case: _Case) -> Breach | None:
     is_drill = case.tool.kind == "drill"
     edges = 1 if is_drill else case.tool.flutes
 
-    moves = case.gone.moves
-    judged = case.rows[moves.upright[case.rows] == is_drill]
+    judged = case.rows[case.gone.moves.upright[case.rows] == is_drill]
 
     def feed(running: Running) -> FloatArray:
         per_edge = running.columns.speed * 60 / running.speed / edges
@@ -331,7 +326,6 @@ def _exceed_tooth(case: _Case) -> Breach | None:
 
 
 def _exceed_speed(case: _Case) -> Breach | None:
-    """A tool that turns faster than the material bears."""
     speeds = find_charts(case.material, case.tool)[1] if case.material else None
     if speeds is None:
         return None
@@ -348,13 +342,7 @@ def _exceed_speed(case: _Case) -> Breach | None:
     return _breach_of_text(case, turning, limit, what, remedy)
 
 
-def _materials(case: _Case) -> Sequence[Material]:
-    """The material of the stock, or all of them."""
-    return [case.material] if case.material else list(MATERIALS.values())
-
-
 def _exceed_job(case: _Case) -> Breach | None:
-    """A tool that is faster than its job states."""
     moves = case.gone.moves
     stated = [case.gone.cuts[number].stated for number in case.running]
     known = [each for each in stated if each is not None]
@@ -372,7 +360,6 @@ def _exceed_job(case: _Case) -> Breach | None:
 
 
 def _differ_from_job(case: _Case) -> Breach | None:
-    """A tool that turns at another speed than its job states."""
     stated: set[float] = set()
     for number in case.running:
         cut = case.gone.cuts[number]

@@ -60,7 +60,6 @@ def sweep_each(
 
 
 def _widen(lines: Shapes, radius: FloatArray) -> Shapes:
-    """Compute the polygons that discs of the radii sweep along the lines."""
     if not len(lines):
         return np.zeros(0, object)
     quarter = np.pi / 4 / np.arccos(1 - min(_RIM_MM / float(radius.max(initial=_RIM_MM)), 0.3))
@@ -116,7 +115,6 @@ def _number_chains(moves: Moves, portions: Portions, radius: FloatArray) -> IntA
 
 
 def _are_new(plane: Segments, chain: IntArray, radius: FloatArray, seen: set[bytes]) -> BoolArray:
-    """Whether portions (K,) belong to a chain that is not in `seen`; the new ones are added."""
     keys = np.round(np.column_stack([plane.start, plane.end, plane.bulge, radius]), 6) + 0.0
     ends = np.cumsum(run_lengths(chain)).tolist()
     fresh = np.zeros(len(ends), dtype=np.bool_)
@@ -128,7 +126,6 @@ def _are_new(plane: Segments, chain: IntArray, radius: FloatArray, seen: set[byt
 
 
 def _make_lines(plane: Segments, chain: IntArray, radius: FloatArray) -> tuple[Shapes, FloatArray]:
-    """Make a line for each chain, and return it with its radius."""
     if not len(chain):
         return np.zeros(0, object), np.zeros(0)
     chain = np.cumsum(starts_run(chain)) - 1
