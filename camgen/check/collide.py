@@ -1,4 +1,4 @@
-"""Collision check of a program, links included, with a bound on the depth between samples."""
+"""Checks a program for collisions, links included, with a bound on the depth between samples."""
 
 from __future__ import annotations
 
@@ -43,13 +43,13 @@ _CHANGE_CELL = (
 
 
 class ClosestApproach(Struct, frozen=True):
-    """The place on a path, or on the link that leads to it, at which two bodies are nearest.
+    """The position on a path, or on the link to it, at which two bodies are nearest.
 
     distance: distance of the bodies, mm.
-    pair: their names.
+    pair: names of the bodies.
     on: the path or link, in words.
-    at: position of the TCP there, x, y and z in the work frame, mm.
-    path: number of the path in the tour; -1 on the link home.
+    at: x, y and z of the TCP in the work frame, mm, as text.
+    path: index of the path in the tour; -1 on the link home.
     works: whether the motion is along the path.
     """
 
@@ -65,11 +65,11 @@ class ClosestApproach(Struct, frozen=True):
 
 
 class Clear(Struct, frozen=True):
-    """The clearances of a program without collisions. The tool at the part counts in none of them.
+    """The clearances of a program without collisions, except those of the tool at the part.
 
-    bound: distance up to which bodies are measured, mm: ``NEAR`` or the margin, whichever is more.
-    close: the nearest place of each path and of each link that comes nearer than ``bound``.
-    notes: a note on each path and link that comes nearer than the margin.
+    bound: distance up to which bodies are measured, mm: `NEAR` or the margin, the larger one.
+    close: closest approach on each path and link that comes nearer than `bound`.
+    notes: a note about each path and link that comes nearer than the margin.
     """
 
     bound: float
@@ -78,16 +78,16 @@ class Clear(Struct, frozen=True):
 
     @property
     def nearest(self) -> ClosestApproach | None:
-        """The nearest place of the program; None if all of it keeps ``bound``."""
+        """The closest approach of the program; None if all of it keeps `bound`."""
         return min(self.close, key=lambda near: near.distance, default=None)
 
     @property
     def clearance(self) -> float:
-        """The smallest distance in the program, mm, at most ``bound``."""
+        """The smallest distance in the program, mm, at most `bound`."""
         return min((near.distance for near in self.close), default=self.bound)
 
     def by_path(self, paths: int) -> tuple[list[float], list[float], float]:
-        """The smallest distance on each path, on the link to each path and on the link home, mm.
+        """Return the smallest distance on each path, each link to a path, and the link home, mm.
 
         paths: number of paths in the tour.
         """
@@ -101,7 +101,7 @@ class Clear(Struct, frozen=True):
 class _Collision(Struct, frozen=True):
     """A collision.
 
-    at: place in rows of the course.
+    at: place in rows of the joint path.
     pair: names of the two bodies.
     text: the bodies, their depth and the joint values.
     """
@@ -114,11 +114,12 @@ class _Collision(Struct, frozen=True):
 def check_clear(
     where: Surroundings, reach: Reach, course: JointPath, robot: Robot, file: str
 ) -> Clear:
-    """The clearances of a program whose motions are followed as a controller runs them, unblended.
+    """Measure the clearances of a program along its motions, without blends.
 
-    course: joint values along all motions of ``reach``.
-    Raises Blocked with the motion, the place and the bodies of the first collision, and with every
-    path that has one.
+    course: joint path of all motions of `reach`.
+
+    Raises Blocked with the motion, position and bodies of the first collision, and with all paths
+    that have one.
     """
     near = max(where.margin, NEAR)
     collisions: list[_Collision] = []
@@ -147,10 +148,10 @@ def _find_near(
     rows: tuple[int, int],
     near: float,
 ) -> list[ClosestApproach]:
-    """The nearest place of each path and of each link in some rows of the course, if it is near.
+    """Find the closest approach on each path and link in some rows of the joint path.
 
-    rows: the first row and the one after the last.
-    near: distance up to which places count, mm.
+    rows: first row, and the row after the last.
+    near: distance up to which bodies are measured, mm.
     """
     program, columns = reach.program, reach.program.columns
     motion_of = _find_motions(reach, course)[rows[0] : rows[1]]
@@ -169,16 +170,13 @@ def _find_near(
         on = place if works or place.startswith("the way") else f"the way to {place}"
         ahead = columns.path[number:]
         path = int(next(iter(ahead[ahead >= 0]), -1))
-        pair, tip = (
-            where.with_margin.pairs[check.nearest],
-            _place(program, robot, course, rows[0] + at),
-        )
+        pair = where.with_margin.pairs[check.nearest]
+        tip = _place(program, robot, course, rows[0] + at)
         close.append(ClosestApproach(check.clearance, pair, on, tip, path, works))
     return close
 
 
 def _note_near(close: Sequence[ClosestApproach], margin: float) -> tuple[Note, ...]:
-    """A note on each path or link that comes nearer than ``margin``, with its nearest place."""
     nearest: dict[str, ClosestApproach] = {}
     for near in close:
         is_near = near.distance < margin - _SAME
@@ -197,7 +195,7 @@ def _find_by_path(where: Surroundings, reach: Reach, course: JointPath) -> list[
 
 
 def _find_strict(where: Surroundings, reach: Reach, course: JointPath) -> list[_Collision]:
-    """The collisions by the strict test, of all paths but rims and of links between two of them."""
+    """Find collisions by the strict test, on all paths except rims, and on links between them."""
     if where.strict is None:
         return []
     is_rim = [where.is_rim(path.contours) for path in reach.program.paths]
@@ -213,7 +211,7 @@ def _find_strict(where: Surroundings, reach: Reach, course: JointPath) -> list[_
 
 
 def _divide_by_path(reach: Reach, course: JointPath) -> list[tuple[int, int]]:
-    """The first and the last row of each run of motions of one path, and of each link to one."""
+    """Return the first and the last row of each path, and of each link to one."""
     columns, motion_of = reach.program.columns, _find_motions(reach, course)[1:]
     ends = offsets(run_lengths(columns.path[motion_of] * 2 + columns.arrives[motion_of]))
     return list(pairwise(ends.tolist()))
@@ -252,7 +250,7 @@ def _block(
         index = int(columns.at[number])
         path, bodies = program.path_at(index), " against ".join(collision.pair)
         where = f"at {_place(program, robot, course, collision.at)} mm"
-        link = "" if columns.works[number] else " on a way to or from it"
+        link = "" if columns.works[number] else " on a link to or from it"
         # The path begins at the end of its link.
         is_link = bool(columns.arrives[number]) and not (collision.at == row and last[row])
         if not losses:
@@ -264,7 +262,7 @@ def _block(
 
 
 def _place(program: Program, robot: Robot, course: JointPath, at: float) -> str:
-    """Position of the TCP at a place in rows of the course: x, y and z in the work frame, mm."""
+    """Format the TCP at a place in rows of the joint path, in the work frame, mm."""
     rotation, origin = flange(robot, _joints_at(course, at)[None])
     tip = origin[0] + rotation[0] @ np.asarray(program.flange_from_tool.origin)
     return " ".join(short(v, 1) for v in program.base_from_work.inverse().apply(tip))
@@ -278,7 +276,7 @@ def _joints_at(course: JointPath, at: float) -> FloatArray:
 
 
 def _remedy(collision: _Collision, robot: Robot) -> str:
-    """A change of the job that helps. Tool and holder keep their place at a part that is moved."""
+    """Choose a change of the job that helps. Moving the part moves the tool with it."""
     if collision.at == 0:
         return "give another home: cell.home"
     if {link.name for link in robot.links} & set(collision.pair):

@@ -355,7 +355,7 @@ def _loose(
     if must_hold and not has_frame:
         text += ": the kerfs leave no frame of the stock that could hold it"
     elif must_hold:
-        text += ": no bridge is left that holds it" if piece.tabs else ": nothing holds it"
+        text += ": no tab is left that holds it" if piece.tabs else ": nothing holds it"
     freed = Struck(piece.row, (*piece.place, z), 0.0, 0.0)
     fault = _fault(moves, cuts, "unheld" if must_hold else "loose", freed, text)
     is_serious = must_hold or piece.again >= 0 or piece.tabs
@@ -363,6 +363,6 @@ def _loose(
 
 
 def _missing(moves: Moves, cuts: Sequence[Cut], tabs: MissingTabs) -> Fault:
-    text = f"{counted(tabs.count, 'bridge')} on {tabs.contour}, the job asks for {tabs.wanted}"
+    text = f"{counted(tabs.count, 'tab')} on {tabs.contour}, the job asks for {tabs.wanted}"
     position = Struck(tabs.row, to_vec3(moves.end[tabs.row]), 0.0, 0.0)
     return _fault(moves, cuts, "unheld", position, text)
