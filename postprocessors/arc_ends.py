@@ -2,7 +2,7 @@
 
 LinuxCNC 2.9 has four ways through the joint of two motions: straight on at a low speed, an arc that
 touches both, two motions that overlap, or a stop. It takes the fastest. Only where they overlap
-does it leave the path by more than P, and only behind an arc: by 94 um with P of 10 um at a radius
+does it leave the path by more than P, and only after an arc: by 94 um with P of 10 um at a radius
 of 2 mm, by up to 0.7 mm at 100 mm/s. So it runs where a line turns towards the centre of the arc
 by up to 5 degrees, and where a line after an arc goes up or down (executed by its planner,
 docs/posts/gcode.md). Between two lines it keeps P. So the last piece of such an arc becomes a
@@ -114,7 +114,6 @@ def _is_left(places: FloatArray, length: float, feed: float, decimals: int) -> b
 
 
 def _line_to(target: Pose, arc: MoveC) -> MoveL:
-    """A line in the place of a piece of an arc."""
     return MoveL(
         target,
         arc.speed,

@@ -1,4 +1,4 @@
-"""G-code for GRBL 1.1: lines of at most 79 characters, pure ASCII, and only the words that the firmware knows.
+"""G-code for GRBL 1.1: lines of at most 79 ASCII characters, with words that the firmware knows.
 
 Source: the firmware (gcode.c, protocol.c) and its list of error codes.
 """
@@ -13,11 +13,11 @@ from camgen.model.cell import Dynamics
 from camgen.model.errors import JobError, Refused
 from camgen.model.program import Instruction, Motion, Output, Program, Stop
 from camgen.model.text import short
-from camgen.post.passes import without_force
+from camgen.post.passes import remove_force
 
 from .rs274 import COOLANT, Rs274, check_signals
 
-#: What a signal may be put on: the spindle line (M4: laser power that follows the speed) or a coolant.
+#: Words of the spindle line, which a signal may use; with M4 laser power follows the speed.
 _SPINDLE = ("M3", "M4")
 
 
@@ -33,7 +33,8 @@ class Grbl(Rs274):
         default_factory=lambda: {"process": "M3"},
         kw_only=True,
         metadata={
-            "help": "spindle line (M3, M4: power follows the speed) or coolant (M7, M8) of each signal"
+            "help": "spindle line (M3, M4: power follows the speed) "
+            "or coolant (M7, M8) of each signal"
         },
     )
     power: float = field(
@@ -49,25 +50,28 @@ class Grbl(Rs274):
         super().__post_init__()
         check_signals(self.signals, (*_SPINDLE, *COOLANT), [_SPINDLE, COOLANT])
         if not 0 < self.power <= 99_999:
-            what = f"must be more than 0 and at most 99999, not {self.power:g}"
-            raise JobError("[post] power", what)
+            raise JobError(
+                "[post] power", f"must be more than 0 and at most 99999, not {self.power:g}"
+            )
 
     def dynamics(self) -> Dynamics:
-        """A small mill or plotter. Junction deviation ($11, mm), arc tolerance ($12, mm) and idle delay ($1, s) are
-        those that the firmware has by default.
+        """A small mill or plotter.
+
+        Junction deviation ($11, mm), arc tolerance ($12, mm) and idle delay ($1, s) are the
+        defaults of the firmware.
         """
         return Dynamics(
             acceleration=500.0, corner="junction", deviation=0.01, chord=0.002, pause=0.025
         )
 
     def list_changed(self) -> frozenset[str]:
-        """Force, where it is left out."""
+        """Force, if it is left out."""
         return frozenset({"force"} if self.force == "ignore" else ())
 
     def prepare(self, program: Program, chord: float) -> Program:
-        """See ``Rs274``; drops force where the user said so, and keeps the spindle line to one use."""
+        """See `Rs274`. May leave out force, and allows one use of the spindle line."""
         self._one_use(program)
-        return super().prepare(without_force(program) if self.force == "ignore" else program, chord)
+        return super().prepare(remove_force(program) if self.force == "ignore" else program, chord)
 
     def output(self, item: Output) -> Sequence[str]:
         """The spindle line or a coolant."""
@@ -84,7 +88,7 @@ class Grbl(Rs274):
         return super().why_not(item, before, after)
 
     def _one_use(self, program: Program) -> None:
-        """Refused where M3 S.. or M5 would not say whether the spindle or a signal is meant."""
+        """Raise Refused if the spindle and a signal share M3 and M5, which are ambiguous then."""
         outputs = [(i, item) for i, item in enumerate(program.body) if isinstance(item, Output)]
         spins = [(i, item) for i, item in outputs if item.signal == "spindle"]
         lines = {name for name, word in self.signals.items() if word in _SPINDLE}
@@ -100,5 +104,9 @@ class Grbl(Rs274):
                     remedy,
                 )
         if all(item.value in (0, self.power) for _, item in spins):
-            what = f"a spindle at {self.power:g} rpm reads like signal {min(lines)} at post.power"
-            raise Refused(self.name, spins[0][0], what, "change post.power or " + remedy)
+            raise Refused(
+                self.name,
+                spins[0][0],
+                f"a spindle at {self.power:g} rpm reads like signal {min(lines)} at post.power",
+                "change post.power or " + remedy,
+            )

@@ -117,7 +117,9 @@ def _matched(
 ) -> tuple[list[tuple[Burr, Difference]], list[Difference]]:
     left, pairs = list(found.differences), []
     for burr in burrs:
-        near = [one for one in left if one.much == (burr.height > 0) and _beside(burr, one, turn)]
+        near = [
+            one for one in left if one.surplus == (burr.height > 0) and _beside(burr, one, turn)
+        ]
         if near:
             pairs.append((burr, near[0]))
             left.remove(near[0])

@@ -49,12 +49,17 @@ def check(
     name: str = "",
     flow: Flow | None = None,
 ) -> Checks:
-    """Whether the arm of ``cell`` can run ``program``, links included, and meets nothing.
+    """Check that the arm of `cell` can run `program`, links included, without a collision.
 
-    where: what there is to run into, as the plan of a 3-D part knows it: the ways between its paths get blends where
-    there is room with the margin. Blends along paths stay where what they round off is free. name: of the input, for
-    messages. flow: of a flat part, whose ways get blends too. Blocked with the motion, the place, the reason and the
-    paths it concerns, JobError for an arm that the program is not for.
+    The corners of links get blends where they are free and keep the margin. Blends along paths
+    stay, or become smaller, so that all they round off is free.
+
+    where: bodies around a 3-D part, from its plan; None for a flat part.
+    name: name of the input, for messages.
+    flow: corners of links that may be rounded on a flat part; None for none.
+
+    Raises Blocked with the motion, the position, the reason and the blocked paths. Raises JobError
+    for an arm that the program is not for.
     """
     if not isinstance(cell, Workcell) or cell.arm is None:
         return Checks(program)
@@ -63,31 +68,36 @@ def check(
 
         result = check_machine(program, job, cell, name or program.name)
         return Checks(program, result.reach, result.clear, result.where)
-    from camgen.check.collide import check_clear  # noqa: PLC0415 (fcl and kinematics, only for what needs them)
+    # fcl and kinematics are loaded for programs of arms only.
+    from camgen.check.collide import check_clear  # noqa: PLC0415
     from camgen.check.feeds import find_slow_paths  # noqa: PLC0415
-    from camgen.check.flow import let_flow  # noqa: PLC0415
-    from camgen.check.reach import check_reach, trace  # noqa: PLC0415
-    from camgen.check.rounding import hold_clear  # noqa: PLC0415
+    from camgen.check.flow import blend_links  # noqa: PLC0415
+    from camgen.check.reach import check_reach, trace_joints  # noqa: PLC0415
+    from camgen.check.rounding import reduce_blends  # noqa: PLC0415
     from camgen.check.shares import share_joints  # noqa: PLC0415
     from camgen.collision.cell import make_surroundings  # noqa: PLC0415
     from camgen.collision.motion import measure_apart  # noqa: PLC0415
     from camgen.motion.limits import limit_points  # noqa: PLC0415
 
     reach = check_reach(program, cell.arm, name or program.name)
-    there = where or make_surroundings(job, cell, None)
-    distance = partial(measure_apart, there.scene)
-    course = trace(reach, cell.arm, distance, name or program.name)
-    slow = tuple(find_slow_paths(reach, course, cell.arm, name or program.name))
-    clear = check_clear(there, reach, course, cell.arm, name or program.name)
+    surroundings = where or make_surroundings(job, cell, None)
+    distance = partial(measure_apart, surroundings.scene)
+    joint_path = trace_joints(reach, cell.arm, distance, name or program.name)
+    slow = tuple(find_slow_paths(reach, joint_path, cell.arm, name or program.name))
+    clear = check_clear(surroundings, reach, joint_path, cell.arm, name or program.name)
     program = share_joints(reach, cell, distance, limit_points(job.process))
-    # Along a flat part the tool is where the job has it, fixtures near or not: what is rounded meets nothing there.
-    held = where or replace(there, margin=0.0)
-    program, told = hold_clear(program, reach, course, held, cell, clear.clearance)
+    # The paths of a flat part may be nearer to fixtures than the margin, as the job states them.
+    # So their corners are tested without the margin.
+    along_paths = where or replace(surroundings, margin=0.0)
+    program, notes = reduce_blends(program, reach, joint_path, along_paths, cell, clear.clearance)
+    notes = (*clear.notes, *notes)
     if where is not None:
         flow = Flow(plunge(job.process), math.inf, -math.inf)
     if flow is not None:
         # No rim is worked at the corners of links.
-        strict = there if there.strict is None else replace(there, work=there.strict)
-        program, notes = let_flow(program, reach, strict, cell, flow)
-        told = (*told, *notes)
-    return Checks(program, reach, replace(clear, notes=(*clear.notes, *told)), there, slow)
+        strict = surroundings
+        if strict.strict is not None:
+            strict = replace(strict, work=strict.strict)
+        program, link_notes = blend_links(program, reach, strict, cell, flow)
+        notes = (*notes, *link_notes)
+    return Checks(program, reach, replace(clear, notes=notes), surroundings, slow)

@@ -116,19 +116,16 @@ def _time(motions: Motions, chords: IntArray, dynamics: Dynamics) -> FloatArray:
     climb = np.append(0.0, np.cumsum(2 * gain * blocks.length))
     known = climb[LOOK_AHEAD:] - climb[:-LOOK_AHEAD]
     allowed[: len(known)] = np.minimum(allowed[: len(known)], known)
-    square = squares(blocks.length, allowed, gain)
-    seconds = durations(blocks.length, limit, square, gain)
+    seconds = durations(blocks.length, limit, squares(blocks.length, allowed, gain), gain)
     seconds[np.append(~goes_on, True)] += dynamics.pause
     return np.asarray(np.bincount(blocks.motion, seconds, count), np.float64)
 
 
 def _cut(motions: Motions, chords: IntArray, axes: Axes | None) -> _Blocks:
-    """The blocks of the motions, between positions that are whole steps."""
     motion = np.repeat(np.arange(len(chords)), chords)
     first = np.cumsum(chords) - chords
     share = (np.arange(len(motion)) - first[motion] + 1) / chords[motion]
-    spans = make_spans_through(motions.start, motions.via, motions.end)
-    end = spans.point(share, motion)
+    end = make_spans_through(motions.start, motions.via, motions.end).point(share, motion)
     # Both motions beside a joint have the same point.
     end[first + chords - 1] = motions.end
     start = np.empty_like(end)
@@ -141,7 +138,6 @@ def _cut(motions: Motions, chords: IntArray, axes: Axes | None) -> _Blocks:
 
 
 def _round(points: FloatArray, axes: Axes | None) -> FloatArray:
-    """The points at whole steps; half a step is rounded away from 0."""
     if axes is None or axes.steps is None:
         return points
     steps = np.asarray(axes.steps)

@@ -1,4 +1,4 @@
-"""Collision check of a program, links included, with a bound on the depth between samples."""
+"""Checks a program for collisions, links included, with a bound on the depth between samples."""
 
 from __future__ import annotations
 
@@ -42,14 +42,14 @@ _CHANGE_CELL = (
 )
 
 
-class Near(Struct, frozen=True):
-    """The place on a path, or on the link that leads to it, at which two bodies are nearest.
+class ClosestApproach(Struct, frozen=True):
+    """The position on a path, or on the link to it, at which two bodies are nearest.
 
     distance: distance of the bodies, mm.
-    pair: their names.
+    pair: names of the bodies.
     on: the path or link, in words.
-    at: position of the TCP there, x, y and z in the work frame, mm.
-    path: number of the path in the tour; -1 on the link home.
+    at: x, y and z of the TCP in the work frame, mm, as text.
+    path: index of the path in the tour; -1 on the link home.
     works: whether the motion is along the path.
     """
 
@@ -65,29 +65,29 @@ class Near(Struct, frozen=True):
 
 
 class Clear(Struct, frozen=True):
-    """The clearances of a program without collisions. The tool at the part counts in none of them.
+    """The clearances of a program without collisions, except those of the tool at the part.
 
-    bound: distance up to which bodies are measured, mm: ``NEAR`` or the margin, whichever is more.
-    close: the nearest place of each path and of each link that comes nearer than ``bound``.
-    notes: a note on each path and link that comes nearer than the margin.
+    bound: distance up to which bodies are measured, mm: `NEAR` or the margin, the larger one.
+    close: closest approach on each path and link that comes nearer than `bound`.
+    notes: a note about each path and link that comes nearer than the margin.
     """
 
     bound: float
-    close: tuple[Near, ...] = ()
+    close: tuple[ClosestApproach, ...] = ()
     notes: tuple[Note, ...] = ()
 
     @property
-    def nearest(self) -> Near | None:
-        """The nearest place of the program; None if all of it keeps ``bound``."""
+    def nearest(self) -> ClosestApproach | None:
+        """The closest approach of the program; None if all of it keeps `bound`."""
         return min(self.close, key=lambda near: near.distance, default=None)
 
     @property
     def clearance(self) -> float:
-        """The smallest distance in the program, mm, at most ``bound``."""
+        """The smallest distance in the program, mm, at most `bound`."""
         return min((near.distance for near in self.close), default=self.bound)
 
     def by_path(self, paths: int) -> tuple[list[float], list[float], float]:
-        """The smallest distance on each path, on the link to each path and on the link home, mm.
+        """Return the smallest distance on each path, each link to a path, and the link home, mm.
 
         paths: number of paths in the tour.
         """
@@ -101,7 +101,7 @@ class Clear(Struct, frozen=True):
 class _Collision(Struct, frozen=True):
     """A collision.
 
-    at: place in rows of the course.
+    at: place in rows of the joint path.
     pair: names of the two bodies.
     text: the bodies, their depth and the joint values.
     """
@@ -114,15 +114,16 @@ class _Collision(Struct, frozen=True):
 def check_clear(
     where: Surroundings, reach: Reach, course: JointPath, robot: Robot, file: str
 ) -> Clear:
-    """The clearances of a program whose motions are followed as a controller runs them, unblended.
+    """Measure the clearances of a program along its motions, without blends.
 
-    course: joint values along all motions of ``reach``.
-    Raises Blocked with the motion, the place and the bodies of the first collision, and with every
-    path that has one.
+    course: joint path of all motions of `reach`.
+
+    Raises Blocked with the motion, position and bodies of the first collision, and with all paths
+    that have one.
     """
     near = max(where.margin, NEAR)
     collisions: list[_Collision] = []
-    close: list[Near] = []
+    close: list[ClosestApproach] = []
     for begin in range(0, max(len(course.joints) - 1, 1), _ROWS):
         rows = course.joints[begin : begin + _ROWS + 1]
         others = check_motion(where.with_margin, rows, FINE, near, APART)
@@ -146,14 +147,14 @@ def _find_near(
     course: JointPath,
     rows: tuple[int, int],
     near: float,
-) -> list[Near]:
-    """The nearest place of each path and of each link in some rows of the course, if it is near.
+) -> list[ClosestApproach]:
+    """Find the closest approach on each path and link in some rows of the joint path.
 
-    rows: the first row and the one after the last.
-    near: distance up to which places count, mm.
+    rows: first row, and the row after the last.
+    near: distance up to which bodies are measured, mm.
     """
     program, columns = reach.program, reach.program.columns
-    motion_of = _motions(reach, course)[rows[0] : rows[1]]
+    motion_of = _find_motions(reach, course)[rows[0] : rows[1]]
     kinds = columns.path[motion_of[1:]] * 2 + columns.works[motion_of[1:]]
     runs = list(pairwise([0, *np.cumsum(run_lengths(kinds)).tolist()]))
     joints = [course.joints[rows[0] + first : rows[0] + last + 1] for first, last in runs]
@@ -166,20 +167,17 @@ def _find_near(
         number = int(motion_of[max(math.ceil(at), first + 1)])
         place = program.place_of(int(columns.at[number]))
         works = bool(columns.works[number])
-        on = place if works or place.startswith("the way") else f"the way to {place}"
+        on = place if works or place.startswith("the link") else f"the link to {place}"
         ahead = columns.path[number:]
         path = int(next(iter(ahead[ahead >= 0]), -1))
-        pair, tip = (
-            where.with_margin.pairs[check.nearest],
-            _place(program, robot, course, rows[0] + at),
-        )
-        close.append(Near(check.clearance, pair, on, tip, path, works))
+        pair = where.with_margin.pairs[check.nearest]
+        tip = _place(program, robot, course, rows[0] + at)
+        close.append(ClosestApproach(check.clearance, pair, on, tip, path, works))
     return close
 
 
-def _note_near(close: Sequence[Near], margin: float) -> tuple[Note, ...]:
-    """A note on each path or link that comes nearer than ``margin``, with its nearest place."""
-    nearest: dict[str, Near] = {}
+def _note_near(close: Sequence[ClosestApproach], margin: float) -> tuple[Note, ...]:
+    nearest: dict[str, ClosestApproach] = {}
     for near in close:
         is_near = near.distance < margin - _SAME
         if is_near and near.distance <= nearest.get(near.on, near).distance:
@@ -192,17 +190,16 @@ def _note_near(close: Sequence[Near], margin: float) -> tuple[Note, ...]:
 
 
 def _find_by_path(where: Surroundings, reach: Reach, course: JointPath) -> list[_Collision]:
-    """The first collision of each run of motions of one path, and of the link that leads to it."""
     runs = _divide_by_path(reach, course)
     return _find_in_runs(where.with_margin, course, runs) + _find_in_runs(where.work, course, runs)
 
 
 def _find_strict(where: Surroundings, reach: Reach, course: JointPath) -> list[_Collision]:
-    """The collisions by the strict test, of all paths but rims and of links between two of them."""
+    """Find collisions by the strict test, on all paths except rims, and on links between them."""
     if where.strict is None:
         return []
     is_rim = [where.is_rim(path.contours) for path in reach.program.paths]
-    columns, motion_of = reach.program.columns, _motions(reach, course)
+    columns, motion_of = reach.program.columns, _find_motions(reach, course)
     runs = []
     spared = False  # the path before
     for first, last in _divide_by_path(reach, course):
@@ -214,8 +211,8 @@ def _find_strict(where: Surroundings, reach: Reach, course: JointPath) -> list[_
 
 
 def _divide_by_path(reach: Reach, course: JointPath) -> list[tuple[int, int]]:
-    """The first and the last row of each run of motions of one path, and of each link to one."""
-    columns, motion_of = reach.program.columns, _motions(reach, course)[1:]
+    """Return the first and the last row of each path, and of each link to one."""
+    columns, motion_of = reach.program.columns, _find_motions(reach, course)[1:]
     ends = offsets(run_lengths(columns.path[motion_of] * 2 + columns.arrives[motion_of]))
     return list(pairwise(ends.tolist()))
 
@@ -223,7 +220,6 @@ def _divide_by_path(reach: Reach, course: JointPath) -> list[tuple[int, int]]:
 def _find_in_runs(
     scene: Scene, course: JointPath, runs: Sequence[tuple[int, int]]
 ) -> list[_Collision]:
-    """The first collision of each run."""
     joints = [course.joints[first : last + 1] for first, last in runs]
     checked = check_motions(scene, joints, STEP, deviation=APART)
     return [
@@ -237,17 +233,15 @@ def _collision(scene: Scene, course: JointPath, at: float, pair: int) -> _Collis
     return _Collision(at, scene.pairs[pair], describe_hit(scene, _joints_at(course, at), pair))
 
 
-def _motions(reach: Reach, course: JointPath) -> IntArray:
-    """(D,) the motion that each row of the course belongs to."""
+def _find_motions(reach: Reach, course: JointPath) -> IntArray:
     return reach.rows.motion[np.ceil(course.at).astype(np.int64)]
 
 
 def _block(
     reach: Reach, robot: Robot, file: str, course: JointPath, collisions: list[_Collision]
 ) -> Blocked:
-    """The error with all paths that have a collision."""
     program, columns = reach.program, reach.program.columns
-    motion_of = _motions(reach, course)
+    motion_of = _find_motions(reach, course)
     losses: list[BlockedPath] = []
     last = ends_run(motion_of)
     for collision in sorted(collisions, key=lambda collision: collision.at):
@@ -256,7 +250,7 @@ def _block(
         index = int(columns.at[number])
         path, bodies = program.path_at(index), " against ".join(collision.pair)
         where = f"at {_place(program, robot, course, collision.at)} mm"
-        link = "" if columns.works[number] else " on a way to or from it"
+        link = "" if columns.works[number] else " on a link to or from it"
         # The path begins at the end of its link.
         is_link = bool(columns.arrives[number]) and not (collision.at == row and last[row])
         if not losses:
@@ -268,14 +262,13 @@ def _block(
 
 
 def _place(program: Program, robot: Robot, course: JointPath, at: float) -> str:
-    """Position of the TCP at a place in rows of the course: x, y and z in the work frame, mm."""
+    """Format the TCP at a place in rows of the joint path, in the work frame, mm."""
     rotation, origin = flange(robot, _joints_at(course, at)[None])
     tip = origin[0] + rotation[0] @ np.asarray(program.flange_from_tool.origin)
     return " ".join(short(v, 1) for v in program.base_from_work.inverse().apply(tip))
 
 
 def _joints_at(course: JointPath, at: float) -> FloatArray:
-    """(J,) the joint values at a place in rows of the course."""
     row = min(int(at), len(course.joints) - 2) if len(course.joints) > 1 else 0
     part = at - row
     after = course.joints[min(row + 1, len(course.joints) - 1)]
@@ -283,7 +276,7 @@ def _joints_at(course: JointPath, at: float) -> FloatArray:
 
 
 def _remedy(collision: _Collision, robot: Robot) -> str:
-    """A change of the job that helps. Tool and holder keep their place at a part that is moved."""
+    """Choose a change of the job that helps. Moving the part moves the tool with it."""
     if collision.at == 0:
         return "give another home: cell.home"
     if {link.name for link in robot.links} & set(collision.pair):

@@ -109,8 +109,7 @@ def allow_chords(transitions: Transitions, chord: float) -> FloatArray:
     turn = angles(first.tangents()[1], second.tangents()[0])
     lengths = [np.maximum(motion.length, NONZERO) for motion in (first, second)]
     limit = 4 * chord * (1 / lengths[0] + 1 / lengths[1])
-    chords = ~first.curved & ~second.curved & (turn <= limit)
-    return np.where(chords, chord, 0.0)
+    return np.where(~first.curved & ~second.curved & (turn <= limit), chord, 0.0)
 
 
 def find_transitions(columns: Columns, works: BoolArray, dynamics: Dynamics) -> IntArray:

@@ -1,4 +1,4 @@
-"""Feeds that the joints of an arm cannot keep: place, joint, and the speed that is left."""
+"""Finds feeds that the joints of an arm cannot keep, with position, joint, and possible speed."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ from camgen.motion.pose_paths import Index
 from camgen.robots.kinematics.forward import flange, jacobian
 from camgen.robots.models import Robot
 
-#: Share of a feed from which on it counts as kept.
+#: Fraction of a feed from which on it counts as kept.
 _KEPT = 0.99
-#: A shorter way of the TCP between two samples has no speed of its own, mm.
+#: mm: a step between two samples on which the TCP travels less has no speed.
 _STANDS_MM = 1e-6
-#: Samples at which the maximum speed of the TCP is computed.
-_LOOKS = 1000
+#: Maximum number of samples at which the maximum speed of the TCP is computed.
+_MAX_SAMPLES = 1000
 
 
 class SlowPath(Struct, frozen=True):
     """A path whose feed the joints cannot keep.
 
     path: number of the path in the tour.
-    feed: feed of the program at the slowest place, mm/s.
+    feed: feed of the program at the slowest position, mm/s.
     speed: speed of the TCP there with the joint at its maximum speed, mm/s.
     joint: number of that joint, from 1.
-    place: the slowest place in the work frame, mm.
-    share: part of the length of the path that is slower than its feed.
+    place: slowest position in the work frame, mm.
+    share: fraction of the length of the path that is slower than its feed.
     """
 
     path: int
@@ -48,10 +48,10 @@ class SlowPath(Struct, frozen=True):
 class _Samples(Struct, frozen=True, eq=False):
     """N steps between samples of the lines and arcs at a feed.
 
-    joints: (N, J) values at the end of each step, rad or mm.
-    place: (N, 3) TCP at the end of each step, base frame, mm.
-    length: (N,) way of the TCP, mm.
-    feed: (N,) mm/s.
+    joints: (N, J) joint values at the end of each step, rad or mm.
+    place: (N, 3) TCP at the end of each step in the base frame, mm.
+    length: (N,) travel of the TCP, mm.
+    feed: (N,) feed, mm/s.
     speed: (N,) speed of the TCP with the slowest joint at its maximum speed, mm/s.
     joint: (N,) number of that joint, from 0.
     path: (N,) number of the path.
@@ -67,11 +67,12 @@ class _Samples(Struct, frozen=True, eq=False):
 
 
 def find_slow_paths(reach: Reach, course: JointPath, robot: Robot, file: str) -> list[SlowPath]:
-    """The paths whose feed is more than the joints of `robot` allow, in their order.
+    """Find the paths whose feed the joints of `robot` cannot keep, in their order.
 
-    reach: the program with its motions.
-    course: joint values along the program.
+    reach: joint values of the program.
+    course: joint path of the program.
     file: name of the input, for messages.
+
     Raises NoSafeProgram for a feed above the maximum speed of the TCP along its path with all
     joints at full speed.
     """
@@ -80,17 +81,15 @@ def find_slow_paths(reach: Reach, course: JointPath, robot: Robot, file: str) ->
     slow = samples.speed < _KEPT * samples.feed
     if not slow.any():
         return []
-    _insist_on_possible(samples, robot, program, file)
+    _check_possible(samples, robot, program, file)
     return [
         _find_slowest(samples, path, program) for path in each_once(samples.path[slow]).tolist()
     ]
 
 
 def _sample(reach: Reach, course: JointPath, robot: Robot) -> _Samples:
-    """The steps of `course` along lines and arcs of paths, those of links left out."""
     program, columns = reach.program, reach.program.columns
-    row = np.ceil(course.at[1:] - 1e-9).astype(np.int64)
-    motion = reach.rows.motion[row]
+    motion = reach.rows.motion[np.ceil(course.at[1:] - 1e-9).astype(np.int64)]
     rotation, origin = flange(robot, course.joints)
     place = origin + rotation @ np.asarray(program.flange_from_tool.origin)
     length = np.linalg.norm(np.diff(place, axis=0), axis=1)
@@ -112,7 +111,6 @@ def _sample(reach: Reach, course: JointPath, robot: Robot) -> _Samples:
 
 
 def _find_slowest(samples: _Samples, path: int, program: Program) -> SlowPath:
-    """The slowest place of a path, and the part of it that is slow."""
     steps = np.flatnonzero(samples.path == path)
     ratio = samples.speed[steps] / samples.feed[steps]
     slowest = int(steps[ratio.argmin()])
@@ -129,13 +127,13 @@ def _find_slowest(samples: _Samples, path: int, program: Program) -> SlowPath:
     )
 
 
-def _insist_on_possible(samples: _Samples, robot: Robot, program: Program, file: str) -> None:
-    """NoSafeProgram for a feed that the arm cannot run anywhere."""
+def _check_possible(samples: _Samples, robot: Robot, program: Program, file: str) -> None:
+    """Raise NoSafeProgram for a feed that the arm cannot run anywhere."""
     order = np.argsort(-samples.feed, kind="stable")
     top = samples.feed[order[0]]
     fast = order[samples.feed[order] == top]
-    looked = fast[np.linspace(0, len(fast) - 1, min(len(fast), _LOOKS)).astype(np.int64)]
-    bounds = bound_speed(robot, samples.joints[looked], program.flange_from_tool.origin)
+    chosen = fast[np.linspace(0, len(fast) - 1, min(len(fast), _MAX_SAMPLES)).astype(np.int64)]
+    bounds = bound_speed(robot, samples.joints[chosen], program.flange_from_tool.origin)
     limit = float(bounds.max())
     if top <= limit:
         return
@@ -147,10 +145,10 @@ def _insist_on_possible(samples: _Samples, robot: Robot, program: Program, file:
 
 
 def bound_speed(robot: Robot, joints: FloatArray, tip: Vec3) -> FloatArray:
-    """(R,) upper bounds of the speed of the TCP, mm/s: the sum of the joints at full speed.
+    """Compute upper bounds (R,) of the TCP speed, mm/s: the sum of all joints at full speed.
 
-    joints: (R, J) values, rad or mm.
-    tip: the TCP in the flange frame, mm.
+    joints: (R, J) joint values, rad or mm.
+    tip: TCP in the flange frame, mm.
     """
     columns, rotation, _ = jacobian(robot, joints)
     arm = (rotation @ np.asarray(tip))[:, :, None]
@@ -159,7 +157,7 @@ def bound_speed(robot: Robot, joints: FloatArray, tip: Vec3) -> FloatArray:
 
 
 def tell_slow_path(slow: SlowPath, name: str) -> str:
-    """The text of a note about the path ``name``."""
+    """Describe a slow path `name` for a note."""
     place = " ".join(short(value, 1) for value in slow.place)
     return (
         f"{name}: its feed of {short(slow.feed, 1)} mm/s falls to {short(slow.speed, 1)} "
@@ -169,7 +167,7 @@ def tell_slow_path(slow: SlowPath, name: str) -> str:
 
 
 def report_slow_paths(slow: Sequence[SlowPath], names: Sequence[str]) -> list[dict[str, object]]:
-    """The rows of the report, mm and mm/s.
+    """Make the rows of the report, mm and mm/s.
 
     names: name of each path of the tour.
     """

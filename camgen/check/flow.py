@@ -1,8 +1,9 @@
-"""Ways between paths without stops: the corners of a link are rounded where all that lies within a corner is free.
+"""Adds blends to the corners of links, where the space inside the corner is free.
 
-Controllers round a corner by a parabola within a zone, or begin the next motion while the one before slows down. How
-far exactly is theirs. So all is tested that lies between the corner and the widest of these ways, triangle by triangle
-of configurations, with the margin.
+A controller rounds a corner by a parabola inside a zone, or by starting the next motion while the
+previous one decelerates. The exact corner path is up to the controller. So the whole area between
+the corner and the widest possible corner path is tested for collisions, as triangles of joint
+values and with the margin of the cell.
 """
 
 from __future__ import annotations
@@ -13,7 +14,13 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from msgspec import Struct
 
-from camgen.check.passing import Cruise, Legs, cruise, find_corners, legs_of
+from camgen.check.passing import (
+    MotionTrace,
+    SpeedProfile,
+    find_corners,
+    make_speed_profile,
+    trace_motions,
+)
 from camgen.check.reach import Reach
 from camgen.collision.cell import Surroundings
 from camgen.collision.motion import measure_apart
@@ -31,168 +38,178 @@ from camgen.robots.workcell import Workcell
 
 #: mm: zones that are tried, the largest first.
 _ZONES = (200.0, 150.0, 100.0, 80.0, 60.0, 50.0, 40.0, 30.0, 20.0, 15.0, 10.0, 5.0, 1.0)
-#: Chords in place of what rounds a corner; it bends towards the corner, so that they are farther off. And mm that are
-#: added to what the motions are off straight lines.
-_CHORDS, _ROUGH = 8, 0.1
-#: rad or mm: from look to look at the height of the tip.
-_LOOK = 0.035
-#: mm: the least blend.
-_LEAST_MM = 0.1
+#: Chords of a corner path. It bends towards the corner, so the chords are farther from the corner.
+_CHORDS = 8
+#: mm: added to the measured deviation of motions from straight lines of joint values.
+_EXTRA_MM = 0.1
+#: rad or mm: step of the joints between two tests of the height of the tip.
+_HEIGHT_STEP = 0.035
+#: mm: smallest blend that is written.
+_MIN_BLEND = 0.1
 
 
-class _Rounding(Struct, frozen=True, eq=False):
-    """How far a corner may be rounded. blend: mm. left: (N,) what is left of the motion before it, made: (N,) what of
-    the next one is made, both as shares of the motions, from where the rounding begins to where it ends.
+class _CornerPath(Struct, frozen=True, eq=False):
+    """A path that rounds a corner, at N places from its start to its end.
+
+    blend: blend radius, mm.
+    left: (N,) rest of the motion before the corner, as a fraction of it.
+    run: (N,) part of the next motion that is done, as a fraction of it.
     """
 
     blend: float
     left: FloatArray
-    made: FloatArray
+    run: FloatArray
 
 
-def let_flow(
+def blend_links(
     program: Program,
-    found: Reach,
+    reach: Reach,
     where: Surroundings,
     cell: Workcell,
     flow: Flow,
 ) -> tuple[Program, tuple[Note, ...]]:
-    """``program`` with blends in those corners of its ways between paths that have room for one; a note says how many.
+    """Return `program` with blends in the corners of links that are free, and a note.
 
-    A motion in contact has none: the sensor of the force is set to zero at a stop.
+    A motion in contact gets no blend: the force sensor is set to zero at a stop. A program with
+    force control is returned as it is.
 
-    found: joint values of the program.
+    reach: joint values of the program.
     cell: cell with the arm that runs it.
     flow: corners that may be rounded.
     """
     robot, pace = cell.arm, cell.pace
     assert robot is not None
-    legs, columns = legs_of(program, found, robot), program.columns
-    turns = (columns.turn > 0) & ~columns.moves_are(MoveJ)
-    link = ~columns.works & ~turns & (columns.speed > flow.slow)
-    runs = {
-        k: one
-        for k in np.flatnonzero(link).tolist()
-        if k > 0 and (one := cruise(legs, program, k, pace))
-    }
-    touched = _have_touched(columns, flow.slow)
-    blends = {
-        k: 0.0
-        for k in find_corners(program).tolist()
-        if k in runs and k + 1 in runs and not columns.blend[k] and touched[k]
-    }
-    lines = ~columns.moves_are(MoveJ)
-    if not blends or columns.are(Force).any():
+    trace, columns = trace_motions(program, reach, robot), program.columns
+    is_line = ~columns.moves_are(MoveJ)
+    is_link = ~columns.works & ~((columns.turn > 0) & is_line) & (columns.speed > flow.slow)
+    profiles: dict[int, SpeedProfile] = {}
+    for motion in np.flatnonzero(is_link).tolist():
+        profile = make_speed_profile(trace, program, motion, pace) if motion > 0 else None
+        if profile is not None:
+            profiles[motion] = profile
+    may_blend = _have_touched(columns, flow.slow) & (columns.blend == 0)
+    corners = [k for k in find_corners(program).tolist() if may_blend[k]]
+    corners = [k for k in corners if k in profiles and k + 1 in profiles]
+    if not corners or columns.are(Force).any():
         return program, ()
-    zones = _ZONES if pace.corner == "zone" else (0.0,)
-    ways = {
-        k: _ways(runs[k], runs[k + 1], zones, (lines[k], lines[k + 1]), flow.room) for k in blends
-    }
+    is_timed = pace.corner != "zone"
+    zones = (0.0,) if is_timed else _ZONES
+    options: dict[int, list[_CornerPath]] = {}
+    for k in corners:
+        room = [flow.room if is_line[motion] else math.inf for motion in (k, k + 1)]
+        options[k] = _list_corner_paths(profiles[k], profiles[k + 1], zones, room)
 
-    def free_of(some: Mapping[int, _Rounding]) -> list[bool]:
-        corners = [
-            _corner(found, legs, k, way, timed=pace.corner != "zone") for k, way in some.items()
+    def are_clear(chosen: Mapping[int, _CornerPath]) -> list[bool]:
+        rounded = [
+            _make_corner(reach, trace, k, path, is_timed=is_timed) for k, path in chosen.items()
         ]
-        fans = [_fan(corner) for corner in corners]
-        free = _are_free(where, fans, _bows(where, corners))
+        fans = [_make_fan(corner) for corner in rounded]
+        free = _are_free(where, fans, _measure_bows(where, rounded))
         return [
-            good and _keeps_above(program, robot, fan, flow.floor)
-            for good, fan in zip(free, fans, strict=True)
+            is_free and _keeps_above(program, robot, fan, flow.floor)
+            for is_free, fan in zip(free, fans, strict=True)
         ]
 
-    blends |= {k: way.blend for k, way in _find_widest(ways, free_of).items()}
+    blends = dict.fromkeys(corners, 0.0)
+    blends |= {k: path.blend for k, path in _find_widest(options, are_clear).items()}
     passed = sum(blend > 0 for blend in blends.values())
-    what = f"{passed} of {counted(len(blends), 'corner')} on the ways between are passed without a stop"
+    what = f"{passed} of {counted(len(blends), 'corner')} on links are passed without a stop"
     return program.with_blends(blends), (Note("assumed", what),)
 
 
 def _have_touched(columns: Columns, slow: float) -> BoolArray:
-    """(M,) the motions after which the tool may go to another path: what has only led to a path has not been there."""
-    path, there = columns.path, columns.works | (columns.speed <= slow)
-    counts = np.cumsum(there)
-    before: IntArray = np.repeat((counts - there)[run_starts(path)], run_lengths(path))
+    """Return (M,) False at the last motion of each path without a motion in contact.
+
+    Such a motion ends at the position of the path, such as a mark, so the tool must stop there.
+    """
+    path, is_contact = columns.path, columns.works | (columns.speed <= slow)
+    counts = np.cumsum(is_contact)
+    before: IntArray = np.repeat((counts - is_contact)[run_starts(path)], run_lengths(path))
     return np.asarray(~ends_run(path) | (counts > before))
 
 
-def _ways(
-    one: Cruise, two: Cruise, zones: Sequence[float], lines: tuple[bool, bool], room: float
-) -> list[_Rounding]:
-    """The ways to round a corner, the widest first: by each of ``zones`` of which half of both motions is outside,
-    since controllers cut it off there; by overlapping them where that is 0. lines: which of both motions are such, of
-    which no more than ``room`` mm are rounded off.
+def _list_corner_paths(
+    before: SpeedProfile, after: SpeedProfile, zones: Sequence[float], room: Sequence[float]
+) -> list[_CornerPath]:
+    """List the corner paths between two motions from wide to narrow.
+
+    zones: zones in mm; 0 overlaps the motions. A zone is left out if it is longer than half of a
+        motion, since controllers reduce it there.
+    room: maximum length of each of both motions that may be rounded off, mm.
     """
-    short = min(one.mm, two.mm) / 2
-    ways = [
-        _round(one, two, zone) if zone else _overlap(one, two) for zone in zones if zone <= short
-    ]
-    return [way for way in ways if _keeps_up(way, one, two, lines, room)]
+    half = min(before.mm, after.mm) / 2
+    paths: list[_CornerPath] = []
+    for zone in zones:
+        if zone > half:
+            continue
+        path = _round(before, after, zone) if zone else _overlap(before, after)
+        lengths = float(path.left[0]) * before.mm, float(path.run[-1]) * after.mm
+        if lengths[0] <= room[0] and lengths[1] <= room[1]:
+            paths.append(path)
+    return paths
 
 
 def _find_widest(
-    ways: Mapping[int, Sequence[_Rounding]],
-    free_of: Callable[[Mapping[int, _Rounding]], Sequence[bool]],
-) -> dict[int, _Rounding]:
-    """Of each corner's ways, the widest first, one that is free and the next wider one is not; none where none is free.
-    What rounds a corner lies within all that is wider.
+    options: Mapping[int, Sequence[_CornerPath]],
+    are_clear: Callable[[Mapping[int, _CornerPath]], Sequence[bool]],
+) -> dict[int, _CornerPath]:
+    """Choose for each corner the widest corner path that is free, by bisection.
+
+    options: per corner, its corner paths from wide to narrow. A narrow one lies within all wider
+        ones, so if one is free all narrower ones are. Corners without a free one are left out.
     """
-
-    def free(at: Mapping[int, int]) -> Sequence[bool]:
-        return free_of({k: ways[k][one] for k, one in at.items()})
-
-    # Most corners have room for the widest.
-    tried = {k: 0 for k, some in ways.items() if some}
-    good = dict(zip(tried, free(tried), strict=True))
-    narrow = {k: len(ways[k]) - 1 for k, one in good.items() if not one}
-    found = find_first(narrow, lambda at: free({k: one + 1 for k, one in at.items()}))
-    return {k: ways[k][0] for k, one in good.items() if one} | {
-        k: ways[k][at + 1] for k, at in found.items()
-    }
-
-
-def _keeps_up(
-    way: _Rounding, one: Cruise, two: Cruise, lines: tuple[bool, bool], room: float
-) -> bool:
-    """Whether of lines no more than ``room`` mm are rounded off. lines: which of both motions are such."""
-    off = float(way.left[0]) * one.mm, float(way.made[-1]) * two.mm
-    return all(mm <= room for mm, line in zip(off, lines, strict=True) if line)
+    widest = {k: paths[0] for k, paths in options.items() if paths}
+    is_free = dict(zip(widest, are_clear(widest), strict=True))
+    # Most corners have room for the widest corner path.
+    narrower = {k: options[k][1:] for k in widest if not is_free[k]}
+    first_free = find_first(
+        {k: len(paths) for k, paths in narrower.items()},
+        lambda indices: are_clear({k: narrower[k][index] for k, index in indices.items()}),
+    )
+    chosen = {k: path for k, path in widest.items() if is_free[k]}
+    return chosen | {k: narrower[k][index] for k, index in first_free.items()}
 
 
 def _keeps_above(program: Program, robot: Robot, fan: FloatArray, floor: float) -> bool:
-    """Whether the tip is nowhere below ``floor`` in the triangles (N, 3, J), looked at in steps of the joints."""
+    """Whether the tip stays above z = `floor` in triangles (N, 3, J), sampled in small steps."""
     if floor == -math.inf:
         return True
-    count = max(math.ceil(float(np.ptp(fan, axis=1).max()) / _LOOK), 1)
+    count = max(math.ceil(float(np.ptp(fan, axis=1).max()) / _HEIGHT_STEP), 1)
     first, second = (part.ravel() for part in np.meshgrid(*[np.arange(count + 1)] * 2))
     inside = first + second <= count
-    shares = np.column_stack([count - first - second, first, second])[inside] / count
-    rotation, origin = flange(
-        robot, np.einsum("kc,ncj->nkj", shares, fan).reshape(-1, fan.shape[2])
-    )
+    weights = np.column_stack([count - first - second, first, second])[inside] / count
+    joints = np.einsum("kc,ncj->nkj", weights, fan).reshape(-1, fan.shape[2])
+    rotation, origin = flange(robot, joints)
     tip = origin + rotation @ np.asarray(program.flange_from_tool.origin)
     base = program.base_from_work
     return bool(((tip - np.asarray(base.origin)) @ base.rotation[:, 2] >= floor).all())
 
 
-def _round(one: Cruise, two: Cruise, zone: float) -> _Rounding:
-    """A parabola, as far off the corner as the tool turns there."""
+def _round(before: SpeedProfile, after: SpeedProfile, zone: float) -> _CornerPath:
+    """Make a parabola that begins and ends as far from the corner as the reorientation there."""
     t = np.linspace(0.0, 1.0, _CHORDS + 1)
-    wide = [min(TURNING * zone / each.mm, 0.5) for each in (one, two)]
-    return _Rounding(zone, (1 - t) ** 2 * wide[0], t**2 * wide[1])
+    first, second = (min(TURNING * zone / profile.mm, 0.5) for profile in (before, after))
+    return _CornerPath(zone, (1 - t) ** 2 * first, t**2 * second)
 
 
-def _overlap(one: Cruise, two: Cruise) -> _Rounding:
-    """Both motions at once, from where the first begins to slow down until that is over and the second at its speed."""
-    brake, ramp = one.peak / one.gain, two.peak / two.gain
+def _overlap(before: SpeedProfile, after: SpeedProfile) -> _CornerPath:
+    """Run both motions at once, from the start of braking until the second is at its speed."""
+    brake, ramp = before.peak / before.acceleration, after.peak / after.acceleration
     t = np.linspace(0.0, max(brake, ramp), _CHORDS + 1)
-    left = np.maximum(brake - t, 0.0) ** 2 * one.gain / 2
-    made = np.where(t < ramp, t**2 * two.gain / 2, two.peak * (t - ramp / 2))
-    blend = round(float(left[0]) * one.mm / one.length, 3)
-    return _Rounding(max(blend, _LEAST_MM), left / one.length, np.minimum(made / two.length, 0.5))
+    left = np.maximum(brake - t, 0.0) ** 2 * before.acceleration / 2
+    run = np.where(t < ramp, t**2 * after.acceleration / 2, after.peak * (t - ramp / 2))
+    blend = round(float(left[0]) * before.mm / before.length, 3)
+    done = np.minimum(run / after.length, 0.5)
+    return _CornerPath(max(blend, _MIN_BLEND), left / before.length, done)
 
 
 class _Corner(Struct, frozen=True, eq=False):
-    """A corner and a way that rounds it, in configurations. at: (J,) the corner. points: (N, J) of the way. exact,
-    even: (R, J) those on both motions, and the same as if joints ran evenly there.
+    """A corner and a path that rounds it, in joint values.
+
+    at: (J,) the corner.
+    points: (N, J) corner path.
+    exact: (R, J) samples on both motions.
+    even: (R, J) the same samples if the joints were interpolated linearly there.
     """
 
     at: FloatArray
@@ -201,58 +218,58 @@ class _Corner(Struct, frozen=True, eq=False):
     even: FloatArray
 
 
-def _corner(found: Reach, legs: Legs, motion: int, way: _Rounding, *, timed: bool) -> _Corner:
-    """The corner after ``motion``. timed: shares of motions of the joints are of their time, not of the TCP's way."""
-    corner = found.joints[legs.rows(motion).stop - 1]
+def _make_corner(
+    reach: Reach, trace: MotionTrace, motion: int, path: _CornerPath, *, is_timed: bool
+) -> _Corner:
+    """Compute the joint values of a corner path after `motion`.
+
+    is_timed: whether fractions of a joint motion are fractions of its time; otherwise of the length
+        of its TCP path, as for a line.
+    """
+    corner = reach.joints[trace.rows(motion).stop - 1]
     points, exact, even = np.tile(corner, (_CHORDS + 1, 1)), [], []
     evenly = np.linspace(0.0, 1.0, _CHORDS + 1)
-    for k, shares in ((motion, 1.0 - way.left), (motion + 1, way.made)):
-        rows = legs.rows(k)
-        table = legs.seconds if timed and found.program.columns.moves_are(MoveJ)[k] else legs.way
-        at, joints = (
-            (table[rows] - table[rows.start]) / (table[rows.stop - 1] - table[rows.start]),
-            found.joints[rows],
-        )
-        between = np.linspace(shares[0], shares[-1], _CHORDS + 1)
-        rounding, along = np.split(_rows(at, joints, np.concatenate([shares, between])), 2)
+    is_joint = reach.program.columns.moves_are(MoveJ)
+    for k, fractions in ((motion, 1.0 - path.left), (motion + 1, path.run)):
+        rows = trace.rows(k)
+        table = trace.seconds if is_timed and is_joint[k] else trace.travelled
+        first, last = table[rows.start], table[rows.stop - 1]
+        at = (table[rows] - first) / (last - first)
+        between = np.linspace(fractions[0], fractions[-1], _CHORDS + 1)
+        samples = np.concatenate([fractions, between])
+        columns = [np.interp(samples, at, column) for column in reach.joints[rows].T]
+        rounding, along = np.split(np.stack(columns, axis=1), 2)
         points += rounding - corner
         exact.append(along)
         even.append(along[0] + evenly[:, None] * (along[-1] - along[0]))
     return _Corner(corner, points, np.concatenate(exact), np.concatenate(even))
 
 
-def _fan(corner: _Corner) -> FloatArray:
-    """What is between a corner and the way that rounds it, as triangles (N, 3, J) of configurations."""
+def _make_fan(corner: _Corner) -> FloatArray:
     points = corner.points
     return np.stack([np.broadcast_to(corner.at, points[1:].shape), points[:-1], points[1:]], axis=1)
 
 
-def _bows(where: Surroundings, corners: Sequence[_Corner]) -> FloatArray:
-    """Mm that both motions are off straight lines of joint values at corners (n,)."""
+def _measure_bows(where: Surroundings, corners: Sequence[_Corner]) -> FloatArray:
     if not corners:
         return np.zeros(0)
-    exact, even = (
-        np.concatenate(rows)
-        for rows in zip(*((one.exact, one.even) for one in corners), strict=True)
-    )
-    return np.asarray(
-        measure_apart(where.scene, exact, even).reshape(len(corners), -1).max(axis=1) + _ROUGH
-    )
-
-
-def _rows(at: FloatArray, joints: FloatArray, shares: FloatArray) -> FloatArray:
-    """The joints at ``shares`` (N,) of a motion that has ``joints`` (R, J) at the shares ``at`` (R,)."""
-    return np.stack([np.interp(shares, at, column) for column in joints.T], axis=1)
+    exact = np.concatenate([corner.exact for corner in corners])
+    even = np.concatenate([corner.even for corner in corners])
+    distances = measure_apart(where.scene, exact, even).reshape(len(corners), -1)
+    return np.asarray(distances.max(axis=1) + _EXTRA_MM)
 
 
 def _are_free(where: Surroundings, fans: Sequence[FloatArray], bows: FloatArray) -> list[bool]:
-    """In which corners nothing is met, and the margin kept. fans: as of ``_fan``, bows: (n,) mm, as of ``_bows``."""
+    """Whether each corner is free of collisions and keeps the margin.
+
+    fans: triangles of each corner, see `_make_fan`.
+    bows: (n,) deviation of each corner, mm, see `_measure_bows`.
+    """
     if not fans:
         return []
     triangles, owner = np.concatenate(fans), owners([len(fan) for fan in fans])
     free = are_free(where.with_margin, triangles, owner, where.margin, bows)
     rest = free[owner]
-    free[free] = are_free(
-        where.work, triangles[rest], (np.cumsum(free) - 1)[owner[rest]], 0.0, bows[free]
-    )
+    left = (np.cumsum(free) - 1)[owner[rest]]
+    free[free] = are_free(where.work, triangles[rest], left, 0.0, bows[free])
     return [bool(each) for each in free]

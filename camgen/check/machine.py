@@ -15,8 +15,15 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.check.collide import Clear, Near, check_clear
-from camgen.check.reach import MotionRows, Reach, ends, interpolate_joints, sample_motions, trace
+from camgen.check.collide import Clear, ClosestApproach, check_clear
+from camgen.check.reach import (
+    MotionRows,
+    Reach,
+    compute_ends,
+    interpolate_joints,
+    sample_motions,
+    trace_joints,
+)
 from camgen.collision.cell import Surroundings, make_surroundings
 from camgen.collision.motion import measure_apart
 from camgen.geometry.arcs import find_arc_middles
@@ -78,14 +85,14 @@ def check_machine(program: Program, job: Job, cell: Workcell, file: str) -> Mach
         reach = check_travel(section.program, machine, file)
         with_tool = replace(cell, flange_from_tool=section.program.flange_from_tool)
         scene = make_surroundings(replace(job, tool=section.tool), with_tool, None)
-        course = trace(reach, machine, partial(measure_apart, scene.scene), file)
+        course = trace_joints(reach, machine, partial(measure_apart, scene.scene), file)
         clears.append(check_clear(scene, reach, course, machine, file))
         reaches.append(replace(reach, owner=reach.owner + section.shift))
         scenes.append(scene)
     joints = np.concatenate([reach.joints for reach in reaches])
     owner = np.concatenate([reach.owner for reach in reaches])
     whole = replace(reaches[0], joints=joints, owner=owner, program=program)
-    close: list[Near] = []
+    close: list[ClosestApproach] = []
     notes: list[Note] = []
     for clear in clears:
         close += clear.close
@@ -94,7 +101,6 @@ def check_machine(program: Program, job: Job, cell: Workcell, file: str) -> Mach
 
 
 def _split(program: Program, job: Job) -> list[_Section]:
-    """The sections of a program, one for each tool change; the whole program without any."""
     changes = np.flatnonzero(program.columns.are(ToolChange)).tolist()
     if not changes:
         return [_Section(program, job.tool, 0)]
@@ -133,7 +139,7 @@ def check_travel(program: Program, machine: Robot, file: str) -> Reach:
     Raises NoSafeProgram for the position farthest beyond the travel of an axis, or a leaning tool.
     """
     columns = program.columns
-    position, rotation = ends(program, machine, np.empty((0, len(machine.home))))
+    position, rotation = compute_ends(program, machine, np.empty((0, len(machine.home))))
     middles = columns.vias.copy()
     arcs = np.flatnonzero(columns.moves_are(MoveC))
     middles[arcs] = find_arc_middles(position[arcs - 1], middles[arcs], position[arcs])
@@ -143,7 +149,7 @@ def check_travel(program: Program, machine: Robot, file: str) -> Reach:
     def find_axes(position: FloatArray, rotation: FloatArray) -> FloatArray:
         return inverse(machine, *compute_flange_poses(setup, position, rotation))[:, 0]
 
-    axes = find_axes(rows.way.position, rows.way.rotation)
+    axes = find_axes(rows.pose_path.position, rows.pose_path.rotation)
     leaning = np.flatnonzero(np.isnan(axes).any(axis=1))
     if len(leaning):
         raise _refuse(program, machine, file, rows, int(leaning[0]), "the tool cannot lean")
@@ -161,10 +167,10 @@ def _check_limits(
     find_axes: Callable[[FloatArray, FloatArray], FloatArray],
 ) -> None:
     """Raises NoSafeProgram for the position that is farthest beyond the travel of an axis."""
-    segment, extremes = _find_extremes(rows.way, find_axes)
-    row = np.append(np.arange(len(rows.way)), segment + 1)
-    position = np.concatenate([rows.way.position, extremes])
-    axes = find_axes(position, rows.way.rotation[row])
+    segment, extremes = _find_extremes(rows.pose_path, find_axes)
+    row = np.append(np.arange(len(rows.pose_path)), segment + 1)
+    position = np.concatenate([rows.pose_path.position, extremes])
+    axes = find_axes(position, rows.pose_path.rotation[row])
     if are_within_limits(machine, axes).all():
         return
     beyond = measure_excess(machine, axes)
@@ -197,15 +203,13 @@ def _find_extremes(
     inside = np.abs(angles) < spans.sweep[arcs, None, None] / 2
     arc, _, _ = np.nonzero(inside)
     segment = arcs[arc]
-    fraction = angles[inside] / spans.sweep[segment] + 0.5
-    return segment, spans.point(fraction, segment)
+    return segment, spans.point(angles[inside] / spans.sweep[segment] + 0.5, segment)
 
 
 def _refuse(
     program: Program, machine: Robot, file: str, rows: MotionRows, row: int, what: str
 ) -> NoSafeProgram:
-    """The error about a row: its path, its position and the reason."""
     index = int(program.columns.at[rows.motion[row]])
-    position = " ".join(short(value, 1) for value in rows.way.position[row].tolist())
+    position = " ".join(short(value, 1) for value in rows.pose_path.position[row].tolist())
     text = f"{machine.name} cannot run {program.place_of(index)} at {position} mm: {what}"
     return NoSafeProgram(file, text, f"instruction {index}", _REMEDY)

@@ -1,4 +1,4 @@
-"""Motions of an arm from corner to corner: how each is run, and what a corner saves that is passed without a stop."""
+"""Speed profiles of an arm's motions, and the time that a corner with a blend saves."""
 
 from __future__ import annotations
 
@@ -15,158 +15,193 @@ from camgen.model.program import Comment, MoveJ, Program
 from camgen.robots.kinematics.forward import flange
 from camgen.robots.models import Robot
 
+#: mm: a motion on which the TCP travels less has no speed profile.
+_STILL_MM = 0.01
+#: s: smallest change of direction of a corner (`_pass`), so that a straight corner has a speed.
+_MIN_BEND = 1e-3
 
-class Legs(Struct, frozen=True, eq=False):
-    """The rows on the way of a program. turned: (S, J) joint values in what they turn in a second at their greatest
-    speeds. tip: (S, 3) the TCP, mm. owner: (S,) the motion that a row belongs to; each motion but the first begins at
-    the last row of the one before. way: (S,) mm of the TCP up to there. seconds: (S,) at the joints' greatest speeds.
+
+class MotionTrace(Struct, frozen=True, eq=False):
+    """The samples of a program, with the path of the TCP and the fastest times of the joints.
+
+    Each motion but the first begins at the last sample of the motion before it.
+
+    scaled_joints: (S, J) joint values divided by the maximum speeds of the joints, s.
+    tip: (S, 3) TCP in the base frame, mm.
+    owner: (S,) motion of each sample.
+    travelled: (S,) path of the TCP up to each sample, mm.
+    seconds: (S,) time up to each sample if the slowest joint runs at its maximum speed, s.
     """
 
-    turned: FloatArray
+    scaled_joints: FloatArray
     tip: FloatArray
     owner: IntArray
-    way: FloatArray
+    travelled: FloatArray
     seconds: FloatArray
 
     def rows(self, motion: int) -> slice:
-        """The rows of ``motion``, one but the first, from where it begins to where it ends."""
+        """The samples of `motion`, which is not the first, from its start to its end."""
         begin, end = np.searchsorted(self.owner, [motion, motion + 1]).tolist()
         return slice(begin - 1, end)
 
 
-def legs_of(program: Program, found: Reach, robot: Robot) -> Legs:
-    """The rows of what was ``found`` of ``program``."""
-    rotation, origin = flange(robot, found.joints)
+def trace_motions(program: Program, reach: Reach, robot: Robot) -> MotionTrace:
+    """Compute TCP and times at all samples of `reach`."""
+    rotation, origin = flange(robot, reach.joints)
     tip = origin + rotation @ np.asarray(program.flange_from_tool.origin)
-    turned = found.joints / robot.speeds
-    way = np.linalg.norm(np.diff(tip, axis=0), axis=1)
-    seconds = np.abs(np.diff(turned, axis=0)).max(axis=1)
-    owner = np.searchsorted(program.columns.at, found.owner)
-    return Legs(
-        turned, tip, owner, *(np.append(0.0, np.cumsum(column)) for column in (way, seconds))
-    )
+    scaled = reach.joints / robot.speeds
+    steps_mm = np.linalg.norm(np.diff(tip, axis=0), axis=1)
+    steps_s = np.abs(np.diff(scaled, axis=0)).max(axis=1)
+    travelled = np.append(0.0, np.cumsum(steps_mm))
+    seconds = np.append(0.0, np.cumsum(steps_s))
+    owner = np.searchsorted(program.columns.at, reach.owner)
+    return MotionTrace(scaled, tip, owner, travelled, seconds)
 
 
 def find_corners(program: Program) -> IntArray:
-    """The motions, all but the first, after which another one follows with nothing between that asks for a stop."""
+    """Find the motions, except the first, that another motion follows without a stop between.
+
+    Only comments may be between the two.
+    """
     columns = program.columns
     done = np.cumsum(~columns.are(Comment))[columns.at]
     return np.flatnonzero(np.diff(done)[1:] == 1) + 1
 
 
-class Cruise(Struct, frozen=True):
-    """How a motion is run: its length, its greatest speed and its acceleration, in mm along a line or an arc, for a
-    motion of the joints in seconds at their greatest speeds. mm, seconds: of its whole way.
+class SpeedProfile(Struct, frozen=True):
+    """Length, maximum speed and acceleration of one motion.
+
+    A line or an arc is measured in mm along it, a joint motion in seconds at the joints' maximum
+    speeds.
+
+    length: mm or s.
+    max_speed: mm/s, or a fraction of the maximum joint speeds.
+    acceleration: mm/s2, or 1/s.
+    mm: path of the TCP.
+    seconds: time of the motion at the joints' maximum speeds, s.
     """
 
     length: float
-    most: float
-    gain: float
+    max_speed: float
+    acceleration: float
     mm: float
     seconds: float
 
     @property
     def peak(self) -> float:
-        """The speed that it comes to from rest to rest."""
-        return min(self.most, math.sqrt(self.gain * self.length))
+        """The highest speed of the motion if it starts and ends at rest."""
+        return min(self.max_speed, math.sqrt(self.acceleration * self.length))
 
 
-def cruise(legs: Legs, program: Program, motion: int, pace: Dynamics) -> Cruise | None:
-    """How ``motion`` is run, None where the TCP or the joints stay in their place."""
-    rows, move = legs.rows(motion), program.columns.moves[motion]
-    mm, seconds = (
-        float(table[rows.stop - 1] - table[rows.start]) for table in (legs.way, legs.seconds)
-    )
+def make_speed_profile(
+    trace: MotionTrace, program: Program, motion: int, pace: Dynamics
+) -> SpeedProfile | None:
+    """Return the speed profile of `motion`, None if the TCP or the joints hardly move."""
+    rows, move = trace.rows(motion), program.columns.moves[motion]
+    first, last = rows.start, rows.stop - 1
+    mm = float(trace.travelled[last] - trace.travelled[first])
+    seconds = float(trace.seconds[last] - trace.seconds[first])
     if mm < _STILL_MM or seconds <= 0:
         return None
+    if isinstance(move, MoveJ) and pace.shares and move.share > 0:
+        return SpeedProfile(seconds, move.share, 1 / pace.ramp, mm, seconds)
     if isinstance(move, MoveJ):
-        shared = pace.shares and move.share > 0
-        most = move.share if shared else min(1.0, move.speed * seconds / mm)
-        gain = 1 / pace.ramp if shared else min(1 / pace.ramp, pace.acceleration * seconds / mm)
-        return Cruise(seconds, most, gain, mm, seconds)
-    steps = np.diff(legs.seconds[rows])
-    turning = steps > 0
-    slowest = float((np.diff(legs.way[rows])[turning] / steps[turning]).min(initial=math.inf))
-    return Cruise(mm, min(move.speed, slowest), pace.acceleration, mm, seconds)
+        max_speed = min(1.0, move.speed * seconds / mm)
+        gain = min(1 / pace.ramp, pace.acceleration * seconds / mm)
+        return SpeedProfile(seconds, max_speed, gain, mm, seconds)
+    steps = np.diff(trace.seconds[rows])
+    moving = steps > 0
+    slowest = float((np.diff(trace.travelled[rows])[moving] / steps[moving]).min(initial=math.inf))
+    return SpeedProfile(mm, min(move.speed, slowest), pace.acceleration, mm, seconds)
 
 
-#: mm: a TCP that moves no farther stays in its place.
-_STILL_MM = 0.01
+def compute_saved_seconds(
+    program: Program, reach: Reach, robot: Robot, pace: Dynamics
+) -> FloatArray:
+    """Compute by how much motions (M,) are shorter than from rest to rest, s.
 
-
-def save_seconds(program: Program, found: Reach, robot: Robot, pace: Dynamics) -> FloatArray:
-    """Seconds (M,) by which motions are shorter than from rest to rest, for corners with a blend between motions of
-    which one at least is one of the joints.
+    Only corners with a blend count, and only if one of their two motions is a joint motion.
     """
     columns = program.columns
     saved = np.zeros(len(columns.moves))
-    swing = columns.moves_are(MoveJ)
-    corners = [
-        k
-        for k in find_corners(program).tolist()
-        if columns.blend[k] > 0 and (swing[k] or swing[k + 1])
-    ]
+    is_joint = columns.moves_are(MoveJ)
+    candidates = find_corners(program)
+    has_blend = columns.blend[candidates] > 0
+    corners = candidates[has_blend & (is_joint[candidates] | is_joint[candidates + 1])].tolist()
     if not corners or pace.corner not in ("zone", "overlap"):
         return saved
-    legs = legs_of(program, found, robot)
-    for k in corners:
-        both = cruise(legs, program, k, pace), cruise(legs, program, k + 1, pace)
-        if both[0] is None or both[1] is None:
+    trace = trace_motions(program, reach, robot)
+    for corner in corners:
+        before = make_speed_profile(trace, program, corner, pace)
+        after = make_speed_profile(trace, program, corner + 1, pace)
+        if before is None or after is None:
             continue
         if pace.corner == "overlap":
-            # The next motion speeds up while this one slows down: the shorter of both counts no more.
-            saved[k + 1] += min(one.peak / one.gain for one in both if one)
+            # The next motion accelerates while this one brakes, so the shorter ramp saves its time.
+            ramps = before.peak / before.acceleration, after.peak / after.acceleration
+            saved[corner + 1] += min(ramps)
             continue
-        share, held = _pass(legs, k, both[0], both[1], float(columns.blend[k]), pace)
-        for motion, one in ((k, both[0]), (k + 1, both[1])):
-            # From seconds at full speed to what the motion is measured in.
-            scale = one.length / one.seconds
-            saved[motion] += _save(one, share * scale, held * scale)
+        blend = float(columns.blend[corner])
+        fraction, held = _pass(trace, corner, (before, after), blend, pace)
+        for motion, profile in ((corner, before), (corner + 1, after)):
+            # From seconds at full speed to the unit of the motion's length.
+            scale = profile.length / profile.seconds
+            saved[motion] += _save(profile, fraction * scale, held * scale)
     return saved
 
 
 def _pass(
-    legs: Legs, motion: int, a: Cruise, b: Cruise, zone: float, pace: Dynamics
+    trace: MotionTrace,
+    corner: int,
+    profiles: tuple[SpeedProfile, SpeedProfile],
+    zone: float,
+    pace: Dynamics,
 ) -> tuple[float, float]:
-    """The share of the joints' greatest speeds with which the corner after ``motion`` is passed, the same before and
-    behind it, and how long before and behind it that holds, in seconds at full speed.
+    """Compute the speed at which the corner after the motion `corner` is passed, and its length.
 
-    Within the zone all joints and the TCP change from one direction to the other with even accelerations: at a share l
-    that holds for s on both sides, by l times the difference of both directions in the time 2 s / l. What is left of
-    half of each motion is enough to come to rest.
+    Within the zone, joints and TCP change from one direction to the other with constant
+    acceleration. At the speed fraction f, held over the length s on both sides of the corner, the
+    directions change by f times their difference in the time 2 s / f. The rest of each half motion
+    must be long enough to come to rest.
+
+    Returns the fraction of the maximum joint speeds, the same on both sides, and the length on
+    either side over which it is held, in seconds at full speed.
     """
-    one, two = legs.rows(motion), legs.rows(motion + 1)
-    sides = [(one.stop - 2, one.stop - 1), (two.start, two.start + 1)]
-    rates = [_rate(legs, *side) for side in sides]
-    turn = float(np.abs(rates[1][0] - rates[0][0]).max()) * pace.ramp
-    bend = float(np.linalg.norm(rates[1][1] - rates[0][1])) / pace.acceleration
-    hard = max(turn, bend, _LEAST_BEND)
-    lengths = [one.seconds for one in (a, b)]
-    gains = [one.gain * one.seconds / one.length for one in (a, b)]
-    shares = [one.most * one.seconds / one.length for one in (a, b)]
-    held = min(min(zone / one.mm, 0.5) * one.seconds for one in (a, b))
-    # Of a shorter zone more is left to come to rest in: 2 s / hard = 2 g (half - s) at the best.
-    held = min([held, *(g * n / 2 / (1 / hard + g) for g, n in zip(gains, lengths, strict=True))])
-    return min(math.sqrt(2 * held / hard), *shares), held
+    before, after = trace.rows(corner), trace.rows(corner + 1)
+    joint_rate, tip_rate = _measure_rates(trace, before.stop - 2, before.stop - 1)
+    next_joint_rate, next_tip_rate = _measure_rates(trace, after.start, after.start + 1)
+    turn = float(np.abs(next_joint_rate - joint_rate).max()) * pace.ramp
+    bend = float(np.linalg.norm(next_tip_rate - tip_rate)) / pace.acceleration
+    hard = max(turn, bend, _MIN_BEND)
+    held, fraction = math.inf, math.inf
+    for profile in profiles:
+        held = min(held, min(zone / profile.mm, 0.5) * profile.seconds)
+        fraction = min(fraction, profile.max_speed * profile.seconds / profile.length)
+    # A shorter zone leaves more length to come to rest in: at best 2 s / hard = 2 g (half - s).
+    for profile in profiles:
+        gain = profile.acceleration * profile.seconds / profile.length
+        held = min(held, gain * profile.seconds / 2 / (1 / hard + gain))
+    return min(math.sqrt(2 * held / hard), fraction), held
 
 
-#: s: corners that bend less are taken to bend so much.
-_LEAST_BEND = 1e-3
+def _measure_rates(trace: MotionTrace, first: int, last: int) -> tuple[FloatArray, FloatArray]:
+    """Measure the speeds between two samples if the slowest joint runs at its maximum speed.
 
-
-def _rate(legs: Legs, a: int, b: int) -> tuple[FloatArray, FloatArray]:
-    """How fast the joints (J,), as shares of their greatest speeds, and the TCP (3,), mm/s, go from row ``a`` to row
-    ``b`` where the fastest joint is as fast as it may be.
+    Returns the joint speeds (J,) as fractions of their maxima, and the TCP velocity (3,), mm/s.
     """
-    seconds = max(float(legs.seconds[b] - legs.seconds[a]), 1e-9)
-    return (legs.turned[b] - legs.turned[a]) / seconds, (legs.tip[b] - legs.tip[a]) / seconds
+    seconds = max(float(trace.seconds[last] - trace.seconds[first]), 1e-9)
+    joints = (trace.scaled_joints[last] - trace.scaled_joints[first]) / seconds
+    return joints, (trace.tip[last] - trace.tip[first]) / seconds
 
 
-def _save(one: Cruise, speed: float, held: float) -> float:
-    """What half of a motion saves that ends at ``speed``, which is held for the last ``held``, not at rest."""
-    half, most = one.length / 2, one.peak
-    stopped = most / one.gain / 2 + half / most
-    top = min(most, math.sqrt(speed**2 + 2 * one.gain * (half - held)))
-    ramp = (top**2 - speed**2) / (2 * one.gain)
-    passed = held / speed + (top - speed) / one.gain + (half - held - ramp) / top
+def _save(profile: SpeedProfile, speed: float, held: float) -> float:
+    """Compute the seconds that half of a motion saves if it ends at `speed` instead of at rest.
+
+    held: length at the end over which `speed` is held, in the unit of the profile's length.
+    """
+    half, peak, gain = profile.length / 2, profile.peak, profile.acceleration
+    stopped = peak / gain / 2 + half / peak
+    top = min(peak, math.sqrt(speed**2 + 2 * gain * (half - held)))
+    ramp = (top**2 - speed**2) / (2 * gain)
+    passed = held / speed + (top - speed) / gain + (half - held - ramp) / top
     return max(stopped - passed, 0.0)

@@ -1,4 +1,4 @@
-"""What a program amounts to in numbers, and the report of a build as plain data."""
+"""Sums up a program in numbers, and makes the report of a build as plain data."""
 
 from __future__ import annotations
 
@@ -69,9 +69,13 @@ class Motions(Struct, frozen=True):
 
 
 class Cycle(Struct, frozen=True, eq=False):
-    """The time of a program, s. total: of all of it. travel: of what is on no path: ways between paths, from and to
-    home, plunges, and waits there. paths: (P,) on each path of the tour, all its passes, with its waits. links: (P,) of
-    the travel that leads to each path; the rest of ``travel`` is the way back to home.
+    """The time of a program.
+
+    total: time of the whole program, s.
+    travel: part of it that is on no path: links, motions from and to home, plunges, and the waits
+        there, s.
+    paths: (P,) time on each path of the tour, with all its passes and waits, s.
+    links: (P,) travel to each path, s. The rest of `travel` is the link home.
     """
 
     total: float
@@ -80,13 +84,13 @@ class Cycle(Struct, frozen=True, eq=False):
     links: FloatArray
 
 
-#: So many numbers are looked at as objects at a time.
-_SOME = 4096
+#: Number of values that are converted to Python numbers at a time.
+_BLOCK = 4096
 _COUNTED = (MoveJ, MoveL, MoveC, Output, Wait, Force, ToolChange, Stop)
 
 
 def sum_up(columns: Columns, works: Sequence[int] = ()) -> Motions:
-    """The sums of a body of instructions.
+    """Sum up a body of instructions.
 
     works: number of the work object of each instruction, empty for one. Poses in different work
         objects are not comparable: a motion from one into another has no length.
@@ -97,7 +101,7 @@ def sum_up(columns: Columns, works: Sequence[int] = ()) -> Motions:
     extents = _find_extents(columns, work)
     length = motion_lengths(columns)
     length[1:][work[1:] != work[:-1]] = 0.0
-    seconds = exact_sum(np.maximum(length / speed, _turn_seconds(columns)))
+    seconds = exact_sum(np.maximum(length / speed, _time_reorientations(columns)))
     waits = math.fsum(item.seconds for item in columns.of(Wait))
     outputs: dict[str, dict[float, None]] = {}
     for item in columns.outputs:
@@ -117,21 +121,19 @@ def sum_up(columns: Columns, works: Sequence[int] = ()) -> Motions:
 
 
 def _find_extents(columns: Columns, work: Indices) -> dict[int, tuple[Vec3, Vec3]]:
-    """The extents of each work object by its number, that of most motions first.
+    """Find the extents of each work object by its number, the one with most motions first.
 
     work: (M,) number of the work object of each motion.
     """
     counts = Counter(work[columns.posed].tolist())
     extents = {}
     for number, _ in counts.most_common():
-        via = columns.via[work[columns.arcs] == number]
-        points = columns.ends[work == number], via
+        points = columns.ends[work == number], columns.via[work[columns.arcs] == number]
         extents[number] = _corner(np.fmin, *points), _corner(np.fmax, *points)
     return extents
 
 
-def _turn_seconds(columns: Columns) -> FloatArray:
-    """(M,) s that motions with a speed of turning take for their turn, 0 for others."""
+def _time_reorientations(columns: Columns) -> FloatArray:
     seconds = np.zeros(len(columns.at))
     motions = np.flatnonzero((columns.turn > 0) & columns.posed)
     motions = motions[(motions > 0) & columns.posed[motions - 1]]
@@ -144,7 +146,7 @@ def _turn_seconds(columns: Columns) -> FloatArray:
 
 
 def motion_lengths(columns: Columns) -> FloatArray:
-    """(M,) mm of the TCP, 0 of motions from where or to where nobody knows."""
+    """Compute the path of the TCP on each motion (M,), mm; 0 if an end is unknown."""
     end, arcs = columns.ends, columns.arcs
     start = np.concatenate([np.full((min(1, len(end)), 3), np.nan), end[:-1]])
     length = in_blocks(lambda a, b: lengths(b - a), start, end)
@@ -153,33 +155,30 @@ def motion_lengths(columns: Columns) -> FloatArray:
 
 
 def exact_sum(values: FloatArray) -> float:
-    """The sum of ``values`` (N,), rounded once."""
-    blocks = (values[low : low + _SOME].tolist() for low in range(0, len(values), _SOME))
+    """Sum up `values` (N,) with one rounding."""
+    blocks = (values[low : low + _BLOCK].tolist() for low in range(0, len(values), _BLOCK))
     return math.fsum(chain.from_iterable(blocks))
 
 
 def _corner(outer: np.ufunc, *points: FloatArray) -> Vec3:
-    """The ``outer`` one, fmin or fmax, of points (N, 3) by axis, without those that are not known."""
+    """Reduce points (N, 3) per axis by `outer`, fmin or fmax, without unknown ones."""
     corners = [outer.reduce(column, axis=0) for column in points if len(column)]
     return to_vec3(outer.reduce(np.stack(corners), axis=0))
 
 
 def path_sums(paths: Sequence[ToolPath]) -> tuple[FloatArray, FloatArray]:
-    """Length (mm) and duration (s, at the feeds alone) of every path, all its passes, each (N,)."""
+    """Compute length (N,), mm, and time at the feeds (N,), s, of paths with all their passes."""
     if not paths:
         return frozen([]), frozen([])
-    counts = [len(path.position) for path in paths]
-    first = np.cumsum([0, *counts[:-1]])
-    inner = measure_spans(
-        np.concatenate([p.position for p in paths]), np.concatenate([p.via for p in paths])[1:]
-    )
-    steps = np.concatenate([[0.0], inner])
+    first = np.cumsum([0, *[len(path.position) for path in paths][:-1]])
+    position = np.concatenate([path.position for path in paths])
+    via = np.concatenate([path.via for path in paths])
+    steps = np.concatenate([[0.0], measure_spans(position, via[1:])])
     steps[first] = 0.0  # from one path to the next
     passes = np.array([len(path.depths) for path in paths])
     durations = steps / np.concatenate([path.feed for path in paths])
-    return frozen(np.add.reduceat(steps, first) * passes), frozen(
-        np.add.reduceat(durations, first) * passes
-    )
+    length = np.add.reduceat(steps, first) * passes
+    return frozen(length), frozen(np.add.reduceat(durations, first) * passes)
 
 
 class Verified(Struct, frozen=True):
@@ -201,12 +200,13 @@ def report(
     text: Verified,
     coverage: Coverage | None = None,
 ) -> dict[str, object]:
-    """The report of a build (contract, section 5): mm, s, N; lengths to 1e-3 mm, the deviation to 1e-6 mm.
+    """Make the report of a build: mm, s, N; lengths to 1e-3 mm, the deviation to 1e-6 mm.
+
+    The report states that no robot has checked the program.
 
     time: time of the program.
     text: its text.
     coverage: coverage of a fill.
-    The report says that no robot has checked the program.
     """
     contours = part.curves or part.contours
     lengths, durations = path_sums(tour.paths)
@@ -223,7 +223,7 @@ def report(
             **({} if part.solid is None else {"edges": len(part.solid.edges)}),
             **({"curves": len(part.curves)} if part.curves else {}),
         },
-        "paths": [_path(*row) for row in rows],
+        "paths": [_make_path_row(*row) for row in rows],
         "skipped": [
             {"what": clean(n.what), "why": clean(n.why)} for n in notes if n.kind == "skipped"
         ],
@@ -233,7 +233,7 @@ def report(
             "travel_mm": round(tour.travel, 3),
             "bound_mm": None if tour.bound is None else round(tour.bound, 3),
         },
-        **({} if coverage is None else {"coverage": _coverage(coverage)}),
+        **({} if coverage is None else {"coverage": _make_coverage(coverage)}),
         "time_s": round(time.total, 1),
         "travel_s": round(time.travel, 1),
         "checks": dict.fromkeys(("reach", "collision", "limits"), NOT_CHECKED),
@@ -244,45 +244,46 @@ def report(
 
 
 def add_clearances(table: dict[str, object], clear: Clear) -> None:
-    """Adds the clearances of a program, mm to 1e-3, to its report.
+    """Add the clearances of a program to its report, mm to 1e-3.
 
-    In the report as a whole: the least one and the bound up to which it is measured; the bodies,
-    the path or link and the place, if it is below the bound; and that of the link home.
-    In each path: the clearance on it and on the link that leads to it.
+    The report gets the smallest clearance, the bound up to which it is measured, and the clearance
+    of the link home; below the bound also the bodies, the path or link, and the position. Each path
+    gets the clearance on it and on the link to it.
     """
     paths: Any = table["paths"]
     work, links, home = clear.by_path(len(paths))
     nearest = clear.nearest
-    place = (
-        {"between": list(nearest.pair), "on": clean(nearest.on), "at": nearest.at}
-        if nearest
-        else {}
-    )
     sums = {"mm": clear.clearance, "bound_mm": clear.bound, "home_mm": home}
-    table["clearance"] = {name: round(value, 3) for name, value in sums.items()} | place
+    row: dict[str, object] = {name: round(value, 3) for name, value in sums.items()}
+    if nearest:
+        row |= {"between": list(nearest.pair), "on": clean(nearest.on), "at": nearest.at}
+    table["clearance"] = row
     for path, on_path, on_link in zip(paths, work, links, strict=True):
         path["clearance_mm"] = round(on_path, 3)
         path["link_clearance_mm"] = round(on_link, 3)
 
 
 def untested_of(pairs: Sequence[Untested]) -> list[dict[str, object]]:
-    """The bodies that are not tested against each other, and the reason of each pair."""
+    """List the bodies that are not tested against each other, with the reason of each pair."""
     return [{"bodies": list(map(clean, pair.bodies)), "why": clean(pair.why)} for pair in pairs]
 
 
-def _coverage(found: Coverage) -> dict[str, float]:
-    """mm2 to 1e-3, shares of the copper to 1e-3 %."""
-    areas = {"covered": found.covered, "ink_outside": found.outside, "ink_beside_thin": found.thin}
-    told = {"copper_mm2": round(found.copper, 3)}
+def _make_coverage(coverage: Coverage) -> dict[str, float]:
+    areas = {
+        "covered": coverage.covered,
+        "ink_outside": coverage.outside,
+        "ink_beside_thin": coverage.thin,
+    }
+    row = {"copper_mm2": round(coverage.copper, 3)}
     for name, area in areas.items():
-        told |= {f"{name}_percent": round(found.percent(area), 3), f"{name}_mm2": round(area, 3)}
-    return told
+        row[f"{name}_percent"] = round(coverage.percent(area), 3)
+        row[f"{name}_mm2"] = round(area, 3)
+    return row
 
 
-def _path(
+def _make_path_row(
     path: ToolPath, length: float, seconds: float, time: float, travel: float
 ) -> dict[str, object]:
-    """feed: mm/s of the tool centre, its mean; force: the greatest, N; travel_s: of the way to the path."""
     return {
         "id": path.id,
         "layer": clean(path.layer),
@@ -298,5 +299,5 @@ def _path(
 
 
 def clean(text: str) -> str:
-    """``text`` that UTF-8 can hold: names of files and layers may hold bytes that are no text."""
+    """Return `text` in valid UTF-8: names of files and layers may contain other bytes."""
     return text.encode("utf-8", "replace").decode("utf-8")

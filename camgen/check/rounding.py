@@ -1,6 +1,6 @@
-"""Rounded corners along the paths of an arm: whether the arm meets anything within them.
+"""Tests the rounded corners along the paths of an arm for collisions.
 
-A corner that is free and keeps the margin stays as it is. Another one gets a smaller blend or a
+A corner that is free and keeps the margin stays as it is. Any other one gets a smaller blend or a
 stop.
 """
 
@@ -36,14 +36,14 @@ _CORNERS = 1000
 #: Chords of a rounded path.
 _CHORDS = 8
 
-#: Distances (N,), mm, between configurations (N, J) and others in a scene.
+#: Distances (N,), mm, between joint values (N, J) and others in a scene.
 _Measure = Callable[[Scene, FloatArray, FloatArray], FloatArray]
 
 
 class _JointPath(Struct, frozen=True, eq=False):
-    """A program as a path of the joints, with M motions.
+    """A program of M motions as a path of the joints.
 
-    joints: (D, J) configurations, so close that the joints run evenly between them.
+    joints: (D, J) joint values, so close that linear interpolation between them is exact enough.
     travelled: (D,) path of the TCP up to each of them, mm.
     end: (M,) row in which each motion ends.
     tip: (D, 3) place of the TCP, mm.
@@ -55,21 +55,20 @@ class _JointPath(Struct, frozen=True, eq=False):
     tip: FloatArray
 
     def joints_at(self, mm: FloatArray) -> FloatArray:
-        """The configurations (*, J) at places (*,) along the path of the TCP."""
-        columns = [np.interp(mm, self.travelled, column) for column in self.joints.T]
-        return np.stack(columns, -1)
+        """Interpolate joint values (*, J) at lengths (*,) along the path of the TCP, mm."""
+        return np.stack([np.interp(mm, self.travelled, column) for column in self.joints.T], -1)
 
     def tip_at(self, mm: FloatArray) -> FloatArray:
-        """The TCP (*, 3), mm, at places (*,) along its path."""
+        """Interpolate the TCP (*, 3), mm, at lengths (*,) along its path, mm."""
         return np.stack([np.interp(mm, self.travelled, column) for column in self.tip.T], -1)
 
 
 class _RoundedCorners(Struct, frozen=True, eq=False):
-    """K corners in configurations.
+    """K corners in joint values.
 
-    programmed: (K, C + 1, J) configurations on the programmed path.
-    rounded: (K, C + 1, J) configurations on the widest rounding.
-    middle: (K, C, J) configurations in the middle of the chords of the programmed path.
+    programmed: (K, C + 1, J) joint values on the programmed path.
+    rounded: (K, C + 1, J) joint values on the widest corner path.
+    middle: (K, C, J) joint values in the middle of the chords of the programmed path.
     more: (K,) distance, mm, by which the controller may leave the path farther than `rounded`.
     """
 
@@ -79,22 +78,22 @@ class _RoundedCorners(Struct, frozen=True, eq=False):
     more: FloatArray
 
 
-def hold_clear(
+def reduce_blends(
     program: Program,
-    found: Reach,
-    course: JointPath,
+    reach: Reach,
+    joint_path: JointPath,
     where: Surroundings,
     cell: Workcell,
     gap: float = 0.0,
 ) -> tuple[Program, tuple[Note, ...]]:
-    """The program with blends along its paths that are free, and a note if some are smaller.
+    """Reduce blends along paths until all corners are free; a note counts the changed ones.
 
-    Within a corner the programmed path keeps the margin, and as much more as two bodies may be
-    nearer on the widest rounding. This holds for all paths between both. The tool and the part meet
-    there, so of these two the widest rounding is tested like any motion.
+    In a free corner the programmed path keeps the margin, and in addition the distance by which two
+    bodies may come nearer on the widest corner path. So all paths between both keep the margin. The
+    tool and the part meet along a path, so for this pair the widest corner path itself is tested.
 
-    found: configurations of the program.
-    course: path of the joints; it meets nothing without blends.
+    reach: joint values of the program.
+    joint_path: joint path of the program; it meets nothing without blends.
     gap: distance, mm, that all bodies with a margin keep along the program. A corner that needs no
         more is not tested again.
     """
@@ -103,7 +102,7 @@ def hold_clear(
     if not len(corners):
         return program, ()
     assert cell.arm is not None
-    path = _follow(program, found, course, cell.arm)
+    path = _follow(program, reach, joint_path, cell.arm)
     blend = columns.blend.copy()
     is_rim = np.array([where.is_rim(origin.contours) for origin in program.paths], np.bool_)
     left = corners
@@ -119,22 +118,23 @@ def hold_clear(
     if not len(changed):
         return program, ()
     blends = dict(zip(changed.tolist(), blend[changed].tolist(), strict=True))
-    what = f"less is rounded at {len(changed)} of {counted(len(corners), 'corner')} along the paths"
-    note = Note("assumed", what, "what more would be rounded off there is not free for sure")
+    what = f"blends are smaller at {len(changed)} of {counted(len(corners), 'corner')} along paths"
+    note = Note("assumed", what, "a wider corner path there is not proven to be free")
     return program.with_blends(blends), (note,)
 
 
 def _find_rounded(columns: Columns, corners: IntArray) -> IntArray:
-    """The corners that have a blend between two motions along a path."""
     inside = columns.works[corners] & columns.works[corners + 1]
     return corners[(columns.blend[corners] > 0) & inside]
 
 
-def _follow(program: Program, found: Reach, course: JointPath, robot: Robot) -> _JointPath:
-    rotation, origin = flange(robot, course.joints)
+def _follow(program: Program, reach: Reach, joint_path: JointPath, robot: Robot) -> _JointPath:
+    rotation, origin = flange(robot, joint_path.joints)
     tip = origin + rotation @ np.asarray(program.flange_from_tool.origin)
     travelled = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(tip, axis=0), axis=1)))
-    return _JointPath(course.joints, travelled, np.searchsorted(course.at, found.rows.at), tip)
+    return _JointPath(
+        joint_path.joints, travelled, np.searchsorted(joint_path.at, reach.rows.at), tip
+    )
 
 
 def _lessen(blend: FloatArray, pace: Dynamics) -> FloatArray:
@@ -152,11 +152,12 @@ def _are_clear(
     is_strict: (K,) whether the corner is on a path that is not along a rim.
     """
     programmed, rounded = corners.programmed, corners.rounded
-    off = _measure(where.scene, measure_apart, rounded, programmed) + corners.more
+    deviation = _measure(where.scene, measure_apart, rounded, programmed) + corners.more
     even = (programmed[:, 1:] + programmed[:, :-1]) / 2
     bow = APART + float(_measure(where.scene, measure_apart, corners.middle, even).max(initial=0.0))
-    # Two bodies that move may both be off, and a test may state their distance by a step too large.
-    clear: BoolArray = np.asarray(where.margin + 2 * off + FINE + 2 * APART <= gap)
+    # Two bodies that move may both deviate, and a test may state their distance by a step too
+    # large.
+    clear: BoolArray = np.asarray(where.margin + 2 * deviation + FINE + 2 * APART <= gap)
     tight = np.flatnonzero(~clear)
     closer = _measure(where.with_margin, measure_closer, rounded[tight], programmed[tight])
     needed = where.margin + closer + 2 * corners.more[tight]
@@ -171,10 +172,10 @@ def _are_clear(
     return clear
 
 
-def _measure(scene: Scene, by: _Measure, first: FloatArray, second: FloatArray) -> FloatArray:
-    """(K,) largest distances, mm, between configurations (K, R, J) of corners and others."""
+def _measure(scene: Scene, measure: _Measure, first: FloatArray, second: FloatArray) -> FloatArray:
+    """Measure the largest distance (K,) between joint values (K, R, J) and others, mm."""
     rows = (each.reshape(-1, each.shape[-1]) for each in (first, second))
-    return np.asarray(by(scene, *rows).reshape(first.shape[:2]).max(axis=1))
+    return np.asarray(measure(scene, *rows).reshape(first.shape[:2]).max(axis=1))
 
 
 def _round(
@@ -200,8 +201,8 @@ def _round(
     rows = path.end[corners]
     rounded = path.joints_at(left) + path.joints_at(run) - path.joints[rows, None]
     tip = path.tip_at(left) + path.tip_at(run) - path.tip[rows, None]
-    off = np.linalg.norm(tip - path.tip[rows, None], axis=2).min(axis=1)
+    distance = np.linalg.norm(tip - path.tip[rows, None], axis=2).min(axis=1)
     modelled = pick_transitions(columns, corners)._replace(blend=blend)
-    more = np.maximum(np.nan_to_num(measure_rounding(modelled, pace)) - off, 0.0)
+    more = np.maximum(np.nan_to_num(measure_rounding(modelled, pace)) - distance, 0.0)
     middle = path.joints_at((along[:, 1:] + along[:, :-1]) / 2)
     return _RoundedCorners(path.joints_at(along), rounded, middle, more)

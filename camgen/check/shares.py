@@ -1,4 +1,4 @@
-"""Speeds of joint motions in the measures of controllers: a share of the speeds of joints, rad/s."""
+"""Computes the speeds of joint motions as controllers state them: a share, and rad/s."""
 
 from __future__ import annotations
 
@@ -70,8 +70,7 @@ def share_joints(
     assert robot is not None
     columns = program.columns
     swings = np.flatnonzero(columns.moves_are(MoveJ))[1:]
-    motion = np.searchsorted(columns.at, reach.owner)
-    ends = np.flatnonzero(ends_run(motion))
+    ends = np.flatnonzero(ends_run(np.searchsorted(columns.at, reach.owner)))
     body = list(program.body)
     tip = program.flange_from_tool.origin
     for swing in swings.tolist():

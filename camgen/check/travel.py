@@ -69,8 +69,7 @@ def _find_extremes(
     angles = np.stack([turning, turning - math.pi, turning + math.pi], axis=2)
     inside = (np.abs(angles) < spans.sweep[:, None, None] / 2) & spans.curved[:, None, None]
     arc, _, _ = np.nonzero(inside)
-    fraction = angles[inside] / spans.sweep[arc] + 0.5
-    return arcs[arc], spans.point(fraction, arc)
+    return arcs[arc], spans.point(angles[inside] / spans.sweep[arc] + 0.5, arc)
 
 
 def leave_travel(extent: Extent, machine: Machine) -> Excess | None:
@@ -114,8 +113,7 @@ def size_of(low: Vec3, high: Vec3) -> str:
     >>> size_of((0.0, 0.0, -40.0), (200.0, 300.0, 0.0))
     '200 x 300 x 40 mm'
     """
-    sizes = [_mm(end - begin) for begin, end in zip(low, high, strict=True)]
-    return " x ".join(sizes) + " mm"
+    return " x ".join([_mm(end - begin) for begin, end in zip(low, high, strict=True)]) + " mm"
 
 
 def _mm(value: float) -> str:

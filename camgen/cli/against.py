@@ -222,7 +222,7 @@ def _make_json(
 
 def _format_total(inspection: Inspection, surplus: bool) -> str:
     """Number and area of the differences with surplus material, or with missing material."""
-    count = sum(difference.much == surplus for difference in inspection.differences)
+    count = sum(difference.surplus == surplus for difference in inspection.differences)
     area = inspection.area(surplus)
     percent = 100 * area / inspection.expected.region.area
     label = "too much" if surplus else "missing"

@@ -132,8 +132,9 @@ class Post(ABC):
 
     def movec(self, motion: MoveC) -> Sequence[str]:  # noqa: ARG002 (for overrides)
         """The lines of an arc. A post without this method refuses arcs and names `chords`."""
-        remedy = "let it refuse MoveC and name the pass chords"
-        raise Refused(self.name, -1, "the post prints no arcs", remedy)
+        raise Refused(
+            self.name, -1, "the post prints no arcs", "let it refuse MoveC and name the pass chords"
+        )
 
     def change_tool(self, item: ToolChange) -> Sequence[str]:  # noqa: ARG002 (for overrides)
         """The lines of a tool change. A post without this method leaves `changes_tools` false."""
@@ -191,7 +192,7 @@ class Post(ABC):
     def forms(self, program: Program) -> Forms | None:  # noqa: ARG002 (for overrides)
         """How motions are printed by column, with the same lines as movej, movel and movec.
 
-        Those methods are called for all other motions; None: for all motions. A class that
+        The three methods print all other motions; None: all motions. A class that
         overrides one of them overrides `forms` too, or its inherited `forms` is not used.
         """
         return None
@@ -215,8 +216,12 @@ class Post(ABC):
         parts: the result of `split`.
         """
         if len(parts) > 1:
-            what = f"the program is longer than {self.max_lines} lines"
-            raise Refused(self.name, -1, what, "raise post.max_lines")
+            raise Refused(
+                self.name,
+                -1,
+                f"the program is longer than {self.max_lines} lines",
+                "raise post.max_lines",
+            )
         text = join_lines(self.begin(program), parts[0], self.end(program))
         return (OutputFile(self.file_name(program), text),)
 
@@ -311,5 +316,5 @@ class Post(ABC):
 
 
 #: Reason and remedy of a refusal.
-_NO_TOOL_CHANGE = ("the post changes no tool", "write a program a tool")
+_NO_TOOL_CHANGE = ("the post changes no tool", "write one program per tool")
 _NO_STOP = ("the post prints no stop for the operator", "leave the stop out")

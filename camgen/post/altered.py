@@ -54,12 +54,10 @@ def alter_numbers(text: str, first_line: int = 1) -> Iterator[Alteration]:
 
 
 def _alter_line(line: str) -> Iterator[tuple[int, str]]:
-    """Each change of a line, with the index of the changed character."""
     for match in _NUMBER.finditer(line):
         first, last = match.start(), match.end() - 1
         for place in dict.fromkeys((first, last)):
-            digit = str((int(line[place]) + _STEP) % 10)
-            yield place, line[:place] + digit + line[place + 1 :]
+            yield place, line[:place] + str((int(line[place]) + _STEP) % 10) + line[place + 1 :]
         if not float(match.group()):
             continue
         if line[first - 1 : first] == "-":

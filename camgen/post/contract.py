@@ -141,8 +141,12 @@ def prepare_program(post: Post, program: Program, chord: float) -> Program:
         # A post refuses by its own name. A body that breaks a rule of programs is its fault.
         if error.file != RULES:
             raise
-        what = f"instruction {error.index}: the preparation breaks a rule, {error.what}"
-        raise VerifyError(program.name, what, 0, REMEDY) from error
+        raise VerifyError(
+            program.name,
+            f"instruction {error.index}: the preparation breaks a rule, {error.what}",
+            0,
+            REMEDY,
+        ) from error
     check_value(name_post(post), PREPARE, prepared, CORRECT_POST)
     check_preparation(program, prepared, chord, post.list_changed())
     return prepared

@@ -16,7 +16,7 @@ import math
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping
 from functools import partial
-from itertools import pairwise
+from itertools import chain, pairwise, product
 from typing import Literal, NamedTuple
 
 import msgspec
@@ -39,6 +39,7 @@ from camgen.model.pose import (
     rotation_about,
     rotation_about_axis,
     rotation_from_fixed_xyz,
+    to_vec3,
 )
 from camgen.model.program import (
     Columns,
@@ -69,8 +70,6 @@ from camgen.post.limits import limit_tolerance
 from camgen.post.plugins import Readback, fill_tables, make_post, read_back
 from camgen.post.verify import compare
 
-# The programs of the conformance kit: every instruction, poles of angles, small and large numbers, hostile words.
-
 Body = tuple[Instruction, ...]
 
 
@@ -78,11 +77,12 @@ class Case(Struct, frozen=True):
     """A program that starts at the home position of the cell of the post.
 
     name: its subject.
-    body: the instructions after home, with joint values for as many axes as home has. The machine is
-        at home before and after each tool change; a program with tool changes starts with one.
-    title, header: of the program.
-    options: of the post, added to those of the test.
-    clean: the comments are harmless words, so that numbers in the text can be judged.
+    body: the instructions after home, with joint values for as many axes as home has. The machine
+        is at home before and after each tool change; a program with tool changes starts with one.
+    title: name of the program.
+    header: lines of the header of the program.
+    options: options of the post, added to those of the test.
+    clean: whether the comments are harmless words, so that numbers in the text can be judged.
     work: the work frame; None: the one of the cell.
     altered: the numbers of the text that are changed one at a time; "body": those of instructions.
     """
@@ -100,7 +100,7 @@ class Case(Struct, frozen=True):
         return self.name
 
     def program(self, cell: Cell) -> Program:
-        """The program in the frames of ``cell``."""
+        """Make the program in the frames of `cell`."""
         axes = len(cell.home.values) if isinstance(cell.home, Joints) else None
         home = MoveJ(cell.home, 100.0)
         is_at_home = bool(self.body) and isinstance(self.body[0], ToolChange)
@@ -133,18 +133,16 @@ _PI = math.pi
 def _arc(
     centre: Vec3, radius: float, begin: float, sweep: float, tilt: FloatArray = IDENTITY
 ) -> Body:
-    """To the start of an arc of ``sweep`` rad and along it, in the x y plane turned by ``tilt`` about its centre."""
-    x, y, z = (
-        tuple(
-            (np.asarray(centre) + tilt @ (radius * math.cos(a), radius * math.sin(a), 0.0)).tolist()
-        )
-        for a in (begin, begin + sweep / 2, begin + sweep)
-    )
-    return (MoveL(Pose(TOOL_DOWN, x), 20.0), MoveC(Pose(TOOL_DOWN, y), Pose(TOOL_DOWN, z), 15.0))
+    """Move to the start of an arc of `sweep` rad and along it, in the xy plane tilted by `tilt`."""
+    poses = []
+    for angle in (begin, begin + sweep / 2, begin + sweep):
+        spoke = tilt @ (radius * math.cos(angle), radius * math.sin(angle), 0.0)
+        poses.append(Pose(TOOL_DOWN, to_vec3(np.asarray(centre) + spoke)))
+    return (MoveL(poses[0], 20.0), MoveC(poses[1], poses[2], 15.0))
 
 
 def _orient(name: str, rotations: list[FloatArray]) -> Case:
-    """Straight motions, but joint ones where the tool turns by 180 deg: the sense of that is open in a line."""
+    """Lines to orientations; joint motions by 180 deg, since a line leaves the direction open."""
     body: list[Instruction] = [_ABOVE]
     for i, (before, rotation) in enumerate(pairwise([TOOL_DOWN, *rotations])):
         kind = MoveJ if angle_between(before, rotation) > math.radians(179) else MoveL
@@ -153,35 +151,25 @@ def _orient(name: str, rotations: list[FloatArray]) -> Case:
 
 
 def _orientations() -> Iterator[Case]:
-    """Tool down and turned; every place where an angle triple or a quaternion has a pole; close to them."""
+    """Tool down and rotated; all poles of angle triples and quaternions; orientations near them."""
     turns = [
         TOOL_DOWN @ rotation_about(2, math.radians(a))
         for a in (30.0, 45.0, 90.0, 135.0, 180.0, -90.0, -0.001)
     ]
     yield _orient("tool turned", [frozen(r) for r in turns])
     quarter = (0.0, _PI / 2, _PI, -_PI / 2)
-    cubes = [
-        rotation_from_fixed_xyz(rx, ry, rz)
-        for rx in quarter
-        for ry in (0.0, _PI / 2, -_PI / 2)
-        for rz in quarter
-    ]
-    yield _orient("axes along axes", cubes)
+    angles = product(quarter, (0.0, _PI / 2, -_PI / 2), quarter)
+    yield _orient("axes along axes", [rotation_from_fixed_xyz(*triple) for triple in angles])
     poles = [TOOL_DOWN, IDENTITY, rotation_about(1, _PI / 2), rotation_about(1, -_PI / 2)]
-    near = [
-        frozen(p @ rotation_about(k, e))
-        for p in poles
-        for k in (0, 1, 2)
-        for e in (1e-3, -1e-5, 1e-7, -1e-10)
-    ]
+    small = product(poles, (0, 1, 2), (1e-3, -1e-5, 1e-7, -1e-10))
+    near = [frozen(pole @ rotation_about(axis, angle)) for pole, axis, angle in small]
     yield _orient("close to a pole", near)
     axes = [
         np.array(v) / np.linalg.norm(v) for v in ((1, 2, 3), (-1, 2, 0.5), (3, -1, -2), (0, 1, 1))
     ]
     yield _orient("half turns", [rotation_about_axis(axis, _PI) for axis in axes])
-    yield _orient(
-        "any turns", [rotation_about_axis(a, angle) for a in axes for angle in (0.3, 1.7, -2.9)]
-    )
+    turned = product(axes, (0.3, 1.7, -2.9))
+    yield _orient("any turns", [rotation_about_axis(axis, angle) for axis, angle in turned])
 
 
 def _numbers() -> Iterator[Case]:
@@ -202,34 +190,25 @@ def _numbers() -> Iterator[Case]:
 
 def _arcs() -> Iterator[Case]:
     half, quarter = _PI, _PI / 2
-    yield Case(
-        "quarter arcs",
-        (_ABOVE, *(i for k in range(4) for i in _arc((20.0, 20.0, 0.0), 10.0, k, quarter))),
-        altered="body",
-    )
+    quarters = [_arc((20.0, 20.0, 0.0), 10.0, k, quarter) for k in range(4)]
+    yield Case("quarter arcs", (_ABOVE, *chain.from_iterable(quarters)), altered="body")
     yield Case(
         "half circles",
         (_ABOVE, *_arc((0.0, 0.0, 0.0), 25.0, 0.3, half), *_arc((0, 0, 0), 25.0, 0.3, -half)),
     )
-    chain = [*_arc((0.0, 0.0, 0.0), 8.0, 0.0, -2.0), _arc((0.0, 0.0, 0.0), 8.0, -2.0, -1.0)[1]]
-    yield Case("arc after arc", (_ABOVE, *chain))
-    yield Case(
-        "small arcs",
-        (_ABOVE, *(i for r in (1.0, 0.2, 0.05) for i in _arc((5.0, 5.0, 0.0), r, 1.0, -quarter))),
-    )
-    yield Case(
-        "flat arcs",
-        (_ABOVE, *(i for r in (1e3, 1e4, 1e5) for i in _arc((0.0, r, 0.0), r, -quarter, 50.0 / r))),
-    )
+    first, last = _arc((0.0, 0.0, 0.0), 8.0, 0.0, -2.0), _arc((0.0, 0.0, 0.0), 8.0, -2.0, -1.0)
+    yield Case("arc after arc", (_ABOVE, *first, last[1]))
+    small = [_arc((5.0, 5.0, 0.0), r, 1.0, -quarter) for r in (1.0, 0.2, 0.05)]
+    yield Case("small arcs", (_ABOVE, *chain.from_iterable(small)))
+    flat = [_arc((0.0, r, 0.0), r, -quarter, 50.0 / r) for r in (1e3, 1e4, 1e5)]
+    yield Case("flat arcs", (_ABOVE, *chain.from_iterable(flat)))
     planes = [
         rotation_about(0, _PI / 2),
         rotation_about(1, _PI / 2),
         rotation_about_axis(np.array([0.6, 0.8, 0.0]), 1),
     ]
-    yield Case(
-        "arcs in space",
-        (_ABOVE, *(i for p in planes for i in _arc((0.0, 0.0, 30.0), 9.0, 0.2, 2.5, p))),
-    )
+    tilted = [_arc((0.0, 0.0, 30.0), 9.0, 0.2, 2.5, plane) for plane in planes]
+    yield Case("arcs in space", (_ABOVE, *chain.from_iterable(tilted)))
 
 
 def _forces() -> Iterator[Case]:
@@ -256,12 +235,27 @@ def _forces() -> Iterator[Case]:
     )
 
 
-#: Comments that try to end, to start an instruction, or to reach the controller's parser in another way.
+#: Comments that try to end the comment, to start an instruction, or to reach the parser of the
+#: controller in another way.
 HOSTILE = (
-    ") M3 S9999 (", "* / ; G0 Z-50", "\nG0 Z-50", "\r\nMoveL p1,v100,fine,tool0;", "! ~ ? \x18 \x00", "'Stop", "%",
-    "#1=5", "ENDPROC ENDMODULE", "End Sub", ".END", '" & Run evil', "(MSG, hello)", "Größe ☃ \u2028 next", "", " ",
+    ") M3 S9999 (",
+    "* / ; G0 Z-50",
+    "\nG0 Z-50",
+    "\r\nMoveL p1,v100,fine,tool0;",
+    "! ~ ? \x18 \x00",
+    "'Stop",
+    "%",
+    "#1=5",
+    "ENDPROC ENDMODULE",
+    "End Sub",
+    ".END",
+    '" & Run evil',
+    "(MSG, hello)",
+    "Größe ☃ \u2028 next",
+    "",
+    " ",
     "x" * 500,
-)  # fmt: skip
+)
 
 
 def _words() -> Iterator[Case]:
@@ -280,20 +274,22 @@ def _words() -> Iterator[Case]:
 
 
 def cases() -> list[Case]:
-    """All cases, in order."""
-    on, off = Output("process", 1.0), Output("process", 0.0)
-    joints = tuple(MoveJ(Joints(tuple(0.1 * k * s for k in range(1, 7))), 80.0) for s in (1, -1, 3))
+    """Return all cases, in order."""
+    on, stop = Output("process", 1.0), Output("process", 0.0)
+    joints: list[Instruction] = []
+    for sign in (1, -1, 3):
+        joints.append(MoveJ(Joints(tuple(0.1 * k * sign for k in range(1, 7))), 80.0))
     blends = tuple(
         _line(10.0 + 20 * i, 20.0 * (i % 2), 0.0, 20.0, b)
         for i, b in enumerate((5.0, 1.0, 0.3, 0.0))
     )
     corners = tuple(MoveJ(_at(50.0 * i, 0.0, 20.0), 90.0, b) for i, b in enumerate((5.0, 0.0)))
-    many = tuple(
+    lines = tuple(
         _line(float(i), float(i % 7), 0.0, 20.0, 0.0 if i % 10 == 9 else 1.0) for i in range(200)
     )
     return [
         Case("nothing", ()),
-        Case("joint moves", joints),
+        Case("joint moves", tuple(joints)),
         Case("moves to poses", (_ABOVE, *corners)),
         Case(
             "straight moves",
@@ -303,7 +299,7 @@ def cases() -> list[Case]:
         Case("blending arcs", (_ABOVE, *(_blending_arcs()))),
         Case(
             "process",
-            (_ABOVE, on, _line(40.0, 10.0), off, _line(0.0, 0.0), on, Wait(0.25), off),
+            (_ABOVE, on, _line(40.0, 10.0), stop, _line(0.0, 0.0), on, Wait(0.25), stop),
             altered="body",
         ),
         Case("signals", (_ABOVE, Output("glue", 1.0), _line(40.0, 10.0), Output("glue", 0.0))),
@@ -324,12 +320,12 @@ def cases() -> list[Case]:
             work=Pose(rotation_about(2, 0.5), (450.125, -120.5, 35.0625)),
         ),
         Case("numbers of the text", (_ABOVE, _line(40.0, 10.0)), altered="all"),
-        Case("stops", (_ABOVE, on, _line(40.0, 10.0), off, Stop(), _line(0.0, 0.0), Stop())),
+        Case("stops", (_ABOVE, on, _line(40.0, 10.0), stop, Stop(), _line(0.0, 0.0), Stop())),
         Case("optional stops", (_ABOVE, Stop(True), _line(40.0, 10.0), Stop(True))),
         Case("tool changes", _change_tools(), altered="body"),
         *_reorientations(),
-        Case("many lines", (_ABOVE, *many)),
-        Case("several files", (_ABOVE, *many, on, Wait(0.5), off), options={"max_lines": 50}),
+        Case("many lines", (_ABOVE, *lines)),
+        Case("several files", (_ABOVE, *lines, on, Wait(0.5), stop), options={"max_lines": 50}),
         *_numbers(),
         *_arcs(),
         *_orientations(),
@@ -339,14 +335,12 @@ def cases() -> list[Case]:
 
 
 def _change_tools() -> Body:
-    """Two tools, each with a cut."""
     cut = (_ABOVE, _line(10.0, 10.0), _line(40.0, 10.0), _line(40.0, 10.0, 20.0))
     mill, drill = ToolChange(2, "mill", 6.0, 50.0), ToolChange(12, "drill", 3.5, 62.5)
     return (mill, *cut, drill, *cut)
 
 
 def _reorientations() -> Iterator[Case]:
-    """The tool turns where the TCP stays: about the vertical, and with a tilt."""
     upright = [TOOL_DOWN @ rotation_about(2, math.radians(a)) for a in (30.0, -45.0)]
     tilted = [TOOL_DOWN @ rotation_about(0, math.radians(a)) for a in (15.0, 40.0)]
     for name, rotations in (("turns on the spot", upright), ("tilts on the spot", tilted)):
@@ -365,29 +359,32 @@ def _blending_arcs() -> Iterator[Instruction]:
             yield MoveC(item.via, item.target, item.speed, blend)
 
 
-#: What a replacement of an arc may deviate in these cases, mm.
+#: mm: distance by which the replacement of an arc may leave it in these cases.
 CHORD = 0.01
 
 
-def _tilt(pose: Pose) -> bool:
+def _is_tilted(pose: Pose) -> bool:
     return math.hypot(*pose.rotation[:2, 2]) > 1e-12 or pose.rotation[2, 2] > 0
 
 
-def _poses(item: Instruction) -> list[Pose]:
+def _list_poses(item: Instruction) -> list[Pose]:
     if not isinstance(item, (MoveJ, MoveL, MoveC)) or isinstance(item.target, Joints):
         return []
     return [item.target, item.via] if isinstance(item, MoveC) else [item.target]
 
 
-#: What a controller may lack, each with the instructions that use it. Anything else may not be refused.
+#: Features that a controller may lack, each with the instructions that use it. A post may refuse
+#: nothing else.
 FEATURES: Mapping[str, Callable[[Instruction], bool]] = {
     "arcs": lambda item: isinstance(item, MoveC),
     "force": lambda item: (
         isinstance(item, Force) or (isinstance(item, (MoveL, MoveC)) and item.force > 0)
     ),
     "joints": lambda item: isinstance(item, MoveJ) and isinstance(item.target, Joints),
-    "turn": lambda item: any(not np.array_equal(pose.rotation, TOOL_DOWN) for pose in _poses(item)),
-    "tilt": lambda item: any(_tilt(pose) for pose in _poses(item)),
+    "turn": lambda item: any(
+        not np.array_equal(pose.rotation, TOOL_DOWN) for pose in _list_poses(item)
+    ),
+    "tilt": lambda item: any(map(_is_tilted, _list_poses(item))),
     "process": lambda item: isinstance(item, Output) and item.signal == "process",
     "spindle": lambda item: isinstance(item, Output) and item.signal == "spindle",
     "signals": lambda item: isinstance(item, Output) and item.signal not in ("process", "spindle"),
@@ -399,9 +396,10 @@ FEATURES: Mapping[str, Callable[[Instruction], bool]] = {
     "fine blends": lambda item: isinstance(item, (MoveJ, MoveL, MoveC)) and 0 < item.blend < 1,
     "slow": lambda item: isinstance(item, (MoveJ, MoveL, MoveC)) and item.speed < 1,
     "fast": lambda item: isinstance(item, (MoveJ, MoveL, MoveC)) and item.speed > 200,
-    "large": lambda item: any(max(map(abs, pose.origin)) > 2e3 for pose in _poses(item)),
+    "large": lambda item: any(max(map(abs, pose.origin)) > 2e3 for pose in _list_poses(item)),
 }
-#: What a controller may lack as a whole, refused with index -1: names it cannot take, programs longer than one file.
+#: Features whose lack refuses a whole program, with index -1: names that the controller cannot
+#: take, and programs longer than one file.
 WHOLE = ("names", "split")
 
 
@@ -423,14 +421,14 @@ def check_case(
     lacks: Collection[str] = (),
     meaningless: Collection[str] = (),
 ) -> None:
-    """Raises AssertionError with all findings of one case.
+    """Check one case. Raises AssertionError with all its findings.
 
-    lacks: keys of ``FEATURES`` or ``WHOLE`` that the controller has not.
-    meaningless: patterns of what may change in the text without a meaning, such as remarks; where a
-        pattern has a group, the group is meant.
+    lacks: keys of `FEATURES` or `WHOLE` that the controller does not have.
+    meaningless: patterns of text that may change without a change of the meaning, such as remarks;
+        in a pattern with a group, the text of the group.
     """
     kit = _Kit(post, language, dict(options or {}), lacks, meaningless)
-    findings = list(_findings(kit, case))
+    findings = list(_find_findings(kit, case))
     if findings:
         raise AssertionError("\n".join(findings))
 
@@ -442,21 +440,20 @@ def conformance(
     lacks: Collection[str] = (),
     meaningless: Collection[str] = (),
 ) -> list[str]:
-    """The findings of all cases, one line each; none for a post that conforms."""
+    """Return the findings of all cases, one line each; empty for a post that conforms."""
     kit = _Kit(post, language, dict(options or {}), lacks, meaningless)
     findings: list[str] = []
     for case in cases():
-        findings += _findings(kit, case)
+        findings += _find_findings(kit, case)
     return findings
 
 
 def _spell(program: Program) -> bytes:
-    """All numbers and words of a program."""
     words = (program.name, program.header, program.base_from_work, program.flange_from_tool)
     return msgspec.json.encode([*words, *program.body, *program.paths], enc_hook=np.ndarray.tolist)
 
 
-def _findings(kit: _Kit, case: Case) -> Iterator[str]:
+def _find_findings(kit: _Kit, case: Case) -> Iterator[str]:
     post, lacks = kit.post, kit.lacks
     unknown = set(lacks) - set(FEATURES) - set(WHOLE)
     if unknown:
@@ -481,7 +478,8 @@ def _findings(kit: _Kit, case: Case) -> Iterator[str]:
         yield f"{case}: rendering changes the program"
     if files != again:
         yield f"{case}: the same program gives two texts"
-    yield from (f"{case}: {line}" for file in files for line in _illegal(file, post, case.clean))
+    for file in files:
+        yield from (f"{case}: {line}" for line in _find_illegal(file, post, case.clean))
     if len({file.name for file in files}) < len(files) or not files:
         yield f"{case}: no file, or two with one name"
         return
@@ -500,7 +498,7 @@ def _findings(kit: _Kit, case: Case) -> Iterator[str]:
 
 
 class _Check(NamedTuple):
-    """How a text of a case is judged: by the read-back with its options, and the comparison."""
+    """The check of a text of a case: the read-back with its options, and the comparison."""
 
     post: Post
     readback: Readback
@@ -508,16 +506,14 @@ class _Check(NamedTuple):
     prepared: Program
     tolerance: Tolerance
 
-    def judge(self, file: OutputFile) -> Executed:
-        """Runs a text. Raises VerifyError for a text that is not the prepared program."""
+    def run(self, file: OutputFile) -> Executed:
+        """Run a text. Raises VerifyError for a text that is not the prepared program."""
         executed = self.readback({file.name: file.text}, self.options)
-        words = self.post.list_verified()
-        compare(self.prepared, executed, self.tolerance, words, file.name)
+        compare(self.prepared, executed, self.tolerance, self.post.list_verified(), file.name)
         return executed
 
 
 def _find_unknown(language: Language, texts: Mapping[str, str], prepared: Program) -> Iterator[str]:
-    """The findings of `camgen verify` for a program that the post has just written."""
     (name, text), *_ = texts.items()
     if not language.recognise(text) and not name.lower().endswith(language.suffixes):
         yield "the language neither recognises the text nor has the suffix of its file"
@@ -536,12 +532,11 @@ def _find_unknown(language: Language, texts: Mapping[str, str], prepared: Progra
 
 
 def _find_unseen(kit: _Kit, case: Case, check: _Check, file: OutputFile) -> Iterator[str]:
-    """The changes of a number that the read-back and the comparison accept."""
-    lines = check.judge(file).lines
+    lines = check.run(file).lines
     first_line = int(lines[0]) if case.altered == "body" else 1
     for change in alter_numbers(file.text, first_line):
         try:
-            check.judge(OutputFile(file.name, change.text))
+            check.run(OutputFile(file.name, change.text))
         except VerifyError:
             continue
         except CamgenError as error:
@@ -552,12 +547,12 @@ def _find_unseen(kit: _Kit, case: Case, check: _Check, file: OutputFile) -> Iter
 
 
 def _find_unfounded(refusal: Refused, program: Program, lacks: Collection[str]) -> Iterator[str]:
-    """What is wrong with a refusal."""
     if not refusal.what.strip():
         yield "refused without a reason"
     if refusal.index < 0:
         if not set(WHOLE) & set(lacks):
-            yield f"refused as a whole, though it lacks neither {WHOLE[0]} nor {WHOLE[1]}: {refusal}"
+            lacked = f"neither {WHOLE[0]} nor {WHOLE[1]}"
+            yield f"refused as a whole, though it lacks {lacked}: {refusal}"
     elif refusal.index >= len(program.body):
         yield f"refused instruction {refusal.index}, which is not there: {refusal}"
     elif not any(
@@ -567,27 +562,27 @@ def _find_unfounded(refusal: Refused, program: Program, lacks: Collection[str]) 
         yield f"refused a {kind} that uses nothing the controller is said to lack: {refusal}"
 
 
-#: Numbers that no controller takes, or that none should be given: not a number, an exponent of Python's, minus zero.
+#: Numbers that controllers do not read, or should not get: NaN, an exponent of Python, minus zero.
 _BAD_NUMBERS = {
-    "a number that is none": re.compile(r"(?i)(?:\b|(?<=[=,( ][a-z]))(?:nan|inf)\b"),
+    "NaN or infinity": re.compile(r"(?i)(?:\b|(?<=[=,( ][a-z]))(?:nan|inf)\b"),
     "an exponent": re.compile(r"\d[eE][+-]\d|\d\.\d*[eE]\d"),
     "a minus zero": re.compile(r"-0+(?:\.0*)?(?![\d.])"),
 }
 
 
-def _illegal(file: OutputFile, post: type[Post], clean: bool) -> Iterator[str]:
-    """What no text may hold."""
+def _find_illegal(file: OutputFile, post: type[Post], clean: bool) -> Iterator[str]:
     if not file.name or file.name != file.name.strip() or re.search(r"[/\\\x00-\x1f]", file.name):
-        yield f"{file.name!r} is no file name"
+        yield f"{file.name!r} is not a file name"
     if not file.name.endswith((post.suffix, *post.data_suffixes)):
         yield f"{file.name} does not end with {' or '.join((post.suffix, *post.data_suffixes))}"
     if not file.text.isascii():
         yield f"{file.name} is not ASCII"
     if re.search(r"[^\n\t -~]", file.text):
-        yield f"{file.name} has a control character; lines end with \\n, the post's own newline is put in later"
+        what = "lines end with \\n, the newline of the post is set later"
+        yield f"{file.name} has a control character; {what}"
     if not file.text.endswith("\n"):
         yield f"{file.name} does not end with a newline"
     for what, pattern in _BAD_NUMBERS.items():
-        for found in list(pattern.finditer(file.text))[: int(clean)]:
-            line = file.text.count("\n", 0, found.start()) + 1
+        for match in list(pattern.finditer(file.text))[: int(clean)]:
+            line = file.text.count("\n", 0, match.start()) + 1
             yield f"{file.name} has {what} in line {line}: {file.text.splitlines()[line - 1]}"

@@ -53,9 +53,11 @@ def limit_tolerance(tolerance: Tolerance, chord: float) -> Tolerance:
     """
     if tolerance.mm > chord * _ARITHMETIC:
         digit = short(tolerance.mm, 6)
-        what = f"coordinates are printed to {digit} mm, but tolerance.chord = {short(chord, 6)}"
-        remedy = f"raise post.decimals, or set tolerance.chord = {digit}"
-        raise JobError("[post] decimals", what, remedy=remedy)
+        raise JobError(
+            "[post] decimals",
+            f"coordinates are printed to {digit} mm, but tolerance.chord = {short(chord, 6)}",
+            remedy=f"raise post.decimals, or set tolerance.chord = {digit}",
+        )
     return replace(tolerance, mm=min(tolerance.mm, chord))
 
 

@@ -1,5 +1,7 @@
-"""Named passes that replace an instruction by ones that every controller has. Each is a function of the pose where the
-motion starts, the motion, and the distance (mm) by which the replacement may leave it.
+"""Named passes that replace an instruction by ones that every controller has.
+
+A pass is a function of the pose at which the motion starts, the motion, and the distance by which
+the replacement may leave it, mm.
 """
 
 from __future__ import annotations
@@ -18,17 +20,18 @@ from camgen.model.tolerance import SMALLEST_ZONE, ZONES
 
 #: Blends, mm, at the seam of two arcs of one circle, the largest first.
 SEAMS = (*ZONES, SMALLEST_ZONE)
-#: A unit vector as near as this to the tool's axis is along it.
+#: A unit vector whose distance from the tool axis is smaller is along it.
 _ALONG = 1e-9
 
 Pass = Callable[[Pose, MoveC, float], list[MoveL | MoveC]]
 
 
 def chords(start: Pose, arc: MoveC, tolerance: float) -> list[MoveL | MoveC]:
-    """The arc as straight lines, sagitta R (1 - cos(step / 2)) <= tolerance. Orientation turns evenly with the arc.
+    """Replace an arc by straight lines, sagitta R (1 - cos(step / 2)) <= tolerance.
 
-    The blend of the arc stays with its last line. Between the lines the tool flies by: a zone reaches at most half-way
-    to the next corner, and from there the corner of two chords is cut by no more than their sagitta.
+    The orientation changes linearly along the arc. The last line has the blend of the arc. The
+    other lines have blends: a zone reaches at most half-way to the next corner, so the corner of
+    two chords is cut by no more than their sagitta.
     """
     _, radius, axis, sweep = circle(start.origin, arc.via.origin, arc.target.origin)
     step = 2 * math.acos(max(-1.0, 1 - tolerance / radius)) if tolerance < radius else math.pi / 2
@@ -36,11 +39,8 @@ def chords(start: Pose, arc: MoveC, tolerance: float) -> list[MoveL | MoveC]:
     blend = max(corner_blend(sweep / count, tolerance), ZONES[-1])
     poses = along(start, arc, [k / count for k in range(1, count)])
     presses = _press(arc, poses, axis, sweep)
-    lines: list[MoveL | MoveC] = [
-        MoveL(pose, arc.speed, blend, arc.force, press, None, None, arc.path, arc.work)
-        for pose, press in zip(poses, presses, strict=True)
-    ]
-    last = (
+    last = MoveL(
+        arc.target,
         arc.speed,
         arc.blend,
         arc.force,
@@ -50,12 +50,16 @@ def chords(start: Pose, arc: MoveC, tolerance: float) -> list[MoveL | MoveC]:
         arc.path,
         arc.work,
     )
-    lines.append(MoveL(arc.target, *last))
-    return lines
+    inner = replace(last, blend=blend, joints=None, posture=None)
+    lines: list[MoveL | MoveC] = [
+        replace(inner, target=pose, force_direction=press)
+        for pose, press in zip(poses, presses, strict=True)
+    ]
+    return [*lines, last]
 
 
 def halves(start: Pose, arc: MoveC, tolerance: float) -> list[MoveL | MoveC]:
-    """The arc as two arcs of half the sweep, exact.
+    """Replace an arc by two arcs of half the sweep, which is exact.
 
     A controller passes the seam between them without a stop if it keeps the tolerance there.
     """
@@ -78,10 +82,13 @@ def halves(start: Pose, arc: MoveC, tolerance: float) -> list[MoveL | MoveC]:
 
 
 def halve_each(columns: Columns, arcs: Indices, tolerance: float) -> tuple[Indices, Body]:
-    """Those of the motions ``arcs``, which make arcs, that are halved by column, and a body of three instructions for
-    each: a motion to where it starts, then the same two arcs as ``halves`` makes, to the last bit.
+    """Halve arcs by column, with the same results as `halves` to the last bit.
 
-    These are level, say nothing that is no column, and start from a pose with the rotation of their end.
+    arcs: motions that are arcs. Only those are halved that are level, have all their properties in
+        columns, and start from a pose with the rotation of their end.
+
+    Returns the halved arcs, and a body of three instructions for each: a motion to its start, then
+    its two halves.
     """
     packed = pack(columns.body).packed
     before = np.maximum(arcs - 1, 0)
@@ -117,10 +124,10 @@ def halve_each(columns: Columns, arcs: Indices, tolerance: float) -> tuple[Indic
 def _along_level(
     start: FloatArray, via: FloatArray, end: FloatArray, fractions: Sequence[float]
 ) -> tuple[FloatArray, FloatArray, list[FloatArray]]:
-    """Radius (N,), sweep (N,) and points (N, 3) of level arcs at fractions of their sweeps.
+    """Compute radius (N,), sweep (N,) and points (N, 3) of level arcs at fractions of their sweeps.
 
-    It computes ``circle`` and ``turn_about``, operation by operation. Sines are those of single
-    numbers, because those of numpy differ in the last bit.
+    It does the same operations as `circle` and `turn_about`. Sines are computed one by one, because
+    those of numpy differ in the last bit.
     """
     u, w = (via - start)[:, :2], (end - start)[:, :2]
     uu, ww = (side[:, 0] * side[:, 0] + side[:, 1] * side[:, 1] for side in (u, w))
@@ -131,16 +138,17 @@ def _along_level(
     sweep = _each(math.atan2, up * (cy * lx - cx * ly), -cx * lx - cy * ly) % (2 * math.pi)
     centre = np.column_stack([start[:, 0] + cx, start[:, 1] + cy])
     arm = start[:, :2] - centre
-    made = []
+    points = []
     for fraction in fractions:
         c, s = (_each(f, sweep * fraction) for f in (math.cos, math.sin))
         x, y = c * arm[:, 0] - s * (up * arm[:, 1]), c * arm[:, 1] + s * (up * arm[:, 0])
-        made.append(np.column_stack([centre[:, 0] + x, centre[:, 1] + y, start[:, 2]]))
-    return np.hypot(arm[:, 0], arm[:, 1]), sweep, made
+        points.append(np.column_stack([centre[:, 0] + x, centre[:, 1] + y, start[:, 2]]))
+    return np.hypot(arm[:, 0], arm[:, 1]), sweep, points
 
 
 def _each(function: Callable[..., float], *values: FloatArray) -> FloatArray:
-    return np.fromiter(map(function, *(one.tolist() for one in values)), np.float64, len(values[0]))
+    columns = (column.tolist() for column in values)
+    return np.fromiter(map(function, *columns), np.float64, len(values[0]))
 
 
 #: The passes by the name under which a post lists them.
@@ -148,37 +156,41 @@ PASSES: dict[str, Pass] = {"halves": halves, "chords": chords}
 
 
 def corner_blend(turn: float, tolerance: float) -> float:
-    """The largest usual blend radius (mm) that leaves a corner of ``turn`` rad by at most ``tolerance`` mm.
+    """Choose the largest blend radius, mm, that leaves a corner by at most `tolerance` mm.
 
-    A blend that starts b before the corner follows a parabola, which passes the corner at b sin(turn / 2) / 2. The
-    result is one of 0 (stop), 0.3, 1 and 5 mm: the usual fly-by zones.
+    A blend that starts b before the corner follows a parabola, which passes the corner at a
+    distance of b sin(turn / 2) / 2. The result is one of the usual zones 0 (stop), 0.3, 1 and 5 mm.
+
+    turn: corner angle, rad.
     """
     reach = 2 * tolerance / max(math.sin(min(abs(turn), math.pi) / 2), 1e-9)
     return next((zone for zone in ZONES if zone <= reach), 0.0)
 
 
 def seam_blends(radius: FloatArray, sweep: FloatArray, tolerance: float) -> FloatArray:
-    """(N,) the largest usual blend, mm, in the middle of an arc that becomes two; 0 is a stop.
+    """Choose the largest usual blend (N,), mm, in the middle of a halved arc; 0 is a stop.
 
     A controller that runs both halves at once leaves the arc by 2 R (1 - cos(b / 4R)). A
     controller that runs a parabola with the tangents of both leaves it by
     R (1 - cos(b / R))^2 / (2 cos(b / R)). Both cut a blend at half of either half.
 
-    radius: (N,) mm.
-    sweep: (N,) rad, up to a turn.
-    tolerance: mm.
+    radius: (N,) radius, mm.
+    sweep: (N,) sweep of the whole arc, rad.
+    tolerance: allowed distance from the arc, mm.
     """
     blend, across = np.array(SEAMS), radius[:, None]
     angle = np.minimum(blend / np.maximum(across, 1e-9), sweep[:, None] / 4)
     both = 2 * across * (1 - np.cos(angle / 4))
     cosine = np.maximum(np.cos(angle), 1e-9)
-    parabola = across * (1 - cosine) ** 2 / (2 * cosine)
-    fits = np.maximum(both, parabola) <= tolerance
+    fits = np.maximum(both, across * (1 - cosine) ** 2 / (2 * cosine)) <= tolerance
     return np.asarray(np.where(fits.any(axis=1), blend[np.argmax(fits, axis=1)], 0.0))
 
 
 def along(start: Pose, arc: MoveC, fractions: Sequence[float]) -> list[Pose]:
-    """Poses on the arc at fractions 0..1 of its sweep; the orientation turns from start through via to target."""
+    """Compute poses on the arc at fractions of its sweep, 0 to 1.
+
+    The orientation changes from start through via to target.
+    """
     centre, _, axis, sweep = circle(start.origin, arc.via.origin, arc.target.origin)
     arm = subtract(start.origin, centre)
     same = start.rotation is arc.target.rotation or np.array_equal(
@@ -192,8 +204,8 @@ def along(start: Pose, arc: MoveC, fractions: Sequence[float]) -> list[Pose]:
     return poses
 
 
-def without_force(program: Program) -> Program:
-    """The program without force control: for a job that says to ignore it. Nothing else changes."""
+def remove_force(program: Program) -> Program:
+    """Return the program without force control, for a job that ignores it."""
     body: list[Instruction] = []
     for item in program.body:
         if isinstance(item, (MoveL, MoveC)) and (item.force or any(item.force_direction)):
@@ -204,24 +216,25 @@ def without_force(program: Program) -> Program:
 
 
 def _turning(start: Pose, arc: MoveC, fraction: float) -> FloatArray:
-    """The orientation at ``fraction``: evenly to the via point, evenly on. Half a turn has no shorter way otherwise."""
+    """Interpolate the orientation to the via point, and from it to the target.
+
+    Between orientations half a turn apart neither direction would be shorter.
+    """
     if fraction <= 0.5:
         return rotation_between(start.rotation, arc.via.rotation, 2 * fraction)
     return rotation_between(arc.via.rotation, arc.target.rotation, 2 * fraction - 1)
 
 
 def _press(arc: MoveC, poses: Sequence[Pose], axis: Vec3, sweep: float) -> list[Vec3]:
-    """The press direction at the inner points of equal pieces, which has ``arc`` at its end: along the tool where that
-    presses along itself, however it turns, else turned with the arc.
+    """Compute the force direction at the inner points of equal pieces of an arc.
+
+    If the arc presses along the tool axis, so do the pieces. Otherwise the direction rotates with
+    the arc.
     """
     press = arc.force_direction
     if not any(press):
         return [press] * len(poses)
     if math.dist(press, arc.target.rotation[:, 2].tolist()) < _ALONG:
-        return [_axis_of(pose) for pose in poses]
+        return [to_vec3(pose.rotation[:, 2]) for pose in poses]
     count = len(poses) + 1
     return [turn_about(press, axis, sweep * (i / count - 1)) for i in range(1, count)]
-
-
-def _axis_of(pose: Pose) -> Vec3:
-    return to_vec3(pose.rotation[:, 2])

@@ -44,14 +44,17 @@ class Installed(Struct, frozen=True):
 
 
 def find_post(name: str) -> type[Post]:
-    """The post class called ``name``, or defined in the file ``name`` (a path that ends in .py). JobError if none."""
+    """Find the post class `name`, or the one in the file `name`, a path that ends in .py.
+
+    Raises JobError if there is no such post.
+    """
     if name.endswith(".py"):
-        post = _only(name)
+        post = _load_only_post(name)
     else:
         loaded = load(find(list_entries(POSTS), name, "post", _LISTS))
         if not (isinstance(loaded, type) and issubclass(loaded, Post)):
             raise JobError(
-                f"post {name}", "is not a camgen.post.Post", remedy="mend or remove its package"
+                f"post {name}", "is not a camgen.post.Post", remedy="repair or remove its package"
             )
         post = loaded
     check_members(f"post {name}", POST_CLASS, post, CORRECT_POST)
@@ -59,16 +62,19 @@ def find_post(name: str) -> type[Post]:
 
 
 def find_readback(name: str) -> Readback:
-    """The read-back of the post `name`: a strict run of the language of its controller.
+    """Find the read-back of the post `name`: a strict run of the language of its controller.
 
     The language of a post in a Python file is its function `run`. Each result is checked. Raises
     JobError if there is no language.
     """
     if name.endswith(".py"):
-        run = getattr(_module(name), "run", None)
+        run = getattr(_load_module(name), "run", None)
         if not callable(run):
-            what = "has no function run(files, ask), the language that its post writes"
-            raise JobError(name, what, remedy="docs/writing-a-post.md shows one")
+            raise JobError(
+                name,
+                "has no function run(files, ask), the language that its post writes",
+                remedy="docs/writing-a-post.md shows one",
+            )
         return partial(read_back, CheckedRun(f"language {name}", run))
     return partial(read_back, find_language(name).run)
 
@@ -78,7 +84,7 @@ def read_back(
     files: Mapping[str, str],
     options: Mapping[str, object],
 ) -> Executed:
-    """The strict run of a program that a post wrote.
+    """Run a program that a post wrote with the strict rules of its language.
 
     run: function of the language.
     files: texts by name, in the order written.
@@ -88,28 +94,21 @@ def read_back(
 
 
 def list_installed() -> list[Installed]:
-    """All posts by name; a broken one is listed with its reason."""
-    found = []
+    """List all posts by name; a broken one has its reason."""
+    posts = []
     for entry in list_entries(POSTS):
+        origin = find_origin(entry)
         try:
             post = find_post(entry.name)
         except JobError as error:
-            found.append(Installed(entry.name, find_origin(entry), "", "", str(error)))
+            posts.append(Installed(entry.name, origin, "", "", str(error)))
             continue
-        found.append(
-            Installed(
-                entry.name,
-                find_origin(entry),
-                post.about,
-                post.suffix,
-                _find_no_language(entry.name),
-            )
-        )
-    return found
+        reason = _explain_no_language(entry.name)
+        posts.append(Installed(entry.name, origin, post.about, post.suffix, reason))
+    return posts
 
 
-def _find_no_language(name: str) -> str:
-    """The reason why an installed post has no language, empty if it has one."""
+def _explain_no_language(name: str) -> str:
     if name in {entry.name for entry in list_entries(LANGUAGES)}:
         try:
             find_language(name)
@@ -124,14 +123,15 @@ def _find_no_language(name: str) -> str:
 
 @cache
 def _read_hints(post: type[Post]) -> dict[str, Any]:
-    """The types of the options of a post."""
     return get_type_hints(post)
 
 
 def make_post(post: type[Post], options: Mapping[str, object]) -> Post:
-    """The post with the options of ``[post]``; JobError for one that it does not have or of another type.
+    """Make the post with the options of `[post]`.
 
-    A table, such as ``signals``, is laid over the default of the post (``fill_tables``).
+    A table, such as `signals`, is added to the default of the post (`fill_tables`).
+
+    Raises JobError for an option that the post does not have, or of another type.
     """
     known = {f.name: f for f in dataclasses.fields(post) if f.init}
     hints = _read_hints(post) if options else {}
@@ -150,9 +150,10 @@ def make_post(post: type[Post], options: Mapping[str, object]) -> Post:
 
 
 def fill_tables(post: type[Post], options: Mapping[str, object]) -> dict[str, object]:
-    """``options`` with the entries of the post's defaults that a table among them does not name: who adds an output
-    keeps the others. A default gives way where the table gives its value, the output, to another name. A read-back has
-    to be given the same.
+    """Add to the tables of `options` the entries of the post's defaults that they do not name.
+
+    So a job that adds an output keeps the others. A default is dropped if the table gives its
+    value, the output, to another name. The read-back needs the same tables.
 
     >>> from camgen_posts.rapid import Rapid
     >>> fill_tables(Rapid, {"signals": {"flood": "doFlood"}})["signals"]
@@ -173,7 +174,7 @@ def fill_tables(post: type[Post], options: Mapping[str, object]) -> dict[str, ob
     return filled
 
 
-def _module(path: str) -> object:
+def _load_module(path: str) -> object:
     file = Path(path)
     if not file.is_file():
         raise JobError(path, "no such file")
@@ -181,42 +182,38 @@ def _module(path: str) -> object:
     if spec is None or spec.loader is None:
         raise JobError(path, "is not a Python file")
     module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # where dataclasses and type hints look their names up
+    sys.modules[spec.name] = module  # in which dataclasses and type hints find their names
     try:
         spec.loader.exec_module(module)
-    # As with entry points: a foreign file may fail in any way, and the user is told its reason.
+    # As with entry points: a third-party file may fail in any way, and the user gets its reason.
     except Exception as error:
         raise JobError(path, f"cannot be loaded: {type(error).__name__}: {error}") from error
     return module
 
 
-def _only(path: str) -> type[Post]:
-    module = _module(path)
-    found = [
-        value
-        for value in vars(module).values()
-        if isinstance(value, type)
-        and issubclass(value, Post)
-        and value.__module__ == getattr(module, "__name__", "")
-    ]
-    if len(found) != 1:
+def _load_only_post(path: str) -> type[Post]:
+    module = _load_module(path)
+    name = getattr(module, "__name__", "")
+    classes = [value for value in vars(module).values() if isinstance(value, type)]
+    posts = [each for each in classes if issubclass(each, Post) and each.__module__ == name]
+    if len(posts) != 1:
         raise JobError(
-            path, f"defines {len(found)} posts", remedy="a post file defines exactly one"
+            path, f"defines {len(posts)} posts", remedy="a post file defines exactly one"
         )
-    return found[0]
+    return posts[0]
 
 
 def cell_of(post: Post, job: Job) -> Cell:
-    """The built-in cell of the post, with what its machine is taken to do by the options of the post and the job."""
+    """Return the built-in cell of the post, with the dynamics by options and job."""
     cell = post.cell()
     check_value(name_post(post), CELL, cell, CORRECT_POST)
     return replace(cell, pace=dynamics_of(post, job))
 
 
 def dynamics_of(post: Post, job: Job) -> Dynamics:
-    """What the post takes its machine to do, with the acceleration of the job."""
-    own, pace = job.process.acceleration, post.dynamics()
-    return replace(pace, acceleration=own) if own else pace
+    """Return the dynamics that the post assumes, with the acceleration of the job."""
+    acceleration, pace = job.process.acceleration, post.dynamics()
+    return replace(pace, acceleration=acceleration) if acceleration else pace
 
 
 def states_rounding(post: Post) -> bool:

@@ -207,12 +207,10 @@ def _number_ends(side: _Side) -> FloatArray:
 
 
 def _find_faults(match: _Match, chord: float, allowed: frozenset[str]) -> Iterator[_Fault]:
-    """The first motion that breaks each rule."""
     if len(match.last) < len(match.before.rows):
         yield _Fault(len(match.last), "the preparation loses this motion")
     elif len(match.owner) < len(match.after.rows):
-        row = max(len(match.last) - 1, 0)
-        yield _Fault(row, "the preparation adds motions after this one")
+        yield _Fault(max(len(match.last) - 1, 0), "the preparation adds motions after this one")
     if not len(match.last):
         return
     yield from _compare_columns(match)
@@ -291,16 +289,14 @@ def _are_pressed(match: _Match, places: Indices) -> Mask:
     lines = a.moves_are(MoveL)[rows]
     sound[lines] = (press[lines] == wanted[lines]).all(axis=1)
     circle = _make_circles(a, rows[arcs])
-    angle = circle.sweep - circle.measure(b.ends[pieces[arcs]])
-    turned = circle.turn(wanted[arcs], -angle)
+    turned = circle.turn(wanted[arcs], -(circle.sweep - circle.measure(b.ends[pieces[arcs]])))
     along = np.array([b.table[k][:, 2] for k in b.rotation[pieces[arcs]]]).reshape(-1, 3)
-    off = np.minimum(lengths(press[arcs] - turned), lengths(press[arcs] - along))
-    sound[arcs] = off <= _ON_TURN
+    deviation = np.minimum(lengths(press[arcs] - turned), lengths(press[arcs] - along))
+    sound[arcs] = deviation <= _ON_TURN
     return sound
 
 
 def _compare_special(match: _Match) -> Iterator[_Fault]:
-    """Joint values, postures, shares and speeds of turning, which only some motions have."""
     a, b = match.before.columns, match.after.columns
     rows, ends = match.rows, match.ends
     yield from _first(a.share[rows] != b.share[ends], None, "changes the share of the speeds")
@@ -328,7 +324,6 @@ def _compare_special(match: _Match) -> Iterator[_Fault]:
 
 
 def _list_joints(motion: Any) -> tuple[object, object, object]:
-    """Joint values and posture at the target, and the target if it is joint values."""
     target = motion.target if isinstance(motion.target, Joints) else None
     return motion.joints, motion.posture, target
 
@@ -369,8 +364,7 @@ class _Circles(Struct, frozen=True, eq=False):
         """(N,): the distance of points (N, 3) from the circle, mm."""
         arm = points - self.centre
         out = dots(arm, self.axis)
-        flat = arm - out[:, None] * self.axis
-        return np.hypot(out, lengths(flat) - self.radius)
+        return np.hypot(out, lengths(arm - out[:, None] * self.axis) - self.radius)
 
     def turn(self, vectors: FloatArray, angle: FloatArray) -> FloatArray:
         """Vectors (N, 3) turned about the axes by angles (N,), rad."""
@@ -403,7 +397,6 @@ def _measure_angles(axis: FloatArray, a: FloatArray, b: FloatArray) -> FloatArra
 
 
 def _check_curves(match: _Match, chord: float) -> Iterator[_Fault]:
-    """The arcs and lines that are replaced by others."""
     a, b = match.before.columns, match.after.columns
     rows, ends = match.rows, match.ends
     replaced = match.count > 1
@@ -478,8 +471,7 @@ def _leave_arcs(
         point = piece.centre + piece.turn(piece.start, share * piece.sweep)
         deviation = np.maximum(deviation, circle.leave(point))
     angle = circle.measure(via)
-    inside = (angle > begin) & (angle < end)
-    return np.where(inside, deviation, np.inf)
+    return np.where((angle > begin) & (angle < end), deviation, np.inf)
 
 
 def _check_turns(match: _Match, owner: Indices, pieces: Indices, inner: Mask) -> Iterator[_Fault]:
@@ -496,8 +488,7 @@ def _check_turns(match: _Match, owner: Indices, pieces: Indices, inner: Mask) ->
     same = (start == end) & (via == end)
     inside = [(np.flatnonzero(inner), b.rotation[pieces[inner]])]
     round_pieces = np.flatnonzero(b.moves_are(MoveC)[pieces])
-    places = np.searchsorted(b.arcs, pieces[round_pieces])
-    inside.append((round_pieces, b.via_rotation[places]))
+    inside.append((round_pieces, b.via_rotation[np.searchsorted(b.arcs, pieces[round_pieces])]))
     for which, turns in inside:
         known = _are_same_rotations(a.table, end[which], b.table, turns) & same[which]
         yield from _check_between(match, (start, via, end), which[~known], turns[~known], owner)
@@ -545,10 +536,10 @@ def _check_lines(match: _Match, rows: Indices) -> Iterator[_Fault]:
     direction = line / length[:, None]
     arm = b.ends[pieces] - start[which]
     along = dots(arm, direction[which])
-    off = lengths(arm - along[:, None] * direction[which])
+    deviation = lengths(arm - along[:, None] * direction[which])
     steps = np.diff(along, prepend=0.0)
     steps[starts_run(which)] = 0.0
-    sound = (off <= _ON_CURVE) & (steps >= -_ON_CURVE) & (along >= -_ON_CURVE)
+    sound = (deviation <= _ON_CURVE) & (steps >= -_ON_CURVE) & (along >= -_ON_CURVE)
     sound &= along <= length[which] + _ON_CURVE
     yield from _first(~sound, rows[which], "leaves a line")
     first, last = a.rotation[motions - 1][which], a.rotation[motions][which]
@@ -597,7 +588,6 @@ def _list_switches(side: _Side, allowed: frozenset[str]) -> _Switches:
 
 
 def _switch(item: Instruction) -> Instruction:
-    """A spindle that is on, whatever its speed, as one at 1 rpm."""
     if isinstance(item, Output) and item.signal == "spindle":
         return replace(item, value=float(item.value != 0))
     return item
@@ -617,9 +607,9 @@ def _find_switches(match: _Match, allowed: frozenset[str]) -> Iterator[tuple[int
     same = np.fromiter(map(eq, old.items[:size], new.items[:size]), np.bool_, size)
     wrong = np.flatnonzero(~same | known & (wanted != new.after[:size]))[:1].tolist()
     if wrong:
-        yield int(old.indices[wrong[0]]), _say_switch(old.items[wrong[0]])
+        yield int(old.indices[wrong[0]]), _describe_change(old.items[wrong[0]])
     elif len(old.items) > size:
-        yield int(old.indices[size]), _say_switch(old.items[size])
+        yield int(old.indices[size]), _describe_change(old.items[size])
     elif len(new.items) > size:
         yield len(match.before.columns.body), f"the preparation adds {_name(new.items[size])}"
     if "force" not in allowed:
@@ -627,7 +617,6 @@ def _find_switches(match: _Match, allowed: frozenset[str]) -> Iterator[tuple[int
 
 
 def _find_force_changes(match: _Match, old: _Switches, new: _Switches) -> Iterator[tuple[int, str]]:
-    """The first motion with another force change in force, or the end of the program."""
     if len(old.forces) == len(new.forces) == 1:
         return
     owner = match.owner
@@ -641,7 +630,7 @@ def _find_force_changes(match: _Match, old: _Switches, new: _Switches) -> Iterat
         yield index, "the preparation changes the force control at the end"
 
 
-def _say_switch(item: Instruction) -> str:
+def _describe_change(item: Instruction) -> str:
     return f"the preparation changes, moves or loses {_name(item)}"
 
 
@@ -668,7 +657,6 @@ def _are_same_rotations(
 
 
 def _stack(table: Sequence[FloatArray], places: Places) -> FloatArray:
-    """(N, 3, 3): rotations of a table."""
     return np.stack([table[place] for place in places.tolist()])
 
 

@@ -1,14 +1,15 @@
-"""The printed lines of a program: of most motions as forms with their numbers in columns, made text when a file is.
+"""The printed lines of a program, which become text when a file is made.
 
-A post that says how it prints motions by column (``Post.forms``) is asked for the lines of all other instructions
-alone. A form is filled in for thousands of motions at once, and the lines of a long program are never there one by one.
+Most motions are kept as forms, with their numbers in columns. A post that prints motions by column
+(`Post.forms`) prints only the other instructions one by one. A form is filled in for thousands of
+motions at once, so the lines of a long program are never in memory one by one.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cached_property
-from itertools import chain
+from itertools import chain, pairwise
 from typing import Any, overload
 
 import numpy as np
@@ -20,36 +21,40 @@ from camgen.model.pose import FloatArray
 from camgen.model.program import Columns, Instruction
 from camgen.model.text import fixed
 
-#: So many instructions become text at a time.
-_SOME = 8192
-#: As near as this to the middle between two digits, in digits, a number is rounded by itself.
+#: Number of instructions that become text at a time.
+_BLOCK = 8192
+#: Distance from the middle between two digits, in digits, within which a number is rounded alone.
 _NEAR = 1e-6
 
 
-def rounded(values: FloatArray, decimals: int) -> FloatArray:
-    """The numbers as ``fixed`` prints them, of any shape: rounded as their text is, and never -0.
+def round_numbers(values: FloatArray, decimals: int) -> FloatArray:
+    """Round numbers of any shape as `fixed` prints them; the result is never -0.
 
     >>> rounded(np.array([-0.0004, 2.0005, 0.0015]), 3).tolist()
     [0.0, 2.0, 0.002]
     """
-    found = np.empty(values.shape)
-    for low in range(0, len(values), _SOME):
-        some = slice(low, low + _SOME)
-        scaled = values[some] * 10.0**decimals
+    result = np.empty(values.shape)
+    for low in range(0, len(values), _BLOCK):
+        block = slice(low, low + _BLOCK)
+        scaled = values[block] * 10.0**decimals
         whole = np.rint(scaled)
-        found[some] = whole / 10.0**decimals + 0.0  # which makes -0 0
-        # Where a product may lie on the other side of the middle between two digits than the number itself.
-        near = np.abs(np.abs(scaled - whole) - 0.5) <= np.maximum(
-            _NEAR, 4 * np.spacing(np.abs(scaled))
-        )
-        found[some][near] = [float(fixed(value, decimals)) for value in values[some][near].tolist()]
-    return found
+        result[block] = whole / 10.0**decimals + 0.0  # which makes -0 0
+        # The product may be on the other side of the middle between two digits than the number.
+        limit = np.maximum(_NEAR, 4 * np.spacing(np.abs(scaled)))
+        near = np.abs(np.abs(scaled - whole) - 0.5) <= limit
+        exact = [float(fixed(value, decimals)) for value in values[block][near].tolist()]
+        result[block][near] = exact
+    return result
 
 
 class Forms(Struct, frozen=True, eq=False):
-    """How K motions are printed. rows: (K,) which of the motions, rising. form: (K,) of each its place in ``table``,
-    %-formats of its lines with LF between them. numbers: what all of them print, one after the other; counts: (K,) how
-    many each prints.
+    """The forms by which K motions are printed.
+
+    rows: (K,) indices of the motions, in increasing order.
+    form: (K,) index in `table` of the form of each motion.
+    table: forms; %-formats of the lines, with LF between them.
+    numbers: numbers of all motions, one after the other.
+    counts: (K,) number of numbers of each motion.
     """
 
     rows: Indices
@@ -59,23 +64,37 @@ class Forms(Struct, frozen=True, eq=False):
     counts: Indices
 
 
-def forms_of(rows: Indices, keys: Sequence[NDArray[Any]], form: Callable[..., str], numbers: FloatArray,
-             used: Mask) -> Forms:  # fmt: skip
-    """The forms of the motions ``rows`` (K,). keys: columns (K,) of whole numbers from 0 that decide on the form, which
-    ``form`` tells of one of each. numbers: (K, F) what they may print, used: (K, F) what they do, in this order.
+def make_forms(
+    rows: Indices,
+    keys: Sequence[NDArray[Any]],
+    form: Callable[..., str],
+    numbers: FloatArray,
+    used: Mask,
+) -> Forms:
+    """Make the forms of the motions `rows` (K,).
+
+    keys: columns (K,) of whole numbers from 0 that decide on the form.
+    form: returns the form for one number of each key.
+    numbers: (K, F) numbers that the motions may print, in this order.
+    used: (K, F) whether a motion prints the number.
     """
-    one = np.zeros(len(rows), np.int64)
+    combined = np.zeros(len(rows), np.int64)
     for key in keys:
-        one = one * (int(key.max(initial=0)) + 1) + key
-    _, first, place = np.unique(one, return_index=True, return_inverse=True)
-    table = [form(*(int(key[k]) for key in keys)) for k in first.tolist()]
-    return Forms(rows, place, table, numbers[used], used.sum(axis=1))
+        combined = combined * (int(key.max(initial=0)) + 1) + key
+    _, first, index = np.unique(combined, return_index=True, return_inverse=True)
+    rows_of_keys = np.column_stack([key[first] for key in keys]).astype(np.int64).tolist()
+    table = [form(*row) for row in rows_of_keys]
+    return Forms(rows, index, table, numbers[used], used.sum(axis=1))
 
 
-class _Made(Struct, frozen=True, eq=False):
-    """Of N instructions: texts, the forms or what they print of those that print anything; begins: (N + 1,) where those
-    of each begin. lines: (N + 1,) how many come before each. numbers: of all forms, places: (N + 1,) where those of
-    each begin.
+class _Texts(Struct, frozen=True, eq=False):
+    """The texts of N instructions.
+
+    texts: the form or the lines of each instruction that prints anything.
+    begins: (N + 1,) index of the first text of each instruction.
+    lines: (N + 1,) number of lines before each instruction.
+    numbers: numbers of all forms.
+    places: (N + 1,) index of the first number of each instruction.
     """
 
     texts: list[str]
@@ -85,14 +104,15 @@ class _Made(Struct, frozen=True, eq=False):
     places: Indices
 
     def take(self, span: range) -> list[str]:
-        """The texts of some instructions."""
+        """Return the texts of the instructions in `span`."""
         return self.texts[self.begins[span.start] : self.begins[span.stop]]
 
 
 class Printed(Iterable[Sequence[str]]):
-    """What a program prints: the lines of each instruction, in order. Nothing is printed before it is asked for.
+    """The printed lines of each instruction of a program, in order, made on demand.
 
-    each: prints instructions. forms: tells of motions that are printed by column; None for no motion.
+    each: prints instructions.
+    forms: returns the forms of motions that are printed by column; None for none.
     """
 
     def __init__(
@@ -116,51 +136,51 @@ class Printed(Iterable[Sequence[str]]):
         )
 
     def counts(self, span: range | None = None) -> Indices:
-        """(N,): the numbers of lines of the instructions, or of some of them."""
-        before = self._made.lines
+        """Return the number of lines of all instructions, or of those in `span`, (N,)."""
+        before = self._texts.lines
         return np.diff(before if span is None else before[span.start : span.stop + 1])
 
     def lines_before(self, instructions: Indices) -> Indices:
-        """How many lines come before those of instructions."""
-        return self._made.lines[instructions]
+        """Return the number of lines before each of `instructions`."""
+        return self._texts.lines[instructions]
 
-    def parts(self, most: int) -> list[Lines]:
-        """All lines in as few parts as possible, cut between instructions: of ``most`` lines at most (0: all in one),
-        unless one instruction has more.
+    def parts(self, max_lines: int) -> list[Lines]:
+        """Divide all lines between instructions into as few parts as possible.
+
+        max_lines: maximum number of lines of a part; 0 for one part. A single instruction may have
+            more.
         """
-        before = self._made.lines
-        size = len(before) - 1
+        before = self._texts.lines
         cuts = [0]
-        while most and before[-1] - before[cuts[-1]] > most:
-            begun = before[cuts[-1]]
-            fits = int(np.searchsorted(before, begun + most, side="right")) - 1
-            cuts.append(
-                fits if before[fits] > begun else int(np.searchsorted(before, begun, side="right"))
-            )
-        return [
-            Lines([range(low, high)], self)
-            for low, high in zip(cuts, [*cuts[1:], size], strict=True)
-        ]
+        while max_lines and before[-1] - before[cuts[-1]] > max_lines:
+            start = before[cuts[-1]]
+            end = int(np.searchsorted(before, start + max_lines, side="right")) - 1
+            if before[end] == start:
+                end = int(np.searchsorted(before, start, side="right"))
+            cuts.append(end)
+        return [Lines([range(low, high)], self) for low, high in pairwise([*cuts, len(before) - 1])]
 
     def changed(
         self, change: Callable[[Iterable[Sequence[str]]], Iterable[Sequence[str]]]
     ) -> Printed:
-        """The same with other lines, where nothing is printed by column."""
+        """Return the program with changed lines; no motion is printed by column."""
         return Printed(self._columns, lambda items: change(self._each(items)), lambda: None)
 
     def text(self, pieces: Iterable[str | range]) -> str:
-        """Lines, and those of runs of instructions, with LF between them."""
-        made = self._made
+        """Join lines, and the lines of runs of instructions, with LF between them."""
+        printed = self._texts
         blocks: list[str] = []
         texts: list[str] = []
         spans: list[range] = []
 
         def close() -> None:
             if texts:
-                numbers = [
-                    made.numbers[made.places[span.start] : made.places[span.stop]] for span in spans
-                ]
-                blocks.append(self._fill("\n".join(texts), numbers))
+                numbers: list[float] = []
+                for span in spans:
+                    first, last = printed.places[span.start], printed.places[span.stop]
+                    numbers += printed.numbers[first:last].tolist()
+                block = "\n".join(texts)
+                blocks.append(block if self._forms is None else block % tuple(numbers))
             texts.clear()
             spans.clear()
 
@@ -168,14 +188,14 @@ class Printed(Iterable[Sequence[str]]):
             if isinstance(piece, str):
                 texts.append(self._escape(piece))
                 continue
-            for low in range(piece.start, piece.stop, _SOME):
-                span = range(low, min(low + _SOME, piece.stop))
-                texts += made.take(span)
+            for low in range(piece.start, piece.stop, _BLOCK):
+                span = range(low, min(low + _BLOCK, piece.stop))
+                texts += printed.take(span)
                 if spans and spans[-1].stop == span.start:
                     spans[-1] = range(spans[-1].start, span.stop)
                 else:
                     spans.append(span)
-                if len(texts) >= _SOME:
+                if len(texts) >= _BLOCK:
                     close()
         close()
         return "\n".join(blocks)
@@ -183,15 +203,8 @@ class Printed(Iterable[Sequence[str]]):
     def _escape(self, text: str) -> str:
         return text if self._forms is None or "%" not in text else text.replace("%", "%%")
 
-    def _fill(self, text: str, numbers: Sequence[FloatArray]) -> str:
-        return (
-            text
-            if self._forms is None
-            else text % tuple(chain.from_iterable(one.tolist() for one in numbers))
-        )
-
     @cached_property
-    def _made(self) -> _Made:
+    def _texts(self) -> _Texts:
         columns, forms = self._columns, self._forms
         size = len(columns.body)
         texts = np.full(size, "", object)
@@ -199,39 +212,39 @@ class Printed(Iterable[Sequence[str]]):
         alone = np.ones(size, np.bool_)
         numbers = np.zeros(0)
         if forms is None:
-            self._put(texts, counts, np.flatnonzero(alone), columns.body)
+            self._print(texts, counts, np.flatnonzero(alone), columns.body)
         else:
             at = columns.at[forms.rows]
             alone[at] = False
             texts[at] = np.array(forms.table, object)[forms.form]
-            counts[at] = np.array([form.count("\n") + 1 for form in forms.table], np.intp)[
-                forms.form
-            ]
+            line_counts = [form.count("\n") + 1 for form in forms.table]
+            counts[at] = np.array(line_counts, np.intp)[forms.form]
             used[at] = forms.counts
             numbers = forms.numbers
             others = np.flatnonzero(alone)
-            self._put(texts, counts, others, columns.pick(others))
-        before, places, begins = (
-            np.append(0, np.cumsum(each)) for each in (counts, used, counts > 0)
-        )
-        return _Made(texts[counts > 0].tolist(), begins, before, numbers, places)
+            self._print(texts, counts, others, columns.pick(others))
+        sums = (np.append(0, np.cumsum(each)) for each in (counts, used, counts > 0))
+        before, places, begins = sums
+        return _Texts(texts[counts > 0].tolist(), begins, before, numbers, places)
 
-    def _put(
+    def _print(
         self,
         texts: NDArray[np.object_],
         counts: Indices,
         places: Indices,
         items: Iterable[Instruction],
     ) -> None:
-        """Puts what the ``items`` at ``places`` print into ``texts``, and the numbers of lines into ``counts``."""
         lines = list(self._each(items))
         counts[places] = np.fromiter(map(len, lines), np.intp, len(lines))
-        texts[places] = [self._escape(one[0] if len(one) == 1 else "\n".join(one)) for one in lines]
+        texts[places] = [self._escape("\n".join(item_lines)) for item_lines in lines]
 
 
 class Lines(Sequence[str]):
-    """Lines of a file. pieces: lines with LF between them, and runs of instructions of what is ``printed``. size: how
-    many lines these are, where that is known.
+    """Lines of a file.
+
+    pieces: lines with LF between them, and runs of instructions of `printed`.
+    printed: the printed lines of the program.
+    size: number of lines, if it is known.
     """
 
     def __init__(
@@ -240,25 +253,26 @@ class Lines(Sequence[str]):
         self.pieces, self.printed, self._size = pieces, printed, size
 
     def items(self) -> list[Lines]:
-        """The same piece by piece, and instruction by instruction where it is one of those."""
-        found: list[Lines] = []
+        """Divide the lines by pieces, and runs of instructions by instructions."""
+        items: list[Lines] = []
         for piece in self.pieces:
             if isinstance(piece, str):
-                found.append(Lines([piece], self.printed, piece.count("\n") + 1))
+                items.append(Lines([piece], self.printed, piece.count("\n") + 1))
                 continue
             sizes = self.printed.counts(piece).tolist()
-            found += [
-                Lines([range(k, k + 1)], self.printed, size)
-                for k, size in zip(piece, sizes, strict=True)
-            ]
-        return found
+            for k, size in zip(piece, sizes, strict=True):
+                items.append(Lines([range(k, k + 1)], self.printed, size))
+        return items
 
     def __len__(self) -> int:
         if self._size is None:
-            runs = [(one.start, one.stop) for one in self.pieces if isinstance(one, range)]
-            before = self.printed.lines_before(np.array(runs, np.intp).reshape(-1, 2))
-            self._size = int((before[:, 1] - before[:, 0]).sum())
-            self._size += sum(one.count("\n") + 1 for one in self.pieces if isinstance(one, str))
+            self._size = 0
+            for piece in self.pieces:
+                if isinstance(piece, str):
+                    self._size += piece.count("\n") + 1
+                else:
+                    before = self.printed.lines_before(np.array([piece.start, piece.stop]))
+                    self._size += int(before[1] - before[0])
         return self._size
 
     def __iter__(self) -> Iterator[str]:
@@ -273,7 +287,7 @@ class Lines(Sequence[str]):
 
 
 def are_forms_current(post: type) -> bool:
-    """Whether a class defines `forms` no further up than each method that prints a motion.
+    """Whether a class defines `forms` at least as far down as each method that prints a motion.
 
     A class that overrides such a method alone prints other lines than the inherited `forms`.
     """
@@ -286,7 +300,7 @@ def are_forms_current(post: type) -> bool:
 
 
 def cut_lines(printed: Iterable[Sequence[str]], max_lines: int) -> list[list[str]]:
-    """Lines in parts of at most `max_lines` (0: in one part), cut between instructions.
+    """Divide lines between instructions into parts of at most `max_lines` (0: one part).
 
     printed: the lines of each instruction.
     """
@@ -298,17 +312,15 @@ def cut_lines(printed: Iterable[Sequence[str]], max_lines: int) -> list[list[str
     return parts
 
 
-def as_printed(columns: Columns, lines: Iterable[Sequence[str]]) -> Printed:
-    """The lines of each instruction of ``columns`` as what they print."""
-    return (
-        lines
-        if isinstance(lines, Printed)
-        else Printed(columns, lambda _items: lines, lambda: None)
-    )
+def make_printed(columns: Columns, lines: Iterable[Sequence[str]]) -> Printed:
+    """Return the lines of each instruction of `columns` as `Printed`."""
+    if isinstance(lines, Printed):
+        return lines
+    return Printed(columns, lambda _items: lines, lambda: None)
 
 
 def join_lines(*parts: Sequence[str]) -> str:
-    """The text of a file: lines one part after the other, each with its LF."""
+    """Join the parts of a file; each line ends with LF."""
     printed = next((part.printed for part in parts if isinstance(part, Lines)), None)
     if printed is None:
         return "\n".join(chain.from_iterable(parts)) + "\n"

@@ -12,5 +12,10 @@ def note_renamed(text: str, name: str, controller: str) -> tuple[Note, ...]:
     name: name of the program on the controller.
     controller: language of the controller.
     """
-    why = f"{text} is a word of {controller}, or a name that the controller has already"
-    return (Note("assumed", f"the program is called {name}, not {text}", why),)
+    return (
+        Note(
+            "assumed",
+            f"the program is called {name}, not {text}",
+            f"{text} is a word of {controller}, or a name that the controller has already",
+        ),
+    )

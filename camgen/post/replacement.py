@@ -138,9 +138,12 @@ def _find_refused(
     for index, item, (before, after) in zip(undecided.tolist(), items, neighbours, strict=True):
         start = end_of(before)
         if isinstance(item, MoveC) and start is not None and not _is_arc(start, item):
-            what = "the three points of the arc are on one line"
-            remedy = "give the arc a via point beside its chord, or plan a line"
-            return arcs, Refused(controller.name, index, what, remedy)
+            return arcs, Refused(
+                controller.name,
+                index,
+                "the three points of the arc are on one line",
+                "give the arc a via point beside its chord, or plan a line",
+            )
         reason = controller.why_not(item, before, after)
         if not reason:
             continue

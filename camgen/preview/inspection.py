@@ -81,7 +81,7 @@ def _view_on(page: _Page, found: Inspection) -> FloatArray:
 
 
 def _words(found: Inspection) -> tuple[str, str]:
-    much = sum(difference.much for difference in found.differences)
+    much = sum(difference.surplus for difference in found.differences)
     title = f"{found.photo.source} against {found.expected.source}"
     told = f"from {found.least:.2f} mm on: {counted(much, 'place')} with too much, {found.area(True):.2f} mm2, "
     less = len(found.differences) - much
@@ -91,7 +91,7 @@ def _words(found: Inspection) -> tuple[str, str]:
 
 def _class(difference: Difference) -> str:
     """Which of the three colours a place has."""
-    if not difference.much:
+    if not difference.surplus:
         return "less"
     return "burr" if difference.kind == "burr" else "much"
 

@@ -1,4 +1,7 @@
-"""DENSO PacScript for RC8, RC8A and RC9 controllers. What it emits and what is uncertain: docs/posts/pacscript.md."""
+"""DENSO PacScript for RC8, RC8A and RC9 controllers.
+
+docs/posts/pacscript.md describes the text and its uncertain parts.
+"""
 
 from __future__ import annotations
 
@@ -33,19 +36,19 @@ from camgen.model.program import (
 )
 from camgen.model.text import counted, fixed, harmless, short
 from camgen.post import OutputFile, Tolerance, end_of
-from camgen.post.passes import without_force
+from camgen.post.passes import remove_force
 from camgen.post.renamed import note_renamed
 
 from .options import PacScriptOptions, derive, is_reserved
 
 #: Digits of an angle (deg), of a speed in mm/s and in percent, of a force (N).
 _ANGLE, _SPEED, _PERCENT, _NEWTON, _INDENT = 4, 4, 4, 3, "    "
-#: Longest line in bytes; longest delay in ms (a signed 32-bit integer); largest force in N; and the least change of a
-#: component that is written, N.
-_LONGEST_LINE, _LONGEST_DELAY_MS, _MOST_FORCE_N, _FORCE_STEP_N = 1024, 2**31 - 1, 5000.0, 0.01
-#: What a controller takes for an internal speed, %; and the speed at 100 % of the fastest arm, mm/s.
-_LEAST_PERCENT, _MOST_PERCENT, _FASTEST_ARM = 0.1, 100.0, 11_000.0
-#: Finds out in which unit Mps reads its number, and takes no arm on when it gives no percentage in either.
+#: Maximum length of a line, bytes; maximum delay, ms (a signed 32-bit integer); maximum force, N;
+#: and smallest change of a force component that is printed, N.
+_LONGEST_LINE, _LONGEST_DELAY_MS, _MAX_FORCE_N, _FORCE_STEP_N = 1024, 2**31 - 1, 5000.0, 0.01
+#: Range of an internal speed, %; and the speed at 100 % of the fastest arm, mm/s.
+_MIN_PERCENT, _MAX_PERCENT, _FASTEST_ARM = 0.1, 100.0, 11_000.0
+#: Finds the unit in which Mps reads its number, and ends if Mps gives no percentage in either unit.
 _ASK = """\
 ' Mps() is a percentage: 0.1 m/s is over 0.5 % of any arm, 0.1 mm/s not over 0.1 %
 Dim unit As Single = 1
@@ -57,14 +60,17 @@ If Mps(100 * unit) < 0.5 Or Mps(100 * unit) > 20 Then
     GiveArm
     Exit Sub
 End If""".splitlines()
-#: Least chord of an arc (mm) and largest turn of the tool along it (rad): beyond, the controller's arc is open.
-_LEAST_CHORD_MM, _MOST_TOOL_TURN = 0.2, math.radians(179.0)
+#: Minimum chord of an arc, mm, and maximum reorientation along it, rad. Beyond these, the path of
+#: the controller is open.
+_MIN_CHORD_MM, _MAX_TOOL_TURN = 0.2, math.radians(179.0)
 
 
 @dataclass
 class PacScript(PacScriptOptions):
-    """Posts for PacScript. Poses are in the work frame, mm and degrees with R = Rz Ry Rx, and the figure where it is
-    known, else -1 (undefined).
+    """The post for PacScript.
+
+    Poses are in the work frame, mm and degrees with R = Rz Ry Rx, with the figure if it is known,
+    otherwise -1 (undefined).
     """
 
     name: ClassVar[str] = "pacscript"
@@ -89,31 +95,24 @@ class PacScript(PacScriptOptions):
     _pressing: Vec3 | None = field(default=None, init=False, repr=False)
     _angles: dict[bytes, str] = field(default_factory=dict, init=False, repr=False)
 
-    # -- what is refused -----------------------------------------------------------------------------------------
-
     def why_not(self, item: Instruction, before: Motion | None, _after: Motion | None) -> str:
-        """The first reason against ``item``, with its remedy."""
+        """Return the first reason against `item`, with its remedy."""
         match item:
             case Output():
                 return self._output_reason(item)
             case Wait():
-                return (
-                    ""
-                    if item.seconds * 1000 <= _LONGEST_DELAY_MS
-                    else "the wait is longer than a Delay holds; shorten it"
-                )
+                is_long = item.seconds * 1000 > _LONGEST_DELAY_MS
+                return "the wait is longer than a Delay holds; shorten it" if is_long else ""
             case Force():
                 return self._force_reason(item.newtons, item.force_direction)
             case Stop():
                 return "the post has no stop for the operator; leave it out"
             case Comment() | ToolChange():
                 return ""
-        reason = self._speed_reason(item.speed)
-        reason = reason or self._turn_reason(item)
-        if self.pass_mark == "mm" and item.blend != int(item.blend):
+        reason = self._speed_reason(item.speed) or self._turn_reason(item)
+        if not reason and self.pass_mark == "mm" and item.blend != int(item.blend):
             reason = (
-                reason
-                or f'a blend of {item.blend:g} mm is no whole number; set post.pass_mark to "P"'
+                f'a blend of {item.blend:g} mm is not a whole number; set post.pass_mark to "P"'
             )
         if isinstance(item, MoveJ):
             return reason or _joints_reason(item)
@@ -126,42 +125,40 @@ class PacScript(PacScriptOptions):
             return f"the signal {item.signal} has no IO number; add it to post.signals"
         if item.signal == "spindle":
             if item.value < 0:
-                return f"the spindle is to turn backwards ({-item.value:g} rpm), and an IO is on or off"
+                speed = f"{-item.value:g} rpm"
+                return f"the spindle is to turn backwards ({speed}), and an IO is on or off"
             remedy = 'set the speed at its drive and post.spindle to "on-off"'
-            return (
-                ""
-                if self.spindle == "on-off"
-                else f"an IO does not carry a spindle speed; {remedy}"
-            )
+            is_allowed = self.spindle == "on-off"
+            return "" if is_allowed else f"an IO does not carry a spindle speed; {remedy}"
         return "" if item.value in (0, 1) else f"an IO is on or off, not {item.value:g}; use 0 or 1"
 
     def _percent(self, mm_s: float) -> float:
         return 100 * self._scaled(mm_s) / self.rated
 
     def _scaled(self, mm_s: float) -> float:
-        """The internal speed that gives ``mm_s`` under the external speed, as both are multiplied."""
+        """Compute the internal speed that gives `mm_s`; the external speed multiplies it."""
         return mm_s * 100 / (self.ext_speed or 100)
 
     def _turning(self, motion: MoveL) -> float:
-        """The internal speed of a turn on the spot, %."""
         return self._scaled(100 * math.degrees(motion.turn) / self.rated_turn)
 
     def _turn_reason(self, item: Motion) -> str:
         if not isinstance(item, MoveL) or not item.turn:
             return ""
-        # As it is printed: a turn at just the rated speed may be a rounding above 100 %.
-        if _LEAST_PERCENT <= round(self._turning(item), _PERCENT) <= _MOST_PERCENT:
+        # As it is printed: a turn at exactly the rated speed may be above 100 % by rounding.
+        if _MIN_PERCENT <= round(self._turning(item), _PERCENT) <= _MAX_PERCENT:
             return ""
-        numbers = f"a turn at {math.degrees(item.turn):g} deg/s is {self._turning(item):.4g} % of {self.rated_turn:g}"
-        return f"{numbers}, the controller takes 0.1 to 100 %; change process.turn or mend post.rated_turn"
+        turn, percent = math.degrees(item.turn), self._turning(item)
+        return (
+            f"a turn at {turn:g} deg/s is {percent:.4g} % of {self.rated_turn:g}, "
+            "the controller takes 0.1 to 100 %; change process.turn or correct post.rated_turn"
+        )
 
     def _speed_reason(self, mm_s: float) -> str:
-        if self.rated and not _LEAST_PERCENT <= self._percent(mm_s) <= _MOST_PERCENT:
-            numbers = (
-                f"{mm_s:g} mm/s is {self._percent(mm_s):.4g} % of the rated {self.rated:g} mm/s"
-            )
+        if self.rated and not _MIN_PERCENT <= self._percent(mm_s) <= _MAX_PERCENT:
             return (
-                f"{numbers}, the controller takes 0.1 to 100 %; change the speed or mend post.rated"
+                f"{mm_s:g} mm/s is {self._percent(mm_s):.4g} % of the rated {self.rated:g} mm/s, "
+                "the controller takes 0.1 to 100 %; change the speed or correct post.rated"
             )
         if mm_s < 0.05:
             return f"{mm_s:g} mm/s is too slow to be written to 0.1 %; raise the speed"
@@ -171,15 +168,16 @@ class PacScript(PacScriptOptions):
         if newtons <= 0:
             return ""
         if self.force == "refuse":
-            remedy = 'check post.force_on and set post.force to "template", or to "ignore"'
-            return f"the arguments of force control are not public; {remedy}"
-        if newtons > _MOST_FORCE_N:
-            return f"{newtons:g} N is more than the {_MOST_FORCE_N:g} N of a force table; lower the force"
-        return (
-            ""
-            if abs(math.hypot(*press) - 1) < 1e-3
-            else "the force has no direction; follow one side of the contour"
-        )
+            return (
+                "the arguments of force control are not public; "
+                'check post.force_on and set post.force to "template", or to "ignore"'
+            )
+        if newtons > _MAX_FORCE_N:
+            limit = f"the {_MAX_FORCE_N:g} N of a force table"
+            return f"{newtons:g} N is more than {limit}; lower the force"
+        if abs(math.hypot(*press) - 1) < 1e-3:
+            return ""
+        return "the force has no direction; follow one side of the contour"
 
     def _arc_reason(self, arc: MoveC, start: Pose | None) -> str:
         if start is None:
@@ -187,58 +185,57 @@ class PacScript(PacScriptOptions):
         _, radius, _, sweep = circle(start.origin, arc.via.origin, arc.target.origin)
         if sweep > math.pi + 1e-6:
             return "an arc of more than 180 deg; halve it"
-        if angle_between(start.rotation, arc.target.rotation) > _MOST_TOOL_TURN:
+        if angle_between(start.rotation, arc.target.rotation) > _MAX_TOOL_TURN:
             return "the tool turns by 180 deg along an arc and its sense is open; halve it"
         sagitta = radius * (1 - math.cos(sweep / 2))
-        if 2 * radius * math.sin(sweep / 2) < _LEAST_CHORD_MM or sagitta < 10 * 10**-self.decimals:
+        if 2 * radius * math.sin(sweep / 2) < _MIN_CHORD_MM or sagitta < 10 * 10**-self.decimals:
             return "the arc is too small or too flat for its digits; use lines"
         if arc.force > 0 and self.force == "template":
             return "the direction of the force would not turn along an arc; use lines"
         return ""
 
     def list_verified(self) -> frozenset[str]:
-        """Tool and work frame are stated where the text defines them, the radius of a blend where it is in mm."""
+        """Tool and work frame if the text defines them; the blend radius if it is in mm."""
         frames = {option for option in ("tool", "work") if self.define and getattr(self, option)}
         return self.verified_fields | frames | ({"blend"} if self.pass_mark == "mm" else set())
 
     def list_changed(self) -> frozenset[str]:
-        """Force, where it is left out, and the speed of the spindle, which an IO does not carry."""
+        """Force, if it is left out, and the speed of the spindle, which an IO does not carry."""
         changes = {"force": self.force == "ignore", "spindle": self.spindle == "on-off"}
         return frozenset(word for word, is_changed in changes.items() if is_changed)
 
     def prepare(self, program: Program, chord: float) -> Program:
-        """As the base does; then states what the text will say where an option gives something up."""
+        """See `Post`. May leave out force, and replaces spindle speeds by comments."""
         for option, frame in (("tool", program.flange_from_tool), ("work", program.base_from_work)):
-            if not getattr(self, option) and not np.allclose(
-                [*frame.origin, *(frame.rotation - IDENTITY).flat], 0
-            ):
-                what = f"{option} 0 is the controller's own, but the program has a frame of its own"
-                raise Refused(self.name, -1, what, f"give post.{option} from 1 on")
-        prepared = super().prepare(
-            without_force(program) if self.force == "ignore" else program, chord
-        )
-        body = tuple(chain.from_iterable(self._stated(item) for item in prepared.body))
-        same = len(body) == len(prepared.body) and all(
-            map(lambda a, b: a is b, body, prepared.body)
-        )
-        return prepared if same else prepared.with_body(body)
-
-    def _stated(self, item: Instruction) -> list[Instruction]:
-        if isinstance(item, Output) and item.signal == "spindle" and item.value not in (0, 1):
-            return [
-                Comment(f"spindle at {item.value:g} rpm: set at its drive"),
-                replace(item, value=1.0),
-            ]
-        return [item]
+            difference = [*frame.origin, *(frame.rotation - IDENTITY).flat]
+            if not getattr(self, option) and not np.allclose(difference, 0):
+                raise Refused(
+                    self.name,
+                    -1,
+                    f"{option} 0 is the controller's own, but the program has a frame of its own",
+                    f"give post.{option} from 1 on",
+                )
+        if self.force == "ignore":
+            program = remove_force(program)
+        prepared = super().prepare(program, chord)
+        body: list[Instruction] = []
+        for item in prepared.body:
+            if isinstance(item, Output) and item.signal == "spindle" and item.value not in (0, 1):
+                body.append(Comment(f"spindle at {item.value:g} rpm: set at its drive"))
+                body.append(replace(item, value=1.0))
+            else:
+                body.append(item)
+        return prepared if len(body) == len(prepared.body) else prepared.with_body(tuple(body))
 
     @property
     def _asks(self) -> bool:
         return self.speed == "mps" and self.mps == "ask"
 
-    # -- what is written -----------------------------------------------------------------------------------------
-
     def begin(self, program: Program) -> Sequence[str]:
-        """Title, remarks and the settings. Raises Refused for a joint motion out of the range of an internal speed."""
+        """Title, remarks and settings.
+
+        Raises Refused for a joint motion beyond the range of an internal speed.
+        """
         self._check_shares(program)
         first = next((item for item in program.body if isinstance(item, MoveJ)), None)
         joints = first is not None and isinstance(first.target, Joints)
@@ -261,17 +258,14 @@ class PacScript(PacScriptOptions):
         if self.force == "ignore":
             lines.append("' pressing is left out")
         elif any(isinstance(item, Force) for item in program.body):
-            lines.append(
-                f"' force: table {self.force_table}, N in the work frame; lines that say verify are assumed"
-            )
+            table = f"table {self.force_table}, N in the work frame"
+            lines.append(f"' force: {table}; lines that say verify are assumed")
             lines.append("' force: the sensor is set to zero by the cell, before this program")
         rated = f", 100 % is {self.rated:g} mm/s" if self.rated else ""
-        pendant = (
-            f"{self.ext_speed:g} %"
-            if self.ext_speed
-            else "the pendant's, 100 % for the planned speeds"
-        )
-        lines.append(f"' external speed: {pendant}{rated}")
+        external = "the pendant's, 100 % for the planned speeds"
+        if self.ext_speed:
+            external = f"{self.ext_speed:g} %"
+        lines.append(f"' external speed: {external}{rated}")
         if slow := self._slowest(program):
             lines.append(f"' slowest motion: {slow}")
         lines.append("Sub Main")
@@ -280,25 +274,28 @@ class PacScript(PacScriptOptions):
     def _check_shares(self, program: Program) -> None:
         columns = program.columns
         percent = self._scaled(100.0) * columns.share
-        for motion in np.flatnonzero(
-            (percent > 0) & ~((percent >= _LEAST_PERCENT) & (percent <= _MOST_PERCENT))
-        )[:1]:
+        is_wrong = (percent > 0) & ~((percent >= _MIN_PERCENT) & (percent <= _MAX_PERCENT))
+        for motion in np.flatnonzero(is_wrong)[:1]:
             mm_s = columns.moves[motion].speed
-            what = f"{mm_s:g} mm/s is {percent[motion]:.4g} % of what the joints can do on this way"
-            remedy = "the controller takes 0.1 to 100 %; change the speed or post.ext_speed"
-            raise Refused(self.name, int(columns.at[motion]), what, remedy)
+            raise Refused(
+                self.name,
+                int(columns.at[motion]),
+                f"{mm_s:g} mm/s is {percent[motion]:.4g} % of what the joints can do on this way",
+                "the controller takes 0.1 to 100 %; change the speed or post.ext_speed",
+            )
 
     def _slowest(self, program: Program) -> str:
-        """The slowest motion by ``Mps`` where an arm may be too fast for it, empty where none is or ``rated`` tells."""
+        """Describe the slowest motion by Mps if it may be below 0.1 % of a fast arm, else empty."""
         columns = program.columns
         mm_s = columns.speed[(columns.share == 0) & (columns.turn == 0)].min(initial=np.inf)
-        least = 100 * self._scaled(float(mm_s)) / _LEAST_PERCENT
-        if self.rated or self.speed == "percent" or least >= _FASTEST_ARM:
+        limit = 100 * self._scaled(float(mm_s)) / _MIN_PERCENT
+        if self.rated or self.speed == "percent" or limit >= _FASTEST_ARM:
             return ""
-        return f"{short(mm_s, 2)} mm/s, under 0.1 % of an arm that does more than {round(least, -1):.0f} mm/s"
+        arm = f"an arm that does more than {round(limit, -1):.0f} mm/s"
+        return f"{short(mm_s, 2)} mm/s, under 0.1 % of {arm}"
 
     def warn(self, program: Program) -> tuple[Note, ...]:
-        """A speed that may be below the least one of the controller, and another name."""
+        """A speed that may be below the minimum of the controller, and a changed name."""
         slow = self._slowest(program)
         why = "the controller takes 0.1 % at least; give post.rated, or raise the speed"
         notes = (Note("warning", f"slowest motion: {slow}", why),) if slow else ()
@@ -307,13 +304,18 @@ class PacScript(PacScriptOptions):
         return *notes, *note_renamed(program.name, derive(program.name), "PacScript")
 
     def _settings(self, program: Program) -> list[str]:
-        """All off, whatever the program does next; the unit of Mps, and what TakeArm may have reset. Accel comes after
-        Speed, which changes it too.
+        """Print all outputs off, the unit of Mps, and the settings that TakeArm may reset.
+
+        Accel comes after Speed, which changes it too.
         """
         accel = short(self.accel, _PERCENT)
-        off = (line for item in program.body[: _count_off(program)] for line in self.line(item))
-        lines = ["TakeArm Keep = 0", *off, *(_ASK if self._asks else ())]
-        lines += [*([f"ExtSpeed {short(self.ext_speed, _PERCENT)}"] if self.ext_speed else [])]
+        lines = ["TakeArm Keep = 0"]
+        for item in program.body[: _count_off(program)]:
+            lines += self.line(item)
+        if self._asks:
+            lines += _ASK
+        if self.ext_speed:
+            lines.append(f"ExtSpeed {short(self.ext_speed, _PERCENT)}")
         lines += [f"Speed {short(self.internal_speed, _PERCENT)}", f"Accel {accel}, {accel}"]
         if self.define:
             lines.append(f"Tool {self.tool}, P({self._pose(program.flange_from_tool)})")
@@ -333,8 +335,9 @@ class PacScript(PacScriptOptions):
         return (f"Move P, {self._mark(motion)} {place}{self._tail(motion)}",)
 
     def movel(self, motion: MoveL) -> Sequence[str]:
-        """Move L, after the force that it presses with."""
-        line = f"Move L, {self._mark(motion)} {self._target(motion.target, motion)}{self._tail(motion)}"
+        """Move L, after its change of force."""
+        target = self._target(motion.target, motion)
+        line = f"Move L, {self._mark(motion)} {target}{self._tail(motion)}"
         return (*self._changed(motion), line)
 
     def movec(self, motion: MoveC) -> Sequence[str]:
@@ -354,7 +357,7 @@ class PacScript(PacScriptOptions):
         return (f"Delay {round(item.seconds * 1000)}",)
 
     def comment(self, text: str) -> str:
-        """A comment line. One that ended in `` _`` might go on in the next line."""
+        """A comment line. A final ` _` would join the next line, so it gets a point."""
         return f"' {text}." if f" {text}".endswith(" _") else f"' {text}"
 
     def print_force(self, item: Force) -> list[str]:
@@ -409,14 +412,12 @@ class PacScript(PacScriptOptions):
         x, y, z = (fixed(v, self.decimals) for v in pose.origin)
         return f"{x}, {y}, {z}, {self._angles[key]}"
 
-    # -- files ---------------------------------------------------------------------------------------------------
-
     def split(self, program: Program, printed: Iterable[Sequence[str]]) -> Sequence[Sequence[str]]:
-        """The body behind what puts all off, which stands among the settings."""
+        """The body after the first instructions that switch all off; these are in the settings."""
         return super().split(program, islice(printed, _count_off(program), None))
 
     def assemble(self, program: Program, parts: Sequence[Sequence[str]]) -> tuple[OutputFile, ...]:
-        """One file; a body of more than ``max_lines`` lines becomes several Subs that Main calls in turn."""
+        """One file; a body of more than `max_lines` lines becomes Subs that Main calls in turn."""
         name = self.program or derive(program.name)
         subs = _split(list(chain.from_iterable(parts)), self.max_lines)
         names = [f"{name[:50]}_part{i + 1}" for i in range(len(subs))] if len(subs) > 1 else []
@@ -439,12 +440,11 @@ class PacScript(PacScriptOptions):
     def cell(cls) -> Cell:
         """A VS-060 with a sheet of 200 x 150 mm flat in front of it, 150 mm above its base."""
         home = Joints(tuple(math.radians(v) for v in (0.0, 0.0, 90.0, 0.0, 30.0, 0.0)))
-        return Cell(
-            "DENSO VS-060", translation(300, -75, 150), translation(0, 0, 100), home, robot="VS-060"
-        )
+        work, tool = translation(300, -75, 150), translation(0, 0, 100)
+        return Cell("DENSO VS-060", work, tool, home, robot="VS-060")
 
     def tolerance(self) -> Tolerance:
-        """Half the last digit; an orientation adds up three angles, a force may keep what is ``_FORCE_STEP_N`` away."""
+        """Half of the last digit; three angles add up in an orientation, and a force has steps."""
         degree = math.radians(0.51 * 10**-_ANGLE)
         per_digit = 10**-_SPEED if self.speed == "mps" else self.rated / 100 * 10**-_PERCENT
         share = 0.51 * 10 ** -(_PERCENT + 2)
@@ -454,14 +454,13 @@ class PacScript(PacScriptOptions):
 
 
 def _count_off(program: Program) -> int:
-    """How many instructions at the start of a program put outputs and force control off."""
     return len(list(takewhile(_is_off, program.body)))
 
 
 def _is_off(item: Instruction) -> bool:
-    return (isinstance(item, Output) and item.value == 0) or (
-        isinstance(item, Force) and item.newtons == 0
-    )
+    if isinstance(item, Force):
+        return item.newtons == 0
+    return isinstance(item, Output) and item.value == 0
 
 
 def _figure(motion: Motion) -> int | None:
@@ -481,13 +480,15 @@ def _times(newtons: float, press: Vec3) -> Vec3:
 
 
 def _split(lines: list[str], limit: int) -> list[list[str]]:
-    """``lines`` in runs of at most ``limit``, cut after a motion that stops where the second half has one."""
+    """Divide lines into runs of at most `limit`, if possible after a motion that stops.
+
+    Only the second half of a run is searched for such a motion.
+    """
     runs: list[list[str]] = []
     at = 0
     while limit and len(lines) - at > limit:
-        end = next(
-            (i for i in range(at + limit, at + limit // 2, -1) if "@0 " in lines[i - 1]), at + limit
-        )
+        ends = range(at + limit, at + limit // 2, -1)
+        end = next((end for end in ends if "@0 " in lines[end - 1]), at + limit)
         runs.append(lines[at:end])
         at = end
     return [*runs, lines[at:]]

@@ -1,4 +1,4 @@
-"""The options of the PacScript post and what is checked about them before a program is seen."""
+"""The options of the PacScript post, and the checks of them without a program."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import re
 import string
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import Literal
 
 from msgspec.structs import replace
@@ -16,50 +17,67 @@ from camgen.post import Post
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
 _PARAM = "ForceParam {n}, 2, P({x}, {y}, {z}, 0, 0, 0) ' verify"
-#: Words that name no program: statements, functions, types, operators, the one-letter arrays, and the name that the
-#: program itself gives. Case does not matter.
-_RESERVED = set(re.findall(r"\w+", """
-abs accel acos addhandler addpathpoint and angulartrigger approach archmove area areapos areasize array arrive as asc
-asin atn atn2 avec base bin bit buzzer byref byte byval call callbyname cao case changetool changework chr
-clearareadetected clearservolog clrerr clrpathpoint collisiondetection comm continueall convertposbase convertpostool
-convertposwork cos cpmode createarray createmultiarray createmutex cross crtmotionallow curacc curcpmode curdec curerr
-curexj curextacc curextdec curextspd curfig curforcesensorpayload curjnt curlmt curoptmode curpathpoint curpayload
-curpos curspd curspeedmode curtool curtrn curwork date deadmanstate decel defio degrad delay deletemutex depart destjnt
-destpos desttrn detectoff detecton dev devh dim dist do dot double dps draw drive drivea else elseif encmotionallow
-encmotionallowjnt end eralw err errlvl errmsg error exclusivearea exclusivecontrolstatus exit exp extaccel extdecel
-extspeed false fig fix for forcechangetable forcectrl forceparam forcesensor forcesensorpayload forcevalue
-forcewaitcondition format function getareadetected getcollisionstatus gethandio getlanguage getpathpoint
-getpathpointcount getpriority getpublicvalue getsrvdata getsrvjntdata givearm givemutex goto grvctrl grvoffset halt hand
-hex highpathaccuracy hold if instr instrrev int integer interrupt io j2p j2t join joint keep kill killall killbyname
-lbound lcase left len lenb let leta letf letj leto letp letr letrx letry letrz letx lety letz loadpathpoint lockstate
-log log10 loop ltrim magnitude main max mid min mod motioncomplete motionskip motiontimeout motor motorstate move mps
-msgbox mutexid mutexstate next normalvector not now off on or outputtcpspeed outrange ovec p2j p2t pagechange
-pagechangebyname pallet payload posclr position posrx posry posrz posx posy posz pow printdbg printmsg public pvec
-raddeg randomize readbytearray realpath rem removehandler reset resetarea resetexclusivearea resetmutex resume right
-rnd robinfo rotate rotateh rpm rtrim run runbyname rvec select set setarea setcollisiondetection setexclusivearea
-sethandio setpriority setpublicvalue sgn sin single singularavoid speed speedmode split sprintf sqr srvunlock
-startservolog static status statusbyname step stop stopservolog str string sub suspend suspendall suspendbyname
-swapbytearray synctime sysinfo syslog sysstate t2j t2p takearm takearmstate takemutex tan then time timer tinv tmul
-tnorm to tool toolpos trackapproach trackarrivaltime trackbufferdelete trackbufferindexes trackbufferread
-trackbuffersort trackconveyorspd trackconveyorvector trackcount trackcurbuffersort trackcurpos trackcurstartarea
-trackdepart trackencoder trackinitialize trackinrange trackminimumintervallength trackmove trackoffsetmargin
-tracksetsensor tracksetvision trackstandbypos trackstart trackstartarea trackstop tracktargetoffset tracktargetpos
-tracktargetrelease trans true ubound ucase until val varchangetype variant vartype vector ver virtualfence vis wait
-waitmotion while work workattribute workpos writebytearray xor zforce p j t v i f d s l c ptp unit
-"""))  # fmt: skip
-#: Least and greatest value of the options that are numbers.
+#: Words that cannot name a program: statements, functions, types, operators, the one-letter arrays,
+#: and the name that the program itself gives. Case does not matter.
+_RESERVED = set(
+    """
+    abs accel acos addhandler addpathpoint and angulartrigger approach archmove area areapos
+    areasize array arrive as asc asin atn atn2 avec base bin bit buzzer byref byte byval call
+    callbyname cao case changetool changework chr clearareadetected clearservolog clrerr
+    clrpathpoint collisiondetection comm continueall convertposbase convertpostool
+    convertposwork cos cpmode createarray createmultiarray createmutex cross crtmotionallow
+    curacc curcpmode curdec curerr curexj curextacc curextdec curextspd curfig
+    curforcesensorpayload curjnt curlmt curoptmode curpathpoint curpayload curpos curspd
+    curspeedmode curtool curtrn curwork date deadmanstate decel defio degrad delay deletemutex
+    depart destjnt destpos desttrn detectoff detecton dev devh dim dist do dot double dps draw
+    drive drivea else elseif encmotionallow encmotionallowjnt end eralw err errlvl errmsg error
+    exclusivearea exclusivecontrolstatus exit exp extaccel extdecel extspeed false fig fix for
+    forcechangetable forcectrl forceparam forcesensor forcesensorpayload forcevalue
+    forcewaitcondition format function getareadetected getcollisionstatus gethandio getlanguage
+    getpathpoint getpathpointcount getpriority getpublicvalue getsrvdata getsrvjntdata givearm
+    givemutex goto grvctrl grvoffset halt hand hex highpathaccuracy hold if instr instrrev int
+    integer interrupt io j2p j2t join joint keep kill killall killbyname lbound lcase left len
+    lenb let leta letf letj leto letp letr letrx letry letrz letx lety letz loadpathpoint
+    lockstate log log10 loop ltrim magnitude main max mid min mod motioncomplete motionskip
+    motiontimeout motor motorstate move mps msgbox mutexid mutexstate next normalvector not now
+    off on or outputtcpspeed outrange ovec p2j p2t pagechange pagechangebyname pallet payload
+    posclr position posrx posry posrz posx posy posz pow printdbg printmsg public pvec raddeg
+    randomize readbytearray realpath rem removehandler reset resetarea resetexclusivearea
+    resetmutex resume right rnd robinfo rotate rotateh rpm rtrim run runbyname rvec select set
+    setarea setcollisiondetection setexclusivearea sethandio setpriority setpublicvalue sgn sin
+    single singularavoid speed speedmode split sprintf sqr srvunlock startservolog static status
+    statusbyname step stop stopservolog str string sub suspend suspendall suspendbyname
+    swapbytearray synctime sysinfo syslog sysstate t2j t2p takearm takearmstate takemutex tan
+    then time timer tinv tmul tnorm to tool toolpos trackapproach trackarrivaltime
+    trackbufferdelete trackbufferindexes trackbufferread trackbuffersort trackconveyorspd
+    trackconveyorvector trackcount trackcurbuffersort trackcurpos trackcurstartarea trackdepart
+    trackencoder trackinitialize trackinrange trackminimumintervallength trackmove
+    trackoffsetmargin tracksetsensor tracksetvision trackstandbypos trackstart trackstartarea
+    trackstop tracktargetoffset tracktargetpos tracktargetrelease trans true ubound ucase until
+    val varchangetype variant vartype vector ver virtualfence vis wait waitmotion while work
+    workattribute workpos writebytearray xor zforce p j t v i f d s l c ptp unit
+""".split()  # noqa: SIM905 (hundreds of words read better so)
+)
+#: Minimum and maximum of the options that are numbers.
 _RANGES = {
-    "tool": (0, 63), "work": (0, 63), "rated": (0, 1e5), "rated_turn": (1, 1e4), "ext_speed": (0, 100),
+    "tool": (0, 63),
+    "work": (0, 63),
+    "rated": (0, 1e5),
+    "rated_turn": (1, 1e4),
+    "ext_speed": (0, 100),
     "internal_speed": (0.1, 100),
-    "accel": (0.0001, 100), "force_table": (1, 10), "decimals": (1, 6), "max_lines": (0, 10**9),
-}  # fmt: skip
+    "accel": (0.0001, 100),
+    "force_table": (1, 10),
+    "decimals": (1, 6),
+    "max_lines": (0, 10**9),
+}
 #: The highest number of an IO (manual 5512).
 _LAST_IO = 24063
 
 
 @dataclass
 class PacScriptOptions(Post):
-    """Fields are options of ``[post]``. Raises JobError for one that the controller cannot be meant to take."""
+    """The options of `[post]`. Raises JobError for one that the controller does not take."""
 
     max_lines: int = field(
         default=5000, kw_only=True, metadata={"help": "body lines per Sub; 0: one Sub"}
@@ -116,16 +134,16 @@ class PacScriptOptions(Post):
     )
 
     def __post_init__(self) -> None:
-        for name, (least, most) in _RANGES.items():
-            if not least <= getattr(self, name) <= most:
-                raise JobError(
-                    f"[post] {name}",
-                    f"is {getattr(self, name)}",
-                    remedy=f"give {least:g} to {most:g}",
-                )
+        for name, (low, high) in _RANGES.items():
+            value = getattr(self, name)
+            if not low <= value <= high:
+                raise JobError(f"[post] {name}", f"is {value}", remedy=f"give {low:g} to {high:g}")
         if 0 < self.ext_speed < _RANGES["accel"][0]:
-            what = f"must be 0, or {_RANGES['accel'][0]:g} to 100, not {self.ext_speed:g}"
-            raise JobError("[post] ext_speed", what, remedy="smaller ones are printed as 0")
+            raise JobError(
+                "[post] ext_speed",
+                f"must be 0, or {_RANGES['accel'][0]:g} to 100, not {self.ext_speed:g}",
+                remedy="smaller ones are printed as 0",
+            )
         if self.speed == "percent" and not self.rated:
             raise JobError(
                 '[post] speed = "percent"',
@@ -139,8 +157,11 @@ class PacScriptOptions(Post):
                 remedy="give tool and work from 1 on",
             )
         if self.program and not _legal(self.program):
-            remedy = "a letter, then letters, digits and _, at most 64, no word of the language"
-            raise JobError("[post] program", f"{self.program} cannot name a program", remedy=remedy)
+            raise JobError(
+                "[post] program",
+                f"{self.program} cannot name a program",
+                remedy="a letter, then letters, digits and _, at most 64, no word of the language",
+            )
         numbers = list(self.signals.values())
         if len(set(numbers)) < len(numbers) or min(numbers, default=0) < 0:
             raise JobError(
@@ -149,8 +170,11 @@ class PacScriptOptions(Post):
                 remedy="one IO per signal",
             )
         if max(numbers, default=0) > _LAST_IO:
-            what = f"IO {max(numbers)} must be at most {_LAST_IO}"
-            raise JobError("[post] signals", what, remedy="give an IO of the controller")
+            raise JobError(
+                "[post] signals",
+                f"IO {max(numbers)} must be at most {_LAST_IO}",
+                remedy="give an IO of the controller",
+            )
         _check_template("force_on", self.force_on, {"x", "y", "z"})
         _check_template("force_change", self.force_change, {"x", "y", "z"})
         _check_template("force_off", self.force_off, set())
@@ -159,9 +183,12 @@ class PacScriptOptions(Post):
         """The number for ChangeTool. Raises JobError for one that the controller does not have."""
         first, last = _RANGES["tool"]
         if number > last:
-            what = f"tool {name or number} has the number {number}"
-            remedy = f"PacScript has tools {first} to {last}"
-            raise JobError("job", what, "[[tools]] number", remedy)
+            raise JobError(
+                "job",
+                f"tool {name or number} has the number {number}",
+                "[[tools]] number",
+                f"PacScript has tools {first} to {last}",
+            )
         return {"tool": number} if number else {}
 
     def held_tool(self) -> str:
@@ -169,13 +196,12 @@ class PacScriptOptions(Post):
         return "" if self.define else f"tool {self.tool}"
 
     def dynamics(self) -> Dynamics:
-        """``Accel`` as a share of 10 m/s2. @P leaves the corner to speed and acceleration."""
+        """`Accel` is a fraction of 10 m/s2. With @P, speed and acceleration decide on corners."""
         corner: Literal["overlap", "zone"] = "overlap" if self.pass_mark == "P" else "zone"
         pace = Dynamics(acceleration=100.0 * self.accel, corner=corner, shares=True)
-        most = (self.ext_speed or 100.0) / 100.0
-        return replace(
-            pace, most=most, fastest=most * min(pace.fastest, self.rated or pace.fastest)
-        )
+        fraction = (self.ext_speed or 100.0) / 100.0
+        fastest = fraction * min(pace.fastest, self.rated or pace.fastest)
+        return replace(pace, most=fraction, fastest=fastest)
 
 
 def is_reserved(name: str) -> bool:
@@ -188,21 +214,17 @@ def _legal(name: str) -> bool:
 
 
 def derive(name: str) -> str:
-    """A name that the controller takes for files and Subs, as near to ``name`` as it allows."""
+    """Make a name for files and Subs that the controller takes, as similar as possible."""
     text = re.sub(r"[^A-Za-z0-9_]", "_", name)[:60]
     return text if _legal(text) else f"job_{text}"
 
 
 def _check_template(option: str, lines: list[str], needed: set[str]) -> None:
-    """JobError unless the lines are plain text with the known places, all of ``needed`` among them."""
+    """Check that lines are text with known fields, and all of `needed`. Raises JobError."""
     where = f"[post] {option}"
     try:
-        places = [
-            place[1:]
-            for line in lines
-            for place in string.Formatter().parse(line)
-            if place[1] is not None
-        ]
+        parsed = chain.from_iterable(string.Formatter().parse(line) for line in lines)
+        places = [place[1:] for place in parsed if place[1] is not None]
     except ValueError as error:
         raise JobError(
             where, "has a brace without its other half", remedy="write {{ for a brace"

@@ -1,6 +1,7 @@
-"""ABB RAPID: modules for IRC5, OmniCore and, with ``s4``, S4 controllers (docs/posts/rapid.md).
+"""ABB RAPID: modules for IRC5, OmniCore and, with `s4`, S4 controllers (docs/posts/rapid.md).
 
-Sources: RAPID kernel manual 3HAC16585-1; RAPID system data types and routines 3HAC 0966-13; tooldata in 3HAC050917-001.
+Sources: RAPID kernel manual 3HAC16585-1; RAPID system data types and routines 3HAC 0966-13;
+tooldata in 3HAC050917-001.
 """
 
 from __future__ import annotations
@@ -8,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import ClassVar
 
 import numpy as np
@@ -45,8 +47,16 @@ from camgen.model.program import (
 )
 from camgen.model.text import counted, fixed, fixed_each, short
 from camgen.post import OutputFile, Tolerance, end_of
-from camgen.post.passes import without_force
-from camgen.post.printed import Forms, Lines, Printed, as_printed, forms_of, join_lines, rounded
+from camgen.post.passes import remove_force
+from camgen.post.printed import (
+    Forms,
+    Lines,
+    Printed,
+    join_lines,
+    make_forms,
+    make_printed,
+    round_numbers,
+)
 from camgen.post.renamed import note_renamed
 
 from .force import DIGITS as FORCE_DIGITS
@@ -56,7 +66,7 @@ from .force import (
     choose_calibrations,
     find_round,
     find_wide,
-    settle,
+    move_forces,
     stop_before_calibrations,
     tool_axis,
 )
@@ -75,25 +85,27 @@ from .options import (
     speed_text,
     zone_name,
 )
-from .routines import Names, Routine, call, chunk, cut
+from .routines import Names, Routine, call, divide_body, divide_items
 
 #: Digits of a joint angle in deg; of a quaternion, whose square may differ from 1 by 1e-5.
 _JOINT_DIGITS, _Q_DIGITS = 4, 7
 _NO_AXES = "[9E9,9E9,9E9,9E9,9E9,9E9]"
-#: confdata where no posture is known for sure; the supervision of postures is then off.
+#: confdata of an unknown posture; the supervision of postures is then off.
 _NEUTRAL = "0,0,0,0"
-#: Least and greatest speed, mm/s and deg/s, and least blend radius, mm.
-_LEAST_SPEED_AND_ZONE, _FASTEST = 0.001, 99999
-#: rad: no arm of six axes turns one further. A turn whose trace is below this is half a turn, to 0.2 deg.
-_FARTHEST_AXIS, _HALF_TURN = math.radians(450.0), -1 + math.radians(0.2) ** 2
+#: Minimum speed, mm/s and deg/s, and minimum blend radius, mm; and maximum speed.
+_MIN_SPEED_AND_ZONE, _FASTEST = 0.001, 99999
+#: rad: largest value of an axis of an arm with six axes.
+_FARTHEST_AXIS = math.radians(450.0)
+#: A reorientation by a rotation with a smaller trace is half a turn, within 0.2 deg.
+_HALF_TURN = -1 + math.radians(0.2) ** 2
 _IN, _IN2 = "    ", "        "
-#: Ends force control where a program that was aborted has left it on (both words from public force programs).
+#: Ends force control that an aborted program has left on (both words from public force programs).
 _DEACT = f"{_IN2}IF FCIsForceMode() FCDeact;"
 
 
 @dataclass
 class Rapid(RapidOptions):
-    """Posts RAPID."""
+    """The post for RAPID."""
 
     name: ClassVar[str] = "rapid"
     suffix: ClassVar[str] = ".mod"
@@ -124,16 +136,14 @@ class Rapid(RapidOptions):
         default_factory=lambda: Names(LONGEST, ()), init=False, repr=False, compare=False
     )
 
-    # -- legality ------------------------------------------------------------------------------------------------
-
     def list_changed(self) -> frozenset[str]:
-        """Force, where it is left out."""
+        """Force, if it is left out."""
         return frozenset({"force"} if self.force == "ignore" else ())
 
     def prepare(self, program: Program, chord: float) -> Program:
-        """See ``Post``; each change of force is moved to its motion, or all pressing left out where options say so."""
+        """See `Post`. Each change of force is moved to its motion, or an option leaves it out."""
         if self.force == "ignore":
-            program = without_force(program)
+            program = remove_force(program)
         index, first = next(motions(program.body), (-1, None))
         if first is not None and not isinstance(first.target, Joints):
             raise Refused(
@@ -142,29 +152,24 @@ class Rapid(RapidOptions):
                 "the first motion must be to joint values; give the home position in deg",
             )
         for frame in (program.base_from_work, program.flange_from_tool):
-            if _far(frame):
+            if _is_far(frame):
                 raise Refused(self.name, -1, f"a frame is farther than {FARTHEST} mm from its base")
-        return self._pressing_prepared(program, chord)
+        return self._prepare_forces(program, chord)
 
-    def _pressing_prepared(self, program: Program, chord: float) -> Program:
+    def _prepare_forces(self, program: Program, chord: float) -> Program:
         if not _presses(program):
             return super().prepare(program, chord)
         check_sections(self.name, program.body)
-        first = next(
-            (
-                k
-                for k, item in enumerate(program.body)
-                if isinstance(item, Force) and item.newtons > 0
-            ),
-            None,
-        )
-        if first is not None and not (self.force_load or self.force_calibrated):
-            what = "the force sensor is not set to zero before pressing"
-            remedy = (
-                "give post.force_load, or say post.force_calibrated = true where the cell does it"
-            )
-            raise Refused(self.name, first, what, remedy)
-        body = settle(program.body, chord)
+        for index, item in enumerate(program.body):
+            is_on = isinstance(item, Force) and item.newtons > 0
+            if is_on and not (self.force_load or self.force_calibrated):
+                raise Refused(
+                    self.name,
+                    index,
+                    "the force sensor is not set to zero before pressing",
+                    "give post.force_load, or post.force_calibrated = true if the cell does it",
+                )
+        body = move_forces(program.body, chord)
         if self.force_load:
             body = stop_before_calibrations(self.name, body)
         prepared = super().prepare(program.with_body(body), chord)
@@ -172,16 +177,16 @@ class Rapid(RapidOptions):
         return prepared
 
     def accepts(self, columns: Columns) -> Mask:
-        """Outputs, and motions without joints to poses, in bounds, arcs where they are as they should be for sure."""
+        """Outputs, and motions to poses without joint values, in limits; arcs without faults."""
         speed, blend = columns.speed, columns.blend
-        fine = columns.posed & (speed >= _LEAST_SPEED_AND_ZONE) & (speed <= _FASTEST)
+        fine = columns.posed & (speed >= _MIN_SPEED_AND_ZONE) & (speed <= _FASTEST)
         turn = np.degrees(columns.turn)
-        fine &= (turn == 0) | ((turn >= _LEAST_SPEED_AND_ZONE) & (turn <= _FASTEST))
-        fine &= (blend == 0) | ((blend >= _LEAST_SPEED_AND_ZONE) & (blend <= FARTHEST))
+        fine &= (turn == 0) | ((turn >= _MIN_SPEED_AND_ZONE) & (turn <= _FASTEST))
+        fine &= (blend == 0) | ((blend >= _MIN_SPEED_AND_ZONE) & (blend <= FARTHEST))
         fine &= within(columns.ends, FARTHEST)
         places, special = columns.special
         fine[places] &= np.array([move.joints is None for move in special], np.bool_)
-        fine &= ~_half_turns(columns)
+        fine &= ~_are_half_turns(columns)
         arcs = np.flatnonzero(fine & columns.moves_are(MoveC))
         fine[arcs] = self._accept_arcs(columns, arcs)
         accepted = columns.are(Comment) | columns.alike(
@@ -191,15 +196,14 @@ class Rapid(RapidOptions):
         return accepted
 
     def refuses(self, columns: Columns) -> Mask:
-        """Arcs that turn too far for sure."""
+        """Arcs that are certainly too wide."""
         refused = np.zeros(len(columns.at), np.bool_)
         arcs = columns.arcs[columns.arcs > 0]
         refused[arcs] = find_wide(columns.ends[arcs - 1], columns.vias_of(arcs), columns.ends[arcs])
         return refused
 
     def _accept_arcs(self, columns: Columns, arcs: Indices) -> Mask:
-        """Which of the motions ``arcs`` can be printed as they are, for sure."""
-        # Wherever the first motion starts, it is not an arc.
+        # The start of the first motion is unknown, but it is not an arc.
         starts = np.where(arcs[:, None] > 0, columns.ends[arcs - 1], np.nan)
         vias = columns.vias_of(arcs)
         free = self.force_arcs | (columns.force[arcs] <= 0)
@@ -207,7 +211,7 @@ class Rapid(RapidOptions):
         return fine & find_round(starts, vias, columns.ends[arcs], self.decimals)
 
     def why_not(self, item: Instruction, before: Motion | None, _after: Motion | None) -> str:
-        """What RAPID, or its rules of names and numbers, does not allow."""
+        """Return why RAPID, or its rules of names and numbers, does not allow `item`."""
         match item:
             case Output():
                 return self._why_not_output(item)
@@ -223,12 +227,12 @@ class Rapid(RapidOptions):
 
     def _why_not_output(self, item: Output) -> str:
         if item.signal not in self.signals:
-            prefix = "ao" if item.signal == "spindle" else "do"
-            return f'no output is named for {item.signal}; set post.signals, e.g. {item.signal} = "{prefix}Name"'
+            example = f'{item.signal} = "{"ao" if item.signal == "spindle" else "do"}Name"'
+            return f"no output is named for {item.signal}; set post.signals, e.g. {example}"
         if item.signal == "spindle" and item.value < 0:
             return (
-                f"the spindle is to turn backwards ({-item.value:g} rpm), and its output has the "
-                "speed alone"
+                f"the spindle is to turn backwards ({-item.value:g} rpm)"
+                ", and its output has the speed alone"
             )
         if item.signal != "spindle" and item.value not in (0, 1):
             return f"{item.signal} is a digital output and cannot be {item.value:g}; use 0 or 1"
@@ -238,40 +242,47 @@ class Rapid(RapidOptions):
         target = motion.target
         for joints in (target, motion.joints):
             if isinstance(joints, Joints) and len(joints.values) != 6:
-                return f"{counted(len(joints.values), 'joint value')}; RAPID here is for arms of six axes"
+                values = counted(len(joints.values), "joint value")
+                return f"{values}; RAPID here is for arms of six axes"
         if isinstance(target, Joints) and (far := max(map(abs, target.values))) > _FARTHEST_AXIS:
-            return f"an axis at {math.degrees(far):.0f} deg, which arms do not turn to; give 450 at most"
-        if (isinstance(target, Pose) and _far(target)) or (
-            isinstance(motion, MoveC) and _far(motion.via)
-        ):
+            return (
+                f"an axis at {math.degrees(far):.0f} deg, which arms do not turn to"
+                "; give 450 at most"
+            )
+        is_far = isinstance(target, Pose) and _is_far(target)
+        if is_far or (isinstance(motion, MoveC) and _is_far(motion.via)):
             return f"a coordinate of more than {FARTHEST} mm, which a num does not carry exactly"
-        turn = math.degrees(_turn(motion))
-        if turn and not _LEAST_SPEED_AND_ZONE <= turn <= _FASTEST:
-            return f"a turn at {turn:g} deg/s; use {_LEAST_SPEED_AND_ZONE} to {_FASTEST} for process.turn"
-        if not _LEAST_SPEED_AND_ZONE <= motion.speed <= _FASTEST:
-            return f"a speed of {motion.speed:g} mm/s; use {_LEAST_SPEED_AND_ZONE} to {_FASTEST}"
-        if motion.blend and not _LEAST_SPEED_AND_ZONE <= motion.blend <= FARTHEST:
-            return f"a blend radius of {motion.blend:g} mm; use 0, or {_LEAST_SPEED_AND_ZONE} to {FARTHEST}"
+        turn, speeds = math.degrees(_get_turn(motion)), f"{_MIN_SPEED_AND_ZONE} to {_FASTEST}"
+        if turn and not _MIN_SPEED_AND_ZONE <= turn <= _FASTEST:
+            return f"a turn at {turn:g} deg/s; use {speeds} for process.turn"
+        if not _MIN_SPEED_AND_ZONE <= motion.speed <= _FASTEST:
+            return f"a speed of {motion.speed:g} mm/s; use {speeds}"
+        if motion.blend and not _MIN_SPEED_AND_ZONE <= motion.blend <= FARTHEST:
+            return (
+                f"a blend radius of {motion.blend:g} mm"
+                f"; use 0, or {_MIN_SPEED_AND_ZONE} to {FARTHEST}"
+            )
         return ""
 
     def _why_not_arc(self, arc: MoveC, start: Pose | None) -> str:
         if start is None:
             return "an arc from a pose that is not known; put a straight motion before it"
         if arc.force > 0 and not self.force_arcs:
-            return "an arc while pressing; use straight motions, or post.force_arcs = true for FCPressC"
+            return (
+                "an arc while pressing; "
+                "use straight motions, or post.force_arcs = true for FCPressC"
+            )
         return arc_fault(start.origin, arc.via.origin, arc.target.origin, self.decimals)
 
-    # -- instructions --------------------------------------------------------------------------------------------
-
     def print_force(self, item: Force) -> Sequence[str]:
-        """Force on and off are part of the next motion; before the first one it is asked whether force is on."""
+        """Force is set with the next motion; before the first one it is switched off if on."""
         if not self._begun:
             return (_DEACT,)
         self._change = item
         return ()
 
     def movej(self, motion: MoveJ) -> Sequence[str]:
-        """MoveAbsJ to joints, in deg, else MoveJ."""
+        """MoveAbsJ to joint values in deg, otherwise MoveJ."""
         self._begun = True
         if isinstance(motion.target, Pose):
             return (f"{_IN2}MoveJ {self._target(motion.target, motion)},{self._tail(motion)};",)
@@ -280,7 +291,7 @@ class Rapid(RapidOptions):
         return (f"{_IN2}MoveAbsJ [[{angles}],{_NO_AXES}],{rest};",)
 
     def movel(self, motion: MoveL) -> Sequence[str]:
-        """MoveL, or the FCPress instruction in its place."""
+        """MoveL, or the FCPress instruction that replaces it."""
         target = self._target(motion.target, motion)
         change, self._change = self._change, None
         if change is None:
@@ -290,14 +301,11 @@ class Rapid(RapidOptions):
         if change.newtons == 0:
             return (f"{_IN2}FCPressEnd {target},{speed},{self.tool}\\WObj:={self.work};",)
         axis, newtons = self._pressing(motion)
-        more = "".join(
-            f"\\{name}:={short(value, DIGITS)}"
-            for name, value in (
-                ("ForceChange", self.force_change),
-                ("PosSupvDist", self.force_distance),
-            )
-            if value
-        )
+        more = ""
+        if self.force_change:
+            more += f"\\ForceChange:={short(self.force_change, DIGITS)}"
+        if self.force_distance:
+            more += f"\\PosSupvDist:={short(self.force_distance, DIGITS)}"
         rest = f"{zone_name(motion.blend)},{self.tool}\\WObj:={self.work};"
         threshold = short(self.force_threshold, DIGITS)
         return (
@@ -331,7 +339,7 @@ class Rapid(RapidOptions):
         return f"{_IN2}! {text}"
 
     def forms(self, program: Program) -> Forms | None:
-        """Motions that say nothing but their points, speed and zone; none of a program that presses."""
+        """Motions with only points, speed and zone; None for a program with force."""
         columns = program.columns
         if _presses(program):
             return None
@@ -341,14 +349,11 @@ class Rapid(RapidOptions):
         arcs = columns.arcs
         via_rotation = np.zeros(len(plain), np.int32)
         via_rotation[arcs] = columns.via_rotation
-        (speeds, speed), (blends, blend) = (
-            np.unique(one[rows], return_inverse=True) for one in (columns.speed, columns.blend)
-        )
+        speeds, speed = np.unique(columns.speed[rows], return_inverse=True)
+        blends, blend = np.unique(columns.blend[rows], return_inverse=True)
         numbers, used = np.zeros((len(plain), 6)), np.ones((len(plain), 6), np.bool_)
-        numbers[arcs, :3], numbers[:, 3:] = (
-            rounded(columns.via, self.decimals),
-            rounded(columns.ends, self.decimals),
-        )
+        numbers[arcs, :3] = round_numbers(columns.via, self.decimals)
+        numbers[:, 3:] = round_numbers(columns.ends, self.decimals)
         used[:, :3] = columns.moves_are(MoveC)[:, None]
         numbers, used = numbers[rows], used[rows]
         point = ",".join([f"%.{self.decimals}f"] * 3)
@@ -362,18 +367,10 @@ class Rapid(RapidOptions):
                 return f"{_IN2}MoveC {through},\n{_IN2}{_IN}{to},{tail};"
             return f"{_IN2}{'MoveJ' if kind == NUMBER[MoveJ] else 'MoveL'} {to},{tail};"
 
-        return forms_of(
-            rows,
-            [columns.kinds[rows], columns.rotation[rows], via_rotation[rows], speed, blend],
-            form,
-            numbers,
-            used,
-        )
-
-    # -- parts of an instruction ---------------------------------------------------------------------------------
+        plain_columns = columns.kinds[rows], columns.rotation[rows], via_rotation[rows]
+        return make_forms(rows, [*plain_columns, speed, blend], form, numbers, used)
 
     def _target(self, pose: Pose, motion: Motion) -> str:
-        """A robtarget written out: cheaper in program memory than a named one."""
         known = motion.posture.confdata if motion.posture and self.conf != "off" else None
         conf = ",".join(map(str, known)) if known else _NEUTRAL
         return self._target_of(fixed_each(pose.origin, self.decimals), pose.rotation, conf)
@@ -383,57 +380,51 @@ class Rapid(RapidOptions):
 
     def _rotation(self, rotation: FloatArray) -> str:
         if id(rotation) not in self._rotations:
-            self._rotations[id(rotation)] = (
-                rotation,
-                ",".join(fixed(v, _Q_DIGITS) for v in quaternion(rotation)),
-            )
+            text = ",".join(fixed(v, _Q_DIGITS) for v in quaternion(rotation))
+            self._rotations[id(rotation)] = (rotation, text)
         return self._rotations[id(rotation)][1]
 
     def _speed(self, motion: Motion) -> str:
-        return speed_text(motion.speed, _turn(motion), self._named)
+        return speed_text(motion.speed, _get_turn(motion), self._named)
 
     def _tail(self, motion: Motion) -> str:
-        """Speed, force while pressing, zone, tool and work object."""
         if not isinstance(motion, MoveJ) and motion.force > 0:
-            return self._end(
-                motion.speed, motion.blend, _turn(motion), self._pressing(motion)[1] + ","
-            )
-        return self._tail_of(motion.speed, motion.blend, _turn(motion))
+            force = self._pressing(motion)[1] + ","
+            return self._end(motion.speed, motion.blend, _get_turn(motion), force)
+        return self._tail_of(motion.speed, motion.blend, _get_turn(motion))
 
     def _tail_of(self, speed: float, blend: float, turn: float) -> str:
-        said = speed, blend, turn
-        known = self._tails.get(said)
-        if known is None:
-            known = self._tails[said] = self._end(*said, "")
-        return known
+        key = speed, blend, turn
+        if key not in self._tails:
+            self._tails[key] = self._end(*key, "")
+        return self._tails[key]
 
     def _end(self, speed: float, blend: float, turn: float, force: str) -> str:
         text = speed_text(speed, turn, self._named)
         return f"{text},{force}{zone_name(blend)},{self.tool}\\WObj:={self.work}"
 
     def _pressing(self, motion: MoveL | MoveC) -> tuple[str, str]:
-        """The tool axis along which a motion presses, and with how many N: negative against the axis."""
-        found = tool_axis(motion.target.rotation, motion.force_direction)
-        if found is None:
-            raise Refused(self.name, -1, "a press direction that is no axis of the tool")
-        axis, sign = found
-        return "xyz"[axis], short(sign * self.force_sign * motion.force, FORCE_DIGITS)
+        """Return the tool axis along which a motion presses, and the force, N.
 
-    # -- files ---------------------------------------------------------------------------------------------------
+        A force against the axis is negative.
+        """
+        axis_and_sign = tool_axis(motion.target.rotation, motion.force_direction)
+        if axis_and_sign is None:
+            raise Refused(self.name, -1, "a press direction that is not an axis of the tool")
+        axis, sign = axis_and_sign
+        return "xyz"[axis], short(sign * self.force_sign * motion.force, FORCE_DIGITS)
 
     def begin(self, program: Program) -> Sequence[str]:
         """MODULE, header, data, and main up to its first instruction."""
         head = ["%%%", "  VERSION:1", "  LANGUAGE:ENGLISH", "%%%"] if self.s4 else []
         head.append(f"MODULE {self.module_name(program)}")
-        header = [self.note(line).strip() for line in program.header] + [
-            f"! {line}" for line in self._remarks(program)
-        ]
+        header = [self.note(line).strip() for line in program.header]
+        header += [f"! {line}" for line in self._list_assumptions(program)]
         data = motion_data(program.columns, self._named)
         head += [_IN + line for line in (*header, *self._frames(program), *data)]
         return [*head, "", f"{_IN}PROC main()", *(_IN2 + line for line in self._settings(program))]
 
     def _load(self) -> tuple[str, str] | None:
-        """The load of a declared tool without a mass, and the remedy; None for another tool."""
         if not self.declare or self.mass > NO_MASS:
             return None
         mass = f"tool mass {short(self.mass, DIGITS)} kg is a placeholder"
@@ -454,14 +445,11 @@ class Rapid(RapidOptions):
         """The ends of main and of the module."""
         return *self._handler(program, main=True), f"{_IN}ENDPROC", "ENDMODULE"
 
-    def _remarks(self, program: Program) -> Iterator[str]:
-        """What the program takes for granted."""
+    def _list_assumptions(self, program: Program) -> Iterator[str]:
         yield from (f"load: {line}" for line in self._load() or ())
         if not self.declare:
-            for name, frame in (
-                (self.tool, program.flange_from_tool),
-                (self.work, program.base_from_work),
-            ):
+            frames = {self.tool: program.flange_from_tool, self.work: program.base_from_work}
+            for name, frame in frames.items():
                 pose = format_frame(frame)
                 yield f"{name} must be on the controller with the frame {pose} mm, deg"
         if self.force == "ignore":
@@ -469,22 +457,22 @@ class Rapid(RapidOptions):
         if not _presses(program):
             return
         sense = "along" if self.force_sign > 0 else "against"
-        yield f"force: Machining FC is installed; a positive force pushes {sense} the axis of the tool"
-        yield f"force: travel begins when {short(self.force_threshold, DIGITS)} % of the force is felt"
-        zero = (
-            f"FCCalib {self.force_load} in the air"
-            if self.force_load
-            else "the cell, before this program"
+        yield (
+            "force: Machining FC is installed; "
+            f"a positive force pushes {sense} the axis of the tool"
         )
+        threshold = short(self.force_threshold, DIGITS)
+        yield f"force: travel begins when {threshold} % of the force is felt"
+        zero = "the cell, before this program"
+        if self.force_load:
+            zero = f"FCCalib {self.force_load} in the air"
         yield f"force: the sensor is set to zero by {zero}"
 
     def _outputs(self, program: Program) -> list[str]:
-        """The statements that switch off every output that the program uses."""
-        used = dict.fromkeys(item.signal for item in program.columns.outputs)
-        return [line for signal in used for line in self.output(Output(signal, 0.0))]
+        signals = dict.fromkeys(item.signal for item in program.columns.outputs)
+        return list(chain.from_iterable(self.output(Output(name, 0.0)) for name in signals))
 
     def _handler(self, program: Program, *, main: bool) -> list[str]:
-        """The ERROR handler: in main it drops the process, elsewhere it hands the error on to main."""
         outputs = self._outputs(program)
         deact = _presses(program)
         if self.on_error == "none" or not (outputs or deact):
@@ -497,16 +485,12 @@ class Rapid(RapidOptions):
         return [f"{_IN}ERROR", *lines, f"{_IN2}{self.on_error.upper()};"]
 
     def _safe(self, program: Program) -> list[str]:
-        """The routine that drops the process, for the handler and for an event routine of the controller."""
         outputs = self._outputs(program)
-        return (
-            ["", f"{_IN}PROC {SAFE}()", *outputs, f"{_IN}ENDPROC"]
-            if outputs and self.on_error != "none"
-            else []
-        )
+        if not outputs or self.on_error == "none":
+            return []
+        return ["", f"{_IN}PROC {SAFE}()", *outputs, f"{_IN}ENDPROC"]
 
     def _proc(self, routine: Routine, end: str) -> Lines:
-        """A routine; end: its last lines."""
         lines = routine.lines
         size = 2 + len(lines) + end.count("\n") + 1
         return Lines((f"\n{_IN}PROC {routine.name}()", *lines.pieces, end), lines.printed, size)
@@ -519,9 +503,9 @@ class Rapid(RapidOptions):
         fixture = self.place_fixture(program.base_from_work)
         user, thing = self._frame(fixture, self.decimals), "[[0,0,0],[1,0,0,0]]"
         if self.fixture:
-            # From the user frame as it is printed, and finer, so that their roundings do not add up.
-            lies = _round(fixture, self.decimals).inverse() @ program.base_from_work
-            thing = self._frame(lies, self.decimals + 1)
+            # From the printed user frame, with one more digit, so that roundings do not add up.
+            fixture_from_work = _round(fixture, self.decimals).inverse() @ program.base_from_work
+            thing = self._frame(fixture_from_work, self.decimals + 1)
         cog = ",".join(short(v, DIGITS) for v in self.cog)
         load = f"[{short(self.mass, DIGITS)},[{cog}],[1,0,0,0],0,0,0]"
         return [
@@ -533,15 +517,18 @@ class Rapid(RapidOptions):
         return f"[[{fixed_each(pose.origin, decimals)}],[{self._rotation(pose.rotation)}]]"
 
     def _settings(self, program: Program) -> list[str]:
-        """What main sets before it moves. ConfJ and ConfL: on where every motion of the kind knows its posture."""
+        """Print the settings of main before it moves.
+
+        ConfJ and ConfL are on if the posture of every motion of the kind is known.
+        """
         lines = []
         columns = program.columns
         known = np.zeros(len(columns.at), np.bool_)
         places, special = columns.special
         known[places] = [bool(move.posture and move.posture.confdata) for move in special]
         for word, kinds in (("ConfJ", (MoveJ,)), ("ConfL", (MoveL, MoveC))):
-            found = columns.moves_are(*kinds) & columns.posed
-            on = self.conf == "auto" and found.any() and known[found].all()
+            rows = columns.moves_are(*kinds) & columns.posed
+            on = self.conf == "auto" and rows.any() and known[rows].all()
             lines.append(f"{word}\\{'On' if on else 'Off'};")
         if self.sing_area:
             lines.append(f"SingArea\\{self.sing_area.capitalize()};")
@@ -550,17 +537,15 @@ class Rapid(RapidOptions):
         return lines
 
     def module_name(self, program: Program) -> str:
-        """The name of the main module."""
+        """Name the main module."""
         if self.program:
             return self.program
         name = legal_name(program.name, self.longest - len("_part9999"))
         return f"m{name}" if name.lower() in self._given() else name
 
     def _given(self) -> set[str]:
-        """The names that options give, in lower case."""
-        return {
-            name.lower() for name in (self.tool, self.work, self.force_load, *self.signals.values())
-        }
+        names = self.tool, self.work, self.force_load, *self.signals.values()
+        return {name.lower() for name in names}
 
     def split(self, program: Program, printed: Iterable[Sequence[str]]) -> Sequence[Lines]:
         """The body of main, then whole routines that it calls."""
@@ -568,31 +553,30 @@ class Rapid(RapidOptions):
         self._named = name_speeds(program.columns)
         self._tails.clear()
         self._names = Names(self.longest, {*self._given(), self.module_name(program).lower()})
-        main, *routines = cut(
-            program,
-            self._calibrated(program, as_printed(program.columns, printed)),
-            self.max_lines,
-            self._names,
-        )
+        calibrated = self._add_calibrations(program, make_printed(program.columns, printed))
+        main, *routines = divide_body(program, calibrated, self.max_lines, self._names)
         end = "\n".join((*self._handler(program, main=False), f"{_IN}ENDPROC"))
-        return [main.lines, *(self._proc(one, end) for one in routines)]
+        return [main.lines, *(self._proc(routine, end) for routine in routines)]
 
-    def _calibrated(self, program: Program, printed: Printed) -> Printed:
-        """The lines of each instruction, with FCCalib after the motions into the air before pressing."""
+    def _add_calibrations(self, program: Program, printed: Printed) -> Printed:
         after = choose_calibrations(self.name, program.body) if self.force_load else frozenset()
         extra = (f"{_IN2}WaitTime\\InPos,0;", f"{_IN2}FCCalib {self.force_load};")
-        each = lambda found: ((*one, *extra) if k in after else one for k, one in enumerate(found))  # noqa: E731
-        return printed.changed(each) if after else printed
+
+        def add(instructions: Iterable[Sequence[str]]) -> Iterator[Sequence[str]]:
+            for k, lines in enumerate(instructions):
+                yield (*lines, *extra) if k in after else lines
+
+        return printed.changed(add) if after else printed
 
     def assemble(self, program: Program, parts: Sequence[Sequence[str]]) -> tuple[OutputFile, ...]:
-        """One module, or one with main and others with the routines that it calls, none longer than ``max_lines``."""
+        """One module, or one with main and others with routines, of at most `max_lines` lines."""
         main, *routines = parts
         *end, endmodule = self.end(program)
         first = (self.begin(program), main, end, self._safe(program))
         if not self.max_lines or sum(map(len, parts)) <= self.max_lines:
             return (self._file(program.name, *first, *routines, [endmodule]),)
         files = [self._file(program.name, *first, [endmodule])]
-        for k, group in enumerate(chunk(routines, self.max_lines), start=1):
+        for k, group in enumerate(divide_items(routines, self.max_lines), start=1):
             name = self._names.give(f"{self.module_name(program)}_part{k}")
             files.append(
                 self._file(f"{program.name}_part{k}", [f"MODULE {name}"], *group, [endmodule])
@@ -605,40 +589,35 @@ class Rapid(RapidOptions):
 
     @classmethod
     def cell(cls) -> Cell:
-        """ABB IRB 120 with a 200 x 150 mm sheet in front of it; its home keeps axis 5 off its singularity."""
+        """ABB IRB 120 with a 200 x 150 mm sheet in front of it; home is away from singularities."""
         home = Joints((0.0, 0.0, 0.0, 0.0, math.radians(30), 0.0))
-        return Cell(
-            "ABB IRB 120", translation(300, -75, 100), translation(0, 0, 100), home, robot="IRB 120"
-        )
+        work, tool = translation(300, -75, 100), translation(0, 0, 100)
+        return Cell("ABB IRB 120", work, tool, home, robot="IRB 120")
 
     def dynamics(self) -> Dynamics:
         """An average arm, which rounds corners within zones."""
         return Dynamics(corner="zone", turns=True)
 
     def list_verified(self) -> frozenset[str]:
-        """Tool and work object are in the text where it declares them, the posture unless it is not to be."""
-        frames: frozenset[str] = frozenset({"work", "tool"}) if self.declare else frozenset()
-        return (self.verified_fields | frames) - (
-            {"confdata"} if self.conf == "off" else frozenset()
-        )
+        """Tool and work object if the text declares them; the posture unless `conf` is off."""
+        frames: set[str] = {"work", "tool"} if self.declare else set()
+        words = self.verified_fields.union(frames)
+        return words - {"confdata"} if self.conf == "off" else words
 
     def tolerance(self) -> Tolerance:
-        """Half the last printed digit; an orientation loses at most 2e-7 rad to its seven digits, pressing 5e-7."""
+        """Half of the last printed digit; an orientation loses 2e-7 rad at most, pressing 5e-7."""
         half = 0.5 * 10**-DIGITS
         joint = math.radians(0.5 * 10**-_JOINT_DIGITS)
         return Tolerance(0.5 * 10**-self.decimals, 1e-6, joint, half, 0.5 * 10**-FORCE_DIGITS, half)
 
 
 def _presses(program: Program) -> bool:
-    """Whether force control is switched."""
     return bool(program.columns.are(Force).any())
 
 
-def _half_turns(columns: Columns) -> Mask:
-    """(M,): which straight motions turn the tool by 180 deg, or nearly so."""
+def _are_half_turns(columns: Columns) -> Mask:
     mask = columns.moves_are(MoveL)
-    turned = columns.rotation[1:] != columns.rotation[:-1]
-    mask[1:] &= columns.posed[:-1] & turned
+    mask[1:] &= columns.posed[:-1] & (columns.rotation[1:] != columns.rotation[:-1])
     mask[:1] = False
     rows = np.flatnonzero(mask)
     both = zip(columns.rotation[rows - 1].tolist(), columns.rotation[rows].tolist(), strict=True)
@@ -647,7 +626,6 @@ def _half_turns(columns: Columns) -> Mask:
 
 
 def _is_half_turn(start: FloatArray, end: FloatArray) -> bool:
-    """Whether the turn between two rotations has a trace as that of half a turn."""
     return start is not end and float(np.vdot(start, end)) < _HALF_TURN
 
 
@@ -660,19 +638,16 @@ def _why_not_turn(line: MoveL, start: Pose | None) -> str:
     )
 
 
-def _turn(motion: Motion) -> float:
+def _get_turn(motion: Motion) -> float:
     return 0.0 if isinstance(motion, MoveC) else motion.turn
 
 
-def _far(pose: Pose) -> bool:
+def _is_far(pose: Pose) -> bool:
     x, y, z = pose.origin
     return not (abs(x) <= FARTHEST and abs(y) <= FARTHEST and abs(z) <= FARTHEST)
 
 
 def _round(pose: Pose, decimals: int) -> Pose:
-    """The pose as a text says it."""
     x, y, z = (float(fixed(v, decimals)) for v in pose.origin)
-    return Pose(
-        rotation_from_quaternion([float(fixed(v, _Q_DIGITS)) for v in quaternion(pose.rotation)]),
-        (x, y, z),
-    )
+    q = [float(fixed(v, _Q_DIGITS)) for v in quaternion(pose.rotation)]
+    return Pose(rotation_from_quaternion(q), (x, y, z))

@@ -1,7 +1,7 @@
-"""Pressing sections for RAPID: what Machining FC can do of them, and the program rewritten so that each change of
-force stands right before the motion that it is printed with.
+"""Checks the sections with contact force that Machining FC can run, and rewrites them for RAPID.
 
-A section is ``Force`` on, motions that press, ``Force`` off, one motion that leaves the surface.
+A section is `Force` on, motions that press, `Force` off, one motion that leaves the surface. In the
+rewritten program each change of force is right before the motion with which it is printed.
 """
 
 from __future__ import annotations
@@ -35,18 +35,17 @@ from camgen.post.passes import PASSES
 
 #: Digits of a force in N.
 DIGITS = 3
-#: How far a press direction may be off the tool axis that stands for it; well below what a printed orientation loses.
+#: Allowed deviation of a force direction from its tool axis, in each component of unit vectors; far
+#: less than the rounding of a printed orientation.
 _ALIGNED = 5e-7
 _TURN = (
-    'on a drawing set tool.orient = "follow", so that the tool turns with the surface; of a part leave that edge out '
-    '(input.select), or all pressing (post.force = "ignore")'
+    'on a drawing set tool.orient = "follow", so that the tool turns with the surface; '
+    'of a part leave that edge out (input.select), or all pressing (post.force = "ignore")'
 )
 
 
 def tool_axis(rotation: FloatArray, press: Vec3) -> tuple[int, int] | None:
-    """Which tool axis (0..2) and sign ``force_direction`` is, where the tool stands as ``rotation``; None when it is
-    none.
-    """
+    """Find the tool axis, 0 to 2, and the sign of a force direction; None if it is not an axis."""
     along = rotation.T @ np.asarray(press)
     axis = int(np.argmax(np.abs(along)))
     sign = 1 if along[axis] > 0 else -1
@@ -54,12 +53,12 @@ def tool_axis(rotation: FloatArray, press: Vec3) -> tuple[int, int] | None:
     return (axis, sign) if float(np.abs(along).max()) <= _ALIGNED else None
 
 
-def settle(body: Sequence[Instruction], chord: float) -> tuple[Instruction, ...]:
-    """Each ``Force`` moved right before its motion, which becomes straight; one that leaves the surface also stops, and
-    what is remarked before it, on what comes next, is remarked after it.
+def move_forces(body: Sequence[Instruction], chord: float) -> tuple[Instruction, ...]:
+    """Move each `Force` right before its motion, and make this motion straight.
 
-    A force takes effect with the next motion, so nothing changes by the first; FCPress1LStart and FCPressEnd are
-    straight, and FCPressEnd has no zone.
+    A force takes effect with the next motion, so moving it changes nothing. FCPress1LStart and
+    FCPressEnd are straight, and FCPressEnd has no zone. So a motion that leaves the surface also
+    stops, and comments before it, which are about the next instructions, come after it.
     """
     result: list[Instruction] = []
     waiting: Force | None = None
@@ -99,25 +98,33 @@ def _opening(
 
 @dataclass
 class _Section:
-    """Where in a section the instructions have come to. force: the one that is on. moved: after it came a motion."""
+    """The state within a section with contact force.
+
+    force: force that is on, None if it is off.
+    axis: tool axis and sign of its direction.
+    moved: whether a motion followed it.
+    leaving: whether the next motion leaves the surface.
+    start: pose at which the next motion starts, None if it is unknown.
+    has_moved: whether the program has had a motion.
+    """
 
     force: Force | None = None
     axis: tuple[int, int] | None = None
     moved: bool = False
     leaving: bool = False
     start: Pose | None = None
-    begun: bool = False
+    has_moved: bool = False
 
 
 def check_sections(post: str, body: Sequence[Instruction]) -> None:
-    """Raises Refused for the first instruction that pressing with FCPress cannot do."""
+    """Check that FCPress can run all sections. Raises Refused for the first fault."""
     section = _Section()
     for index, item in enumerate(body):
         reason = ""
         if isinstance(item, Force):
             reason = _change(section, item)
         elif isinstance(item, (MoveJ, MoveL, MoveC)):
-            section.begun = True
+            section.has_moved = True
             reason = _explain_move(section, item)
             section.start = item.target if isinstance(item.target, Pose) else None
         if reason:
@@ -129,19 +136,21 @@ def check_sections(post: str, body: Sequence[Instruction]) -> None:
 
 
 def _change(section: _Section, item: Force) -> str:
-    """Why the force cannot change here. Before the first motion it is put off, whether it is on or not."""
-    if not section.begun and item.newtons == 0:
+    if not section.has_moved and item.newtons == 0:
         return ""
     if section.leaving or (section.force is not None and not section.moved):
         return "two changes of force without a motion between them"
     if item.newtons > 0:
         if section.force is not None:
-            return "the force is on already; each motion carries its own force, so switch it off before"
+            return (
+                "the force is on already"
+                "; each motion carries its own force, so switch it off before"
+            )
         if section.start is None:
             return "pressing from a pose that is not known; put a straight motion before it"
         section.axis = tool_axis(section.start.rotation, item.force_direction)
         if section.axis is None:
-            return f"the press direction is no axis of the tool; {_TURN}"
+            return f"the press direction is not an axis of the tool; {_TURN}"
         section.force, section.moved = item, False
         return ""
     if section.force is None:
@@ -151,12 +160,10 @@ def _change(section: _Section, item: Force) -> str:
 
 
 def _explain_move(section: _Section, item: MoveJ | MoveL | MoveC) -> str:
-    """Why this motion cannot press, or leave the surface."""
     if section.leaving:
         section.leaving = False
-        return (
-            "the motion that leaves the surface must be straight" if isinstance(item, MoveJ) else ""
-        )
+        is_joint = isinstance(item, MoveJ)
+        return "the motion that leaves the surface must be straight" if is_joint else ""
     force = section.force
     if force is None:
         return ""
@@ -172,83 +179,97 @@ def _explain_move(section: _Section, item: MoveJ | MoveL | MoveC) -> str:
     return ""
 
 
-# Where the force sensor is set to zero.
-
-#: Farther than this from where a section starts, along the tool or against its press direction, is in the air, mm.
+#: mm: a pose is in the air if it is farther than this from the start of a section, along the tool
+#: axis or against the force direction.
 _AIR = 1.0
 
 
 def choose_calibrations(post: str, body: Sequence[Instruction]) -> frozenset[int]:
-    """The indices of the motions after which FCCalib may stand: for each section the last of the farthest from the
-    surface on the way to it. Where the tool stays down between two sections there is none.
+    """Choose the motions after which the force sensor is set to zero (FCCalib), by index.
 
-    Raises Refused where there is none before the first.
+    For each section this is the last one of the motions to it that are farthest from the surface. A
+    section without a motion in the air before it has none.
+
+    Raises Refused if there is none before the first section.
     """
     chosen: set[int] = set()
-    way: dict[int, Motion] = {}
+    approach: dict[int, Motion] = {}
     leaving = -1
     for index, item in enumerate(body):
         if isinstance(item, Force) and item.newtons > 0:
-            found = _farthest(way, leaving, item.force_direction)
-            if found is None and not chosen:
-                what = "no motion in the air before pressing, where the force sensor can be set to zero"
-                raise Refused(post, index, what, "raise process.clearance")
-            chosen |= set() if found is None else {found}
+            farthest = _find_farthest(approach, leaving, item.force_direction)
+            if farthest is not None:
+                chosen.add(farthest)
+            elif not chosen:
+                raise Refused(
+                    post,
+                    index,
+                    "no motion in the air before pressing, "
+                    "where the force sensor can be set to zero",
+                    "raise process.clearance",
+                )
         elif isinstance(item, Force):
-            way, leaving = {}, index + 1
+            approach, leaving = {}, index + 1
         elif isinstance(item, (MoveJ, MoveL, MoveC)):
-            way[index] = item
+            approach[index] = item
     return frozenset(chosen)
 
 
-def _farthest(way: Mapping[int, Motion], leaving: int, press: Vec3) -> int | None:
-    """Of the motions ``way``, the last of which goes to the surface, the one after which the sensor is set to zero.
+def _find_farthest(approach: Mapping[int, Motion], leaving: int, press: Vec3) -> int | None:
+    """Choose the motion of an approach after which the sensor is set to zero.
 
-    Rather one to a pose that is in the air for sure than one to joints, and rather that than the one that has just left
-    the surface, at index ``leaving``.
+    A motion to a pose that is known to be in the air comes first, then one to joint values, then
+    the one that has just left the surface, at index `leaving`. The last motion of the approach goes
+    to the surface.
     """
-    start = way[max(way)].target if way else None
+    start = approach[max(approach)].target if approach else None
     if not isinstance(start, Pose):
         return None
-    clear = {k: _measure(start, motion.target, press) for k, motion in way.items()}
-    most = max((v for k, v in clear.items() if k != leaving), default=0.0)
-    if most >= _AIR:
-        return max(k for k, v in clear.items() if k != leaving and v >= most - 1e-6)
-    joints = [k for k, motion in way.items() if isinstance(motion.target, Joints)]
+    heights = {k: _measure(start, motion.target, press) for k, motion in approach.items()}
+    last_height = heights.pop(leaving, 0.0)
+    highest = max(heights.values(), default=0.0)
+    if highest >= _AIR:
+        return max(k for k, height in heights.items() if height >= highest - 1e-6)
+    joints = [k for k, motion in approach.items() if isinstance(motion.target, Joints)]
     if joints:
         return joints[-1]
-    return leaving if clear.get(leaving, 0.0) >= _AIR else None
+    return leaving if last_height >= _AIR else None
 
 
 def _measure(start: Pose, target: Pose | Joints, press: Vec3) -> float:
-    """How far ``target`` is from ``start`` along the tool or against the press direction, mm; 0 where not known."""
+    """Measure the height of `target` above `start`, mm; 0 if it is unknown.
+
+    The height is along the tool axis or against the force direction, the larger of both.
+    """
     if isinstance(target, Joints):
         return 0.0
-    way = np.subtract(target.origin, start.origin)
-    return max(-float(way @ start.rotation[:, 2]), -float(way @ np.asarray(press)))
+    travel = np.subtract(target.origin, start.origin)
+    return max(-float(travel @ start.rotation[:, 2]), -float(travel @ np.asarray(press)))
 
 
 def stop_before_calibrations(post: str, body: Sequence[Instruction]) -> tuple[Instruction, ...]:
-    """The body whose motions stop where the sensor is set to zero."""
-    stops = choose_calibrations(post, body)
-    return tuple(
-        replace(item, blend=0.0) if k in stops and isinstance(item, (MoveJ, MoveL, MoveC)) else item
-        for k, item in enumerate(body)
-    )
+    """Remove the blends of the motions after which the sensor is set to zero."""
+    result = list(body)
+    for index in choose_calibrations(post, body):
+        item = result[index]
+        if isinstance(item, (MoveJ, MoveL, MoveC)):
+            result[index] = replace(item, blend=0.0)
+    return tuple(result)
 
 
-# Arcs that MoveC takes (docs/posts/rapid.md, what is not certain).
+# Limits of MoveC (docs/posts/rapid.md, section about uncertain facts).
 
-#: rad: the widest arc.
+#: rad: largest sweep of an arc.
 _WIDEST = math.radians(120)
-#: rad: the least angle between circle point and end, seen from the start, and between circle point
-#: and start, seen from the end, as planned and as printed. The manual asks for 1 degree at the start.
-_LEAST_ANGLE, _LEAST_PRINTED_ANGLE = math.radians(1.25), math.radians(1.1)
-#: mm: the least distance of any two of the three points.
+#: rad: minimum angle between circle point and end, seen from the start, and between circle point
+#: and start, seen from the end, as planned and as printed. The manual asks for 1 degree at the
+#: start.
+_MIN_ANGLE, _MIN_PRINTED_ANGLE = math.radians(1.25), math.radians(1.1)
+#: mm: minimum distance between any two of the three points.
 _CLOSEST = 0.2
-#: The least part of an arc that its circle point may cut off.
+#: Smallest fraction of an arc that its circle point may cut off.
 _SHORTER = 0.25
-#: What is as near as this to a bound, in any unit, is looked at one by one.
+#: An arc that is nearer to a limit, in any unit, is tested one by one.
 _SURE = 1e-7
 
 
@@ -263,9 +284,9 @@ def arc_fault(start: Vec3, via: Vec3, end: Vec3, decimals: int) -> str:
         return "an arc whose circle point is near an end of it; split it"
     digit = 10**-decimals
     closest = max(_CLOSEST, 10 * digit)
-    planned = _is_round((start, via, end), _LEAST_ANGLE, 2 * digit, closest)
+    planned = _is_round((start, via, end), _MIN_ANGLE, 2 * digit, closest)
     printed = (_round(start, decimals), _round(via, decimals), _round(end, decimals))
-    if planned and _is_round(printed, _LEAST_PRINTED_ANGLE, digit, 0.0):
+    if planned and _is_round(printed, _MIN_PRINTED_ANGLE, digit, 0.0):
         return ""
     return (
         f"an arc whose circle point and end are less than 1.25 deg apart, seen from its start, or "
@@ -274,7 +295,7 @@ def arc_fault(start: Vec3, via: Vec3, end: Vec3, decimals: int) -> str:
 
 
 def find_round(start: FloatArray, via: FloatArray, end: FloatArray, decimals: int) -> Mask:
-    """(N,): the arcs through three points (N, 3), mm, in which ``arc_fault`` finds nothing for sure."""
+    """Whether `arc_fault` certainly finds no fault in arcs through points (N, 3), mm."""
     return in_blocks(partial(_are_round, decimals), start, via, end)
 
 
@@ -282,35 +303,35 @@ def _are_round(decimals: int, start: FloatArray, via: FloatArray, end: FloatArra
     digit = 10.0**-decimals
     points = np.stack([start, via, end])
     printed = np.round(points, decimals)
-    # Where the rounding is in doubt, so is the printed arc.
+    # If the rounding of a point is uncertain, so is the printed arc.
     sure = (np.abs(np.abs(points - printed) - digit / 2) > _SURE).all(axis=(0, 2))
-    shapes = _shapes(*points)
+    shapes = _make_shapes(*points)
     sure &= (shapes.sweep <= _WIDEST) & (shapes.shorter >= _SHORTER + _SURE)
-    sure &= (shapes.angle >= _LEAST_ANGLE + _SURE) & (shapes.height >= 2 * digit + _SURE)
+    sure &= (shapes.angle >= _MIN_ANGLE + _SURE) & (shapes.height >= 2 * digit + _SURE)
     sure &= shapes.closest >= max(_CLOSEST, 10 * digit) + _SURE
-    shapes = _shapes(*printed)
-    sure &= (shapes.angle >= _LEAST_PRINTED_ANGLE + _SURE) & (shapes.height >= digit + _SURE)
+    shapes = _make_shapes(*printed)
+    sure &= (shapes.angle >= _MIN_PRINTED_ANGLE + _SURE) & (shapes.height >= digit + _SURE)
     return np.asarray(sure)
 
 
 def find_wide(start: FloatArray, via: FloatArray, end: FloatArray) -> Mask:
-    """(N,): the arcs through three points (N, 3), mm, of which ``arc_fault`` finds for sure that they turn too far."""
+    """Whether `arc_fault` certainly finds arcs through points (N, 3), mm, to be too wide."""
     return in_blocks(_are_wide, start, via, end)
 
 
 def _are_wide(start: FloatArray, via: FloatArray, end: FloatArray) -> Mask:
-    shapes = _shapes(start, via, end)
+    shapes = _make_shapes(start, via, end)
     return np.asarray((shapes.sweep > _WIDEST + 1e-6 + _SURE) & (shapes.shorter >= _SHORTER))
 
 
 class _Shapes(NamedTuple):
     """N arcs through three points.
 
-    sweep: (N,) rad.
-    angle: (N,) rad between circle point and the chord, at the end where it is smaller.
-    height: (N,) distance, mm, of the circle point from the chord.
-    closest: (N,) least distance, mm, of two of the points.
-    shorter: (N,) share of the arc that the shorter of its two pieces has.
+    sweep: (N,) sweep, rad.
+    angle: (N,) angle between circle point and chord, at the end with the smaller one, rad.
+    height: (N,) distance of the circle point from the chord, mm.
+    closest: (N,) minimum distance between two of the points, mm.
+    shorter: (N,) length of the shorter of the two pieces, as a fraction of the arc.
     """
 
     sweep: FloatArray
@@ -320,7 +341,7 @@ class _Shapes(NamedTuple):
     shorter: FloatArray
 
 
-def _shapes(start: FloatArray, via: FloatArray, end: FloatArray) -> _Shapes:
+def _make_shapes(start: FloatArray, via: FloatArray, end: FloatArray) -> _Shapes:
     back, on, chord = start - via, end - via, end - start
     area = lengths(cross(back, on))
     sweep = 2 * (np.pi - np.arctan2(area, (back * on).sum(axis=1)))
@@ -334,13 +355,13 @@ def _shapes(start: FloatArray, via: FloatArray, end: FloatArray) -> _Shapes:
 
 
 def _measure_shorter(start: Vec3, via: Vec3, end: Vec3) -> float:
-    """The share of an arc that the shorter of its two pieces has; 0.5 for points that make no arc."""
-    one, two = _angles(start, via, end)
-    return min(one, two) / (one + two) if min(one, two) > 0 else 0.5
+    """Measure the shorter piece of an arc, as a fraction of it; 0.5 for points that make no arc."""
+    first, last = _measure_angles(start, via, end)
+    return min(first, last) / (first + last) if min(first, last) > 0 else 0.5
 
 
-def _angles(start: Vec3, via: Vec3, end: Vec3) -> tuple[float, float]:
-    """The angles, rad, between circle point and chord at the start and at the end of an arc.
+def _measure_angles(start: Vec3, via: Vec3, end: Vec3) -> tuple[float, float]:
+    """Measure the angles between circle point and chord at the start and the end of an arc, rad.
 
     Each is half of the piece of the arc on the other side of the circle point.
     """
@@ -354,16 +375,16 @@ def _angles(start: Vec3, via: Vec3, end: Vec3) -> tuple[float, float]:
 def _is_round(
     arc: tuple[Vec3, Vec3, Vec3], narrowest: float, lowest: float, closest: float
 ) -> bool:
-    """Whether an arc keeps three least values.
+    """Whether an arc keeps three minimum values.
 
     arc: start, circle point and end, mm.
-    narrowest: angle, rad, between circle point and chord at either end.
-    lowest: height, mm.
-    closest: distance, mm, of any two of its points.
+    narrowest: minimum angle between circle point and chord at either end, rad.
+    lowest: minimum height, mm.
+    closest: minimum distance between any two of its points, mm.
     """
     start, via, end = arc
     near = min(math.dist(start, via), math.dist(via, end), math.dist(start, end))
-    angle, height = min(_angles(start, via, end)), measure_sweep(start, via, end)[1]
+    angle, height = min(_measure_angles(start, via, end)), measure_sweep(start, via, end)[1]
     return angle >= narrowest and height >= lowest and near >= closest
 
 

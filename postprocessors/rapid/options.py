@@ -1,4 +1,4 @@
-"""The options of the RAPID post, and what of them cannot be meant."""
+"""The options of the RAPID post with their checks, and its names, speeds and zones."""
 
 from __future__ import annotations
 
@@ -21,32 +21,30 @@ from camgen.post import Post
 
 from .predefined import PREDEFINED, PREFIXES
 
-# Names in RAPID: which ones a controller takes, and which speeds and zones it has already.
-
-SPEEDS = {
-    5, 10, 20, 30, 40, 50, 60, 80, 100, 150, 200, 300, 400, 500, 600, 800,
-    1000, 1500, 2000, 2500, 3000, 4000, 5000, 6000, 7000,
-}  # fmt: skip
-#: So many other speeds get a name, those that are used most; the rest is written out in its motion.
-MOST_NAMED = 6
-#: Radius at the TCP, as it is printed -> name.
+#: mm/s: predefined speeds.
+SPEEDS = {5, 10, 20, 30, 40, 50, 60, 80, 100, 150, 200, 300, 400, 500, 600, 800, 1000, 1500, 2000}
+SPEEDS |= {2500, 3000, 4000, 5000, 6000, 7000}
+#: Number of other speeds that get a name: the most frequent ones. Motions contain the rest.
+MAX_NAMED = 6
+#: Names of predefined zones by their radius at the TCP as it is printed, mm.
 ZONES = {"0.3": "z0"} | {
     str(r): f"z{r}" for r in (1, 5, 10, 15, 20, 30, 40, 50, 60, 80, 100, 150, 200)
 }
-#: Up to here a num (24 bits) tells 0.001 mm apart.
+#: mm: largest coordinate at which a num (24 bits) still distinguishes 0.001 mm.
 FARTHEST = 8388
-#: The mass of tool0, kg: a tool that has no other was not weighed.
+#: kg: mass of tool0. A tool with this mass was not weighed.
 NO_MASS = 0.001
 #: Digits of a speed, a blend radius, a wait.
 DIGITS = 3
-#: The longest name on IRC5 and later, and on S4.
+#: Maximum length of names on IRC5 and later, and on S4.
 LONGEST, LONGEST_S4 = 32, 16
 
 _RESERVED = """
-    alias and backward case connect const default div do else elseif endfor endfunc endif endmodule endproc endrecord
-    endtest endtrap endwhile error exit false for from func goto if inout local mod module nostepin not noview or pers
-    proc raise readonly record retry return step sysmodule task test then to trap true trynext undo var viewonly while
-    with xor""".split()  # noqa: SIM905 (sixty words read better so)
+    alias and backward case connect const default div do else elseif endfor endfunc endif endmodule
+    endproc endrecord endtest endtrap endwhile error exit false for from func goto if inout local
+    mod module nostepin not noview or pers proc raise readonly record retry return step sysmodule
+    task test then to trap true trynext undo var viewonly while with xor
+""".split()  # noqa: SIM905 (sixty words read better so)
 #: The system modules of older controllers, and what they declare (RAPID overview, system modules).
 _RESIDENT = "base user wobj1 reg1 reg2 reg3 reg4 reg5 clock1 high low edge".split()  # noqa: SIM905
 #: The PROC that drops the process.
@@ -57,8 +55,11 @@ _NAME, _NO_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*"), re.compile(r"[^A-Za-z0-9
 _OURS = re.compile(r"[vz]cam\d[\d_]*(t\d[\d_]*)?")
 
 
-def name_fault(name: str, longest: int, installed: bool = False) -> str:
-    """Why ``name`` cannot be used, empty when it can. installed: it may be one that the controller has already."""
+def find_name_fault(name: str, longest: int, installed: bool = False) -> str:
+    """Return why `name` cannot be used; empty if it can.
+
+    installed: whether it may be a name that the controller already has.
+    """
     if not _NAME.fullmatch(name):
         return "is not a RAPID name: a letter, then letters, digits and _"
     if len(name) > longest:
@@ -73,95 +74,91 @@ def name_fault(name: str, longest: int, installed: bool = False) -> str:
 
 
 def is_predefined(name: str) -> bool:
-    """Whether the controller has a name already, as a word or as one of its data."""
+    """Whether the controller already has a name, as a word or as data."""
     key = name.lower()
     return key in _RESERVED or key in _TAKEN or key.startswith(PREFIXES)
 
 
 def legal_name(text: str, longest: int, prefix: str = "m") -> str:
-    """The name nearest to ``text`` that can be used; ``prefix`` stands before one that cannot.
+    """Return a name like `text` that can be used; `prefix` is put before one that cannot.
 
     >>> legal_name("10 Bracket-v2", 32), legal_name("MoveL", 32), legal_name("user", 32)
     ('m10_Bracket_v2', 'mMoveL', 'muser')
     """
     name = _NO_NAME.sub("_", text)[: longest - 1]
-    return f"{prefix}{name}" if name_fault(name, longest) else name
+    return f"{prefix}{name}" if find_name_fault(name, longest) else name
 
 
-# Speeds and zones. All that the text says of a speed, its name and its components, is decided here.
-
-
-#: The components of a speed that a program decides, as they are printed: mm/s of the TCP, deg/s that it turns.
+#: The printed components of a speed that a program sets: TCP, mm/s, and reorientation, deg/s.
 Speed = tuple[str, str]
-#: What the tool turns at, deg/s, in every predefined speed: a motion that travels is limited by its TCP.
-_ON_THE_WAY = "500"
+#: deg/s: reorientation in every predefined speed. A motion that travels is limited by its TCP.
+_PREDEFINED_TURN = "500"
 
 
-def _components(speed: float, turn: float) -> Speed:
-    return short(speed, DIGITS), short(math.degrees(turn), DIGITS) if turn else _ON_THE_WAY
+def _print_speed(speed: float, turn: float) -> Speed:
+    return short(speed, DIGITS), short(math.degrees(turn), DIGITS) if turn else _PREDEFINED_TURN
 
 
 def name_speeds(columns: Columns) -> frozenset[Speed]:
-    """Which speeds of a program get a name: those of most motions."""
+    """Choose the speeds of a program that get a name: the most frequent ones."""
     used: Counter[Speed] = Counter()
-    (speeds, speed), (turns, turn) = (
-        np.unique(one, return_inverse=True) for one in (columns.speed, columns.turn)
-    )
+    speeds, speed = np.unique(columns.speed, return_inverse=True)
+    turns, turn = np.unique(columns.turn, return_inverse=True)
     pairs, counts = np.unique(speed * len(turns) + turn, return_counts=True)
     for pair, count in zip(pairs.tolist(), counts.tolist(), strict=True):
-        used[_components(float(speeds[pair // len(turns)]), float(turns[pair % len(turns)]))] += (
-            count
-        )
-    others = [one for one in used if not _is_predefined(one)]
-    ranked = sorted(others, key=lambda one: (-used[one], *map(float, one)))
-    return frozenset(ranked[:MOST_NAMED])
+        k, j = divmod(pair, len(turns))
+        used[_print_speed(float(speeds[k]), float(turns[j]))] += count
+    others = [speed for speed in used if not _is_predefined(speed)]
+    ranked = sorted(others, key=lambda speed: (-used[speed], *map(float, speed)))
+    return frozenset(ranked[:MAX_NAMED])
 
 
 def _is_predefined(speed: Speed) -> bool:
-    return speed[1] == _ON_THE_WAY and float(speed[0]) in SPEEDS
+    return speed[1] == _PREDEFINED_TURN and float(speed[0]) in SPEEDS
 
 
 @lru_cache(maxsize=1000)
 def speed_text(speed: float, turn: float, named: frozenset[Speed]) -> str:
-    """The speeddata of ``speed`` (mm/s), for a turn on the spot with ``turn`` (rad/s): predefined where there is one,
-    else by its name, else written out.
+    """Print a speeddata: a predefined one, otherwise its name, otherwise its components.
+
+    speed: speed of the TCP, mm/s.
+    turn: speed of a reorientation at a fixed TCP, rad/s; 0 for other motions.
+    named: speeds that have a name.
     """
-    one = _components(speed, turn)
-    if _is_predefined(one):
-        return f"v{one[0]}"
-    return _name_of(one) if one in named else _speeddata(one)
+    printed = _print_speed(speed, turn)
+    if _is_predefined(printed):
+        return f"v{printed[0]}"
+    return _name_of(printed) if printed in named else _speeddata(printed)
 
 
 def _name_of(speed: Speed) -> str:
     tcp, turn = (text.replace(".", "_") for text in speed)
-    return f"vCam{tcp}" + ("" if turn == _ON_THE_WAY else f"t{turn}")
+    return f"vCam{tcp}" + ("" if turn == _PREDEFINED_TURN else f"t{turn}")
 
 
 def _speeddata(speed: Speed) -> str:
-    """The components of a speed; those of external axes, mm/s and deg/s, as in the predefined ones."""
     return f"[{speed[0]},{speed[1]},5000,1000]"
 
 
 @lru_cache(maxsize=1000)
 def zone_name(blend: float) -> str:
-    """The zonedata of ``blend`` (mm), a stop point for 0."""
+    """Return the name of the zonedata of `blend` mm, a stop point for 0."""
     text = short(blend, DIGITS)
     return "fine" if text == "0" else ZONES.get(text) or "zCam" + text.replace(".", "_")
 
 
 def motion_data(columns: Columns, named: frozenset[Speed]) -> list[str]:
-    """Declarations of the speeds that have a name and of the zones that are not predefined, slow and small ones first.
+    """Declare the speeds that have a name, and the zones that are not predefined, in order of size.
 
-    A zone's ratio of 1.5 to the TCP radius is that of the predefined ones.
+    The ratio of 1.5 to the TCP radius is that of predefined zones.
     """
-    speeds = sorted(named, key=lambda one: tuple(map(float, one)))
-    lines = [f"CONST speeddata {_name_of(one)}:={_speeddata(one)};" for one in speeds]
+    speeds = sorted(named, key=lambda speed: tuple(map(float, speed)))
+    lines = [f"CONST speeddata {_name_of(speed)}:={_speeddata(speed)};" for speed in speeds]
     zones = {short(blend, DIGITS) for blend in each_once(columns.blend).tolist()}
     for r in sorted(zones - {"0"} - set(ZONES), key=float):
         wide, angle = short(1.5 * float(r), DIGITS + 1), short(0.15 * float(r), DIGITS + 2)
-        lines.append(
-            f"CONST zonedata {zone_name(float(r))}:=[FALSE,{r},{wide},{wide},{angle},{wide},{angle}];"
-        )
+        values = f"FALSE,{r},{wide},{wide},{angle},{wide},{angle}"
+        lines.append(f"CONST zonedata {zone_name(float(r))}:=[{values}];")
     return lines
 
 
@@ -170,7 +167,7 @@ _LOAD = re.compile(r"\[N,\[N,N,N\],\[N,N,N,N\],N,N,N\]".replace("N", r"[+-]?[0-9
 
 @dataclass
 class RapidOptions(Post):
-    """Options of ``[post]``, each with its help. JobError for one that no controller takes."""
+    """Options of `[post]`, each with its help. Raises JobError for one that no controller takes."""
 
     max_lines: int = field(
         default=20000, kw_only=True, metadata={"help": "lines per module before it is split"}
@@ -186,8 +183,9 @@ class RapidOptions(Post):
         default_factory=list,
         kw_only=True,
         metadata={
-            "help": "the fixture in the robot's base, [x, y, z, rx, ry, rz] in mm and deg: it becomes the user frame, "
-            "and where the work lies in it the object frame; empty: the user frame is the work frame"
+            "help": "the fixture in the robot's base, [x, y, z, rx, ry, rz] in mm and deg: "
+            "it becomes the user frame, and where the work lies in it the object frame; "
+            "empty: the user frame is the work frame"
         },
     )
     mass: float = field(
@@ -212,14 +210,16 @@ class RapidOptions(Post):
         default="auto",
         kw_only=True,
         metadata={
-            "help": "auto: state the posture where it is known, and supervise it; state: only state it; off: never"
+            "help": "auto: state the posture where it is known, and supervise it; "
+            "state: only state it; off: never"
         },
     )
     on_error: Literal["raise", "exit", "none"] = field(
         default="raise",
         kw_only=True,
         metadata={
-            "help": "an ERROR handler drops the process; raise: then the controller reports the error and stops; "
+            "help": "an ERROR handler drops the process; "
+            "raise: then the controller reports the error and stops; "
             "exit: it stops, and starts again from the top only; none: no handler"
         },
     )
@@ -268,7 +268,7 @@ class RapidOptions(Post):
 
     @property
     def longest(self) -> int:
-        """The longest name that the controller takes."""
+        """Maximum length of a name on the controller."""
         return LONGEST_S4 if self.s4 else LONGEST
 
     def __post_init__(self) -> None:
@@ -287,9 +287,9 @@ class RapidOptions(Post):
         }
         limits = ((20, 100), (10, 100))
         ranges |= {f"acc_set[{k}]": (value, *limits[k]) for k, value in enumerate(self.acc_set[:2])}
-        for option, (value, least, most) in ranges.items():
-            if not least <= value <= most:
-                raise JobError(f"[post] {option}", f"must be {least:g} to {most:g}, not {value:g}")
+        for option, (value, low, high) in ranges.items():
+            if not low <= value <= high:
+                raise JobError(f"[post] {option}", f"must be {low:g} to {high:g}, not {value:g}")
         self._check_lists()
 
     def _check_lists(self) -> None:
@@ -310,22 +310,26 @@ class RapidOptions(Post):
             )
 
     def name_tool(self, number: int, name: str) -> Mapping[str, object]:
-        """The name of the tooldata. A declared one holds the number or the name of the tool.
+        """Name the tooldata; a declared one by the number or the name of the tool.
 
-        Raises JobError for a name that RAPID cannot have.
+        Raises JobError for a name that is not allowed in RAPID.
         """
         if self.declare and number:
             return {"tool": f"{self.tool}{number}"}
         if self.declare:
             return {"tool": legal_name(f"{self.tool}_{name}", self.longest)} if name else {}
-        if fault := name_fault(name, self.longest, True):
+        if fault := find_name_fault(name, self.longest, True):
             what = f"the tool {name!r} {fault}" if name else "a tool has no name"
-            remedy = "with post.declare = false it is the name of the tooldata on the controller"
-            raise JobError("job", what, "[[tools]] name", remedy)
+            raise JobError(
+                "job",
+                what,
+                "[[tools]] name",
+                "with post.declare = false it is the name of the tooldata on the controller",
+            )
         return {"tool": name}
 
     def held_tool(self) -> str:
-        """The tooldata. Modules that declare it under one name overwrite each other."""
+        """Return the tooldata. Modules that declare it by the same name overwrite each other."""
         return f"tooldata {self.tool}"
 
     def place_fixture(self, base_from_work: Pose) -> Pose:
@@ -344,7 +348,7 @@ class RapidOptions(Post):
         used: dict[str, str] = {}
         for option, name in names.items():
             present = option == "force_load" or (not self.declare and option in ("tool", "work"))
-            fault = name_fault(name, self.longest, present)
+            fault = find_name_fault(name, self.longest, present)
             if not fault and name.lower() in used:
                 fault = f"is the name of {used[name.lower()]} already"
             if fault:

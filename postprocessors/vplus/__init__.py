@@ -1,7 +1,7 @@
 """Post for Adept V+ (Adept SmartController, older Staeubli controllers): SCARA and six-axis robots.
 
-Sources: the V+ Language Reference and User's Guide, version 17, as far as docs/posts/vplus.md quotes them. What is not
-confirmed there is an option or a note of that page, never a guess.
+Sources: the V+ Language Reference and User's Guide, version 17, as far as docs/posts/vplus.md
+quotes them. Facts that are not confirmed there are options or notes of that page, never guesses.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import ClassVar, Literal
 
 from msgspec.structs import replace
@@ -33,7 +34,7 @@ from camgen.model.program import (
 )
 from camgen.model.text import short
 from camgen.post import OutputFile, Post, Tolerance, end_of, pose_of
-from camgen.post.passes import without_force
+from camgen.post.passes import remove_force
 from camgen.post.renamed import note_renamed
 
 from . import records, rules
@@ -41,13 +42,16 @@ from .lines import IN, Lines
 from .records import Records
 from .rules import SPEED_DIGITS, Posture, unprintable
 
-#: What 100 % of ACCEL is taken to be, mm/s2 of the TCP.
+#: mm/s2: assumed acceleration of the TCP at 100 % of ACCEL.
 _RATED_ACCELERATION = 5000.0
 
 
 @dataclass
 class VPlus(Post):
-    """``.v2`` text with LF; the file itself has CR LF, as Adept ACE exports it. Options: docs/posts/vplus.md."""
+    """The post for V+: `.v2` text with LF; the file has CR LF, as Adept ACE exports it.
+
+    docs/posts/vplus.md describes the options.
+    """
 
     name: ClassVar[str] = "vplus"
     suffix: ClassVar[str] = ".v2"
@@ -81,7 +85,8 @@ class VPlus(Post):
         default=1200.0,
         kw_only=True,
         metadata={
-            "help": "what 100 % rotational speed means, deg/s, for turns on the spot; a slower arm turns slower"
+            "help": "what 100 % rotational speed means, deg/s, for turns on the spot; "
+            "a slower arm turns slower"
         },
     )
     accel: float = field(
@@ -128,7 +133,8 @@ class VPlus(Post):
         default="program",
         kw_only=True,
         metadata={
-            "help": "where the motions are: in the program, or in a data file that it reads, for long jobs"
+            "help": "where the motions are: in the program, "
+            "or in a data file that it reads, for long jobs"
         },
     )
     _speed: str = field(default="", init=False, repr=False)
@@ -168,81 +174,73 @@ class VPlus(Post):
             raise JobError("[post] decimals", "a data file holds 3 digits of a mm", remedy="1 to 3")
         for key, name in (("program", self.program), ("tool", self.tool), ("work", self.work)):
             if name.lower() in records.VARIABLES:
-                what = f"{name!r} is a variable of the program that reads the data file"
-                raise JobError(f"[post] {key}", what, remedy="give another name")
+                raise JobError(
+                    f"[post] {key}",
+                    f"{name!r} is a variable of the program that reads the data file",
+                    remedy="give another name",
+                )
 
     @classmethod
     def cell(cls) -> Cell:
-        """Adept Cobra s600: a sheet of 200 x 150 mm before the robot, its top face 150 mm above the mounting face."""
+        """Adept Cobra s600: a sheet of 200 x 150 mm before the robot, 150 mm above its mount."""
         home = Joints((0.0, math.radians(45.0), 50.0, 0.0))
-        return Cell(
-            "Adept Cobra s600",
-            translation(250, -75, 150),
-            translation(0, 0, 100),
-            home,
-            frozenset({2}),
-            "Cobra s600",
-        )
+        work, tool = translation(250, -75, 150), translation(0, 0, 100)
+        return Cell("Adept Cobra s600", work, tool, home, frozenset({2}), "Cobra s600")
 
     def tolerance(self) -> Tolerance:
-        """Half the last digit; of a percentage, counted in mm/s."""
+        """Half of the last digit; of a percentage in mm/s."""
         speed = 0.5 * 10**-SPEED_DIGITS * max(1.0, self.rated / 100)
         turn = math.radians(0.5 * 10**-SPEED_DIGITS * self.rated_turn / 100)
         return replace(super().tolerance(), speed=speed, turn=turn)
 
     def dynamics(self) -> Dynamics:
-        """Corners by speed and acceleration, whatever the blend. Rated: 5000 mm/s2, assumed."""
+        """Speed and acceleration determine corners, not the blend. 5000 mm/s2 is assumed."""
         pace = Dynamics(acceleration=_RATED_ACCELERATION * self.accel / 100, corner="overlap")
         return replace(pace, fastest=min(pace.fastest, self.rated))
 
-    # -- legality ------------------------------------------------------------------------------------------------
-
     def list_verified(self) -> frozenset[str]:
-        """Tool and work frame are stated unless they are on the controller, the posture unless an option gives it."""
+        """Tool and work frame if the text declares them; the posture without `posture`."""
         frames: frozenset[str] = frozenset({"work", "tool"}) if self.declare else frozenset()
         return (self.verified_fields | frames) - ({"switches"} if self.posture else frozenset())
 
     def list_changed(self) -> frozenset[str]:
-        """Force, left out or an output, and the speed of the spindle, which no output carries."""
+        """Force, which is left out or an output, and the spindle speed, which no output carries."""
         changes = {"force": self.force != "refuse", "spindle": self.spindle == "on-off"}
         return frozenset(word for word, is_changed in changes.items() if is_changed)
 
     def prepare(self, program: Program, chord: float) -> Program:
-        """As the base; forces and spindles become what the options say. Refused: also axes, posture or frames."""
+        """See `Post`. Options replace force and spindle. Also refuses axes, postures and frames."""
         self._orientations.clear()
         self._scara = None
         if rules.axes(program, self.name) == 4:
             rules.check_arm(self.posture, program)
             self._scara = (program.base_from_work.rotation, program.flange_from_tool.rotation)
-        for what, pose in (
-            ("work frame", program.base_from_work),
-            ("tool", program.flange_from_tool),
-        ):
+        frames = {"work frame": program.base_from_work, "tool": program.flange_from_tool}
+        for what, pose in frames.items():
             reason = rules.bad_orientation(pose.rotation, None) or unprintable(pose)
             if reason:
                 raise Refused(self.name, rules.WHOLE, f"the {what}: {reason}")
         self._by_hand = rules.by_hand(program, self.force, self.spindle, self.name)
-        prepared = super().prepare(
-            without_force(program) if self.force == "ignore" else program, chord
-        )
-        if not any(
-            isinstance(i, Force) or (isinstance(i, Output) and i.signal == "spindle")
-            for i in prepared.body
-        ):
-            return prepared
-        return prepared.with_body(
-            tuple(new for item in prepared.body for new in self._rewritten(item))
-        )
+        if self.force == "ignore":
+            program = remove_force(program)
+        prepared = super().prepare(program, chord)
+        columns = prepared.columns
+        if columns.are(Force).any() or any(item.signal == "spindle" for item in columns.outputs):
+            return prepared.with_body(tuple(map(self._rewritten, prepared.body)))
+        return prepared
 
     def why_not(self, item: Instruction, before: Motion | None, _after: Motion | None) -> str:
-        """The reason and remedy in one, or nothing."""
+        """Return the reason with its remedy, or an empty text."""
         reason = records.too_large(item) if self.points == "file" else ""
         if reason:
             return reason
         match item:
             case MoveC():
                 if end_of(before) is None:
-                    return "V+ has no arc, and no pose is known where this one starts; move to a pose before it"
+                    return (
+                        "V+ has no arc, and no pose is known where this one starts"
+                        "; move to a pose before it"
+                    )
                 return "V+ has no arc; lower it to chords"
             case MoveJ() | MoveL():
                 return (
@@ -274,36 +272,43 @@ class VPlus(Post):
     def _bad_output(self, item: Output) -> str:
         if item.signal == "spindle":
             if self.spindle == "refuse":
-                return "V+ has no spindle speed; set post.spindle to on-off and map spindle in post.signals"
+                return (
+                    "V+ has no spindle speed; "
+                    "set post.spindle to on-off and map spindle in post.signals"
+                )
             if item.value < 0:
                 return "a spindle turning backwards is more than on or off; give a positive speed"
         elif item.value not in (0, 1):
-            return f"signal {item.signal} can be 0 or 1, not {item.value:g}; use a signal that is on or off"
+            return (
+                f"signal {item.signal} can be 0 or 1, not {item.value:g}"
+                "; use a signal that is on or off"
+            )
         if item.signal not in self.signals:
             return f"signal {item.signal} has no number; add it to post.signals"
         return ""
 
     def _bad_force(self) -> str:
         if self.force == "refuse":
-            return "V+ has no confirmed force control; set post.force to signal (a pressure valve) or ignore"
+            return (
+                "V+ has no confirmed force control; "
+                "set post.force to signal (a pressure valve) or ignore"
+            )
         if self.force == "signal" and "force" not in self.signals:
             return "the output named force has no number; add it to post.signals"
         return ""
 
-    def _rewritten(self, item: Instruction) -> Sequence[Instruction]:
+    def _rewritten(self, item: Instruction) -> Instruction:
         match item:
             case Force():
-                return (Output("force", float(item.newtons > 0)),)
+                return Output("force", float(item.newtons > 0))
             case MoveL() if item.force or any(item.force_direction):
-                return (replace(item, force=0.0, force_direction=(0.0, 0.0, 0.0)),)
+                return replace(item, force=0.0, force_direction=(0.0, 0.0, 0.0))
             case Output(signal="spindle"):
-                return (Output("spindle", float(item.value > 0)),)
-        return (item,)
-
-    # -- text ----------------------------------------------------------------------------------------------------
+                return Output("spindle", float(item.value > 0))
+        return item
 
     def begin(self, program: Program) -> Sequence[str]:
-        """The start of a program that is one ``.PROGRAM``."""
+        """The start of a program that is one `.PROGRAM`."""
         return self._head(program, self._name(program, 0), (self.tool, self.work))
 
     def _head(self, program: Program, name: str, declared: Sequence[str]) -> list[str]:
@@ -355,14 +360,13 @@ class VPlus(Post):
         return [*lines, *self._spelled.to_pose("MOVE", motion.target, motion.blend == 0)]
 
     def movel(self, motion: MoveL) -> Sequence[str]:
-        """MOVES, at 100 % of the rotational speed at most; where only the tool turns, at that of the motion."""
+        """MOVES at 100 % of the rotational speed at most; a reorientation at its own speed."""
         turn = 100 * math.degrees(motion.turn) / self.rated_turn if motion.turn else 100.0
         lines = self._pace(self._spelled.straight(motion.speed, turn))
         lines += self._switched(motion)
         return [*lines, *self._spelled.to_pose("MOVES", pose_of(motion), motion.blend == 0)]
 
     def _switched(self, motion: MoveJ | MoveL) -> list[str]:
-        """The words of a posture that is another than before: a TRANS has none, and they stay in force."""
         words = motion.posture.switches if motion.posture else ()
         if not words or words == self._switches:
             return []
@@ -374,7 +378,6 @@ class VPlus(Post):
         return [self._spelled.word(word) for word in words]
 
     def _pace(self, text: str) -> list[str]:
-        """The SPEED line unless it is the one in force: V+ has one setting for joint and straight motions."""
         if text == self._speed:
             return []
         self._speed = text
@@ -390,7 +393,7 @@ class VPlus(Post):
         return (self._spelled.wait(item.seconds),)
 
     def stop(self, item: Stop) -> Sequence[str]:  # noqa: ARG002 (an optional one is refused)
-        """PAUSE: until the operator lets the task proceed; the motion before it has printed its BREAK."""
+        """PAUSE until the operator lets the task proceed; the motion before printed its BREAK."""
         return (f"{IN}PAUSE",)
 
     def comment(self, text: str) -> str:
@@ -398,22 +401,20 @@ class VPlus(Post):
         return f"; {text}"
 
     def assemble(self, program: Program, parts: Sequence[Sequence[str]]) -> tuple[OutputFile, ...]:
-        """One file; a long program is a main one that calls the others, each with the work frame for itself."""
+        """One file; a long program calls the programs of its parts, each with its work frame."""
         self._speed, self._posture_due, self._switches = "", True, ()
         if self.points == "file":
-            return self._assemble_data(
-                program, [line for part in parts for line in part if line[0] != ";"]
-            )
+            body = [line for line in chain.from_iterable(parts) if line[0] != ";"]
+            return self._assemble_data(program, body)
         if len(parts) == 1:
             return super().assemble(program, parts)
         name = self._name(program, len(parts))
         if self.program and name != self.program:
-            remedy = f"shorten post.program to {len(name)} characters or raise post.max_lines"
             raise Refused(
                 self.name,
                 rules.WHOLE,
                 f"{self.program} is too long a name for {len(parts)} parts",
-                remedy,
+                f"shorten post.program to {len(name)} characters or raise post.max_lines",
             )
         lines = self._head(program, name, (self.tool,))
         lines += [f"{IN}CALL {name}.{k}()" for k in range(1, len(parts) + 1)]
@@ -429,16 +430,17 @@ class VPlus(Post):
                     f"{IN}AUTO {self.work}",
                     f"{IN}SET {self.work} = {self._lines.trans(program.base_from_work)}",
                 ]
-            # Each part says its speed and its posture itself: whether a CALL keeps them is not confirmed.
+            # Each part sets its speed and posture: it is not confirmed that a CALL keeps them.
             lines += [*([speed] if speed else ()), *switches, *part, f"{IN}RETURN", ".END"]
-            speed, switches = (
-                _last_speed(part, speed),
-                rules.last_switches(part, switches) if planned else [],
-            )
+            speed = _last_speed(part, speed)
+            switches = rules.last_switches(part, switches) if planned else []
         return (OutputFile(self.file_name(program), "\n".join(lines) + "\n"),)
 
     def _assemble_data(self, program: Program, body: Sequence[str]) -> tuple[OutputFile, ...]:
-        """The reader program and its data, which know each other by an identification. body: records."""
+        """Print the reader program and its data, with the same identification in both.
+
+        body: records.
+        """
         file = records.data_name(program.name)
         name = rules.program_name(
             self.program or program.name, 0, (self.tool, self.work, *records.VARIABLES)
@@ -456,5 +458,4 @@ class VPlus(Post):
 
 
 def _last_speed(part: Sequence[str], before: str) -> str:
-    """The SPEED line in force after ``part``, when ``before`` was in force where it started."""
     return next((line for line in reversed(part) if line.startswith(f"{IN}SPEED ")), before)

@@ -1,4 +1,4 @@
-"""How the post ``vplus`` spells motions and state changes: as lines of a program. ``records`` spells them as data."""
+"""Prints motions and state changes of V+ as lines of a program; `records` prints them as data."""
 
 from __future__ import annotations
 
@@ -19,7 +19,11 @@ SLIDE_DIGITS = 5
 
 
 class Lines:
-    """Lines of a program. work: the location variable of the work frame. decimals: digits of mm."""
+    """Lines of a program.
+
+    work: location variable of the work frame.
+    decimals: digits of mm.
+    """
 
     def __init__(self, work: str, decimals: int) -> None:
         self._work, self._decimals = work, decimals
@@ -71,5 +75,4 @@ class Lines:
 
 
 def _stop(stops: bool) -> tuple[str, ...]:
-    """Continuous path is on by default, so a stop has to be said."""
     return (f"{IN}BREAK",) if stops else ()

@@ -1,7 +1,8 @@
-"""Points of a V+ program in a data file, and the program that reads them: ``points = "file"`` of the post ``vplus``.
+"""Points of a V+ program in a data file, and the program that reads them (`points = "file"`).
 
-A record is nine whole numbers: kind, stop, six values, check. V+ reals are single precision, exact for whole numbers
-below 2**24; so coordinates are in 0.001 mm and angles in 0.0001 deg, and the check sums come out the same everywhere.
+A record is nine whole numbers: kind, stop, six values, check. V+ reals are single precision, exact
+for whole numbers below 2**24. So coordinates are in 0.001 mm and angles in 0.0001 deg, and the
+check sums are the same everywhere.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from . import rules
 from .lines import ANGLE_DIGITS, IN, SLIDE_DIGITS
 from .rules import SPEED_DIGITS
 
-#: The greatest number of a record: a real of V+ holds it exactly with ``_SHIFT`` added.
+#: Largest number of a record: a real of V+ holds it exactly with `_SHIFT` added.
 _LARGEST = 2**23 - 1
 _SHIFT, _PRIME, _FACTOR = 2**23, 65521, 31
 #: The format of the file, in its first record.
@@ -38,7 +39,7 @@ _CONTROL = ("cg.lun", "cg.pass", "cg.n", "cg.sum", "cg.kind", "cg.stop")
 _VALUES = ("cg.a", "cg.b", "cg.c", "cg.d", "cg.e", "cg.f")
 _CHECK = "cg.check"
 VARIABLES = frozenset((*_CONTROL, *_VALUES, _CHECK))
-#: Disks of V+ take 8 signs and 3 behind the dot.
+#: Maximum length of file names on disks of V+, without the suffix of 3.
 _DISK_NAME = 8
 
 
@@ -93,7 +94,6 @@ def _record(kind: int, *values: int, stop: bool = False) -> str:
 
 
 def _scaled(value: float, digits: int) -> int:
-    """The number as the program prints it, in units of its last digit."""
     scale: int = 10**digits
     return round(float(short(value, digits)) * scale)
 
@@ -104,16 +104,17 @@ def _parts(value: float, digits: int) -> tuple[int, int]:
 
 
 def too_large(item: Instruction) -> str:
-    """Why a record cannot hold ``item``, empty where it can; ends with the remedy."""
+    """Return why a record cannot hold `item`, with the remedy; empty if it can."""
     remedy = 'set post.points to "program"'
     if isinstance(item, MoveJ) and isinstance(item.target, Joints):
-        most = _LARGEST / 10**ANGLE_DIGITS
+        limit = _LARGEST / 10**ANGLE_DIGITS
         values = [math.degrees(v) for v in item.target.values]
         if len(values) == 4:
             values[2] = item.target.values[2] / 10
-        if any(abs(v) > most for v in values):
+        if any(abs(v) > limit for v in values):
             return (
-                f"a joint beyond {most:g} deg or {10 * most:g} mm has no room in a record; {remedy}"
+                f"a joint beyond {limit:g} deg or {10 * limit:g} mm"
+                f" has no room in a record; {remedy}"
             )
     if isinstance(item, Stop):
         return f"a stop for the operator has no record; {remedy}"
@@ -123,7 +124,7 @@ def too_large(item: Instruction) -> str:
 
 
 def data_name(name: str) -> str:
-    """The file of the data: the program's name where a disk of V+ takes it, else its start with a sum of all of it."""
+    """Name the data file: by the program if a disk of V+ takes the name, else with a check sum."""
     clean = re.sub(r"[^a-z0-9_]", "_", name.lower())
     if clean != name or len(clean) > _DISK_NAME:
         clean = f"{clean[: _DISK_NAME - 4]}{crc32(name.encode()) & 0xFFFF:04x}"
@@ -131,13 +132,13 @@ def data_name(name: str) -> str:
 
 
 def identify(settings: Sequence[str], records: Sequence[str]) -> tuple[int, int]:
-    """Two numbers that tell this job from any other: of its settings and its records, 46 bits of a SHA-256."""
+    """Compute two numbers that identify a job: 46 bits of the SHA-256 of settings and records."""
     digest = hashlib.sha256("\n".join((*settings, *records)).encode()).digest()
     return int.from_bytes(digest[:3]) >> 1, int.from_bytes(digest[3:6]) >> 1
 
 
 def data(identity: tuple[int, int], records: Sequence[str]) -> str:
-    """The text of the file: format, identification and number of records first, then each record with its check."""
+    """Print the file: format, identification and number of records, then records with checks."""
     total = identity[0] % _PRIME
     lines = [f"{_FORMAT},{identity[0]},{identity[1]},{len(records)}"]
     for record in records:
@@ -148,22 +149,21 @@ def data(identity: tuple[int, int], records: Sequence[str]) -> str:
 
 
 def signals_of(records: Sequence[str]) -> list[int]:
-    """The numbers of all outputs that the records set."""
-    start = f"{_SIGNAL},"
+    """List the numbers of all outputs that the records set."""
     return sorted(
-        {abs(int(record.split(",")[2])) for record in records if record.startswith(start)}
+        {abs(int(record.split(",")[2])) for record in records if record.startswith(f"{_SIGNAL},")}
     )
 
 
 def declarations() -> list[str]:
-    """The variables of the reader, its own."""
+    """Declare the variables of the reader."""
     return [f"{IN}AUTO REAL {', '.join(names)}" for names in (_CONTROL, (*_VALUES, _CHECK))]
 
 
 def reader(
     file: str, identity: tuple[int, int], count: int, work: str, signals: Sequence[int]
 ) -> list[str]:
-    """The program behind its head: it goes through the file twice, the first time without doing anything."""
+    """Print the reader after its head: it reads the file twice, the first time only to check it."""
     body = [
         'ATTACH (cg.lun, 4) "DISK"', *_unless("IOSTAT(cg.lun) < 0"),
         "cg.pass = 1",
@@ -175,7 +175,8 @@ def reader(
         f"cg.sum = cg.b MOD {_PRIME}",
         "cg.n = 1",
         f"WHILE cg.n <= {count} DO",
-        f"READ (cg.lun) cg.kind, cg.stop, {', '.join(_VALUES)}, {_CHECK}", *_unless("IOSTAT(cg.lun) < 0"),
+        f"READ (cg.lun) cg.kind, cg.stop, {', '.join(_VALUES)}, {_CHECK}",
+        *_unless("IOSTAT(cg.lun) < 0"),
         *(f"cg.sum = ({_FACTOR}*cg.sum+(({name}+{_SHIFT}) MOD {_PRIME})) MOD {_PRIME}"
           for name in ("cg.kind", "cg.stop", *_VALUES)),
         *_unless(f"cg.sum <> {_CHECK}"),
@@ -197,7 +198,6 @@ def _unless(wrong: str) -> list[str]:
 
 
 def _act(work: str) -> list[str]:
-    """What one record does."""
     mm, deg = 10**3, 10**ANGLE_DIGITS
     a, b, c, d, e, f = _VALUES
     pose = f"{work}:TRANS({a}/{mm},{b}/{mm},{c}/{mm},{d}/{deg},{e}/{deg},{f}/{deg})"
@@ -219,7 +219,6 @@ def _act(work: str) -> list[str]:
 
 
 def _indented(body: Sequence[str]) -> list[str]:
-    """Blocks stand 4 further right; a label stands at the margin."""
     lines: list[str] = []
     depth = 1
     for text in body:

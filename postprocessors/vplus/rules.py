@@ -1,10 +1,11 @@
-"""What V+ allows: names, options, axes, poses, and magnitudes that a signal cannot carry. For the post ``vplus``."""
+"""The limits of V+: names, options, axes, poses, and values that a signal cannot carry."""
 
 from __future__ import annotations
 
 import math
 import re
 from collections.abc import Mapping, Sequence
+from itertools import chain
 from typing import Literal
 
 import numpy as np
@@ -58,19 +59,19 @@ _WORDS = """
     vsubmit vtrain vwait vwindow wait wait.event while window world write xor
 """
 _TAKEN = frozenset(_WORDS.split())
-#: rad: a pitch nearer to 0 or 180 deg prints as exactly that. It is what joint values with four digits (deg) say of a
-#: tool that stands upright, and within what a read-back must agree.
+#: rad: a pitch nearer to 0 or 180 deg prints as exactly that. It is the rounding of an upright tool
+#: by joint values with four digits (deg), and the tolerance of the read-back.
 _UPRIGHT = math.radians(5e-4)
 #: V+ reals are single precision: beyond 8192 mm (2**13) their step is larger than 0.0005 mm.
 _RANGE = 8192.0
-#: Speeds have 4 digits, so that 0.05 is the least that is still within 0.1 %.
-SPEED_DIGITS, _LEAST_SPEED = 4, 0.05
+#: Digits of speeds, and the smallest speed that these print within 0.1 %.
+SPEED_DIGITS, _MIN_SPEED = 4, 0.05
 #: The index of a refusal that concerns the whole program.
 WHOLE = -1
 
 
 def bad_name(name: str) -> str:
-    """Why ``name`` cannot be a V+ name; empty when it can."""
+    """Return why `name` cannot be a V+ name; empty if it can."""
     if not _IDENTIFIER.fullmatch(name):
         return "is not a letter followed by letters, digits, dots and underscores"
     if len(name) > _NAME:
@@ -84,7 +85,10 @@ def is_word(name: str) -> bool:
 
 
 def check_names(program: str, tool: str, work: str) -> None:
-    """JobError for a name that V+ cannot have or cannot tell from another one; an empty program name is none yet."""
+    """Check names. Raises JobError for one that V+ does not allow or distinguish from another one.
+
+    An empty program name is not a name yet.
+    """
     for key, value in (("program", program), ("tool", tool), ("work", work)):
         reason = "" if key == "program" and not value else bad_name(value)
         if not reason and re.search(r"\.\d+$", value):
@@ -92,13 +96,15 @@ def check_names(program: str, tool: str, work: str) -> None:
         if reason:
             raise JobError(f"[post] {key}", f"{value!r} {reason}", remedy="give another name")
     if len({program.lower(), tool.lower(), work.lower()}) < 3:
-        raise JobError(
-            "[post] program, tool, work", "have the same name", remedy="give three names"
-        )
+        key = "[post] program, tool, work"
+        raise JobError(key, "have the same name", remedy="give three names")
 
 
 def program_name(name: str, parts: int, used: Sequence[str]) -> str:
-    """``name`` as a V+ name, cut so that ``.1`` to ``.parts`` still fit behind it. used: names that it must not be."""
+    """Make a V+ name of `name`, short enough for `.1` to `.parts` at its end.
+
+    used: names that are in use.
+    """
     room = _NAME - len(f".{parts}") if parts else _NAME
     clean = re.sub(r"[^a-z0-9._]", "_", name.lower())
     clean = clean[:room].rstrip("._")
@@ -108,33 +114,46 @@ def program_name(name: str, parts: int, used: Sequence[str]) -> str:
 
 
 def check_signals(signals: Mapping[str, int]) -> None:
-    """JobError for a number that is not an output, or that two names share."""
+    """Check signals. Raises JobError for a number that is not an output, or is used twice."""
     seen: dict[int, str] = {}
     for signal, number in signals.items():
         if not (1 <= number <= 1000 or 2001 <= number <= 9999):
-            remedy = "outputs are 1 to 1000, soft signals 2001 and up, and 1001 to 2000 are inputs"
-            raise JobError("[post] signals", f"{signal} cannot be {number}", remedy=remedy)
+            raise JobError(
+                "[post] signals",
+                f"{signal} cannot be {number}",
+                remedy="outputs are 1 to 1000, soft signals 2001 and up, "
+                "and 1001 to 2000 are inputs",
+            )
         if number in seen:
-            what = f"{seen[number]} and {signal} are both {number}"
-            raise JobError("[post] signals", what, remedy="give each its own number")
+            raise JobError(
+                "[post] signals",
+                f"{seen[number]} and {signal} are both {number}",
+                remedy="give each its own number",
+            )
         seen[number] = signal
 
 
 def check_posture(words: Sequence[str]) -> None:
-    """JobError for words that are not postures, stand twice, or exclude each other."""
+    """Check postures. Raises JobError for unknown, repeated and contradictory words."""
     for word in words:
         pair = next((p for p in _PAIRS if word in p), None)
         if pair is None:
-            known = ", ".join(w for p in _PAIRS for w in p)
-            raise JobError("[post] posture", f"{word!r} is no posture", remedy=f"known are {known}")
+            raise JobError(
+                "[post] posture",
+                f"{word!r} is not a posture",
+                remedy=f"known are {', '.join(chain.from_iterable(_PAIRS))}",
+            )
         if sum(w in pair for w in words) > 1:
-            what = f"{pair[0]} and {pair[1]} are one choice"
-            raise JobError("[post] posture", what, remedy="give one of them, once")
+            raise JobError(
+                "[post] posture",
+                f"{pair[0]} and {pair[1]} are one choice",
+                remedy="give one of them, once",
+            )
 
 
 def last_switches(part: Sequence[str], before: list[str]) -> list[str]:
-    """The lines of the posture in force after ``part``, when ``before`` was in force where it started."""
-    known = {word for pair in _PAIRS for word in pair}
+    """Return the lines of the posture in force after `part`; `before` was in force at its start."""
+    known = set(chain.from_iterable(_PAIRS))
     last = next((k for k in reversed(range(len(part))) if part[k].strip() in known), None)
     if last is None:
         return before
@@ -145,7 +164,11 @@ def last_switches(part: Sequence[str], before: list[str]) -> list[str]:
 
 
 def check_arm(words: Sequence[str], program: Program) -> None:
-    """JobError for a posture that a SCARA lacks, or that its first position contradicts (joint 2 > 0 is RIGHTY)."""
+    """Check the posture of a SCARA.
+
+    Raises JobError for a posture that it does not have, or that its first position contradicts:
+    joint 2 > 0 is RIGHTY.
+    """
     odd = ", ".join(sorted(_SIX_AXIS_ONLY.intersection(words)))
     if odd:
         raise JobError(
@@ -155,43 +178,49 @@ def check_arm(words: Sequence[str], program: Program) -> None:
     if isinstance(first, Joints) and first.values[1] != 0:
         wrong = "LEFTY" if first.values[1] > 0 else "RIGHTY"
         if wrong in words:
-            what = f"{wrong}, but the first position has joint 2 at {math.degrees(first.values[1]):.4g} deg"
+            angle = math.degrees(first.values[1])
             raise JobError(
                 "[post] posture",
-                what,
+                f"{wrong}, but the first position has joint 2 at {angle:.4g} deg",
                 remedy="RIGHTY goes with joint 2 > 0, LEFTY with joint 2 < 0",
             )
 
 
 def axes(program: Program, post: str) -> int:
-    """How many joints the arm has: 4 (SCARA, joint 3 slides), 6, or 0 when no motion says. Refused: others, mixed."""
+    """Return the number of joints: 4 (SCARA, joint 3 slides), 6, or 0 if no motion states it.
+
+    Raises Refused for other numbers, and for several ones.
+    """
     count = 0
     for index, motion in motions(program.body):
         joints = motion.target if isinstance(motion.target, Joints) else motion.joints
         if joints is None:
             continue
+        what = f"a position has {counted(len(joints.values), 'joint value')}"
         if len(joints.values) not in (4, 6):
-            remedy = "give 4 values (SCARA: deg, deg, mm, deg) or 6 (deg)"
-            raise Refused(
-                post, index, f"a position has {counted(len(joints.values), 'joint value')}", remedy
-            )
+            raise Refused(post, index, what, "give 4 values (SCARA: deg, deg, mm, deg) or 6 (deg)")
         if count and len(joints.values) != count:
-            what = f"a position has {counted(len(joints.values), 'joint value')}, another {count}"
-            raise Refused(post, index, what, "give all for one arm")
+            raise Refused(post, index, f"{what}, another {count}", "give all for one arm")
         count = len(joints.values)
     return count
 
 
 def unprintable(pose: Pose) -> str:
-    """Why single precision cannot carry the position; empty when it can. Ends with the remedy."""
+    """Return why single precision cannot carry the position, with the remedy; empty if it can."""
     x, y, z = pose.origin
     if -_RANGE <= x <= _RANGE and -_RANGE <= y <= _RANGE and -_RANGE <= z <= _RANGE:
         return ""
-    return f"at ({x:g}, {y:g}, {z:g}) mm is beyond {_RANGE:g} mm, where a V+ real is too coarse; move the origin nearer"
+    return (
+        f"at ({x:g}, {y:g}, {z:g}) mm is beyond {_RANGE:g} mm, where a V+ real is too coarse; "
+        "move the origin nearer"
+    )
 
 
 def bad_orientation(rotation: FloatArray, scara: tuple[FloatArray, FloatArray] | None) -> str:
-    """Why the arm cannot take work_from_tool. scara: the rotations of base_from_work and flange_from_tool, or None."""
+    """Return why the arm cannot take the rotation work_from_tool; empty if it can.
+
+    scara: the rotations of base_from_work and flange_from_tool for a SCARA, otherwise None.
+    """
     if not np.isfinite(rotation).all():
         return "an orientation is not finite; give another one"
     if scara is None:
@@ -201,12 +230,15 @@ def bad_orientation(rotation: FloatArray, scara: tuple[FloatArray, FloatArray] |
     tilt = math.atan2(math.hypot(axis[0], axis[1]), -axis[2])
     if tilt < _UPRIGHT:
         return ""
-    remedy = "check cell.base_from_work and cell.flange_from_tool, or use a six-axis robot"
-    return f"a SCARA cannot tilt its tool, and this pose is {math.degrees(tilt):.4g} deg from straight down; {remedy}"
+    return (
+        "a SCARA cannot tilt its tool, "
+        f"and this pose is {math.degrees(tilt):.4g} deg from straight down; "
+        "check cell.base_from_work and cell.flange_from_tool, or use a six-axis robot"
+    )
 
 
 def yaw_pitch_roll(rotation: FloatArray) -> Vec3:
-    """ZYZ angles (rad) with yaw 0 wherever the pitch will print as 0 or 180 deg: a SCARA wants that very form."""
+    """Compute ZYZ angles, rad; yaw is 0 if the pitch prints as 0 or 180 deg, as a SCARA needs."""
     if math.hypot(rotation[0, 2], rotation[1, 2]) >= _UPRIGHT:
         return zyz(rotation)
     if rotation[2, 2] > 0:
@@ -215,28 +247,31 @@ def yaw_pitch_roll(rotation: FloatArray) -> Vec3:
 
 
 def bad_speed(motion: MoveJ | MoveL, rated: float) -> str:
-    """Why SPEED cannot say the speed; empty when it can. rated: mm/s of a MOVE at 100 %. Ends with the remedy."""
+    """Return why SPEED cannot state the speed, with the remedy; empty if it can.
+
+    rated: speed of a MOVE at 100 %, mm/s.
+    """
     if isinstance(motion, MoveL):
-        if motion.speed >= _LEAST_SPEED:
+        if motion.speed >= _MIN_SPEED:
             return ""
         return (
-            f"{motion.speed:.4g} mm/s is below {_LEAST_SPEED} mm/s, "
+            f"{motion.speed:.4g} mm/s is below {_MIN_SPEED} mm/s, "
             "the least that prints exactly; raise process.feed"
         )
     percent = 100 * motion.speed / rated
-    said = f"{motion.speed:.6g} mm/s is {percent:.4g} % of post.rated = {rated:g} mm/s"
+    what = f"{motion.speed:.6g} mm/s is {percent:.4g} % of post.rated = {rated:g} mm/s"
     if percent > 100 + 1e-9:
-        return f"{said}, more than 100 %; lower process.travel or raise post.rated"
-    if percent < _LEAST_SPEED:
+        return f"{what}, more than 100 %; lower process.travel or raise post.rated"
+    if percent < _MIN_SPEED:
         return (
-            f"{said}, below the least that prints exactly, "
-            f"{_LEAST_SPEED} %; raise process.travel or lower post.rated"
+            f"{what}, below the least that prints exactly, "
+            f"{_MIN_SPEED} %; raise process.travel or lower post.rated"
         )
     return ""
 
 
 def bad_pause(item: Wait | Stop) -> str:
-    """Why V+ cannot stand still so; empty when it can."""
+    """Return why V+ cannot wait or stop so; empty if it can."""
     if isinstance(item, Stop):
         return "V+ has no optional stop; leave it out, or make it a stop" if item.optional else ""
     if item.seconds < 0.001:
@@ -247,62 +282,71 @@ def bad_pause(item: Wait | Stop) -> str:
 
 
 def bad_turn(turn: float, rated: float) -> str:
-    """Why a turn on the spot at ``turn`` rad/s cannot be printed. rated: deg/s at 100 %."""
+    """Return why a reorientation at `turn` rad/s cannot be printed; empty if it can.
+
+    rated: speed at 100 %, deg/s.
+    """
     degrees, percent = math.degrees(turn), 100 * math.degrees(turn) / rated
     if percent > 100 + 1e-9:
-        said = f"{degrees:g} deg/s is more than post.rated_turn = {rated:g} deg/s"
-        return f"{said}; lower process.turn or raise post.rated_turn"
-    if turn and percent < _LEAST_SPEED:
-        said = f"{degrees:g} deg/s is {percent:.3g} % of post.rated_turn = {rated:g} deg/s"
-        least = f"below the least that prints exactly, {_LEAST_SPEED} %"
-        return f"{said}, {least}; raise process.turn or lower post.rated_turn"
+        return (
+            f"{degrees:g} deg/s is more than post.rated_turn = {rated:g} deg/s; "
+            "lower process.turn or raise post.rated_turn"
+        )
+    if turn and percent < _MIN_SPEED:
+        return (
+            f"{degrees:g} deg/s is {percent:.3g} % of post.rated_turn = {rated:g} deg/s, "
+            f"below the least that prints exactly, {_MIN_SPEED} %; "
+            "raise process.turn or lower post.rated_turn"
+        )
     return ""
 
 
 def by_hand(program: Program, force: str, spindle: str, post: str) -> tuple[str, ...]:
-    """Remarks on what an output cannot carry. Refused when it is not one value for the whole program."""
+    """Make remarks about values that the operator sets by hand, since an output is on or off.
+
+    Raises Refused if such a value is not the same in the whole program.
+    """
     remarks = []
-    newtons, rpm = _forces(program), _spins(program)
+    newtons, rpm = _find_forces(program), _find_spindle_speeds(program)
     if newtons and force == "ignore":
         remarks.append(
             f"the force of the plan, up to {max(newtons):g} N, is left out by force = ignore"
         )
     elif newtons and force == "signal":
-        remarks.append(
-            f"set {_one_value(newtons, 'N', post)} by hand at the valve of the output named force"
-        )
+        value = _get_only_value(newtons, "N", post)
+        remarks.append(f"set {value} by hand at the valve of the output named force")
     if rpm and spindle == "on-off":
-        remarks.append(
-            f"set {_one_value(rpm, 'rpm', post)} by hand at the drive of the output named spindle"
-        )
+        value = _get_only_value(rpm, "rpm", post)
+        remarks.append(f"set {value} by hand at the drive of the output named spindle")
     return tuple(remarks)
 
 
-def _forces(program: Program) -> dict[float, int]:
-    """Every force (N) of the program and the first instruction that asks for it."""
-    found: dict[float, int] = {}
+def _find_forces(program: Program) -> dict[float, int]:
+    first: dict[float, int] = {}
     for index, item in enumerate(program.body):
         if isinstance(item, (Force, MoveL, MoveC)):
             value = item.newtons if isinstance(item, Force) else item.force
             if value > 0:
-                found.setdefault(value, index)
-    return found
+                first.setdefault(value, index)
+    return first
 
 
-def _spins(program: Program) -> dict[float, int]:
-    """Every spindle speed (rpm) of the program and the first instruction that asks for it."""
-    found: dict[float, int] = {}
+def _find_spindle_speeds(program: Program) -> dict[float, int]:
+    first: dict[float, int] = {}
     for index, item in enumerate(program.body):
         if isinstance(item, Output) and item.signal == "spindle" and item.value > 0:
-            found.setdefault(item.value, index)
-    return found
+            first.setdefault(item.value, index)
+    return first
 
 
-def _one_value(values: Mapping[float, int], unit: str, post: str) -> str:
-    """The only value as text: on and off carry no other. Refused when there are several."""
+def _get_only_value(values: Mapping[float, int], unit: str, post: str) -> str:
     first = next(iter(values))
     for value, index in values.items():
         if not math.isclose(value, first, rel_tol=1e-6):
-            what = f"a signal is on or off, and the program asks for {first:g} and {value:g} {unit}"
-            raise Refused(post, index, what, "plan one value for the whole program")
+            raise Refused(
+                post,
+                index,
+                f"a signal is on or off, and the program asks for {first:g} and {value:g} {unit}",
+                "plan one value for the whole program",
+            )
     return f"{first:g} {unit}"

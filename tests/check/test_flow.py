@@ -8,8 +8,8 @@ import pytest
 from msgspec.structs import replace
 
 from bench.robots.rfa import FREE, PARTS, cell, loop
-from camgen.check.flow import let_flow
-from camgen.check.passing import legs_of
+from camgen.check.flow import blend_links
+from camgen.check.passing import trace_motions
 from camgen.check.reach import check_reach
 from camgen.check.time import time_from_rest, time_motions
 from camgen.collision.hits import find_collisions
@@ -53,18 +53,20 @@ def arm_of(result: Result) -> Robot:
 def between(result: Result, motion: int, share: float) -> FloatArray:
     """The joints (J,) at a share of the way of the TCP in a motion."""
     assert result.reach is not None
-    legs = legs_of(result.program, result.reach, arm_of(result))
-    rows = legs.rows(motion)
-    at = (legs.way[rows] - legs.way[rows.start]) / (legs.way[rows.stop - 1] - legs.way[rows.start])
+    trace = trace_motions(result.program, result.reach, arm_of(result))
+    rows = trace.rows(motion)
+    at = (trace.travelled[rows] - trace.travelled[rows.start]) / (
+        trace.travelled[rows.stop - 1] - trace.travelled[rows.start]
+    )
     return np.array([np.interp(share, at, column) for column in result.reach.joints[rows].T])
 
 
 def rounded(result: Result, motion: int, zone: float) -> FloatArray:
     """A parabola of the joints (11, J) from ``zone`` mm of the TCP before the corner to as much behind it."""
     assert result.reach is not None
-    legs = legs_of(result.program, result.reach, arm_of(result))
+    trace = trace_motions(result.program, result.reach, arm_of(result))
     long = [
-        legs.way[(rows := legs.rows(k)).stop - 1] - legs.way[rows.start]
+        trace.travelled[(rows := trace.rows(k)).stop - 1] - trace.travelled[rows.start]
         for k in (motion, motion + 1)
     ]
     a, b, c = (
@@ -124,8 +126,8 @@ def test_more_margin_leaves_less_room_for_rounding() -> None:
     )
     rest = bare, result.reach
     flow = Flow(10.0, math.inf, -math.inf)
-    wide, _ = let_flow(*rest, replace(result.where, margin=60.0), result.cell, flow)
-    narrow, _ = let_flow(*rest, result.where, result.cell, flow)
+    wide, _ = blend_links(*rest, replace(result.where, margin=60.0), result.cell, flow)
+    narrow, _ = blend_links(*rest, result.where, result.cell, flow)
     assert narrow.columns.blend.tolist() == result.program.columns.blend.tolist()
     assert (wide.columns.blend <= narrow.columns.blend).all()
     assert wide.columns.blend.sum() < 0.8 * narrow.columns.blend.sum()
@@ -161,13 +163,13 @@ def test_on_links_no_joint_is_faster_than_it_may_be_and_none_could_be_faster() -
     assert result.where is not None
     distance = partial(measure_apart, result.where.scene)
     arm, columns = arm_of(result), result.program.columns
-    legs = legs_of(result.program, result.reach, arm)
+    trace = trace_motions(result.program, result.reach, arm)
     full = 0
     for k in np.flatnonzero(~columns.works & (columns.speed > result.job.process.feed))[
         1:
     ].tolist():
-        rows = legs.rows(k)
-        mm, seconds = np.diff(legs.way[rows]), np.diff(legs.seconds[rows])
+        rows = trace.rows(k)
+        mm, seconds = np.diff(trace.travelled[rows]), np.diff(trace.seconds[rows])
         if isinstance(columns.moves[k], MoveJ):
             fastest = measure_point_speed(arm, distance, result.reach.joints[rows])
             limit = min(1.0, 250.0 / fastest)

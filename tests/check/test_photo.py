@@ -72,7 +72,7 @@ def test_burrs_and_dents_are_measured(tmp_path: Path) -> None:
     outline = bumped(outline, len(outline.points) - 2, 25, 4, -0.5)
     inspection = look(tmp_path, (outline, PLATE[1]), turn=0.7)
     high, dent, low = inspection.differences
-    assert [difference.much for difference in inspection.differences] == [True, False, True]
+    assert [difference.surplus for difference in inspection.differences] == [True, False, True]
     for difference, height, width in ((high, 0.8, 5), (dent, 0.5, 4), (low, 0.3, 2)):
         assert difference.height == pytest.approx(height, abs=0.03)
         assert difference.length == pytest.approx(width, abs=0.35)
@@ -84,13 +84,13 @@ def test_burrs_and_dents_are_measured(tmp_path: Path) -> None:
         assert not difference.whole
     # The side runs from -30, -20; a bump's tip is above the middle of its foot.
     assert high.place == pytest.approx((-30 + 10 + 2.5, -20.8), abs=0.4)
-    assert inspection.area(much=True) == pytest.approx(high.area + low.area)
+    assert inspection.area(surplus=True) == pytest.approx(high.area + low.area)
 
 
 @pytest.mark.usefixtures("few_turns")
 def test_a_hole_that_was_not_cut_is_too_much(tmp_path: Path) -> None:
     (difference,) = look(tmp_path, PLATE[:1]).differences
-    assert difference.much
+    assert difference.surplus
     assert difference.kind == "feature missing"
     assert difference.contour == "c2"
     assert difference.area == pytest.approx(np.pi * 7**2, rel=0.01)
@@ -105,7 +105,7 @@ def test_a_round_part_can_be_turned(tmp_path: Path) -> None:
         [-180, -90, 90], abs=0.2
     )
     assert found.fit.turn == pytest.approx(-0.1, abs=1e-3)
-    assert any("fits as well turned" in note.what for note in found.notes)
+    assert any("fits as well rotated" in note.what for note in found.notes)
 
 
 def test_another_part_is_refused(tmp_path: Path) -> None:
@@ -304,13 +304,13 @@ def test_what_a_pen_left_out_or_spilt_is_found(tmp_path: Path) -> None:
     files = Files()
     seen = read_outlines(files.read(photo(tmp_path / "photo.png", inked(left))), SEEN, files)
     found = inspect_photo(seen, drawing(TRACKS), FILL)
-    much, missing = sorted(found.differences, key=lambda one: not one.much)
-    assert (much.much, missing.much) == (True, False)
+    much, missing = sorted(found.differences, key=lambda one: not one.surplus)
+    assert (much.surplus, missing.surplus) == (True, False)
     assert much.whole
     assert much.area == pytest.approx(4 * 2, rel=0.05)
     assert much.length == pytest.approx(4, abs=0.2)
     assert missing.area == pytest.approx(shapely.intersection(whole.region, gap).area, rel=0.05)
-    assert found.area(much=False) == missing.area
+    assert found.area(surplus=False) == missing.area
 
 
 # -- the command

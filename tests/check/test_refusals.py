@@ -60,7 +60,8 @@ def test_another_refusal_is_told_by_the_post(tmp_path):
     """In mm/min; the way down to the contact, which comes first, runs at a third of the feed unless it has its own."""
     for process, feed in (({"feed": 0.0001}, "0.002"), ({"feed": 0.0001, "plunge": 5.0}, "0.006")):
         with pytest.raises(
-            Refused, match=rf"^gcode: a feed of {feed} mm/min cannot be meant; change process\.feed"
+            Refused,
+            match=rf"^gcode: a feed of {feed} mm/min is not 0\.01 to 999999 mm/min; change process",
         ):
             build(rectangle(tmp_path, 50, units=4), post="gcode", job={"process": process})
 

@@ -305,7 +305,7 @@ def angle_iron(
     }
     result = camgen.build(corner_of(tmp_path, flat), post="rapid", job=job)
     told = any(
-        note.what == "less is rounded at 1 of 1 corner along the paths" for note in result.notes
+        note.what == "blends are smaller at 1 of 1 corner along paths" for note in result.notes
     )
     return [one.blend for _, one, _ in inner(result)], told
 
@@ -319,7 +319,7 @@ def test_what_the_model_rounds_more_counts_for_the_margin(
     monkeypatch.setattr(module, "measure_rounding", lambda corners, _: far[: len(corners.blend)])
     result = build(disc, tolerance={"corner": 0.5})
     assert all(corner.blend == 0 for _, corner, _ in inner(result))
-    assert any("less is rounded" in note.what for note in result.notes)
+    assert any("blends are smaller" in note.what for note in result.notes)
 
 
 @pytest.mark.parametrize(

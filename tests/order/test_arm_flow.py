@@ -10,7 +10,7 @@ import pytest
 import camgen
 from bench.robots import robotsp
 from camgen.check.flow import _keeps_above
-from camgen.check.passing import find_corners, legs_of
+from camgen.check.passing import find_corners, trace_motions
 from camgen.model.pose import Pose
 from camgen.model.program import MoveJ, Output
 from camgen.pipeline import Result
@@ -126,21 +126,21 @@ def test_the_tip_keeps_up_where_corners_are_rounded(holes: Path) -> None:
     result = drilled(holes, kind="trace", depth=5.0, clearance=12.0, switch="contact")
     assert result.reach is not None
     arm, program = robot("IRB 1200"), result.program
-    legs = legs_of(program, result.reach, arm)
+    trace = trace_motions(program, result.reach, arm)
     corners = np.flatnonzero((program.columns.blend > 0) & ~program.columns.works)
     assert len(corners)
     t = np.linspace(0.0, 1.0, 21)[:, None]
     for k in corners.tolist():
         ends = []
         for motion, back in ((k, True), (k + 1, False)):
-            rows = legs.rows(motion)
-            way = legs.way[rows] - legs.way[rows.start]
+            rows = trace.rows(motion)
+            way = trace.travelled[rows] - trace.travelled[rows.start]
             share = min(1.5 * program.columns.blend[k] / way[-1], 0.5)
             at = (1 - share if back else share) * way[-1]
             ends.append(
                 np.array([np.interp(at, way, column) for column in result.reach.joints[rows].T])
             )
-        corner = result.reach.joints[legs.rows(k).stop - 1]
+        corner = result.reach.joints[trace.rows(k).stop - 1]
         joints = (1 - t) ** 2 * ends[0] + 2 * t * (1 - t) * corner + t**2 * ends[1]
         rotation, origin = flange(arm, joints)
         tip = (

@@ -267,7 +267,8 @@ def test_feeds_within_a_thousandth(speed, word):
         (
             program(MoveL(at(1, 0, 0), 1e-5)),
             1,
-            "a feed of 0.0006 mm/min cannot be meant; change process.feed or process.plunge",
+            "a feed of 0.0006 mm/min is not 0.01 to 999999 mm/min; "
+            "change process.feed or process.plunge",
         ),
         (
             program(Output("flood", 1.0)),
@@ -285,7 +286,7 @@ def test_feeds_within_a_thousandth(speed, word):
             2,
             "the spindle is to turn backwards (M4, 100 rpm), and this post prints M3 alone",
         ),
-        (program(Wait(1e9)), 1, "a wait of 1e+09 s cannot be meant"),
+        (program(Wait(1e9)), 1, "a wait of 1e+09 s is longer than 99999 s"),
         (
             program(Force(10.0, (1.0, 0.0, 0.0)), MoveL(at(1, 0, 0), 10.0), Force(0.0)),
             0,
@@ -324,9 +325,9 @@ def test_a_turned_work_frame_is_refused():
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        ({"work": "G53"}, "'G53' is no work offset"),
+        ({"work": "G53"}, "'G53' is not a work offset"),
         ({"decimals": 1}, "not between 2 and 6"),
-        ({"tool": -1}, "no tool number"),
+        ({"tool": -1}, "not a tool number"),
         (
             {"path_tolerance": 0.00001},
             "without a tolerance LinuxCNC would round corners by any amount",
@@ -335,10 +336,10 @@ def test_a_turned_work_frame_is_refused():
         ({"path_tolerance": math.nan}, "is not 0.0001 to 10 mm"),
         (
             {"signals": {"process": "P0\nG0 Z-99"}},
-            "is no output of this controller; one of M7 to P63",
+            "is not an output of this controller; one of M7 to P63",
         ),
-        ({"signals": {"process": "P64"}}, "is no output"),
-        ({"signals": {"process": "M3"}}, "is no output"),
+        ({"signals": {"process": "P64"}}, "is not an output"),
+        ({"signals": {"process": "M3"}}, "is not an output"),
         ({"signals": {"spindle": "P1"}}, "is not a free name"),
         ({"signals": {"a": "P1", "b": "P1"}}, "P1 is switched off by another signal too"),
         ({"signals": {"a": "M7", "b": "M8"}}, "M7 is switched off by another signal too"),
@@ -394,7 +395,7 @@ def test_force_left_out_by_the_user():
 def test_a_force_too_small_to_print_is_refused():
     plan = program(Force(0.01, (1.0, 0.0, 0.0)), MoveL(at(1, 0, 0), 10.0), Force(0.0))
     with pytest.raises(
-        Refused, match=r"0\.01 N is nothing at post\.force_scale = 0\.001; raise the scale"
+        Refused, match=r"0\.01 N is 0 at post\.force_scale = 0\.001; raise the scale"
     ):
         gcode(force="analog", force_scale=0.001).prepare(plan, 0.01)
 

@@ -198,12 +198,12 @@ def test_force_left_out_by_the_user():
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        ({"work": "G59.1"}, "is no work offset; one of G54, G55, G56, G57, G58, G59"),
+        ({"work": "G59.1"}, "is not a work offset; one of G54, G55, G56, G57, G58, G59"),
         (
             {"signals": {"process": "P0"}},
-            "'P0' is no output of this controller; one of M3, M4, M7, M8",
+            "'P0' is not an output of this controller; one of M3, M4, M7, M8",
         ),
-        ({"signals": {"process": "M3 S1\nG0 Z-9"}}, "is no output of this controller"),
+        ({"signals": {"process": "M3 S1\nG0 Z-9"}}, "is not an output of this controller"),
         ({"signals": {"a": "M3", "b": "M4"}}, "M3 is switched off by another signal too"),
         ({"power": 0.0}, "must be more than 0 and at most 99999, not 0"),
         ({"power": math.inf}, "must be more than 0 and at most 99999, not inf"),

@@ -373,14 +373,14 @@ def test_cell_is_within_the_reach_of_the_arm() -> None:
             {"rated": 100.0},
             2,
             "120 mm/s is 120 % of the rated 100 mm/s, the controller takes 0.1 to 100 %; "
-            "change the speed or mend post.rated",
+            "change the speed or correct post.rated",
         ),
         (
             MoveL(down(1, 0), 20.0),
             {"speed": "percent", "rated": 8e4},
             2,
             "20 mm/s is 0.025 % of the rated 80000 mm/s, the controller takes 0.1 to 100 %; "
-            "change the speed or mend post.rated",
+            "change the speed or correct post.rated",
         ),
         (
             MoveJ(Joints((0.0,) * 4), 100.0),
@@ -422,7 +422,7 @@ def test_refusal_names_index_reason_and_remedy(
 def test_fractional_pass_mark_is_refused_in_millimetres() -> None:
     plan = program(MoveL(down(1, 0), 20.0, 0.3), MoveL(down(2, 0), 20.0))
     with pytest.raises(
-        Refused, match=r'0.3 mm is no whole number; set post.pass_mark to "P" \(instruction 2\)'
+        Refused, match=r'0.3 mm is not a whole number; set post.pass_mark to "P" \(instruction 2\)'
     ):
         PacScript(pass_mark="mm").prepare(plan, 0.01)
 

@@ -373,8 +373,8 @@ def test_a_turn_that_no_controller_makes_is_refused(
     with pytest.raises(Refused) as refused:
         text_of(turning(degrees), **options)
     assert str(refused.value) == (
-        f"pacscript: {numbers}, the controller takes 0.1 to 100 %; change process.turn or mend post.rated_turn "
-        "(instruction 2)"
+        f"pacscript: {numbers}, the controller takes 0.1 to 100 %; "
+        "change process.turn or correct post.rated_turn (instruction 2)"
     )
     for within in (0.5, 500.0):
         verify(turning(within), text_of(turning(within)))

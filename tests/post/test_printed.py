@@ -26,7 +26,7 @@ from camgen.model.program import (
 from camgen.model.text import fixed
 from camgen.post import Post
 from camgen.post.plugins import find_post, make_post
-from camgen.post.printed import Lines, Printed, as_printed, join_lines, rounded
+from camgen.post.printed import Lines, Printed, join_lines, make_printed, round_numbers
 from tests.support.examples import fewer
 
 POSTS = ("gcode", "grbl", "rapid")
@@ -158,7 +158,7 @@ def test_a_class_that_prints_motions_otherwise_than_its_parent_is_asked_for_each
 @pytest.mark.parametrize("decimals", [0, 2, 3, 6])
 @given(values=st.lists(st.one_of(number, st.floats(-1e5, 1e5)), max_size=6))
 def test_numbers_are_rounded_as_their_text_is(decimals: int, values: list[float]) -> None:
-    found = rounded(np.array(values), decimals)
+    found = round_numbers(np.array(values), decimals)
     assert [fixed(value, decimals) for value in found.tolist()] == [
         fixed(value, decimals) for value in values
     ]
@@ -193,8 +193,8 @@ def test_lines_that_are_given_are_cut_between_instructions() -> None:
     columns = _program(
         "gcode", [MoveJ(Pose(TOOL_DOWN, (0.0, 0.0, k)), 100.0) for k in range(6)]
     ).columns
-    printed = as_printed(columns, given_lines)
-    assert as_printed(columns, printed) is printed
+    printed = make_printed(columns, given_lines)
+    assert make_printed(columns, printed) is printed
     assert [list(part) for part in printed.parts(2)] == [["a"], ["b", "c", "d"], ["e", "f"]]
     assert [list(part) for part in printed.parts(0)] == [["a", "b", "c", "d", "e", "f"]]
     assert join_lines(["% head"], printed.parts(0)[0], ["end"]) == "% head\na\nb\nc\nd\ne\nf\nend\n"

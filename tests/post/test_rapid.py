@@ -1018,9 +1018,8 @@ def test_pressing_with_a_sensor_that_is_not_zero_is_refused() -> None:
         Refused, match="the force sensor is not set to zero before pressing"
     ) as caught:
         make_post(Rapid, {}).prepare(pressing(pressed(0)), 0.01)
-    assert (
-        "give post.force_load, or say post.force_calibrated = true where the cell does it"
-        in str(caught.value)
+    assert "give post.force_load, or post.force_calibrated = true if the cell does it" in str(
+        caught.value
     )
     assert (
         caught.value.index == 3

@@ -36,7 +36,7 @@ def _stretches(request):
     """A long program is compared bit by bit: where it is cut makes no difference."""
     with pytest.MonkeyPatch.context() as patch:
         if request.param:
-            patch.setattr(judge, "_SOME", request.param)
+            patch.setattr(judge, "_BATCH", request.param)
         yield
 
 

@@ -1,4 +1,4 @@
-"""What a job should leave on the bench, as polygons: the material inside of contours, or the ink of a pen."""
+"""Computes the expected result of a job as polygons: material inside contours, or ink of a pen."""
 
 from __future__ import annotations
 
@@ -19,17 +19,25 @@ from camgen.plan import Plan, find_operation, plan
 from camgen.plan.page import on_page
 from camgen.plan.steps import find_boundary, find_enclosed
 
-#: Arcs as chords that leave them by so much, mm; and of a round pen as a share of its radius.
-_CHORD, _PEN_CHORDS = 0.002, 32
-#: What a pen or a brush leaves: these operations.
+#: mm: maximum deviation of the chords of arcs.
+_CHORD = 0.002
+#: Chords of a quarter circle at the end of a stroke.
+_PEN_CHORDS = 32
+#: Operations that leave ink.
 _INKED = ("trace", "fill")
-#: The tool runs beside the borders of the material: these operations.
+#: Operations in which the tool runs beside the borders of the material.
 _BESIDE = ("follow", "chamfer")
 
 
 class Expected(Struct, frozen=True, eq=False):
-    """source: the drawing. region: polygons, mm. rings: the closed lines around it or through it, (N, 2) each, that
-    places are told along, with their names. inked: it is ink along paths, else the material inside of contours.
+    """The expected result of a job.
+
+    source: name of the drawing.
+    region: polygons, mm.
+    rings: lines around it or through it, (N, 2) mm each. The position of a difference is measured
+        along these.
+    names: names of the rings.
+    inked: whether it is ink along paths, not material inside contours.
     """
 
     source: str
@@ -40,30 +48,31 @@ class Expected(Struct, frozen=True, eq=False):
 
 
 def expect(drawing: Part, job: Job) -> Expected:
-    """What ``job`` makes of ``drawing``. InputError where nothing of it has an inside or it is not flat."""
+    """Compute the expected result of `job` on `drawing`.
+
+    Raises InputError if the drawing is not flat or has no closed contour.
+    """
     if drawing.solid is not None or not drawing.contours:
-        remedy = "give a drawing, or a picture that is drawn"
-        raise InputError(
-            drawing.source, "has no flat contours to compare a photo with", remedy=remedy
-        )
+        what, remedy = "has no flat contours to compare a photo with", "give a drawing or a picture"
+        raise InputError(drawing.source, what, remedy=remedy)
     if find_operation(drawing, job).name in _INKED:
-        return _ink(plan(drawing, job), job)
-    laid = on_page(drawing, job)
-    return _material(laid)
+        return _make_ink(plan(drawing, job), job)
+    return _make_material(on_page(drawing, job))
 
 
-def _material(part: Part) -> Expected:
+def _make_material(part: Part) -> Expected:
     closed = [contour for contour in part.contours if contour.closed]
     if not closed:
-        remedy = "close its outlines, or raise input.join"
         raise InputError(
-            part.source, "no closed contour, so that nothing of it has an inside", remedy=remedy
+            part.source,
+            "no closed contour, so nothing has an inside",
+            remedy="close its outlines, or raise input.join",
         )
-    return _enclosed(part.source, closed)
+    return _make_enclosed(part.source, closed)
 
 
-def _enclosed(source: str, closed: Sequence[Contour]) -> Expected:
-    rings = tuple(_line(contour) for contour in closed)
+def _make_enclosed(source: str, closed: Sequence[Contour]) -> Expected:
+    rings = tuple(flatten(from_contours([contour]), _CHORD)[0] for contour in closed)
     names = tuple(contour.id for contour in closed)
     return Expected(source, enclose(rings), rings, names, inked=False)
 
@@ -86,10 +95,11 @@ class Sought(Struct, frozen=True, eq=False):
 
 
 def seek(drawing: Part, job: Job) -> Sought:
-    """The contours by which the part of ``drawing`` is found before, or after, ``job`` is run.
+    """Select the contours by which a part is found before or after `job` is run.
 
-    Certain is the outline of the stock, if the job has one on a layer. Else the contours that bound
-    material. Else, if all contours are worked on the material, those that no other one encloses.
+    Certain is the outline of the stock, if the job has one on a layer; otherwise the contours that
+    bound material. If there are none, these are the contours that no other one encloses.
+
     Raises InputError if no contour is closed.
     """
     closed = [contour for contour in drawing.contours if contour.closed and not contour.is_mark]
@@ -107,57 +117,44 @@ def seek(drawing: Part, job: Job) -> Sought:
         certain = [contour for contour in closed if contour.id not in inner]
     names = {contour.id for contour in certain}
     possible = tuple(contour for contour in closed if contour.id not in names)
-    return Sought(
-        _material(replace(drawing, contours=tuple(certain))), _enclosed(drawing.source, possible)
-    )
+    outline = _make_material(replace(drawing, contours=tuple(certain)))
+    return Sought(outline, _make_enclosed(drawing.source, possible))
 
 
 def enclose(rings: Sequence[FloatArray]) -> shapely.Geometry:
-    """What closed lines (N, 2) enclose, even-odd."""
+    """Compute the polygons that closed lines (N, 2) enclose, even-odd."""
     shapes = [shapely.make_valid(shapely.Polygon(ring)) for ring in rings if len(ring) >= 3]
-    while (
-        len(shapes) > 1
-    ):  # by halves: neighbours first, so that no step has to do with all of them
+    # Neighbours are merged first, so that no step handles all of them.
+    while len(shapes) > 1:
         odd = shapes[len(shapes) // 2 * 2 :]
-        shapes = [
-            shapely.symmetric_difference(a, b)
-            for a, b in zip(shapes[::2], shapes[1::2], strict=False)
-        ] + odd
+        pairs = zip(shapes[::2], shapes[1::2], strict=False)
+        shapes = [shapely.symmetric_difference(a, b) for a, b in pairs] + odd
     return shapes[0] if shapes else shapely.Polygon()
 
 
-def _line(contour: Contour) -> FloatArray:
-    points, _ = flatten(from_contours([contour]), _CHORD)
-    return points
-
-
-def _ink(made: Plan, job: Job) -> Expected:
-    if not made.paths:
+def _make_ink(planned: Plan, job: Job) -> Expected:
+    if not planned.paths:
         raise JobError(
-            "job", "no path is left that would leave ink", remedy="camgen build says why"
+            "job", "no path is left that would leave ink", remedy="camgen build reports the reasons"
         )
-    radius = job.tool.radius
-    strokes = [shapely.buffer(_stroke(path), radius, quad_segs=_PEN_CHORDS) for path in made.paths]
-    region = shapely.union_all(strokes)
-    rings = tuple(path.position[:, :2] for path in made.paths)
-    return Expected(
-        made.part.source, region, rings, tuple(path.id for path in made.paths), inked=True
-    )
+    lines = [_make_stroke(path) for path in planned.paths]
+    strokes = [shapely.buffer(line, job.tool.radius, quad_segs=_PEN_CHORDS) for line in lines]
+    rings = tuple(path.position[:, :2] for path in planned.paths)
+    names = tuple(path.id for path in planned.paths)
+    return Expected(planned.part.source, shapely.union_all(strokes), rings, names, inked=True)
 
 
-def _stroke(path: ToolPath) -> shapely.Geometry:
-    """The line that the pen draws, arcs as chords."""
-    points = [path.position[:1, :2]]
-    for start, via, end in zip(
-        path.position[:-1, :2], path.via[1:, :2], path.position[1:, :2], strict=True
-    ):
-        points.append(end[None] if np.isnan(via).any() else _arc(start, via, end))
+def _make_stroke(path: ToolPath) -> shapely.Geometry:
+    position = path.position[:, :2]
+    points = [position[:1]]
+    for start, via, end in zip(position[:-1], path.via[1:, :2], position[1:], strict=True):
+        points.append(end[None] if np.isnan(via).any() else _divide_arc(start, via, end))
     line = np.concatenate(points)
     return shapely.LineString(line) if len(line) > 1 else shapely.Point(line[0])
 
 
-def _arc(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArray:
-    """Points (N, 2) after ``start`` on the circle through three; the end too where they lie in line."""
+def _divide_arc(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArray:
+    """Return points (N, 2) after `start` on the arc through `via`; only `end` for a line."""
     a, b = complex(*(via - start)), complex(*(end - start))
     area = (a.conjugate() * b).imag
     if abs(area) < 1e-9 * abs(a) * abs(b) or not abs(a):

@@ -78,7 +78,7 @@ def classify(
     foot: the noise of an outline stays below this, mm.
     """
     if expected.inked:
-        kinds: list[Kind] = ["ink extra" if each.much else "ink missing" for each in differences]
+        kinds: list[Kind] = ["ink extra" if each.surplus else "ink missing" for each in differences]
     else:
         outlines = _Outlines(expected, seen, foot)
         kinds = [outlines.kind(each) for each in differences]
@@ -102,35 +102,36 @@ class _Outlines:
         self.holes = [
             shapely.Polygon(ring) for ring in rings if not shapely.equals(ring, outer).any()
         ]
-        self.off = {name: _off_shares(line, seen, foot) for name, line in self.lines.items()}
+        self.deviations = {
+            name: _measure_deviations(line, seen, foot) for name, line in self.lines.items()
+        }
 
     def kind(self, difference: Difference) -> Kind:
         """The first definition that holds."""
-        shape, much = difference.shape, difference.much
-        if difference.whole and much:
+        shape, surplus = difference.shape, difference.surplus
+        if difference.whole and surplus:
             return "loose"
-        if not much and shapely.distance(shape, self.edge) > _TOUCH:
+        if not surplus and shapely.distance(shape, self.edge) > _TOUCH:
             return "feature extra"
         if difference.whole:
             return "feature missing"
-        if much and any(
+        if surplus and any(
             shapely.intersection(shape, hole).area >= COVERED_SHARE * hole.area
             for hole in self.holes
         ):
             return "feature missing"
         line = self.lines[difference.contour]
         foot = shapely.intersection(line, shapely.buffer(shape, self.foot)).length
-        if self.off[difference.contour][not much] >= DIMENSION_SHARE:
+        if self.deviations[difference.contour][not surplus] >= DIMENSION_SHARE:
             return "dimension"
         if not _is_low(difference, foot):
             return "unclear"
         if foot > BURR_CONTOUR_SHARE * line.length:
             return "dimension"
-        return "burr" if much else "dent"
+        return "burr" if surplus else "dent"
 
 
 def _is_low(difference: Difference, foot: float) -> bool:
-    """Whether a deviation is low and stands on its ``foot``, mm along the contour."""
     return (
         difference.height <= BURR_HEIGHT
         and difference.height <= BURR_HEIGHT_PER_FOOT * foot
@@ -138,12 +139,13 @@ def _is_low(difference: Difference, foot: float) -> bool:
     )
 
 
-def _off_shares(line: shapely.Geometry, seen: shapely.Geometry, foot: float) -> tuple[float, float]:
-    """The shares of a contour along which there is too much, and too little, by ``foot`` mm."""
+def _measure_deviations(
+    line: shapely.Geometry, seen: shapely.Geometry, foot: float
+) -> tuple[float, float]:
+    """Measure the fractions of a contour with a surplus, and with a lack, of `foot` mm."""
     points = sample(line)
-    is_far = shapely.distance(points, shapely.boundary(seen)) >= foot
-    far = points[is_far]
-    # Material on both sides of the line, or on none: with too much of it the line is inside.
+    far = points[shapely.distance(points, shapely.boundary(seen)) >= foot]
+    # There is material on both sides of the line, or on neither: with a surplus the line is inside.
     inside = shapely.intersects(seen, far)
     count = len(points)
     return float(inside.sum() / count), float((~inside).sum() / count)

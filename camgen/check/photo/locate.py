@@ -28,7 +28,7 @@ from camgen.check.photo import (
 )
 from camgen.check.photo.expected import Expected, Sought, enclose, seek
 from camgen.check.photo.kinds import sample, share_of_fit
-from camgen.check.photo.registration import Fit, insist_on_fit, lay_on
+from camgen.check.photo.registration import Fit, check_fit, fit_outlines
 from camgen.check.report import clean
 from camgen.model.errors import InputError, NoSafeProgram
 from camgen.model.job import Job
@@ -144,7 +144,7 @@ def locate(photo: Part, drawing: Part, job: Job, start: PlanePose | None = None)
     seen = enclose(borders)
     candidates = _list_candidates(borders, seen, sought)
     turn = None if start is None else -start.turn
-    fits = [lay_on(outlines, sought.region, turn) for outlines in candidates]
+    fits = [fit_outlines(outlines, sought.region, turn) for outlines in candidates]
     best = max(range(len(fits)), key=lambda number: fits[number].share)
     _check_side(photo.source, candidates[best], sought, fits[best])
     _check_share(photo, drawing, fits[best], fits[best].share, LEAST_FITTING)
@@ -168,8 +168,7 @@ def locate(photo: Part, drawing: Part, job: Job, start: PlanePose | None = None)
     )
     deviation, place = _measure_deviation(seen, chosen)
     part = replace(placed, notes=notes)
-    tones = job.image.tones
-    return Located(chosen.pose, part, inspection, chosen.share, deviation, place, tones)
+    return Located(chosen.pose, part, inspection, chosen.share, deviation, place, job.image.tones)
 
 
 def _list_candidates(
@@ -190,7 +189,6 @@ def _list_candidates(
 
 
 def _measure_areas(pieces: NDArray[np.object_]) -> FloatArray:
-    """The area of each polygon with its holes, mm2."""
     return np.asarray(shapely.area(shapely.polygons(shapely.get_exterior_ring(pieces))))
 
 
@@ -198,7 +196,7 @@ def _check_side(photo: str, outlines: list[FloatArray], sought: Sought, fit: Fit
     """Raises NoSafeProgram if the outline of a photo fits mirrored, and worse as it is."""
     if fit.share >= _AS_WELL:
         return
-    mirrored = lay_on([outline * (-1.0, 1.0) for outline in outlines], sought.region)
+    mirrored = fit_outlines([outline * (-1.0, 1.0) for outline in outlines], sought.region)
     if mirrored.share >= LEAST_FIT and mirrored.share * _AS_WELL > fit.share:
         source = sought.certain.source
         what = f"shows the other side of {source}: mirrored {100 * mirrored.share:.0f} % of its "
@@ -207,7 +205,7 @@ def _check_side(photo: str, outlines: list[FloatArray], sought: Sought, fit: Fit
 
 
 def _check_share(photo: Part, drawing: Part, fit: Fit, share: float, least: float) -> None:
-    insist_on_fit(photo.source, drawing.source, share, fit.near, least, NoSafeProgram)
+    check_fit(photo.source, drawing.source, share, fit.near, least, NoSafeProgram)
 
 
 def _try_fit(fit: Fit, sought: Sought, raster: Raster, seen: shapely.Geometry) -> _Trial:
@@ -303,7 +301,6 @@ def _note_hidden(photo: str, trial: _Trial) -> Iterator[Note]:
 
 
 def _note_differences(inspection: Inspection) -> Iterator[Note]:
-    """A warning for each kind of deviation, with its largest one."""
     photo, drawing = inspection.photo.source, inspection.expected.source
     why = f"against {drawing}, from {inspection.least:.2f} mm on"
     for kind in dict.fromkeys(difference.kind for difference in inspection.differences):

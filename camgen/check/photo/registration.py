@@ -1,8 +1,9 @@
-"""A photo laid on a drawing: the turn and the shift that bring outlines onto outlines, whatever is too much or missing.
+"""Fits a photo to a drawing: the rotation and shift between their outlines.
 
-Iterated closest points (Besl and McKay 1992) with distances to lines instead of points (Chen and Medioni 1991), under
-Tukey's weights: burrs and gaps count nothing in the end. It starts from where the photo says that the part lies, and
-from turns all around with both middles on each other.
+Iterated closest points (Besl and McKay 1992) with distances to lines instead of points (Chen and
+Medioni 1991), under Tukey's weights, so that burrs and gaps have no weight in the end. It starts
+from the pose of the part in the photo, and from rotations all around with both middles at the same
+point.
 """
 
 from __future__ import annotations
@@ -20,28 +21,31 @@ from camgen.model.errors import CamgenError, InputError
 from camgen.model.pose import FloatArray, PlanePose
 from camgen.model.tolerance import SIGMAS_OF_MEDIAN
 
-#: Turns that are tried first; points of each outline then, and at last.
-_TURNS, _FEW, _MANY = 36, 400, 6000
-_ROUNDS, _FINE_ROUNDS = 15, 40
-#: Tukey's biweight, and the least deviation that it is used with, mm.
-_TUKEY, _LEAST_SIGMA = 4.685, 0.01
-#: Points count as fitting within this part of the size of the drawing.
+#: Number of rotations that are tried first.
+_TURNS = 36
+#: Number of points of each outline for these rotations, and for the final fit.
+_COARSE_POINTS, _FINE_POINTS = 400, 6000
+#: Maximum number of iterations for these rotations, and for the final fit.
+_COARSE_ROUNDS, _FINE_ROUNDS = 15, 40
+#: Constant of Tukey's biweight, and the smallest standard deviation for it, mm.
+_TUKEY, _MIN_SIGMA = 4.685, 0.01
+#: A point fits within this fraction of the size of the drawing.
 _NEAR_SHARE = 0.005
-#: Another turn fits as well where it fits so many of the points that the best one fits.
+#: Another rotation fits as well if it fits this fraction of the points of the best one.
 _AS_WELL = 0.99
-#: Turns nearer to each other than this are one, rad.
+#: rad: rotations that differ by less are one.
 _SAME_TURN = 0.05
 
 
 class Fit(Struct, frozen=True):
-    """drawing_from_photo.
+    """The pose drawing_from_photo.
 
-    turn: rad, before the shift.
-    shift: mm.
-    share: share of the points of the photo that fit.
-    rms: distance of those, mm.
-    near: points fit within this distance, mm.
-    rivals: fits with another turn that are as good.
+    turn: rotation, before the shift, rad.
+    shift: shift, mm.
+    share: fraction of the points of the photo that fit.
+    rms: root mean square distance of these points, mm.
+    near: distance within which points fit, mm.
+    rivals: equally good fits with another rotation.
     """
 
     turn: float
@@ -53,17 +57,17 @@ class Fit(Struct, frozen=True):
 
     @property
     def rival_turns(self) -> tuple[float, ...]:
-        """Further turns of the photo by which it fits as well, rad."""
+        """Further rotations of the photo at which it fits as well, rad."""
         turns = (math.remainder(rival.turn - self.turn, math.tau) for rival in self.rivals)
         return tuple(sorted(turns))
 
     @property
     def photo_from_drawing(self) -> PlanePose:
-        """The place of the drawing in the photo."""
+        """The pose of the drawing in the photo."""
         return PlanePose(self.turn, *self.shift).inverse()
 
     def apply(self, points: FloatArray) -> FloatArray:
-        """``points`` (N, 2) of the photo in the drawing's frame."""
+        """Transform `points` (N, 2) of the photo to the drawing's frame."""
         return PlanePose(self.turn, *self.shift).apply(points)
 
 
@@ -71,8 +75,8 @@ class _Line(Struct, frozen=True, eq=False):
     """The expected outline, in mm.
 
     tree: index of its pieces.
-    start, end, normal: (N, 2), ends and unit normal of each piece.
-    size: diagonal of its box.
+    start, end, normal: (N, 2) ends and unit normal of each piece.
+    size: diagonal of the box around it.
     """
 
     tree: shapely.STRtree
@@ -82,39 +86,36 @@ class _Line(Struct, frozen=True, eq=False):
     size: float
 
 
-def lay_on(
+def fit_outlines(
     borders: Sequence[FloatArray], region: shapely.Geometry, turn: float | None = None
 ) -> Fit:
-    """The pose that brings ``borders`` (N, 2) mm of a photo onto the outline of ``region``.
+    """Find the pose that fits `borders` (N, 2) mm of a photo to the outline of `region`.
 
-    turn: rad. The nearest of the poses that fit as well is taken; None is a turn of 0, which is
-        searched from where the photo shows the part.
+    turn: expected rotation, rad, which decides between equally good poses; None is a rotation of 0,
+        from the pose of the part in the photo.
     """
-    line = _line(region)
+    line = _make_line(region)
     points = np.concatenate(borders)
-    few, many = (_some(points, count) for count in (_FEW, _MANY))
+    coarse, fine = (_thin_out(points, count) for count in (_COARSE_POINTS, _FINE_POINTS))
     near = max(_NEAR_SHARE * line.size, 0.2)
-    middles = _Middles.of(borders, region)
+    middles = _find_middles(borders, region)
     starts = [middles.fit(k * math.tau / _TURNS) for k in range(_TURNS)]
     starts.insert(0, Fit(0.0, (0.0, 0.0), 0.0, 0.0) if turn is None else middles.fit(turn))
-    tried = [
-        _score(_refine(line, few, start, _ROUNDS, line.size / 10), line, few, near)
-        for start in starts
-    ]
-    best = max(tried, key=lambda fit: (round(fit.share, 2), -fit.rms))
-    alike = [
-        fit
-        for fit in tried
-        if fit.share >= _AS_WELL * best.share and fit.rms <= 1.5 * best.rms + 0.02
-    ]
-    # Of turns that fit as well the least: the part lies as the photo says, more or less.
+    fits = []
+    for start in starts:
+        refined = _refine(line, coarse, start, _COARSE_ROUNDS, line.size / 10)
+        fits.append(_score(refined, line, coarse, near))
+    best = max(fits, key=lambda fit: (round(fit.share, 2), -fit.rms))
+    share, rms = _AS_WELL * best.share, 1.5 * best.rms + 0.02
+    alike = [fit for fit in fits if fit.share >= share and fit.rms <= rms]
+    # The smallest of equally good rotations: the part lies about as the photo shows it.
     wanted = turn or 0.0
     chosen = min(alike, key=lambda fit: round(abs(math.remainder(fit.turn - wanted, math.tau)), 1))
-    found = _score(_refine(line, many, chosen, _FINE_ROUNDS, near * 3), line, many, near)
-    return replace(found, near=near, rivals=_rivals(alike, chosen))
+    final = _score(_refine(line, fine, chosen, _FINE_ROUNDS, near * 3), line, fine, near)
+    return replace(final, near=near, rivals=_select_rivals(alike, chosen))
 
 
-def insist_on_fit(
+def check_fit(
     name: str,
     source: str,
     share: float,
@@ -122,14 +123,19 @@ def insist_on_fit(
     least: float,
     refusal: type[CamgenError] = InputError,
 ) -> None:
-    """Raises ``refusal`` if the ``share`` of outlines within ``near`` mm is below ``least``."""
+    """Check that the fraction `share` of outlines within `near` mm is at least `least`.
+
+    Raises `refusal` if it is not.
+    """
     if share < least:
-        what = f"does not show {source}: {100 * share:.0f} % of its outline lies within {near:.2f} mm of that"
-        remedy = "give the drawing of this part, check the scale of the photo, or its mask by camgen inspect"
+        what = f"does not show {source}: {100 * share:.0f} % of its outline "
+        what += f"lies within {near:.2f} mm of that"
+        remedy = "give the drawing of this part, "
+        remedy += "check the scale of the photo, or its mask by camgen inspect"
         raise refusal(name, what, f"{100 * least:.0f} % must", remedy)
 
 
-def _line(region: shapely.Geometry) -> _Line:
+def _make_line(region: shapely.Geometry) -> _Line:
     ends = [np.asarray(ring.coords) for ring in shapely.get_parts(shapely.boundary(region))]
     start = np.concatenate([ring[:-1] for ring in ends])
     end = np.concatenate([ring[1:] for ring in ends])
@@ -142,7 +148,7 @@ def _line(region: shapely.Geometry) -> _Line:
     return _Line(tree, start, end, normal, size)
 
 
-def _some(points: FloatArray, count: int) -> FloatArray:
+def _thin_out(points: FloatArray, count: int) -> FloatArray:
     return points[:: max(1, len(points) // count)]
 
 
@@ -152,30 +158,28 @@ class _Middles(NamedTuple):
     seen: FloatArray
     expected: FloatArray
 
-    @classmethod
-    def of(cls, borders: Sequence[FloatArray], region: shapely.Geometry) -> _Middles:
-        hull = shapely.convex_hull(shapely.MultiPoint(np.concatenate(borders)))
-        middles = (shapely.centroid(shape) for shape in (hull, shapely.convex_hull(region)))
-        seen, expected = (np.array(middle.coords[0]) for middle in middles)
-        return cls(seen, expected)
-
     def fit(self, turn: float) -> Fit:
-        """The photo turned by ``turn`` rad, with its middle on the other one."""
+        """Return the fit that rotates by `turn` rad and shifts one middle to the other."""
         x, y = (self.expected - PlanePose(turn, 0.0, 0.0).apply(self.seen[None])[0]).tolist()
         return Fit(turn, (x, y), 0.0, 0.0)
 
 
-def _nearest(line: _Line, at: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Signed distances (N,) to the nearest piece of the outline, along normals (N, 2).
+def _find_middles(borders: Sequence[FloatArray], region: shapely.Geometry) -> _Middles:
+    hull = shapely.convex_hull(shapely.MultiPoint(np.concatenate(borders)))
+    middles = (shapely.centroid(shape) for shape in (hull, shapely.convex_hull(region)))
+    return _Middles(*(np.array(middle.coords[0]) for middle in middles))
+
+
+def _find_nearest(line: _Line, at: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return signed distances (N,) to the nearest piece of the outline, and normals (N, 2).
 
     At a corner of the outline the normal is the direction from the corner to the point.
     """
     which = line.tree.nearest(shapely.points(at))
     start, end = line.start[which], line.end[which]
     along = end - start
-    t = np.clip(
-        np.einsum("ni,ni->n", at - start, along) / np.einsum("ni,ni->n", along, along), 0.0, 1.0
-    )
+    t = np.einsum("ni,ni->n", at - start, along) / np.einsum("ni,ni->n", along, along)
+    t = np.clip(t, 0.0, 1.0)
     foot = start + t[:, None] * along
     normal = line.normal[which]
     gap = at - foot
@@ -186,45 +190,45 @@ def _nearest(line: _Line, at: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _refine(line: _Line, points: FloatArray, fit: Fit, rounds: int, gate: float) -> Fit:
-    """Gauss-Newton; points beyond the gate count nothing, and it closes as the residuals shrink."""
+    """Refine a fit by Gauss-Newton.
+
+    Points beyond `gate` mm have no weight, and the gate narrows as the residuals shrink.
+    """
     reach = gate
     for _ in range(rounds):
         at = fit.apply(points)
-        off, normal = _nearest(line, at)
-        near = np.abs(off) < reach
+        distance, normal = _find_nearest(line, at)
+        near = np.abs(distance) < reach
         if np.count_nonzero(near) < 8:
             return fit
         middle = at[near].mean(axis=0)
-        weight = (1 - (off[near] / reach) ** 2) ** 2
+        weight = (1 - (distance[near] / reach) ** 2) ** 2
         arm = at[near] - middle
-        rows = np.column_stack(
-            [normal[near], arm[:, 0] * normal[near, 1] - arm[:, 1] * normal[near, 0]]
-        )
+        torque = arm[:, 0] * normal[near, 1] - arm[:, 1] * normal[near, 0]
+        rows = np.column_stack([normal[near], torque])
         matrix = (rows * weight[:, None]).T @ rows + 1e-9 * np.eye(3)
-        step = np.linalg.solve(matrix, -(rows * weight[:, None]).T @ off[near])
-        moved = Fit(float(step[2]), (0.0, 0.0), 0.0, 0.0).apply(np.array(fit.shift)[None] - middle)[
-            0
-        ]
-        shift = moved + middle + step[:2]
-        fit = Fit(fit.turn + float(step[2]), (float(shift[0]), float(shift[1])), 0.0, 0.0)
-        sigma = max(float(np.median(np.abs(off[near]))) * SIGMAS_OF_MEDIAN, _LEAST_SIGMA)
-        settled = (
-            np.abs(step[:2]).max() + abs(step[2]) * line.size < 1e-6 and reach <= _TUKEY * sigma
-        )
+        step = np.linalg.solve(matrix, -(rows * weight[:, None]).T @ distance[near])
+        turn = float(step[2])
+        moved = PlanePose(turn, 0.0, 0.0).apply(np.array(fit.shift)[None] - middle)[0]
+        x, y = (moved + middle + step[:2]).tolist()
+        fit = Fit(fit.turn + turn, (x, y), 0.0, 0.0)
+        sigma = max(float(np.median(np.abs(distance[near]))) * SIGMAS_OF_MEDIAN, _MIN_SIGMA)
+        change = np.abs(step[:2]).max() + abs(step[2]) * line.size
+        is_settled = change < 1e-6 and reach <= _TUKEY * sigma
         reach = min(reach, max(_TUKEY * sigma, 0.6 * reach))
-        if settled:
+        if is_settled:
             break
     return fit
 
 
 def _score(fit: Fit, line: _Line, points: FloatArray, near: float) -> Fit:
-    off, _ = _nearest(line, fit.apply(points))
-    fits = np.abs(off) < near
-    rms = float(np.sqrt(np.mean(off[fits] ** 2))) if fits.any() else math.inf
+    distance, _ = _find_nearest(line, fit.apply(points))
+    fits = np.abs(distance) < near
+    rms = float(np.sqrt(np.mean(distance[fits] ** 2))) if fits.any() else math.inf
     return Fit(math.remainder(fit.turn, math.tau), fit.shift, float(fits.mean()), rms)
 
 
-def _rivals(alike: Sequence[Fit], chosen: Fit) -> tuple[Fit, ...]:
+def _select_rivals(alike: Sequence[Fit], chosen: Fit) -> tuple[Fit, ...]:
     rivals: list[Fit] = []
     for fit in alike:
         others = (chosen, *rivals)

@@ -118,14 +118,13 @@ def cut_stretches(
         margin = later if done else BESIDE
         reach = min(length + 2 * margin, line.length)
         stretch = _along(ring, line, (begin - margin) % line.length, reach)
-        if stretches and _length(stretches[-1]) - _length(stretch) < SHORTER:
+        if stretches and _measure_length(stretches[-1]) - _measure_length(stretch) < SHORTER:
             stretch = stretches[-1]
         stretches.append(stretch)
     return tuple(stretches)
 
 
-def _length(points: FloatArray) -> float:
-    """The length of a polyline (N, 2)."""
+def _measure_length(points: FloatArray) -> float:
     return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 
@@ -150,12 +149,10 @@ def _find_contact(
     points = [shapely.get_coordinates(each) for each in (shape, meeting)]
     at = np.sort(shapely.line_locate_point(line, shapely.points(np.concatenate(points))))
     gaps = np.append(np.diff(at), at[0] + line.length - at[-1])
-    start = float(at[(int(gaps.argmax()) + 1) % len(at)])
-    return start, line.length - float(gaps.max())
+    return float(at[(int(gaps.argmax()) + 1) % len(at)]), line.length - float(gaps.max())
 
 
 def _offset(line: shapely.Geometry, radius: float) -> shapely.Geometry:
-    """The path of the centre of a tool of ``radius`` mm on the right of ``line``."""
     return shapely.offset_curve(line, -radius, quad_segs=_CHORDS, join_style="round")
 
 
@@ -240,8 +237,7 @@ def _material_left(ring: FloatArray, region: shapely.Geometry) -> FloatArray:
 def _along(ring: FloatArray, line: shapely.Geometry, begin: float, length: float) -> FloatArray:
     """The points (N, 2) of ``line``, the closed ``ring``, from ``begin`` mm on."""
     steps = np.linalg.norm(np.diff(np.concatenate([ring, ring[:1]]), axis=0), axis=1)
-    corners = np.concatenate([[0.0], np.cumsum(steps)[:-1]])
-    ahead = (corners - begin) % line.length
+    ahead = (np.concatenate([[0.0], np.cumsum(steps)[:-1]]) - begin) % line.length
     order = np.argsort(ahead, kind="stable")
     order = order[(ahead[order] > 1e-6) & (ahead[order] < length - 1e-6)]
     ends = shapely.line_interpolate_point(line, [begin, (begin + length) % line.length])

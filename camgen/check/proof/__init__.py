@@ -34,7 +34,7 @@ from camgen.check.proof.process import (
 )
 from camgen.check.proof.slopes import SlopeChecker
 from camgen.check.proof.subject import Context, Named, Program, Subject, are_named
-from camgen.check.proof.tasks import BESIDE, Drawing, Task, lay_drawing, make_tasks
+from camgen.check.proof.tasks import BESIDE, Drawing, Task, make_drawing, make_tasks
 from camgen.check.proof.travel import (
     Phases,
     check_rest,
@@ -104,10 +104,10 @@ def prove_motion(
     for program in programs:
         unplaced += count_unplaced(program.body, home, rounding.joint)
     if part.solid is not None or part.curves:
-        proof = _prove_space(part, job, programs, Named.of(notes), rounding)
+        proof = _prove_space(part, job, programs, Named.from_notes(notes), rounding)
         return replace(proof, unplaced=unplaced)
-    drawing = lay_drawing(part, job)
-    context = Context(drawing, Named.of(notes), rounding, controller, {})
+    drawing = make_drawing(part, job)
+    context = Context(drawing, Named.from_notes(notes), rounding, controller, {})
     totals = _Count(drawing)
     findings: list[tuple[str, Finding]] = []
     unproven: list[str] = []
@@ -118,7 +118,7 @@ def prove_motion(
             continue
         differences = Findings()
         # An operation runs in one program; if all its contours are left out, it runs in none.
-        runs = [program for program in programs if _has_task(program, task)] or programs[:1]
+        runs = [each for each in programs if _of_task(each, task)[each.path].any()] or programs[:1]
         earlier = _find_earlier(task, tasks, programs, context)
         for program in runs:
             _prove_task(task, program, context, totals, differences, earlier)
@@ -143,7 +143,6 @@ def prove_motion(
 def _prove_space(
     part: Part, job: Job, programs: Sequence[Program], named: Named, rounding: Rounding
 ) -> MotionProof:
-    """The proof for edges of a 3-D part, or for curves in space."""
     from camgen.check.proof.space import (  # noqa: PLC0415 (only for these)
         SpaceChecker,
         select_lines,
@@ -197,10 +196,6 @@ def _of_task(program: Program, task: Task) -> BoolArray:
         return np.ones(len(program.origins) + 1, np.bool_)
     numbers = np.array([_number_of(origin) for origin in program.origins], np.intp)
     return np.append(numbers == task.number, False)
-
-
-def _has_task(program: Program, task: Task) -> bool:
-    return bool(_of_task(program, task)[program.path].any())
 
 
 def _find_earlier(
@@ -265,8 +260,7 @@ def _check_motions(subject: Subject, totals: _Count, findings: Findings) -> None
     task, context, slack = subject.task, subject.context, subject.slack
     motions, phases, of_task = subject.motions, subject.phases, subject.of_task
     totals.motions += int((phases.known & of_task).sum())
-    unknown = ~phases.known & of_task
-    check_joint_motions(task.job, motions, unknown, findings)
+    check_joint_motions(task.job, motions, ~phases.known & of_task, findings)
     if not task.job.process.stay_down:
         check_outputs(task, motions, subject.works, findings)
     check_orientation(task.job, motions, subject.works, findings)
@@ -278,7 +272,6 @@ def _check_motions(subject: Subject, totals: _Count, findings: Findings) -> None
 
 
 def _check_whole(program: Program, job: Job, context: Context, findings: Findings) -> None:
-    """Finds motions that belong to no path and work, or go to or from the rest position low."""
     slack = 2 * context.rounding.mm + _SLACK_MM
     processes = [step.process for step in job.operations] or [job.process]
     lowest = min(processes, key=lambda process: process.clearance)
@@ -345,8 +338,7 @@ def _start_at_joints(motions: Motions) -> BoolArray:
 
 
 def _prove_drilled(subject: Subject, findings: Findings) -> _Result:
-    motions = subject.motions
-    strokes = subject.phases.upright | _start_at_joints(motions)
+    strokes = subject.phases.upright | _start_at_joints(subject.motions)
     upright = np.flatnonzero(strokes & subject.of_task)
     contact, done = check_drilled(
         subject.task, subject.drawing, subject.motions, upright, subject.context.rounding, findings
@@ -400,8 +392,7 @@ def _prove_area(subject: Subject, findings: Findings) -> _Result:
     reached = find_reached(task, motions, rows, visit)
     SlopeChecker(task, motions, rows, reached, subject.slack).check(visit, levels, findings)
     check_path_order(task, motions, rows, levels, subject.slack, findings)
-    level_rows = rows[levels >= 0]
-    checker.check_speeds(level_rows, subject.context.rounding.speed, findings)
+    checker.check_speeds(rows[levels >= 0], subject.context.rounding.speed, findings)
     worked = {contour.id for contour in compress(subject.drawing.contours, task.worked)}
     if not worked.isdisjoint(subject.context.named.skipped):
         findings.leave(

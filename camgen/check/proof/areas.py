@@ -110,10 +110,10 @@ class AreaChecker:
         if self.task.kind != "pocket" or not len(rows):
             return
         heights = HOP_MM - np.array(self.task.depths)
-        off = np.zeros(len(rows))
+        deviation = np.zeros(len(rows))
         for end in (motions.start[rows, 2], motions.end[rows, 2]):
-            off = np.maximum(off, np.abs(end[:, None] - heights).min(axis=1))
-        for index in np.flatnonzero(off > slack)[:1].tolist():
+            deviation = np.maximum(deviation, np.abs(end[:, None] - heights).min(axis=1))
+        for index in np.flatnonzero(deviation > slack)[:1].tolist():
             what = "is a rapid motion that is not level above the floor of a pass"
             findings.add(motions, int(rows[index]), what)
         self.check_inside(rows, findings)
@@ -159,8 +159,8 @@ class AreaChecker:
         """
         feed, speed = self.task.job.process.feed, self.motions.speed[rows]
         slack = speed_slack + _FEED_SHARE * feed
-        off = (speed > feed + slack) | (speed < _SLOWEST * feed - slack)
-        for index in np.flatnonzero(off)[:1].tolist():
+        is_wrong = (speed > feed + slack) | (speed < _SLOWEST * feed - slack)
+        for index in np.flatnonzero(is_wrong)[:1].tolist():
             what = f"has a feed of {speed[index]:.4g} mm/s, the job asks for {feed:.4g}"
             findings.add(self.motions, int(rows[index]), what)
 
@@ -230,7 +230,6 @@ class AreaChecker:
 
 
 def _grid_in(region: Any, places: int) -> FloatArray:
-    """(N, 2) about a number of places on a grid in the region."""
     if shapely.is_empty(region):
         return np.zeros((0, 2))
     low_x, low_y, high_x, high_y = shapely.bounds(region).tolist()

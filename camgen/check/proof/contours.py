@@ -133,8 +133,7 @@ class Workplace:
         """For each contour the pieces of others that the tool may come near to beside it."""
         task, count = self.task, len(self.drawing.contours)
         pairs = task.near[task.worked[task.near[:, 0]] & task.kept_clear[task.near[:, 1]]]
-        owner = self.pieces.owner
-        first = np.searchsorted(owner, np.arange(count + 1))
+        first = np.searchsorted(self.pieces.owner, np.arange(count + 1))
         size = first[pairs[:, 1] + 1] - first[pairs[:, 1]]
         piece = join_ranges(first[pairs[:, 1]], size)
         contour = np.repeat(pairs[:, 0], size)
@@ -172,22 +171,21 @@ class ContourChecker:
         # The ends are beside the same piece, as a rule.
         nearest = measure_ends(points, nearest, first, self.pieces)
         wanted = np.array(self.task.distances)
-        off = self._deviation(nearest, wanted)
-        lost = np.flatnonzero(off > self.limit)
+        deviation = self._deviation(nearest, wanted)
+        lost = np.flatnonzero(deviation > self.limit)
         if len(lost):
             paths = np.concatenate([path, path, path[first]])
             again = find_nearest(points[lost], paths[lost], self.pieces, self.place.lists)
-            nearest.put(lost, again)
+            nearest.replace(lost, again)
             lost = lost[self._deviation(again, wanted) > self.limit]
         if len(lost):
             reach = float(wanted.max()) + self.task.operation.corner_radius + self.limit
-            nearest.put(lost, self.place.walls.find(points[lost], reach))
-        off = self._deviation(nearest, wanted)
-        follows = _join_ends(off <= self.limit, first, size)
+            nearest.replace(lost, self.place.walls.find(points[lost], reach))
+        deviation = self._deviation(nearest, wanted)
+        follows = _join_ends(deviation <= self.limit, first, size)
         rounds = _join_ends(self._may_round(nearest, wanted), first, size) & ~follows
         piece, side = nearest.piece[:size], nearest.side[:size]
-        middle = nearest.distance[:size, None]
-        distance = wanted[np.abs(middle - wanted).argmin(axis=1)]
+        distance = wanted[np.abs(nearest.distance[:size, None] - wanted).argmin(axis=1)]
         foreign = np.zeros(size, np.bool_)
         foreign[lost[lost < size]] = True
         foreign &= path >= 0
@@ -259,8 +257,7 @@ class ContourChecker:
         if direction == "any" or self.task.kind == "trace" or not len(covered.piece):
             return
         contour = self.pieces.owner[covered.piece]
-        left = self.task.tool_side[contour] > 0
-        climbs = covered.forward == left
+        climbs = covered.forward == (self.task.tool_side[contour] > 0)
         # A motion of no length has no direction.
         judged = (covered.high > covered.low) & directed[matched.place]
         wrong = judged & (climbs != (direction == "climb"))
@@ -347,8 +344,7 @@ class ContourChecker:
         distance: distance of the tool's centre from the contour, mm.
         left_out: (C,) contours of which notes say that they are left out, as a whole or in part.
         """
-        length = self.pieces.length
-        slack = np.minimum(_LEAST_GAP_MM / np.maximum(length, 1e-9), 1.0)
+        slack = np.minimum(_LEAST_GAP_MM / np.maximum(self.pieces.length, 1e-9), 1.0)
         wanted = self.task.worked[self.pieces.owner] & ~find_whole(covered, slack)
         gaps = find_gaps(covered.take(wanted[covered.piece]), np.flatnonzero(wanted), slack)
         if not len(gaps.piece):

@@ -55,10 +55,10 @@ def check_corners(
     turn = np.arccos(cosine)
     for rows in (first, second):
         turn = turn - _turn_of_chords(task, motions, rows)
-    off = _deviation(motions, first, second, np.sin(turn / 2), pace)
-    wrong = (turn > _FLAT) & (off > allowed_rounding(task) + limit)
+    deviation = _deviation(motions, first, second, np.sin(turn / 2), pace)
+    wrong = (turn > _FLAT) & (deviation > allowed_rounding(task) + limit)
     for index in np.flatnonzero(wrong)[:1].tolist():
-        what = f"ends in a corner that is rounded by {off[index]:.3f} mm"
+        what = f"ends in a corner that is rounded by {deviation[index]:.3f} mm"
         findings.add(motions, int(first[index]), what)
 
 
@@ -75,7 +75,6 @@ def _turn_of_chords(task: Task, motions: Motions, rows: IntArray) -> FloatArray:
 
 
 def _direction(motions: Motions, rows: IntArray, share: float) -> FloatArray:
-    """(N, 3) unit vectors along motions at their start (0) or their end (1)."""
     left = normals_along(motions.plane, rows, np.full(len(rows), share))
     length = motions.plane.length[rows]
     rise = motions.end[rows, 2] - motions.start[rows, 2]

@@ -76,8 +76,10 @@ class DescentChecker:
             findings,
         )
         short = self.up & (end < process.clearance - slack)
+        # A tool that turns with the contour is turned back at the height of approach.
+        first = 0 if self.task.job.tool.orient == "follow" else 1
         self._report(
-            short & ~_is_one_of(end, rests[self._may_stay_low() :], slack),
+            short & ~_is_one_of(end, rests[first:], slack),
             "goes up to less than process.clearance",
             findings,
         )
@@ -105,15 +107,7 @@ class DescentChecker:
             heights += [HOP_MM - depth for depth in self.task.depths]
         return np.array(heights)
 
-    def _may_stay_low(self) -> int:
-        """0 if a tool may go up to the height of approach only, 1 if it goes to the clearance.
-
-        A tool that turns with the contour is turned back there between two passes.
-        """
-        return 0 if self.task.job.tool.orient == "follow" else 1
-
     def _check_travel(self, plunges: BoolArray, findings: Findings) -> None:
-        """Finds lines between the paths at another speed than `process.travel`."""
         process, motions = self.task.job.process, self.motions
         travels = self.phases.known & self.of_task & ~self.phases.works & ~plunges
         travels &= ~motions.joint & (motions.plane.length + np.abs(_rise(motions)) > 0.01)

@@ -61,6 +61,5 @@ def check_heights(
 
 
 def _are_at(start: FloatArray, end: FloatArray, heights: FloatArray, slack: float) -> FloatArray:
-    """(W,) whether both ends are at one of `heights`."""
-    off = np.maximum(np.abs(start[:, None] - heights), np.abs(end[:, None] - heights))
-    return np.asarray(off.min(axis=1) <= slack)
+    deviation = np.maximum(np.abs(start[:, None] - heights), np.abs(end[:, None] - heights))
+    return np.asarray(deviation.min(axis=1) <= slack)

@@ -124,8 +124,8 @@ def _check_strokes(
     before = _deepest_before(motions, rows, hole)
     # Between pecks the tool returns quickly to just above where it was.
     deeper = (end < start - limit) & (end < before - limit)
-    off = np.abs(motions.speed[rows] - feed) > rounding.speed + 1e-3 * feed
-    for row in rows[deeper & off][:1].tolist():
+    is_wrong = np.abs(motions.speed[rows] - feed) > rounding.speed + 1e-3 * feed
+    for row in rows[deeper & is_wrong][:1].tolist():
         findings.add(motions, row, f"drills at {motions.speed[row]:.4g} mm/s, the feed is {feed:g}")
     # Down to the part with the feed. Back towards the bottom, which may still be near the face,
     # with the feed or quickly through air.
@@ -134,7 +134,7 @@ def _check_strokes(
         np.abs(motions.speed[rows] - process.travel_speed) <= rounding.speed + 1e-3 * feed
     )
     returns = (end < start - limit) & (end < process.approach - limit) & ~deeper
-    for row in rows[returns & off & ~(quick & begun)][:1].tolist():
+    for row in rows[returns & is_wrong & ~(quick & begun)][:1].tolist():
         what = f"goes down at {motions.speed[row]:.4g} mm/s, the feed is {feed:g}"
         findings.add(motions, row, what)
     highest = np.maximum(process.approach, before) + limit

@@ -149,10 +149,10 @@ class LeadChecker:
         ends = [self._find_end(laps, name, shorter) for name in ("lead_in", "lead_out")]
         swapped = ~laps.closed & (operation.passes > 1)
         for end, other in zip(ends, reversed(ends), strict=True):
-            off = self._length_error(end, end.wanted, shorter)
+            is_wrong = self._length_error(end, end.wanted, shorter)
             # The passes of an open path may run in alternating directions.
-            off &= ~swapped | self._length_error(end, other.wanted, shorter)
-            for lap in np.flatnonzero(off)[:1].tolist():
+            is_wrong &= ~swapped | self._length_error(end, other.wanted, shorter)
+            for lap in np.flatnonzero(is_wrong)[:1].tolist():
                 what = f"has a {end.name} of {end.length[lap]:.3f} mm beside it"
                 what += f", the job asks for {end.wanted:.3f} mm"
                 findings.add(self.motions, int(end.row[lap]), what)
@@ -286,8 +286,8 @@ class LeadChecker:
         before, after = leads & (place < laps.first[lap]), leads & (place > laps.last[lap])
         for chosen, edge in ((before, laps.first), (after, laps.last)):
             wanted = np.minimum(speed[rows[edge[lap]]], feed)
-            off = chosen & (np.abs(speed[rows] - wanted) > speed_slack + _FEED_SHARE * feed)
-            for index in np.flatnonzero(off)[:1].tolist():
+            is_wrong = chosen & (np.abs(speed[rows] - wanted) > speed_slack + _FEED_SHARE * feed)
+            for index in np.flatnonzero(is_wrong)[:1].tolist():
                 what = f"has a feed of {speed[rows[index]]:.4g} mm/s on a lead"
                 what += f", the job asks for {wanted[index]:.4g}"
                 findings.add(self.motions, int(rows[index]), what)

@@ -43,7 +43,7 @@ class Nearest(Struct, frozen=True, eq=False):
     piece: IntArray
     side: FloatArray
 
-    def put(self, rows: IntArray, others: Nearest) -> None:
+    def replace(self, rows: IntArray, others: Nearest) -> None:
         """Replaces the entries at `rows`; changes this value."""
         for name in self.__struct_fields__:
             getattr(self, name)[rows] = getattr(others, name)
@@ -68,8 +68,7 @@ def list_pieces(pieces: Pieces, paths: int, path: IntArray, contour: IntArray) -
     path, contour: (L,) pairs of a path and the index of a contour, in order of path.
     """
     sizes = np.bincount(pieces.owner)
-    begins = np.cumsum(sizes) - sizes
-    rows = join_ranges(begins[contour], sizes[contour])
+    rows = join_ranges((np.cumsum(sizes) - sizes)[contour], sizes[contour])
     count = np.bincount(path, sizes[contour], paths).astype(np.intp)
     return Ragged(rows, np.cumsum(count) - count, count)
 
@@ -90,14 +89,13 @@ def find_nearest(points: FloatArray, path: IntArray, pieces: Pieces, lists: Ragg
     )
     count = np.where(path >= 0, lists.count[path], 0) if len(lists.count) else 0 * path
     often = np.bincount(np.maximum(path, 0), minlength=max(len(lists.count), 1))
-    small = (count > 0) & (often[np.maximum(path, 0)] * count <= _MOST_PAIRS)
-    chosen = np.flatnonzero(small)
+    chosen = np.flatnonzero((count > 0) & (often[np.maximum(path, 0)] * count <= _MOST_PAIRS))
     total = np.cumsum(count[chosen])
     blocks = np.searchsorted(total, np.arange(0, count[chosen].sum(), BLOCK), "right")
     for low, high in pairwise([*blocks.tolist(), len(chosen)]):
         if low < high:
             rows = chosen[low:high]
-            nearest.put(rows, _nearest_of(points, rows, path, pieces, lists))
+            nearest.replace(rows, _nearest_of(points, rows, path, pieces, lists))
     return nearest
 
 
@@ -180,7 +178,7 @@ class PieceTree:
             # The box of a slanting piece is near to more places than the piece itself.
             within = hits.distance <= distance
             chosen = Nearest(hits.distance[within], hits.piece[within], hits.side[within])
-            nearest.put(rows[first][within], chosen)
+            nearest.replace(rows[first][within], chosen)
         return nearest
 
 
@@ -252,8 +250,7 @@ def find_gaps(covered: Covered, wanted: IntArray, slack: FloatArray) -> Covered:
     names, low, high = names[order], low[order], high[order]
     # The end of the covered part so far of each piece: the sum keeps the pieces apart.
     reach = np.maximum.accumulate(high + 2.0 * names) - 2.0 * names
-    goes_on = np.append(False, names[1:] == names[:-1])
-    begins = np.where(goes_on, np.append(0.0, reach[:-1]), 0.0)
+    begins = np.where(np.append(False, names[1:] == names[:-1]), np.append(0.0, reach[:-1]), 0.0)
     rows = np.flatnonzero(low - begins > slack[names])
     forward = np.ones(len(rows), np.bool_)
     no_motion, no_length = np.full(len(rows), -1), np.zeros(len(rows))

@@ -180,6 +180,5 @@ def _during(at: IntArray, settings: BoolArray, values: ArrayLike, before: float)
     values: the values that these instructions set, in order.
     before: the value before the first of them.
     """
-    earlier = np.searchsorted(at, np.flatnonzero(settings))
-    counts = np.diff(earlier, prepend=0, append=len(at))
+    counts = np.diff(np.searchsorted(at, np.flatnonzero(settings)), prepend=0, append=len(at))
     return np.repeat(np.append(before, values), counts)

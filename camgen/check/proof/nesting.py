@@ -106,13 +106,11 @@ def enclosed_areas(pieces: Pieces, count: int) -> FloatArray:
     area = (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / 2
     arc = pieces.turn != 0
     half, radius = pieces.half[arc], pieces.radius[arc]
-    segment = radius**2 * (half - np.sin(half) * np.cos(half))
-    area[arc] += segment * pieces.turn[arc]
+    area[arc] += (radius**2 * (half - np.sin(half) * np.cos(half))) * pieces.turn[arc]
     return np.bincount(pieces.owner, area, count).astype(np.float64)
 
 
 def _select_enclosed(pieces: Pieces, pairs: IntArray) -> IntArray:
-    """The pairs of which the first contour lies inside the second."""
     kept = [np.zeros((0, 2), np.intp)]
     by_owner = pieces.owner
     counts = np.bincount(by_owner, minlength=int(pairs.max(initial=0)) + 1)
@@ -124,8 +122,7 @@ def _select_enclosed(pieces: Pieces, pairs: IntArray) -> IntArray:
         if len(ring) < 3:
             continue
         area = shapely.polygons(shapely.linearrings(ring))
-        inside = _is_inside(area, pieces.middle, low[rows], high[rows])
-        kept.append(pairs[rows[inside]])
+        kept.append(pairs[rows[_is_inside(area, pieces.middle, low[rows], high[rows])]])
     return np.concatenate(kept)
 
 

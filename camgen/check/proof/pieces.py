@@ -106,16 +106,16 @@ def arcs_through(
 def _bend(pieces: Pieces, rows: IntArray, via: FloatArray) -> None:
     """Makes the lines at `rows` arcs through `via`, unless they are too flat for a centre."""
     begin = rows_of(pieces.start, rows)
-    (cx, cy), (bx, by) = (rows_of(pieces.end, rows) - begin).T, (via - begin).T
+    (cx, cy), (via_x, via_y) = (rows_of(pieces.end, rows) - begin).T, (via - begin).T
     cc = cx * cx + cy * cy
-    height = cx * by - cy * bx
+    height = cx * via_y - cy * via_x
     arc = np.abs(height) > FLAT_MM * np.sqrt(cc)
     if not arc.all():
         rows, begin, cc, height = rows[arc], begin[arc], cc[arc], height[arc]
-        cx, cy, bx, by = cx[arc], cy[arc], bx[arc], by[arc]
-    bb = bx * bx + by * by
-    x = (cy * bb - by * cc) / (-2 * height)
-    y = (bx * cc - cx * bb) / (-2 * height)
+        cx, cy, via_x, via_y = cx[arc], cy[arc], via_x[arc], via_y[arc]
+    bb = via_x * via_x + via_y * via_y
+    x = (cy * bb - via_y * cc) / (-2 * height)
+    y = (via_x * cc - cx * bb) / (-2 * height)
     size = np.sqrt(x * x + y * y)
     # The via point lies to the right of the chord of a counter-clockwise arc.
     sense = -np.sign(height)
@@ -262,8 +262,7 @@ def points_along(pieces: Pieces, rows: IntArray, shares: FloatArray) -> FloatArr
 def normals_along(pieces: Pieces, rows: IntArray, shares: FloatArray) -> FloatArray:
     """(N, 2) unit vectors to the left of the pieces `rows` at `shares` of their length."""
     along = rows_of(pieces.end, rows) - rows_of(pieces.start, rows)
-    angle = (2 * shares - 1) * pieces.half[rows] * pieces.turn[rows]
-    along = _rotate(along, angle)
+    along = _rotate(along, (2 * shares - 1) * pieces.half[rows] * pieces.turn[rows])
     size = np.sqrt(dot(along, along)) + _NONZERO
     return np.column_stack([-along[:, 1] / size, along[:, 0] / size])
 

@@ -61,8 +61,8 @@ def check_outputs(task: Task, motions: Motions, rows: IntArray, findings: Findin
     """Finds motions that work with the process output off, or at another spindle speed."""
     signal = process_signal(task.job.process)
     if signal:
-        off = rows[~motions.on[rows]]
-        for row in off[:1].tolist():
+        idle = rows[~motions.on[rows]]
+        for row in idle[:1].tolist():
             findings.add(motions, row, f"works with output {signal} off")
     check_spindle(task, motions, rows, findings)
 
@@ -89,8 +89,7 @@ def check_switches(
     of_task: (M,) which motions belong to the task; an output belongs to the motion after it.
     """
     columns = Columns(body)
-    signal = process_signal(job.process)
-    names = {signal} - {""}
+    names = {process_signal(job.process)} - {""}
     if job.process.spindle > 0:
         names.add("spindle")
     for name in sorted(names):
@@ -143,8 +142,8 @@ def check_orientation(job: Job, motions: Motions, rows: IntArray, findings: Find
     wrong = np.zeros(len(motions.axes) + 1, np.bool_)
     turns = job.tool.orient == "follow" or job.tool.symmetric or job.tool.turn is not None
     for index, rotation in enumerate(motions.axes):
-        off = rotation[:, 2] - down[:, 2] if turns else rotation - down
-        wrong[index] = float(np.abs(off).max()) > _ANGLE
+        difference = rotation[:, 2] - down[:, 2] if turns else rotation - down
+        wrong[index] = float(np.abs(difference).max()) > _ANGLE
     for row in rows[wrong[motions.rotation[rows]]][:1].tolist():
         what = "works with the tool not straight down"
         findings.add(motions, row, what if turns else f"{what}, or turned about its axis")
@@ -161,21 +160,20 @@ def check_feeds(
         low, high = _contact_factors(checker.drawing, motions, matched, task.job, rounding.mm)
     speed = motions.speed[rows]
     slack = rounding.speed + _FEED_SHARE * process.feed
-    off = (speed < process.feed * low - slack) | (speed > process.feed * high + slack)
+    is_wrong = (speed < process.feed * low - slack) | (speed > process.feed * high + slack)
     slope = np.abs(motions.end[rows, 2] - motions.start[rows, 2]) > 1e-4
     # Down from a tab the speed may be lower (docs/follow.md): it is compared with the plunge.
-    off &= ~(slope & (speed <= process.feed * high + slack))
+    is_wrong &= ~(slope & (speed <= process.feed * high + slack))
     if task.operation.entry != "plunge" or task.operation.tabs or process.force:
-        slow = min(plunge_speed(process), process.feed)
-        off &= ~(np.abs(speed - slow) <= slack)
+        is_wrong &= ~(np.abs(speed - min(plunge_speed(process), process.feed)) <= slack)
     if task.operation.corner_radius:
         # The rounding of a shallow inner corner follows the contour too, at the plain feed.
-        off &= ~(np.abs(speed - process.feed) <= slack)
+        is_wrong &= ~(np.abs(speed - process.feed) <= slack)
     # Between two walls the tool's centre has the plain feed.
-    plain = np.flatnonzero(off & (np.abs(speed - process.feed) <= slack))
+    plain = np.flatnonzero(is_wrong & (np.abs(speed - process.feed) <= slack))
     piece = matched.piece[matched.follows][plain]
-    off[plain] = ~checker.are_between(rows[plain], piece, ends=True)
-    for index in np.flatnonzero(off)[:1].tolist():
+    is_wrong[plain] = ~checker.are_between(rows[plain], piece, ends=True)
+    for index in np.flatnonzero(is_wrong)[:1].tolist():
         wanted = process.feed * np.clip(speed[index] / process.feed, low[index], high[index])
         what = f"has a feed of {speed[index]:.4g} mm/s, the job asks for {wanted:.4g}"
         findings.add(motions, int(rows[index]), what)
@@ -213,8 +211,7 @@ def _contact_factors(
     sagitta = radius * (1 - np.cos(plane.half[rows[fitted]]))
     slack[fitted] = factor[fitted] * 8 * digit / np.maximum(sagitta, digit)
     low, high = factor - slack, factor + slack
-    either = may_roll(motions, matched, drawing.pieces)[matched.follows]
-    high[either] = largest
+    high[may_roll(motions, matched, drawing.pieces)[matched.follows]] = largest
     # A short motion may lie beside two pieces of different radius.
     short = plane.length[rows] < SHORT_MM
     low[short], high[short] = _SLOWEST, largest
@@ -232,8 +229,7 @@ def _is_outside(drawing: Drawing, motions: Motions, rows: IntArray, piece: IntAr
 
 def _is_short(motions: Motions, rows: IntArray, job: Job) -> BoolArray:
     """Whether a line is no longer than a chord of the largest arc that a job would replace."""
-    longest = math.sqrt(8 * job.tolerance.chord * 1e3)
-    return np.asarray(motions.plane.length[rows] <= longest)
+    return np.asarray(motions.plane.length[rows] <= math.sqrt(8 * job.tolerance.chord * 1e3))
 
 
 def check_forces(task: Task, motions: Motions, matched: Matched, findings: Findings) -> None:
@@ -251,10 +247,10 @@ def check_forces(task: Task, motions: Motions, matched: Matched, findings: Findi
         wanted[rolls & (2 * motions.plane.half[rows] > _SHARP)] = 0.0
         # The text may divide a sharp corner into arcs or chords that each turn by less.
         wanted[rolls & (force == 0)] = 0.0
-    off = np.abs(force - wanted) > 0.01 + 1e-3 * newtons
+    is_wrong = np.abs(force - wanted) > 0.01 + 1e-3 * newtons
     if task.operation.corner_radius:
-        off &= force != 0
-    for index in np.flatnonzero(off)[:1].tolist():
+        is_wrong &= force != 0
+    for index in np.flatnonzero(is_wrong)[:1].tolist():
         what = f"presses with {force[index]:g} N, the job asks for {wanted[index]:g} N"
         findings.add(motions, int(rows[index]), what)
 

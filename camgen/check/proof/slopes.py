@@ -106,7 +106,6 @@ class SlopeChecker:
         return np.asarray((path < 0) | (highest[path] == len(self.task.depths) - 1))
 
     def _check_starts(self, visit: IntArray, levels: IntArray, findings: Findings) -> None:
-        """Finds a plunge deeper than its path has run before, if the job asks for slopes."""
         operation = self.task.operation
         if operation.entry == "plunge" or not len(self.rows):
             return
@@ -213,7 +212,6 @@ class TabChecker:
             findings.add(self.motions, int(matched.rows[laps.first[lap]]), what)
 
     def _have_tabs(self, matched: Matched, laps: Laps) -> tuple[BoolArray, BoolArray]:
-        """(L,) whether a lap must have tabs, and whether it may."""
         drawing, task = self.drawing, self.task
         turns_left = enclosed_areas(drawing.pieces, len(drawing.contours)) > 0
         worked = task.worked & drawing.closed & ~self.skipped
@@ -235,7 +233,6 @@ class TabChecker:
         return must[laps.contour], may[laps.contour]
 
     def _measure_slug(self, contour: int) -> float:
-        """Area of the largest slug that a kerf leaves within a contour, mm2."""
         pieces = self.drawing.pieces
         ring = shapely.Polygon(flatten(pieces.take(pieces.owner == contour)))
         slug = shapely.buffer(shapely.make_valid(ring), -self.task.job.tool.diameter)
@@ -248,8 +245,7 @@ class TabChecker:
 
     def _lengths(self, matched: Matched, laps: Laps) -> FloatArray:
         """(L,) lengths of the laps without overlap, mm."""
-        flat = self.motions.plane.length[matched.rows]
-        along = np.append(0.0, np.cumsum(flat))
+        along = np.append(0.0, np.cumsum(self.motions.plane.length[matched.rows]))
         return np.asarray(along[laps.last + 1] - along[laps.first] - self.task.operation.overlap)
 
     def _wanted_counts(self, matched: Matched, laps: Laps) -> tuple[IntArray, IntArray]:

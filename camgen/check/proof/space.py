@@ -91,7 +91,6 @@ class SpaceChecker:
         return done
 
     def _check_line(self, line: Line, rows: IntArray, findings: Findings) -> float:
-        """The worked length of an edge, mm; 0 if something is wrong."""
         chain = refine(chain_of(line.points, _vias(line)), _FINE_MM)
         motions = self.motions
         bare = np.full(len(chain), np.inf)
@@ -103,8 +102,8 @@ class SpaceChecker:
             if not np.isfinite(points).all():
                 open_start |= self._ends_on(row, chain)
                 continue
-            off = np.abs(distances(points, chain) - self.distance)
-            if (off <= self.limit).all():
+            deviation = np.abs(distances(points, chain) - self.distance)
+            if (deviation <= self.limit).all():
                 self.follows[row] = True
                 bare = np.minimum(bare, distances(chain, points))
         if not self.follows[rows].any() and not open_start:
@@ -118,7 +117,8 @@ class SpaceChecker:
             findings.leave(f"the start of {line.id}", "it is given by joint values")
             return line.length
         named = self.gaps.get(line.id, 0.0)
-        if named and left <= named + _FINE_MM * _count_gaps(uncovered):
+        gaps = int((np.diff(np.append(False, uncovered).astype(np.int8)) == 1).sum())
+        if named and left <= named + _FINE_MM * gaps:
             return line.length - left
         x, y, z = chain[int(np.flatnonzero(uncovered)[0])].tolist()
         also = f"; {left:.1f} mm are left out, notes say {named:.1f} mm" if named else ""
@@ -137,11 +137,9 @@ class SpaceChecker:
         steps = np.sqrt((np.diff(chain, axis=0) ** 2).sum(axis=1))
         along = np.append(0.0, np.cumsum(steps))
         trim = self.job.operation.trim + _END_SLACK_MM
-        inner = (along > trim) & (along < along[-1] - trim)
-        return not bool((bare & inner).any())
+        return not bool((bare & ((along > trim) & (along < along[-1] - trim))).any())
 
     def _check_rest(self, findings: Findings) -> None:
-        """Finds motions that press, or have the process on, away from all edges."""
         motions, process = self.motions, self.job.process
         stray = (motions.force > 0) & ~self.follows
         for row in np.flatnonzero(stray)[:1].tolist():
@@ -172,11 +170,9 @@ def chain_of(points: FloatArray, vias: FloatArray) -> FloatArray:
 
 def refine(chain: FloatArray, step: float) -> FloatArray:
     """The chain with points that are at most `step`, mm, apart, farther apart in long chains."""
-    lengths = np.sqrt((np.diff(chain, axis=0) ** 2).sum(axis=1))
-    along = np.append(0.0, np.cumsum(lengths))
+    along = np.append(0.0, np.cumsum(np.sqrt((np.diff(chain, axis=0) ** 2).sum(axis=1))))
     count = min(int(np.ceil(along[-1] / step)), _MOST_POINTS)
-    more = np.linspace(0.0, along[-1], count + 1)
-    places = np.sort(np.concatenate([along, more]))
+    places = np.sort(np.concatenate([along, np.linspace(0.0, along[-1], count + 1)]))
     # `np.unique` loads numpy's masked arrays, which takes 5 ms.
     places = places[np.append(True, np.diff(places) > 0)]
     return np.column_stack([np.interp(places, along, column) for column in chain.T])
@@ -186,11 +182,6 @@ def _measure_gaps(chain: FloatArray, bare: BoolArray) -> float:
     """Length of a chain, mm, between points that are bare."""
     steps = np.sqrt((np.diff(chain, axis=0) ** 2).sum(axis=1))
     return float(steps[bare[:-1] & bare[1:]].sum())
-
-
-def _count_gaps(bare: BoolArray) -> int:
-    """The number of runs of bare points."""
-    return int((np.diff(np.append(False, bare).astype(np.int8)) == 1).sum())
 
 
 def arc_points(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArray:

@@ -53,7 +53,7 @@ class Named(NamedTuple):
     gaps: dict[str, float]
 
     @classmethod
-    def of(cls, notes: Sequence[Note]) -> Named:
+    def from_notes(cls, notes: Sequence[Note]) -> Named:
         """The ids that `notes` name."""
         skipped = [note.ids for note in notes if note.kind == "skipped"]
         leads = [note.ids for note in notes if note.lacks == "leads"]

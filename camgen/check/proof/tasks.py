@@ -93,11 +93,12 @@ class Task(Struct, frozen=True, eq=False):
         return self.job.operation
 
 
-def lay_drawing(part: Part, job: Job) -> Drawing:
+def make_drawing(part: Part, job: Job) -> Drawing:
     """The contours of `part`, scaled and moved to the page of `job` if it has one."""
     drawn = part.contours
     if job.stock.layer:
-        drawn = tuple(contour for contour in drawn if not _is_stock(contour, job))
+        layer = job.stock.layer
+        drawn = tuple(each for each in drawn if each.layer != layer or not each.closed)
     pieces = drawn_pieces(part.contours)
     ratio, shift = _fit_page(part, pieces, job)
     if ratio != 1.0 or shift.any():
@@ -110,10 +111,6 @@ def lay_drawing(part: Part, job: Job) -> Drawing:
     closed = tabulate_contours(drawn).closed
     length = np.bincount(pieces.owner, pieces.length, len(drawn)).astype(np.float64)
     return Drawing(drawn, pieces, closed, length, _allowed_slack(part, job, ratio))
-
-
-def _is_stock(contour: Contour, job: Job) -> bool:
-    return contour.layer == job.stock.layer and contour.closed
 
 
 def _fit_page(part: Part, pieces: Pieces, job: Job) -> tuple[float, FloatArray]:
@@ -134,7 +131,6 @@ def _fit_page(part: Part, pieces: Pieces, job: Job) -> tuple[float, FloatArray]:
 
 
 def _unit(part: Part) -> float:
-    """The mm of one unit or pixel of the input."""
     if part.raster is not None:
         return float(np.hypot(*part.raster.work_from_view[:, 0]))
     from camgen.read.units import MM  # noqa: PLC0415 (only for a page with a scale)
@@ -201,7 +197,6 @@ def _make_task(
 
 
 def _distances(kind: str, job: Job) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Distances of the tool's centre from the contours, and depths of the passes, mm."""
     operation, tool = job.operation, job.tool
     depth, radius = operation.depth, tool.radius
     distances: tuple[float, ...] = (0.0,)
@@ -271,7 +266,6 @@ def _choose(drawing: Drawing, choice: Choice, operation: OperationTable) -> Bool
 
 
 def _has_layer(layer: str, globs: Sequence[str]) -> bool:
-    """Whether globs choose a layer, without regard to case; a glob with "!" leaves layers out."""
     name = layer.casefold()
     kept: list[str] = []
     dropped: list[str] = []
@@ -283,7 +277,6 @@ def _has_layer(layer: str, globs: Sequence[str]) -> bool:
 
 
 def _are_circles(drawing: Drawing, diameters: Sequence[float]) -> BoolArray:
-    """(C,) contours that are circles with a diameter in the range, mm."""
     chosen = np.zeros(len(drawing.contours), np.bool_)
     for index, circle in enumerate(find_circles(drawing)):
         if circle is not None:
@@ -313,8 +306,7 @@ def _fit_circle(
     points = np.concatenate([pieces.start[rows], pieces.middle[rows]])
     centre = points[: len(points) // 2].mean(axis=0) if len(points) else np.zeros(2)
     matrix = np.column_stack([2 * (points - centre), np.ones(len(points))])
-    square = ((points - centre) ** 2).sum(axis=1)
-    solution, *_ = np.linalg.lstsq(matrix, square, rcond=None)
+    solution, *_ = np.linalg.lstsq(matrix, ((points - centre) ** 2).sum(axis=1), rcond=None)
     radius = math.sqrt(max(solution[2] + solution[0] ** 2 + solution[1] ** 2, 0.0))
     centre = centre + solution[:2]
     distance = np.sqrt(((points - centre) ** 2).sum(axis=1))

@@ -94,11 +94,10 @@ def cut_at_clearance(
 def check_rest(motions: Motions, clearance: float, findings: Findings) -> None:
     """Finds a first, a last or another motion from or to the rest position below the clearance.
 
-    clearance: height of travel less the deviation of a height, mm. Motions to joint values without
+    clearance: clearance height less the deviation of a height, mm. Motions to joint values without
     a path go to the rest position.
     """
-    unknown = np.isnan(motions.end[:, 0])
-    rests = unknown & (motions.path < 0)
+    rests = np.isnan(motions.end[:, 0]) & (motions.path < 0)
     low = motions.end[:, 2] < clearance
     leaves = rests & np.append(False, low[:-1])
     arrives = low & np.append(False, rests[:-1])
@@ -129,7 +128,6 @@ def check_travel(
 def _touches(upright: BoolArray, contact: BoolArray) -> BoolArray:
     """(M,) whether a run of upright motions is next to a motion in contact, or holds one."""
     either = upright | contact
-    begins = either & ~np.append(False, either[:-1])
-    run = np.cumsum(begins)
+    run = np.cumsum(either & ~np.append(False, either[:-1]))
     touched = np.bincount(run[contact & either], minlength=int(run[-1]) + 1 if len(run) else 1) > 0
     return np.asarray(either & touched[run])

@@ -112,16 +112,15 @@ def find_reached(task: Task, motions: Motions, rows: IntArray, visit: IntArray) 
 
 def _level_of(task: Task, height: FloatArray) -> IntArray:
     """(W,) index of the pass at whose depth each height is, -1 for none."""
-    off = np.abs(height[:, None] + np.array(task.depths))
-    index = off.argmin(axis=1)
-    return np.where(off.min(axis=1, initial=np.inf) <= _HEIGHT_MM, index, -1)
+    deviation = np.abs(height[:, None] + np.array(task.depths))
+    index = deviation.argmin(axis=1)
+    return np.where(deviation.min(axis=1, initial=np.inf) <= _HEIGHT_MM, index, -1)
 
 
 def _deepest_so_far(visit: IntArray, levels: IntArray) -> IntArray:
     if not len(visit):
         return levels
-    span = int(levels.max()) + 2
-    base = span * np.cumsum(np.append(1, visit[1:] != visit[:-1]))
+    base = (int(levels.max()) + 2) * np.cumsum(np.append(1, visit[1:] != visit[:-1]))
     deepest = np.maximum.accumulate(np.where(levels >= 0, levels + base, 0))
     return np.asarray(np.maximum(deepest - base, -1))
 

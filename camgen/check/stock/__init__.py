@@ -1,8 +1,8 @@
-"""The stock proof: what the motions that were read back from a program's text do to the material.
+"""The stock proof: the effect of the motions that were read back from a program on the material.
 
-``design`` says from the drawing and the job what may and what shall go; ``prove`` says what the motions take away, and
-where they cut what must stay, run through material in rapid motion or with the holder, cut a part loose too early, or
-run into a fixture.
+`design` computes from drawing and job which material may be removed, and which must be. `prove`
+computes the material that the motions remove. It finds cuts into material that must stay, rapid
+motions and holders in material, parts that are cut loose too early, and motions into fixtures.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ from typing import Literal
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.check.stock.clear import Struck, find_holders, find_rapids, index
+from camgen.check.stock.clear import Struck, find_holders, find_rapids, index_motions
 from camgen.check.stock.corners import Bite, find_bites
 from camgen.check.stock.design import Design, Task, design, show_stay, task_on
 from camgen.check.stock.fixtures import Clearance, Hit, examine
 from camgen.check.stock.gouge import Gouge, find_gouges
-from camgen.check.stock.heights import Grid, carve
+from camgen.check.stock.heights import Grid, carve_grid
 from camgen.check.stock.moves import TOLERANCE_MM, Cut, Moves, Stated, tabulate
 from camgen.check.stock.pieces import MissingTabs, Piece, Pieces, find_pieces
-from camgen.check.stock.removal import MOST_LEVELS, Level, find_levels, remove
+from camgen.check.stock.removal import MAX_LEVELS, Level, find_levels, remove_material
 from camgen.check.stock.set_up import Breach, SetUp, check_set_up
 from camgen.check.stock.spindle import WrongSpindle, check_spindles, follow_spindles
 from camgen.geometry.fixtures import Fixtures
@@ -59,9 +59,9 @@ class Fault(Struct, frozen=True):
     kind: kind of the fault.
     line: line of the motion in the text, from 1.
     file: name of the text.
-    x, y, z: place, mm.
-    mm: depth in the material or the fixture; 0 for a piece that comes loose, and for a motion that
-        only passes too near to a fixture.
+    x, y, z: position, mm.
+    mm: depth in the material or the fixture, mm; 0 for a piece that comes loose, and for a motion
+        that only passes too near to a fixture.
     text: the fault in words.
     cut: number of its `Cut`.
     serious: False for a remark.
@@ -89,16 +89,16 @@ class StockProof(Struct, frozen=True, eq=False):
     rapids: rapid motions in material.
     holders: motions with the holder in material.
     spindles: motions in material with a spindle at rest, to the left or too fast.
-    unheld: parts that nothing holds, and bridges that are not there though the job asks for them.
+    unheld: parts that nothing holds, and tabs of the job that are missing.
     loose: other pieces that come loose.
     levels: levels of the stock, from the top.
-    volumes: mm3 that each cut removes first.
+    volumes: volume of the material that each cut is the first to remove, mm3.
     notes: parts of the proof that are missing, with the reasons.
     set_up: limits of tools and stock that the cuts exceed.
     grid: heights, for a job with too many levels, else None.
     pieces: pieces that come loose, with their shapes.
-    bite: largest depth, mm, to which rounded corners cut material that must stay. None: the
-        rounding is not modelled, and the proof is of the programmed path only.
+    bite: largest depth to which rounded corners cut material that must stay, mm. None: the
+        rounding is not modelled, and the proof is about the programmed path only.
     fixtures: motions that meet a fixture or come too near to it.
     clearance: distances between the motions and the fixtures; None for a job without fixtures.
     """
@@ -122,31 +122,32 @@ class StockProof(Struct, frozen=True, eq=False):
 
     @property
     def faults(self) -> tuple[Fault, ...]:
-        """In order of cut and line."""
+        """All faults in order of cut and line."""
         cutting = (*self.gouges, *self.corners, *self.rapids, *self.holders)
         faults = (*cutting, *self.spindles, *self.unheld, *self.loose, *self.fixtures)
         return tuple(sorted(faults, key=lambda fault: (fault.cut, fault.line)))
 
     @property
     def refused(self) -> tuple[Fault, ...]:
-        """The faults for which a program is refused: all but pieces that may come loose.
+        """The faults for which a program is refused: all except pieces that may come loose.
 
-        Cuts into what must stay come before pieces that nothing holds.
+        Pieces that nothing holds come after all other faults.
         """
         cutting = (fault for fault in self.faults if fault.kind not in ("unheld", "loose"))
         return (*cutting, *self.unheld)
 
     @property
     def volume(self) -> float:
-        """mm3 taken away by all cuts."""
+        """Volume that all cuts remove, mm3."""
         return float(sum(self.volumes))
 
     @property
     def excess(self) -> float:
-        """mm3 that should be gone and is not; without what inner corners and tabs explain."""
-        return float(
-            sum((one.top - one.bottom) * one.excess.unexplained.area for one in self.levels)
-        )
+        """Volume of the rest material that inner corners and tabs do not explain, mm3."""
+        volumes = [
+            (level.top - level.bottom) * level.excess.unexplained.area for level in self.levels
+        ]
+        return float(sum(volumes))
 
 
 def prove(
@@ -158,27 +159,27 @@ def prove(
     *,
     on_arm: bool = False,
 ) -> StockProof:
-    """The proof of `cuts`, one after the other, on the stock of `design`.
+    """Prove `cuts`, one after the other, on the stock of `design`.
 
-    dynamics: dynamics of the controller. None: it is not known how it rounds corners.
+    dynamics: dynamics of the controller. None: it is unknown how it rounds corners.
     stock: stock of the job, for the limits of the set-up and the hold of pieces.
-    fixtures: clamps, vices and stops of a mill, which hold pieces beneath them too. None: the job
+    fixtures: clamps, vices and stops of a mill, which also hold pieces below them. None: the job
         has none, or an arm runs it.
     on_arm: whether an arm runs the program. Then pieces may come loose.
     """
     bites = [] if dynamics is None else find_bites(cuts, design, dynamics)
     deepest = None if dynamics is None else max((bite.mm for bite in bites), default=0.0)
     moves = tabulate(cuts)
-    gone = index(moves, cuts)
+    gone = index_motions(moves, cuts)
     holders, unseen = find_holders(gone, design)
     depths = find_levels(moves, cuts, design)
     grid: Grid | None = None
     levels: tuple[Level, ...] = ()
-    if len(depths) > MOST_LEVELS + 1:
-        grid = carve(moves, cuts, design.outline)
+    if len(depths) > MAX_LEVELS + 1:
+        grid = carve_grid(moves, cuts, design.outline)
         volumes = grid.volumes
     else:
-        levels, volumes = remove(moves, cuts, design, depths)
+        levels, volumes = remove_material(moves, cuts, design, depths)
     held = fixtures.clamped if fixtures else None
     pieces = find_pieces(gone, design, held, drops=on_arm)
     freed = [_loose(moves, cuts, piece, stock, pieces.has_frame) for piece in pieces.loose]
@@ -188,17 +189,17 @@ def prove(
     spindles = check_spindles(cuts, running)
     notes = [*design.notes, *_notes(moves, unseen)]
     if not spindles.is_judged:
-        notes.append("the text switches no spindle: whether the tool turns is not judged")
+        notes.append("the text sets no spindle: whether the tool rotates is not judged")
     if grid:
         notes.append(grid.note)
     clearance = examine(moves, cuts, fixtures) if fixtures else None
     if clearance:
         notes += clearance.notes
     return StockProof(
-        gouges=tuple(_gouge(moves, cuts, one) for one in find_gouges(moves, cuts, design)),
+        gouges=tuple(_gouge(moves, cuts, gouge) for gouge in find_gouges(moves, cuts, design)),
         corners=tuple(_bite(cuts, bite) for bite in bites if bite.excess > TOLERANCE_MM),
-        rapids=tuple(_rapid(moves, cuts, one) for one in find_rapids(gone, design)),
-        holders=tuple(_holder(moves, cuts, one) for one in holders),
+        rapids=tuple(_rapid(moves, cuts, hit) for hit in find_rapids(gone, design)),
+        holders=tuple(_holder(moves, cuts, hit) for hit in holders),
         spindles=tuple(_spindle(cuts, each) for each in spindles.wrong),
         unheld=tuple(fault for fault in freed if fault.kind == "unheld"),
         loose=tuple(fault for fault in freed if fault.kind == "loose"),
@@ -217,8 +218,9 @@ def prove(
 def examine_fixtures(
     cuts: Sequence[Cut], fixtures: Fixtures
 ) -> tuple[Clearance, tuple[Fault, ...]]:
-    """The distances between the motions of `cuts` and the fixtures, and the motions that are too
-    near. It is for programs without a stock proof.
+    """Measure the distances between the motions of `cuts` and the fixtures.
+
+    It is for programs without a stock proof. Also returns the motions that are too near.
     """
     moves = tabulate(cuts)
     clearance = examine(moves, cuts, fixtures)
@@ -227,18 +229,16 @@ def examine_fixtures(
 
 
 def _notes(moves: Moves, unseen: int) -> list[str]:
-    found = []
+    notes = []
     if moves.tilted:
-        found.append(
-            f"{counted(moves.tilted, 'motion')} with the tool not straight down not judged"
-        )
+        tilted = counted(moves.tilted, "motion")
+        notes.append(f"not judged: {tilted} with a tool that is not straight down")
     if moves.lost:
-        found.append(f"{counted(moves.lost, 'motion')} to joint values not judged")
+        notes.append(f"not judged: {counted(moves.lost, 'motion')} to joint values")
     if unseen:
-        found.append(
-            f"{counted(unseen, 'more motion')} as deep as those with the holder in material not looked at"
-        )
-    return found
+        deep = counted(unseen, "more motion")
+        notes.append(f"not judged: {deep} as deep as those with the holder in material")
+    return notes
 
 
 def _fault(
@@ -252,18 +252,28 @@ def _at(place: tuple[float, float, float]) -> str:
     return f"at {' '.join(short(v, 3) for v in place)} mm"
 
 
-def _gouge(moves: Moves, cuts: Sequence[Cut], one: Gouge) -> Fault:
-    way = "too deep in" if one.below else "into"
-    text = f"cuts {short(one.mm, 3)} mm {way} material that must stay, {_at(one.place)}"
-    return _fault(moves, cuts, "gouge", one, text)
+def _gouge(moves: Moves, cuts: Sequence[Cut], gouge: Gouge) -> Fault:
+    where = "too deep in" if gouge.below else "into"
+    return _fault(
+        moves,
+        cuts,
+        "gouge",
+        gouge,
+        f"cuts {short(gouge.mm, 3)} mm {where} material that must stay, {_at(gouge.place)}",
+    )
 
 
 def _bite(cuts: Sequence[Cut], bite: Bite) -> Fault:
-    text = (
+    return Fault(
+        "corner",
+        bite.line,
+        cuts[bite.cut].file,
+        *bite.place,
+        bite.mm,
         f"the corner {_at(bite.place)} is rounded and cuts {short(bite.mm, 3)} mm into material "
-        f"that must stay, {short(bite.allowed, 3)} mm are allowed"
+        f"that must stay, {short(bite.allowed, 3)} mm are allowed",
+        bite.cut,
     )
-    return Fault("corner", bite.line, cuts[bite.cut].file, *bite.place, bite.mm, text, bite.cut)
 
 
 def _spindle(cuts: Sequence[Cut], wrong: WrongSpindle) -> Fault:
@@ -273,20 +283,36 @@ def _spindle(cuts: Sequence[Cut], wrong: WrongSpindle) -> Fault:
         "to the left": f"with the spindle to the left (M4, {speed})",
         "too fast": f"at {speed}, more than tool.max_speed",
     }
-    text = f"cuts {short(wrong.depth, 3)} mm deep {states[wrong.state]}, {_at(wrong.place)}"
-    return Fault("spindle", wrong.line, cuts[wrong.cut].file, *wrong.place, 0.0, text, wrong.cut)
-
-
-def _rapid(moves: Moves, cuts: Sequence[Cut], one: Struck) -> Fault:
-    text = (
-        f"rapid motion through material, {short(one.depth, 3)} mm below the top, {_at(one.place)}"
+    return Fault(
+        "spindle",
+        wrong.line,
+        cuts[wrong.cut].file,
+        *wrong.place,
+        0.0,
+        f"cuts {short(wrong.depth, 3)} mm deep {states[wrong.state]}, {_at(wrong.place)}",
+        wrong.cut,
     )
-    return _fault(moves, cuts, "rapid", one, text)
 
 
-def _holder(moves: Moves, cuts: Sequence[Cut], one: Struck) -> Fault:
-    text = f"the holder is {short(one.depth, 3)} mm deep in material, {_at(one.place)}"
-    return _fault(moves, cuts, "holder", one, text)
+def _rapid(moves: Moves, cuts: Sequence[Cut], hit: Struck) -> Fault:
+    depth = short(hit.depth, 3)
+    return _fault(
+        moves,
+        cuts,
+        "rapid",
+        hit,
+        f"rapid motion through material, {depth} mm below the top, {_at(hit.place)}",
+    )
+
+
+def _holder(moves: Moves, cuts: Sequence[Cut], hit: Struck) -> Fault:
+    return _fault(
+        moves,
+        cuts,
+        "holder",
+        hit,
+        f"the holder is {short(hit.depth, 3)} mm deep in material, {_at(hit.place)}",
+    )
 
 
 def _list_hits(moves: Moves, cuts: Sequence[Cut], clearance: Clearance) -> tuple[Fault, ...]:
@@ -309,7 +335,7 @@ def _hit(moves: Moves, cuts: Sequence[Cut], hit: Hit, margin: float) -> Fault:
 def _loose(
     moves: Moves, cuts: Sequence[Cut], piece: Piece, stock: StockTable, has_frame: bool
 ) -> Fault:
-    """A piece that comes loose: refused where it is a part, or bridges should hold it."""
+    """Make the fault of a piece that comes loose; it is refused for a part or a piece with tabs."""
     length, width = piece.size
     within = f"within {piece.contour}" if piece.contour else "outside of all contours"
     name = f"the part {within}"
@@ -329,7 +355,7 @@ def _loose(
     if must_hold and not has_frame:
         text += ": the kerfs leave no frame of the stock that could hold it"
     elif must_hold:
-        text += ": no bridge is left that holds it" if piece.tabs else ": nothing holds it"
+        text += ": no tab is left that holds it" if piece.tabs else ": nothing holds it"
     freed = Struck(piece.row, (*piece.place, z), 0.0, 0.0)
     fault = _fault(moves, cuts, "unheld" if must_hold else "loose", freed, text)
     is_serious = must_hold or piece.again >= 0 or piece.tabs
@@ -337,7 +363,6 @@ def _loose(
 
 
 def _missing(moves: Moves, cuts: Sequence[Cut], tabs: MissingTabs) -> Fault:
-    text = f"{counted(tabs.count, 'bridge')} on {tabs.contour}, the job asks for {tabs.wanted}"
-    return _fault(
-        moves, cuts, "unheld", Struck(tabs.row, to_vec3(moves.end[tabs.row]), 0.0, 0.0), text
-    )
+    text = f"{counted(tabs.count, 'tab')} on {tabs.contour}, the job asks for {tabs.wanted}"
+    position = Struck(tabs.row, to_vec3(moves.end[tabs.row]), 0.0, 0.0)
+    return _fault(moves, cuts, "unheld", position, text)

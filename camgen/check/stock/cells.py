@@ -1,4 +1,8 @@
-"""The plane divided by closed contours: the cell of a contour is what it encloses and no contour within it does."""
+"""Divides the plane by closed contours.
+
+The cell of a contour is the area that it encloses, without the areas that contours within it
+enclose.
+"""
 
 from __future__ import annotations
 
@@ -15,19 +19,23 @@ from camgen.geometry.segments import BoolArray, IntArray, Segments, flatten, fro
 from camgen.model.part import Contour
 from camgen.model.pose import FloatArray
 
-#: Curves as chords that leave them by at most this, mm, for areas; distances are measured to the curves themselves.
+#: mm: maximum deviation of the chords of curves in areas. Distances are measured to the curves.
 CHORD_MM = 0.002
 
 Shapes = NDArray[Any]
 
 
 class Cells(Struct, frozen=True, eq=False):
-    """C cells of as many closed contours, and a last one, C, of all that is outside of them.
+    """C cells of as many closed contours. The cell C is the outside.
 
-    ids: of the contours. segments: their lines and arcs, ``owner`` the cell. parent: (C,) the cell around each. depth:
-    (C,) how many contours lie around, those that divide nothing too, since sides are chosen by it. rings: (C,) what
-    each contour encloses, all of it. area: (C,) mm2 of that. left: contours that divide nothing: open ones, and those
-    that cross others or themselves.
+    ids: ids of the contours.
+    segments: their lines and arcs; `owner` is the cell.
+    parent: (C,) cell around each one.
+    depth: (C,) number of contours around each one, those in `left` included, since sides are chosen
+        by it.
+    rings: (C,) polygons of the whole area that each contour encloses.
+    area: (C,) area of the rings, mm2.
+    left: contours that divide nothing: open ones, and those that cross others or themselves.
     """
 
     ids: tuple[str, ...]
@@ -43,11 +51,11 @@ class Cells(Struct, frozen=True, eq=False):
 
     @property
     def outside(self) -> int:
-        """The cell around all."""
+        """The index of the outside."""
         return len(self.ids)
 
     def find(self, points: FloatArray) -> IntArray:
-        """(N,) the cell in which each point (N, 2) lies."""
+        """Find the cell (N,) in which each point (N, 2) lies."""
         cell = np.full(len(points), self.outside)
         if not len(self):
             return cell
@@ -59,7 +67,7 @@ class Cells(Struct, frozen=True, eq=False):
         return cell
 
     def within(self, roots: Sequence[int]) -> BoolArray:
-        """(C + 1,) the cells ``roots`` and all within them."""
+        """Return (C + 1,) True for the cells `roots` and all cells within them."""
         inside = np.zeros(len(self) + 1, dtype=np.bool_)
         inside[list(roots)] = True
         for k in np.argsort(self.depth, kind="stable").tolist():
@@ -67,56 +75,59 @@ class Cells(Struct, frozen=True, eq=False):
         return inside
 
     def walls(self, chosen: BoolArray) -> IntArray:
-        """The contours between ``chosen`` cells (C + 1,) and others."""
+        """Find the contours between `chosen` cells (C + 1,) and others."""
         return np.flatnonzero(chosen[:-1] != chosen[self.parent])
 
     def shape(self, cell: int) -> Any:
-        """One cell as a polygon; the one outside has none."""
+        """Return one cell, which is not the outside, as a polygon."""
         children = np.flatnonzero(self.parent == cell)
-        return (
-            self.rings[cell]
-            if not len(children)
-            else self.rings[cell] - shapely.union_all(self.rings[children])
-        )
+        if not len(children):
+            return self.rings[cell]
+        return self.rings[cell] - shapely.union_all(self.rings[children])
 
     def shapes(self, cells: IntArray) -> Shapes:
-        """Several cells, none of them the outside, as polygons."""
-        found = self.rings[cells].copy()
-        parents = np.zeros(len(self) + 1, dtype=np.bool_)
-        parents[self.parent] = True
-        for k in np.flatnonzero(parents[cells]).tolist():
-            found[k] = self.shape(int(cells[k]))
-        return found
+        """Return several cells, without the outside, as polygons."""
+        polygons = self.rings[cells].copy()
+        is_parent = np.zeros(len(self) + 1, dtype=np.bool_)
+        is_parent[self.parent] = True
+        for k in np.flatnonzero(is_parent[cells]).tolist():
+            polygons[k] = self.shape(int(cells[k]))
+        return polygons
 
 
-def divide(contours: Sequence[Contour]) -> Cells:
-    """The cells of ``contours``."""
+def make_cells(contours: Sequence[Contour]) -> Cells:
+    """Divide the plane by `contours`."""
     closed = [contour for contour in contours if contour.closed]
-    left = [contour for contour in contours if not contour.closed]
     nesting = find_nesting(from_contours(closed), len(closed)) if closed else None
-    sound = (
-        [] if nesting is None else np.flatnonzero((nesting.crossed < 0) & ~nesting.empty).tolist()
-    )
-    if nesting is None or not sound:
-        none = np.zeros(0, dtype=np.int64)
-        return Cells(
-            (), from_contours([]), none, none, np.zeros(0, object), np.zeros(0), tuple(contours)
-        )
-    left += [closed[k] for k in sorted(set(range(len(closed))) - set(sound))]
-    new = np.full(len(closed) + 1, len(sound))
-    new[sound] = np.arange(len(sound))
-    segments = from_contours([closed[k] for k in sound])
-    lost = (nesting.crossed >= 0) | nesting.empty
-    parent, depth = _above(nesting.parent, lost, sound), nesting.depth[sound]
+    is_valid = np.zeros(0, np.bool_)
+    if nesting is not None:
+        is_valid = (nesting.crossed < 0) & ~nesting.empty
+    if nesting is None or not is_valid.any():
+        empty = np.zeros(0, dtype=np.int64)
+        rings, area = np.zeros(0, object), np.zeros(0)
+        return Cells((), from_contours([]), empty, empty, rings, area, tuple(contours))
+    valid = np.flatnonzero(is_valid)
+    left = [contour for contour in contours if not contour.closed]
+    left += [closed[k] for k in np.flatnonzero(~is_valid).tolist()]
+    kept = [closed[k] for k in valid.tolist()]
+    segments = from_contours(kept)
     points, owner = flatten(segments, CHORD_MM)
-    rings = shapely.make_valid(shapely.polygons(shapely.linearrings(points, indices=owner)))
-    ids = tuple(closed[k].id for k in sound)
-    return Cells(ids, segments, new[parent], depth, rings, np.abs(nesting.area[sound]), tuple(left))
+    cell = np.full(len(closed) + 1, len(valid))
+    cell[valid] = np.arange(len(valid))
+    return Cells(
+        ids=tuple(contour.id for contour in kept),
+        segments=segments,
+        parent=cell[_find_valid_parents(nesting.parent, is_valid)],
+        depth=nesting.depth[valid],
+        rings=shapely.make_valid(shapely.polygons(shapely.linearrings(points, indices=owner))),
+        area=np.abs(nesting.area[valid]),
+        left=tuple(left),
+    )
 
 
-def _above(parent: IntArray, lost: BoolArray, sound: list[int]) -> IntArray:
-    """The nearest contour around each of ``sound`` that is no ``lost`` one, -1 if none."""
-    found = parent[sound].copy()
-    while (skipped := (found >= 0) & lost[found]).any():
-        found[skipped] = parent[found[skipped]]
-    return found
+def _find_valid_parents(parent: IntArray, is_valid: BoolArray) -> IntArray:
+    """Find the next valid contour around each valid one; -1 for none."""
+    parents = parent[is_valid].copy()
+    while (skipped := (parents >= 0) & ~is_valid[parents]).any():
+        parents[skipped] = parent[parents[skipped]]
+    return parents

@@ -1,4 +1,7 @@
-"""Rapid motions through material, and holders in it: what they sweep must be gone before."""
+"""Finds rapid motions through material, and holders in material.
+
+The material that they sweep must have been removed by the motions before.
+"""
 
 from __future__ import annotations
 
@@ -11,22 +14,23 @@ from msgspec import Struct
 
 from camgen.check.stock.design import Design
 from camgen.check.stock.moves import TOLERANCE_MM, Cut, Moves
-from camgen.check.stock.profile import is_flat, reach
+from camgen.check.stock.profile import compute_radius, is_flat
 from camgen.check.stock.sweep import QUARTER, sweep_each
 from camgen.geometry.fixtures import list_bodies
 from camgen.geometry.intersect import make_boxes
 from camgen.geometry.ragged import starts_run
 from camgen.geometry.segments import BoolArray, IntArray, compute_bounds, points_at
 
-#: Swept areas are narrowed by this on each side, mm, since polygons deviate from arcs. Narrower
-#: material counts as gone.
+#: mm: swept areas are narrowed by this on each side, since polygons deviate from arcs. Narrower
+#: material counts as removed.
 _SLACK_MM = 0.02
 #: Parts into which a sloping motion is divided.
 _PARTS = 8
 #: Motions that are swept in one call.
 _BLOCK = 64
-#: Most holders in material that are reported: a program that is too deep has one at each motion.
-MOST_TOLD = 20
+#: Maximum number of reported motions with the holder in material. A program that is too deep has
+#: one at each motion.
+MAX_LISTED = 20
 
 
 class Struck(Struct, frozen=True):
@@ -34,7 +38,7 @@ class Struck(Struct, frozen=True):
 
     row: number of the motion.
     place: x, y, z of the material, mm.
-    mm: width of the material.
+    mm: width of the material, mm.
     depth: depth of the motion there below the top face, mm.
     """
 
@@ -44,12 +48,12 @@ class Struck(Struct, frozen=True):
     depth: float
 
 
-class Gone(Struct, frozen=True, eq=False):
-    """The motions in material, to be looked up by place.
+class SweptAreas(Struct, frozen=True, eq=False):
+    """The areas that motions in material sweep, found by position.
 
     rows: numbers of the motions.
-    tree: boxes of the motions, grown by the radii of their tools.
-    swept: areas by depth and block of ``rows``. Only the depth of the last question is kept.
+    tree: boxes of the motions, inflated by the radii of their tools.
+    swept: areas by depth and block of `rows`; only those of the last depth are kept.
     """
 
     moves: Moves
@@ -59,19 +63,21 @@ class Gone(Struct, frozen=True, eq=False):
     swept: dict[float, dict[int, list[list[Any]]]]
 
     def take_from(self, area: Any, row: int, depth: float, with_itself: bool = False) -> Any:
-        """Polygons that remain of ``area`` at ``depth`` after the motions before ``row``."""
+        """Return the polygons that remain of `area` at `depth` after the motions before `row`.
+
+        with_itself: whether the motion `row` itself removes material too.
+        """
         last = int(np.searchsorted(self.rows, row, "right" if with_itself else "left"))
         near = np.sort(self.tree.query(area))
         # The latest first: most rapid motions cross an area that was cut just before.
-        for place in near[near < last][::-1].tolist():
-            for shape in self._sweep(depth, place // _BLOCK)[place % _BLOCK]:
+        for index in near[near < last][::-1].tolist():
+            for shape in self._sweep(depth, index // _BLOCK)[index % _BLOCK]:
                 area = area - shape
             if area.is_empty:
                 break
         return area
 
     def _sweep(self, depth: float, block: int) -> list[list[Any]]:
-        """(_BLOCK,) the polygons of each motion of a block."""
         if depth not in self.swept:
             self.swept.clear()
         known = self.swept.setdefault(depth, {})
@@ -84,52 +90,55 @@ class Gone(Struct, frozen=True, eq=False):
         return known[block]
 
 
-def index(moves: Moves, cuts: Sequence[Cut]) -> Gone:
-    """The motions in material, to be looked up by place."""
+def index_motions(moves: Moves, cuts: Sequence[Cut]) -> SweptAreas:
+    """Index the motions in material by their boxes."""
     rows = np.flatnonzero(moves.deepest > TOLERANCE_MM)
     radius = np.array([cut.tool.radius for cut in cuts] or [0.0])[moves.cut[rows]]
     boxes = compute_bounds(moves.plane.take(rows)) + radius[:, None] * np.array([-1, -1, 1, 1])
-    return Gone(moves, tuple(cuts), rows, shapely.STRtree(make_boxes(boxes)), {})
+    return SweptAreas(moves, tuple(cuts), rows, shapely.STRtree(make_boxes(boxes)), {})
 
 
-def find_rapids(gone: Gone, design: Design) -> list[Struck]:
-    """Rapid motions through material that is still there."""
+def find_rapids(gone: SweptAreas, design: Design) -> list[Struck]:
+    """Find the rapid motions through material that no motion before them has removed."""
     moves = gone.moves
     rows = np.flatnonzero(moves.rapid & (moves.deepest > TOLERANCE_MM))
     rows = rows[~moves.rising[rows]]
     rows = rows[~find_in_own_hole(moves, rows)]
-    found = []
+    widest: list[Struck] = []
     for row in rows.tolist():
         tool = gone.cuts[int(moves.cut[row])].tool
-        depths = [0.0] if is_flat(tool) else [0.0, 0.5]
-        struck = [
-            one
-            for share in depths
-            for part in _parts(moves, row)
-            if (one := _strike(gone, design, row, part, share))
-        ]
-        found += sorted(struck, key=lambda one: -one.mm)[:1]
-    return found
+        hits = []
+        # A tool that is not a cylinder is wider half-way up.
+        for fraction in (0.0,) if is_flat(tool) else (0.0, 0.5):
+            for part in _divide(moves, row):
+                disc = _Part(part.line, part.depth * (1 - fraction))
+                radius = float(compute_radius(tool, np.array([part.depth * fraction]))[0])
+                hits.append(_meet(gone, design, row, disc, radius, with_itself=False))
+        widest += _select_widest(hits)
+    return widest
+
+
+def _select_widest(hits: Sequence[Struck | None]) -> list[Struck]:
+    return sorted([hit for hit in hits if hit is not None], key=lambda hit: -hit.mm)[:1]
 
 
 def find_in_own_hole(moves: Moves, rows: IntArray) -> BoolArray:
-    """(K,) whether motions go straight down where the same cut went as deep before.
+    """Whether motions (K,) go straight down to a depth that the same cut has reached there.
 
-    Pecks do so, and passes one after the other.
+    Pecks do so, and consecutive passes.
     """
-    result = np.zeros(len(rows), dtype=np.bool_)
     if not len(rows):
-        return result
-    keys = np.round(moves.end[:, :2], 4)
-    _, place = np.unique(np.column_stack([keys, moves.cut]), axis=0, return_inverse=True)
-    place = place.reshape(-1)
-    order = np.argsort(place, kind="stable")
+        return np.zeros(0, dtype=np.bool_)
+    keys = np.column_stack([np.round(moves.end[:, :2], 4), moves.cut])
+    _, position = np.unique(keys, axis=0, return_inverse=True)
+    position = position.reshape(-1)
+    order = np.argsort(position, kind="stable")
     reached = np.where(moves.rapid, -np.inf, moves.down[:, 1])[order]
-    first = starts_run(place[order])
+    first = starts_run(position[order])
     deepest = np.full(len(moves), -np.inf)
     so_far = -np.inf
-    for k, (new, value) in enumerate(zip(first.tolist(), reached.tolist(), strict=True)):
-        so_far = -np.inf if new else so_far
+    for k, (is_new, value) in enumerate(zip(first.tolist(), reached.tolist(), strict=True)):
+        so_far = -np.inf if is_new else so_far
         deepest[order[k]] = so_far
         so_far = max(so_far, value)
     return np.asarray(moves.upright[rows] & (moves.down[rows, 1] <= deepest[rows] + TOLERANCE_MM))
@@ -146,32 +155,26 @@ class _Part(Struct, frozen=True, eq=False):
     depth: float
 
 
-def _parts(moves: Moves, row: int) -> list[_Part]:
-    """A motion in parts that are in material, each as deep as its deepest place."""
+def _divide(moves: Moves, row: int) -> list[_Part]:
     first, last = moves.down[row].tolist()
     count = 1 if abs(last - first) <= TOLERANCE_MM or moves.upright[row] else _PARTS
-    share = np.linspace(0.0, 1.0, 8 * count + 1)
-    points = points_at(moves.plane.take(np.full(len(share), row)), share)
-    depth = first + share * (last - first) if np.isfinite(first) else np.full(len(share), last)
-    pieces = []
+    fraction = np.linspace(0.0, 1.0, 8 * count + 1)
+    points = points_at(moves.plane.take(np.full(len(fraction), row)), fraction)
+    depth = np.full(len(fraction), last)
+    if np.isfinite(first):
+        depth = first + fraction * (last - first)
+    parts = []
     for k in range(count):
-        own = slice(8 * k, 8 * k + 9)
-        deep = float(depth[own].max())
-        if deep > TOLERANCE_MM:
-            pieces.append(_Part(shapely.LineString(points[own][depth[own] >= -1e9]), deep))
-    return pieces
-
-
-def _strike(gone: Gone, design: Design, row: int, part: _Part, share: float) -> Struck | None:
-    """Material that one part of a motion meets at ``share`` of its depth above its tip."""
-    tool = gone.cuts[int(gone.moves.cut[row])].tool
-    depth = part.depth * (1 - share) if share else part.depth
-    radius = float(reach(tool, np.array([part.depth * share]))[0])
-    return _meet(gone, design, row, _Part(part.line, depth), radius, with_itself=False)
+        samples = slice(8 * k, 8 * k + 9)
+        deepest = float(depth[samples].max())
+        if deepest > TOLERANCE_MM:
+            line = shapely.LineString(points[samples][depth[samples] >= -1e9])
+            parts.append(_Part(line, deepest))
+    return parts
 
 
 def _meet(
-    gone: Gone,
+    gone: SweptAreas,
     design: Design,
     row: int,
     part: _Part,
@@ -179,7 +182,7 @@ def _meet(
     *,
     with_itself: bool,
 ) -> Struck | None:
-    """Material that a disc meets at the depth of a part of a motion, None if all of it is gone."""
+    """Find the material that a disc meets at the depth of a part; None if all is removed."""
     depth = part.depth
     if radius <= _SLACK_MM:
         return None
@@ -195,37 +198,25 @@ def _meet(
     return Struck(row, (float(x), float(y), -depth), 2 * float(circle.length) + _SLACK_MM, depth)
 
 
-def find_holders(gone: Gone, design: Design) -> tuple[list[Struck], int]:
-    """Motions with a holder in material, the first `MOST_TOLD`, and the number of further motions
-    as deep, which are not examined.
+def find_holders(gone: SweptAreas, design: Design) -> tuple[list[Struck], int]:
+    """Find motions with a holder in material, at most `MAX_LISTED`.
+
+    Also returns the number of further motions that are as deep. These are not examined.
     """
     moves = gone.moves
-    found: list[Struck] = []
+    widest: list[Struck] = []
     unseen = 0
     for number, cut in enumerate(gone.cuts):
         for body in list_bodies(cut.tool)[1:]:
-            rows = np.flatnonzero(
-                (moves.cut == number)
-                & (moves.deepest > body.height + TOLERANCE_MM)
-                & np.isfinite(moves.deepest)
-            )
-            for row in rows.tolist():
-                if len(found) >= MOST_TOLD:
+            is_deep = (moves.deepest > body.height + TOLERANCE_MM) & np.isfinite(moves.deepest)
+            for row in np.flatnonzero((moves.cut == number) & is_deep).tolist():
+                if len(widest) >= MAX_LISTED:
                     unseen += 1
                     continue
-                struck = [
-                    one
-                    for part in _parts(moves, row)
-                    if (one := _hold(gone, design, row, part, body.radius, body.height))
-                ]
-                found += sorted(struck, key=lambda one: -one.mm)[:1]
-    return sorted(found, key=lambda one: one.row), unseen
-
-
-def _hold(
-    gone: Gone, design: Design, row: int, part: _Part, radius: float, height: float
-) -> Struck | None:
-    if part.depth - height <= TOLERANCE_MM:
-        return None
-    above = _Part(part.line, part.depth - height)
-    return _meet(gone, design, row, above, radius, with_itself=True)
+                hits = []
+                for part in _divide(moves, row):
+                    above = _Part(part.line, part.depth - body.height)
+                    if above.depth > TOLERANCE_MM:
+                        hits.append(_meet(gone, design, row, above, body.radius, with_itself=True))
+                widest += _select_widest(hits)
+    return sorted(widest, key=lambda hit: hit.row), unseen

@@ -74,8 +74,7 @@ def find_bites(cuts: Sequence[Cut], design: Design, dynamics: Dynamics) -> list[
         columns = Columns(cut.body)
         rapid = find_rapid(columns, cut.travel)
         rows = find_transitions(columns, ~rapid, dynamics)
-        start = np.roll(columns.ends, 1, axis=0)
-        depth = find_depths(cut, columns, start, columns.ends, rapid)
+        depth = find_depths(cut, columns, np.roll(columns.ends, 1, axis=0), columns.ends, rapid)
         rows = rows[depth[rows, 1] > TOLERANCE_MM]
         if not len(rows) or dynamics.corner == "junction":
             continue
@@ -94,7 +93,6 @@ def find_bites(cuts: Sequence[Cut], design: Design, dynamics: Dynamics) -> list[
 def _measure(
     corners: _Corners, cuts: Sequence[Cut], number: int, design: Design, dynamics: Dynamics
 ) -> list[Bite]:
-    """The bites of some corners of a cut."""
     cut, columns = cuts[number], corners.columns
     transitions = pick_transitions(columns, corners.rows)
     distance = measure_rounding(transitions, dynamics)

@@ -16,7 +16,7 @@ import shapely
 from msgspec import Struct
 
 from camgen.check.stock.moves import TOLERANCE_MM, Cut, Moves
-from camgen.check.stock.profile import reach
+from camgen.check.stock.profile import compute_radius
 from camgen.geometry.fixtures import Body, Fixture, Fixtures, Layer, list_bodies
 from camgen.geometry.intersect import measure_gaps
 from camgen.geometry.segments import (
@@ -133,7 +133,6 @@ def examine(moves: Moves, cuts: Sequence[Cut], fixtures: Fixtures) -> Clearance:
 
 
 def _list_cases(moves: Moves, cuts: Sequence[Cut], fixtures: Fixtures) -> Iterator[_Case]:
-    """Every body of every tool with every layer, in this order."""
     boxes = compute_bounds(moves.plane)
     layers: list[tuple[Fixture, Layer, Segments]] = []
     for fixture in fixtures.listed:
@@ -180,7 +179,6 @@ def _take(case: _Case, which: IntArray, height: FloatArray, below: bool) -> _Por
 
 
 def _find_hits(case: _Case, margin: float) -> Iterator[Hit]:
-    """The worst place of every motion that is nearer than the margin."""
     travels = (case.moves.rapid & ~case.moves.upright)[case.rows]
     height = case.layer.top + np.where(travels, margin, 0.0)
     radius = case.body.radius + margin
@@ -207,11 +205,10 @@ def _radius_at(case: _Case, z: FloatArray) -> FloatArray:
     """(K,) radius, mm, of the body at the layer's top where its lower end is at z (K,), mm."""
     if case.body.height:
         return np.full(len(z), case.body.radius)
-    return reach(case.cut.tool, np.maximum(case.layer.top - z, 0.0))
+    return compute_radius(case.cut.tool, np.maximum(case.layer.top - z, 0.0))
 
 
 def _measure(case: _Case, portions: _Portions, k: int, margin: float) -> Hit | None:
-    """The nearest place of a part of a motion to a layer; None if it keeps the margin."""
     share = np.linspace(0.0, 1.0, _SAMPLES)
     points = points_at(portions.plane.take(np.full(_SAMPLES, k)), share)
     row = int(portions.which[k])
@@ -264,7 +261,6 @@ def _measure_aside(case: _Case, known: float) -> float:
 
 
 def _measure_above(case: _Case) -> float:
-    """The smallest height at which the body passes over the layer, mm."""
     top = case.layer.top
     highest = np.maximum(case.first, case.last)
     which = np.flatnonzero((highest > top) & (case.around < case.body.radius))
@@ -273,8 +269,7 @@ def _measure_above(case: _Case) -> float:
     portions = _take(case, which, np.full(len(which), top), below=False)
     gap = measure_gaps(portions.plane, case.walls, case.body.radius)
     passes_over = (gap < case.body.radius - TOLERANCE_MM) | _is_within(portions, case)
-    heights = np.maximum(case.lowest[which][passes_over] - top, 0.0)
-    return float(heights.min(initial=_FAR))
+    return float(np.maximum(case.lowest[which][passes_over] - top, 0.0).min(initial=_FAR))
 
 
 def _list_unjudged(moves: Moves, cuts: Sequence[Cut], fixtures: Fixtures) -> Iterator[str]:
@@ -282,8 +277,7 @@ def _list_unjudged(moves: Moves, cuts: Sequence[Cut], fixtures: Fixtures) -> Ite
     for number, cut in enumerate(cuts):
         if cut.tool.holder is not None:
             continue
-        z = moves.end[moves.cut == number, 2]
-        lowest = float(np.min(z, initial=_FAR))
+        lowest = float(np.min(moves.end[moves.cut == number, 2], initial=_FAR))
         if lowest + cut.tool.length < fixtures.travel - fixtures.lift:
             yield (
                 "fixtures: the flange comes lower than their tops, and the holder of the tool is "

@@ -1,4 +1,4 @@
-"""A grid of heights: what is left where a program has too many levels for polygons, such as a relief."""
+"""A grid of heights, for programs with too many levels for polygons, such as a relief."""
 
 from __future__ import annotations
 
@@ -10,21 +10,27 @@ import shapely
 from msgspec import Struct
 
 from camgen.check.stock.moves import TOLERANCE_MM, Cut, Moves
-from camgen.check.stock.profile import height_of_widest, reach
+from camgen.check.stock.profile import compute_full_height, compute_radius
 from camgen.geometry.ragged import owners, ramp
 from camgen.geometry.segments import IntArray, points_at
 from camgen.model.pose import FloatArray
 from camgen.model.text import short
 
-#: Cells across the radius of the narrowest tool, and cells of the grid at most.
-_ACROSS, _MOST_CELLS = 6, 1_000_000
-#: Heights that are written in one go.
+#: Number of cells across the radius of the narrowest tool.
+_ACROSS = 6
+#: Maximum number of cells of the grid.
+_MAX_CELLS = 1_000_000
+#: Number of heights that are written at a time.
 _CHUNK = 2_000_000
 
 
 class Grid(Struct, frozen=True, eq=False):
-    """depth: (H, W) mm below the top face to which each cell is cut, 0 where it is not. corner: x and y of the middle
-    of cell (0, 0), mm. pitch: mm. volumes: mm3 by cut.
+    """The depths to which a stock is cut.
+
+    depth: (H, W) depth of each cell below the top face, mm; 0 if it is not cut.
+    corner: x and y of the middle of cell (0, 0), mm.
+    pitch: size of a cell, mm.
+    volumes: volume that each cut removes, mm3.
     """
 
     depth: FloatArray
@@ -34,19 +40,22 @@ class Grid(Struct, frozen=True, eq=False):
 
     @property
     def note(self) -> str:
-        """What is to be told of it."""
-        return f"many levels: what is left is a grid of heights, {short(self.pitch, 3)} mm a cell"
+        """A note about the resolution of the grid."""
+        return (
+            "the program has many levels: "
+            f"rest material is a grid of heights with cells of {short(self.pitch, 3)} mm"
+        )
 
 
-def carve(moves: Moves, cuts: Sequence[Cut], outline: Any) -> Grid:
-    """The grid after all motions, in order of the cuts."""
+def carve_grid(moves: Moves, cuts: Sequence[Cut], outline: Any) -> Grid:
+    """Compute the grid after all motions, in order of the cuts."""
     deep = np.flatnonzero((moves.deepest > TOLERANCE_MM) & np.isfinite(moves.deepest))
     wide = max((cut.tool.radius for cut in cuts), default=1.0)
     narrow = min((cut.tool.radius for cut in cuts), default=1.0)
     ends = np.concatenate([moves.start[deep, :2], moves.end[deep, :2], np.zeros((0, 2))])
     low, high = ends.min(axis=0) - wide, ends.max(axis=0) + wide
-    pitch = max(narrow / _ACROSS, float(np.sqrt(np.prod(high - low) / _MOST_CELLS)))
-    # No cell has its middle on the rim of a straight slot.
+    pitch = max(narrow / _ACROSS, float(np.sqrt(np.prod(high - low) / _MAX_CELLS)))
+    # So that no cell has its middle on the rim of a straight slot.
     low = low - 0.37 * pitch
     columns, lines = (int(n) for n in np.ceil((high - low) / pitch) + 1)
     depth = np.zeros((lines, columns))
@@ -64,23 +73,24 @@ def carve(moves: Moves, cuts: Sequence[Cut], outline: Any) -> Grid:
 def _stamp(
     depth: FloatArray, low: FloatArray, pitch: float, cut: Cut, moves: Moves, rows: IntArray
 ) -> None:
-    """Every motion in steps of a cell, in each of which the tool leaves its shape."""
+    """Cut `depth` to the shape of the tool at steps of one cell along every motion."""
     count = np.maximum(np.ceil(moves.plane.length[rows] / pitch), 1).astype(np.int64) + 1
-    which, share = owners(count), ramp(count) / np.maximum(count - 1, 1)[owners(count)]
-    points = points_at(moves.plane.take(rows[which]), share)
+    which = owners(count)
+    fraction = ramp(count) / np.maximum(count - 1, 1)[which]
+    points = points_at(moves.plane.take(rows[which]), fraction)
     first, last = moves.down[rows[which]].T
-    tip = first + share * (last - first)
+    tip = first + fraction * (last - first)
     points, tip = _keep_deepest(points, tip)
     around = int(np.ceil(cut.tool.radius / pitch))
     offsets = np.arange(-around, around + 1)
     step = max(_CHUNK // len(offsets) ** 2, 1)
     for begin in range(0, len(points), step):
-        place = (points[begin : begin + step] - low) / pitch
-        cell = np.rint(place).astype(np.int64)
-        square = ((cell - place)[:, :, None] + offsets) ** 2
-        apart = np.sqrt(square[:, 1, :, None] + square[:, 0, None, :]) * pitch
-        below = tip[begin : begin + step, None, None] - _rise(cut, apart)
-        below[apart > cut.tool.radius] = 0.0
+        position = (points[begin : begin + step] - low) / pitch
+        cell = np.rint(position).astype(np.int64)
+        square = ((cell - position)[:, :, None] + offsets) ** 2
+        distance = np.sqrt(square[:, 1, :, None] + square[:, 0, None, :]) * pitch
+        below = tip[begin : begin + step, None, None] - _compute_rise(cut, distance)
+        below[distance > cut.tool.radius] = 0.0
         for (column, line), shape in zip((cell - around).tolist(), below, strict=True):
             _lower(depth, line, column, shape)
 
@@ -97,21 +107,17 @@ def _lower(depth: FloatArray, line: int, column: int, shape: FloatArray) -> None
 
 
 def _keep_deepest(points: FloatArray, tip: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Each of the places (N, 2) once, with the greatest of its depths (N,)."""
     order = np.lexsort((tip, points[:, 1], points[:, 0]))
     points = points[order]
-    last = np.append(
-        (points[1:] != points[:-1]).any(axis=1), np.ones(min(len(points), 1), np.bool_)
-    )
+    changes = (points[1:] != points[:-1]).any(axis=1)
+    last = np.append(changes, np.ones(min(len(points), 1), np.bool_))
     return points[last], tip[order][last]
 
 
-def _rise(cut: Cut, apart: FloatArray) -> FloatArray:
-    """How much higher than its tip the tool is at ``apart`` mm from its axis: its profile the other way round."""
-    heights = np.linspace(0.0, height_of_widest(cut.tool), 512)
-    radius = reach(cut.tool, heights)
-    return (
-        np.asarray(np.interp(apart.ravel(), radius, heights).reshape(apart.shape))
-        if radius[0] < radius[-1]
-        else np.zeros(apart.shape)
-    )
+def _compute_rise(cut: Cut, distance: FloatArray) -> FloatArray:
+    """Compute the height of the tool's surface above its tip, at a distance from its axis, mm."""
+    heights = np.linspace(0.0, compute_full_height(cut.tool), 512)
+    radius = compute_radius(cut.tool, heights)
+    if not radius[0] < radius[-1]:
+        return np.zeros(distance.shape)
+    return np.asarray(np.interp(distance.ravel(), radius, heights).reshape(distance.shape))

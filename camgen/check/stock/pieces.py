@@ -18,24 +18,25 @@ from msgspec import Struct
 from camgen.check.proof.heights import tab_slopes
 from camgen.check.proof.slopes import find_tab_room
 from camgen.check.stock.cells import Shapes
-from camgen.check.stock.clear import Gone
+from camgen.check.stock.clear import SweptAreas
 from camgen.check.stock.design import Design, Tabbed
 from camgen.check.stock.moves import TOLERANCE_MM, Moves
 from camgen.check.stock.profile import BEAMS
-from camgen.check.stock.sweep import QUARTER, sweep, unite
+from camgen.check.stock.sweep import QUARTER, merge_shapes, sweep
 from camgen.geometry.segments import BoolArray, IntArray, points_at
 
-#: Stock that is farther than this from the kerf, mm, holds a piece.
+#: mm: stock that is farther than this from the kerf holds a piece.
 _BEYOND_MM = 0.5
-#: Threads narrower than twice this, mm, are the chords of the polygons and hold nothing.
+#: mm: threads narrower than twice this come from the chords of the polygons and hold nothing.
 _THREAD_MM = 0.01
-#: Pieces nearer to the rim of the stock or to a clamp than this, mm, reach it.
+#: mm: a piece that is nearer to the rim of the stock or to a clamp reaches it.
 _REACHED_MM = 0.03
-#: A piece is of the part where it holds more than a rim of this width, mm, of what must stay.
+#: mm: a piece is a part if it has more than a rim of this width of material that must stay.
 _RIM_MM = 0.05
-#: Smallest width of a bridge as a share of `operation.tab_width`, and largest as its excess over
-#: the foot of a tab, mm.
-_BRIDGE, _LONGER_MM = 0.5, 1.0
+#: Minimum width of a tab, as a fraction of `operation.tab_width`.
+_MIN_TAB = 0.5
+#: mm: length by which a tab may be longer than its foot.
+_LONGER_MM = 1.0
 
 #: Kinds of tools whose pieces may come loose: they fall through a grid, or lie on a mat.
 _DROPPING = (*BEAMS, "pen")
@@ -46,13 +47,13 @@ PieceKind = Literal["part", "slug"]
 class Piece(Struct, frozen=True, eq=False):
     """Connected material that nothing holds: a part, or a slug that is larger than a chip.
 
-    kind: "part" if it holds material that must stay, else "slug".
+    kind: "part" if it contains material that must stay, otherwise "slug".
     contour: id of the outline of the part in it, or of the contour around a slug.
     shape: polygon, mm.
-    place: x and y of a place in it, mm.
-    row: the motion that frees it, or with which the way around it ends.
-    again: the first motion after which works on it then; -1: none, it was its last cut.
-    tabs: whether bridges should hold it.
+    place: x and y of a point in it, mm.
+    row: motion that frees it, or that ends the cut around it.
+    again: first motion after that one that works on it; -1 if that one was its last cut.
+    tabs: whether tabs should hold it.
     drops: whether the piece may come loose: an arm, a beam, a blade or a pen cuts it free.
     """
 
@@ -67,18 +68,18 @@ class Piece(Struct, frozen=True, eq=False):
 
     @property
     def size(self) -> tuple[float, float]:
-        """Length and width of its box, mm."""
+        """Length and width of the box around it, mm."""
         low_x, low_y, high_x, high_y = self.shape.bounds
         return high_x - low_x, high_y - low_y
 
 
 class MissingTabs(Struct, frozen=True):
-    """A contour with fewer bridges than the job asks for, though there is room for one more.
+    """A contour with fewer tabs than the job asks for, although there is room for one more.
 
-    contour: its id.
-    count: bridges that are there.
-    wanted: bridges that the job asks for.
-    row: the last motion through the stock beside it.
+    contour: id of the contour.
+    count: number of tabs.
+    wanted: number of tabs that the job asks for.
+    row: last motion through the stock beside it.
     """
 
     contour: str
@@ -91,7 +92,7 @@ class Pieces(Struct, frozen=True, eq=False):
     """The pieces that come loose.
 
     loose: pieces that nothing holds, in the order in which they are freed.
-    missing: contours without all of their bridges.
+    missing: contours without all of their tabs.
     has_frame: whether the kerfs leave stock that reaches its rim.
     """
 
@@ -100,10 +101,12 @@ class Pieces(Struct, frozen=True, eq=False):
     has_frame: bool = True
 
 
-def find_pieces(gone: Gone, design: Design, held: Any = None, *, drops: bool = False) -> Pieces:
-    """The pieces that nothing holds; none where the thickness of the stock is not known.
+def find_pieces(
+    gone: SweptAreas, design: Design, held: Any = None, *, drops: bool = False
+) -> Pieces:
+    """Find the pieces that nothing holds; empty if the thickness of the stock is unknown.
 
-    held: polygons under clamps, mm. A piece that reaches into one of them is held. None: no clamps.
+    held: polygons under clamps, mm, which hold pieces that reach into them. None: no clamps.
     drops: whether any piece may come loose, as below an arm.
     """
     if design.thickness is None or design.free:
@@ -113,7 +116,7 @@ def find_pieces(gone: Gone, design: Design, held: Any = None, *, drops: bool = F
     through = gone.rows[(moves.deepest[gone.rows] > bottom) & ~moves.rapid[gone.rows]]
     if not len(through):
         return Pieces()
-    cut = unite(sweep(moves, gone.cuts, bottom, through, set()))
+    cut = merge_shapes(sweep(moves, gone.cuts, bottom, through, set()))
     material = shapely.buffer(shapely.difference(design.outline, cut), -_THREAD_MM, quad_segs=1)
     pieces = shapely.get_parts(material)
     pieces = pieces[~shapely.is_empty(pieces)]
@@ -135,10 +138,10 @@ def find_pieces(gone: Gone, design: Design, held: Any = None, *, drops: bool = F
     return Pieces(tuple(loose), missing, not rim.is_empty)
 
 
-def _find_rim(gone: Gone, design: Design, cut: Any, through: IntArray, bottom: float) -> Any:
-    """The rim of the stock where it is not cut, and not within reach of a kerf.
+def _find_rim(gone: SweptAreas, design: Design, cut: Any, through: IntArray, bottom: float) -> Any:
+    """Find the rim of the stock that is not cut and not near to a kerf.
 
-    A bridge that ends at the rim holds nothing, if all stock around the part is kerf.
+    A tab that ends at the rim holds nothing if all stock around the part is kerf.
     """
     rim = shapely.boundary(design.outline)
     wide = _widest(gone, through) + _BEYOND_MM
@@ -155,19 +158,17 @@ def _find_rim(gone: Gone, design: Design, cut: Any, through: IntArray, bottom: f
     ]
     if not closed:
         return rim
-    lines = shapely.get_parts(shapely.line_merge(shapely.difference(rim, unite(closed))))
+    lines = shapely.get_parts(shapely.line_merge(shapely.difference(rim, merge_shapes(closed))))
     # A corner of the rim that is shorter than the tool is wide holds nothing.
     return shapely.multilinestrings(lines[shapely.length(lines) >= wide])
 
 
-def _widest(gone: Gone, rows: IntArray) -> float:
-    """The diameter of the widest tool of motions, mm."""
+def _widest(gone: SweptAreas, rows: IntArray) -> float:
     diameters = np.array([cut.tool.diameter for cut in gone.cuts])
     return float(diameters[gone.moves.cut[rows]].max(initial=0.0))
 
 
 def _are_held(pieces: Shapes, rim: Any, held: Any) -> BoolArray:
-    """(P,) which pieces reach the rim of the stock, or a clamp."""
     reaches = shapely.dwithin(pieces, rim, _REACHED_MM)
     if held is not None:
         reaches |= shapely.dwithin(pieces, held, _REACHED_MM)
@@ -175,14 +176,12 @@ def _are_held(pieces: Shapes, rim: Any, held: Any) -> BoolArray:
 
 
 def _sort(pieces: Shapes, design: Design, bottom: float) -> list[tuple[Any, bool]]:
-    """The pieces with whether each holds material that must stay."""
     cells = design.cells
     stays = design.depth < bottom
     stays[-1] = False
     stays[list(design.waste)] = False
-    places = shapely.get_coordinates(shapely.point_on_surface(pieces))
-    is_part = stays[cells.find(places)]
-    # Most pieces lie in one cell. Others are compared with all cells that stay.
+    is_part = stays[cells.find(shapely.get_coordinates(shapely.point_on_surface(pieces)))]
+    # Most pieces are in one cell. The others are compared with all cells that stay.
     cores = shapely.buffer(pieces, -_RIM_MM, quad_segs=1)
     cores[is_part] = None
     crossing = shapely.STRtree(cores).query(shapely.boundary(cells.rings), predicate="intersects")
@@ -194,19 +193,19 @@ def _sort(pieces: Shapes, design: Design, bottom: float) -> list[tuple[Any, bool
 
 
 class _Finder(Struct, frozen=True, eq=False):
-    """Looks up what cuts a piece free.
+    """Finds the motions that cut a piece free.
 
     bottom: depth of the bottom face, mm.
     through: (T,) motions through the stock, in order.
-    tree: over these as lines.
-    rings: tree over what the contours enclose.
+    tree: tree of these motions as lines.
+    rings: tree of the areas that the contours enclose.
     wide: diameter of the widest tool among them, mm.
     chip: area of the largest chip of the smallest tool, mm2.
-    tabbed: ids of contours with bridges.
+    tabbed: ids of contours with tabs.
     drops: whether any piece may come loose.
     """
 
-    gone: Gone
+    gone: SweptAreas
     design: Design
     bottom: float
     through: IntArray
@@ -218,12 +217,12 @@ class _Finder(Struct, frozen=True, eq=False):
     drops: bool
 
     def near(self, shape: Any, distance: float) -> IntArray:
-        """The motions through the stock that run within a distance of a shape, mm, in order."""
+        """Find the motions through the stock within a distance of a shape, mm, in order."""
         rows = self.tree.query(shape, predicate="dwithin", distance=distance)
         return np.asarray(self.through[np.sort(rows)])
 
     def piece(self, shape: Any, is_part: bool) -> Piece | None:
-        """The piece with the motion that frees it; None for a chip."""
+        """Make the piece with the motion that frees it; None for a chip."""
         gone = self.gone
         if not is_part and shape.area < self.chip:
             return None
@@ -252,28 +251,22 @@ class _Finder(Struct, frozen=True, eq=False):
         )
 
     def _find_contours(self, shape: Any, inside: Any, is_part: bool) -> list[str]:
-        """Ids of the outlines in a part, the largest first; of a slug that of the wall around it.
-
-        The walls of a slug are those of its cell: the contour around it, and those within it.
-        """
+        """List the outlines in a part, the largest first; for a slug the contour around it."""
         cells = self.design.cells
         if is_part:
             inner = shapely.buffer(shape, -_RIM_MM, quad_segs=1)
             loops = self.rings.query(shape, predicate="intersects")
             stays = self.design.depth < self.bottom
-            loops = [
-                k
-                for k in loops.tolist()
-                if stays[k] and not stays[cells.parent[k]] and cells.shape(k).intersects(inner)
-            ]
+            loops = [k for k in loops.tolist() if stays[k] and not stays[cells.parent[k]]]
+            loops = [k for k in loops if cells.shape(k).intersects(inner)]
             return [cells.ids[k] for k in sorted(loops, key=lambda k: -cells.area[k])]
         around = int(cells.find(np.array([[inside.x, inside.y]]))[0])
         return [] if around == cells.outside else [cells.ids[around]]
 
     def _find_last(self, shape: Any, rim: Any, near: IntArray) -> int:
-        """The motion that frees a piece.
+        """Find the motion that frees a piece.
 
-        Most pieces are freed by the last way around them. Then it is the last motion of that way.
+        Most pieces are freed by the last cut around them, so by the last motion of that cut.
         """
         gone, moves = self.gone, self.gone.moves
         first = int(np.searchsorted(moves.stroke[near], moves.stroke[near[-1]]))
@@ -282,7 +275,7 @@ class _Finder(Struct, frozen=True, eq=False):
         around = shapely.buffer(shapely.Polygon(rim), self.wide + _BEYOND_MM, quad_segs=4)
 
         def is_free(rows: IntArray) -> bool:
-            swept = unite(sweep(gone.moves, gone.cuts, self.bottom, rows))
+            swept = merge_shapes(sweep(gone.moves, gone.cuts, self.bottom, rows))
             return _is_free(swept, shape, around, self.design.outline)
 
         if not is_free(near[:first]):
@@ -295,7 +288,7 @@ class _Finder(Struct, frozen=True, eq=False):
 
 
 def _make_finder(
-    gone: Gone, design: Design, bottom: float, through: IntArray, drops: bool
+    gone: SweptAreas, design: Design, bottom: float, through: IntArray, drops: bool
 ) -> _Finder:
     tools = [gone.cuts[k].tool for k in np.unique(gone.moves.cut[through]).tolist()]
     return _Finder(
@@ -313,7 +306,7 @@ def _make_finder(
 
 
 def _is_free(cut: Any, part: Any, around: Any, outline: Any) -> bool:
-    """Whether nothing that hangs together with the part reaches the rim of its surroundings."""
+    """Whether no material connected with the part reaches the rim of its surroundings."""
     rim = shapely.intersection(shapely.boundary(around), outline)
     left = shapely.get_parts(shapely.difference(shapely.intersection(around, outline), cut))
     left = shapely.get_parts(shapely.buffer(left, -_THREAD_MM, quad_segs=1))
@@ -322,8 +315,8 @@ def _is_free(cut: Any, part: Any, around: Any, outline: Any) -> bool:
     return bool(not shapely.intersects(held, inside).any())
 
 
-def _comes_back(gone: Gone, row: int, shape: Any) -> int:
-    """The first motion at feed after `row` that goes down again and cuts at the piece; -1: none."""
+def _comes_back(gone: SweptAreas, row: int, shape: Any) -> int:
+    """Find the first motion at feed after `row` that cuts at the piece again; -1 for none."""
     moves = gone.moves
     near = np.sort(gone.rows[gone.tree.query(shape)])
     later = near[(near > row) & (moves.stroke[near] > moves.stroke[row]) & ~moves.rapid[near]]
@@ -338,24 +331,21 @@ def _comes_back(gone: Gone, row: int, shape: Any) -> int:
 
 
 def _chords(moves: Moves, rows: IntArray) -> Shapes:
-    """Motions as lines through five of their places.
+    """Make lines through five samples of each motion.
 
-    An arc leaves its line by a fiftieth of its chord at most.
+    An arc deviates from its line by at most a fiftieth of its chord.
     """
     plane = moves.plane.take(rows)
-    places = [points_at(plane, np.full(len(rows), share)) for share in (0.0, 0.25, 0.5, 0.75, 1.0)]
-    return np.asarray(shapely.linestrings(np.stack(places, axis=1)))
-
-
-# Bridges.
+    samples = [points_at(plane, np.full(len(rows), at)) for at in (0.0, 0.25, 0.5, 0.75, 1.0)]
+    return np.asarray(shapely.linestrings(np.stack(samples, axis=1)))
 
 
 class _Loop(Struct, frozen=True, eq=False):
-    """A closed way of a tool with bridges, around one outline or several near to each other.
+    """A closed kerf with tabs, around one outline or several near to each other.
 
-    line: the middle of its kerf.
-    tabbed: a contour of the way.
-    around: middles of the kerfs of the parts within it, for whose sake it has bridges.
+    line: middle of the kerf.
+    tabbed: a contour of the kerf.
+    around: middles of the kerfs of the parts within it, which are the reason for its tabs.
     """
 
     line: Any
@@ -364,30 +354,29 @@ class _Loop(Struct, frozen=True, eq=False):
 
 
 def _find_missing_tabs(design: Design, cut: Any, find: _Finder) -> tuple[MissingTabs, ...]:
-    """The contours that are cut through all around with some, but not all, of their bridges."""
     kerfs = shapely.get_parts(cut)
     tree = shapely.STRtree(kerfs)
 
     def uncut(line: Any) -> Any:
         near = kerfs[tree.query(line, predicate="intersects")]
-        return shapely.difference(line, unite(near)) if len(near) else line
+        return shapely.difference(line, merge_shapes(near)) if len(near) else line
 
     missing = []
     for loop in _find_loops(design):
         operation, tool = loop.tabbed.job.operation, loop.tabbed.job.tool
-        bridges = uncut(loop.line)
-        if bridges.geom_type == "MultiLineString":
-            bridges = shapely.line_merge(bridges)
-        lengths = shapely.length(shapely.get_parts(bridges))
+        tabs = uncut(loop.line)
+        if tabs.geom_type == "MultiLineString":
+            tabs = shapely.line_merge(tabs)
+        lengths = shapely.length(shapely.get_parts(tabs))
         longest = operation.tab_width + sum(tab_slopes(operation)) + _LONGER_MM
-        # Where more is left the way is not whole: other material than bridges holds there.
+        # If more is left, the kerf is not closed: other material than tabs holds the part.
         if lengths.max(initial=0.0) > longest:
             continue
         if loop.around and all(uncut(line).equals(line) for line in loop.around):
             continue
-        count = int((lengths >= _BRIDGE * operation.tab_width).sum())
+        count = int((lengths >= _MIN_TAB * operation.tab_width).sum())
         wanted, length = loop.tabbed.count(loop.line.length), loop.line.length
-        # Without any bridge the piece itself is loose.
+        # Without any tab the piece itself is loose.
         if not 0 < count < wanted or length <= find_tab_room(operation, tool.diameter, count):
             continue
         rows = find.near(loop.line, operation.finish + _BEYOND_MM)
@@ -397,16 +386,15 @@ def _find_missing_tabs(design: Design, cut: Any, find: _Finder) -> tuple[Missing
 
 
 def _find_loops(design: Design) -> list[_Loop]:
-    """The ways with bridges."""
     loops: list[_Loop] = []
     jobs = {id(tabbed.job): tabbed.job for tabbed in design.tabbed}
     for key, job in jobs.items():
         members = [tabbed for tabbed in design.tabbed if id(tabbed.job) == key]
         kerfs = _widen(design, [tabbed for tabbed in members if not tabbed.inside])
-        loops += _find_ways_outside(kerfs)
+        loops += _find_outer_loops(kerfs)
         for tabbed in members:
             if tabbed.inside:
-                loops += _find_ways_inside(design, tabbed, job.tool.radius, kerfs)
+                loops += _find_inner_loops(design, tabbed, job.tool.radius, kerfs)
     return loops
 
 
@@ -414,7 +402,7 @@ class _Kerfs(NamedTuple):
     """Outlines in one cell of the drawing.
 
     tabbed: the outlines.
-    shapes: each of them out to the middle of the kerf around it.
+    shapes: each outline, widened to the middle of the kerf around it.
     """
 
     tabbed: list[Tabbed]
@@ -422,7 +410,6 @@ class _Kerfs(NamedTuple):
 
 
 def _widen(design: Design, outlines: Sequence[Tabbed]) -> dict[int, _Kerfs]:
-    """The kerfs around outlines, by the cell in which they are."""
     cells = design.cells
     by_cell: dict[int, list[Tabbed]] = {}
     for tabbed in outlines:
@@ -435,20 +422,20 @@ def _widen(design: Design, outlines: Sequence[Tabbed]) -> dict[int, _Kerfs]:
     return kerfs
 
 
-def _find_ways_outside(kerfs: dict[int, _Kerfs]) -> Iterator[_Loop]:
-    """The ways around outlines. Outlines that are near to each other have one way around them."""
+def _find_outer_loops(kerfs: dict[int, _Kerfs]) -> Iterator[_Loop]:
+    """Find the kerfs around outlines; outlines near to each other have the same kerf."""
     for group, shapes in kerfs.values():
-        joined = shapely.get_parts(unite(shapes))
+        joined = shapely.get_parts(merge_shapes(shapes))
         member, union = shapely.STRtree(joined).query(shapes, predicate="intersects")
         first = dict(zip(union[::-1].tolist(), member[::-1].tolist(), strict=True))
         for k, shape in enumerate(joined):
             yield _Loop(shapely.get_exterior_ring(shape), group[first[k]])
 
 
-def _find_ways_inside(
+def _find_inner_loops(
     design: Design, tabbed: Tabbed, radius: float, kerfs: dict[int, _Kerfs]
 ) -> Iterator[_Loop]:
-    """The ways in a hole, without those that come near to a part in it."""
+    """Find the kerfs in a hole that do not come near to a part in it."""
     around: list[Any] = []
     for group, shapes in kerfs.values():
         chosen = [k for k, outline in enumerate(group) if outline.loop in tabbed.around]

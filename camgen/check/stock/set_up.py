@@ -15,7 +15,7 @@ import numpy as np
 import shapely
 from msgspec import Struct
 
-from camgen.check.stock.clear import Gone, find_in_own_hole
+from camgen.check.stock.clear import SweptAreas, find_in_own_hole
 from camgen.check.stock.design import Design
 from camgen.check.stock.moves import TOLERANCE_MM, Cut, Moves
 from camgen.check.stock.spindle import Running, turns
@@ -88,7 +88,7 @@ class _Case(NamedTuple):
     """
 
     tool: ToolTable
-    gone: Gone
+    gone: SweptAreas
     design: Design
     rows: IntArray
     stock: StockTable
@@ -111,7 +111,7 @@ class _Case(NamedTuple):
 
 
 def check_set_up(
-    gone: Gone, design: Design, stock: StockTable, running: Sequence[Running]
+    gone: SweptAreas, design: Design, stock: StockTable, running: Sequence[Running]
 ) -> SetUp:
     """The limits of the set-up that the cuts in `gone` exceed.
 
@@ -133,7 +133,6 @@ def check_set_up(
 
 
 def _group_by_tool(cuts: Sequence[Cut]) -> list[tuple[ToolTable, list[int]]]:
-    """The tools that turn, with the numbers of their cuts."""
     groups: list[tuple[ToolTable, list[int]]] = []
     for number, cut in enumerate(cuts):
         if not turns(cut):
@@ -171,7 +170,6 @@ def _name_examined(
 
 
 def _exceed_stock(case: _Case) -> Breach | None:
-    """A tool that goes too far below the stock. The tip of a drill does not count."""
     stock = case.stock
     if stock.thickness is None:
         return None
@@ -189,12 +187,10 @@ def _tip(tool: ToolTable) -> float:
     """The length of a drill's tip, mm; 0 for other tools."""
     if tool.kind != "drill":
         return 0.0
-    half = math.radians((tool.tip_angle or _DRILL_ANGLE) / 2)
-    return tool.radius / math.tan(half)
+    return tool.radius / math.tan(math.radians((tool.tip_angle or _DRILL_ANGLE) / 2))
 
 
 def _exceed_edges(case: _Case) -> Breach | None:
-    """A tool that goes deeper than its cutting edges are long."""
     if case.tool.cutting_length is None:
         return None
     edges = case.tool.cutting_length
@@ -236,8 +232,7 @@ def _plunge(case: _Case) -> Breach | None:
     moves = case.gone.moves
     rows = case.rows[moves.upright[case.rows]]
     points = moves.plane.end[rows]
-    gap = shapely.distance(case.design.outline, shapely.points(points))
-    meets = gap <= case.tool.radius
+    meets = shapely.distance(case.design.outline, shapely.points(points)) <= case.tool.radius
     rows, points = rows[meets], points[meets]
     depths = moves.deepest[rows] - _find_cleared(case.gone, rows, points)
     what = f"{case.name} goes straight down, {{}} mm into material"
@@ -246,7 +241,7 @@ def _plunge(case: _Case) -> Breach | None:
     return _breach_of_rows(case._replace(rows=rows), depths, 10 * TOLERANCE_MM, what, remedy)
 
 
-def _find_cleared(gone: Gone, rows: IntArray, points: FloatArray) -> FloatArray:
+def _find_cleared(gone: SweptAreas, rows: IntArray, points: FloatArray) -> FloatArray:
     """(K,) depths, mm, to which earlier motions have cleared points.
 
     rows: (K,) motions.
@@ -307,7 +302,8 @@ def _breach_of_rows(
 
 def _exceed_tooth(case: _Case) -> Breach | None:
     """A tooth, or the turn of a drill, that is fed more than the material bears."""
-    charts = [find_charts(material, case.tool)[0] for material in _materials(case)]
+    materials = [case.material] if case.material else MATERIALS.values()
+    charts = [find_charts(material, case.tool)[0] for material in materials]
     known = [chart for chart in charts if chart is not None]
     if not known:
         return None
@@ -316,8 +312,7 @@ def _exceed_tooth(case: _Case) -> Breach | None:
     is_drill = case.tool.kind == "drill"
     edges = 1 if is_drill else case.tool.flutes
 
-    moves = case.gone.moves
-    judged = case.rows[moves.upright[case.rows] == is_drill]
+    judged = case.rows[case.gone.moves.upright[case.rows] == is_drill]
 
     def feed(running: Running) -> FloatArray:
         per_edge = running.columns.speed * 60 / running.speed / edges
@@ -331,7 +326,6 @@ def _exceed_tooth(case: _Case) -> Breach | None:
 
 
 def _exceed_speed(case: _Case) -> Breach | None:
-    """A tool that turns faster than the material bears."""
     speeds = find_charts(case.material, case.tool)[1] if case.material else None
     if speeds is None:
         return None
@@ -348,13 +342,7 @@ def _exceed_speed(case: _Case) -> Breach | None:
     return _breach_of_text(case, turning, limit, what, remedy)
 
 
-def _materials(case: _Case) -> Sequence[Material]:
-    """The material of the stock, or all of them."""
-    return [case.material] if case.material else list(MATERIALS.values())
-
-
 def _exceed_job(case: _Case) -> Breach | None:
-    """A tool that is faster than its job states."""
     moves = case.gone.moves
     stated = [case.gone.cuts[number].stated for number in case.running]
     known = [each for each in stated if each is not None]
@@ -372,7 +360,6 @@ def _exceed_job(case: _Case) -> Breach | None:
 
 
 def _differ_from_job(case: _Case) -> Breach | None:
-    """A tool that turns at another speed than its job states."""
     stated: set[float] = set()
     for number in case.running:
         cut = case.gone.cuts[number]
@@ -380,13 +367,13 @@ def _differ_from_job(case: _Case) -> Breach | None:
     if not stated:
         return None
 
-    def off(running: Running) -> FloatArray:
+    def measure_ratio(running: Running) -> FloatArray:
         ratios = [np.maximum(running.speed / speed, speed / running.speed) for speed in stated]
         return np.where(running.speed > _SWITCHED_ON, np.min(ratios, axis=0), 0.0)
 
     speeds = " or ".join(short(speed, 0) for speed in sorted(stated))
     what = f"{case.name} turns {{}} times faster or slower than the job states, {speeds} rpm"
-    return _breach_of_text(case, off, 1.0, what, _BY_JOB)
+    return _breach_of_text(case, measure_ratio, 1.0, what, _BY_JOB)
 
 
 def _breach_of_text(

@@ -118,7 +118,6 @@ def _find_faults(cut: Cut, number: int, columns: Columns, speeds: FloatArray) ->
 
 
 def _find_cutting(cut: Cut, columns: Columns) -> BoolArray:
-    """(M,) whether motions are in material; those straight up are not."""
     if not len(columns.at):
         return np.zeros(0, dtype=np.bool_)
     rapid = find_rapid(columns, cut.travel)

@@ -260,11 +260,11 @@ def test_a_pocket_that_eats_the_bridge_frees_the_part() -> None:
 def test_a_tab_that_is_not_there_is_counted() -> None:
     two = task(part(square("c1", 0, 40)), tabs=2, tab_width=4.0)
     (fault,) = judge(lift(10.0, 4.0), tasks=[two]).unheld
-    assert fault.text == "1 bridge on c1, the job asks for 2"
+    assert fault.text == "1 tab on c1, the job asks for 2"
     single = task(part(square("c1", 0, 40)), tabs=1, tab_width=4.0)
     assert judge(lift(10.0, 4.0), tasks=[single]).unheld == ()
     (fault,) = judge(WAY, tasks=[single]).unheld
-    assert fault.text.endswith("no bridge is left that holds it")
+    assert fault.text.endswith("no tab is left that holds it")
 
 
 def test_what_is_left_and_should_be_gone_is_left_out() -> None:
@@ -294,7 +294,7 @@ def test_a_tab_of_a_window_and_of_its_part_is_counted() -> None:
             bridges = 1 if contour == name else 2
             bodies.append([*lift_again(body, contour, bridges), rapid(0, 0, 20)])
         faults = judge(*bodies, tasks=[wanted]).unheld
-        assert [fault.text for fault in faults] == [f"1 bridge on {name}, the job asks for 2"]
+        assert [fault.text for fault in faults] == [f"1 tab on {name}, the job asks for 2"]
 
 
 def lift_again(body: Sequence[Instruction], contour: str, count: int) -> list[Instruction]:
@@ -319,11 +319,11 @@ def test_a_slug_to_which_the_tool_comes_back_is_serious_and_not_refused() -> Non
 
 
 def test_a_clamp_holds_what_reaches_under_it() -> None:
-    from camgen.check.stock.clear import index  # noqa: PLC0415
+    from camgen.check.stock.clear import index_motions  # noqa: PLC0415
     from camgen.check.stock.moves import tabulate  # noqa: PLC0415
 
     cuts = [Cut(WAY, range(1, len(WAY) + 1), MILL, "p.ngc")]
-    gone, wanted = index(tabulate(cuts), cuts), design([OUTLINE], StockTable(thickness=5.0))
+    gone, wanted = index_motions(tabulate(cuts), cuts), design([OUTLINE], StockTable(thickness=5.0))
     assert len(find_pieces(gone, wanted).loose) == 1
     assert find_pieces(gone, wanted, shapely.box(35, 15, 60, 25)).loose == ()
     assert len(find_pieces(gone, wanted, shapely.box(46, 15, 60, 25)).loose) == 1

@@ -16,7 +16,7 @@ from camgen.model.program import Instruction, Output
 from tests.check.stock.test_stock import MILL, around, part, square, task
 
 PLATE = Path(__file__).parents[3] / "fixtures" / "parts" / "plate.dxf"
-NOT_JUDGED = "the text switches no spindle: whether the tool turns is not judged"
+NOT_JUDGED = "the text sets no spindle: whether the tool rotates is not judged"
 ROUND = around(0, 40, 3.0, -5.0)
 
 
