@@ -6,7 +6,7 @@ import pytest
 
 from camgen.model.errors import InputError, JobError
 from camgen.model.pose import frozen
-from camgen.vision.camera.camera import Camera, distort
+from camgen.vision.camera.camera import Camera, distort, sample_photo
 from camgen.vision.image import Picture
 from camgen.vision.plane import fit_plane, make_plane, map_points
 from camgen.vision.to_scale import (
@@ -18,7 +18,6 @@ from camgen.vision.to_scale import (
     measure_mm_per_pixel,
     rectify,
     remap,
-    sample_photo,
 )
 from tests.vision.test_plane import LENS, MATRIX, PINHOLE, looking, seen
 

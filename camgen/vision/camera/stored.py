@@ -33,8 +33,7 @@ def parse_stored(file: str, text: str) -> dict[str, Stored]:
 
     Raises InputError for text in none of the formats, and for text without named values.
     """
-    first = text.lstrip()[:1]
-    parse = {"<": _parse_xml, "{": _parse_json}.get(first, parse_yaml)
+    parse = {"<": _parse_xml, "{": _parse_json}.get(text.lstrip()[:1], parse_yaml)
     try:
         root = parse(file, text)
     except RecursionError as error:
@@ -142,9 +141,8 @@ def find_numbers(file: str, key: str, value: Stored) -> FloatArray:
 
 
 def _convert_matrix(file: str, key: str, value: dict[str, Stored]) -> FloatArray:
-    rows, columns = (
-        _convert_count(file, f"{key}: {name}", value[name]) for name in ("rows", "cols")
-    )
+    rows = _convert_count(file, f"{key}: rows", value["rows"])
+    columns = _convert_count(file, f"{key}: cols", value["cols"])
     data = value["data"]
     numbers = np.zeros(0)
     if data:
