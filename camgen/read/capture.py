@@ -97,8 +97,11 @@ def _check_video(name: str, path: Path) -> None:
         with path.open("rb") as stream:
             head = stream.read(_HEAD)
     except FileNotFoundError as error:
-        remedy = "give the number of a camera, a video file, or the address of a stream"
-        raise InputError(name, "no such file", remedy=remedy) from error
+        raise InputError(
+            name,
+            "no such file",
+            remedy="give the number of a camera, a video file, or the address of a stream",
+        ) from error
     except (OSError, ValueError) as error:
         raise InputError(name, f"cannot be read: {reason(error)}") from error
     if not head:
@@ -207,6 +210,11 @@ def note_marks(shot: Shot, job: Job) -> tuple[tuple[str, ...], tuple[Note, ...]]
         return (line,), ()
     listed = ", ".join(map(str, missing[:12])) + (" ..." if len(missing) > 12 else "")
     noun = "marker" if hasattr(target, "ids") else "corner"
-    what = f"{counted(len(missing), noun)} missing of the {target.label}: {listed}"
-    why = "bring all of them into view, flat and free of glare; camgen markers draws the sheet"
-    return (line,), (Note("warning", what, why, strict=True),)
+    return (line,), (
+        Note(
+            "warning",
+            f"{counted(len(missing), noun)} missing of the {target.label}: {listed}",
+            "bring all of them into view, flat and free of glare; camgen markers draws the sheet",
+            strict=True,
+        ),
+    )

@@ -78,7 +78,6 @@ def _is_point(row: Any) -> bool:
 
 
 def _list_rings(shape: Any, name: str) -> Iterator[Contour]:
-    """The contours of a shapely geometry."""
     if shape.geom_type == "Polygon":
         for ring in (shape.exterior, *shape.interiors):
             yield _make_contour(ring.coords, name)

@@ -158,8 +158,7 @@ def make_solid(
     sides = find_sharp_sides(mesh.vertices, mesh.faces, mesh.normals, mesh.pairs, feature_angle)
     diagonal = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
     limit = min(tolerance, _MAX_TOLERANCE * diagonal)
-    chains = chain_sides(sides, mesh.vertices)
-    edges = sort_edges(make_edges(chains, mesh.vertices, limit))
+    edges = sort_edges(make_edges(chain_sides(sides, mesh.vertices), mesh.vertices, limit))
     if edges:
         convex = int(np.count_nonzero(sides.convex))
         what = f"{convex} convex and {len(sides) - convex} concave sides of triangles"
@@ -302,8 +301,13 @@ def _find_borders(
     sides = counted(
         len(pairs.open), f"side, {length:.6g} mm, belongs", f"sides, {length:.6g} mm, belong"
     )
-    what = f"the mesh is not closed: {sides} to one face only"
-    notes.append(Note("warning", what, "they are borders, not edges"))
+    notes.append(
+        Note(
+            "warning",
+            f"the mesh is not closed: {sides} to one face only",
+            "they are borders, not edges",
+        )
+    )
     chains = _chain_borders(start.tolist(), end.tolist())
     return tuple(frozen(vertices[chain]) for chain in chains)
 
