@@ -99,7 +99,7 @@ def list_installed() -> list[InstalledReader]:
         what = "is not a camgen.read.Reader"
         if isinstance(reader, Reader):
             what = f"is called {reader.name}"
-        why = JobError(f"reader {entry.name}", what, entry.value, "mend or remove its package")
+        why = JobError(f"reader {entry.name}", what, entry.value, "repair or remove its package")
         rows.append(InstalledReader(entry, None, str(why)))
     return rows
 

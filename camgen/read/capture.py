@@ -73,7 +73,7 @@ def capture(
     if is_live:
         remedy = (
             "see that it is plugged in or running, that its number or address is right, "
-            "and that nobody else uses it"
+            "and that no other program uses it"
         )
     else:
         remedy = "give a video that OpenCV can decode, e.g. MJPG in .avi or H.264 in .mp4"
@@ -107,7 +107,7 @@ def _check_video(name: str, path: Path) -> None:
     if not head:
         raise InputError(name, "is empty")
     if read_header(head) is not None:
-        raise InputError(name, "is a picture, no video", remedy="build or inspect it as it is")
+        raise InputError(name, "is a picture, not a video", remedy="build or inspect it as it is")
 
 
 def _run_process(device: int | str, frames: int, skip: int, seconds: float) -> Shot | str:

@@ -311,7 +311,7 @@ def _check_settings(job: Job) -> None:
         (
             "[image] background",
             bool(image.background) and image.mask not in ("auto", "background"),
-            f'mask = "{image.mask}" does not look at it',
+            f'mask = "{image.mask}" does not use it',
         ),
         (
             "[image] threshold",
@@ -321,7 +321,7 @@ def _check_settings(job: Job) -> None:
         (
             "[image] color",
             image.mask == "alpha" and image.color is not None,
-            'mask = "alpha" does not look at it',
+            'mask = "alpha" does not use it',
         ),
         ("[image] lines", image.lines != "auto", "it is for drawings that are traced"),
     ):
@@ -333,9 +333,11 @@ def _note_region(region: Region, is_located: bool) -> Note:
     listed = format_size(region, 2, ", ")
     why = "the free area of the marker sheet, less with the height of the part"
     if is_located:
-        why = f"a look {_COARSER} times coarser found the part there"
+        why = f"the part was found there in a picture {_COARSER} times coarser"
     return Note(
-        "assumed", f"looked at closely: [{listed}] mm only", f"{why}; set image.region for another"
+        "assumed",
+        f"examined in full resolution: [{listed}] mm only",
+        f"{why}; set image.region for another",
     )
 
 

@@ -113,7 +113,7 @@ def _fill_cell(tree: Tree, origins: dict[tuple[str, str], str], files: Files) ->
     for table in cell_tree:
         if table != "cell":
             raise JobError(
-                name, f"[{table}] stands in the file of a cell", remedy="keep [cell] alone in it"
+                name, f"is the file of a cell, but has [{table}]", remedy="keep only [cell] in it"
             )
     if "file" in cell_tree.get("cell", {}):
         raise JobError(name, "names a file itself", "[cell]", "put all of the cell into one file")
@@ -126,7 +126,7 @@ def _fill_cell(tree: Tree, origins: dict[tuple[str, str], str], files: Files) ->
 
 
 def _take_file(tree: Tree, table: str, origins: Origins) -> str:
-    """Remove the key `file` from a table and return its value, "" if there is none.
+    """Remove the key `file` from a table and return its value, "" without the key.
 
     Raises JobError for a value that is not a text.
     """
@@ -167,8 +167,8 @@ def _read_tools(name: str, files: Files) -> list[dict[str, object]]:
         if not table.startswith("tools."):
             raise JobError(
                 name,
-                f"{_format_table(table)} stands in a library of tools",
-                remedy="keep [[tools]] alone in it",
+                f"is a library of tools, but has {_format_table(table)}",
+                remedy="keep only [[tools]] in it",
             )
     if not library:
         raise JobError(name, "holds no [[tools]]", "tool.file", "add one, or leave tool.file out")
@@ -253,12 +253,14 @@ def _read_toml(file: Path, files: Files, setting: str = "--job") -> dict[str, An
     except tomllib.TOMLDecodeError as error:
         what, _, place = str(error).partition(" (at ")
         raise JobError(
-            str(file), f"is not TOML: {what}", place.rstrip(")"), "mend this line"
+            str(file), f"is not TOML: {what}", place.rstrip(")"), "correct this line"
         ) from error
     except RecursionError as error:
         raise JobError(str(file), "is nested too deeply") from error
     except ValueError as error:  # Python does not read numbers of thousands of digits
-        raise JobError(str(file), "holds a number of too many digits", remedy="mend it") from error
+        raise JobError(
+            str(file), "holds a number of too many digits", remedy="correct it"
+        ) from error
 
 
 def _check_tables(tree: Mapping[str, object], origin: str) -> Tree:
@@ -292,7 +294,7 @@ def _report_unknown_table(name: str, origin: str, content: object) -> JobError:
     if homes and not isinstance(content, Mapping):
         return JobError(
             origin,
-            f'"{_shorten(name)}" stands outside its table',
+            f'"{_shorten(name)}" is outside of its table',
             remedy=f"it belongs to [{homes[0]}]",
         )
     known = [f"[{table}]" for table in list_tables()] + [f"[[{table}]]" for table in ROWS]
@@ -460,7 +462,9 @@ def _convert_tools(tree: Tree, origins: Origins, source: str) -> list[ToolRow]:
         for key, value in (("name", tool.name), ("number", tool.number)):
             if value and (key, value) in used:
                 raise place.make_job_error(
-                    key, f"{key} {_quote_short(value)} is another tool's too", "give each its own"
+                    key,
+                    f"{key} {_quote_short(value)} is also that of another tool",
+                    "give each its own",
                 )
             used.add((key, value))
     return [tool for _, tool in rows]
@@ -537,7 +541,7 @@ def _check_numbers(tree: Tree, origins: Origins, source: str, limit: float) -> N
                 origins.get((table, key), source),
                 f"{key} cannot be beyond {format_limit(limit)}: {_quote_short(value)}",
                 _format_table(table),
-                "give a value that can be meant, or raise limits.number",
+                "give a smaller value, or raise limits.number",
             )
 
 
@@ -554,7 +558,7 @@ def _check_limits(job: Job, place: _Place) -> None:
             raise table_place.make_job_error(
                 key,
                 f"{key} must be {format_limit(limit)} at {side}, not {value:g}",
-                f"give a value that can be meant, or {change} limits.{key}",
+                f"give a value within it, or {change} limits.{key}",
             )
 
 

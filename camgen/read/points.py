@@ -207,8 +207,8 @@ def _split(line: str) -> list[str]:
 def _read_number(source: Source, line: int, word: str) -> float:
     place = f"line {line}"
     if not _NUMBER.fullmatch(word):
-        raise InputError(source.name, f"{word[:24]!a} is no number", place, _REMEDY)
+        raise InputError(source.name, f"{word[:24]!a} is not a number", place, _REMEDY)
     value = float(word)
     if abs(value) > _FARTHEST:
-        raise InputError(source.name, f"{word[:24]} is beyond all proportion", place, _REMEDY)
+        raise InputError(source.name, f"{word[:24]} is too large", place, _REMEDY)
     return value

@@ -432,7 +432,7 @@ def raise_plane(homography: FloatArray, camera: Camera, height: float) -> FloatA
 
 def _check_pairs(px: ArrayLike, mm: ArrayLike, source: str) -> tuple[FloatArray, FloatArray]:
     """The pairs as arrays (N, 2) of px and of mm. Raises JobError if they are not valid."""
-    what = "is no list of points"
+    what = "is not a list of points"
     try:
         image, work = np.asarray(px, dtype=np.float64), np.asarray(mm, dtype=np.float64)
     except (ValueError, TypeError) as error:

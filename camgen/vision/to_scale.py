@@ -564,7 +564,7 @@ def _find_scale(shown: PlaneView, picture: Picture, region: Region) -> float:
     if not (all(map(math.isfinite, region)) and x0 < x1 and y0 < y1):
         raise JobError(
             "region",
-            f"{list(region)} is no rectangle",
+            f"{list(region)} is not a rectangle",
             remedy="give [x from, y from, x to, y to] in mm",
         )
     x, y = np.meshgrid(np.linspace(x0, x1, _PHOTO_SAMPLES), np.linspace(y0, y1, _PHOTO_SAMPLES))

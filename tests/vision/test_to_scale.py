@@ -246,7 +246,7 @@ def test_a_region_partly_or_wholly_outside_of_the_photo() -> None:
     with pytest.raises(InputError, match=r"does not show the region \(\[500, 500, 510, 510\] mm\)"):
         rectify(blank(SMALL), SMALL, plane, (500, 500, 510, 510))
     for bad in ((0.0, 0, 0, 5), (0.0, 0, float("nan"), 5), (5.0, 0, 1, 5)):
-        with pytest.raises(JobError, match="is no rectangle"):
+        with pytest.raises(JobError, match="is not a rectangle"):
             rectify(blank(SMALL), SMALL, plane, bad)
 
 

@@ -307,9 +307,9 @@ def _read_units(name: str, document: Drawing, data: bytes) -> tuple[int, int | N
         except ValueError as error:
             raise InputError(
                 name,
-                f"is damaged: {str(value)[:20]!r} is no number",
+                f"is damaged: {str(value)[:20]!r} is not a number",
                 key,
-                "save it again from the CAD program, or mend the header",
+                "save it again from the CAD program, or correct the header",
             ) from error
     insunits, measurement = values
     return insunits or 0, measurement

@@ -66,7 +66,7 @@ def _find_fault(entity: Any, block: Any, attributes: Attributes, enclosing: tupl
     if not (attributes.get("xscale", 1.0) and attributes.get("yscale", 1.0)):
         return "scaled to nothing"
     if entity.has_extension_dict and _is_clipped(entity):
-        return "clipped (XCLIP), which cannot be honoured; explode it"
+        return "clipped (XCLIP), which is not supported; explode it"
     return ""
 
 

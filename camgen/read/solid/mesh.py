@@ -279,13 +279,13 @@ def _wind_outward(
     if pairs.turned.any():
         between = "between faces that cannot be wound alike"
         count = int(pairs.turned.sum())
-        what = counted(count, f"side {between} is no edge", f"sides {between} are no edges")
-        notes.append(Note("skipped", what, "inside and outside cannot be told apart there"))
+        what = counted(count, f"side {between} is not an edge", f"sides {between} are not edges")
+        notes.append(Note("skipped", what, "inside and outside are not defined there"))
     if len(pairs.crowded):
         start, end = list_ends(faces, pairs.crowded)
         count = len(np.unique(np.sort(np.column_stack([start, end]), axis=1), axis=0))
         where = "where more than two faces meet"
-        what = counted(count, f"side {where} is no edge", f"sides {where} are no edges")
+        what = counted(count, f"side {where} is not an edge", f"sides {where} are not edges")
         notes.append(Note("skipped", what))
     return faces, pairs
 

@@ -82,8 +82,8 @@ def read_mesh(source: Source) -> MeshSoup:
     if len(wrong):
         what = counted(
             len(wrong),
-            "face has coordinates that are not numbers, or beyond all measure",
-            "faces have coordinates that are not numbers, or beyond all measure",
+            "face has coordinates that are not numbers, or too large",
+            "faces have coordinates that are not numbers, or too large",
         )
         raise InputError(
             name,
@@ -102,7 +102,7 @@ def _repair_stl(name: str, data: bytes) -> tuple[bytes, tuple[Note, ...]]:
     if _is_text(data):
         return _close_text(name, data)
     if len(data) < 84 or b"\x00" not in data:
-        raise InputError(name, "is no STL mesh", "", _SAVE_AGAIN)
+        raise InputError(name, "is not an STL mesh", "", _SAVE_AGAIN)
     size = 84 + 50 * int(struct.unpack_from("<I", data, 80)[0])
     if len(data) < size:
         whole = (size - 84) // 50
@@ -135,7 +135,7 @@ def _close_text(name: str, data: bytes) -> tuple[bytes, tuple[Note, ...]]:
         return data, ()
     if words[-1] == b"endsolid" or solids != words.count(b"endsolid") + 1:
         raise InputError(name, "a solid has no endsolid", "", _SAVE_AGAIN)
-    note = Note("repaired", f"endsolid is missing behind solid {solids}, the last one", "added")
+    note = Note("repaired", f"endsolid is missing after solid {solids}, the last one", "added")
     return data.rstrip() + b"\nendsolid\n", (note,)
 
 

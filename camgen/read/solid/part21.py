@@ -106,7 +106,7 @@ def remove_faults(data: bytes, faults: Mapping[int, Sequence[str]]) -> RepairedT
     filled = 0
     for index, messages in faults.items():
         if index >= len(numbers):
-            return RepairedText(data, (), "its entities cannot be told apart")
+            return RepairedText(data, (), "its entities cannot be identified")
         number = numbers[index]
         filled += text.fill_texts(number, messages)
         if all(map(_NO_TEXT.match, messages)) and text.instances[number].edits:

@@ -340,7 +340,7 @@ def read(source: Source, tolerance: float = 0.01, feature_angle: float = FEATURE
     except kernel.list_errors() as error:
         raise InputError(
             source.name,
-            "the CAD kernel stumbles over its faces",
+            "the CAD kernel fails on its faces",
             "",
             "export it again from the CAD program",
         ) from error
@@ -478,7 +478,7 @@ def _note_edges(
     below = f"{left_out['smooth']} below {np.degrees(feature_angle):.4g} deg"
     others = f"{counted(left_out['seam'], 'seam')} and {counted(left_out['degenerate'], 'point')}"
     what = f"{convex} convex and {len(sharp) - convex} concave edges of the file are {joined}"
-    why = f"where one goes on as the same line or circle; {below}, {others} left out"
+    why = f"where one continues another on the same line or circle; {below}, {others} left out"
     notes = [Note("joined", what, why)]
     reasons = {"crowded": "more than two faces meet", "turned": "inside and outside disagree"}
     for kind, reason in reasons.items():

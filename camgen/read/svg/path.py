@@ -238,7 +238,7 @@ class _Pen:
             max(map(abs, (self.x, self.y, x, y, rx, ry))) > _FARTHEST
             or min(abs(rx), abs(ry)) < 1 / _FARTHEST
         ):
-            raise Malformed("an arc beyond all measure")
+            raise Malformed("an arc that is too large")
         self._flush()
         self.size = 0
         self.runs.append(
@@ -432,7 +432,7 @@ def _ellipse(attributes: Attributes, view: View) -> tuple[list[Subpath], str]:
 
 
 def _read_radii(attributes: Attributes, view: View) -> tuple[float, float]:
-    """The attributes rx and ry. One that is missing is as the other, two are 0."""
+    """The attributes rx and ry. A missing one equals the other; both are 0 if both are missing."""
     rx, ry = _value(attributes, "rx", view, math.nan), _value(attributes, "ry", view, math.nan)
     if math.isnan(rx):
         rx = ry

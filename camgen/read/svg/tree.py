@@ -180,7 +180,7 @@ def walk(
         if uses > limits.svg_uses:
             raise InputError(
                 file,
-                f"more than {format_limit(limits.svg_uses)} elements come of its references",
+                f"its references draw more than {format_limit(limits.svg_uses)} elements",
                 remedy="draw the shapes themselves, or raise limits.svg_uses",
             )
         if steps + len(pending) > limits.svg_elements:

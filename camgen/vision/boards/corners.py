@@ -301,7 +301,9 @@ def _check_sides(columns: int, rows: int, what: str, remedy: str) -> None:
 def _check_length(option: str, value: float) -> None:
     if not (math.isfinite(value) and value > 0):
         raise JobError(
-            option, f"{value} is no length in mm", remedy="measure it on the printed board"
+            option,
+            f"must be a length above 0 mm, not {value}",
+            remedy="measure it on the printed board",
         )
 
 

@@ -219,7 +219,7 @@ def _find_sheet(picture: Picture, camera: Camera | None, sheet: Sheet) -> _MarkC
         raise InputError(
             picture.name,
             f"shows {len(usable)} of the {len(sheet.ids)} markers of the {sheet.label}{extra}",
-            remedy="two are needed, four or more are better: see that they are in view",
+            remedy="bring two or more into view; with four or more the plane is more exact",
         )
     if len(usable) < 4:
         notes.append(

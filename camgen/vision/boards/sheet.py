@@ -116,7 +116,7 @@ def make_sheet(size: str = "A4", marker: float = 20.0, printed: float = RULER) -
     if not (math.isfinite(printed) and RULER * _PRINTED[0] <= printed <= RULER * _PRINTED[1]):
         raise JobError(
             "marker sheet",
-            f"the ruler of {short(RULER, 0)} mm cannot have printed as {short(printed, 3)} mm",
+            f"the ruler of {short(RULER, 0)} mm cannot be {short(printed, 3)} mm long in print",
             remedy="measure the printed ruler from its first to its last mark, in mm",
         )
     max_marker = (page[1] - _MARGIN - _FOOT - _MIN_FREE) / (2 + 2 * _GAP)

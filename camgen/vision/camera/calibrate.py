@@ -398,7 +398,9 @@ def fit_camera(photos: Sequence[Photo], target: Target, name: str) -> Calibratio
         )
     fit, odd, notes = fit_agreeing(good, size)
     if not fit.deviations[:2].max() < _UNKNOWN * fit.matrix[:2, :2].max():
-        raise InputError(_name_all(photos), "the photos do not tell the focal length", remedy=TILT)
+        raise InputError(
+            _name_all(photos), "the photos do not determine the focal length", remedy=TILT
+        )
     camera = Camera(frozen(fit.matrix), frozen(fit.lens), size, name)
     notes += _note_weaknesses(camera, fit)
     return Calibration(camera, frozen(fit.deviations), fit.used, (*left_out, *odd), tuple(notes))

@@ -80,7 +80,7 @@ def parse_camera_info(file: str, text: str) -> CameraData:
     """
     root = parse_yaml(file, text)
     if not isinstance(root, dict) or not all(isinstance(key, str) for key in root):
-        raise InputError(file, "is no camera_info file: it holds no named values", remedy=AGAIN)
+        raise InputError(file, "is not a camera_info file: it holds no named values", remedy=AGAIN)
     _check_whole_frame(file, root)
     for key, shape in {"rectification_matrix": (3, 3), "projection_matrix": (3, 4)}.items():
         if key in root and _read_matrix(file, root, key).shape != shape:
@@ -320,11 +320,11 @@ def read_camera(source: Source) -> Camera:
 
     Raises InputError if a value is missing or not possible, with a remedy.
     """
-    name = source.name
-    if len(source.data) > source.limits.camera_bytes:
+    name, limit = source.name, source.limits.camera_bytes
+    if len(source.data) > limit:
         raise InputError(
             name,
-            f"has more than {format_limit(source.limits.camera_bytes)} bytes: no camera file",
+            f"has more than {format_limit(limit)} bytes, too many for a camera file",
             remedy="give the file of a calibration, or raise limits.camera_bytes",
         )
     try:
@@ -403,7 +403,7 @@ def _make_camera(data: CameraData, source: Source) -> Camera:
     if np.abs(lens).max(initial=0) > _MAX_COEFFICIENT:
         raise InputError(
             file,
-            f"{data.lens_key} holds {float(np.abs(lens).max()):g}, no lens bends so much",
+            f"{data.lens_key} has a coefficient of {np.abs(lens).max():g}, more than any lens",
             remedy=AGAIN,
         )
     _check_matrix(file, data.matrix_key, matrix)
@@ -411,7 +411,7 @@ def _make_camera(data: CameraData, source: Source) -> Camera:
     if not (0 < width <= _MAX_SIDE and 0 < height <= _MAX_SIDE):
         raise InputError(
             file,
-            f"image size {width} x {height} cannot be",
+            f"image size {width} x {height} is not possible",
             remedy="give the width and height of the calibrated photos in pixels",
         )
     return Camera(
@@ -437,6 +437,6 @@ def _check_matrix(file: str, key: str, matrix: FloatArray) -> None:
     if matrix[2].tolist() != [0, 0, 1] or matrix[1, 0] != 0:
         raise InputError(
             file,
-            f"{key} is no camera matrix",
-            remedy="its rows are fx 0 cx, 0 fy cy, 0 0 1; look whether it is transposed",
+            f"{key} is not a camera matrix",
+            remedy="its rows are fx 0 cx, 0 fy cy, 0 0 1; check whether it is transposed",
         )

@@ -268,7 +268,7 @@ def _note_lines(contours: Sequence[Contour], fits: Sequence[OutlineFit]) -> tupl
         for k in doubtful:
             places += fits[k].places
         notes.append(
-            Note("warning", what, "no lines and arcs follow them soundly", ids, tuple(places))
+            Note("warning", what, "no lines and arcs fit them reliably", ids, tuple(places))
         )
     cut = [k for k, fit in enumerate(fits) if fit.cut]
     if cut:

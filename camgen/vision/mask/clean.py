@@ -197,8 +197,8 @@ def _check_whole(rings: list[Ring], view: ScaledView, name: str) -> None:
         if sides.any(axis=1).all():
             raise InputError(
                 name,
-                "the part fills the picture, or a frame runs round it",
-                remedy="leave bench all round the part, crop what is no bench",
+                "the part fills the picture, or a frame surrounds it",
+                remedy="leave bench around the whole part, crop what is not bench",
             )
         first = int(np.argmax(touching))
         x, y = (view.work_from_view @ (u[first], v[first], 1)).tolist()
@@ -206,5 +206,5 @@ def _check_whole(rings: list[Ring], view: ScaledView, name: str) -> None:
             name,
             "the part, or something as dark or bright, touches the border of the picture",
             f"near x {short(x, 1)}, y {short(y, 1)} mm",
-            "leave bench all round the part, crop or cover what is no part",
+            "leave bench around the whole part, crop or cover what is not the part",
         )

@@ -145,7 +145,7 @@ def choose_mask(
         return choice
     what = "shows no part: nothing in it stands out from the bench along its border"
     if options.method != "auto":
-        what = f'shows no part that [image] mask = "{options.method}" tells from the bench'
+        what = f'shows no part that [image] mask = "{options.method}" can separate from the bench'
     raise InputError(
         options.name,
         what,
@@ -707,7 +707,7 @@ def _check_colour(settings: ImageTable) -> Colour | None:
     if len(settings.color) != 3 or not all(0 <= value <= 255 for value in settings.color):
         raise JobError(
             "[image] color",
-            f"{settings.color} is no colour",
+            f"{settings.color} is not a colour",
             remedy="give [red, green, blue], each 0 to 255",
         )
     red, green, blue = settings.color
